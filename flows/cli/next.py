@@ -24,7 +24,6 @@ from flows.storage.diagnosis import read_verdict
 from residual.diagnosis.verdict import to_json
 from residual.errors import InputError
 from residual.lazy import one_blas_thread
-from residual.planning.outlook import HOPELESS
 from sim.engine.records import Reference, TrajectorySpec
 from sim.trajectories import make_reference
 from warehouse.mirror import shown
@@ -46,7 +45,7 @@ def next_(
     """Design the motion that tells apart what a verdict leaves open.
 
     The logs of the verdict are looked at once more; then motions of all families are
-    searched for the one that brings most evidence between the rivals, within the
+    searched for the one that is soonest sure which of the rivals is true, within the
     limits of the arm. Of a diagnosis in the store all is known:
 
     ```
@@ -92,7 +91,7 @@ def next_(
     if not opened.same:
         said = sentences(opened.found.verdict)[0]
         outputs.say(f"Warning: these logs say another thing than {verdict}: {said}")
-    if made is None or made.best.seen.worth < HOPELESS:
+    if made is None or made.best.seen.hopeless:
         outputs.say(*nothing_open(opened, made))
         return
     reference = make_reference(opened.robot, made.best.spec, rate)

@@ -19,7 +19,8 @@ from flows.report.words.phrases import joint_words
 from flows.steps.planning.ask import Asked
 from flows.steps.planning.design import Design, apart_by_no_motion
 from residual.diagnosis.result import Diagnosis
-from residual.quantity import MISSING, number, probability
+from residual.planning.promise import SURE, sure_words
+from residual.quantity import MISSING, fraction, number, probability
 from residual.robot.robot import Robot
 from sim.engine.records import Reference, TrajectorySpec
 from sim.trajectories import make_reference
@@ -112,11 +113,11 @@ def _context(sheet: Sheet) -> dict:
 
 
 def _tiles(made: Design) -> list[Tile]:
-    after = "–" if made.seconds is None else f"{made.seconds:.1f} s"
+    best = made.best
+    whole = f"that all {number(best.spec.duration)} s of it settle the question"
     return [
-        Tile("Expected", f"{number(made.best.seen.least)} nats", "least of all pairs"),
-        Tile("Chance", probability(made.chance), "that it settles the question"),
-        Tile("Enough after", after, "on average"),
+        Tile("Settled after", _seconds(best.after), f"chance {probability(SURE)}"),
+        Tile("Chance", probability(best.sure.chance), whole),
     ]
 
 
@@ -136,17 +137,13 @@ def limit_rows(robot: Robot, reference: Reference) -> Sequence[tuple[str, ...]]:
 
 def told(made: Design) -> list[str]:
     """Return what a motion settles and how surely, a sentence each."""
-    spec, seen = made.best.spec, made.best.seen
+    best, spec = made.best, made.best.spec
     same, cases = apart_by_no_motion(made.search.question, made.search.twins)
-    after = "all of it is not enough"
-    if made.seconds is not None:
-        after = f"enough after {made.seconds:.1f} s"
+    words = sure_words(spec.duration, best.after, best.sure.chance)
     return [
         f"next experiment: {spec.duration:g} s of {spec.kind} motion in {spec.periods} "
         f"periods, to tell {from_one_another(made.rivals)}",
-        f"expected evidence: {number(seen.least)} nats between the two that are "
-        f"nearest; {after} on average",
-        f"chance that it settles the question: {probability(made.chance)}",
+        f"the question is {words}",
         *same_words(same),
         *case_words(cases),
         "range, speed, acceleration, torque, floor and self-collision checked between "
@@ -156,14 +153,17 @@ def told(made: Design) -> list[str]:
 
 def comparison(made: Design) -> Table:
     """Return what other motions of the same length and limits would do."""
-    rows = [("this one", number(made.best.seen.least), _seconds(made.seconds))]
-    rows += [(c.name, number(c.nats), _seconds(c.seconds)) for c in made.compared]
-    heads = ("motion", "expected nats", "enough after [s]")
+    best = made.best
+    rows = [("this one", _seconds(best.after), probability(best.sure.chance))]
+    rows += [
+        (c.name, _seconds(c.seconds), probability(c.chance)) for c in made.compared
+    ]
+    heads = ("motion", "settled after", "chance by all of it")
     return Table(heads, rows, "same length, same limits")
 
 
 def _seconds(value: float | None) -> str:
-    return MISSING if value is None else f"{value:.1f}"
+    return MISSING if value is None else f"{value:.1f} s"
 
 
 def nothing_open(asked: Asked, made: Design | None) -> list[str]:
@@ -191,6 +191,6 @@ def nothing_open(asked: Asked, made: Design | None) -> list[str]:
         *same_words(same),
         *case_words(cases),
         f"no motion within the limits tells {names} from one another: the best one "
-        f"promises {number(made.best.seen.worth)} nats. Another load, or a value that "
-        "is known for sure, may.",
+        f"brings {fraction(made.best.seen.share)} of the evidence that is needed. "
+        "Another load, or a value that is known for sure, may.",
     ]

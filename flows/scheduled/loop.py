@@ -28,7 +28,6 @@ from flows.steps.planning.motions import Search, with_twins
 from flows.storage.diagnosis import read_verdict
 from residual.errors import InputError
 from residual.lazy import one_blas_thread
-from residual.planning.outlook import HOPELESS
 
 
 @task(name="model-in-force", task_run_name="model-in-force", tags=["analysis"])
@@ -186,7 +185,7 @@ def settle(id: str, request: Next) -> list[str]:
         raise InputError(f"Diagnosis {id} leaves nothing open.")
     wanted = Search(asked.question, asked.robot, request.seconds, request.seed)
     made = design(with_twins(wanted))
-    if made.best.seen.worth < HOPELESS:
+    if made.best.seen.hopeless:
         raise InputError(f"No motion tells apart what diagnosis {id} leaves open.")
     run = execute.execute(asked.request, made.best.spec)
     artifacts.runs_committed([run])

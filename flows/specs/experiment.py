@@ -42,7 +42,8 @@ class Table(BaseModel):
 class TrajectoryTable(Table):
     """[trajectory]: what the arm is asked to do; without a seed one is derived.
 
-    `coefficients` are those of a Fourier motion that is not searched for.
+    `coefficients` are those of a Fourier motion that is not searched for, or the places
+    of a move-stop-move.
     """
 
     kind: Literal["fourier", "cyclic", "move_stop_move", "welding"] = "fourier"

@@ -142,19 +142,12 @@ def _alternatives(task: Task, fitted: Fit, group: Group) -> tuple[list[Group], f
     removed = np.maximum(without.sse - fitted.sse, 0) / had
     joint = int(np.argmax(removed))
 
-    def stands_in(value: float, other: Group, big: Fit) -> bool:
-        """It explains what the member explains, and not something else beside it.
-
-        Of one family it need not do so within 6 nats: which form a static torque has
-        rests on the shape alone, and no real one has just the shape of the textbook.
-        """
+    def stands_in(value: float, big: Fit) -> bool:
+        """It explains what the member explains, and not something else beside it."""
         fall = (without.sse[joint] - big.sse[joint]) / had[joint]
-        kin = other.effect.family and other.effect.family == group.effect.family
-        if kin:
-            return fall > RULES.kin * removed[joint]
         return own - value < RULES.class_nats and fall > 0.5 * removed[joint]
 
-    near = [g for value, g, big in ranked if stands_in(value, g, big)]
+    near = [g for value, g, big in ranked if stands_in(value, big)]
     far = [value for value, g, _ in ranked if g not in near]
     inside = np.exp([0.0, *(min(v - own, 50) for v, g, _ in ranked if g in near)]).sum()
     outside = np.exp([min(v - own, 50) for v in [0.0, *far]]).sum()
@@ -281,7 +274,7 @@ def only_curves(
             rest = _without_curve(np.concatenate(lines), left + drawn, numbers)
             had = ((left + drawn) ** 2).sum()
             explained = had - (left**2).sum()
-            if had - (rest**2).sum() > RULES.kin * explained:
+            if had - (rest**2).sum() > RULES.drawn * explained:
                 out += _waves(design, fitted, (mine, j), (left + drawn, explained))
     return out
 
@@ -296,7 +289,7 @@ def _waves(design: Design, fitted: Fit, names, target) -> list[Tested]:
     for t in mine:
         left = ((whole - _torque(design, fitted, t, j)) ** 2).sum()
         alone = (whole**2).sum() - left
-        if not t.group.effect.repeats and alone > RULES.kin * explained:
+        if not t.group.effect.repeats and alone > RULES.drawn * explained:
             return [other for other in mine if other is not t]
     return mine
 

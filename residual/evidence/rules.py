@@ -75,8 +75,8 @@ class Rules:
     # The gate, and what is alike.
     # nats within which an alternative cannot be told from the name
     class_nats: float = 6.0
-    # share of what a member explains that makes its family an alternative
-    kin: float = 0.95
+    # share of what waves explain together that one curve explains in their place
+    drawn: float = 0.95
     simpler: float = 3.0  # nats within which the simpler of two names is taken
     # share of its power under which an effect is not in a fold
     silent_fold: float = 1e-3

@@ -4,10 +4,12 @@ Each rival says of new rows y, whitened: y ~ N(X mu, I + X S X'), with mu and S 
 posterior after the logs so far and X its columns on the new motion. All follows from
 G = X' X of the columns that the rivals share, by the matrix inversion lemma.
 
-The expected log Bayes factor for A, A being true, is the Kullback-Leibler divergence
-of the two predictive densities (Box & Hill 1967, eq. 3.6 without the sum over models).
-Its quadratic part is the T-criterion of Atkinson & Fedorov 1975, with B refitted under
-its posterior; the rest averages over what is not known of A itself.
+What is expected of A against B is the log Bayes factor that a log brings whose truth is
+A at the size that was found, mu. Its quadratic part is the T-criterion of Atkinson &
+Fedorov 1975, with B refitted under its posterior. The average over what is not known of
+A (the Kullback-Leibler divergence, Box & Hill 1967, eq. 3.6) is no number to go by: the
+few largest sizes that the logs so far allow carry it. What is not known of A is in the
+chance, which is counted in drawn logs.
 """
 
 from collections.abc import Mapping
@@ -16,13 +18,11 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.linalg import cho_factor, cho_solve, solve_triangular
 
-from residual.evidence.rules import RULES
 from residual.planning.question import Contest, Question, Rival
 from residual.recording import Array
 
 DRAWS = 400  # logs that a chance is counted in
-HOPELESS = 1.0  # nats: a motion that promises less decides nothing
-TWIN = 0.01  # of the power of what one has beyond the other, on any motion
+HOPELESS = 1 / 6  # of what is needed: what brings less decides nothing
 Pair = tuple[int, int, int]  # contest, true rival, other rival
 
 
@@ -35,12 +35,14 @@ class Refit:
         scale: Standard deviations by which coefficients are scaled. Shape (k,).
         factor: Lower Cholesky factor of precision + G, scaled. Shape (k, k).
         log_det: ln det(precision + G) - ln det(precision).
+        learned: How many numbers the new rows determine, tr((precision + G)^-1 G).
     """
 
     rival: Rival
     scale: Array
     factor: Array
     log_det: float
+    learned: float
 
     @classmethod
     def of(cls, rival: Rival, gram: Array) -> "Refit":
@@ -51,12 +53,12 @@ class Refit:
         """
         scale = 1 / np.sqrt(np.diag(rival.precision))
         both = np.outer(scale, scale)
-        before = np.linalg.slogdet(rival.precision * both)[1]
+        known = rival.precision * both
         own = gram[np.ix_(rival.columns, rival.columns)]
-        after = (rival.precision + own) * both
-        factor = cho_factor(after, lower=True)[0]
-        log_det = 2 * np.log(np.diag(factor)).sum() - before
-        return cls(rival, scale, np.tril(factor), float(log_det))
+        factor = cho_factor(known + own * both, lower=True)[0]
+        log_det = 2 * np.log(np.diag(factor)).sum() - np.linalg.slogdet(known)[1]
+        learned = len(scale) - np.trace(cho_solve((factor, True), known))
+        return cls(rival, scale, np.tril(factor), float(log_det), float(learned))
 
     def solve(self, right: Array) -> Array:
         """(precision + G)^-1 times some columns. Shape (k, ...) as given."""
@@ -79,23 +81,16 @@ def gap(gram: Array, a: Rival, b: Refit) -> float:
 
 
 def expected_nats(gram: Array, a: Refit, b: Refit) -> float:
-    """Expected log Bayes factor of A against B on a motion, A being true [nats].
+    """Expected log Bayes factor of A against B, A at its found size being true [nats].
 
-    0.5 (d' S_B^-1 d + tr(S_B^-1 S_A) - n + ln det S_B - ln det S_A)
+    0.5 (d' S_B^-1 d + tr S_B^-1 - tr S_A^-1 + ln det S_B - ln det S_A); below 0 where B
+    says more surely what A says, too.
 
     Args:
         gram: Gram of the shared columns, whitened. Shape (m, m).
     """
-    first, other = a.rival.columns, b.rival.columns
-    mixed = gram[np.ix_(other, first)]
-    left = gram[np.ix_(first, first)] - mixed.T @ b.solve(mixed)
-    own = gram[np.ix_(other, other)]
-    # tr(S_A-part): posterior covariance of A, by its scaled precision.
-    scaled = a.rival.precision * np.outer(a.scale, a.scale)
-    spread = np.linalg.solve(scaled, left * np.outer(a.scale, a.scale))
-    traces = np.trace(spread) - np.trace(b.solve(own))
-    value = gap(gram, a.rival, b) + traces + b.log_det - a.log_det
-    return max(0.5 * float(value), 0.0)
+    certainty = a.learned - b.learned + b.log_det - a.log_det
+    return 0.5 * (gap(gram, a.rival, b) + certainty)
 
 
 def log_evidence(products: Array, gram: Array, b: Refit) -> Array:
@@ -144,21 +139,23 @@ def _root(gram: Array) -> Array:
 
 @dataclass(frozen=True, eq=False, slots=True)
 class Outlook:
-    """What a motion promises.
+    """What a motion promises, at the sizes that the logs so far found.
 
     Attributes:
         nats: Expected evidence of each pair that a motion can tell apart [nats].
-        parted: Of pairs of one kind, how far they come apart: 1 is enough for the rule
-            by which a diagnosis calls them equivalent.
         least: The least of them; 0 where there is no such pair.
-        worth: The least, where pairs of one kind count only as far as the rule of a
-            diagnosis would part them; this is what is made as large as possible.
+        share: Of the evidence that the pairs still need, how much the worst of them
+            gets: at 1 all are expected to be apart.
     """
 
     nats: Mapping[Pair, float]
-    parted: Mapping[Pair, float]
     least: float
-    worth: float
+    share: float
+
+    @property
+    def hopeless(self) -> bool:
+        """Whether it decides nothing."""
+        return self.share < HOPELESS
 
 
 def outlook(
@@ -168,69 +165,83 @@ def outlook(
 
     Args:
         gram: Whitened Gram of the shared columns on the motion. Shape (m, m).
+        twins: Pairs that are not asked about.
     """
-    nats, parted, worth = {}, {}, [np.inf]
+    nats, shares = {}, []
     for c, contest in enumerate(question.contests):
         after = [Refit.of(rival, gram) for rival in contest.rivals]
         for a, b in contest.pairs:
             if (c, a, b) in twins:
                 continue
-            value = expected_nats(gram, after[a], after[b])
+            value = max(expected_nats(gram, after[a], after[b]), 0.0)
             nats[c, a, b] = value
-            if (a, b) in contest.same_family:
-                parted[c, a, b] = _parted(contest, gram, a, after[b])
-                value = min(value, contest.enough * parted[c, a, b])
-            worth.append(value)
-    least = min(nats.values(), default=0.0)
-    return Outlook(nats, parted, least, float(min(worth)) if nats else 0.0)
+            need = contest.enough - contest.lead(a, b)
+            shares.append(value / need if need > 0 else np.inf)
+    share = float(min(shares, default=0.0))
+    return Outlook(nats, min(nats.values(), default=0.0), share)
 
 
-def chance(
+@dataclass(frozen=True, slots=True)
+class Prospect:
+    """What logs of a motion would bring, counted in logs as the rivals would give them.
+
+    Attributes:
+        chance: Chance that all that a motion can tell is told: the true rival leads
+            every other of which a motion can tell it by enough, old logs included.
+        nats: By how much it leads the nearest: as many logs bring more as bring less.
+    """
+
+    chance: float
+    nats: float
+
+
+def prospect(
     question: Question, gram: Array, twins: frozenset[Pair], rng: np.random.Generator
-) -> float:
-    """Chance that all contests are settled, whichever rival is true.
+) -> Prospect:
+    """Draw logs of every rival, as probable as the logs so far make it.
 
-    Settled means: the true one leads all the others, of which a motion can tell it, by
-    enough nats, those of the logs so far included. Rivals are as probable as the logs
-    so far make them.
+    A rival that no motion can tell from any other is left out.
 
     Args:
         gram: Whitened Gram on the motion. Shape (m, m).
     """
-    every = [
-        _contest_chance(contest, gram, {t[1:] for t in twins if t[0] == c}, rng)
-        for c, contest in enumerate(question.contests)
-    ]
-    return float(np.prod(every)) if every else 0.0
+    chances, nats = [], []
+    for c, contest in enumerate(question.contests):
+        leads, odds = _drawn_leads(
+            contest, gram, {t[1:] for t in twins if t[0] == c}, rng
+        )
+        if len(leads):
+            chances.append(float(odds @ (leads >= contest.enough)))
+            nats.append(_median(leads, odds))
+    if not chances:
+        return Prospect(0.0, 0.0)
+    return Prospect(min(float(np.prod(chances)), 1.0), min(nats))
 
 
-def _contest_chance(
+def _drawn_leads(
     contest: Contest, gram: Array, twins: set, rng: np.random.Generator
-) -> float:
+) -> tuple[Array, Array]:
+    """Leads of the true rival over the nearest [nats], and how probable each is."""
     after = [Refit.of(rival, gram) for rival in contest.rivals]
-    lead = np.array([rival.nats for rival in contest.rivals])
-    odds = np.exp(lead - lead.max())
-    total = 0.0
-    for a, share in enumerate(odds / odds.sum()):
+    before = np.array([rival.nats for rival in contest.rivals])
+    leads, odds = [np.zeros(0)], [np.zeros(0)]
+    for a, share in enumerate(np.exp(before - before.max())):
         others = [b for x, b in contest.pairs if x == a and (a, b) not in twins]
+        if not others:
+            continue
         products = drawn_products(gram, after[a], rng, DRAWS)
-        own = lead[a] + log_evidence(products, gram, after[a])
-        won = np.full(DRAWS, bool(others))
-        for b in others:
-            other = lead[b] + log_evidence(products, gram, after[b])
-            won &= own - other >= contest.enough
-            if (a, b) in contest.same_family:
-                won &= _parted(contest, gram, a, after[b]) >= 1
-        total += share * won.mean()
-    return total
+        own = before[a] + log_evidence(products, gram, after[a])
+        best = [before[b] + log_evidence(products, gram, after[b]) for b in others]
+        leads.append(own - np.max(best, axis=0))
+        odds.append(np.full(DRAWS, share))
+    every, weight = np.concatenate(leads), np.concatenate(odds)
+    return every, weight / max(weight.sum(), 1e-300)
 
 
-def _parted(contest: Contest, gram: Array, a: int, b: Refit) -> float:
-    """How far B fails to explain what A does, over what a family has to."""
-    true, none = contest.rivals[a], Refit.of(contest.nothing, gram)
-    apart = gap(gram, true, b) / 2 + max(true.explained - b.rival.explained, 0.0)
-    whole = gap(gram, true, none) / 2 + max(true.explained, 0.0)
-    return apart / max(whole, 1e-300) / (1 - RULES.kin)
+def _median(values: Array, weight: Array) -> float:
+    order = np.argsort(values)
+    half = np.searchsorted(np.cumsum(weight[order]), 0.5)
+    return float(values[order][min(half, len(values) - 1)])
 
 
 def realised(
@@ -248,52 +259,3 @@ def realised(
         for i in (true, other)
     ]
     return float(values[0] - values[1])
-
-
-def has_enough(question: Question, gram: Array, twins: frozenset[Pair]) -> bool:
-    """Whether every pair is expected to have enough, the logs so far included.
-
-    Args:
-        gram: Whitened Gram of a motion. Shape (m, m).
-    """
-    seen = outlook(question, gram, twins)
-    return bool(seen.nats) and all(
-        value + _lead(question, pair) >= question.contests[pair[0]].enough
-        and seen.parted.get(pair, 1.0) >= 1
-        for pair, value in seen.nats.items()
-    )
-
-
-def _lead(question: Question, pair: Pair) -> float:
-    rivals = question.contests[pair[0]].rivals
-    return rivals[pair[1]].nats - rivals[pair[2]].nats
-
-
-def structural_twins(question: Question, grams: list[Array]) -> frozenset[Pair]:
-    """Return pairs of which the second can be what the first is, on any motion.
-
-    Both ways round they are twins; one way round the first is a case of the second.
-    What the nominal model could do in their place is left out: it may be able to
-    imitate both, and its values speak for or against that.
-
-    Args:
-        grams: Whitened Gram of several free motions. Shapes (m, m).
-    """
-    total = np.sum(grams, axis=0)
-    found = set()
-    for c, contest in enumerate(question.contests):
-        for a, b in contest.pairs:
-            one, other = contest.rivals[a].own, contest.rivals[b].own
-            if len(one) and len(other) and _beyond(total, one, other) < TWIN:
-                found.add((c, a, b))
-    return frozenset(found)
-
-
-def _beyond(gram: Array, one: Array, other: Array) -> float:
-    """Share of the power of one's columns that the other's cannot have."""
-    size = np.sqrt(np.maximum(np.diag(gram), 1e-300))
-    scaled = gram / np.outer(size, size)
-    mixed = scaled[np.ix_(other, one)]
-    inner = np.linalg.pinv(scaled[np.ix_(other, other)], rcond=1e-9, hermitian=True)
-    left = scaled[np.ix_(one, one)] - mixed.T @ inner @ mixed
-    return float(np.linalg.eigvalsh(left).max())

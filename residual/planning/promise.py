@@ -12,23 +12,81 @@ import numpy as np
 
 from residual.effects.base import State
 from residual.planning.outlook import (
-    HOPELESS,
     Outlook,
-    chance,
+    Pair,
+    Prospect,
     outlook,
-    structural_twins,
+    prospect,
 )
-from residual.planning.question import Question
+from residual.planning.question import Question, Rival
+from residual.quantity import number, probability
 from residual.recording import Array, Recording
 from residual.robot.robot import Robot
 from residual.signals.track import prepare, widened
 
 SECONDS = 20.0  # length of a motion where nobody says another [s]
 PERIODS = 2  # of it
+TRAVEL = 60.0  # s through all of the range: what cannot be told there is told nowhere
+_LEAST, _STEP = 1e-3, 1.2  # a share that is none; a step in which lengths are looked at
+SURE = 0.8  # chance from which a motion is called enough
 MOTIONS, HARMONICS = 6, 5
 TURN = np.pi  # rad to either side: what of a range is used at most
 UNKNOWN_SPEED = 2.0  # rad/s, where the robot states no limit
 RISE = 0.15  # s in which a joint reaches its speed, where it states no acceleration
+
+
+@dataclass(frozen=True, eq=False, slots=True)
+class Course:
+    """The shared columns along a motion, whitened: what of it counts, second by second.
+
+    A planned motion has nothing above the identification filter but where a joint turns
+    round, and there rows do not count: so nothing is filtered.
+
+    Attributes:
+        rows: Columns at the samples of the motion, or of its first period, scaled to
+            the rows that a log has of it. Shape (n, dof, m).
+        rate: Samples per second [Hz].
+        opening: Seconds from the start that do not come again in later periods [s].
+        edge: Time at both ends of a log that does not count [s].
+    """
+
+    rows: Array
+    rate: float
+    opening: float
+    edge: float
+
+    @classmethod
+    def of(
+        cls,
+        question: Question,
+        motion: Sequence[Array],
+        rate: float,
+        opening: float = 0.0,
+    ) -> "Course":
+        """Look at a motion.
+
+        Args:
+            motion: q, qd and qdd of its opening and its first period. The more samples,
+                the better effects with a memory are seen. Shapes (n, dof).
+            rate: Samples per second [Hz].
+        """
+        signals = question.signals
+        rows = np.sqrt(signals.rate / rate) * _whitened(question, motion, rate)
+        return cls(rows, rate, opening, signals.edge)
+
+    def gram(self, seconds: float) -> Array:
+        """X' X of a log of so many seconds, whitened, its ends left out. (m, m)."""
+        first, last = (round(x * self.rate) for x in (self.edge, seconds - self.edge))
+        count, start = len(self.rows), round(self.opening * self.rate)
+        if last <= count:
+            return self._part(first, last)
+        times, more = divmod(last - count, count - start)
+        total = self._part(first, count) + self._part(start, start + more)
+        return total + times * self._part(start, count) if times else total
+
+    def _part(self, first: int, last: int) -> Array:
+        flat = self.rows[first : max(last, first)].reshape(-1, self.rows.shape[2])
+        return flat.T @ flat
 
 
 def planned_gram(
@@ -36,42 +94,12 @@ def planned_gram(
 ) -> Array:
     """Return X' X of the shared columns on a planned motion, whitened. Shape (m, m).
 
-    A planned motion has nothing above the identification filter but where a joint turns
-    round, and there rows do not count: so nothing is filtered.
-
     Args:
-        motion: q, qd and qdd of the whole motion, or of one of its periods. The more
-            samples, the better effects with a memory are seen. Shapes (n, dof).
+        motion: q, qd and qdd of the whole motion, or of one of its periods.
         rate: Samples per second [Hz].
         seconds: Length of the log that it, or its repetition, will fill [s].
     """
-    signals = question.signals
-    rows = signals.rate * max(seconds - 2 * signals.edge, 0.0)
-    x = _whitened(question, motion, rate)
-    flat = x.reshape(-1, x.shape[2])
-    return rows / len(motion[0]) * flat.T @ flat
-
-
-def growing_grams(
-    question: Question, motion: Sequence[Array], rate: float, until: Sequence[float]
-) -> list[Array]:
-    """Return X' X of the shared columns on the first seconds of a motion, whitened.
-
-    Args:
-        motion: q, qd and qdd of all of it. Shapes (n, dof).
-        rate: Samples per second [Hz].
-        until: How many seconds, each more than the one before [s].
-    """
-    signals = question.signals
-    x = np.sqrt(signals.rate / rate) * _whitened(question, motion, rate)
-    first, total, out = signals.edge, 0.0, []
-    for end in until:
-        rows = slice(*(round(t * rate) for t in (first, max(end, first))))
-        flat = x[rows].reshape(-1, x.shape[2])
-        total = total + flat.T @ flat
-        out.append(total)
-        first = max(end, first)
-    return out
+    return Course.of(question, motion, rate).gram(seconds)
 
 
 def _whitened(question: Question, motion: Sequence[Array], rate: float) -> Array:
@@ -141,12 +169,15 @@ class Promise:
 
     Attributes:
         seen: Of the best of some motions.
-        chance: Chance that it settles the question.
+        sure: Chance that it settles the question, and by how many nats.
+        after: After how many seconds that chance is `SURE` [s]; None where all of it is
+            not enough.
         rivals: What it tells apart, each once.
     """
 
     seen: Outlook
-    chance: float
+    sure: Prospect
+    after: float | None
     rivals: tuple
 
     def document(self) -> dict:
@@ -156,28 +187,151 @@ class Promise:
             "family": None,
             "parameters": None,
             "seconds": SECONDS,
-            "expected_nats": round(self.seen.least, 3),
-            "chance": round(self.chance, 3),
+            **said(self.sure, self.after),
             "program": None,
         }
+
+
+def said(sure: Prospect, after: float | None) -> dict:
+    """Return what is promised, as `next_experiment` says it."""
+    return {
+        "sure_after": after,
+        "expected_nats": round(sure.nats, 3),
+        "chance": round(sure.chance, 3),
+    }
+
+
+def sure_words(seconds: float, after: float | None, chance: float) -> str:
+    """Return how soon and how surely a motion settles its question.
+
+    Args:
+        seconds: Length of the motion [s].
+        after: After how many of them the chance is `SURE` [s]; None for never.
+        chance: Chance that all of it settles the question.
+    """
+    whole = f"all {number(seconds)} s of it with a chance of {probability(chance)}"
+    if after is None:
+        return f"settled by {whole}"
+    return (
+        f"settled after {after:.1f} s with a chance of {probability(SURE)}, by {whole}"
+    )
 
 
 def promised(question: Question) -> Promise | None:
     """Return what free motions promise; None where none of them would decide."""
     if not question.contests:
         return None
-    rng = np.random.default_rng(0)
-    count = round(SECONDS / PERIODS * question.signals.rate)
-    rate = count * PERIODS / SECONDS
-    motions = [free_motion(question.nominal.robot, count, rng) for _ in range(MOTIONS)]
-    grams = [planned_gram(question, motion, rate, SECONDS) for motion in motions]
-    twins = structural_twins(question, grams)
-    seen = [outlook(question, gram, twins) for gram in grams]
-    best = int(np.argmax([one.worth for one in seen]))
-    if seen[best].worth < HOPELESS:
+    courses = free_courses(question)
+    twins = structural_twins(question, courses)
+    seen = [outlook(question, course.gram(SECONDS), twins) for course in courses]
+    best = int(np.argmax([one.share for one in seen]))
+    if seen[best].hopeless:
         return None
-    sure = chance(question, grams[best], twins, rng)
-    return Promise(seen[best], sure, told_apart(question, seen[best]))
+    sure, after = sure_after(question, courses[best], SECONDS, twins)
+    return Promise(seen[best], sure, after, told_apart(question, seen[best]))
+
+
+def sure_after(
+    question: Question, course: Course, seconds: float, twins: frozenset[Pair]
+) -> tuple[Prospect, float | None]:
+    """Return what a motion brings, and how much of it settles the question surely.
+
+    Args:
+        seconds: Length of the motion [s].
+
+    Returns:
+        What all of it brings; the length from its start at which the chance is `SURE`
+        [s], in tenths rounded up; None where all of it is not enough.
+    """
+
+    def at(length: float) -> Prospect:
+        # The same draws at every length, so that more of a motion is no matter of luck.
+        return prospect(question, course.gram(length), twins, np.random.default_rng(0))
+
+    whole = at(seconds)
+    if whole.chance < SURE:
+        return whole, None
+    low, high = 2 * course.edge, seconds
+    while high - low > max(high / 50, 1 / course.rate):
+        middle = (low + high) / 2
+        low, high = (low, middle) if at(middle).chance >= SURE else (middle, high)
+    return whole, min(float(np.ceil(10 * high) / 10), seconds)
+
+
+def until_apart(
+    question: Question, course: Course, seconds: float, twins: frozenset[Pair]
+) -> float:
+    """Return after how long of a motion all pairs are expected to be apart [s].
+
+    Args:
+        seconds: Length of the motion [s]; where all of it is not enough, as much longer
+            as evidence is missing.
+    """
+
+    def share(length: float) -> float:
+        return outlook(question, course.gram(length), twins).share
+
+    whole = share(seconds)
+    if whole < 1:
+        return seconds / max(whole, _LEAST)
+    low, high, below = 2 * course.edge, seconds, _LEAST
+    while high > _STEP * low:
+        middle = np.sqrt(low * high)
+        got = share(middle)
+        low, below, high, whole = (
+            (low, below, middle, got) if got >= 1 else (middle, got, high, whole)
+        )
+    if not np.isfinite(whole):
+        return high
+    # Between two lengths evidence grows by a power of the length.
+    part = np.log(1 / max(below, _LEAST)) / np.log(whole / max(below, _LEAST))
+    return float(low * (high / low) ** min(part, 1.0))
+
+
+def structural_twins(
+    question: Question, courses: Sequence[Course] | None = None
+) -> frozenset[Pair]:
+    """Return pairs of which the second can be what the first is, on any motion.
+
+    What is weighed is what the first, at the size that was found of it, has beyond the
+    columns of the second, on `TRAVEL` seconds through all of the range: below what a
+    contest takes, no experiment tells. Both ways round they are twins; one way round
+    the first is a case of the second.
+
+    What the nominal model could do in their place is left out: it may be able to
+    imitate both, and its values speak for or against that.
+
+    Args:
+        courses: Free motions; None to draw them.
+    """
+    courses = free_courses(question) if courses is None else courses
+    gram = np.mean([c.gram(TRAVEL + 2 * c.edge) for c in courses], axis=0)
+    found = set()
+    for c, contest in enumerate(question.contests):
+        for a, b in contest.pairs:
+            one, other = contest.rivals[a], contest.rivals[b]
+            own = len(one.own) and len(other.own)
+            if own and beyond(gram, one, other) < contest.enough:
+                found.add((c, a, b))
+    return frozenset(found)
+
+
+def beyond(gram: Array, one: Rival, other: Rival) -> float:
+    """What one has, at its found size, beyond the other's columns [nats].
+
+    Args:
+        gram: Whitened Gram of the shared columns. Shape (m, m).
+    """
+    size = 1 / np.sqrt(np.maximum(np.diag(gram), 1e-300))
+    scaled = gram * np.outer(size, size)
+    found = np.isin(one.columns, one.own)
+    at = one.columns[found]
+    value = one.mean[found] / size[at]
+    mixed = scaled[np.ix_(other.own, at)] @ value
+    inner = np.linalg.pinv(
+        scaled[np.ix_(other.own, other.own)], rcond=1e-9, hermitian=True
+    )
+    return 0.5 * float(value @ scaled[np.ix_(at, at)] @ value - mixed @ inner @ mixed)
 
 
 def told_apart(question: Question, seen: Outlook) -> tuple:
@@ -186,6 +340,15 @@ def told_apart(question: Question, seen: Outlook) -> tuple:
     parted = {contests[c].rivals[i].place for c, a, b in seen.nats for i in (a, b)}
     every = (r.place for contest in contests for r in contest.rivals)
     return tuple(place for place in dict.fromkeys(every) if place in parted)
+
+
+def free_courses(question: Question) -> list[Course]:
+    """Draw motions that know no obstacle; the same for the same question."""
+    rng = np.random.default_rng(0)
+    count = round(SECONDS / PERIODS * question.signals.rate)
+    robot = question.nominal.robot
+    motions = [free_motion(robot, count, rng) for _ in range(MOTIONS)]
+    return [Course.of(question, m, count * PERIODS / SECONDS) for m in motions]
 
 
 def free_motion(

@@ -1,7 +1,7 @@
 """What is left open after some logs: rival models, and what is known of each."""
 
 import re
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from itertools import permutations
 
@@ -45,8 +45,6 @@ class Rival:
         precision: Their posterior precision. Shape (k, k).
         nats: Evidence of the logs so far, less the price of the name, up to a constant
             that is the same for all rivals of a contest.
-        explained: What it explains on the joint of the contest beyond the model without
-            the effect: fall of its weighted squared error [nats].
     """
 
     place: Place
@@ -55,7 +53,6 @@ class Rival:
     mean: Array
     precision: Array
     nats: float
-    explained: float
 
 
 @dataclass(frozen=True, eq=False, slots=True)
@@ -65,22 +62,22 @@ class Contest:
     Attributes:
         rivals: They; two or more.
         enough: Nats by which one must lead to be believed.
-        joint: The joint where they differ most, from 0.
-        same_family: Pairs (of indices) that pass for one name while the second explains
-            nearly all that the first does, whatever the nats.
-        nothing: The model without any of them: what `explained` is counted from.
+        wished: Whether only the first is asked about, if it is the true one.
     """
 
     rivals: tuple[Rival, ...]
     enough: float
-    joint: int
-    same_family: frozenset[tuple[int, int]]
-    nothing: Rival
+    wished: bool = False
 
     @property
     def pairs(self) -> tuple[tuple[int, int], ...]:
-        """Every ordered pair of rivals, by index: the true one first."""
-        return tuple(permutations(range(len(self.rivals)), 2))
+        """Every ordered pair of rivals that is asked about: the true one first."""
+        every = permutations(range(len(self.rivals)), 2)
+        return tuple((a, b) for a, b in every if not (self.wished and a))
+
+    def lead(self, a: int, b: int) -> float:
+        """By how much the logs so far prefer one rival to another [nats]."""
+        return self.rivals[a].nats - self.rivals[b].nats
 
 
 @dataclass(frozen=True, eq=False, slots=True)
@@ -198,17 +195,16 @@ class Basis:
         return self.fitted.weight(self.task.design.rows)
 
     def rival(
-        self, members: Sequence[Group], own: Sequence[Group], joint: int, without: Fit
+        self, members: Sequence[Group], own: Sequence[Group], without: Fit
     ) -> Rival:
         """Return what is known of one set of effects.
 
         Args:
             own: Those that make the difference; empty for none.
+            without: The fit without them.
         """
-        design, weight = self.task.design, self.weight
-        system = System.of(design, self.task.prior, members)
-        theta, _ = system.solve(weight)
-        total = np.tensordot(weight, system.gram, 1)
+        system = System.of(self.task.design, self.task.prior, members)
+        theta, _ = system.solve(self.weight)
         nats, at = 0.0, np.zeros(0, dtype=int)
         if own:
             big = self.task.fit(members, self.fitted)
@@ -217,91 +213,70 @@ class Basis:
             cost = sum(self.task.candidates.cost(g) for g in own[1:]) + more
             nats = self.task.net_gain(big, without, own[0]) - cost
             at = np.array([self.place[int(c)] for g in own for c in g.ids])
-        base = System.of(design, self.task.prior, without.members)
-        fall = base.squared_error(base.solve(weight)[0]) - system.squared_error(theta)
         return Rival(
             _place(own),
             np.array([self.place[int(c)] for c in system.ids]),
             at,
             theta,
-            system.precision + total,
+            system.precision + np.tensordot(self.weight, system.gram, 1),
             float(nats),
-            float(0.5 * weight[joint] * fall[joint]),
         )
 
     def contest(
-        self,
-        rest: Sequence[Group],
-        options: Sequence[Group],
-        joint: int,
-        nothing: bool = False,
+        self, rest: Sequence[Group], options: Sequence[Groups], enough: float
     ) -> Contest:
-        """Return the contest of some candidates beside a set of other effects.
+        """Return the contest of some sets beside a set of other effects.
 
         Args:
-            joint: Where they matter most, from 0.
-            nothing: Whether there may be none of them.
+            options: The sets; an empty one for nothing.
+            enough: Nats by which one must lead.
         """
         without = self.task.fit(rest, self.fitted)
-        none = self.rival(rest, (), joint, without)
-        found = [self.rival((*rest, g), (g,), joint, without) for g in options]
-        families = enumerate(g.effect.family for g in options)
-        pairs = permutations(families, 2)
-        same_family = {(a, b) for (a, x), (b, y) in pairs if x and x == y}
-        rivals = (*found, none) if nothing else tuple(found)
-        enough = self.task.rules.threshold if nothing else RULES.class_nats
-        return Contest(rivals, enough, joint, frozenset(same_family), none)
+        found = [self.rival((*rest, *own), own, without) for own in options]
+        return Contest(tuple(found), enough)
 
 
 def open_question(examined: Examined, fitted: Fit, named: Sequence[Named]) -> Question:
     """Return what a diagnosis leaves open.
 
-    A finding with equivalents is a contest between it and them, and so are some of the
-    findings with what could stand in their place together. Where nothing is named and
-    a joint keeps more than noise, the strongest candidates there are rivals of one
-    another and of nothing, although none of them could be named.
+    A finding, its equivalents and what could stand in its place together are one
+    contest, and so are several findings and what could stand in theirs. Where nothing
+    is named and a joint keeps more than noise, the strongest candidates there are
+    rivals of one another and of nothing, although none of them could be named.
     """
     equal = [
-        (t.group, near, t.joint)
+        (t.group, near)
         for finding in named
         if finding.equivalent
         for t in finding.tested
         if (near := alternatives(examined.task, fitted, t.group)[0])
     ]
+    classes: dict[tuple, Swap] = {
+        (group.key,): Swap((group,), tuple((g,) for g in near)) for group, near in equal
+    }
+    for swap in swaps(examined.task, fitted, equal):
+        key = tuple(g.key for g in swap.gone)
+        known = classes.get(key, Swap(swap.gone, ()))
+        classes[key] = replace(known, instead=(*known.instead, *swap.instead))
     doubted = () if named else examined.adequacy.doubted
-    strong = [(j, _strongest(examined, fitted, j)) for j in doubted]
-    swapped = swaps(examined.task, fitted, [(g, near) for g, near, _ in equal])
-    every = [g for _, near, _ in equal for g in near]
-    every += [g for _, groups in strong for g in groups]
-    every += [g for swap in swapped for own in swap.instead for g in own]
+    strong = [found for j in doubted if (found := _strongest(examined, fitted, j))]
+    every = [g for s in classes.values() for own in s.instead for g in own]
+    every += [g for groups in strong for g in groups]
     basis = Basis.of(examined, fitted, [*fitted.members, *every])
     contests = [
         basis.contest(
-            [g for g in fitted.members if g is not group], [group, *near], joint
+            [g for g in fitted.members if g not in swap.gone],
+            (swap.gone, *swap.instead),
+            RULES.class_nats,
         )
-        for group, near, joint in equal
+        for swap in classes.values()
     ]
+    threshold = examined.task.rules.threshold
     contests += [
-        basis.contest(fitted.members, groups, j, nothing=True)
-        for j, groups in strong
-        if groups
+        basis.contest(fitted.members, [*((g,) for g in groups), ()], threshold)
+        for groups in strong
     ]
-    seen = {t.group: t.joint for finding in named for t in finding.tested}
-    contests += [_of_sets(basis, swap, seen) for swap in swapped]
     return question_of(basis, contests)
-
-
-def _of_sets(basis: Basis, swap: Swap, seen: Mapping[Group, int]) -> Contest:
-    """The contest of some of the named effects with others in their place."""
-    gone = swap.gone
-    rest = [g for g in basis.fitted.members if g not in gone]
-    joint = next((seen[g] for g in gone if g in seen), 0)
-    without = basis.task.fit(rest, basis.fitted)
-    found = [
-        basis.rival((*rest, *own), own, joint, without) for own in (gone, *swap.instead)
-    ]
-    none = basis.rival(rest, (), joint, without)
-    return Contest(tuple(found), RULES.class_nats, joint, frozenset(), none)
 
 
 def _place(own: Sequence[Group]) -> Place:
@@ -473,8 +448,8 @@ def _contest(basis: Basis, group: Group, value: float) -> Contest:
     """The effect of that size against nothing, as the logs so far would have it."""
     task, members = basis.task, basis.fitted.members
     theta = _theta(basis.examined, group, value)
-    contest = basis.contest(members, [group], group.joints[0] if group.joints else 0)
-    found, none = contest.rivals[0], contest.nothing
+    contest = basis.contest(members, [(group,), ()], task.rules.threshold)
+    found, none = contest.rivals
     system = System.of(task.design, task.prior, (*members, group))
     total, k = np.tensordot(basis.weight, system.gram, 1), len(group.ids)
     mixed, own = total[:-k, -k:], total[-k:, -k:]
@@ -489,5 +464,5 @@ def _contest(basis: Basis, group: Group, value: float) -> Contest:
             replace(found, mean=true, nats=float(lead)),
             replace(none, mean=none.mean + bent),
         ),
-        enough=task.rules.threshold,
+        wished=True,
     )

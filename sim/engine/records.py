@@ -54,9 +54,10 @@ class TrajectorySpec:
         duration: Length [s].
         periods: Repetitions within the duration.
         seed: Seed of whatever the family draws.
-        coefficients: Of a Fourier motion that is given and not searched for: its centre
-            [rad], then the eight coefficients of every joint that rest at its ends
-            leaves free; a row has dof entries. Empty to search.
+        coefficients: Of a motion that is given and not searched for; a row has dof
+            entries [rad]. Fourier: its centre, then the eight coefficients of every
+            joint that rest at its ends leaves free. Move-stop-move: the places that it
+            goes round, `periods` times, after a stand at the first. Empty to search.
     """
 
     kind: str = "fourier"

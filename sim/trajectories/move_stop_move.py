@@ -1,8 +1,12 @@
 """Pick and place: quick moves of all joints together, and real dwells between them.
 
 Nothing moves during a dwell: speed is exactly zero, for a gripper to close or open.
+
+A motion may also be given by its places: it stands at the first, and then goes round
+all of them, as quickly as the limits allow, so many times.
 """
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -12,7 +16,7 @@ from residual.recording import Array
 from residual.robot.robot import Robot
 from sim.engine.geometry import MARGIN, clearances
 from sim.plant.sizes import draw_centre, usual_limits
-from sim.trajectories.curves import dwell, move, move_time, repeated
+from sim.trajectories.curves import Motion, dwell, move, move_time, repeated
 from sim.trajectories.limits import Plan, Workspace, largest, largest_torque, workspace
 
 _MOST, _LEAST = 40, 2  # places per period
@@ -60,6 +64,68 @@ def plan_move_stop_move(
     if isinstance(found, Plan):
         return found
     raise found or _nowhere(robot)
+
+
+def round_time(space: Workspace, places: Array) -> float | None:
+    """Return how long one round through some places takes [s]; None where it may not.
+
+    Args:
+        places: Postures [rad]; the last move goes back to the first. Shape (k, dof).
+    """
+    times = _round(space, places)
+    return None if times is None else sum(times)
+
+
+def _round(space: Workspace, places: Array) -> list[float] | None:
+    """Times of the moves from every place to the next, and back [s]."""
+    times = []
+    for start, end in zip(places, np.roll(places, -1, axis=0), strict=True):
+        time = _move_time(space, start, end)
+        if time is None:
+            return None
+        times.append(_SLOWER[0] * time)
+    return times
+
+
+def given_places(
+    robot: Robot, duration: float, rounds: int, rows: Sequence[Sequence[float]]
+) -> Plan:
+    """Return the motion round given places, after a stand that fills the duration.
+
+    Args:
+        duration: Length, the stand at the first place included [s].
+        rounds: How many times it goes round.
+        rows: Two places or more [rad].
+
+    Raises:
+        InputError: If they are no places, or there is no way or no time for a round.
+    """
+    shapes = {len(row) for row in rows}
+    if len(rows) < _LEAST or shapes != {robot.dof}:
+        raise InputError(
+            f"coefficients of move_stop_move: expected {_LEAST} or more places of "
+            f"{robot.dof} angles, got {len(rows)} of {sorted(shapes)}."
+        )
+    places = np.array(rows, dtype=float)
+    if not np.isfinite(places).all():
+        raise InputError("coefficients: expected finite numbers.")
+    times = _round(workspace(robot, duration), places)
+    if times is None:
+        raise _nowhere(robot)
+    stand = duration - rounds * sum(times)
+    if stand < 0:
+        raise InputError(
+            f"move_stop_move: {rounds} rounds of {sum(times):.2f} s do not fit into "
+            f"{duration:g} s. Lengthen the duration, or ask for fewer periods."
+        )
+    ways = zip(places, np.roll(places, -1, axis=0), times, strict=True)
+    going = repeated([move(start, end, time) for start, end, time in ways])
+
+    def curve(t: Array) -> Motion:
+        return going(np.clip(t - stand, 0.0, None))
+
+    once = min(stand + sum(times), duration)
+    return Plan("move_stop_move", curve, duration, sum(times), once)
 
 
 def _draw_waypoints(space: Workspace, rng: np.random.Generator) -> _Waypoints:

@@ -12,10 +12,11 @@ from sim.trajectories.curves import RAMP
 from sim.trajectories.excitation import optimise
 from sim.trajectories.fourier import draw, given, sampled
 from sim.trajectories.limits import Plan, check, even, workspace
-from sim.trajectories.move_stop_move import plan_move_stop_move
+from sim.trajectories.move_stop_move import given_places, plan_move_stop_move
 from sim.trajectories.tools import plan_cyclic, plan_welding
 
 KINDS = ("fourier", "cyclic", "welding", "move_stop_move")
+_GIVEN = ("fourier", "move_stop_move")  # what may be given by its numbers
 _SHORTEST = 0.5  # s, of a period
 _RATES = (10.0, 20_000.0)  # Hz
 _PLANNERS: dict[str, Callable[..., Plan]] = {
@@ -60,6 +61,11 @@ def make_plan(robot: Robot, spec: TrajectorySpec, optimised: bool = True) -> Pla
     # One thread: sums in another order would end the search elsewhere.
     if spec.kind == "fourier":
         return _plan_fourier(robot, spec, rng, optimised)
+    if spec.coefficients:
+        return _checked_plan(
+            robot,
+            given_places(robot, spec.duration, spec.periods, spec.coefficients),
+        )
     return _PLANNERS[spec.kind](robot, spec.duration, spec.periods, rng)
 
 
@@ -81,6 +87,10 @@ def _plan_fourier(
     else:
         series = optimise(place, rng) if optimised else draw(place, rng)
     plan = Plan("fourier", lambda t: sampled(series, t), spec.duration, period, period)
+    return _checked_plan(robot, plan)
+
+
+def _checked_plan(robot: Robot, plan: Plan) -> Plan:
     check(robot, plan)
     return plan
 
@@ -91,9 +101,10 @@ def _check_spec(spec: TrajectorySpec) -> None:
         raise InputError(f"duration must be above 0 s, got {spec.duration:g}.")
     if spec.periods < 1:
         raise InputError(f"periods must be 1 or more, got {spec.periods}.")
-    if spec.coefficients and spec.kind != "fourier":
+    if spec.coefficients and spec.kind not in _GIVEN:
         raise InputError(
-            f"{spec.kind} has no coefficients; leave them out, or use kind fourier."
+            f"{spec.kind} has no coefficients; leave them out, or use kind "
+            f"{' or '.join(_GIVEN)}."
         )
     if spec.seed < 0:
         raise InputError(f"seed must be 0 or more, got {spec.seed}.")

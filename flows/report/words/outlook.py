@@ -23,6 +23,7 @@ from residual.diagnosis.result import (
     Verdict,
 )
 from residual.errors import joints_listed
+from residual.planning.promise import sure_words
 from residual.planning.question import NOTHING, TOGETHER
 from residual.quantity import (
     MISSING,
@@ -30,7 +31,6 @@ from residual.quantity import (
     known,
     measured,
     number,
-    probability,
     unit_text,
 )
 
@@ -338,14 +338,8 @@ def next_words(verdict: Verdict) -> list[str]:
     times = f" in {periods} periods" if periods else ""
     family = _FAMILIES.get(plan["family"], f"a motion of kind {plan['family']}")
     out = [f"{family} of {number(plan['seconds'])} s{times} tells {apart}"]
-    if known(plan["expected_nats"]):
-        out.append(
-            f"expected evidence between the two that are nearest: "
-            f"{number(plan['expected_nats'])} nats"
-        )
     if known(plan["chance"]):
-        sure = probability(plan["chance"])
-        out.append(f"chance that it settles the question: {sure}")
+        out.append(f"the question is {_sure(plan)}")
     if plan["program"]:
         out.append(f"program for the controller: {plan['program']}")
     else:
@@ -355,12 +349,15 @@ def next_words(verdict: Verdict) -> list[str]:
 
 def _promise(plan: Mapping, apart: str) -> str:
     """What a free motion would tell, where none was designed yet."""
-    nats = plan["expected_nats"]
-    worth = f", by {number(nats)} nats at the nearest" if known(nats) else ""
+    sure = f", {_sure(plan)}," if known(plan["chance"]) else ""
     return (
-        f"{number(plan['seconds'])} s of another motion may tell {apart}{worth} where "
+        f"{number(plan['seconds'])} s of another motion may tell {apart}{sure} where "
         "nothing is in its way: modelgap next designs it for this arm"
     )
+
+
+def _sure(plan: Mapping) -> str:
+    return sure_words(plan["seconds"], plan.get("sure_after"), plan["chance"])
 
 
 def _place(entry: Mapping) -> Place:

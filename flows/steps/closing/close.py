@@ -33,17 +33,18 @@ from flows.steps.closing.rule import (
 from flows.steps.diagnose import diagnose_runs
 from flows.steps.planning.ask import Next, ask
 from flows.steps.planning.design import Design, design
-from flows.steps.planning.motions import FOURIER, Search, with_twins
+from flows.steps.planning.motions import Search, with_twins
 from flows.steps.track import NOMINAL, Track, track
 from flows.storage.diagnosis import read_verdict
 from residual.diagnosis.result import Alternative, Finding, Place, Verdict
 from residual.errors import InputError, joints_listed
 from residual.lazy import one_blas_thread
+from residual.planning.promise import sure_words
 from residual.quantity import percent
 from sim.engine.records import TrajectorySpec
 from warehouse.numbered import Decision, commit_decision, read_decisions
 
-_AMPLE = 1.5  # times the expected length: how long a designed motion is run
+_AMPLE = 1.5  # times what should be enough: how long a designed motion is run
 _SHORTEST = 8.0  # s, of a designed motion: its filter has to settle
 
 
@@ -125,7 +126,9 @@ def _run(loop: Loop, how: Mapping, tell: Progress | None) -> Came:
     }
     told = f"{motion.duration:.3g} s of {motion.kind.replace('_', '-')} motion"
     if made:
-        told += f", {made[1].best.seen.least:.0f} nats expected"
+        best = made[1].best
+        words = sure_words(best.spec.duration, best.after, best.sure.chance)
+        told += f" of which the question is {words}"
     if result["controller"] != NOMINAL:
         told += ", driven by the adopted model"
     return Came(told, id, result, motion.duration)
@@ -153,23 +156,10 @@ def _designed(
     asked = ask(wanted, tell)
     search = Search(asked.question, asked.robot, seconds, seed)
     made = design(with_twins(search), tell)
-    return cut(made.best.spec, made.seconds), made
-
-
-def cut(spec: TrajectorySpec, enough: float | None) -> TrajectorySpec:
-    """Return as many whole periods of a Fourier motion as are ample.
-
-    Args:
-        spec: The motion; another family stays as long as it is.
-        enough: After how long it is expected to have settled [s]; None where all of it
-            is not enough.
-    """
-    if enough is None or spec.kind != FOURIER or not spec.coefficients:
-        return spec
-    period = spec.duration / spec.periods
-    least = max(_AMPLE * enough, _SHORTEST)
-    periods = min(spec.periods, -int(-least // period))
-    return replace(spec, duration=periods * period, periods=periods)
+    best = made.best
+    if best.after is None:
+        return best.spec, made
+    return best.cut(max(_AMPLE * best.after, _SHORTEST)), made
 
 
 def _diagnose(loop: Loop, how: Mapping, tell: Progress | None) -> Came:

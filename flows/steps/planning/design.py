@@ -1,27 +1,29 @@
-"""The motion that answers a question best, and what the usual ones would do."""
+"""The motion that answers a question soonest, and what the usual ones would do."""
 
-from dataclasses import dataclass, replace
+from collections.abc import Callable
+from dataclasses import dataclass
 
 import numpy as np
 from scipy.optimize import minimize
 
 from flows.outputs import Progress
 from flows.steps.planning.motions import (
-    COARSER,
     FOURIER,
     Motion,
     Search,
     drawn,
+    drawn_places,
     fourier,
+    moves_plan,
+    plan_course,
     planned,
-    seconds_to,
-    series_gram,
+    series_course,
 )
 from residual.diagnosis.result import Place
-from residual.planning.outlook import Pair, chance
-from residual.planning.promise import told_apart
+from residual.planning.outlook import Pair
+from residual.planning.promise import said, told_apart
 from residual.planning.question import Question
-from sim.engine.records import TrajectorySpec, stream
+from sim.engine.records import TrajectorySpec
 from sim.trajectories.curves import Series
 from sim.trajectories.fourier import (
     FREE,
@@ -40,7 +42,7 @@ Array = np.ndarray
 _REACH = 0.85  # of half of the range, where the centre may lie
 _SMALLEST = 0.05  # of the size that the limits allow a joint
 _REGION = 0.3  # in which the first steps are taken
-_NONE = 1e-3  # nats of a motion that is not possible
+_NEVER = 1e4  # s: of a motion that is not possible
 
 
 @dataclass(frozen=True, eq=False, slots=True)
@@ -55,11 +57,6 @@ class Form:
     search: Search
     place: Workspace
 
-    @property
-    def dof(self) -> int:
-        """Number of joints."""
-        return self.search.robot.dof
-
     def numbers(self, series: Series) -> Array:
         """Return the numbers of a motion. Shape (10 dof,)."""
         limits, free = self.place.limits, free_of(series)
@@ -70,39 +67,79 @@ class Form:
 
     def series(self, x: Array) -> Series | None:
         """Return the motion of some numbers, roughly within limits; None for none."""
-        limits, dof = self.place.limits, self.dof
+        limits, dof = self.place.limits, self.search.robot.dof
         centre = limits.middle + np.clip(x[:dof], -_REACH, _REACH) * limits.half
         free = x[dof:-dof].reshape(FREE, dof)
         whole = largest(self.place, Series(centre, *harmonics(free), self.place.period))
         share = np.clip(x[-dof:], _SMALLEST, 1.0)
         return fit_in(self.place, shrunk(whole, share), roughly=True)
 
+    def seconds(self, series: Series) -> float:
+        """Return after how long of a motion all pairs should be apart [s]."""
+        course = series_course(self.search, self.place, series)
+        return self.search.until_apart(course, self.search.seconds)
+
     def cost(self, x: Array) -> float:
-        """Return what a better motion makes smaller: minus ln of its worth."""
+        """Return what a better motion makes smaller: ln of its seconds."""
         series = self.series(x)
-        if series is None:
-            return -float(np.log(_NONE))
-        gram = series_gram(self.search, self.place, series, COARSER)
-        return -float(np.log(self.search.weighed(gram).worth + _NONE))
+        return float(np.log(_NEVER if series is None else self.seconds(series)))
+
+
+@dataclass(frozen=True, eq=False, slots=True)
+class Moves:
+    """Moves round some places, as shares of the range of every joint.
+
+    Attributes:
+        search: What is looked for.
+        space: The arm's limits.
+        stand: How long they begin by standing [s].
+    """
+
+    search: Search
+    space: Workspace
+    stand: float
+
+    def numbers(self, places: Array) -> Array:
+        """Return the numbers of some places. Shape (k dof,)."""
+        limits = self.space.limits
+        return ((places - limits.middle) / limits.half).ravel()
+
+    def places(self, x: Array) -> Array:
+        """Return the places of some numbers [rad]. Shape (k, dof)."""
+        limits = self.space.limits
+        shares = np.clip(x, -1, 1).reshape(-1, self.search.robot.dof)
+        return limits.middle + shares * limits.half
+
+    def cost(self, x: Array) -> float:
+        """Return what better places make smaller: ln of their seconds."""
+        made = moves_plan(self.search, self.space, self.places(x), self.stand)
+        if made is None:
+            return float(np.log(_NEVER))
+        course = plan_course(self.search, made[1])
+        return float(np.log(self.search.until_apart(course, made[0].duration)))
+
+
+def descend(cost: Callable[[Array], float], start: Array, looks: int) -> Array:
+    """Return what a local search makes of some numbers."""
+    found = minimize(
+        cost,
+        start,
+        method="COBYLA",  # the worst of several pairs has kinks: no derivatives
+        options={"maxiter": looks, "rhobeg": _REGION},
+    )
+    return found.x
 
 
 def improve(search: Search, place: Workspace, series: Series, looks: int) -> Series:
-    """Return a motion that promises more, by a local search from one."""
+    """Return a Fourier motion that is sooner sure, by a local search from one."""
     form = Form(search, place)
-    start = form.numbers(series)
-    found = minimize(
-        form.cost,
-        start,
-        method="COBYLA",  # the least of several pairs has kinks: no derivatives
-        options={"maxiter": looks, "rhobeg": _REGION},
-    )
-    better = form.series(found.x)
+    better = form.series(descend(form.cost, form.numbers(series), looks))
     exact = None if better is None else fit_in(place, better)
     return series if exact is None else exact
 
 
-MANY = 60  # random motions
-_STARTS, _LOOKS = 1, 180  # of local searches, and motions that each may look at
+MANY = 40  # random motions of each kind
+_LOOKS = 120  # motions that a local search may look at
 _PERIODS = 2  # of motions that nobody designed: what a specification has by default
 
 RANDOM = "random fourier"
@@ -114,13 +151,13 @@ class Compared:
 
     Attributes:
         name: What it is.
-        nats: Expected evidence of the pair that it tells least [nats].
-        seconds: After how long every pair is expected to have enough [s]; None
-            where all of it is not enough.
+        chance: Chance that all of it settles the question.
+        seconds: After how long it is surely settled [s]; None where all of it is not
+            enough.
     """
 
     name: str
-    nats: float
+    chance: float
     seconds: float | None
 
 
@@ -131,16 +168,11 @@ class Design:
     Attributes:
         search: What it answers.
         best: The motion.
-        chance: Chance that it settles the question.
-        seconds: After how long of it every pair is expected to have enough [s]; None
-            where all of it is not enough, or nobody looked.
         compared: What others would do.
     """
 
     search: Search
     best: Motion
-    chance: float
-    seconds: float | None = None
     compared: tuple[Compared, ...] = ()
 
     @property
@@ -150,49 +182,67 @@ class Design:
 
 
 def design(search: Search, tell: Progress | None = None) -> Design:
-    """Return the best motion of all families that a seeded search finds.
+    """Return the motion that is soonest sure of all that a seeded search finds.
 
-    Random Fourier motions are ranked by a coarse look; a local search improves the best
-    of them; of every other family one motion is drawn.
+    Random Fourier motions and random places are ranked by a coarse look; a local search
+    improves the best of either; of every other family one motion is drawn.
     """
     tell = tell or (lambda stage, share: None)
+    tell("Fourier motions", 0.0)
+    usual, waves = _fourier_motions(search)
+    tell("moves between places", 0.5)
+    moves = _moves(search)
+    tell("other motions", 0.9)
+    named = {RANDOM: usual, **_families(search)}
+    every = [*waves, *moves, *list(named.values())[1:]]
+    best = min(every, key=lambda motion: motion.rank)
+    compared = [Compared(n, m.sure.chance, m.after) for n, m in named.items()]
+    tell("other motions", 1.0)
+    return Design(search, best, tuple(compared))
+
+
+def _fourier_motions(search: Search) -> tuple[Motion, list[Motion]]:
+    """Return a usual one of the random Fourier motions; the best, and a better one."""
     motions = drawn(search, MANY)
-    worth = [search.weighed(series_gram(search, *m, COARSER)).worth for m in motions]
-    order = np.argsort(worth)[::-1]
-    tell("other motions", 0.1)
-    others = _families(search)
-    starts, found = [motions[i] for i in order[:_STARTS]], []
-    for i, (place, series) in enumerate(starts):
-        tell("better motions", 0.4 + 0.6 * i / len(starts))
-        better = improve(search, place, series, _LOOKS)
-        found += [fourier(search, place, one) for one in (series, better)]
-    usual = fourier(search, *motions[order[len(order) // 2]])
-    named = {RANDOM: usual, **others}
-    every = [*found, *others.values()]
-    best = max(every, key=lambda motion: motion.seen.worth)
-    compared = [_compared(search, name, m) for name, m in named.items()]
-    tell("better motions", 1.0)
-    seconds = seconds_to(search, best)
-    return replace(_design(search, best), seconds=seconds, compared=tuple(compared))
+    seconds = [Form(search, place).seconds(series) for place, series in motions]
+    order = sorted(range(MANY), key=seconds.__getitem__)
+    periods = min(search.periods, key=lambda n: abs(n - _PERIODS))
+    plain = [
+        i for i in order if round(search.seconds / motions[i][0].period) == periods
+    ]
+    place, series = motions[order[0]]
+    better = improve(search, place, series, _LOOKS)
+    found = [fourier(search, place, one) for one in (series, better)]
+    return fourier(search, *motions[plain[len(plain) // 2]]), found
+
+
+def _moves(search: Search) -> list[Motion]:
+    """Return the best of moves round random places, and a better one.
+
+    They stand while the filter of a log settles, or are under way by then: what is
+    sooner sure.
+    """
+    space = search.workspace()
+    forms = [Moves(search, space, x) for x in (0.0, search.question.signals.edge)]
+    starts = [forms[0].numbers(places) for places in drawn_places(search, MANY)]
+    every = [(form.cost(x), i, form, x) for i, x in enumerate(starts) for form in forms]
+    _, _, form, start = min(every, key=lambda one: one[:2])
+    out = []
+    for x in (start, descend(form.cost, start, _LOOKS)):
+        made = moves_plan(search, space, form.places(x), form.stand)
+        found = planned(search, made[0]) if made else None
+        out += [found] if found else []
+    return out
 
 
 def _families(search: Search) -> dict[str, Motion]:
     """Return a motion of every other family that the arm finds room for."""
-    periods, out = min(_PERIODS, max(search.periods)), {}
+    out = {}
     for kind in (k for k in KINDS if k != FOURIER):
-        spec = TrajectorySpec(kind, search.seconds, periods, 100 * search.seed)
+        spec = TrajectorySpec(kind, search.seconds, _PERIODS, 100 * search.seed)
         if motion := planned(search, spec):
             out[kind] = motion
     return out
-
-
-def _design(search: Search, best: Motion) -> Design:
-    rng = stream(search.seed, "next/chance")
-    return Design(search, best, chance(search.question, best.gram, search.twins, rng))
-
-
-def _compared(search: Search, name: str, motion: Motion) -> Compared:
-    return Compared(name, motion.seen.least, seconds_to(search, motion))
 
 
 def document(made: Design, program: str | None) -> dict:
@@ -212,8 +262,7 @@ def document(made: Design, program: str | None) -> dict:
         "family": spec.kind,
         "parameters": shown,
         "seconds": spec.duration,
-        "expected_nats": round(made.best.seen.least, 3),
-        "chance": round(made.chance, 3),
+        **said(made.best.sure, made.best.after),
         "program": program,
     }
 

@@ -1,4 +1,4 @@
-"""Motions within the limits of an arm that may answer a question, and their Gram."""
+"""Motions within the limits of an arm that may answer a question, and their course."""
 
 from collections.abc import Callable
 from dataclasses import dataclass, replace
@@ -6,30 +6,29 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from residual.errors import InputError
-from residual.planning.outlook import (
-    Outlook,
-    Pair,
-    has_enough,
-    outlook,
+from residual.planning.outlook import Outlook, Pair, Prospect, outlook
+from residual.planning.promise import (
+    Course,
     structural_twins,
+    sure_after,
+    until_apart,
 )
-from residual.planning.promise import growing_grams, planned_gram
 from residual.planning.question import Question
 from residual.robot.robot import Robot
 from sim.engine.records import TrajectorySpec, stream
 from sim.trajectories.curves import Series
-from sim.trajectories.fourier import draw, sampled, written
+from sim.trajectories.fourier import DIGITS, draw, sampled, written
 from sim.trajectories.limits import Plan, Workspace, workspace
+from sim.trajectories.move_stop_move import given_places, round_time
 from sim.trajectories.reference import make_plan
 
 Array = np.ndarray
 Curve = Callable[[Array], tuple[Array, Array, Array]]
 
-FOURIER = "fourier"
-PERIODS = (2, 4)  # of a motion, tried in turn
-LEAST_PERIOD = 2.5  # s
-FREE = 6  # motions that tell what is the same on every motion
-STEP = 0.5  # s, in which it is said when a motion has brought enough
+FOURIER, MOVES = "fourier", "move_stop_move"
+PERIODS = (2.5, 5.0, 10.0)  # s, of Fourier motions, about; all are tried
+PLACES = (2, 3)  # of a move-stop-move, tried in turn
+_MOVING = 0.5  # chance that a joint takes part in a move
 # Samples of a motion per row of a log: where it is one of many, and looked at closely.
 COARSER, FINER = 0.5, 2
 
@@ -40,15 +39,36 @@ class Motion:
 
     Attributes:
         spec: The motion; made again from it, it is the same.
-        gram: Whitened Gram of the shared columns. Shape (m, m).
-        seen: What it promises.
-        curve: q, qd and qdd at any times.
+        period: Length of what it repeats [s].
+        seen: What all of it brings at the sizes that were found.
+        sure: What all of it brings, counted in drawn logs.
+        after: After how long of it the question is settled surely [s]; None where all
+            of it is not enough.
     """
 
     spec: TrajectorySpec
-    gram: Array
+    period: float
     seen: Outlook
-    curve: Curve
+    sure: Prospect
+    after: float | None
+
+    @property
+    def rank(self) -> tuple[float, float]:
+        """Less is better: soon sure; where never, a small chance not to be."""
+        return np.inf if self.after is None else self.after, -self.sure.chance
+
+    def cut(self, least: float) -> TrajectorySpec:
+        """Return as many whole periods of a designed motion as hold so many seconds.
+
+        Another motion stays as long as it is.
+        """
+        spec = self.spec
+        if not spec.coefficients:
+            return spec
+        opening = spec.duration - spec.periods * self.period
+        periods = max(1, -int(-(least - opening) // self.period))
+        periods = min(periods, spec.periods)
+        return replace(spec, duration=opening + periods * self.period, periods=periods)
 
 
 @dataclass(frozen=True, eq=False, slots=True)
@@ -58,7 +78,7 @@ class Search:
     Attributes:
         question: What is asked.
         robot: The arm.
-        seconds: Length of the motion [s].
+        seconds: Length of the motion at most [s].
         seed: Seed of all that is drawn.
         twins: Pairs that no motion tells apart.
     """
@@ -69,38 +89,32 @@ class Search:
     seed: int = 0
     twins: frozenset[Pair] = frozenset()
 
-    def workspace(self, periods: int) -> Workspace:
+    def workspace(self, periods: int = 1) -> Workspace:
         """Return the arm's limits, for so many periods."""
         return workspace(self.robot, self.seconds / periods)
 
     @property
     def periods(self) -> tuple[int, ...]:
-        """Numbers of periods to try."""
-        most = max(1, int(self.seconds / LEAST_PERIOD))
-        return tuple(sorted({min(count, most) for count in PERIODS}))
+        """Numbers of periods of Fourier motions to try, fewest first."""
+        return tuple(sorted({max(1, round(self.seconds / p)) for p in PERIODS}))
 
-    def weighed(self, gram: Array) -> Outlook:
-        """Return what a motion with such a Gram promises."""
-        return outlook(self.question, gram, self.twins)
+    def until_apart(self, course: Course, seconds: float) -> float:
+        """Return after how long of a motion all pairs should be apart [s]."""
+        return until_apart(self.question, course, seconds, self.twins)
 
 
 def with_twins(search: Search) -> Search:
-    """Return the same search with the pairs left out that are one on every motion."""
-    rng = stream(search.seed, "next/free")
-    place = search.workspace(search.periods[0])
-    grams = [series_gram(search, place, draw(place, rng)) for _ in range(FREE)]
-    return replace(search, twins=structural_twins(search.question, grams))
+    """Return the same search with the pairs left out that no motion tells apart."""
+    return replace(search, twins=structural_twins(search.question))
 
 
-def series_gram(
-    search: Search, place: Workspace, series: Series, finer: float = 1.0
-) -> Array:
-    """Return the Gram of a Fourier motion, by one of its periods. Shape (m, m)."""
-    rate = finer * search.question.signals.rate
-    count = round(place.period * rate)
-    t = np.arange(count) / count * place.period
-    motion = sampled(series, t)
-    return planned_gram(search.question, motion, count / place.period, search.seconds)
+def series_course(
+    search: Search, place: Workspace, series: Series, finer: float = COARSER
+) -> Course:
+    """Return the course of a Fourier motion, by one of its periods."""
+    count = round(place.period * finer * search.question.signals.rate)
+    motion = sampled(series, np.arange(count) / count * place.period)
+    return Course.of(search.question, motion, count / place.period)
 
 
 def drawn(search: Search, count: int) -> list[tuple[Workspace, Series]]:
@@ -117,8 +131,39 @@ def fourier(search: Search, place: Workspace, series: Series) -> Motion:
     """Return a Fourier motion by its numbers, looked at closely."""
     periods = round(search.seconds / place.period)
     spec = TrajectorySpec(FOURIER, search.seconds, periods, 0, written(series))
-    gram = series_gram(search, place, series, FINER)
-    return Motion(spec, gram, search.weighed(gram), lambda t: sampled(series, t))
+    course = series_course(search, place, series, FINER)
+    return _motion(search, spec, place.period, course)
+
+
+def drawn_places(search: Search, count: int) -> list[Array]:
+    """Return postures for moves between them [rad], some joints moving. (k, dof)."""
+    rng, limits = stream(search.seed, "next/places"), search.workspace().limits
+    out, dof = [], search.robot.dof
+    for i in range(count):
+        shares = rng.uniform(-1, 1, (PLACES[i % len(PLACES)], dof))
+        still = rng.random(dof) > _MOVING
+        shares[:, still] = shares[0, still]
+        out.append(limits.middle + shares * limits.half)
+    return out
+
+
+def moves_plan(
+    search: Search, space: Workspace, places: Array, stand: float
+) -> tuple[TrajectorySpec, Plan] | None:
+    """Return moves round some places, as often as there is time; None for no way.
+
+    Args:
+        places: Postures [rad]. Shape (k, dof).
+        stand: How long they begin by standing at the first, at least [s].
+    """
+    rows = np.round(places, DIGITS) + 0.0
+    one = round_time(space, rows)
+    if one is None or (rounds := int((search.seconds - stand) / one)) < 1:
+        return None
+    length = min(np.ceil(10 * (stand + rounds * one)) / 10, search.seconds)
+    numbers = tuple(map(tuple, rows.tolist()))
+    spec = TrajectorySpec(MOVES, float(length), rounds, 0, numbers)
+    return spec, given_places(search.robot, spec.duration, rounds, numbers)
 
 
 def planned(search: Search, spec: TrajectorySpec) -> Motion | None:
@@ -127,30 +172,21 @@ def planned(search: Search, spec: TrajectorySpec) -> Motion | None:
         plan = make_plan(search.robot, spec)
     except InputError:
         return None
-    gram = plan_gram(search, plan)
-    return Motion(spec, gram, search.weighed(gram), plan.curve)
+    return _motion(search, spec, plan.period, plan_course(search, plan, FINER))
 
 
-def plan_gram(search: Search, plan: Plan) -> Array:
-    """Return the Gram of a planned motion, by what of it does not repeat. (m, m)."""
-    rate = FINER * search.question.signals.rate
+def plan_course(search: Search, plan: Plan, finer: float = COARSER) -> Course:
+    """Return the course of a planned motion, by what of it does not repeat."""
+    rate = finer * search.question.signals.rate
     motion = plan.curve(np.arange(round(plan.once * rate)) / rate)
-    return planned_gram(search.question, motion, rate, search.seconds)
+    opening = max(plan.once - plan.period, 0.0)
+    return Course.of(search.question, motion, rate, opening)
 
 
-def seconds_to(search: Search, motion: Motion) -> float | None:
-    """Return after how long of a motion every pair is expected to have enough [s].
-
-    Returns:
-        None where all of it is not enough.
-    """
-    rate, until = search.question.signals.rate, np.arange(STEP, search.seconds, STEP)
-    t = np.arange(round(search.seconds * rate)) / rate
-    until = [*until, search.seconds - search.question.signals.edge]
-    grams = growing_grams(search.question, motion.curve(t), rate, until)
-    enough = (
-        end
-        for end, gram in zip(until, grams, strict=True)
-        if has_enough(search.question, gram, search.twins)
-    )
-    return next(enough, None)
+def _motion(
+    search: Search, spec: TrajectorySpec, period: float, course: Course
+) -> Motion:
+    question, twins, seconds = search.question, search.twins, spec.duration
+    seen = outlook(question, course.gram(seconds), twins)
+    sure, after = sure_after(question, course, seconds, twins)
+    return Motion(spec, period, seen, sure, after)

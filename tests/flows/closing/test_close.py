@@ -12,7 +12,6 @@ from flows.cli import main
 from flows.steps.closing import close
 from flows.steps.closing.arm import Close, loop_id, make_arm
 from residual.errors import InputError
-from sim.engine.records import TrajectorySpec
 from tests.flows.closing import scripted
 from warehouse.layout import Found, list_folders
 from warehouse.numbered import commit_decision, read_decisions
@@ -134,14 +133,6 @@ def test_records_of_another_arm_are_not_gone_on_with(tmp_path, monkeypatch, whol
     monkeypatch.setattr(close, "act", scripted.act)
     with pytest.raises(InputError, match="draws another arm"):
         scripted.play(tmp_path)
-
-
-def test_a_designed_motion_is_as_long_as_is_ample():
-    spec = TrajectorySpec("fourier", 20.0, 8, 0, ((1.0,),))
-    assert close.cut(spec, 1.0).duration == 10.0  # four periods of 2.5 s hold 8 s
-    assert close.cut(spec, 9.0).duration == 15.0
-    assert close.cut(spec, None) == spec
-    assert close.cut(replace(spec, kind="cyclic"), 1.0).duration == 20.0
 
 
 @pytest.mark.parametrize(

@@ -50,8 +50,8 @@ def test_a_verdict_says_by_itself_what_a_motion_could_settle(place):
     assert {r["name"] for r in plan["rivals"]} == {"spring", "balancer"}
     assert [plan[k] for k in ("family", "parameters", "program")] == [None] * 3
     assert plan["seconds"] == 20.0
-    assert plan["expected_nats"] > 1
-    assert 0 <= plan["chance"] <= 1
+    assert (plan["expected_nats"] >= 6) == (plan["chance"] >= 0.5)
+    assert (plan["sure_after"] is not None) == (plan["chance"] >= 0.8)
     page = (place / "v.html").read_text()
     assert "The next experiment" in page
     assert "modelgap next designs it for this arm" in page
@@ -61,16 +61,24 @@ def test_a_program_is_found_written_and_explained(here, capsys):
     files = ("--out", "p.csv", "--report", "p.html", "--json", "n.json")
     assert main(["next", *GIVEN, "--seconds", "10", *files]) == 0
     shown = capsys.readouterr().out
-    assert "next experiment: 10 s of" in shown
+    assert "next experiment: " in shown
+    assert "the question is settled " in shown
     assert "random fourier" in shown
     assert "wrote p.csv" in shown
     table = np.genfromtxt("p.csv", delimiter=",", names=True)
-    assert len(table) == 2501
+    assert len(table) == pytest.approx(250 * table["t"][-1] + 1)
+    assert table["t"][-1] <= 10.0
     assert [n for n in table.dtype.names if n[0] == "t"] == ["t"]
     document = json.loads(Path("n.json").read_text())
-    assert document["next_experiment"]["program"] == "p.csv"
+    plan = document["next_experiment"]
+    assert plan["program"] == "p.csv"
     assert document["effects"] == json.loads(Path("v.json").read_text())["effects"]
     page = Path("p.html").read_text()
+    # One number, the same in the text, in the JSON and on the page.
+    assert plan["sure_after"] is not None
+    for text in (shown, page):
+        assert f"{plan['sure_after']:.1f} s" in text
+    assert plan["seconds"] == table["t"][-1]
     assert "modelgap diagnose fit.csv NEW_LOG --robot irb140" in page
     assert "Tools, cables, fixtures and fences are not known here" in page
 

@@ -1,5 +1,7 @@
 """Expected and realised evidence from Gram matrices, against densities written out."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from scipy.stats import multivariate_normal
@@ -7,14 +9,20 @@ from scipy.stats import multivariate_normal
 from residual.diagnosis.result import Place
 from residual.planning.outlook import (
     Refit,
-    chance,
     drawn_products,
     expected_nats,
     gap,
-    has_enough,
     log_evidence,
     outlook,
+    prospect,
+)
+from residual.planning.promise import (
+    SURE,
+    TRAVEL,
+    Course,
     structural_twins,
+    sure_after,
+    until_apart,
 )
 from residual.planning.question import NOTHING, Contest, Question, Rival, Signals
 
@@ -32,7 +40,6 @@ def rival(rng, columns, own, name="a"):
         mean=rng.normal(size=k),
         precision=root @ root.T,
         nats=0.0,
-        explained=0.0,
     )
 
 
@@ -57,8 +64,13 @@ def question(*contests):
     return Question(None, None, (), signals, contests)
 
 
-def contest(*rivals, enough=6.0, kin=()):
-    return Contest(tuple(rivals), enough, 0, frozenset(kin), rivals[-1])
+def contest(*rivals, enough=6.0):
+    return Contest(tuple(rivals), enough)
+
+
+def course(x, edge=0.0):
+    """One joint, of which the rows of a motion come one by one, ten a second."""
+    return Course(x[:, None, :], 10.0, 0.0, edge)
 
 
 def test_the_evidence_of_one_log_is_the_ratio_of_two_densities(case):
@@ -70,10 +82,10 @@ def test_the_evidence_of_one_log_is_the_ratio_of_two_densities(case):
     assert ours[0] - ours[1] == pytest.approx(theirs[0] - theirs[1], abs=1e-9)
 
 
-def test_what_is_expected_is_the_mean_of_what_logs_bring(case):
+def test_what_is_expected_is_the_mean_of_what_logs_of_the_found_size_bring(case):
     rng, x, a, b = case
     one, other = density(x, a), density(x, b)
-    y = one.rvs(40_000, random_state=rng)
+    y = x[:, a.columns] @ a.mean + rng.normal(size=(40_000, ROWS))
     brought = one.logpdf(y) - other.logpdf(y)
     gram = x.T @ x
     value = expected_nats(gram, Refit.of(a, gram), Refit.of(b, gram))
@@ -87,8 +99,10 @@ def test_logs_drawn_by_their_gram_bring_the_same(case):
     first, other = Refit.of(a, gram), Refit.of(b, gram)
     products = drawn_products(gram, first, rng, 40_000)
     brought = log_evidence(products, gram, first) - log_evidence(products, gram, other)
-    value = expected_nats(gram, first, other)
-    assert brought.mean() == pytest.approx(value, abs=4 * brought.std() / 200)
+    y = density(x, a).rvs(40_000, random_state=rng)
+    logs = density(x, a).logpdf(y) - density(x, b).logpdf(y)
+    assert brought.mean() == pytest.approx(logs.mean(), abs=5 * logs.std() / 200)
+    assert brought.std() == pytest.approx(logs.std(), rel=0.05)
 
 
 def test_with_all_known_of_a_only_the_t_criterion_is_left(case):
@@ -102,9 +116,8 @@ def test_with_all_known_of_a_only_the_t_criterion_is_left(case):
         delta,
         1e12 * np.eye(2),
         0.0,
-        0.0,
     )
-    b = Rival(b.place, b.columns, b.own, np.zeros(4), b.precision, 0.0, 0.0)
+    b = Rival(b.place, b.columns, b.own, np.zeros(4), b.precision, 0.0)
     mixed = gram[np.ix_(b.columns, a.columns)]
     inner = np.linalg.inv(gram[np.ix_(b.columns, b.columns)] + b.precision)
     wanted = delta @ (gram[np.ix_(a.columns, a.columns)] - mixed.T @ inner @ mixed)
@@ -114,13 +127,14 @@ def test_with_all_known_of_a_only_the_t_criterion_is_left(case):
 def test_twins_are_expected_to_bring_nothing(case):
     _, x, a, _ = case
     gram = x.T @ x
-    twin = Rival(Place("t", (1,)), a.columns, a.own, a.mean, a.precision, 0.0, 0.0)
+    twin = Rival(Place("t", (1,)), a.columns, a.own, a.mean, a.precision, 0.0)
     refit = Refit.of(a, gram)
     assert expected_nats(gram, refit, Refit.of(twin, gram)) < 1e-9
 
 
-def test_a_longer_motion_never_promises_less(case):
+def test_a_longer_motion_of_what_is_known_well_never_promises_less(case):
     _, x, a, b = case
+    a = replace(a, precision=1e3 * a.precision)  # else B may say the same more surely
     promised = []
     for times in (0.0, 0.1, 1.0, 3.0, 10.0, 100.0):
         gram = times * x.T @ x
@@ -129,18 +143,38 @@ def test_a_longer_motion_never_promises_less(case):
     assert np.all(np.diff(promised) > 0)
 
 
+def twins_of(asked, *parts):
+    return structural_twins(asked, [course(x) for x in parts])
+
+
 def test_the_same_columns_on_every_motion_are_twins_and_a_part_of_them_is_a_case():
     rng = np.random.default_rng(3)
-    x = rng.normal(size=(40, COLUMNS))
+    x = rng.normal(size=(round(10 * TRAVEL), COLUMNS))
     x[:, 3] = -2 * x[:, 2]  # one column twice
     a, b = rival(rng, [0, 2], [2]), rival(rng, [0, 3], [3], "b")
     wide = rival(rng, [0, 3, 4], [3, 4], "wide")
     asked = question(contest(a, b, wide))
-    found = structural_twins(asked, [x[:20].T @ x[:20], x[20:].T @ x[20:]])
+    found = twins_of(asked, x)
     assert found == {(0, 0, 1), (0, 1, 0), (0, 0, 2), (0, 1, 2)}
     seen = outlook(asked, x.T @ x, found)
     assert set(seen.nats) == {(0, 2, 0), (0, 2, 1)}
     assert seen.least == min(seen.nats.values()) > 0
+
+
+@pytest.mark.parametrize("size", [0.01, 0.1, 1.0, 3.0])
+def test_twins_are_a_matter_of_nats_at_the_found_size(size):
+    """Columns that share 99.9 % of their power are apart where they are large."""
+    rng = np.random.default_rng(4)
+    x = rng.normal(size=(round(10 * TRAVEL), COLUMNS))
+    x[:, 3] = x[:, 2] + 0.03 * x[:, 3]
+    a, b = rival(rng, [0, 2], [2]), rival(rng, [0, 3], [3], "b")
+    a, b = (replace(r, mean=np.array([0.0, 10 * size])) for r in (a, b))
+    asked = question(contest(a, b))
+    one, other = x[:, 2], x[:, 3]
+    apart = one - other * (one @ other) / (other @ other)
+    nats = 0.5 * (10 * size) ** 2 * (apart @ apart)
+    assert ((0, 0, 1) in twins_of(asked, x)) == (nats < 6.0)
+    assert (nats < 1) == (size < 0.5)  # both sides are looked at
 
 
 def test_where_no_pair_can_be_told_apart_a_motion_is_worth_nothing(case):
@@ -148,31 +182,86 @@ def test_where_no_pair_can_be_told_apart_a_motion_is_worth_nothing(case):
     asked, gram = question(contest(a, b)), x.T @ x
     every = frozenset({(0, 0, 1), (0, 1, 0)})
     seen = outlook(asked, gram, every)
-    assert (seen.least, seen.worth, dict(seen.nats)) == (0.0, 0.0, {})
-    assert not has_enough(asked, 1e6 * gram, every)
-    assert chance(asked, gram, every, np.random.default_rng(0)) == 0.0
+    assert (seen.least, seen.share, dict(seen.nats)) == (0.0, 0.0, {})
+    assert seen.hopeless
+    assert prospect(asked, gram, every, np.random.default_rng(0)).chance == 0.0
 
 
-def test_pairs_of_one_kind_count_only_as_far_as_they_come_apart(case):
+def test_what_the_logs_so_far_lead_by_is_not_needed_again(case):
     _, x, a, b = case
-    gram, none = 1e4 * x.T @ x, rival(np.random.default_rng(9), [0, 1], [])
-    free = Contest((a, b), 6.0, 0, frozenset(), none)
-    kin = Contest((a, b), 6.0, 0, frozenset({(0, 1), (1, 0)}), none)
-    loose, held = outlook(question(free), gram), outlook(question(kin), gram)
-    assert held.least == loose.least == loose.worth
-    assert held.worth < loose.worth
-    assert held.worth == pytest.approx(6 * min(held.parted.values()))
+    gram, ahead = 10 * x.T @ x, replace(a, nats=4.0)
+    plain, led = (outlook(question(contest(r, b)), gram) for r in (a, ahead))
+    assert plain.nats == led.nats
+    needs = {(0, 0, 1): 6.0 - 4.0, (0, 1, 0): 6.0 + 4.0}
+    assert led.share == pytest.approx(min(led.nats[p] / needs[p] for p in needs))
+    assert plain.share == pytest.approx(min(plain.nats.values()) / 6.0)
 
 
 def test_the_chance_is_the_share_of_logs_that_settle_it(case):
     rng, x, a, b = case
     asked = question(contest(a, b, enough=3.0))
     gram = x.T @ x
-    settled = []
+    settled, leads = [], []
     for true, other in ((a, b), (b, a)):
         y = density(x, true).rvs(20_000, random_state=rng)
         lead = density(x, true).logpdf(y) - density(x, other).logpdf(y)
         settled.append((lead >= 3).mean())
-    value = chance(asked, gram, frozenset(), np.random.default_rng(1))
-    assert value == pytest.approx(np.mean(settled), abs=0.07)  # of 400 draws each
-    assert 0.05 < value < 0.95
+        leads.append(lead)
+    sure = prospect(asked, gram, frozenset(), np.random.default_rng(1))
+    assert sure.chance == pytest.approx(np.mean(settled), abs=0.07)  # of 400 draws each
+    assert 0.05 < sure.chance < 0.95
+    low, high = np.quantile(np.concatenate(leads), [0.43, 0.57])
+    assert low < sure.nats < high
+
+
+def test_nats_and_chance_never_say_opposite_things(case):
+    """Half of the logs bring what is promised: if that is enough, half are settled."""
+    _, x, a, b = case
+    asked = question(contest(a, b))
+    for times in (0.1, 0.5, 1.0, 2.0, 5.0, 20.0):
+        rng = np.random.default_rng(0)
+        sure = prospect(asked, times * x.T @ x, frozenset(), rng)
+        assert (sure.nats >= 6.0) == (sure.chance >= 0.5)
+
+
+def test_the_seconds_are_the_first_of_which_all_pairs_are_apart(case):
+    rng, _, a, b = case
+    x = rng.normal(size=(200, COLUMNS))
+    asked, way = question(contest(a, b)), course(x, edge=0.5)
+    seconds = until_apart(asked, way, 20.0, frozenset())
+    ends = np.arange(1.1, 20.0, 0.1)
+    shares = np.array([outlook(asked, way.gram(end)).share for end in ends])
+    first = ends[np.argmax(shares >= 1)]
+    assert shares.max() > 1 > shares[0]
+    assert first / 1.25 < seconds < 1.25 * first
+    assert outlook(asked, way.gram(1.0)).share == 0.0  # its ends count for nothing
+
+
+def test_where_all_of_a_motion_is_not_enough_it_takes_longer(case):
+    _, x, a, b = case
+    asked, way = question(contest(a, b)), course(0.05 * x)
+    assert until_apart(asked, way, 1.2, frozenset()) > 5.0
+    sure, after = sure_after(asked, way, 1.2, frozenset())
+    assert after is None
+    assert sure.chance < SURE
+
+
+def test_surely_settled_is_said_of_the_first_length_with_that_chance(case):
+    rng, _, a, b = case
+    asked, way = question(contest(a, b)), course(rng.normal(size=(200, COLUMNS)), 0.5)
+    sure, after = sure_after(asked, way, 20.0, frozenset())
+    assert sure.chance > SURE
+    chances = [
+        prospect(asked, way.gram(t), frozenset(), np.random.default_rng(0)).chance
+        for t in (after, 0.8 * after)
+    ]
+    assert chances[0] >= SURE > chances[1]
+
+
+def test_a_motion_that_repeats_counts_like_the_whole_of_it(case):
+    rng, *_ = case
+    opening, period = rng.normal(size=(20, 1, 3)), rng.normal(size=(30, 1, 3))
+    short = Course(np.concatenate([opening, period]), 10.0, 2.0, 0.5)
+    whole = Course(np.concatenate([opening, *[period] * 4]), 10.0, 0.0, 0.5)
+    for seconds in (0.7, 3.0, 5.0, 5.6, 9.3, 13.9):
+        np.testing.assert_allclose(short.gram(seconds), whole.gram(seconds), atol=1e-9)
