@@ -5,6 +5,7 @@ from functools import lru_cache
 import numpy as np
 import pytest
 
+from residual.errors import InputError
 from residual.robot.dynamics import inverse_dynamics
 from residual.robot.robot import load_robot
 from sim.engine.geometry import MARGIN, body, clearances
@@ -159,3 +160,43 @@ def test_each_joint_goes_as_far_as_one_of_its_limits_lets_it():
     )
     assert (used > 0.98).all()
     assert (used <= 1).all()
+
+
+PLACES = ((0.0, -0.6, 0.3, 0.0, 0.5, 0.0), (0.8, -0.2, -0.2, 0.4, -0.5, 1.0))
+
+
+def going_round(duration, rounds, places=PLACES):
+    return TrajectorySpec("move_stop_move", duration, rounds, 0, places)
+
+
+def test_given_places_are_gone_round_after_a_stand_that_fills_the_time():
+    made = make_plan(ROBOT, going_round(8.0, 3))
+    stand = 8.0 - 3 * made.period
+    assert stand > 0
+    t = np.linspace(0, stand, 50)
+    q, qd, _ = made.curve(t)
+    assert (q == np.array(PLACES[0])).all()
+    assert (qd == 0).all()
+    rounds = [
+        made.curve(stand + made.period * (n + 0.3) * np.ones(1))[0] for n in (0, 2)
+    ]
+    np.testing.assert_allclose(*rounds, atol=1e-9)
+    np.testing.assert_allclose(made.curve(np.array([8.0]))[0][0], PLACES[0], atol=1e-9)
+
+
+@pytest.mark.parametrize(
+    ("spec", "message"),
+    [
+        (going_round(8.0, 12), "12 rounds of .* do not fit into 8 s"),
+        (
+            going_round(8.0, 1, PLACES[:1]),
+            "expected 2 or more places of 6 angles, got 1",
+        ),
+        (going_round(8.0, 1, ((0.0,), (1.0,))), r"got 2 of \[1\]"),
+        (going_round(8.0, 1, (PLACES[0], (np.nan, *PLACES[1][1:]))), "finite numbers"),
+        (TrajectorySpec("welding", 8.0, 1, 0, PLACES), "welding has no coefficients"),
+    ],
+)
+def test_places_that_cannot_be_gone_round_are_refused(spec, message):
+    with pytest.raises(InputError, match=message):
+        make_plan(ROBOT, spec)
