@@ -209,6 +209,7 @@ def validate(
     seeds: int = 0,
     encoder_step: float = AS_MEASURED.encoder_step,
     rise: float = AS_MEASURED.rise,
+    report: str | None = None,
 ) -> None:
     """Try a model on runs of the store, without fitting anything.
 
@@ -239,8 +240,10 @@ def validate(
             rate of the controller it says over which speed dry friction turns.
         rise: With a model: seconds in which a drive goes from nothing to its torque
             limit; friction turns at that torque rate at most. 0 for none.
+        report: HTML page to write.
     """
-    place, console = store_folder(asked.store), Console()
+    out, place = Outputs({"--report": report}), store_folder(asked.store)
+    console, found, done = out.console, {}, None
     check_between("--seeds", seeds, 0, 1000)
     check_between("--encoder-step", encoder_step, 1e-9, 0.1)
     check_between("--rise", rise, 0, 10)
@@ -251,6 +254,7 @@ def validate(
     for run in runs:
         each = replace(asked, run=run, store=place, model=choice.diagnosis)
         id, made = trial.validate(each)
+        found[run] = made
         stored = f"stored in {shown(place)}: modelgap show {id}"
         told = experiments.meaning(made)
         tables = experiments.validation(made), experiments.both_ways(made)
@@ -262,6 +266,8 @@ def validate(
             id, done = track(drive, bar)
         stored = f"stored in {shown(place)}: modelgap show {id}"
         show(console, *experiments.tracking(done), stored)
+    out.write({"--report": lambda: experiments.validation_page(found, done)})
+    out.finish()
 
 
 def trajectory(

@@ -1,13 +1,15 @@
 """Experiments and the motions they are of: validations, drives by a model, plans."""
 
 import io
+from collections.abc import Mapping
 
 import numpy as np
 from matplotlib.axes import Axes
 
-from flows.report.document import Strong, Table
+from flows.report.document import Document, Section, Strong, Table
 from flows.report.figures.look import JOINTS
 from flows.report.figures.paper import SOFT, blank, figure_style, rule
+from flows.report.page import render_document
 from flows.steps.track import LOOP, MODEL, NOMINAL, Gain, Tracked
 from flows.steps.validate import Validation
 from residual.robot.robot import Robot
@@ -23,6 +25,11 @@ _CELLS = {
     "+ both": "",
     "computed torque": LOOP,
 }
+_BOTH = (
+    "Torque of the logged motion (τ), acceleration of the logged torque (q̈), each as "
+    "per cent of what was measured where the joint moves; M(q) is the mass matrix, its "
+    "least eigenvalue over random poses of the workspace (G2017, section 1.3)."
+)
 _UNITS = {
     "rms": (1e3, "mrad"),
     "peak": (1e3, "mrad"),
@@ -91,6 +98,40 @@ def meaning(made: Validation) -> str:
         f"{most + 1} where the arm's own leaves {arm:.3g}: about the "
         "difference is what a better model can gain."
     )
+
+
+def validation_page(
+    made: Mapping[str, Validation], driven: Tracked | None = None
+) -> str:
+    """Return the page of validations.
+
+    Args:
+        made: What was found, by run.
+        driven: Drives by a model, where there were some.
+    """
+    sections = [
+        Section(f"run-{run}", f"Run {run[:8]}", _both_parts(each), _BOTH)
+        for run, each in made.items()
+    ]
+    if driven is not None:
+        sections.append(Section("driven", "Driven by the model", tracking(driven)))
+    first, *more = (meaning(each) for each in made.values())
+    notes = dict.fromkeys(note for each in made.values() for note in each.notes)
+    return render_document(
+        Document(
+            title="modelgap validation",
+            about="modelgap validation",
+            headline=first,
+            lead=more,
+            sections=sections,
+            warnings=tuple(notes),
+            warned="To be known",
+        )
+    )
+
+
+def _both_parts(made: Validation) -> list[Table]:
+    return [both_ways(made), validation(made)]
 
 
 def tracking(made: Tracked) -> list[str | Table]:

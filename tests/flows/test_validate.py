@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 
 from flows.cli import main
+from flows.report import experiments
 from flows.report.experiments import meaning
 from flows.requests import Validate
 from flows.specs.experiment import experiment_of
@@ -239,6 +240,17 @@ def test_the_command_prints_a_table_and_what_it_means(made, loaded, capsys):
     assert f"modelgap show {loaded[0]}" in shown
     assert main([*words, "--window", "0"]) == 2
     assert "--window 0" in capsys.readouterr().err
+
+
+def test_the_page_has_both_ways_of_every_model(made, loaded, tmp_path):
+    page = tmp_path / "out.html"
+    page.write_text(experiments.validation_page({made[1]: loaded[1]}))
+    text = page.read_text()
+    assert "Run " + made[1][:8] in text
+    true = loaded[1].models["true"]
+    for share in (*true.torque, *true.acceleration):
+        assert f"{share:.2f}" in text
+    assert f"{true.least_mass:.2g} kg m²" in text
 
 
 def test_one_sentence_says_what_it_means(loaded):
