@@ -71,7 +71,9 @@ def _of_project() -> str:
 
 def cores() -> int:
     """Return the number of cores that this process may use."""
-    return len(os.sched_getaffinity(0))
+    if hasattr(os, "sched_getaffinity"):
+        return len(os.sched_getaffinity(0))
+    return os.cpu_count() or 1  # Windows and macOS tie no process to some
 
 
 def is_loopback(host: str) -> bool:

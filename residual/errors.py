@@ -22,6 +22,13 @@ class RecordingError(InputError):
     """The samples of a log are not usable."""
 
 
+class NotAnIdError(InputError):
+    """A word is not the id of a record; ``args[1]`` is the word."""
+
+    def __str__(self) -> str:
+        return str(self.args[0])
+
+
 class UnknownNameError(InputError):
     """A name is not known; the message gives the nearest one that is."""
 
@@ -121,3 +128,34 @@ def check_nesting(content: Content, where: str) -> Content:
         if not level:
             return content
     raise InputError(f"{where} is nested too deep, expected up to {DEEPEST} levels.")
+
+
+# Packages that not every machine has: what each is, and what to do without it.
+LACKING = {
+    "pybullet": (
+        "PyBullet, the engine of simulated arms, which is there for Python 3.11 on "
+        "Linux (x86_64)",
+        "Simulate with such a Python; logs are diagnosed without",
+    ),
+    "prefect": (
+        "Prefect, the scheduler, which is there for Python 3.11 to 3.13 on Linux and "
+        "macOS",
+        "Schedule with such a Python; logs are diagnosed without",
+    ),
+    "fcntl": ("locks of files as Linux and macOS have them", "Use one of these"),
+    "pinocchio": (
+        "Pinocchio, the dynamics of arms, which pip has for Linux and macOS and "
+        "conda-forge for Windows too",
+        "Install it: pip install pin, or conda install -c conda-forge pinocchio",
+    ),
+}
+
+
+def not_installed(module: str) -> InputError:
+    """Return the error for a package that not every machine has.
+
+    Args:
+        module: Name of its module, one of `LACKING`.
+    """
+    what, cure = LACKING[module]
+    return InputError(f"This needs {what}; it is not installed here. {cure}.")

@@ -56,6 +56,8 @@ NAMED_BY_FILES = ("residual/effects/", "sim/effects/")
 # loaded before its settings are known; thirty in all.
 LATE = {
     "warehouse/logs/ros.py": {"mcap", "mcap_ros2", "rosbags"},
+    # It has no wheel but for one Python on one system.
+    "sim/engine/bullet.py": {"pybullet"},
     "flows/workers/runner.py": {"distributed"},
     "warehouse/bucket.py": {"botocore", "obstore"},
     # Its library is a slow import, and of no use to a store in a folder.

@@ -10,7 +10,7 @@ from typing import Any
 
 import numpy as np
 
-from residual.errors import InputError, check_name
+from residual.errors import InputError, NotAnIdError, check_name
 from warehouse.schema import KINDS, SEALED
 
 Array = np.ndarray
@@ -104,9 +104,10 @@ def data_hash(arrays: Mapping[str, Array]) -> str:
 def check_id(text: str) -> str:
     """Return an id, or its beginning, if it is safe to use in a path."""
     if not _ID.fullmatch(str(text)):
-        raise InputError(
+        raise NotAnIdError(
             f"'{text}' is not an id: expected up to {ID_DIGITS} hex digits, as "
-            "'modelgap runs' lists them."
+            "'modelgap runs' lists them.",
+            str(text),
         )
     return text
 

@@ -18,9 +18,20 @@ from cyclopts import App, CycloptsError, Group
 from rich.console import Console
 
 from flows.outputs import check_writable, json_text, say, write_all
-from residual.errors import LINE, InputError, ModelgapError, RunError, plain, shortened
+from residual.errors import (
+    LACKING,
+    LINE,
+    InputError,
+    ModelgapError,
+    NotAnIdError,
+    RunError,
+    not_installed,
+    plain,
+    shortened,
+)
 from residual.lazy import Lazy
 
+documents = Lazy("residual.model.record")
 origin = Lazy("warehouse.provenance")
 
 _HELP = """Find what a robot's dynamic model is missing.
@@ -265,6 +276,13 @@ _NO_SPACE = "No space left"  # where a library gives no number
 _NO_NAME = (errno.ENAMETOOLONG, errno.ELOOP)  # no file can be called so
 _LOOP = "Symlink loop"  # what pathlib says, up to Python 3.12, without a number
 _WORD = re.compile(rf"\S{{{2 * LINE},}}")
+_INSTEAD = {
+    "a verdict": "what is stored of a diagnosis of runs has an id: modelgap sql "
+    "'SELECT diagnosis_id FROM diagnoses'.",
+    "a model": "modelgap predict, export and track take such a file, with --model or "
+    "by its place.",
+    None: "a log becomes a run with an id by modelgap import.",
+}
 TRACEBACK = "MODELGAP_TRACEBACK"
 
 
@@ -295,8 +313,9 @@ def main(words: Sequence[str] | None = None) -> int:
 def _explain(error: Exception) -> int:
     if os.environ.get(TRACEBACK):
         traceback.print_exception(error)
+    error = _lacking(error) or error
     if isinstance(error, ModelgapError):
-        return _say(str(error), 2)
+        return _say(f"{error}{_of_file(error)}", 2)
     if isinstance(error, RunError):
         return _say(str(error), 1)
     if isinstance(error, CycloptsError):
@@ -323,6 +342,27 @@ def _explain(error: Exception) -> int:
             1,
         )
     return _say(f"unexpected failure: {what}\nSet {TRACEBACK}=1 to see where.", 1)
+
+
+def _of_file(error: ModelgapError) -> str:
+    """Return what to add where a word that is no id is the name of a file."""
+    if not isinstance(error, NotAnIdError):
+        return ""
+    try:
+        kind = documents.held_in(error.args[1])
+    except (OSError, ValueError):
+        return ""
+    return f"\nIt is a file that holds {kind}; {_INSTEAD.get(kind, _INSTEAD[None])}"
+
+
+def _lacking(error: BaseException | None) -> Exception | None:
+    """Return what to say where a package that not every machine has is behind it."""
+    while error is not None:
+        if isinstance(error, ModuleNotFoundError):
+            name = (error.name or "").partition(".")[0]
+            return not_installed(name) if name in LACKING else None
+        error = error.__cause__
+    return None
 
 
 def _say(text: str, code: int) -> int:

@@ -13,6 +13,8 @@ page = Lazy("flows.report.next")
 origin = Lazy("flows.report.page")
 terminal = Lazy("flows.report.diagnosis")
 verdict = Lazy("residual.diagnosis.verdict")
+result = Lazy("residual.diagnosis.result")
+kept = Lazy("residual.model.record")
 
 
 def diagnose(
@@ -20,6 +22,7 @@ def diagnose(
     asked: Diagnose,
     report: str | None = None,
     json: str | None = None,
+    save_model: str | None = None,
     verbose: Flag = False,
 ) -> None:
     """Name what the model of a robot lacks, from its logs.
@@ -56,6 +59,8 @@ def diagnose(
             FILE@60%: the last 40 percent.
         report: HTML page to write.
         json: File for the verdict as JSON; "-" prints it and nothing else.
+        save_model: File for the model with what was found, which predict, export and
+            track take.
         verbose: List the effects that these logs could not tell apart.
     """
     request = replace(asked, logs=logs)
@@ -63,7 +68,8 @@ def diagnose(
     request = replace(request, model=choice.diagnosis)
     words = (*logs, *request.baseline, *request.held_out, request.robot)
     inputs = read_files(words, request.columns, request.null)
-    out = Outputs({"--report": report, "--json": json}, inputs)
+    files = {"--report": report, "--json": json, "--save-model": save_model}
+    out = Outputs(files, inputs)
     read = steps.read_logs(request)
     out.say(*read.lines[:1], *choice.lines, *read.lines[1:])
     stored = steps.as_stored(read)
@@ -75,7 +81,14 @@ def diagnose(
     def written() -> str:
         return page.page_with_motion(found, origin.of_request(request, str(report)))
 
-    out.write({"--report": written}, lambda: verdict.to_json(found.verdict))
+    out.write(
+        {"--report": written, "--save-model": lambda: _model(found)},
+        lambda: verdict.to_json(found.verdict),
+    )
     terminal.print_diagnosis(found, out.console, verbose)
     kept = steps.keep(request, stored, found)[0] if stored else None
     out.finish(*([f"stored as a diagnosis: modelgap show {kept}"] if kept else []))
+
+
+def _model(found: "result.Diagnosis") -> str:
+    return kept.to_text(found.models["augmented"])

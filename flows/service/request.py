@@ -5,13 +5,14 @@ import os
 import socket
 import sys
 from dataclasses import dataclass
+from importlib.util import find_spec
 from pathlib import Path
 from urllib.parse import urlsplit
 
 from flows.project.read import Project
 from flows.service.state import CLIENT, SERVER, Running, store_key
 from flows.settings import API, PAGES, ROOT, STORE, is_loopback, quiet_prefect
-from residual.errors import InputError
+from residual.errors import InputError, not_installed
 
 DATABASE = "MODELGAP_DATABASE_URL"
 PORT = 4200
@@ -49,6 +50,13 @@ class ServiceRequest:
     project: Project | None = None
 
 
+def _has_scheduler() -> bool:
+    try:
+        return find_spec("prefect") is not None
+    except ModuleNotFoundError:
+        return False
+
+
 def checked(request: ServiceRequest) -> None:
     """Refuse what cannot be, or what must be said twice.
 
@@ -64,6 +72,8 @@ def checked(request: ServiceRequest) -> None:
     if request.database is not None:
         database_url(request.database)
     check_host(request.host or "127.0.0.1", request.trust_network)
+    if not _has_scheduler():
+        raise not_installed("prefect")
 
 
 def check_host(host: str, trust_network: bool) -> None:

@@ -14,6 +14,7 @@ from residual.recording import Array
 from residual.signals.logs import CHOICES
 
 SLOWEST = 1e-3  # Hz: a period of a quarter of an hour is no filter of a motion
+LARGEST = 64 << 20  # bytes of a file whose kind is still asked for
 FASTEST = 1e6  # Hz: no controller logs faster, and memory grows with it
 
 
@@ -95,6 +96,11 @@ def to_record(model: Model | Corrected) -> dict:
     return model.to_record()
 
 
+def to_text(model: Model | Corrected) -> str:
+    """Return a model as the text of a file, which ``load_model`` reads."""
+    return json.dumps(to_record(model), allow_nan=False) + "\n"
+
+
 def from_record(record: Mapping) -> Model | Corrected:
     """Return the model of a record.
 
@@ -126,4 +132,31 @@ def load_model(path: str | Path) -> Model | Corrected:
             f"{path} is not the file of a model. Expected what Model.save wrote."
         )
     check_nesting(content, str(path))
+    kind = _kind(content)
+    if kind != "a model":
+        raise InputError(
+            f"{path} holds {kind}, expected a model: modelgap diagnose --save-model "
+            "FILE or Model.save writes one, and a stored diagnosis has one by its id."
+        )
     return from_record(content)
+
+
+def held_in(path: str | Path) -> str:
+    """Return what a file of ours holds: "a model", "a verdict" or "something else".
+
+    Raises:
+        OSError: If there is no such file, or it cannot be read.
+    """
+    with Path(path).open("rb") as file:
+        data = file.read(LARGEST + 1)
+    try:
+        content = json.loads(data.decode()) if len(data) <= LARGEST else None
+    except (ValueError, RecursionError):
+        content = None
+    return _kind(content if isinstance(content, dict) else {})
+
+
+def _kind(content: Mapping) -> str:
+    if "tables" in content or "form" in content:
+        return "a model"
+    return "a verdict" if {"verdict", "effects"} <= set(content) else "something else"

@@ -16,6 +16,7 @@ from typing import Self
 import numpy as np
 import pinocchio as pin
 
+from residual.errors import not_installed
 from residual.recording import Array
 
 _FREE = 1e3  # rad and rad/s: limits that nothing reaches
@@ -105,8 +106,25 @@ def silence() -> Iterator[None]:
         os.close(sink)
 
 
-with silence():
-    import pybullet as bullet
+class _Bullet:
+    """PyBullet, loaded with the first arm that is put into it.
+
+    Elsewhere than on Linux with Python 3.11 it is not installed, and what needs no
+    simulated arm goes without.
+    """
+
+    def __getattr__(self, name: str):
+        try:
+            with silence():
+                import pybullet
+        except ImportError as error:
+            raise not_installed("pybullet") from error
+        # From here on names are found without a detour.
+        vars(self).update(vars(pybullet))
+        return getattr(pybullet, name)
+
+
+bullet = _Bullet()
 
 
 class _Client:

@@ -17,6 +17,7 @@ from residual.diagnosis.findings import Named
 from residual.diagnosis.result import Diagnosis, Verdict
 from residual.errors import InputError, check_nesting
 from residual.evidence.fit import Fit
+from residual.model.record import held_in
 from residual.planning.question import (
     Question,
     Wish,
@@ -159,7 +160,13 @@ def read_verdict_file(path: Path) -> Verdict:
         raise InputError(f"{path.name} is no JSON: {error}.") from error
     if not isinstance(document, dict):
         raise InputError(f"{path.name} has no verdict: expected a JSON object.")
-    return checked_verdict(check_nesting(document, path.name))
+    check_nesting(document, path.name)
+    if held_in(path) == "a model":
+        raise InputError(
+            f"{path.name} holds a model, expected a verdict: the file of modelgap "
+            "diagnose --json, or the id of a diagnosis."
+        )
+    return checked_verdict(document)
 
 
 def _names(verdict: Verdict) -> set:

@@ -1,0 +1,65 @@
+"""A verdict, a model and an id are told apart by every command that takes one."""
+
+import shutil
+
+import numpy as np
+import pytest
+
+from flows.cli import main
+from residual.model.record import held_in, load_model
+from tests.checkout import ROOT
+from tests.residual.test_model_record import model_of
+from warehouse.commit import commit_run
+
+HAS_NO_MODEL = "holds a verdict, expected a model"
+FILE = {"p.json": "It is a file that holds a verdict", "m.json": "that holds a model"}
+CASES = {
+    "export p.json --to urdf --out o": HAS_NO_MODEL,
+    "predict A.csv --model p.json": HAS_NO_MODEL,
+    "next m.json A.csv --robot irb140": "holds a model, expected a verdict",
+    **{f"view A.csv --verdict {name}": said for name, said in FILE.items()},
+    **{f"adopt {name}": said for name, said in FILE.items()},
+    **{f"show {name}": said for name, said in FILE.items()},
+    **{f"rerun {name}": said for name, said in FILE.items()},
+    **{f"diff {name} {name}": said for name, said in FILE.items()},
+    **{f"identify A.csv --robot irb140 --model {n}": s for n, s in FILE.items()},
+    **{f"diagnose A.csv --robot irb140 --model {n}": s for n, s in FILE.items()},
+    "show A.csv": "a log becomes a run with an id by modelgap import",
+}
+
+
+@pytest.fixture
+def folder(tmp_path, monkeypatch):
+    """A verdict p.json, a model m.json, a log A.csv and a store."""
+    monkeypatch.chdir(tmp_path)
+    shutil.copy(ROOT / "tests" / "frozen" / "effects.json", "p.json")
+    shutil.copy(ROOT / "examples" / "hidden" / "fit_1.csv", "A.csv")
+    model_of(["viscous"]).save("m.json")
+    rng = np.random.default_rng(1)
+    import modelgap as mg
+
+    log = mg.Recording("", "irb140", np.arange(50) / 100, *rng.normal(size=(2, 50, 6)))
+    commit_run(tmp_path / "store", log, {"spec": {"robot": "irb140"}})
+    return tmp_path
+
+
+@pytest.mark.parametrize("words", CASES)
+def test_a_file_where_something_else_is_meant_is_called_what_it_is(
+    folder, words, capsys
+):
+    assert main(words.split()) == 2
+    said = " ".join(capsys.readouterr().err.split())
+    assert CASES[words] in said
+    assert "of form" not in said
+
+
+def test_an_id_that_is_none_is_told_without_a_file(folder, capsys):
+    assert main(["show", "none.json"]) == 2
+    assert "It is a file" not in capsys.readouterr().err
+
+
+def test_a_file_is_known_by_what_is_in_it(folder):
+    assert held_in("p.json") == "a verdict"
+    assert held_in("m.json") == "a model"
+    assert held_in("A.csv") == "something else"
+    assert load_model("m.json").robot.dof > 0
