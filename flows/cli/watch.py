@@ -13,7 +13,7 @@ from flows.cli.app import STDOUT, Outputs
 from flows.inputs.stream import GrowingFile, StandardInput
 from flows.outputs import progress_bar, say
 from flows.report.console import show
-from flows.report.figures.look import plot as draw
+from flows.report.figures.scores import plot as draw
 from flows.report.monitoring import (
     WEAR_KEY,
     alarm_line,

@@ -9,8 +9,10 @@ import pyarrow as pa
 
 from flows.settings import store_folder
 from residual.errors import InputError
-from warehouse.query import store as query
+from residual.lazy import Lazy
 from warehouse.query.named import NAMED
+
+query = Lazy("warehouse.query.store")
 
 # A finished table: rows of named columns, to read, print and hand on.
 
@@ -115,7 +117,7 @@ class Store:
         path: Its folder.
     """
 
-    def __init__(self, opened: query.Store) -> None:
+    def __init__(self, opened: "query.Store") -> None:
         self._opened = opened
         self.path = opened.path
 

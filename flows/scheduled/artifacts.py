@@ -29,7 +29,7 @@ from flows.project.deployments import (
     STORED,
     resource,
 )
-from flows.report.figures.look import plot as draw
+from flows.report.figures.scores import plot as draw
 from flows.report.monitoring import meaning
 from flows.report.night.look import title_of
 from flows.report.words.calibration import sentences

@@ -6,7 +6,7 @@ import numpy as np
 from matplotlib.figure import Figure
 from PIL import Image
 
-from flows.report.figures.look import _mark, plot
+from flows.report.figures.scores import _mark, plot
 from residual.monitoring.monitor import Alarm
 
 
