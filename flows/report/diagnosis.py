@@ -28,9 +28,9 @@ from flows.report.words.rows import (
     FindingRow,
     means,
     missing_torque,
-    size_of,
     sure,
 )
+from flows.report.words.sizes import size_of
 from flows.report.words.verdict import headline, rising, sentences
 from residual import quantity
 from residual.diagnosis.result import PLAIN, STAGES, Diagnosis, Verdict
@@ -49,7 +49,7 @@ def tiles_of(found: Diagnosis, named: list[FindingRow]) -> list[Tile]:
 
 
 def _one_size(found: Diagnosis, named: list[FindingRow]) -> list[Tile]:
-    name, value = size_of(found.effects[0])
+    name, value = size_of(found.effects[0], found.verdict)
     return [Tile(sentence_case(name), value, f"of {named[0].title}")] if name else []
 
 

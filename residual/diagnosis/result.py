@@ -11,6 +11,8 @@ from residual.model.compare import Cloud, LogProof
 from residual.model.corrected import Corrected
 from residual.model.model import Model
 from residual.quantity import measured, percent
+from residual.robot.dynamics import flange_frame
+from residual.robot.robot import Robot
 
 Number = float | None  # None where it is not known
 
@@ -156,6 +158,25 @@ class Alternative:
     set: tuple[Place, ...]
     nats: Number
     separated_by: str
+
+
+@dataclass(frozen=True, slots=True)
+class Frames:
+    """What the URDF calls the joints, and the frame at the flange.
+
+    Attributes:
+        joints: Joint 1 first.
+        flange: The last frame behind the last joint: vectors of a load are in its axes.
+    """
+
+    joints: tuple[str, ...]
+    flange: str
+
+    @classmethod
+    def of(cls, robot: Robot) -> "Frames":
+        """What the URDF of a robot has."""
+        flange = robot.model.frames[flange_frame(robot.model)].name
+        return cls(tuple(list(robot.model.names)[1:]), flange)
 
 
 STAGES = ("nominal", "identified", "augmented", "plsr")
@@ -340,6 +361,7 @@ class Verdict:
         edit: What is left of each effect, taken out again; None without a baseline.
         bodies: What of the free fit no body can be, and what the nearest possible one
             costs; None where every body can exist.
+        frames: What joints and flange are called in the URDF; None in older records.
     """
 
     robot: str
@@ -360,6 +382,7 @@ class Verdict:
     alternatives: tuple[Alternative, ...] = ()
     edit: tuple[Edit, ...] | None = None
     bodies: Moved | None = None
+    frames: Frames | None = None
 
     @property
     def trusted(self) -> bool:

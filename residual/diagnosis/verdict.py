@@ -18,6 +18,7 @@ from residual.diagnosis.result import (
     ErrorTables,
     Evidence,
     Finding,
+    Frames,
     Parameter,
     Place,
     Splits,
@@ -57,6 +58,7 @@ def to_json(verdict: Verdict) -> dict:
             "alternatives": [asdict(a) for a in verdict.alternatives],
             "edit": None if verdict.edit is None else [asdict(e) for e in verdict.edit],
             "bodies": verdict.bodies and asdict(verdict.bodies),
+            "frames": verdict.frames and asdict(verdict.frames),
         }
     )
 
@@ -101,6 +103,7 @@ def from_json(document: Mapping) -> Verdict:
             alternatives=tuple(map(_read_set, document.get("alternatives", ()))),
             edit=_read_edit(document.get("edit")),
             bodies=_read_bodies(document.get("bodies")),
+            frames=_read_frames(document.get("frames")),
         )
     except (AttributeError, KeyError, TypeError) as error:
         raise InputError(f"This is no whole verdict: {shown(error)}.") from error
@@ -135,6 +138,10 @@ def _read_bodies(entry: Mapping | None) -> Moved | None:
     if entry is None:
         return None
     return Moved(tuple(entry["bodies"]), tuple(entry["price"]), entry["chance"])
+
+
+def _read_frames(entry: Mapping | None) -> Frames | None:
+    return None if entry is None else Frames(tuple(entry["joints"]), entry["flange"])
 
 
 def _effect(finding: Finding) -> dict:

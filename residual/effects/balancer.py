@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from residual.effects.base import Effect, against_position, formula, local
+from residual.effects.base import Effect, against_position, formula, local, wave
 
 MOST = 3.0  # times the joint's torque
 
@@ -30,4 +30,5 @@ EFFECT = Effect(
     variable=against_position,
     possible=_possible,
     portable=formula("a[0] * sin(q) + a[1] * cos(q)"),
+    told=wave(0, 1, "N m"),
 )

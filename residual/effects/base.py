@@ -257,6 +257,9 @@ class Effect:
             where no one variable explains it, as with all that has inertia: then what
             was measured of it is drawn against what it explains, joint by joint.
         portable: How it is said in other programs.
+        frame: What its vectors are in, in words; ``{flange}`` is the URDF's name of it.
+        told: (values) -> the same as people say them, value and unit by name, such as
+            amplitude and angle; None where the parameters themselves do.
     """
 
     name: str
@@ -307,6 +310,8 @@ class Effect:
         f"qd{j + 1} [rad/s]",
     )
     portable: Portable = NOWHERE
+    frame: str = ""
+    told: Callable[[Array], Mapping[str, tuple[float, str]]] | None = None
 
     @property
     def law(self) -> str:
@@ -345,6 +350,25 @@ def local(feature: Callable[[State, int, Shape], Sequence[Array]]) -> Columns:
         return np.column_stack(feature(state, joint, shape))[:, None, :]
 
     return columns
+
+
+def wave(sin: int, cos: int, unit: str) -> Callable[[Array], Mapping]:
+    """Tell a wave over the position by its amplitude, and where it is largest.
+
+    Args:
+        sin, cos: Which of the values these are.
+        unit: Of both.
+    """
+
+    def told(values: Array) -> Mapping[str, tuple[float, str]]:
+        s, c = values[sin], values[cos]
+        largest = float(np.rad2deg(np.arctan2(s, c)))
+        return {
+            "amplitude": (float(np.hypot(s, c)), unit),
+            "largest at": (largest, "°"),
+        }
+
+    return told
 
 
 def against(signal: str, label: str) -> Callable[[State, int], tuple[Array, str]]:

@@ -36,4 +36,5 @@ EFFECT = Effect(
     variable=None,
     possible=lambda theta, shape, limits: bool(np.hypot(*theta) < MOST),
     portable=Portable(gravity=_gravity),
+    frame="about the axes of the base",
 )

@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from residual.effects.base import Effect, Portable, turned
+from residual.effects.base import Effect, Portable, turned, wave
 
 MOST = 0.2  # rad
 SHIFT = (
@@ -40,4 +40,5 @@ EFFECT = Effect(
     variable=None,
     possible=lambda theta, shape, limits: bool(np.hypot(*theta) < MOST),
     portable=Portable(shift=SHIFT),
+    told=wave(1, 0, "rad"),
 )

@@ -124,4 +124,5 @@ EFFECT = Effect(
     variable=None,
     possible=_possible,
     portable=Portable(bodies=_bodies),
+    frame="in the axes of {flange}, from its origin; inertia about the centre",
 )

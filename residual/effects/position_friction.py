@@ -7,6 +7,7 @@ from residual.effects.base import (
     against_position,
     formula,
     local,
+    wave,
     within_torque,
 )
 
@@ -29,4 +30,5 @@ EFFECT = Effect(
     brakes=True,
     in_any_arm=lambda span, j: ((),),
     portable=formula("sign * (a[0] * cos(q) + a[1] * sin(q))"),
+    told=wave(1, 0, "N m"),
 )

@@ -35,4 +35,5 @@ EFFECT = Effect(
     variable=None,
     possible=_possible,
     portable=Portable(force=np.array),
+    frame="in the axes of the base",
 )

@@ -13,6 +13,7 @@ from residual.diagnosis.result import (
     ErrorTables,
     Evidence,
     Finding,
+    Frames,
     Parameter,
     Place,
     Unexplained,
@@ -147,6 +148,7 @@ def conclude(
         next_experiment=None,
         warnings=_warnings(found, error.same_run),
         drift=_drift(found),
+        frames=Frames.of(robot),
         changes=tuple(values_that_changed(*epochs, found)),
     )
 

@@ -80,14 +80,14 @@ EFFECT |= {"combinations", "evidence"}
 FORM = {
     "": "schema robot declared verdict effects minimum_detectable unexplained error "
     "nominal_scale next_experiment warnings log_check contradictions drift background "
-    "changes alternatives edit bodies",
+    "changes alternatives edit bodies frames",
     "unexplained": "joints fraction noise_floor depends_on kind per_joint noise_model",
     "error": "metric filter logs same_run worse " + " ".join(TABLES),
 }
 FORM = {part: set(keys.split()) for part, keys in FORM.items()}
 EVIDENCE = {"nats", "by", "held_out", "held_out_gain", "p_value", "splits"}
 LATER = {"log_check", "contradictions", "drift", "background", "changes"}
-LATER |= {"alternatives", "edit", "bodies"}  # of later versions
+LATER |= {"alternatives", "edit", "bodies", "frames"}  # of later versions
 DEPENDENCE = {"joint", "on", "of", "form", "share", "frequency"}
 EXPECTED = {
     "none": "none",

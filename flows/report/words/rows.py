@@ -2,11 +2,13 @@
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from textwrap import wrap
 from typing import NamedTuple
 
 import numpy as np
 
 from flows.report.words.phrases import alternatives, noun, phrase, place, sentence_case
+from flows.report.words.sizes import frame_words, named_joints, sizes
 from flows.report.words.verdict import held_out_words
 from residual.diagnosis.result import (
     Diagnosis,
@@ -14,12 +16,12 @@ from residual.diagnosis.result import (
     Number,
     PerJoint,
     Splits,
+    Verdict,
 )
 from residual.effects import registry
 from residual.model.compare import Cloud
-from residual.quantity import MISSING, fraction, known, measured, number, unit_text
+from residual.quantity import MISSING, fraction, known, number
 
-_OPEN = "not determined"
 METRICS = {"moving": "moving", "filtered": "filtered", "held_out": "as logged"}
 
 
@@ -44,6 +46,7 @@ class FindingRow:
     joints: tuple[int, ...]
     sentence: str
     parameters: tuple[ParameterRow, ...]
+    frame: str
     probability: Number
     nats: str
     by: str
@@ -85,7 +88,7 @@ def findings(found: Diagnosis) -> list[FindingRow]:
     """Return the findings, most important first."""
     said = dict(enumerate(found.sentences))
     return [
-        _finding(effect, said.get(i, ""), found.verdict.dof)
+        _finding(effect, said.get(i, ""), found.verdict)
         for i, effect in enumerate(found.effects)
     ]
 
@@ -128,20 +131,22 @@ def parameter_lines(finding: FindingRow, width: int) -> list[str]:
         for one in mine:
             joint = "" if one.joint is None else f"J{one.joint} "
             lines.append(f"  {joint}{one.text}")
-    return lines
+    return [*lines, *wrap(finding.frame, width)]
 
 
-def _finding(effect: Finding, sentence: str, dof: int) -> FindingRow:
-    evidence = effect.evidence
+def _finding(effect: Finding, sentence: str, verdict: Verdict) -> FindingRow:
+    evidence, dof, frames = effect.evidence, verdict.dof, verdict.frames
+    called = named_joints(effect.joints, frames)
     return FindingRow(
         name=effect.name,
         order=str(effect.order),
-        title=phrase(effect, dof),
+        title=phrase(effect, dof) + (f" ({called})" if called else ""),
         noun=noun(effect.name),
         place=place(effect, dof),
         joints=effect.joints,
         sentence=_full_stop(sentence),
-        parameters=tuple(_parameters(effect)),
+        parameters=tuple(_parameters(effect, verdict)),
+        frame=frame_words(effect, frames),
         probability=effect.probability,
         nats=number(evidence.nats),
         by=evidence.by or "",
@@ -164,15 +169,8 @@ def _full_stop(sentence: str) -> str:
     return text if not text or text[-1] in ".!?" else f"{text}."
 
 
-def _parameters(effect: Finding) -> list[ParameterRow]:
-    rows = []
-    for key, parameter in effect.parameters.items():
-        name, unit = key.replace("_", " "), parameter.unit
-        many = isinstance(parameter.value, tuple)
-        joints = effect.joints if many else (None,)
-        for joint, (value, std) in zip(joints, parameter.pairs, strict=True):
-            text = measured(value, std, unit) if parameter.determined else _OPEN
-            rows.append(ParameterRow(name, joint, text))
+def _parameters(effect: Finding, verdict: Verdict) -> list[ParameterRow]:
+    rows = [ParameterRow(o.name, o.joint, o.text) for o in sizes(effect, verdict)]
     for formula, parameter in effect.combinations.items():
         rows.append(ParameterRow(formula, None, str(parameter)))
     return rows
@@ -226,24 +224,6 @@ def means(found: Diagnosis, row: FindingRow) -> str:
         for one in lacking
     ]
     return f"Without it the predicted torque is off {' and '.join(parts)}."
-
-
-def size_of(finding: Finding) -> tuple[str, str]:
-    """Return (parameter, value) of the first one that the logs determine.
-
-    Of several joints the smallest and the largest value.
-    """
-    for key, parameter in finding.parameters.items():
-        values = [v for v, _ in parameter.pairs if known(v)]
-        if not parameter.determined or not values:
-            continue
-        name = key.replace("_", " ")
-        if len(values) == 1:
-            return name, measured(*parameter.pairs[0], parameter.unit)
-        low, high = min(values), max(values)
-        span = f"{number(low)} to {number(high)} {unit_text(parameter.unit)}"
-        return name, span.strip()
-    return "", MISSING
 
 
 def sure(probability: float | None) -> str:

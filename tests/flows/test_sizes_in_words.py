@@ -1,0 +1,137 @@
+"""Sizes as people say them: a change, a balancer, the frame of a vector, a joint."""
+
+import numpy as np
+import pytest
+
+from flows.report.diagnosis import tiles_of
+from flows.report.words.rows import findings
+from flows.report.words.sizes import named_joints, size_of, sizes, tells
+from residual.diagnosis.result import Diagnosis, Frames
+from residual.effects import registry
+from tests.verdict_documents import typed
+
+URDF = ("base_to_turret", "shoulder_lift", "joint_3", "j4", "axis_5", "wrist_roll")
+
+
+def verdict(name, joints, changes=(), declared=(), **parameters):
+    """A verdict with one finding: each parameter as (value, std, unit)."""
+    own = {
+        key: {"value": v, "std": s, "unit": unit, "determined": True}
+        for key, (v, s, unit) in parameters.items()
+    }
+    effect = {"name": name, "joints": list(joints), "parameters": own}
+    effect |= {"probability": 0.999, "evidence": {"held_out": "confirmed"}}
+    frames = {"joints": list(URDF), "flange": "tool0"}
+    part = {"effects": [effect], "changes": list(changes), "frames": frames}
+    return typed({**part, "declared": list(declared)})
+
+
+def change(name, joint, parameter, nominal, identified):
+    """An entry of the table of what the model was given."""
+    return {
+        "name": name,
+        "joints": [joint],
+        "parameter": parameter,
+        "nominal": nominal,
+        "identified": identified,
+        "std": 0.1,
+        "unit": "N m",
+        "sigma": 9.0,
+        "beyond": True,
+        "explained": True,
+    }
+
+
+def tile(said):
+    """The first tile of its report: label, value, and of what."""
+    found = Diagnosis(said)
+    return tiles_of(found, findings(found))[0]
+
+
+def test_a_balancer_is_an_amplitude_and_where_it_is_largest():
+    said = verdict("balancer", (2,), sin=(16.3, 0.4, "N m"), cos=(-5.0, 0.3, "N m"))
+    label, value, note = tile(said)
+    assert label == "Amplitude"
+    assert value == "17.05 ± 0.39 N m, largest at 107.1 ± 1.0 °"
+    assert note == "of a balancer on joint 2 (shoulder_lift)"
+
+
+@pytest.mark.parametrize("angle", [-2.8, -0.4, 0.0, 1.1, 3.0])
+def test_the_wave_is_largest_where_it_is_told_to_be(angle):
+    """a sin q + b cos q on a grid, against its amplitude and place in words."""
+    effect, q = registry()["balancer"], np.linspace(-np.pi, np.pi, 7201)
+    values = 4.0 * np.array([np.sin(angle), np.cos(angle)])
+    wave = values[0] * np.sin(q) + values[1] * np.cos(q)
+    told = effect.told(values)
+    assert told["amplitude"][0] == pytest.approx(wave.max(), rel=1e-6)
+    there = np.deg2rad(told["largest at"][0])
+    assert np.cos(there - q[np.argmax(wave)]) == pytest.approx(1, abs=1e-6)
+
+
+def test_a_change_is_told_from_what_to_what():
+    given = change("coulomb", 3, "level", 8.0, 13.1)
+    more = verdict("coulomb", (3,), [given], ["coulomb"], level=(4.99, 0.12, "N m"))
+    assert tile(more).value == "+4.99 ± 0.12 N m (8.0 → 13.0)"
+    less = verdict("coulomb", (3,), [given], ["coulomb"], level=(-4.99, 0.12, "N m"))
+    assert size_of(less.effects[0], less)[1] == "-4.99 ± 0.12 N m (8.00 → 3.01)"
+
+
+def test_what_the_model_lacks_is_no_change():
+    said = verdict("coulomb", (3,), level=(4.99, 0.12, "N m"))
+    assert tile(said).value == "4.99 ± 0.12 N m"
+
+
+def test_each_joint_has_its_own_change():
+    given = [change("coulomb", j, "level", 8.0 + j, 13.0) for j in (1, 2)]
+    said = verdict(
+        "coulomb",
+        (1, 2),
+        given,
+        ["coulomb"],
+        level=([4.0, 3.0], [0.1, 0.1], "N m"),
+    )
+    texts = [one.text for one in sizes(said.effects[0], said)]
+    assert texts == ["+4.00 ± 0.10 N m (9.0 → 13.0)", "+3.00 ± 0.10 N m (10.0 → 13.0)"]
+    assert size_of(said.effects[0], said)[1] == "+3 to +4 N m"
+
+
+def test_a_link_is_heavier_by_per_cent():
+    said = verdict("link_inertia", (3,), scale=(0.12, 0.03, "1"))
+    assert tile(said)[:2] == ("Mass and inertia", "+12.0 ± 3.0 %")
+
+
+def test_the_frame_of_a_load_is_named():
+    numbers = {"mass": (2.8, 0.1, "kg"), "com_x": (0.1, 0.02, "m")}
+    (row,) = findings(Diagnosis(verdict("payload", (6,), **numbers)))
+    assert row.frame.startswith("in the axes of tool0, from its origin")
+    assert row.title == "a payload at the flange (wrist_roll)"
+
+
+def test_what_is_not_determined_stays_open():
+    half = {"sin": (16.3, 0.4, "N m"), "cos": (None, None, "N m")}
+    said = verdict("balancer", (2,), **half)
+    assert size_of(said.effects[0], said) == ("sin", "16.30 ± 0.40 N m")
+
+
+def test_a_joint_is_called_where_its_name_says_more_than_its_number():
+    assert [tells(name, j) for j, name in enumerate(URDF, start=1)] == [
+        True,
+        True,
+        False,
+        False,
+        False,
+        True,
+    ]
+    frames = Frames(URDF, "tool0")
+    assert named_joints((1, 3, 6), frames) == "base_to_turret and wrist_roll"
+    assert named_joints((1, 2), None) == ""
+    assert not tells("panda_joint2", 2)
+
+
+def test_every_effect_tells_what_it_tells_in_numbers():
+    """Whatever its values are."""
+    for effect in registry().values():
+        assert effect.frame.format(flange="tool0").count("{") == 0
+        if effect.told:
+            told = effect.told(np.linspace(0.1, 0.2, len(effect.parameters)))
+            assert all(np.isfinite(v) and unit for v, unit in told.values())
