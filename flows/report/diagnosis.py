@@ -28,9 +28,9 @@ from flows.report.words.rows import (
     FindingRow,
     means,
     missing_torque,
+    size_of,
     sure,
 )
-from flows.report.words.sizes import size_of
 from flows.report.words.verdict import headline, rising, sentences
 from residual import quantity
 from residual.diagnosis.result import PLAIN, STAGES, Diagnosis, Verdict

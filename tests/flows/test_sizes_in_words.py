@@ -4,8 +4,7 @@ import numpy as np
 import pytest
 
 from flows.report.diagnosis import tiles_of
-from flows.report.words.rows import findings
-from flows.report.words.sizes import named_joints, size_of, sizes, tells
+from flows.report.words.rows import findings, named_joints, size_of, sizes, tells
 from residual.diagnosis.result import Diagnosis, Frames
 from residual.effects import registry
 from tests.verdict_documents import typed
