@@ -89,7 +89,7 @@ def source(
     logs = prepare_logs(robot, recordings, clock, filters)
     nominal = start_nominal(logs, names)
     made = examine(logs, nominal, RULES, _quiet)
-    whole = made.model(made.fit)
+    whole = made.model(made.fit).model
     truth = replace(
         whole,
         terms=whole.terms[: len(nominal.model.terms)],
