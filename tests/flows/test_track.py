@@ -10,11 +10,14 @@ from scipy.ndimage import maximum_filter1d
 
 from flows.cli import main
 from flows.report import experiments
+from flows.requests import Validate
 from flows.specs.experiment import experiment_of
 from flows.steps import experiment
 from flows.steps import rerun as reruns
 from flows.steps.experiment import settled, torque_of
+from flows.steps.rerun_records import again, apart
 from flows.steps.track import LOOP, MODEL, NOMINAL, Motion, Track, track, tracked
+from flows.steps.validate import validate
 from residual.effects import registry
 from residual.errors import InputError
 from residual.model.control import (
@@ -32,7 +35,7 @@ from sim.engine.records import Noise, PlantEffect, PlantSpec, TrajectorySpec
 from sim.plant.controller import maker_of
 from sim.trajectories import make_reference
 from warehouse.commit import commit_record
-from warehouse.layout import read_record
+from warehouse.layout import find, read_record
 from warehouse.query.store import open_store
 from warehouse.runs import read_manifest
 
@@ -294,6 +297,18 @@ def test_the_command_drives_keeps_and_tells(runs, capsys):
     assert same == id
     *_, gain = experiments.tracking(made)
     assert "single motion" in gain
+
+
+def test_a_validation_with_a_model_has_it_both_ways_and_is_made_again(runs):
+    store, model, run, _ = runs
+    id, made = validate(Validate(run, 0.25, store, model[:8]))
+    assert list(made.models) == ["nominal", "model", "true"]
+    nominal, given, _ = made.models.values()
+    # The spring on joint 2 is all that the nominal model lacks.
+    assert given.torque[1] < 0.1 * nominal.torque[1]
+    assert given.acceleration[1] < 0.1 * nominal.acceleration[1]
+    with again(store, find(store, id)) as (_, other):
+        assert list(apart(find(store, id), other)) == []
 
 
 def test_a_model_of_another_robot_is_refused(runs, tmp_path):
