@@ -151,7 +151,8 @@ def _diagnosis() -> Diagnosis:
 def test_a_diagnosis_is_a_line_in_a_terminal_and_a_short_page_in_a_notebook():
     found = _diagnosis()
     assert repr(found) == (
-        "Diagnosis(arm: payload on joint 1, p = 0.97; held-out 31.3 % -> 2.0 %)"
+        "Diagnosis(arm: payload on joint 1, probability = 0.97; "
+        "held-out 31.3 % -> 2.0 %)"
     )
     html = found._repr_html_()
     assert (

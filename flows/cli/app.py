@@ -14,7 +14,7 @@ from collections.abc import Callable, Iterable, Mapping, Sequence
 from importlib.util import find_spec
 from pathlib import Path
 
-from cyclopts import App, CycloptsError, Group
+from cyclopts import App, CycloptsError, Group, UnusedCliTokensError
 from rich.console import Console
 
 from flows.outputs import check_writable, json_text, say, write_all
@@ -94,9 +94,9 @@ _COMMANDS = {
         "diff": ("history:diff", None),
         "lineage": ("history:lineage", None),
         "rerun": ("history:rerun", None),
-        "bundle": ("history:bundle", None),
+        "bundle": ("history:bundle", "ID --out FILE.tar"),
         "unbundle": ("history:unbundle", None),
-        "pages": ("service:pages", None),
+        "pages": ("service:pages", "--out FOLDER"),
         "compact": ("store:compact", None),
         "verify": ("store:verify", None),
         "prune": ("store:prune", None),
@@ -112,8 +112,51 @@ _COMMANDS = {
 }
 
 
+# What the word after an option is, where its type says no more than that it is one.
+_WORDS = {
+    "FILE": "report json out map export csv plot gif null attach file state spec",
+    "FOLDER": "store move",
+    "ROBOT": "robot",
+    "LOG": "baseline holdout log",
+    "RUN": "calibrate",
+    "ID": "verdict",
+    "MODEL": "model",
+    "EFFECT": "declared effect without",
+    "EFFECT=VALUE": "known",
+    "EFFECT>=VALUE": "want",
+    "NAME": "named trajectory kind held-out serial which method format to",
+    "TAG": "tag keep-tag",
+    "TEXT": "note reason",
+    "KEY=VALUE": "with",
+    "DATE": "recorded-at",
+    "ADDRESS": "host database runner",
+}
+_KINDS = {f"--{name}": kind for kind, names in _WORDS.items() for name in names.split()}
+drawing = Lazy("cyclopts.help")
+
+
+class Formatter:
+    """Draws help as cyclopts does, with what an option takes instead of its type."""
+
+    def __call__(self, console, options, panel) -> None:
+        """Draw one panel."""
+        named = [entry.copy(metavar=_kind(entry)) for entry in panel.entries]
+        usual = drawing.DefaultFormatter()
+        usual(console, options, panel.copy(entries=named))
+
+
+def _kind(entry) -> str | None:
+    shown = entry.metavar or ""
+    kind = next((_KINDS[n] for n in entry.names if n in _KINDS), "WORD")
+    about = getattr(getattr(entry.description, "primary_renderable", ""), "markup", "")
+    if kind == "FILE" and "folder" in about.partition(".")[0].lower():
+        kind = "FOLDER"
+    return re.sub(r"STR(\|PATH)?", kind, shown) or None
+
+
 app = App(
     name="modelgap",
+    help_formatter=Formatter(),
     help=_HELP,
     help_format="plaintext",  # what draws Markdown is a slow import
     version=lambda: origin.version_text(),
@@ -319,7 +362,7 @@ def _explain(error: Exception) -> int:
     if isinstance(error, RunError):
         return _say(str(error), 1)
     if isinstance(error, CycloptsError):
-        return _say(f"{' '.join(str(error).split())} See modelgap --help.", 2)
+        return _say(_misused(error), 2)
     if (isinstance(error, OSError) and error.errno in _NO_NAME) or _LOOP in str(error):
         named = getattr(error, "filename", None) or str(error).partition("'")[2]
         why = getattr(error, "strerror", None) or "a link to itself"
@@ -363,6 +406,21 @@ def _lacking(error: BaseException | None) -> Exception | None:
             return not_installed(name) if name in LACKING else None
         error = error.__cause__
     return None
+
+
+def _misused(error: CycloptsError) -> str:
+    """Return what is wrong; of words without a place where the first may belong."""
+    if not isinstance(error, UnusedCliTokensError):
+        return f"{' '.join(str(error).split())} See modelgap --help."
+    words, chain = error.unused_tokens or [""], error.command_chain or ()
+    command = " ".join(("modelgap", *chain))
+    options = () if error.app is None else error.app.assemble_argument_collection()
+    takes = any("--robot" in option.names for option in options)
+    meant = f" For one robot: {command} --robot {words[0]}." if takes else ""
+    return (
+        f"'{' '.join(words)}' has no place here, expected options after "
+        f"{command}.{meant} See {command} --help."
+    )
 
 
 def _say(text: str, code: int) -> int:

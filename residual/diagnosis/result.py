@@ -402,7 +402,7 @@ class Verdict:
             said = "nothing named, the logs are at fault"
         elif self.effects:
             sure = [f.probability for f in self.effects if f.probability is not None]
-            odds = [f"p {_odds(min(sure))}"] if sure else []
+            odds = [f"probability {_odds(min(sure))}"] if sure else []
             said = ", ".join([*(f.where for f in self.effects), *odds])
         elif self.verdict == "unknown":
             said += _on(self.unexplained.joints)

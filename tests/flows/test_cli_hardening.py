@@ -4,6 +4,7 @@ import errno
 import json
 import math
 import os
+import re
 import time
 from pathlib import Path
 
@@ -13,9 +14,11 @@ import pyarrow.parquet as pq
 import pytest
 
 from flows.cli import main
+from flows.cli.app import app
 from residual.errors import DEEPEST, InputError, check_nesting
 from residual.model.record import load_model
 from residual.robot.files import parse_toml
+from tests.flows.night.stores import adopt
 from tests.warehouse import store_samples as made
 from warehouse.bundle import write_bundle
 from warehouse.files import SUMS, read_parquet, write_parquet
@@ -319,3 +322,42 @@ def test_pages_are_made_of_a_store_with_a_record_without_a_time(run, store, tmp_
     pages = " ".join(page.read_text() for page in Path("site").rglob("*.html"))
     assert other in pages
     assert run("runs")[0] == 0
+
+
+@pytest.mark.parametrize(
+    ("words", "meant"),
+    [
+        (("rollback", "irb140"), "modelgap rollback --robot irb140"),
+        (("status", "now", "then"), "modelgap status --help"),
+    ],
+    ids=" ".join,
+)
+def test_words_without_a_place_are_said_with_what_was_expected(run, words, meant):
+    code, _, err = run(*words)
+    assert code == 2
+    assert f"'{' '.join(words[1:])}' has no place here, expected options" in err
+    assert meant in err
+
+
+@pytest.mark.parametrize("command", [name for name in app if name[:1] != "-"])
+def test_help_says_what_an_option_takes_and_not_that_it_is_a_word(run, command):
+    _, out, _ = run(command, "--help")
+    assert not re.search(r"--\S+ (STR|PATH|WORD)\b", out)
+
+
+def test_a_list_of_models_in_a_pipe_is_cut_nowhere(run, store):
+    load_store_model(store[0])
+    code, out, _ = run("models")
+    assert code == 0
+    (line,) = [line for line in out.splitlines() if "20.0 % -> 5.6 %" in line]
+    assert re.search(r"\d{4}-\d\d-\d\d \d\d:\d\d", line)
+    assert "a long note of why it was adopted, by whom, after what was tried" in line
+
+
+def load_store_model(folder) -> None:
+    document = made.verdict()
+    runs = [made.commit(folder, seed) for seed in (5, 6)]
+    document["error"]["logs"] = runs[-1:]
+    id = made.store_verdict(folder, document, {"theta": [1]}, runs)
+    note = "a long note of why it was adopted, by whom, after what was tried"
+    adopt(folder, id, note)

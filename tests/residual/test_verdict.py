@@ -217,7 +217,7 @@ def test_a_doubt_of_the_logs_is_a_warning_and_changes_nothing_else(kind):
 def test_what_was_found_shows_in_a_line():
     shown = repr(outcome_of("payload"))
     assert shown.startswith("Diagnosis(small_arm: payload on joint 2")
-    assert re.search(r"p (> 0\.99|= 0\.\d\d)", shown)
+    assert re.search(r"probability (> 0\.99|= 0\.\d\d)", shown)
     assert re.search(r"; held-out [\d.]+ % -> [\d.]+ %\)$", shown)
     assert "nothing found; held-out" in repr(outcome_of("none"))
     assert "something without a name on joint 2;" in repr(outcome_of("unknown"))

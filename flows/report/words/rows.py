@@ -243,8 +243,10 @@ def sure(probability: float | None) -> str:
         return MISSING
     for limit in _CERTAIN:
         if probability > limit:
-            return f"p > {limit:g}"
-    return f"p = {probability:.2f}" if probability >= 0.01 else "p < 0.01"
+            return f"probability > {limit:g}"
+    if probability < 0.01:
+        return "probability < 0.01"
+    return f"probability = {probability:.2f}"
 
 
 def explained_share(cloud: Cloud) -> float | None:
