@@ -114,7 +114,8 @@ _COMMANDS = {
 
 # What the word after an option is, where its type says no more than that it is one.
 _WORDS = {
-    "FILE": "report json out map export csv plot gif null attach file state spec",
+    "FILE": "report json out map export csv plot gif null attach file state spec "
+    "save-model",
     "FOLDER": "store move",
     "ROBOT": "robot",
     "LOG": "baseline holdout log",
