@@ -128,7 +128,7 @@ class Change:
     explained: bool = False
 
 
-MOTION, LOAD = "motion", "load"
+MOTION, LOAD, UNTOLD = "motion", "load", "nothing"
 
 
 @dataclass(frozen=True, slots=True)
@@ -152,7 +152,8 @@ class Alternative:
         set: Its effects, one joint each where they are local.
         nats: Its evidence less the price of its names, over that of the named set.
         separated_by: "motion" where another motion would tell; "load" where the two are
-            bodies that move alike: weigh the load, or log the arm without it.
+            bodies that move alike: weigh the load, or log the arm without it; "nothing"
+            where the two are one torque on every motion, at the size that was found.
     """
 
     set: tuple[Place, ...]

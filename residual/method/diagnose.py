@@ -53,8 +53,8 @@ from residual.model.nominal import (
     prepare_logs,
     start_nominal,
 )
-from residual.planning.promise import promised
-from residual.planning.question import open_question
+from residual.planning.promise import promised, settled_by
+from residual.planning.question import Question, open_question, places_of
 from residual.recording import Recording
 from residual.robot.robot import Robot
 from residual.signals.logs import hold_out_end, session_clock
@@ -215,9 +215,16 @@ def _concluded(
         ),
         p_value=asked.null.p_value if asked.null else None,
     )
+    question = open_question(examined, judged.fit, listed)
+    verdict = conclude(case)
     return Diagnosis(
         verdict=replace(
-            conclude(case), next_experiment=_hint(case), bodies=bodies.moved
+            verdict,
+            next_experiment=_hint(question),
+            alternatives=settled_by(
+                question, places_of(judged.fit.members), verdict.alternatives
+            ),
+            bodies=bodies.moved,
         ),
         models=models,
         proofs=proofs,
@@ -229,9 +236,9 @@ def _concluded(
     )
 
 
-def _hint(case: Case) -> dict | None:
+def _hint(question: Question) -> dict | None:
     """Say whether another experiment would decide what is left open."""
-    found = promised(open_question(case.examined, case.judged.fit, case.named))
+    found = promised(question)
     return None if found is None else found.document()
 
 

@@ -6,10 +6,11 @@ less, and a designed motion aims better than a random one: `modelgap next` looks
 """
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
+from residual.diagnosis.result import UNTOLD, Alternative, Place
 from residual.effects.base import State
 from residual.planning.outlook import (
     Outlook,
@@ -18,7 +19,7 @@ from residual.planning.outlook import (
     outlook,
     prospect,
 )
-from residual.planning.question import Question, Rival
+from residual.planning.question import Question, Rival, together
 from residual.quantity import number, probability
 from residual.recording import Array, Recording
 from residual.robot.robot import Robot
@@ -314,6 +315,31 @@ def structural_twins(
             if own and beyond(gram, one, other) < contest.enough:
                 found.add((c, a, b))
     return frozenset(found)
+
+
+def settled_by(
+    question: Question, named: Sequence[Place], others: Sequence[Alternative]
+) -> tuple[Alternative, ...]:
+    """Return sets as good as the named one, those marked that no motion tells from it.
+
+    Args:
+        named: The named set.
+    """
+    twins = structural_twins(question) if others and question.contests else frozenset()
+    same = {
+        tuple(question.contests[c].rivals[i].place for i in (a, b))
+        for c, a, b in twins
+        if (c, b, a) in twins
+    }
+
+    def difference(one: Alternative) -> tuple[Place, Place]:
+        gone = together([place for place in named if place not in one.set])
+        return gone, together([place for place in one.set if place not in named])
+
+    return tuple(
+        replace(one, separated_by=UNTOLD) if difference(one) in same else one
+        for one in others
+    )
 
 
 def beyond(gram: Array, one: Rival, other: Rival) -> float:

@@ -214,7 +214,7 @@ class Basis:
             nats = self.task.net_gain(big, without, own[0]) - cost
             at = np.array([self.place[int(c)] for g in own for c in g.ids])
         return Rival(
-            _place(own),
+            together(places_of(own)),
             np.array([self.place[int(c)] for c in system.ids]),
             at,
             theta,
@@ -279,12 +279,17 @@ def open_question(examined: Examined, fitted: Fit, named: Sequence[Named]) -> Qu
     return question_of(basis, contests)
 
 
-def _place(own: Sequence[Group]) -> Place:
+def together(places: Sequence[Place]) -> Place:
     """The name of a rival: that of its effect, or of several together."""
-    if not own:
+    if not places:
         return NOTHING
-    joints = sorted({j for g in own for j in public_joints(g)})
-    return Place(TOGETHER.join(g.effect.name for g in own), tuple(joints))
+    joints = sorted({j for place in places for j in place.joints})
+    return Place(TOGETHER.join(place.name for place in places), tuple(joints))
+
+
+def places_of(groups: Sequence[Group]) -> list[Place]:
+    """Return where some groups of columns sit."""
+    return [Place(g.effect.name, public_joints(g)) for g in groups]
 
 
 def question_of(basis: Basis, contests: Sequence[Contest]) -> Question:

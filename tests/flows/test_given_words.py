@@ -112,6 +112,13 @@ def test_a_table_of_twelve_says_how_many_it_leaves_out():
             ],
         ),
         ([another()], ["As likely: nothing.", TELLS]),
+        (
+            [another(BALANCER, STRIBECK, by="nothing")],
+            [
+                "As likely: a balancer on joint 2 and Stribeck friction on joint 3.",
+                "No motion tells them apart.",
+            ],
+        ),
     ],
 )
 def test_other_sets_are_said_one_by_one(sets, lines):

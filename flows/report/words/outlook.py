@@ -14,6 +14,7 @@ from flows.report.words.phrases import (
 )
 from residual.diagnosis.result import (
     LOAD,
+    MOTION,
     Alternative,
     Change,
     Dependence,
@@ -168,8 +169,10 @@ def other_sets(verdict: Verdict) -> list[str]:
         more = len(others) - _SHOWN
         words = f"{count(more)} more {'set' if more == 1 else 'sets'}"
         lines.append(f"{sentence_case(words)}: 'alternatives' in the JSON.")
-    if others:
+    if any(a.separated_by == MOTION for a in others):
         lines.append("Another motion would tell them apart.")
+    elif others:
+        lines.append("No motion tells them apart.")
     return lines + _mixed(loads, verdict)
 
 

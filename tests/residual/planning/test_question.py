@@ -7,7 +7,7 @@ import pytest
 
 from benchmarks.synthetic.motions import make_motion
 from residual.diagnosis.gate import Rival
-from residual.diagnosis.result import Place
+from residual.diagnosis.result import Alternative, Place
 from residual.errors import InputError, UnknownNameError
 from residual.planning import question as gather
 from residual.planning.outlook import outlook
@@ -16,6 +16,7 @@ from residual.planning.promise import (
     logged_products,
     planned_gram,
     promised,
+    settled_by,
     structural_twins,
 )
 from residual.planning.question import (
@@ -83,6 +84,19 @@ def test_a_spring_of_some_size_is_no_twin_of_a_balancer_and_a_tiny_one_is():
     tiny = shrunk_to(question, 0.01)
     assert structural_twins(tiny) == {(0, 0, 1), (0, 1, 0)}
     assert promised(tiny) is None
+
+
+def test_a_set_that_no_motion_tells_from_the_named_one_is_marked():
+    _, question = asked("spring", 2)
+    named = [Place("spring", (3,)), Place("offset", (1,))]
+    sets = ((Place("offset", (1,)), Place("balancer", (3,))), (Place("offset", (1,)),))
+    others = [Alternative(one, -1.0, "motion") for one in sets]
+
+    def by(asked):
+        return [a.separated_by for a in settled_by(asked, named, others)]
+
+    assert by(question) == ["motion", "motion"]
+    assert by(shrunk_to(question, 0.01)) == ["nothing", "motion"]
 
 
 def test_what_stands_in_for_a_finding_in_company_is_in_its_contest(monkeypatch):
