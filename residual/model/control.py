@@ -36,10 +36,10 @@ class Turning:
         encoder_step: Step of the encoders, of every joint or of each [rad].
         samples: Samples in which a joint that is not standing has gone such a step;
             about the time in which a loop of that rate answers. 20 instead of 50 leave
-            a third more of the tracking error; 100, a twentieth less.
+            a quarter to two thirds more of the tracking error; 100, a twentieth less.
         rise: Time in which a drive may go from nothing to the torque limit of its joint
             [s], which states the torque rate; 0 for none. A tenth of a second costs no
-            tracking, and steps at reversals are a fifth of what they are without.
+            tracking; the largest step at a reversal is a fifth of that without it.
     """
 
     encoder_step: float | tuple[float, ...] = 1e-4
