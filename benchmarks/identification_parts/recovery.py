@@ -21,9 +21,9 @@ from benchmarks.synthetic.motions import make_motion
 from residual.identification.estimate import Options
 from residual.identification.identify import Identification, identify
 from residual.identification.prove import consistent, torque_errors
-from residual.model.export import robot_files
 from residual.model.model import Model
 from residual.model.nominal import prepare_logs, start_nominal
+from residual.model.record import robot_files
 from residual.recording import Recording
 from residual.robot import dynamics
 from residual.robot.base_parameters import base_parameters

@@ -24,7 +24,7 @@ from flows.storage.identification import document as identification_document
 from flows.storage.null import null_json
 from residual.calibration.rows import Run
 from residual.errors import InputError
-from residual.model.export import robot_files
+from residual.model.record import robot_files
 from residual.robot.robot import Robot
 
 

@@ -29,8 +29,8 @@ from residual.identification.prove import Identified
 from residual.lazy import Lazy
 from residual.method.null_record import Null
 from residual.model.corrected import Corrected
-from residual.model.export import robot_files
 from residual.model.model import Model
+from residual.model.record import robot_files
 from residual.recording import Recording
 from residual.robot.robot import Robot
 from warehouse.logs import check_distinct

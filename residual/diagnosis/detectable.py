@@ -17,9 +17,8 @@ from residual.diagnosis.search import Candidates, Task, search
 from residual.effects.base import Effect, Placed
 from residual.evidence.design import Group
 from residual.evidence.fit import Fit, Prior, System, fit, limits_of
-from residual.evidence.priors import WIDTHS, Space
+from residual.evidence.priors import WIDTHS, Space, overlap, stacks
 from residual.evidence.rules import RULES, Rules
-from residual.evidence.screen import overlap, stacks
 from residual.recording import Array
 
 FLAT = 1e-9  # of the largest information of a group: a direction that does nothing

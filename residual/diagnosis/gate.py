@@ -11,8 +11,8 @@ from residual.diagnosis.result import Detectable
 from residual.diagnosis.search import Task, best, least, refined, rows_of, spares_model
 from residual.evidence.design import Design, Group
 from residual.evidence.fit import Fit, System, gain, possible
+from residual.evidence.priors import overlap, stacks
 from residual.evidence.rules import RULES
-from residual.evidence.screen import overlap, stacks
 from residual.recording import Array
 from residual.signals.track import Track
 

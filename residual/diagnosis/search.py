@@ -21,9 +21,8 @@ from residual.evidence.fit import (
     settled,
     start,
 )
-from residual.evidence.priors import forbidden, priors, widened
+from residual.evidence.priors import acting, forbidden, priors, screen, widened
 from residual.evidence.rules import RULES, Rules
-from residual.evidence.screen import acting, screen
 from residual.model.nominal import Nominal
 from residual.recording import Array
 

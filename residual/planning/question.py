@@ -17,8 +17,8 @@ from residual.effects.base import Placed
 from residual.errors import InputError, check_name, shortened
 from residual.evidence.design import Group
 from residual.evidence.fit import Fit, System, as_model, physical
+from residual.evidence.priors import screen
 from residual.evidence.rules import RULES
-from residual.evidence.screen import screen
 from residual.model.model import Model
 from residual.recording import Array
 

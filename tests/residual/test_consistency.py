@@ -13,8 +13,8 @@ from residual.identification.prove import (
     least_mass_matrix,
 )
 from residual.model.bodies import least_eigenvalues, pseudo_inertias
-from residual.model.export import robot_files
 from residual.model.nominal import prepare_logs, start_nominal
+from residual.model.record import robot_files
 from residual.robot import dynamics
 from residual.robot.robot import load_robot
 from residual.signals.track import Filters

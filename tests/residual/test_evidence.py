@@ -10,8 +10,8 @@ from scipy.stats import multivariate_normal
 
 from residual.evidence.columns import union
 from residual.evidence.fit import System, effective_rows, fit, gain
+from residual.evidence.priors import screen
 from residual.evidence.rules import RULES
-from residual.evidence.screen import screen
 from tests.residual.linear import (
     DOF,
     GEAR,
