@@ -171,13 +171,19 @@ def take(job: Job) -> Taken:
     except InputError as error:
         if state_of(job.path) != job.state:
             return Taken(job.path, WAITING, why="it changed while it was read")
-        return Taken(job.path, REFUSED, why=in_an_inbox(str(error)))
+        return Taken(job.path, REFUSED, why=in_an_inbox(_moved(str(error), job)))
     except (OSError, MemoryError) as error:
         return Taken(job.path, WAITING, why=plain(" ".join(str(error).split())))
     except Exception as error:  # what a damaged file makes a parser raise
         what = " ".join(f"{type(error).__name__}: {error}".split())
         return Taken(job.path, REFUSED, why=plain(f"unexpected failure: {what}"))
     return Taken(job.path, KNOWN if log.stored else STORED, run)
+
+
+def _moved(why: str, job: Job) -> str:
+    """Return a reason with the place at which the log then is."""
+    then = job.path.parent / REJECTED / _fitting(job.path.name)
+    return why.replace(str(job.path), str(then))
 
 
 def in_an_inbox(why: str) -> str:

@@ -1,7 +1,9 @@
 """A morning: four logs with a load, healthy runs, a log that was refused; one story."""
 
 import re
+from dataclasses import replace
 
+import numpy as np
 import pyarrow as pa
 import pytest
 
@@ -20,8 +22,10 @@ from flows.storage.diagnosis import store_report
 from tests.flows.asgi import OURS, answer, prefect, scope, signed
 from tests.flows.night.stores import diagnose
 from tests.residual.arms import urdf_text
+from tests.residual.identified import AXES, Truth, logs, truth
 from tests.warehouse import store_samples as made
 from warehouse.commit import commit_record, commit_run
+from warehouse.query.store import open_store
 from warehouse.runs import keep_robot
 
 TEXT = """schema = 1
@@ -201,3 +205,49 @@ def test_a_refused_log_is_told_the_cure_that_works_in_an_inbox(why, there, gone)
     assert there in told
     assert gone not in told
     assert ('under [[inbox]]: map = "COLUMNS.toml"' in told) == ("--map" in why)
+
+
+def loaded(log, known):
+    """The same motion with 2 kg, a point 0.1 m from the last joint."""
+    mass, arm_ = 2.0, np.array([0.1, 0.0, 0.05])
+    own = known.parameters.reshape(-1, 10).copy()
+    turn = mass * (arm_ @ arm_ * np.eye(3) - np.outer(arm_, arm_))
+    own[-1] += [mass, *mass * arm_, *turn[*np.tril_indices(3)]]
+    other = Truth(known.robot, own.ravel())
+    qd = np.gradient(log.q, log.t, axis=0)
+    motion = log.q, qd, np.gradient(qd, log.t, axis=0)
+    more = other.torque(*motion) - known.torque(*motion)
+    return replace(log, tau=log.tau + more)
+
+
+def written(place, log) -> None:
+    names = ["t", *(f"{c}{j}" for c in ("q", "tau") for j in (1, 2, 3))]
+    table = np.column_stack([log.t, log.q, log.tau])
+    np.savetxt(place, table, "%.9g", ",", header=",".join(names), comments="")
+
+
+@pytest.mark.long
+def test_four_loads_and_a_refused_log_are_one_story_from_the_inbox_on(project, capsys):
+    (project.folder / "arm.urdf").write_text(urdf_text(AXES))
+    known, places = truth(), [inbox.folder for inbox in inboxes(project)]
+    for k, log in enumerate(logs(3, noise=0.5, seed=1)):
+        written(places[1] / f"good_{k}.csv", log)
+    written(places[0] / "usual.csv", logs(1, noise=0.5, seed=2)[0])
+    assert main(["inbox", "--once"]) == 0  # what alarms are judged by later
+    for k, log in enumerate(logs(4, noise=0.5, seed=3)):
+        written(places[0] / f"load_{k}.csv", loaded(log, known))
+    (places[0] / "bad.csv").write_text("t,q1\n0,1\n")
+    capsys.readouterr()
+    assert main(["inbox", "--once"]) == 0
+    said = capsys.readouterr().out
+    assert "4 of 4 new runs alarm" in said
+    assert "lacks a payload at the flange" in said
+    assert "(4 new runs against 3 healthy runs)" in said
+    with open_store(project.store) as opened:
+        rows = opened.sql("SELECT verdict FROM diagnoses ORDER BY created").to_pylist()
+    assert [row["verdict"] for row in rows] == ["none", "effects"]
+    page = seen(project.store)
+    assert re.search(r"small_arm #2: payload .{1,40} 1 log was refused\.", page)
+    assert page.lower().count("alarms in 4 runs, which this verdict explains") == 1
+    assert "rejected/bad.csv" in page  # where the line that drafts its map finds it
+    assert [row["robot"] for row in _refused(project.store)] == ["small_arm"]
