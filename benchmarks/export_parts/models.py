@@ -4,6 +4,7 @@ Beside them dry friction and a closed loop in MuJoCo, and the time of a call: th
 of an IRB140 with the tables of a calibration.
 """
 
+import io
 from collections.abc import Sequence
 from dataclasses import replace
 from functools import cache
@@ -13,7 +14,14 @@ import numpy as np
 
 from benchmarks.harness.figures import Figures, figure, missing, partial
 from flows.proofs.c import compiled, compiler
-from flows.proofs.proof import CREEP, extra, inverse, loaded, mujoco_model, text_of
+from flows.proofs.proof import (
+    CREEP,
+    exported_names,
+    extra,
+    inverse,
+    mujoco_model,
+    text_of,
+)
 from flows.steps.export import Made, export_model
 from residual.effects import registry
 from residual.export.c99 import to_c99
@@ -24,8 +32,9 @@ from residual.model.corrected import NEAREST, Corrected, Tables
 from residual.model.model import Model, Term
 from residual.robot.dynamics import inertial_parameters, inverse_dynamics, mass_matrix
 from residual.robot.robot import Robot, load_robot, robot_from_texts
+from residual.tables.evaluate import by_row, predict
 from residual.tables.form import MAIN
-from residual.tables.lookup import Axis, Lookup, Table
+from residual.tables.lookup import Axis, Lookup, Table, export_lookup
 
 LENGTH = 0.35  # m
 NAMES = sorted(registry())
@@ -275,6 +284,10 @@ def _ours(model: Model, motion: Motion, forward, scale) -> np.ndarray:
 
 NUMPY_BAR, C_BAR = 5.0, 2.0  # microseconds a row
 LEVELS, ROWS, TIMES = 22, 10_000, 7
+SINGLE = 500  # rows, one a call
+# Of the time of the same row by the call for many: 200 of 2 000 microseconds for a
+# model, 20 of 174 for tables.
+ROW_BAR, TABLES_BAR = 0.1, 0.2
 SIGNALS = ("q", "qd", "qdd")
 
 
@@ -283,10 +296,11 @@ def speed_figures(quick: bool) -> Figures:
     whole, motion = _whole(), exciting(robot_of("irb140"), ROWS / 250)
     told = "rigid body, friction of all joints, 18 tables of 22 levels for each joint"
     out: Figures = {}
-    with loaded(to_numpy(whole)) as torque:
-        each, got = _each(lambda: torque(motion.t, *motion.parts))
+    with exported_names(to_numpy(whole)) as names:
+        each, got = _each(lambda: names["torque"](motion.t, *motion.parts))
     gap = np.abs(got - whole.along(motion.t, motion.parts)).max()
     out["numpy_microseconds"] = figure(each, NUMPY_BAR, ROWS, what=told)
+    out |= _single_rows(whole, motion)
     out["tables_numpy"] = figure(float(gap), 1e-9, ROWS)
     if compiler() is None:
         return out | {"c_microseconds": missing(C_BAR, "no C compiler here")}
@@ -295,6 +309,36 @@ def speed_figures(quick: bool) -> Figures:
     gap = np.abs(got - whole.along(motion.t, motion.parts)).max()
     out["c_microseconds"] = figure(each, C_BAR, ROWS, what=told)
     return out | {"tables_c": figure(float(gap), 1e-9, ROWS)}
+
+
+def _single_rows(whole: Corrected, motion: Motion) -> Figures:
+    """One row at a time: of the model, and of its tables, over that of many's call."""
+    rows = list(zip(motion.t, *motion.parts, strict=True))[:SINGLE]
+    with exported_names(to_numpy(whole)) as names:
+        one, many = names["torque_row"], names["torque"]
+        fast = _spent(lambda: [one(*row) for row in rows])
+        slow = _spent(lambda: [many(*(np.array([x]) for x in row)) for row in rows])
+    lookup = whole.tables[0].lookup
+    saved = dict(np.load(io.BytesIO(export_lookup(lookup)["model.npz"])))
+    states, correction = np.hstack(motion.parts)[:SINGLE], by_row(saved)
+    quick = _spent(lambda: [correction(x) for x in states])
+    call = _spent(lambda: [predict(saved, x[None]) for x in states])
+    return {
+        "row_over_many": figure(fast / slow, ROW_BAR, SINGLE, microseconds=fast),
+        "tables_row_over_many": figure(
+            quick / call, TABLES_BAR, SINGLE, microseconds=quick
+        ),
+    }
+
+
+def _spent(run) -> float:
+    """Least time of a row [microseconds] of so many calls, one row each."""
+    least = np.inf
+    for _ in range(TIMES):
+        start = process_time()
+        run()
+        least = min(least, process_time() - start)
+    return 1e6 * least / SINGLE
 
 
 def _each(run) -> tuple[float, np.ndarray]:

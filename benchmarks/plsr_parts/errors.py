@@ -20,6 +20,7 @@ from benchmarks.harness.figures import Figures, figure, missing
 from benchmarks.measured_parts.arms import data_folder
 from benchmarks.plsr_parts.speed import repeated_rows
 from residual.calibration.calibrate import Calibration, Settings, calibrate
+from residual.calibration.choice import Training, chosen_lookup, corrected
 from residual.calibration.methods import (
     DEFAULT,
     EFFECTS,
@@ -27,9 +28,6 @@ from residual.calibration.methods import (
     NONE,
     PAPER_FORM,
     Forms,
-    Training,
-    chosen_lookup,
-    corrected,
     methods,
 )
 from residual.calibration.rows import Rows, Run, paper_rows
@@ -272,7 +270,7 @@ def sparse_figures(quick: bool) -> Figures:
 
 def _sparse(rows: Rows, keys: tuple[str, str]) -> Figures:
     """Unseen-run error of sparse pair tables over that of the better dense form."""
-    training = Training(rows.X, rows.Y, rows.run, rows.tau, rows.part)
+    training = Training(rows.X, rows.Y, rows.run, rows.tau, rows.part, rows.second)
     loads = tuple((v, len(rows.names) + i) for i, v in enumerate(rows.velocities))
     form = EffectForm(velocities=rows.velocities, loads=loads)
     forms = {"sparse": form, "default": replace(form, pairs=_DENSE)}

@@ -91,7 +91,8 @@ def extra(package: str) -> ModuleType:
 def prove_numpy(made: Exported) -> Proof:
     """Run the file along a motion; its time per row is a note."""
     motion = exciting(body_of(made.whole).robot)
-    with loaded(made) as torque:
+    with exported_names(made) as names:
+        torque = names["torque"]
         start = perf_counter()
         got = torque(motion.t, *motion.parts)
         each = (perf_counter() - start) / len(motion.t)
@@ -101,12 +102,12 @@ def prove_numpy(made: Exported) -> Proof:
 
 
 @contextmanager
-def loaded(made: Exported) -> Iterator:
-    """Give the function `torque` of the file, while it is needed."""
+def exported_names(made: Exported) -> Iterator[dict]:
+    """Give the functions of the file by name, while they are needed."""
     with tempfile.TemporaryDirectory() as folder:
         for name, content in made.files.items():
             (Path(folder) / name).write_bytes(content)
-        yield runpy.run_path(str(Path(folder) / "torque.py"))["torque"]
+        yield runpy.run_path(str(Path(folder) / "torque.py"))
 
 
 def prove_json(made: Exported) -> Proof:

@@ -13,13 +13,21 @@ from flows.report.words.calibration import plane_words, sentences
 from flows.report.words.phrases import sentence_case
 from flows.steps.calibrate import Calibrated
 from residual.calibration.calibrate import Calibration
-from residual.calibration.methods import DEFAULT, LS, NONE, PAPER_FORM, PLSR
+from residual.calibration.methods import (
+    DEFAULT,
+    LS,
+    NONE,
+    PAPER_FORM,
+    PLSR,
+    SPARSE,
+)
 from residual.calibration.methods import WORDS as MODELS
 from residual.calibration.rows import PAPER
 from residual.calibration.scores import RANDOM, RUN, Score, find
 from residual.calibration.scores import WORDS as SCHEMES
 from residual.lazy import Lazy
 from residual.tables.form import NAMED, PAIRS
+from residual.tables.form import PLSR as LINES
 
 # Who wants no page need not wait for a plotting library.
 figures = Lazy("flows.report.figures.paper")
@@ -37,7 +45,7 @@ _NEWNESS = (
     "out rows whose neighbours in time, or whose repetition, are in the training set."
 )
 _FLATTERS = (
-    "Number A of components of PLSR and of the paper form: the best of each scheme on "
+    "Number A of components of PLSR and of the paper forms: the best of each scheme on "
     "the very rows it is judged on, as in the paper, which flatters them; the choices "
     "of the default form are made without the run or family left out."
 )
@@ -85,11 +93,12 @@ _TERMS = {
     "LS, PLSR": "Linear in the states. With all components PLSR is LS.",
     "Paper form": (
         "Nominal-level PLSR with interactions (eq. 30): each variable cut into 22 "
-        "equal levels, a table for every pair of variables."
+        "equal levels, a table for every pair of variables. Sparse: of weights of a "
+        "component those under half of the largest are zero."
     ),
     "Default form": (
-        "One table per variable on levels of several widths; pair tables, or nothing "
-        "at all, where runs left out say so."
+        "One table per variable on levels of several widths; PLSR, LS, pair tables, or "
+        "nothing at all, where what was left out says so."
     ),
     "Schemes": (
         "Run, family: a whole motion is left out. Block, of fewer than four runs: a "
@@ -172,8 +181,10 @@ def chosen_words(made: Calibration) -> str:
             what = f"main effects and {option.count} pair table(s)"
         elif option.kind == PAIRS:
             what = f"main effects and all pairs, {option.count} component(s)"
+        elif option.kind == LINES:
+            what = f"PLSR, {option.count} component(s)"
         taken.append(f"J{joint} {what}")
-    where = "runs" if made.proven else "blocks of the runs, which are fewer than three,"
+    where = "runs" if made.proven else "blocks of the runs, which are fewer than four,"
     return f"default form, chosen on {where} left out: {'; '.join(taken)}."
 
 
@@ -300,7 +311,7 @@ def _bars(made: Calibration) -> list[Chart]:
 
 def _curves(made: Calibration) -> list[Chart]:
     out = []
-    for model in (PLSR, PAPER_FORM):
+    for model in (PLSR, PAPER_FORM, SPARSE):
         own = [find(made.scores, scheme, model) for scheme in (RUN, RANDOM)]
         own = [one for one in own if one is not None and one.curve is not None]
         if own:

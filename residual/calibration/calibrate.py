@@ -11,12 +11,11 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
+from residual.calibration.choice import Training, chosen_model, lookup_of
 from residual.calibration.methods import (
     EFFECTS,
     Choices,
     Forms,
-    Training,
-    chosen_model,
     fit_chosen,
     levels_of,
     methods,
@@ -28,6 +27,7 @@ from residual.calibration.nominal import (
     prepare_runs,
 )
 from residual.calibration.rows import (
+    FEW,
     PAPER,
     Rows,
     Run,
@@ -64,7 +64,6 @@ from residual.model.corrected import NEAREST, Column, Corrected, Tables
 from residual.model.model import Model, Term
 from residual.recording import Array
 from residual.robot.robot import Robot
-from residual.tables.choose import PROVEN, build_lookup
 from residual.tables.form import MAIN, NONE, EffectForm, Option
 from residual.tables.lookup import Axis, Lookup, Table
 from residual.tables.nominal_choice import ChosenLevels
@@ -235,18 +234,19 @@ def calibrate(
     if settings.schemes is not None:
         schemes = tuple(s for s in schemes if s.name in settings.schemes)
     without = None if settings.paper else source.plain
-    training = Training(rows.X, rows.Y, rows.run, rows.tau, rows.part, without)
+    parts = (rows.X, rows.Y, rows.run, rows.tau, rows.part, rows.second)
+    training = Training(*parts, without)
     forms = _forms(rows, settings)
     tell("default form", 0.05)
     default, options = chosen_model(training, forms.default)
     tell("levels", 0.08)
     chosen = Choices(options, levels_of(training, forms) if forms.levels else None)
     if chosen.levels is None:
-        paper = nominal_lookup(
-            fit_nominal_pls(rows.X, rows.Y, settings.form, fewer=True)
-        )
+        fitted = fit_nominal_pls(rows.X, rows.Y, settings.form, fewer=True)
+        paper = nominal_lookup(fitted)
     else:
         paper = nominal_lookup(*fit_chosen(training, chosen.levels))
+    paper = replace(paper, names=rows.names)
     made = Calibration(
         robot.name,
         rows,
@@ -254,8 +254,8 @@ def calibrate(
         _table(schemes, training, source, forms, chosen, tell),
         options,
         chosen.levels,
-        len(rows.labels) >= PROVEN,
-        build_lookup(default.base, default.rest, options, forms.default),
+        len(rows.labels) >= FEW,
+        lookup_of(training, forms.default, default, options),
         paper,
         source.nominal,
         source.declared,

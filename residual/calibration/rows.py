@@ -201,6 +201,16 @@ class Rows:
         third = len(self.names) // 3
         return tuple(range(third, 2 * third))
 
+    @property
+    def second(self) -> Array:
+        """Second of its run that each row is in, numbered through all runs. (n,)."""
+        out, start = np.zeros(len(self.run), int), 0
+        for number, rate in enumerate(self.rates):
+            own = self.run == number
+            out[own] = start + (np.arange(own.sum()) / rate).astype(int)
+            start = out[own].max(initial=start) + 1
+        return out
+
     def periods(self) -> dict[int, int]:
         """Rows after which each run repeats itself; its whole length if it does not."""
         out = {}

@@ -9,7 +9,8 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from residual.calibration.methods import PAPER_FORM, PLSR, Method, Training
+from residual.calibration.choice import Training
+from residual.calibration.methods import PAPER_FORM, PLSR, SPARSE, Method
 from residual.calibration.rows import FEW, Rows
 from residual.errors import InputError
 from residual.recording import Array
@@ -219,7 +220,7 @@ def _score(scheme: str, model: str, sums: tuple[Array, ...]) -> Score:
     fitted, unseen, power_c, power = sums
     curve = relative_error(unseen.sum(axis=0), power.sum(axis=0))
     best, told = 0, None
-    if model in (PLSR, PAPER_FORM):
+    if model in (PLSR, PAPER_FORM, SPARSE):
         # A_opt as in the paper: at least one component, by this validation itself.
         best = 1 + int(np.nansum(curve[1:] ** 2, axis=1).argmin())
         told = best

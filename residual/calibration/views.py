@@ -7,15 +7,8 @@ from time import process_time
 
 import numpy as np
 
-from residual.calibration.methods import (
-    CHOSEN,
-    DEFAULT,
-    LS,
-    PAPER_FORM,
-    Method,
-    Training,
-    fixed_lookup,
-)
+from residual.calibration.choice import Training, fixed_lookup
+from residual.calibration.methods import CHOSEN, DEFAULT, LS, PAPER_FORM, Method
 from residual.calibration.rows import Rows, Run
 from residual.calibration.scores import RANDOM, RUN, Response, Scheme
 from residual.recording import Array

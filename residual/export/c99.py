@@ -20,6 +20,7 @@ from residual.export.program import (
 )
 from residual.model.corrected import NOTHING, Tables
 from residual.signals.logs import Standstill
+from residual.tables.lookup import Lookup
 
 # What a formula or a table calls the motion, and what the function of the header does.
 _ARRAYS = {
@@ -46,6 +47,54 @@ def to_c99(whole: Whole) -> Exported:
     found = parts.exported({})
     name = f"{prefix_of(file_stem(whole))}.h"
     return parts.exported({name: header(parts, found.left).encode()})
+
+
+def tables_header(lookup: Lookup, robot: str) -> dict[str, bytes]:
+    """Return tables without a model as a header, by file name: x in, correction out.
+
+    Of the paper's tables, which correct the torque of a simulated twin.
+    """
+    prefix = f"{prefix_of(robot)}_tables"
+    start, end = "/* Place of x among", "static inline void @P@_cross"
+    level = template("helpers.h").split(start)[1].split(end)[0]
+    words = {
+        "P": prefix,
+        "GUARD": f"{prefix.upper()}_H",
+        "NAME": robot,
+        "X": _wrapped(f"{i} {name}" for i, name in enumerate(lookup.names)),
+        "OUT": _wrapped(f"{i} {name}" for i, name in enumerate(lookup.joints)),
+        "LEVEL": f"{start}{level.rstrip()}",
+        "BODY": "\n".join(f"    {line}" for line in _correction(lookup)),
+    }
+    # Names of variables and robots come from outside: they are filled in last.
+    order = ("LEVEL", "BODY", "P", "GUARD", "X", "OUT", "NAME")
+    text = filled(template("tables.h"), {name: words[name] for name in order})
+    return {f"{prefix}.h": (text.rstrip() + "\n").encode()}
+
+
+def _correction(lookup: Lookup) -> Iterator[str]:
+    """What a header of tables alone does, a line each."""
+    count = len(lookup.joints)
+    yield _constant("middle", lookup.offset)
+    yield f"for (int j = 0; j < {count}; j++) out[j] = middle[j];"
+    if lookup.slope.any():
+        yield _constant("slope", lookup.slope.ravel())
+        inner = f"for (int j = 0; j < {count}; j++) out[j] += slope[{count} * i + j]"
+        yield f"for (int i = 0; i < {len(lookup.names)}; i++)"
+        yield f"    {inner} * x[i];"
+    for k, axis in enumerate(lookup.axes):
+        yield _constant(f"edges_{k}", axis.edges if len(axis.edges) else [0.0])
+        call = f"@P@_level(edges_{k}, {len(axis.edges)}, x[{axis.variable}])"
+        yield f"const int level_{k} = {call};"
+        yield f"(void)level_{k};"
+    for k, table in enumerate(lookup.tables):
+        first, *rest = (f"level_{axis}" for axis in table.axes)
+        place = f"({first} * {table.values.shape[1]} + {rest[0]})" if rest else first
+        yield _constant(f"cells_{k}", table.values.ravel())
+        yield (
+            f"for (int j = 0; j < {count}; j++) "
+            f"out[j] += cells_{k}[{count} * {place} + j];"
+        )
 
 
 def prefix_of(name: str) -> str:

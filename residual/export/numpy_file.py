@@ -43,6 +43,19 @@ def torque(t, q, qd, qdd):
     RIGID_ = rnea(RIGID, GRAVITY, {_NO_FORCE}, Q, QD, QDD)
     TAU = [1.0 * x for x in RIGID_]
     SIGN = [None] * DOF'''
+_ROW = '''\
+def torque_row(t, q, qd, qdd):
+    """Return the torque of the model at one row [N m]. Shape (DOF,).
+
+    Args:
+        t: Time since the session began [s].
+        q, qd, qdd: Motion [rad, rad/s, rad/s^2]. Shapes (DOF,).
+    """'''
+_ROW_HEAD = """\
+Q, QD, QDD = (np.asarray(x, float).tolist() for x in (q, qd, qdd))
+RIGID_ = RIGID_ROW(Q, QD, QDD)
+TAU = list(RIGID_)
+SIGN = [None] * DOF"""
 
 
 def to_numpy(whole: Whole) -> Exported:
@@ -76,6 +89,8 @@ def source(parts: Split, left: Iterable[Left] = ()) -> str:
         "\n",
         _HEAD,
         *(f"    {line}" for line in _torque(program)),
+        "\n",
+        *_row(program),
         template("tail.py.txt").rstrip(),
     ]
     return filled("\n".join(pieces), words) + "\n"
@@ -119,9 +134,45 @@ def _torque(program: Program) -> Iterator[str]:
     yield "return OUT.T"
 
 
-def _more(arguments: str) -> Iterator[str]:
-    yield f"for j, more in enumerate(rnea({arguments})):"
+def _more(arguments: str, call: str = "rnea") -> Iterator[str]:
+    yield f"for j, more in enumerate({call}({arguments})):"
     yield "    TAU[j] += more"
+
+
+def _row(program: Program) -> Iterator[str]:
+    """A function of a single row: plain numbers, and a recursion without loops."""
+    if program.memory or program.shifts:
+        # What remembers earlier rows, or needs complex numbers, is as it is for many.
+        yield _ROW
+        yield "    return torque(np.array([t]), [q], [qd], [qdd])[0]"
+        return
+    made = {"RIGID_ROW": f"RIGID, GRAVITY, {_NO_FORCE}"}
+    if program.added is not None:
+        made["ADDED_ROW"] = f"ADDED, GRAVITY, {_NO_FORCE}"
+    if program.tilt is not None:
+        made["TILT_ROW"] = f"LOADED, TILT, {_NO_FORCE}, True"
+    if program.force is not None:
+        made["FORCE_ROW"] = f"[[0.0] * 10] * DOF, {_NO_FORCE}, FORCE, True"
+    yield from (f"{name} = straight({words})" for name, words in made.items())
+    if program.tables:
+        yield "PLAIN = {name: values.tolist() for name, values in TABLES.items()}"
+    yield f"\n\n{_ROW}"
+    yield from (f"    {line}" for line in _row_torque(program, [*made][1:]))
+
+
+def _row_torque(program: Program, more: Iterable[str]) -> Iterator[str]:
+    yield from _ROW_HEAD.splitlines()
+    for j in range(program.dof):
+        yield from _sign(program, j)
+    for name in more:
+        yield from _more("Q, QD, QDD", name)
+    yield from _blocks(program, of_report=False)
+    yield "OUT = list(TAU)"
+    yield from _blocks(program, of_report=True)
+    known: dict[tuple, str] = {}
+    for number, tables in enumerate(program.tables):
+        yield from _table_block(tables, number, known, row=True)
+    yield "return np.array(OUT)"
 
 
 def _sign(program: Program, j: int) -> Iterator[str]:
@@ -174,18 +225,21 @@ def _shifted(program: Program) -> Iterator[str]:
     yield "    TAU[j] += DRIVE[0][j] * SHIFT[1, j] + DRIVE[1][j] * SHIFT[2, j]"
 
 
-def _table_block(tables: Tables, n: int, known: dict[tuple, str]) -> Iterator[str]:
-    """The lines that add the tables of a joint."""
+def _table_block(
+    tables: Tables, n: int, known: dict[tuple, str], row: bool = False
+) -> Iterator[str]:
+    """The lines that add the tables of a joint, of many rows or of a single one."""
     lookup, j = tables.lookup, tables.joint
-    reads = reads_of(tables, _ARRAYS, "OUT")
+    reads, kept = reads_of(tables, _ARRAYS, "OUT"), "PLAIN" if row else "TABLES"
     yield f"# tables on joint {j + 1}"
     yield f"x = [{', '.join(reads)}]"
     if tables.beyond == NOTHING:
-        yield f'low, high = TABLES["low{n}"], TABLES["high{n}"]'
-        yield "inside = np.ones(len(t), bool)"
+        yield f'low, high = {kept}["low{n}"], {kept}["high{n}"]'
+        yield f"inside = {'True' if row else 'np.ones(len(t), bool)'}"
         yield "for k, own in enumerate(x):"
         yield "    inside &= (low[k] <= own) & (own <= high[k])"
-    yield f"y = np.full(len(t), {float(lookup.offset[0])!r})"
+    offset = float(lookup.offset[0])
+    yield f"y = {offset!r}" if row else f"y = np.full(len(t), {offset!r})"
     for i in np.flatnonzero(lookup.slope[:, 0]):
         yield f"y += {float(lookup.slope[i, 0])!r} * x[{i}]"
     levels: dict[int, str] = {}
@@ -195,12 +249,14 @@ def _table_block(tables: Tables, n: int, known: dict[tuple, str]) -> Iterator[st
         key = (reads[axis.variable], axis.edges.tobytes())
         if key not in known:
             known[key] = f"L{len(known)}"
-            found = f'np.searchsorted(TABLES["edges{n}_{k}"], x[{axis.variable}]'
-            yield f'{known[key]} = {found}, side="right")'
+            places = f'({kept}["edges{n}_{k}"], x[{axis.variable}]'
+            search = f"bisect_right{places})"
+            many = f'np.searchsorted{places}, side="right")'
+            yield f"{known[key]} = {search if row else many}"
         levels[k] = known[key]
     for k, table in enumerate(lookup.tables):
-        at = ", ".join(levels[axis] for axis in table.axes)
-        yield f'y += TABLES["cells{n}_{k}"][{at}]'
+        at = ("][" if row else ", ").join(levels[axis] for axis in table.axes)
+        yield f'y += {kept}["cells{n}_{k}"][{at}]'
     factor = "inside * " if tables.beyond == NOTHING else ""
     yield f"OUT[{j}] += {factor}y"
 

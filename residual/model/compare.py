@@ -36,12 +36,13 @@ def rise(after: Array, before: Array, worse: float = WORSE) -> float:
     return ratio - 1 if ratio > worse and is_sure(after, before) else 0.0
 
 
-def is_sure(after: Array, before: Array) -> bool:
+def is_sure(after: Array, before: Array, sure: float = SURE) -> bool:
     """Whether blocks of two seconds, each paired, show that one error is larger.
 
     Args:
         after: Squared errors per second. Shape (seconds,).
         before: The same of the other model. Shape (seconds,).
+        sure: How surely, one-sided.
     """
     change = _blocks(after) - _blocks(before)
     # A block in which a joint stands says nothing.
@@ -49,7 +50,7 @@ def is_sure(after: Array, before: Array) -> bool:
     if len(change) < FEW:
         return bool(change.sum() > 0)
     scatter = change.std(ddof=1) * np.sqrt(len(change))
-    return bool(change.sum() > stdtrit(len(change) - 1, SURE) * scatter)
+    return bool(change.sum() > stdtrit(len(change) - 1, sure) * scatter)
 
 
 def rises(after: Array, before: Array, power: Array, least: float = SMALL) -> Array:

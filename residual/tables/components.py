@@ -68,6 +68,12 @@ class Pls:
             )
         return (X - self.x_mean) / self.x_scale @ self.V
 
+    def linear(self, components: int) -> tuple[Array, Array]:
+        """Constant (j,) and slope (k, j) of some leading components (eq. 25, 26)."""
+        a = components
+        slope = self.V[:, :a] @ self.Q[:, :a].T / self.x_scale[:, None]
+        return self.y_mean - self.x_mean @ slope, slope
+
 
 def fit_pls(
     X: Array,

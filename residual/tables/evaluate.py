@@ -2,12 +2,16 @@
 
     python evaluate.py model.npz rows.csv > corrections.csv
 
+    correction = by_row(dict(np.load("model.npz")))
+    correction(x)                        # of one row, for a loop: some microseconds
+
 A row holds the variables in the order of `names`, in rad, rad/s and rad/s^2; tau is the
 torque of the model in N m. A value outside the calibrated range takes the nearest
 level; `outside` tells which.
 """
 
 import sys
+from bisect import bisect_right
 
 import numpy as np
 
@@ -23,6 +27,33 @@ def predict(model, X):
         values = model[f"values_{table}"]
         out += values[levels[a]] if b < 0 else values[levels[a], levels[b]]
     return out
+
+
+def by_row(model):
+    """Return a function of one row, (d,) -> (joints,): all is looked up beforehand."""
+    edges = [model[f"edges_{k}"].tolist() for k in range(len(model["axis_variable"]))]
+    axes = list(zip(model["axis_variable"].tolist(), edges, strict=True))
+    offset, slope = model["offset"], model["slope"]
+    linear = slope.any()
+    tables = [model[f"values_{k}"] for k in range(len(model["table_axes"]))]
+    if not tables:
+        return lambda x: offset + np.dot(x, slope)
+    # A table of one axis has a second one, the last of all, at level 0.
+    first, second = np.ascontiguousarray(model["table_axes"].T)
+    across = np.array([t.shape[1] if t.ndim == 3 else 1 for t in tables])
+    flat = [t.reshape(-1, len(offset)) for t in tables]
+    start = np.cumsum([0, *map(len, flat[:-1])])
+    cells = np.concatenate(flat)
+
+    def correction(x):
+        values = x.tolist() if isinstance(x, np.ndarray) else x
+        levels = [bisect_right(own, values[variable]) for variable, own in axes]
+        levels = np.array([*levels, 0])
+        places = start + across * levels[first] + levels[second]
+        out = np.add.reduce(cells[places]) + offset
+        return out + np.dot(x, slope) if linear else out
+
+    return correction
 
 
 def outside(model, X):

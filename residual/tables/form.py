@@ -39,6 +39,7 @@ from residual.tables.nominal_pls import (
 
 WIDTHS = (6, 12)  # levels of either; speeds part at standstill
 NONE, LEAST_SQUARES, MAIN = "none", "least squares", "main effects"
+PLSR = "plsr"  # least squares in fewer directions; chosen by `residual.calibration`
 LOADED, NAMED, PAIRS = "main effects and load", "named pairs", "all pairs"
 
 
@@ -191,9 +192,9 @@ class Option:
     """One choice for one joint.
 
     Attributes:
-        kind: One of the six constants of this module.
+        kind: One of the seven constants of this module.
         ridge: Ridge of the main effects, where there are any.
-        count: Named pair tables, or components of all pair tables.
+        count: Named pair tables, or components: of all pair tables, of PLSR.
     """
 
     kind: str

@@ -126,6 +126,7 @@ def test_runs_are_calibrated_as_in_the_paper_and_kept(stored, capsys):
         "ls",
         "plsr",
         "paper",
+        "sparse",
         "chosen",
         "default",
     }

@@ -10,6 +10,12 @@ from flows.report.words.calibration import sentences
 from residual.calibration import calibrate as core
 from residual.calibration import rows as cut
 from residual.calibration.calibrate import Settings, calibrate
+from residual.calibration.choice import (
+    Training,
+    choice_groups,
+    chosen_model,
+    fixed_lookup,
+)
 from residual.calibration.methods import (
     CHOSEN,
     DEFAULT,
@@ -18,10 +24,7 @@ from residual.calibration.methods import (
     NONE,
     PAPER_FORM,
     PLSR,
-    Training,
-    choice_groups,
-    chosen_model,
-    fixed_lookup,
+    SPARSE,
 )
 from residual.calibration.nominal import identified_without, prepare_runs
 from residual.calibration.rows import (
@@ -47,7 +50,9 @@ from residual.effects import registry
 from residual.errors import InputError
 from residual.model.model import Term
 from residual.tables.choose import fit_effect_tables
+from residual.tables.components import fit_pls
 from residual.tables.form import MAIN, NAMED, PAIRS, EffectForm, Option
+from residual.tables.form import PLSR as PLSR_OPTION
 from residual.tables.nominal_pls import NominalForm
 from tests.residual.identified import logs, truth
 
@@ -252,7 +257,8 @@ def training(runs=3, rows=400, seed=0):
     noise = rng.normal(size=(len(run), 2))
     Y = np.stack([3 * np.sign(X[:, 2]), np.zeros(len(run))], axis=1) + 0.3 * noise
     part = np.arange(len(run)) * 4 // rows
-    return Training(X, Y, run, Y + rng.normal(size=Y.shape), part)
+    second = np.arange(len(run)) // 20
+    return Training(X, Y, run, Y + rng.normal(size=Y.shape), part, second)
 
 
 FORM = EffectForm((2, 3), pyramid=(5, 10), pairs=NominalForm(5, 3, "quantile"))
@@ -275,10 +281,11 @@ def test_nothing_is_taken_for_pure_noise():
     assert options == model.chosen
 
 
-def test_of_fewer_than_three_runs_blocks_are_left_out():
+def test_of_fewer_than_four_runs_blocks_are_left_out():
     data = training(2)
     np.testing.assert_array_equal(choice_groups(data), data.part)
-    np.testing.assert_array_equal(choice_groups(training()), training().run)
+    np.testing.assert_array_equal(choice_groups(training()), training().part)
+    np.testing.assert_array_equal(choice_groups(training(4)), training(4).run)
     asked = []
 
     def without(parts):
@@ -287,11 +294,10 @@ def test_of_fewer_than_three_runs_blocks_are_left_out():
 
     _, options = chosen_model(replace(data, without=without), FORM)
     assert [o.kind for o in options] == [MAIN, "none"]
-    blocks = [(part,) for part in range(8)]
-    assert asked == [*blocks, (0, 1, 2, 3), (4, 5, 6, 7)]
+    assert asked == [(part,) for part in range(8)]
 
 
-def test_of_two_runs_nothing_is_taken_that_has_no_bound_or_does_not_help_the_other():
+def test_what_holds_in_one_run_alone_is_not_taken_and_a_straight_line_is_a_line():
     data = training(2)
     # Linear in a variable whose range is another one in each run.
     X = data.X.copy()
@@ -299,21 +305,60 @@ def test_of_two_runs_nothing_is_taken_that_has_no_bound_or_does_not_help_the_oth
     slope = np.where(data.run == 0, 3.0, -3.0) * (X[:, 0] - 50 * data.run)
     Y = np.stack([slope, np.zeros(len(X))], axis=1) + 0.01 * data.Y
     linear = replace(data, X=X, Y=Y)
-    assert [o.kind for o in chosen_model(linear, FORM)[1]] == ["none", "none"]
+    lines = {"least squares", "plsr"}
+    assert not {o.kind for o in chosen_model(linear, FORM)[1]} & lines
     # A step that the other run has the other way round.
     turned = np.where(data.run[:, None] == 0, data.Y, -data.Y)
-    model, options = chosen_model(replace(data, Y=turned), FORM)
+    _, options = chosen_model(replace(data, Y=turned), FORM)
     assert options[0].kind == "none"
     straight = replace(data, Y=2 * data.X[:, :2], tau=5 * data.X[:, :2])
-    model, options = chosen_model(straight, FORM)
-    assert {o.kind for o in model.chosen} == {"least squares"}
-    assert {o.kind for o in options} == {"none"}
+    _, options = chosen_model(straight, FORM)
+    assert {o.kind for o in options} <= lines
+
+
+def test_the_best_of_what_anyone_would_try_is_taken_unless_by_chance():
+    """No joint gets what loses to nothing, least squares or PLSR on left-out blocks."""
+    rng = np.random.default_rng(5)
+    data = training(3, rows=600)
+    slope = rng.normal(size=(6, 2))
+    for Y in (data.X @ slope, data.Y, rng.normal(size=data.Y.shape)):
+        own = replace(data, Y=Y + 0.5 * rng.normal(size=Y.shape))
+        tables = chosen_model(own, FORM)[1]
+        left = {"ours": 0.0, "none": 0.0, "line": 0.0}
+        for part in np.unique(own.part):
+            kept, new = own.rows(own.part != part), own.rows(own.part == part)
+            one = np.c_[np.ones(len(kept.X)), kept.X]
+            theta = np.linalg.lstsq(one, kept.Y, rcond=None)[0]
+            line = np.c_[np.ones(len(new.X)), new.X] @ theta
+            ours = fixed_lookup(kept, FORM, tables).predict(new.X)
+            left["ours"] += ((new.Y - ours) ** 2).sum(axis=0)
+            left["none"] += (new.Y**2).sum(axis=0)
+            left["line"] += ((new.Y - line) ** 2).sum(axis=0)
+        assert (left["ours"] <= 1.02**2 * np.minimum(left["none"], left["line"])).all()
+
+
+def test_plsr_of_given_components_is_that_of_its_scores():
+    data = training()
+    options = (Option(PLSR_OPTION, count=2), Option("none"))
+    pls = fit_pls(data.X, data.Y)
+    by_scores = data.Y.mean(axis=0) + pls.transform(data.X)[:, :2] @ pls.Q.T[:2]
+    got = fixed_lookup(data, FORM, options).predict(data.X)
+    np.testing.assert_allclose(got[:, 0], by_scores[:, 0], atol=1e-9)
+    np.testing.assert_array_equal(got[:, 1], 0)
+
+
+def test_dense_and_sparse_pair_tables_stand_side_by_side():
+    scores = made().scores
+    dense, sparse = (find(scores, RUN, m) for m in (PAPER_FORM, SPARSE))
+    assert 1 <= sparse.components <= len(sparse.curve) - 1
+    assert sparse.overall != dense.overall
 
 
 @cache
 def few_runs():
     """Three runs of an arm whose dry friction its model lacks."""
-    settings = replace(QUICK, declared=("viscous", "rotor_inertia"), views=False)
+    declared = ("viscous", "rotor_inertia")
+    settings = replace(QUICK, declared=declared, views=False, pairs=False)
     runs = [Run(log) for log in logs(3, noise=0.3, duration=8.0)]
     return calibrate(truth().robot, runs, settings)
 

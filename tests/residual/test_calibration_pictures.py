@@ -3,7 +3,7 @@
 import numpy as np
 
 from flows.report.words.calibration import plane_words
-from residual.calibration.methods import Training
+from residual.calibration.choice import Training
 from residual.calibration.views import plane_of
 
 NAMES = ("q1", "q2", "qd1", "qd2", "qdd1", "qdd2")
@@ -19,7 +19,7 @@ def states(seed=0, rows=800):
 def test_a_residual_that_is_friction_goes_with_its_speed_and_is_said_to():
     X, run, rng = states()
     Y = np.column_stack([5 * X[:, 2], 0.1 * rng.normal(size=len(X))])
-    plane = plane_of(Training(X, Y, run, Y, run), NAMES, (1, 2))
+    plane = plane_of(Training(X, Y, run, Y, run, run), NAMES, (1, 2))
     place = {name: i for i, name in enumerate(plane.names)}
     for name in ("qd1", "residual1"):
         assert abs(plane.loadings[place[name], 0]) > 0.98
@@ -35,6 +35,6 @@ def test_a_residual_that_is_friction_goes_with_its_speed_and_is_said_to():
 def test_noise_is_not_explained():
     X, run, rng = states(1)
     Y = rng.normal(size=(len(X), 2))
-    plane = plane_of(Training(X, Y, run, Y, run), NAMES, (1, 2))
+    plane = plane_of(Training(X, Y, run, Y, run, run), NAMES, (1, 2))
     assert all("wrong or missing" not in line for line in plane_words(plane))
     assert plane.explained.max() < 5

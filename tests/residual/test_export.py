@@ -28,7 +28,7 @@ from residual.export.exported import (
 )
 from residual.export.numpy_file import to_numpy
 from residual.export.simulators import saturated_speed, to_mjcf, to_urdf
-from residual.model.corrected import Corrected, Tables
+from residual.model.corrected import NEAREST, NOTHING, Corrected, Tables
 from residual.model.model import Model
 from residual.model.record import from_record
 from residual.signals.logs import CHOICES
@@ -107,6 +107,39 @@ def test_the_numpy_file_computes_the_torque_of_each_effect(arm, name):
     np.testing.assert_allclose(_torque(made)(motion), want, rtol=0, atol=1e-10)
 
 
+@pytest.mark.parametrize("arm", ARMS)
+@pytest.mark.parametrize("name", [n for n in NAMES if n not in AHEAD])
+def test_a_single_row_of_the_numpy_file_is_that_of_many(arm, name):
+    robot = robot_of(arm)
+    _row_as_many(to_numpy(model_with(robot, "viscous", "rotor_inertia", name)))
+
+
+@pytest.mark.parametrize("choice", CHOICES, ids=str)
+def test_a_single_row_stands_still_as_many_do(choice):
+    still = (replace(choice, hold=0.6),) * 6
+    _row_as_many(to_numpy(model_with(robot_of("irb140"), "coulomb", standstill=still)))
+
+
+def _row_as_many(made, folder="nowhere"):
+    names, motion = _names(made, folder), exciting(body_of(made.whole).robot)
+    for k in (0, 700, 1400):
+        row = [x[k] for x in (motion.t, *motion.parts)]
+        many = names["torque"](*(np.array([x]) for x in row))
+        np.testing.assert_allclose(
+            names["torque_row"](*row), many[0], rtol=1e-12, atol=1e-9
+        )
+
+
+def test_a_single_row_reads_tables_as_many_do(tmp_path):
+    for beyond in (NOTHING, NEAREST):
+        whole = _corrected(robot_of("seven"))
+        tables = tuple(replace(t, beyond=beyond) for t in whole.tables)
+        made = to_numpy(replace(whole, tables=tables))
+        for name, content in made.files.items():
+            (tmp_path / name).write_bytes(content)
+        _row_as_many(made, tmp_path)
+
+
 @pytest.mark.parametrize("choice", CHOICES, ids=str)
 def test_the_numpy_file_stands_still_as_the_model_does(choice):
     robot = robot_of("irb140")
@@ -117,9 +150,14 @@ def test_the_numpy_file_stands_still_as_the_model_does(choice):
     np.testing.assert_allclose(got, want, rtol=0, atol=1e-10)
 
 
-def _torque(made):
-    names = {"__name__": "torque", "__file__": "nowhere/torque.py"}
+def _names(made, folder="nowhere"):
+    names = {"__name__": "torque", "__file__": f"{folder}/torque.py"}
     exec(compile(made.files["torque.py"], "torque.py", "exec"), names)
+    return names
+
+
+def _torque(made):
+    names = _names(made)
     return lambda motion: names["torque"](motion.t, *motion.parts)
 
 

@@ -1,15 +1,20 @@
 import csv
+import ctypes
 import io
 import json
 import subprocess
 import sys
+from dataclasses import replace
 from itertools import combinations
 
 import numpy as np
 import pytest
 
+from flows.proofs.c import build, compiler
 from residual.errors import InputError
+from residual.export.c99 import tables_header
 from residual.tables.choose import fit_effect_tables
+from residual.tables.evaluate import by_row, predict
 from residual.tables.form import EffectForm
 from residual.tables.lookup import (
     Axis,
@@ -126,10 +131,51 @@ def test_the_export_evaluates_on_its_own(block, model, tmp_path):
     np.testing.assert_allclose(found, chosen.lookup.predict(X[::20]), **EXACT)
 
 
+def test_a_single_row_is_evaluated_as_many_are(rng, block, model):
+    X, Y, torque, run = block
+    lines = np.c_[X, np.ones(len(X))] @ rng.normal(size=(X.shape[1] + 1, Y.shape[1]))
+    straight = fit_effect_tables(X, lines, run, torque, EffectForm(pairs=None, named=0))
+    form = EffectForm((3, 4, 5), NAMES, pairs=None)
+    for lookup in (
+        nominal_lookup(model),
+        fit_effect_tables(X, Y, run, torque, form).lookup,
+        replace(nominal_lookup(model), slope=rng.normal(size=(9, Y.shape[1]))),
+        straight.lookup,
+    ):
+        saved = dict(np.load(io.BytesIO(export_lookup(lookup)["model.npz"])))
+        rows = np.vstack([X[:50], 1e9 * X[:2], lookup.low, lookup.high])
+        correction = by_row(saved)
+        got = [correction(x) for x in rows]
+        np.testing.assert_allclose(got, predict(saved, rows), rtol=1e-9, atol=1e-9)
+
+
+@pytest.mark.skipif(compiler() is None, reason="no C compiler here")
+def test_a_header_of_tables_alone_says_what_they_say(rng, block, model, tmp_path):
+    X = np.ascontiguousarray(block[0][:200])
+    pairs = nominal_lookup(model)
+    lookup = replace(pairs, names=NAMES, slope=rng.normal(size=pairs.slope.shape))
+    ((name, text),) = tables_header(lookup, "my-arm").items()
+    assert name == "my_arm_tables.h"
+    assert f"0 {NAMES[0]}" in text.decode()
+    (tmp_path / name).write_bytes(text)
+    (tmp_path / "one.c").write_text(
+        f'#include "{name}"\n'
+        "void one(const double *x, double *y) { my_arm_tables_correction(x, y); }\n"
+    )
+    build(tmp_path, ["one.c"], "one.so", "-Werror")
+    one, out = ctypes.CDLL(str(tmp_path / "one.so")).one, np.empty(len(lookup.joints))
+    at = out.ctypes.data_as(ctypes.c_void_p)
+    got = []
+    for x in X:
+        one(x.ctypes.data_as(ctypes.c_void_p), at)
+        got.append(out.copy())
+    np.testing.assert_allclose(got, lookup.predict(X), rtol=1e-12, atol=1e-12)
+
+
 def test_the_evaluator_is_short_and_flags_what_lies_outside(model):
     files = export_lookup(nominal_lookup(model))
     code = files["evaluate.py"].decode().split('"""', 2)[2]
-    assert len([line for line in code.splitlines() if line.strip()]) <= 30
+    assert len([line for line in code.splitlines() if line.strip()]) <= 50
     space = {"__name__": "evaluate"}
     exec(files["evaluate.py"], space)
     loaded = np.load(io.BytesIO(files["model.npz"]), allow_pickle=False)

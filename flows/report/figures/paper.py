@@ -20,6 +20,7 @@ from residual.calibration.methods import (
     NONE,
     PAPER_FORM,
     PLSR,
+    SPARSE,
     WORDS,
 )
 from residual.calibration.scores import RANDOM, RUN, Score
@@ -100,6 +101,7 @@ MODEL_COLOURS = {
     LS: "#e69f00",
     PLSR: "#f0e442",
     PAPER_FORM: "#cc79a7",
+    SPARSE: "#56b4e9",
     CHOSEN: "#d55e00",
     DEFAULT: "#0072b2",
     EFFECTS: "#009e73",
