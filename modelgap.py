@@ -16,7 +16,7 @@ from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:  # for editors
-    from flows.door.logs import check, compare, export, read_logs
+    from flows.door.logs import check, compare, export, read_logs, recording
     from flows.door.results import (
         Calibration,
         Diagnosis,
@@ -69,10 +69,11 @@ __all__ = [
     "load_robot",
     "open_store",
     "read_logs",
+    "recording",
 ]
 
 _PLACES = {
-    "flows.door.logs": ("check", "compare", "export", "read_logs"),
+    "flows.door.logs": ("check", "compare", "export", "read_logs", "recording"),
     "flows.door.results": (
         "Calibration",
         "Diagnosis",

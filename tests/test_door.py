@@ -4,10 +4,12 @@ import ast
 import json
 import subprocess
 import sys
+from dataclasses import replace
 from importlib.util import find_spec
 from pathlib import Path
 
 import numpy as np
+import pinocchio as pin
 import pyarrow as pa
 import pytest
 
@@ -25,6 +27,7 @@ from residual.diagnosis.result import (
 )
 from residual.diagnosis.verdict import from_json
 from residual.errors import InputError
+from tests.residual.test_model_record import model_of
 from warehouse.commit import commit_run
 
 ROOT = Path(__file__).parents[1]
@@ -162,6 +165,26 @@ def test_a_diagnosis_is_a_line_in_a_terminal_and_a_short_page_in_a_notebook():
     assert "plsr" not in html
     assert "(&lt;script&gt;)" in html
     assert "Warning: &lt;&amp;&gt;" in html
+
+
+def test_the_findings_are_a_table_and_its_models_have_names():
+    row = {"effect": "payload", "joints": [1], "probability": 0.97}
+    row |= {"parameter": "mass", "value": 3.96, "std": 0.35, "unit": "kg"}
+    assert _diagnosis().to_frame().rows() == [row]
+    found = _diagnosis()
+    empty = Diagnosis(replace(found.verdict, effects=()))
+    assert empty.to_frame().columns == list(row)
+    models = {"nominal": 1, "identified": 2, "augmented": 3}
+    named = Diagnosis(found.verdict, models)
+    assert (named.nominal, named.identified, named.augmented) == (1, 2, 3)
+
+
+def test_a_model_in_pinocchio_weighs_what_the_model_does():
+    model = model_of([])
+    own, zero = model.pin(), np.zeros((1, model.robot.dof))
+    q = zero + 0.3
+    weight = pin.rnea(own, own.createData(), q[0], zero[0], zero[0])
+    np.testing.assert_allclose(weight, model.torque(q, zero, zero)[0], atol=1e-10)
 
 
 def test_a_diagnosis_is_kept_as_a_page_and_as_json(tmp_path):

@@ -2,7 +2,11 @@
 
 import warnings
 from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import replace
 from pathlib import Path
+from typing import Any
+
+import numpy as np
 
 from flows.inputs.given import LogSets, read_sets
 from flows.outputs import check_new_folder, write_all
@@ -19,11 +23,13 @@ from residual.model.corrected import Corrected
 from residual.model.model import Model
 from residual.recording import Recording
 from residual.robot.robot import Robot
-from warehouse.logs import ColumnMap, columns_of
+from warehouse.logs import ColumnMap, check_distinct, columns_of, read_table
+
+Given = str | Path | Mapping[str, Any] | Any  # file, id, columns by name, data frame
 
 
 def read_logs(
-    logs: str | Path | Iterable[str | Path],
+    logs: Given | Iterable[Given],
     robot: Robot,
     columns: str | Path | None = None,
     store: str | Path | None = None,
@@ -33,7 +39,9 @@ def read_logs(
     What is odd but usable is a Python warning.
 
     Args:
-        logs: Files, windows of files ("run.csv@0:60%"), or ids of runs of the store.
+        logs: Files, windows of files ("run.csv@0:60%"), ids of runs of the store,
+            mappings with columns by name, data frames. One, several, or by name: what
+            a mapping gives a log, not a column, is called by its key.
         robot: The arm that was logged.
         columns: COLUMNS.toml for other column names and units (docs/logs.md).
         store: Where the runs are; None for the usual place.
@@ -44,12 +52,101 @@ def read_logs(
     Raises:
         InputError: If a log is not usable, or two share samples.
     """
-    words = [logs] if isinstance(logs, str | Path) else logs
-    names = [str(word) for word in words]
-    read = read_sets((names, (), ()), robot, columns and str(columns), store)
-    for line in read.warnings:
+    named = _named(logs)
+    files = [str(log) for _, log in named if isinstance(log, str | Path)]
+    read = read_sets((files, (), ()), robot, columns and str(columns), store)
+    known, told, of_files = (
+        columns_of(robot, columns),
+        list(read.warnings),
+        iter(read.fit),
+    )
+    out: list[Recording] = []
+    for name, log in named:
+        if isinstance(log, str | Path):
+            own = next(of_files)
+            out.append(replace(own, id=name) if name and name != own.id else own)
+        else:
+            one, about = read_table(log, robot, known, name or f"log {len(out) + 1}")
+            told += about.warnings
+            out.append(one)
+    check_distinct(out)
+    for line in told:
         warnings.warn(line, stacklevel=2)
-    return read.fit
+    return tuple(out)
+
+
+def _named(logs: Any) -> list[tuple[str, Any]]:
+    """Return logs with their names, "" where none is given."""
+    if isinstance(logs, Mapping):
+        whole = [isinstance(v, str | Path) or _is_table(v) for v in logs.values()]
+        if whole and all(whole):
+            return [(str(name), log) for name, log in logs.items()]
+        return [("", logs)]
+    one = isinstance(logs, str | Path) or _is_table(logs)
+    return [("", log) for log in ([logs] if one else logs)]
+
+
+def _is_table(given: Any) -> bool:
+    """Whether this has columns by name: a mapping or a frame, no list or array."""
+    frame = hasattr(given, "columns") or hasattr(given, "column_names")
+    return isinstance(given, Mapping) or (frame and hasattr(given, "__getitem__"))
+
+
+def recording(
+    robot: Robot,
+    table: Any = None,
+    *,
+    t: Any = None,
+    q: Any = None,
+    tau: Any = None,
+    qd: Any = None,
+    id: str = "log",
+    columns: str | Path | None = None,
+) -> Recording:
+    """Return a log of arrays, or of the columns of a table, checked as a file is.
+
+    Args:
+        robot: The arm that was logged.
+        table: Columns by name: a mapping or a data frame. Instead of the arrays.
+        t: Sample times [s]. Shape (n,).
+        q: Joint positions, link side [rad]. Shape (n, dof).
+        tau: Joint torques, link side [N m]. Shape (n, dof).
+        qd: Joint velocities where they were measured [rad/s]. Shape (n, dof).
+        id: What the log is called.
+        columns: COLUMNS.toml for the columns of a table.
+
+    Raises:
+        InputError: If something is missing, has another shape, or can be none of this
+            arm: too short, without motion, beyond its range.
+    """
+    arrays = {"t": t, "q": q, "tau": tau, "qd": qd}
+    given = {name: np.asarray(x) for name, x in arrays.items() if x is not None}
+    if (table is None) == (not given) or (given and {"t", "q", "tau"} - set(given)):
+        got = [*(["a table"] if table is not None else []), *given]
+        raise InputError(
+            "Expected a table, or t, q and tau as arrays; got "
+            f"{', '.join(got) or 'none'}."
+        )
+    for name, x in given.items():
+        shape = (len(given["t"]),) if name == "t" else (len(given["t"]), robot.dof)
+        if x.shape != shape:
+            raise InputError(f"{id}: {name} has shape {x.shape}, expected {shape}.")
+    if table is not None:
+        one, about = read_table(table, robot, columns_of(robot, columns), id)
+    else:
+        one, about = read_table(_by_joint(given), robot, ColumnMap(), id)
+    for line in about.warnings:
+        warnings.warn(line, stacklevel=2)
+    return one
+
+
+def _by_joint(given: Mapping[str, Any]) -> dict[str, Any]:
+    """Return arrays as columns: of the names that are read without a map."""
+    out = {"t": given["t"]}
+    for name in ("q", "tau", "qd"):
+        for j, column in enumerate(given.get(name, np.empty((0, 0))).T):
+            out[f"{name}{j + 1}"] = column
+    return out
 
 
 def compare(

@@ -5,6 +5,7 @@ from dataclasses import dataclass, fields
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import pyarrow as pa
 
 from flows.door.store import Table
@@ -37,6 +38,17 @@ from warehouse.logs import check_distinct
 
 page = Lazy("flows.report.next")  # draws the motion that is proposed: a simulation
 
+_FINDINGS = pa.schema(
+    [
+        ("effect", pa.string()),
+        ("joints", pa.list_(pa.int64())),
+        ("probability", pa.float64()),
+        ("parameter", pa.string()),
+        ("value", pa.float64()),
+        ("std", pa.float64()),
+        ("unit", pa.string()),
+    ]
+)
 _COLUMNS = ("name", "value", "sd", "nominal", "unit", "status", "joint", "is")
 
 
@@ -63,6 +75,40 @@ class Diagnosis(result.Diagnosis):
     def save_report(self, path: str | Path) -> None:
         """Write the page: one HTML file that needs nothing else."""
         write_all({Path(path): page.page_with_motion(self)})
+
+    @property
+    def nominal(self) -> Model:
+        """The model as the robot is described, fitted to nothing."""
+        return self.models["nominal"]
+
+    @property
+    def identified(self) -> Model:
+        """The model with what it declares fitted, and nothing added."""
+        return self.models["identified"]
+
+    @property
+    def augmented(self) -> Model:
+        """The model with what was found."""
+        return self.models["augmented"]
+
+    def to_frame(self) -> Table:
+        """The findings, a row for each parameter; ``.df()`` is a pandas DataFrame."""
+        rows = [
+            {
+                "effect": effect.name,
+                "joints": list(effect.joints),
+                "probability": effect.probability,
+                "parameter": name if len(values) == 1 else f"{name} {k + 1}",
+                "value": float(values[k]),
+                "std": float(np.atleast_1d(one.std)[k]),
+                "unit": one.unit,
+            }
+            for effect in self.effects
+            for name, one in effect.parameters.items()
+            for values in [np.atleast_1d(one.value)]
+            for k in range(len(values))
+        ]
+        return Table(pa.Table.from_pylist(rows, schema=_FINDINGS))
 
     def to_json(self) -> dict:
         """The verdict as plain values, in its documented form (docs/verdict.md)."""

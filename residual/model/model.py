@@ -6,12 +6,13 @@ from dataclasses import asdict, dataclass, field, replace
 from pathlib import Path
 
 import numpy as np
+import pinocchio
 
 from residual.effects import TABLES, registry
 from residual.effects.base import Effect, Joints, Shape, State
 from residual.errors import InputError, check_name, shown
 from residual.recording import Array, Recording
-from residual.robot.dynamics import LazyRegressor
+from residual.robot.dynamics import LazyRegressor, with_inertial_parameters
 from residual.robot.robot import Robot, robot_from_texts
 from residual.signals.logs import SMOOTH, Standstill, directions
 from residual.signals.track import Filters, Track, at_samples, prepare
@@ -261,6 +262,13 @@ class Model:
             )
         still = self.by_sign()
         return still.torque_of_state(still.state(1.0, np.zeros(shape[0]), motion))
+
+    def pin(self) -> pinocchio.Model:
+        """Return the rigid body as Pinocchio has it, with the inertias of this model.
+
+        Effects are not in it: ``torque`` less Pinocchio's ``rnea`` is theirs.
+        """
+        return with_inertial_parameters(self.robot.model, self.inertial)
 
     def along(self, t: Array, motion: Sequence[Array]) -> Array:
         """Torque along a known motion, effects with a memory and all [N m]. (n, dof).

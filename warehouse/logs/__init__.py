@@ -6,7 +6,7 @@ from warehouse.logs.columns import (
     columns_of,
     load_columns,
 )
-from warehouse.logs.read import Understood, read_any, read_log
+from warehouse.logs.read import Understood, read_any, read_log, read_table
 from warehouse.logs.window import Doubt, check_distinct, unique_ids
 
 __all__ = [
@@ -19,5 +19,6 @@ __all__ = [
     "load_columns",
     "read_any",
     "read_log",
+    "read_table",
     "unique_ids",
 ]

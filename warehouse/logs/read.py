@@ -6,11 +6,12 @@ from dataclasses import dataclass
 from datetime import datetime
 from pathlib import Path
 from tempfile import TemporaryFile
+from typing import Any
 
 import numpy as np
 import pyarrow as pa
 
-from residual.errors import InputError, RecordingError
+from residual.errors import InputError, RecordingError, shortened
 from residual.recording import Recording
 from residual.robot.robot import Robot
 from warehouse.logs.columns import (
@@ -25,7 +26,14 @@ from warehouse.logs.columns import (
     to_link_side,
 )
 from warehouse.logs.ros import open_bag, open_mcap
-from warehouse.logs.tables import HEAD, CsvLog, LogFile, ParquetLog, from_seconds, later
+from warehouse.logs.tables import (
+    HEAD,
+    CsvLog,
+    LogFile,
+    ParquetLog,
+    from_seconds,
+    later,
+)
 from warehouse.logs.window import (
     Doubt,
     Window,
@@ -240,16 +248,107 @@ def read_any(
     tail = "" if window is None else f"@{window.text}"
     label = label or f"{path.stem}{tail}"
     log = open_log(path, columns, tuple(robot.model.names)[1:])
-    chosen = select(log.columns, columns, robot.dof, path.name)
-    check_units(chosen, columns.time_unit, log.units, path.name)
+    return read_opened(log, robot, columns, label, str(path), window)
+
+
+class TableLog(LogFile):
+    """Columns that are in memory already: a mapping, or a data frame of any library.
+
+    Args:
+        table: What gives a column by its name, and names its columns: a mapping, or a
+            frame by its ``columns`` or ``column_names``.
+        name: What messages call it.
+    """
+
+    def __init__(self, table: Any, name: str) -> None:
+        self.name = name
+        names = getattr(table, "column_names", None)
+        if names is None:
+            names = getattr(table, "columns", table)
+        self._columns: dict[str, Array] = {}
+        for key in names:
+            self._columns |= self._parts(str(key), table[key])
+        self.columns = tuple(self._columns)
+
+    def _parts(self, key: str, given: Any) -> dict[str, Array]:
+        """Return the column of a key; of one with a column per joint: q1, q2, ..."""
+        try:
+            values = np.asarray(given)
+        except (TypeError, ValueError):  # rows of different lengths
+            values = np.empty((), object)
+        if values.ndim == 2:
+            return {f"{key}{j + 1}": column for j, column in enumerate(values.T)}
+        if values.ndim != 1:
+            raise InputError(
+                f"{self.name}: column '{shortened(key)}' has shape {values.shape}, "
+                "expected one value per sample, or one per sample and joint."
+            )
+        return {key: values}
+
+    def read(self, columns: tuple[str, ...]) -> dict[str, Array]:
+        """Return the values of some columns, NaN where empty."""
+        sizes = {name: len(self._columns[name]) for name in columns}
+        if len({*sizes.values()}) > 1:
+            some = ", ".join(f"{name}: {n}" for name, n in sizes.items())
+            raise InputError(
+                f"{self.name}: its columns differ in length ({shortened(some)}), "
+                "expected as many samples in each."
+            )
+        return {name: self._number(name) for name in columns}
+
+    def _number(self, name: str) -> Array:
+        values = self._columns[name]
+        try:
+            if values.dtype.kind in "fiuO":
+                return values.astype(float)
+        except (TypeError, ValueError):
+            pass
+        raise InputError(
+            f"{self.name}: column '{shortened(name)}' holds {values.dtype}, expected "
+            "numbers."
+        )
+
+
+def read_table(
+    table: Mapping, robot: Robot, columns: ColumnMap | None = None, label: str = "log"
+) -> tuple[Recording, Understood]:
+    """Read a log that is in memory already, as `read_log` reads a file.
+
+    Args:
+        table: Columns by name, 1-D; or a data frame, which is asked by name.
+
+    Raises:
+        InputError: As `read_log`.
+    """
+    columns = columns or columns_of(robot) or ColumnMap()
+    log = TableLog(table, label)
+    recording, known = read_opened(log, robot, columns, label, label)
+    if known.doubts:
+        raise RecordingError(known.doubts[0].words)
+    return recording, known
+
+
+def read_opened(
+    log: LogFile,
+    robot: Robot,
+    columns: ColumnMap,
+    label: str,
+    file: str,
+    window: Window | None = None,
+) -> tuple[Recording, Understood]:
+    """Read a log that is open, as `read_any`.
+
+    Args:
+        file: As the user wrote it, without the window.
+    """
+    chosen = select(log.columns, columns, robot.dof, log.name)
+    check_units(chosen, columns.time_unit, log.units, log.name)
     table = log.read(chosen.used)
     first = _first(table[chosen.time]) * columns.time_unit_seconds
-    recording, doubts = _samples(
-        table, chosen, columns, robot, label, path.name, window
-    )
+    recording, doubts = _samples(table, chosen, columns, robot, label, log.name, window)
     understood = Understood(
         id=label,
-        file=str(path),
+        file=file,
         window=None if window is None else window.text,
         rows=len(recording.t),
         rate=(len(recording.t) - 1) / recording.duration,

@@ -1,0 +1,112 @@
+"""Logs from memory: mappings, data frames and arrays, checked as files are."""
+
+import numpy as np
+import pyarrow as pa
+import pytest
+
+import modelgap as mg
+from tests.checkout import ROOT
+
+HIDDEN = ROOT / "examples" / "hidden"
+LOG = HIDDEN / "fit_3.csv"
+
+
+@pytest.fixture(scope="module")
+def robot():
+    return mg.load_robot("irb140")
+
+
+@pytest.fixture(scope="module")
+def file(robot):
+    return mg.read_logs(LOG, robot)[0]
+
+
+@pytest.fixture(scope="module")
+def table():
+    read = np.genfromtxt(LOG, delimiter=",", names=True)
+    return {name: read[name] for name in read.dtype.names}
+
+
+class Frame:
+    """What pandas and Polars have in common."""
+
+    def __init__(self, table):
+        self._table, self.columns = table, list(table)
+
+    def __getitem__(self, name):
+        return self._table[name]
+
+
+def same(log, other):
+    for name in ("t", "q", "tau"):
+        np.testing.assert_array_equal(getattr(log, name), getattr(other, name))
+
+
+@pytest.mark.parametrize(
+    "kind", [dict, Frame, pa.table], ids=["dict", "frame", "arrow"]
+)
+def test_columns_in_memory_are_the_log_that_a_file_is(robot, table, file, kind):
+    (log,) = mg.read_logs(kind(table), robot)
+    same(log, file)
+    same(mg.recording(robot, kind(table)), file)
+
+
+def test_logs_have_the_names_that_a_mapping_gives_them(robot, table, file):
+    read = mg.read_logs({"first": str(LOG)}, robot)
+    assert read[0].id == "first"
+    other = {**table, "tau1": table["tau1"] + 1e-3}
+    other |= {f"q{j}": table[f"q{j}"][::-1] for j in range(1, 7)}
+    read = mg.read_logs({"file": LOG, "memory": other}, robot)
+    assert [log.id for log in read] == ["file", "memory"]
+    same(read[0], file)
+
+
+def test_arrays_are_a_recording_in_si_units(robot, file):
+    log = mg.recording(robot, t=file.t, q=file.q, tau=file.tau, id="mine")
+    same(log, file)
+    assert (log.id, log.robot, log.qd) == ("mine", "irb140", None)
+    (log,) = mg.read_logs({"t": file.t, "q": file.q, "tau": file.tau}, robot)
+    same(log, file)
+
+
+def test_a_map_is_for_columns_in_memory_too(robot, table, file, tmp_path):
+    names = {f"q{j}": f"J{j}" for j in range(1, 7)}
+    own = {names.get(name, name): x for name, x in table.items()}
+    own |= {f"J{j}": np.rad2deg(table[f"q{j}"]) for j in range(1, 7)}
+    listed = ", ".join(f'"J{j}"' for j in range(1, 7))
+    (tmp_path / "C.toml").write_text(f"q = {{columns = [{listed}], unit = 'deg'}}")
+    log = mg.recording(robot, own, columns=tmp_path / "C.toml")
+    np.testing.assert_allclose(log.q, file.q, atol=1e-12)
+    with pytest.raises(mg.InputError, match=r"missing column q1\.\.6 .*found .*J1"):
+        mg.read_logs(own, robot)
+
+
+BAD = {
+    "nothing": ({}, "got none"),
+    "no torque": ({"t": 1, "q": 1}, "got t, q"),
+    "both": ({"table": {}, "t": 1, "q": 1, "tau": 1}, "got a table, t, q, tau"),
+    "shape": ({"t": slice(9), "q": 1, "tau": 1}, r"q has shape \(2500, 6\)"),
+    "degrees": ({"t": 1, "q": 57.3, "tau": 1}, "Degrees"),
+    "columns": ({"table": {"t": [0, 1], "q": [1]}}, "missing column"),
+}
+
+
+@pytest.mark.parametrize("name", BAD)
+def test_what_is_no_log_is_refused_in_words(robot, file, name):
+    given, said = BAD[name]
+    made = {}
+    for key, how in given.items():
+        if key == "table":
+            made[key] = how
+        else:
+            own = getattr(file, key)
+            made[key] = own[how] if isinstance(how, slice) else how * own
+    with pytest.raises(mg.InputError, match=said):
+        mg.recording(robot, **made)
+
+
+def test_text_and_columns_of_other_lengths_are_refused(robot, table):
+    with pytest.raises(mg.InputError, match="expected numbers"):
+        mg.read_logs({**table, "q3": np.array(["x"] * 2500)}, robot)
+    with pytest.raises(mg.InputError, match="differ in length"):
+        mg.read_logs({**table, "q3": table["q3"][:-1]}, robot)
