@@ -247,6 +247,8 @@ class Effect:
             it lead to where logs see only a part of its range: one standard deviation.
         if_refuted: What to ask the user where held-out logs refute it.
         family: Effects of one family on one joint exclude each other.
+        outermost: How many of the last joints it is not tried on: there another effect
+            says the same.
         groupable: It is also tried on all joints at once.
         in_any_arm: (span, joint) -> shapes in which every arm in use has a little of
             it, model or not; none for what an arm is without.
@@ -302,6 +304,7 @@ class Effect:
     inexact: float = 0.0
     if_refuted: str = ""
     family: str = ""
+    outermost: int = 0
     groupable: bool = False
     in_any_arm: Callable[[Span, int], Sequence[Shape]] = _nowhere
     least_seen: tuple[Shape, ...] = ()
@@ -326,7 +329,7 @@ class Effect:
     def candidates(self, dof: int) -> tuple[Joints, ...]:
         """Joints (from 0) on which the effect may sit, for an arm of dof joints."""
         if self.scope == "local" or self.scope == "link":
-            return tuple((j,) for j in range(dof))
+            return tuple((j,) for j in range(dof - self.outermost))
         if self.scope == "flange":
             return ((dof - 1,),)
         if self.scope == "global":
