@@ -51,6 +51,7 @@ SIZES = {
     "elasticity": ([1e-5], ()),
     "encoder_eccentricity": ([0.01, 0.02], ()),
     "encoder_offset": ([0.02], ()),
+    "link_body": ([2.0, 0.2, 0.1, 0.0, 0.05, 0.0, 0.05, 0.0, 0.0, 0.05], ()),
     "link_inertia": ([0.2], ()),
     "load_friction": ([0.05], ()),
     "offset": ([2.0], ()),

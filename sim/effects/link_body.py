@@ -1,39 +1,40 @@
-"""A body bolted to a link: a ball of steel beside its joint."""
+"""A body bolted to a link: a steel ball beside its joint, unless its tensor is given."""
+
+import math
 
 import numpy as np
-import pinocchio as pin
 
-from sim.effects.base import Effect
-
-_STEEL = 7850.0  # kg/m^3
+from sim.effects.base import Effect, Here, Rng
+from sim.effects.payload import CENTRE, TENSOR, added, body_of
 
 
-def _with_ball(model, joints, p):
-    changed = pin.Model(model)
-    radius = (0.75 * p["mass"] / (np.pi * _STEEL)) ** (1 / 3)
-    centre = np.array([p["com_x"], p["com_y"], p["com_z"]])
-    inertia = 0.4 * p["mass"] * radius**2 * np.eye(3)
+def _with_body(model, joints, p):
     for joint in joints:
-        changed.inertias[joint + 1] += pin.Inertia(p["mass"], centre, inertia)
-    return changed
+        model = added(model, joint + 1, body_of(p), "Body on a link")
+    return model
 
 
-def _usual(rng, here):
-    """Draw 2 to 8 % of the moving arm's mass, within 20 cm of the joint."""
+def _usual(rng: Rng, here: Here) -> dict[str, float]:
+    """Draw 2 to 8 % of the moving arm's mass, 8 to 20 cm from the joint."""
     arm = sum(body.mass for body in list(here.robot.model.inertias)[1:])
     way = rng.normal(size=3)
     centre = rng.uniform(0.08, 0.2) * way / np.linalg.norm(way)
-    values = {"mass": float(rng.uniform(0.02, 0.08) * arm)}
-    return values | {f"com_{axis}": float(x) for axis, x in zip("xyz", centre, strict=True)}
+    mass = float(rng.uniform(0.02, 0.08) * arm)
+    return {"mass": mass, **dict(zip(CENTRE, map(float, centre), strict=True))}
 
 
 EFFECT = Effect(
     name="link_body",
-    parameters={"mass": "kg", "com_x": "m", "com_y": "m", "com_z": "m"},
+    parameters={"mass": "kg"}
+    | dict.fromkeys(CENTRE, "m")
+    | dict.fromkeys(TENSOR, "kg m^2"),
+    defaults=dict.fromkeys(CENTRE, 0.0) | dict.fromkeys(TENSOR, math.nan),
     above={"mass": 0.0},
+    together=TENSOR,
     amount=("mass",),
     rare=True,
+    # The first turns about one axis alone, and on the wrist it is a load.
     where=lambda rng, dof, usual: int(rng.integers(2, max(3, dof - 1))),
     usual=_usual,
-    body=_with_ball,
+    body=_with_body,
 )

@@ -44,7 +44,7 @@ WRITERS = {
 }
 # What each target can say of one effect alone; all else must be listed.
 JOINTS = {"viscous", "coulomb"}
-BODIES = {"payload", "link_inertia"}
+BODIES = {"payload", "link_body", "link_inertia"}
 MUJOCO = {"rotor_inertia", "spring", "quadratic_viscous", "base_tilt"}
 AHEAD = {"backlash", "elasticity"}  # they look ahead in time
 CARRIED = {
