@@ -1,4 +1,4 @@
-"""A body bolted to a link: a steel ball beside its joint, unless its tensor is given."""
+"""A body bolted to a link: a steel ball by its joint, unless its tensor is given."""
 
 import math
 
