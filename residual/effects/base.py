@@ -219,8 +219,7 @@ class Effect:
             "speed" or per "acceleration"; empty for nothing.
         repeats: It is one wave of many over the position, its coefficients cos and sin.
             A joint may have several, and many of them can draw any curve.
-        needs_known_body: It changes a body of the arm, so it is not blamed where the
-            nominal bodies are hardly known.
+        needs_known_body: It changes a body: not blamed where these are hardly known.
         brakes: It is friction: it takes power from the motion of its joint.
         not_negative: Its coefficients cannot be negative in any real arm.
         of_one_variable: Its torque is a function of its ``variable`` and nothing else.
@@ -235,8 +234,7 @@ class Effect:
         possible: (theta, shape, limits) -> whether an arm can have it so, by sign and
             size; what comes out otherwise (a gear that twists the wrong way) imitates
             something else. Every effect of the vocabulary has one of its own.
-        reports: (key, values, stds) -> whether a parameter is worth reporting; None
-            for always.
+        reports: (key, values, stds) -> whether to report a parameter; None for always.
         combined: (theta, robot) -> what motion may determine where it does not tell the
             single parameters, by formula: value, unit. Linear in theta; None for none.
         usual: (states, joints) -> coefficients of an effect of size one, in the ways
@@ -247,8 +245,7 @@ class Effect:
             it lead to where logs see only a part of its range: one standard deviation.
         if_refuted: What to ask the user where held-out logs refute it.
         family: Effects of one family on one joint exclude each other.
-        outermost: How many of the last joints it is not tried on: there another effect
-            says the same.
+        outermost: How many of the last joints it is not tried on, where another says it.
         groupable: It is also tried on all joints at once.
         in_any_arm: (span, joint) -> shapes in which every arm in use has a little of
             it, model or not; none for what an arm is without.

@@ -4,8 +4,8 @@ import math
 
 import numpy as np
 
+from sim.effects._body import CENTRE, TENSOR, added, body_of
 from sim.effects.base import Effect, Here, Rng
-from sim.effects.payload import CENTRE, TENSOR, added, body_of
 
 
 def _with_body(model, joints, p):
