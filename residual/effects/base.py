@@ -245,7 +245,7 @@ class Effect:
             it lead to where logs see only a part of its range: one standard deviation.
         if_refuted: What to ask the user where held-out logs refute it.
         family: Effects of one family on one joint exclude each other.
-        outermost: How many of the last joints it is not tried on, where another says it.
+        outermost: How many of the last joints it is not tried on.
         groupable: It is also tried on all joints at once.
         in_any_arm: (span, joint) -> shapes in which every arm in use has a little of
             it, model or not; none for what an arm is without.
