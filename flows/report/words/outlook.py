@@ -388,8 +388,8 @@ def in_words(place: Place) -> str:
 def same_words(pairs: Sequence[tuple[Place, Place]]) -> list[str]:
     """Return which rivals are one torque on every motion, a sentence each."""
     return [
-        f"{in_words(a)} and {in_words(b)} are the same torque on every motion within "
-        "the limits: no experiment tells them apart"
+        f"{in_words(a)} and {in_words(b)} are one torque on every motion, at the size "
+        "that was found: no experiment tells them apart"
         for a, b in pairs
     ]
 
