@@ -1,8 +1,13 @@
-"""What is loaded: modules when first asked for, and one thread of linear algebra."""
+"""What is loaded: modules when asked for, plug-ins, one thread of linear algebra."""
 
+from functools import cache
 from importlib import import_module
+from importlib.metadata import entry_points
+from typing import Any
 
 from threadpoolctl import threadpool_limits
+
+from residual.errors import InputError
 
 
 class Lazy:
@@ -18,6 +23,30 @@ class Lazy:
 
     def __getattr__(self, attribute: str):
         return getattr(import_module(self._name), attribute)
+
+
+@cache
+def plugins(group: str) -> dict[str, Any]:
+    """Return what other packages give under the entry points of a group, by name.
+
+    Args:
+        group: "modelgap.effects", "modelgap.readers" or "modelgap.exporters".
+
+    Raises:
+        InputError: If one cannot be loaded: half of a registry would be a silent one.
+    """
+    found = {}
+    for entry in sorted(entry_points(group=group), key=lambda entry: entry.name):
+        try:
+            found[entry.name] = entry.load()
+        except Exception as error:
+            # What a stranger's package raises is not on any list.
+            whose = entry.dist.name if entry.dist else entry.value
+            raise InputError(
+                f"The plug-in '{entry.name}' of {whose} ({group}) cannot be loaded: "
+                f"{type(error).__name__}: {error}. Repair or uninstall {whose}."
+            ) from error
+    return found
 
 
 # The one place that limits threads of the linear algebra.

@@ -163,7 +163,8 @@ app = App(
     version=lambda: origin.version_text(),
     suppress_keyboard_interrupt=False,
 )
-for flag in ("--help", "--version"):
+app.register_install_completion_command(add_to_startup=False)
+for flag in ("--help", "--version", "--install-completion"):
     app[flag].group = "Options"
 
 

@@ -26,6 +26,7 @@ from residual.export.mujoco import to_mujoco
 from residual.export.numpy_file import to_numpy
 from residual.export.simulators import to_mjcf, to_urdf
 from residual.export.table import to_table
+from residual.lazy import plugins
 from residual.recording import Recording
 
 TARGETS: Mapping[str, tuple[Callable[[Whole], Exported], Prove]] = {
@@ -39,6 +40,24 @@ TARGETS: Mapping[str, tuple[Callable[[Whole], Exported], Prove]] = {
     "rrd": (make_rrd, prove_rrd),
     "json": (to_json, prove_json),
 }
+
+
+def targets() -> Mapping[str, tuple[Callable[[Whole], Exported], Prove]]:
+    """Return all targets: ours, and a writer, or writer and proof, of each plug-in."""
+    found = dict(TARGETS)
+    for name, given in plugins("modelgap.exporters").items():
+        write, prove = given if isinstance(given, tuple) else (given, _untried)
+        if name in found or not callable(write):
+            raise InputError(
+                f"The plug-in '{name}' (modelgap.exporters): expected a function that "
+                "takes a model, called as no other target is."
+            )
+        found[name] = write, prove
+    return found
+
+
+def _untried(made: Exported) -> Proof:
+    return Proof("a plug-in, which brings no proof of its own", 0, None, 0.0)
 
 
 @dataclass(frozen=True, eq=False, slots=True)
@@ -62,7 +81,7 @@ def export(request: Export) -> Made:
             model, or a package that it needs is not installed.
         RunError: If the target refuses what was written.
     """
-    check_name(request.to, TARGETS, "target")
+    check_name(request.to, targets(), "target")
     store = store_folder(request.store)
     model = read_model(store, request.model, request.which)
     if request.log is None:
@@ -82,7 +101,7 @@ def export_model(model: Whole, to: str, log: Recording | None = None) -> Made:
         InputError: As `export`.
         RunError: As `export`.
     """
-    write, prove = TARGETS[check_name(to, TARGETS, "target")]
+    write, prove = targets()[check_name(to, targets(), "target")]
     if log is not None and write is not make_rrd:
         raise InputError(f"A log is of no use for {to}: it goes with rrd alone.")
     made = write(model) if log is None else make_rrd(model, log)

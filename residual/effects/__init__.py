@@ -8,17 +8,32 @@ from pkgutil import iter_modules
 import numpy as np
 
 from residual.effects.base import Effect, local
+from residual.errors import InputError
+from residual.lazy import plugins
 from residual.recording import Array
 
 
 @cache
 def registry() -> dict[str, Effect]:
-    """Every effect by name, in alphabetical order of the files."""
+    """Every effect by name, in alphabetical order of the files; then plug-ins.
+
+    Raises:
+        InputError: If a plug-in is no effect, or has the name of another one.
+    """
     modules = (
         m.name for m in iter_modules(__path__) if m.name != "base" and m.name[0] != "_"
     )
     found = (import_module(f"{__name__}.{m}").EFFECT for m in sorted(modules))
-    return {effect.name: effect for effect in found}
+    effects = {effect.name: effect for effect in found}
+    for name, given in plugins("modelgap.effects").items():
+        if not isinstance(given, Effect) or given.name != name or name in effects:
+            raise InputError(
+                f"The plug-in '{name}' (modelgap.effects) gives "
+                f"{getattr(given, 'name', type(given).__name__)!r}, expected an Effect "
+                "that is called as the entry point is, and as no other is."
+            )
+        effects[name] = given
+    return effects
 
 
 def vocabulary() -> dict[str, Mapping[str, str]]:

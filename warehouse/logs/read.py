@@ -1,7 +1,7 @@
 """One log: opened by what is in it, read into a checked recording."""
 
 import re
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from datetime import datetime
 from pathlib import Path
@@ -12,6 +12,7 @@ import numpy as np
 import pyarrow as pa
 
 from residual.errors import InputError, RecordingError, shortened
+from residual.lazy import plugins
 from residual.recording import Recording
 from residual.robot.robot import Robot
 from warehouse.logs.columns import (
@@ -127,8 +128,11 @@ def put_away(values: Array) -> Array:
     return values
 
 
+Reader = Callable[[Path, bytes, ColumnMap, Sequence[str]], LogFile | None]
+
+
 def open_log(path: Path, columns: ColumnMap, joints: Sequence[str]) -> LogFile:
-    """Open a log.
+    """Open a log by the first reader that knows what is in it.
 
     Args:
         path: An existing file, or the folder of a ROS 2 bag.
@@ -136,12 +140,34 @@ def open_log(path: Path, columns: ColumnMap, joints: Sequence[str]) -> LogFile:
         joints: Names of the robot's joints in the URDF, joint 1 first.
     """
     head = b"" if path.is_dir() else _head(path)
-    if path.is_dir() or head.startswith((_SQLITE, _ROS1)):
-        return open_bag(path, joints, columns.bag)
-    if head.startswith(b"\x89MCAP"):
-        return open_mcap(path, joints, columns.bag)
-    if head.startswith(b"PAR1"):
-        return ParquetLog(path)
+    opened = (reader(path, head, columns, joints) for reader in readers())
+    return next(log for log in opened if log is not None)
+
+
+def readers() -> tuple[Reader, ...]:
+    """Return the readers in the order in which they are asked: plug-ins, then ours.
+
+    Each takes the file, its first bytes (none of a folder), the map and the names of
+    the joints, and returns None for what is none of its own; the last takes all.
+    """
+    return (*plugins("modelgap.readers").values(), _bag, _mcap, _parquet, _text)
+
+
+def _bag(path: Path, head: bytes, columns: ColumnMap, joints: Sequence[str]):
+    known = path.is_dir() or head.startswith((_SQLITE, _ROS1))
+    return open_bag(path, joints, columns.bag) if known else None
+
+
+def _mcap(path: Path, head: bytes, columns: ColumnMap, joints: Sequence[str]):
+    known = head.startswith(b"\x89MCAP")
+    return open_mcap(path, joints, columns.bag) if known else None
+
+
+def _parquet(path: Path, head: bytes, columns: ColumnMap, joints: Sequence[str]):
+    return ParquetLog(path) if head.startswith(b"PAR1") else None
+
+
+def _text(path: Path, head: bytes, columns: ColumnMap, joints: Sequence[str]):
     if _BINARY.search(head):
         raise InputError(
             f"{path.name} is binary but not Parquet, a ROS bag or MCAP, expected one "
