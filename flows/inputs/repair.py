@@ -10,10 +10,12 @@ import math
 from collections.abc import Iterable, Sequence
 from dataclasses import replace
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import numpy as np
 
 from residual.check.result import Repair
+from residual.lazy import Lazy
 from residual.robot.robot import Robot
 from warehouse.logs.columns import (
     LOGGED_UNITS,
@@ -24,8 +26,11 @@ from warehouse.logs.columns import (
     default_signal,
     shorten,
 )
-from warehouse.logs.draft import Draft
-from warehouse.logs.presets import PRESETS
+
+if TYPE_CHECKING:
+    from warehouse.logs.draft import Draft
+
+presets = Lazy("warehouse.logs.presets")  # a diagnosis names no format
 
 _MISSING = {
     "time": '{column = "...", unit = "s"}',
@@ -193,14 +198,14 @@ def signal_line(name: str, signal: SignalMap) -> str:
     return f"{name} = {{{', '.join(words)}}}"
 
 
-def drafted(draft: Draft, log: str, robot: Robot) -> str:
+def drafted(draft: "Draft", log: str, robot: Robot) -> str:
     """Return the text of a drafted map, what is not certain as comments.
 
     Args:
         log: The log that it was drafted from, as the user wrote it.
     """
     columns, format = draft.columns, draft.format
-    about = f" Format: {PRESETS[format].about}." if format else ""
+    about = f" Format: {presets.PRESETS[format].about}." if format else ""
     where = printable(Path(log).name)
     lines = [
         f"# Drafted by modelgap map from {where} for {robot.name}.{about}",
