@@ -63,7 +63,8 @@ def case_figures(rows: Mapping[str, Rows], deciding: bool) -> Figures:
         "pairs": _pairs,
         "forms": _forms,
     }
-    figures = group_figures(rows, makers) | _across(rows) | crash_figures(rows)
+    figures = group_figures(rows, makers) | _powers(rows)
+    figures |= _across(rows) | crash_figures(rows)
     return figures if deciding else undecided(figures)
 
 
@@ -146,6 +147,35 @@ def _forms(rows: Rows) -> Figures:
     each = counts(rows, is_right, "what")
     shares = {form: round(hits / n, 3) for form, (hits, n) in each.items()}
     return {"forms_right": _least(rows, is_right, 0.90) | {"per_form": shares}}
+
+
+def _powers(rows: Mapping[str, Rows]) -> Figures:
+    """What was found of the cases that one sees who is told form and shape.
+
+    By family, each with its counts per effect and the counts of those that are seen.
+    """
+    out: Figures = {}
+    one = [r for g in ("singles", "detection") for r in rows.get(g, ())]
+    of = {e: family for family, names in FAMILIES.items() for e in names}
+    groups: dict[str, tuple[list, Hit]] = {
+        f"found_of_seen_{family.replace(' ', '_')}": (
+            [r for r in one if of.get(r.get("effect"), "other") == family],
+            is_right,
+        )
+        for family in (*FAMILIES, "other")
+    }
+    groups["found_of_seen_forms"] = list(rows.get("forms", ())), is_right
+    groups["flagged_of_seen"] = list(rows.get("unknown", ())), _flagged
+    for name, (all_of, hit) in groups.items():
+        told = [r for r in all_of if "oracle_sees" in r]
+        seen = [r for r in told if r["oracle_sees"]]
+        if told:
+            by = "what" if name.endswith("forms") else "effect"
+            out[name] = _least(seen, hit, None) | {
+                "per_effect": counts(seen, hit, by),
+                "seen": counts(told, lambda r: r["oracle_sees"], by),
+            }
+    return out
 
 
 def _across(rows: Mapping[str, Rows]) -> Figures:

@@ -10,6 +10,7 @@ from dataclasses import asdict, dataclass
 from functools import lru_cache
 from time import perf_counter
 
+from benchmarks.diagnosis_parts.power import power
 from benchmarks.harness.cases import guarded
 from benchmarks.harness.logs import PAUSE, RATE, in_engine, sensed
 from benchmarks.synthetic.motions import make_motion
@@ -154,6 +155,7 @@ BENCHES = 10  # excitations that all cases of one run share
 _IN_ENGINE = 5
 _TRIES = 20
 _WITH_ORACLE = ("singles", "pairs")  # clear effects of the diagnosis' own forms
+_WITH_POWER = ("singles", "detection", "unknown", "forms")  # one effect in any form
 
 
 @dataclass(frozen=True, slots=True)
@@ -220,8 +222,8 @@ def run(job: tuple[Task, Sequence[Detectable]]) -> dict:
         job: The case, and the minimum detectable sizes of its motions.
 
     Returns:
-        A row as in the view ``blind`` and where it is from; of a bench its sizes; of a
-        crash the error.
+        A row as in the view ``blind`` and where it is from, with what one would see
+        who knows the truth (``power``); of a bench its sizes; of a crash the error.
     """
     task, minimum = job
     return guarded(asdict(task), lambda: _done(task, minimum))
@@ -250,8 +252,17 @@ def _done(task: Task, minimum: Sequence[Mapping]) -> dict:
         errors = oracle(made.robot, made.fit, made.held_out, told)
         best = errors.overall("filtered")
     row = case_row(drawn, hidden, truths, verdict, best)
+    if task.group in _WITH_POWER:
+        seen = power(made.robot, made.fit, _bare(task.data, task.motion, task.arm))
+        about |= {"oracle_nats": seen.nats, "oracle_sees": seen.sees}
     names = [[e.name, list(e.joints), e.evidence.nats] for e in verdict.effects]
     return {**about, **row, "names": names}
+
+
+@lru_cache(maxsize=1)  # cases of one seed follow one another
+def _bare(data: str, motion: int, arm: int) -> tuple[Recording, ...]:
+    """Return the fit logs of an arm that hides nothing."""
+    return make(data, (), motion, arm).fit
 
 
 def _hidden(task: Task, minimum: Sequence[Detectable]) -> tuple[str, list[PlantEffect]]:

@@ -1,0 +1,128 @@
+"""What anyone could see who knows the truth: the power of a perfect name.
+
+The same case is recorded twice, with what it hides and without, from the same random
+streams. What the two differ by is the torque of the hidden effect in its own form and
+shape, whatever author it has; an encoder's error is the torque that a model gets wrong
+by it. That is one column with one free coefficient. How much evidence it wins over the
+best fit of the nominal parameters, on the rows, noise and priors of a diagnosis, no
+search can win more: an effect that stays under the threshold of a name is below what
+these logs show.
+"""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from residual.diagnosis.search import Candidates, Task, lowers_error
+from residual.effects import registry
+from residual.effects.base import Effect, Placed, State
+from residual.evidence.design import Design, Group
+from residual.evidence.fit import Fit, fit
+from residual.evidence.priors import priors
+from residual.evidence.rules import RULES
+from residual.model.model import Model
+from residual.model.nominal import declared_names, prepare_logs, start_nominal
+from residual.recording import Array, Recording
+from residual.robot.robot import Robot
+from residual.signals.logs import session_clock
+from residual.signals.track import Filters, Track
+
+
+@dataclass(frozen=True, slots=True)
+class Power:
+    """What one who is told the form and the shape reaches.
+
+    Attributes:
+        nats: Evidence of the true column over none, the price of one of the
+            vocabulary's names taken off [nats].
+        sees: Whether that passes for a name: the threshold of the evidence, and the
+            error of some joint falls by enough.
+    """
+
+    nats: float
+    sees: bool
+
+
+def power(
+    robot: Robot, hidden: Sequence[Recording], bare: Sequence[Recording]
+) -> Power:
+    """Return the power of a perfect name on the logs of a case.
+
+    Args:
+        hidden: The fit logs.
+        bare: The same motions and noise of the same arm without what it hides.
+    """
+    filters, clock = Filters(), session_clock(hidden)
+    logs, plain = (prepare_logs(robot, r, clock, filters) for r in (hidden, bare))
+    nominal = start_nominal(logs, declared_names(robot, None))
+    design = Design(logs.tracks, nominal.model)
+    gaps = [
+        true_torque(nominal.model, pair, tracks)
+        for pair, tracks in zip(
+            zip(hidden, bare, strict=True),
+            zip(logs.tracks, plain.tracks, strict=True),
+            strict=True,
+        )
+    ]
+    begins = [nominal.model.observe(t).t[0] for t in logs.tracks]
+    lines = dict(zip(begins, gaps, strict=True))
+    return gained(design, priors(design, nominal), lines)
+
+
+def true_torque(
+    model: Model,
+    recordings: tuple[Recording, Recording],
+    tracks: tuple[Track, Track],
+) -> Array:
+    """Return what a case hides of the torque of one log [N m]. Shape (n, dof).
+
+    Of what a model misses with it and without it, the difference: the arm in the
+    physics engine does not move quite alike in both.
+    """
+    misses = [
+        _at(track.t, log.t, log.tau) - model.torque_on(track)
+        for log, track in zip(recordings, tracks, strict=True)
+    ]
+    return misses[0] - misses[1]
+
+
+def gained(design: Design, every: Sequence, lines: Mapping[float, Array]) -> Power:
+    """Return the power of one column whose torque is given, the best prior of each.
+
+    Args:
+        every: The priors of the nominal parameters that may be believed.
+        lines: By the session time of a log's first sample, the torque at the rate of
+            features [N m]. Shapes (n, dof).
+    """
+    (group,) = design.add([Placed(_truth(lines), (), ())])
+    tasks = [Task(design, prior, Candidates((), {}), RULES) for prior in every]
+    with_it = [_fitted(task, (group,)) for task in tasks]
+    # Rows are counted by what the better model leaves, as everywhere.
+    counted = np.max([fitted.counted for fitted in with_it], axis=0)
+    big, small = (_best(tasks, members, counted) for members in ((group,), ()))
+    names = sum(len(list(e.candidates(design.dof))) for e in registry().values())
+    nats = float(big.score - small.score - np.log(names))
+    sees = nats >= RULES.threshold and lowers_error(tasks[0], big, small)
+    return Power(round(nats, 2), sees)
+
+
+def _truth(lines: Mapping[float, Array]) -> Effect:
+    def columns(state: State, joints: tuple, shape: tuple) -> Array:
+        return lines[state.t[0]][:, :, None]
+
+    return Effect("truth", "what is hidden", {"share": "1"}, columns, scope="global")
+
+
+def _fitted(task: Task, members: Sequence[Group]) -> Fit:
+    start = task.start()
+    return task.settle(task.fit(members, start)) if members else start
+
+
+def _best(tasks: Sequence[Task], members: Sequence[Group], counted: Array) -> Fit:
+    fits = (fit(t.design, t.prior, members, counted, rounds=6) for t in tasks)
+    return max(fits, key=lambda fitted: fitted.score)
+
+
+def _at(t: Array, own: Array, values: Array) -> Array:
+    return np.column_stack([np.interp(t, own, column) for column in values.T])
