@@ -100,13 +100,17 @@ def test_every_option_that_a_page_shows_exists():
         (command, option)
         for page in PAGES
         for command, rest in re.findall(
-            r"modelgap (\w+)([^`\n#]*)", page.read_text(encoding="utf-8")
+            r"modelgap ((?:(?:model|project|sensors|sim|store) )?[\w-]+)([^`\n#]*)",
+            page.read_text(encoding="utf-8"),
         )
         for option in re.findall(r"--([\w-]+)", rest)
     ]
     assert shown
     for command, option in shown:
-        known = app[command].assemble_argument_collection()
+        found = app
+        for word in command.split():
+            found = found[word]
+        known = found.assemble_argument_collection()
         names = {name for argument in known for name in argument.names}
         assert f"--{option}" in names, (command, option)
 

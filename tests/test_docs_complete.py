@@ -6,7 +6,7 @@ import re
 import pytest
 
 import modelgap as mg
-from flows.cli.app import _COMMANDS
+from flows.cli.app import _BELOW, _COMMANDS, _SHORTER
 from residual.effects import registry
 from scripts.docs_site import pages
 from tests.checkout import ROOT
@@ -15,19 +15,27 @@ PAGES = [ROOT / "README.md", *(ROOT / "docs").rglob("*.md")]
 TEXT = {page: page.read_text(encoding="utf-8") for page in PAGES}
 ALL = "\n".join(TEXT.values())
 COMMANDS = [name for group in _COMMANDS.values() for name in group]
+GROUPS = {
+    word: {_SHORTER.get(name, name) for name in _COMMANDS[heading]}
+    for heading, (word, _) in _BELOW.items()
+}
 # In a span or block of code, at its start or after a prompt: no word of a sentence.
-_CALLED = re.compile(r"(?:`|^\$ |^|&& |; )modelgap ([a-z][\w-]*)", re.M)
+_CALLED = re.compile(r"(?:`|^\$ |^|&& |; )modelgap ([a-z][\w-]*)(?: ([a-z][\w-]*))?", re.M)
 
 
 @pytest.mark.parametrize("name", COMMANDS)
 def test_a_command_has_its_place_beside_the_generated_reference(name):
-    assert re.search(rf"modelgap {name}\b", ALL), f"no page shows modelgap {name}"
+    of = next((g for g, names in GROUPS.items() if _SHORTER.get(name, name) in names), "")
+    called = rf"modelgap ({name}|{of} {_SHORTER.get(name, name)})\b"
+    assert re.search(called, ALL), f"no page shows modelgap {name}"
 
 
 @pytest.mark.parametrize("page", PAGES, ids=lambda page: page.stem)
 def test_a_page_shows_no_command_that_is_not_there(page):
     code = "\n".join(re.findall(r"```.*?```|`[^`\n]+`", TEXT[page], re.S))
-    assert set(_CALLED.findall(code)) - set(COMMANDS) == set()
+    for command, inner in _CALLED.findall(code):
+        assert command in {*COMMANDS, *GROUPS}
+        assert not inner or inner in GROUPS.get(command, {inner}), (command, inner)
 
 
 def test_the_reference_explains_every_option_of_every_command():

@@ -36,14 +36,16 @@ origin = Lazy("warehouse.provenance")
 
 _HELP = """Find what a robot's dynamic model is missing.
 
-The missing effect is named, added to the model, and proved on motion that was
-not fitted. Start with one of these:
+The missing effect (friction, payload, spring, a sensor that is off) is named, added
+to the model, and proved on motion that was not fitted: dynamic identification, payload
+identification, friction compensation, feed-forward torque. Start with one of these:
 
  modelgap demo
  modelgap diagnose A.csv B.csv --robot arm.urdf --holdout C.csv
 
 The first makes an arm with an effect that its model does not have; the second
-takes your own logs. 'modelgap COMMAND --help' explains a command.
+takes your own logs. 'modelgap COMMAND --help' explains a command; 'modelgap store',
+'modelgap model' and the like list more of them.
 
 Exit codes: 0 done, whatever the verdict; 1 the run failed; 2 bad usage or
 input; 130 interrupted.
@@ -65,13 +67,21 @@ _COMMANDS = {
         "import": ("logs:import_", _LOGS),
         "identify": ("fit:identify", _LOGS),
         "calibrate": ("fit:calibrate", _LOGS),
-        "calibrate-null": ("fit:calibrate_null", _LOGS),
+        "view": ("models:view", "RUN|LOG [--robot ROBOT] [--verdict ID]"),
+    },
+    "Your robot's model": {
+        "models": ("models:models", None),
+        "adopt": ("models:adopt", None),
+        "rollback": ("models:rollback", None),
+        "predict": ("models:predict", "LOG... --model MODEL"),
+        "export": ("models:export", "MODEL --to TARGET --out DIR"),
         "validate": ("experiment:validate", None),
+    },
+    "Sensors and wear": {
         "monitor": ("watch:monitor", "MODEL RUN..."),
         "watch": ("watch:watch", "ROBOT --file FILE|-"),
-        "predict": ("models:predict", "LOG... --model MODEL"),
-        "view": ("models:view", "RUN|LOG [--robot ROBOT] [--verdict ID]"),
-        "export": ("models:export", "MODEL --to TARGET --out DIR"),
+        "wear": ("watch:wear", "[RUN...] --robot ROBOT"),
+        "calibrate-null": ("fit:calibrate_null", _LOGS),
     },
     "Your experiments": {
         "trajectory": ("experiment:trajectory", None),
@@ -79,13 +89,7 @@ _COMMANDS = {
         "campaign": ("experiment:campaign", None),
         "fleet": ("experiment:fleet", "CAMPAIGN.toml|RUN,RUN ..."),
         "blind": ("demo:blind", None),
-    },
-    "Your robot's model": {
-        "models": ("models:models", None),
-        "adopt": ("models:adopt", None),
-        "rollback": ("models:rollback", None),
         "close": ("close:close", None),
-        "wear": ("watch:wear", "[RUN...] --robot ROBOT"),
     },
     "History": {
         "runs": ("store:runs", None),
@@ -99,7 +103,7 @@ _COMMANDS = {
         "pages": ("service:pages", "--out FOLDER"),
         "compact": ("store:compact", None),
         "verify": ("store:verify", None),
-        "prune": ("store:prune", None),
+        "prune": ("store:prune", "--older-than DAYS"),
         "quarantine": ("store:quarantine", "RUN --reason TEXT"),
     },
     "Schedule": {
@@ -110,6 +114,16 @@ _COMMANDS = {
         "down": ("service:down", None),
     },
 }
+# The groups whose commands stand below one word, and what it says of itself. By their
+# names alone the commands are taken too, as in 0.1.0, and not listed.
+_BELOW = {
+    "Your robot's model": ("model", "Models: adopted, predicted with, exported."),
+    "Sensors and wear": ("sensors", "Alarms of sensors, of joints that wear."),
+    "Your experiments": ("sim", "Simulated arms: motions, experiments, studies."),
+    "History": ("store", "All that was ever run: list, ask in SQL, rerun, keep."),
+    "Schedule": ("project", "A project with an inbox, and the service of each night."),
+}
+_SHORTER = {"models": "list"}  # below its word
 
 
 # What the word after an option is, where its type says no more than that it is one.
@@ -131,6 +145,15 @@ _WORDS = {
     "KEY=VALUE": "with",
     "DATE": "recorded-at",
     "ADDRESS": "host database runner",
+    "SECONDS": "seconds duration window timeout wait every rise",
+    "DAYS": "older-than",
+    "HERTZ": "rate",
+    "MEGABYTES": "largest",
+    "RADIANS": "encoder-step",
+    "COUNT": "per-hour workers n arms budget effects draws components periods seeds limit",
+    "SHARE": "prior",
+    "NUMBER": "seed port",
+    "1,2,3": "levels joints",
 }
 _KINDS = {f"--{name}": kind for kind, names in _WORDS.items() for name in names.split()}
 drawing = Lazy("cyclopts.help")
@@ -152,7 +175,7 @@ def _kind(entry) -> str | None:
     about = getattr(getattr(entry.description, "primary_renderable", ""), "markup", "")
     if kind == "FILE" and "folder" in about.partition(".")[0].lower():
         kind = "FOLDER"
-    return re.sub(r"STR(\|PATH)?", kind, shown) or None
+    return re.sub(r"STR(\|PATH)?|FLOAT|INT(\.\.\.)?", kind, shown) or None
 
 
 app = App(
@@ -185,18 +208,27 @@ def _described(place: str) -> str:
 
 
 def _register() -> None:
+    below = Group.create_ordered("More, a word each")
     for heading, commands in _COMMANDS.items():
-        group = Group.create_ordered(heading)
+        word, about = _BELOW.get(heading, ("", ""))
+        group = Group.create_ordered(heading, sort_key=0)
+        if word:
+            inner = App(word, help=about, version_flags=(), group=below)
+            inner["--help"].group = "Options"
+            app.command(inner)
         for number, (name, (place, usage)) in enumerate(commands.items()):
-            app.command(
-                f"flows.cli.{place}",
-                name=name,
-                group=group,
-                sort_key=number,
-                help=_described(place),
-                help_format="markdown",
-                usage=usage and f"Usage: modelgap {name} {usage} [OPTIONS]",
-            )
+            told = {"sort_key": number, "help": _described(place)}
+            told |= {"help_format": "markdown"}
+            _add(app, name, (place, usage), told | {"group": group, "show": not word})
+            if word:
+                _add(inner, _SHORTER.get(name, name), (place, usage), told)
+
+
+def _add(to: App, name: str, command: tuple[str, str | None], told: dict) -> None:
+    place, usage = command
+    program = " ".join(["modelgap", *to.name[: to is not app]])
+    usage = usage and f"Usage: {program} {name} {usage} [OPTIONS]"
+    to.command(f"flows.cli.{place}", name=name, usage=usage, **told)
 
 
 _register()

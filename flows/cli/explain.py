@@ -4,10 +4,10 @@ from rich.console import Console
 from rich.markdown import Markdown
 
 from flows.report.words import explain as words
-from flows.requests import Log
+from flows.requests import Word
 
 
-def explain(*word: Log) -> None:
+def explain(*word: Word) -> None:
     """Explain an effect, a verdict or any other word of the program.
 
     Without a word it lists all there are.

@@ -9,7 +9,7 @@ from pathlib import Path
 from cyclopts import Argument
 
 import modelgap as mg
-from flows.cli.app import _COMMANDS, app
+from flows.cli.app import _BELOW, _COMMANDS, app
 from flows.report.words.explain import TERMS, VERDICTS, effect_page
 from residual.effects import registry
 from scripts.docs_site import curve
@@ -71,6 +71,9 @@ def commands_page() -> str:
     ]
     for heading, commands in _COMMANDS.items():
         parts.append(f"## {heading}")
+        if heading in _BELOW:
+            word, about = _BELOW[heading]
+            parts.append(f"{about} They are listed by `modelgap {word}`.")
         parts += [_command_section(name) for name in commands]
     return "\n\n".join(parts) + "\n"
 

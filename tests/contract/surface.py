@@ -13,7 +13,7 @@ from dataclasses import fields, is_dataclass
 from pathlib import Path
 from typing import Any, Literal, Union, get_args, get_origin, get_type_hints
 
-from cyclopts import Argument
+from cyclopts import App, Argument
 
 import modelgap as mg
 from flows.cli.app import app
@@ -36,7 +36,8 @@ _BY_NAME |= {"paper_form.levels", "least_mass_matrix"}
 def surface() -> dict:
     """Return everything of this tree that is promised to others."""
     return {
-        "commands": {name: _command(name) for name in app if not name.startswith("-")},
+        "commands": {name: _command(name) for name in _names(app) if not _inner(name)},
+        "groups": {name: _inner(name) for name in _names(app) if _inner(name)},
         "documents": {
             **{path.stem: _frozen(path) for path in sorted(FROZEN.glob("*.json"))},
             "check": sorted(_keys(_check())),
@@ -66,6 +67,15 @@ def differences(was: Any, now: Any, where: str = "") -> Iterator[str]:
 
 def _simple(values: list) -> bool:
     return all(isinstance(value, str) for value in values)
+
+
+def _names(of: App) -> list[str]:
+    return [name for name in of if not name.startswith("-")]
+
+
+def _inner(name: str) -> list[str]:
+    """Return the commands below a word of the first level."""
+    return _names(app[name])
 
 
 def _command(name: str) -> dict:

@@ -2,6 +2,7 @@
 
 import json
 import os
+import re
 import subprocess
 import sys
 from dataclasses import replace
@@ -202,12 +203,27 @@ def test_help_teaches_by_example(capsys, words):
 def test_help_lists_the_commands_in_groups(capsys):
     assert run("--help") == 0
     shown = capsys.readouterr().out
-    groups = ("First steps", "Your logs", "Your experiments", "History", "Schedule")
+    groups = ("First steps", "Your logs", "More, a word each", "Options")
     places = [shown.index(f"╭─ {group} ") for group in groups]
     assert places == sorted(places)
     assert places[0] < shown.index("│ demo ") < shown.index("│ diagnose ") < places[1]
     assert places[1] < shown.index("│ identify ") < places[2]
     assert "│ demo      Find the effect that a simulated arm hides" in shown
+    assert places[2] < shown.index("│ store ") < places[3]
+    assert 10 <= len(re.findall(r"^│ [a-z]", shown, re.M)) <= 15
+    for words in ("payload identification", "friction compensation", "feed-forward"):
+        assert words in shown
+
+
+@pytest.mark.parametrize("words", ["store runs", "runs", "model list", "sim blind"])
+def test_a_command_is_found_below_its_word_and_by_its_old_name(capsys, words):
+    assert run(f"{words} --help") == 0
+    assert f"modelgap {words} " in capsys.readouterr().out
+
+
+def test_a_word_alone_lists_what_is_below_it(capsys):
+    assert run("store") == 0
+    assert "│ quarantine " in capsys.readouterr().out
 
 
 def in_a_shell(words, **options):

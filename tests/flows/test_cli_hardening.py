@@ -342,7 +342,7 @@ def test_words_without_a_place_are_said_with_what_was_expected(run, words, meant
 @pytest.mark.parametrize("command", [name for name in app if name[:1] != "-"])
 def test_help_says_what_an_option_takes_and_not_that_it_is_a_word(run, command):
     _, out, _ = run(command, "--help")
-    found = re.search(r"--\S+ (STR|PATH|WORD)\b", out)
+    found = re.search(r"--\S+ (STR|PATH|WORD|INT|FLOAT)\b", out)
     assert not found, f"{found[0]}: say in flows.cli.app._WORDS what it takes"
 
 
