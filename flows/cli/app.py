@@ -36,16 +36,17 @@ origin = Lazy("warehouse.provenance")
 
 _HELP = """Find what a robot's dynamic model is missing.
 
-The missing effect (friction, payload, spring, a sensor that is off) is named, added
-to the model, and proved on motion that was not fitted: dynamic identification, payload
-identification, friction compensation, feed-forward torque. Start with one of these:
+The missing effect (friction, payload, spring, a sensor that is off) is named,
+added to the model, and proved on motion that was not fitted: for dynamic
+identification, payload identification, friction compensation, feed-forward.
+Start with one of these:
 
  modelgap demo
  modelgap diagnose A.csv B.csv --robot arm.urdf --holdout C.csv
 
 The first makes an arm with an effect that its model does not have; the second
-takes your own logs. 'modelgap COMMAND --help' explains a command; 'modelgap store',
-'modelgap model' and the like list more of them.
+takes your own logs. 'modelgap COMMAND --help' explains a command; 'modelgap
+store', 'modelgap model' and so on list more of them.
 
 Exit codes: 0 done, whatever the verdict; 1 the run failed; 2 bad usage or
 input; 130 interrupted.
