@@ -20,13 +20,16 @@ GROUPS = {
     for heading, (word, _) in _BELOW.items()
 }
 # In a span or block of code, at its start or after a prompt: no word of a sentence.
-_CALLED = re.compile(r"(?:`|^\$ |^|&& |; )modelgap ([a-z][\w-]*)(?: ([a-z][\w-]*))?", re.M)
+_CALLED = re.compile(
+    r"(?:`|^\$ |^|&& |; )modelgap ([a-z][\w-]*)(?: ([a-z][\w-]*))?", re.M
+)
 
 
 @pytest.mark.parametrize("name", COMMANDS)
 def test_a_command_has_its_place_beside_the_generated_reference(name):
-    of = next((g for g, names in GROUPS.items() if _SHORTER.get(name, name) in names), "")
-    called = rf"modelgap ({name}|{of} {_SHORTER.get(name, name)})\b"
+    short = _SHORTER.get(name, name)
+    of = next((word for word, names in GROUPS.items() if short in names), "")
+    called = rf"modelgap ({name}|{of} {short})\b"
     assert re.search(called, ALL), f"no page shows modelgap {name}"
 
 

@@ -151,7 +151,8 @@ _WORDS = {
     "HERTZ": "rate",
     "MEGABYTES": "largest",
     "RADIANS": "encoder-step",
-    "COUNT": "per-hour workers n arms budget effects draws components periods seeds limit",
+    "COUNT": "per-hour workers n arms budget effects draws components periods seeds "
+    "limit",
     "SHARE": "prior",
     "NUMBER": "seed port",
     "1,2,3": "levels joints",
