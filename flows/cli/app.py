@@ -221,13 +221,13 @@ def _register() -> None:
         for number, (name, (place, usage)) in enumerate(commands.items()):
             told = {"sort_key": number, "help": _described(place)}
             told |= {"help_format": "markdown"}
-            _add(app, name, (place, usage), told | {"group": group, "show": not word})
+            own = {"group": group, "show": not word}
+            _add(app, name, place, usage, told | own)
             if word:
-                _add(inner, _SHORTER.get(name, name), (place, usage), told)
+                _add(inner, _SHORTER.get(name, name), place, usage, told)
 
 
-def _add(to: App, name: str, command: tuple[str, str | None], told: dict) -> None:
-    place, usage = command
+def _add(to: App, name: str, place: str, usage: str | None, told: dict) -> None:
     program = " ".join(["modelgap", *to.name[: to is not app]])
     usage = usage and f"Usage: {program} {name} {usage} [OPTIONS]"
     to.command(f"flows.cli.{place}", name=name, usage=usage, **told)
