@@ -36,8 +36,7 @@ class LogSets:
         fit: Logs to fit; those of runs are called by the beginning of their id.
         baseline: Logs of healthy runs.
         held_out: Logs for the proof.
-        lines: What was understood of them, for the user; the first says which log is
-            used as what.
+        each: What was understood of each, in the order of the three sets.
         warnings: What is odd but usable.
         runs: Whole ids of those that are runs, by the id of the recording.
         columns: How the files were read.
@@ -49,11 +48,66 @@ class LogSets:
     fit: tuple[Recording, ...]
     baseline: tuple[Recording, ...] = ()
     held_out: tuple[Recording, ...] = ()
-    lines: tuple[str, ...] = ()
+    each: tuple[str, ...] = ()
     warnings: tuple[str, ...] = ()
     runs: Mapping[str, str] | None = None
     columns: ColumnMap = field(default_factory=ColumnMap)
     doubts: tuple[tuple[str, Doubt], ...] = ()
+
+    @property
+    def lines(self) -> tuple[str, ...]:
+        """What was understood, for the user; the first says which log is used as what.
+
+        Logs that were read alike are one line.
+        """
+        use = [_use(self.fit, self.baseline, self.held_out)] if self.each else []
+        return (*use, *in_short(self.each))
+
+
+_NAMED = 8  # logs of a line; a campaign has thousands
+
+
+def in_short(lines: Sequence[str]) -> tuple[str, ...]:
+    """Return one line for logs that were read alike, of others what differs.
+
+    Args:
+        lines: Of each log: "id: size, size; what was read; what was done; ...".
+    """
+    groups: dict[tuple[str, ...], list[str]] = {}
+    for line in lines:
+        about, *parts = line.split("; ")
+        groups.setdefault(tuple(parts), []).append(about)
+    first, told = next(iter(groups), ()), []
+    for parts, abouts in groups.items():
+        new = [part for part in parts if part not in first]
+        # What is neither the same nor said in its place, such as another unit of q.
+        kinds = {part.partition(" ")[0] for part in new}
+        gone = [p for p in first if p not in parts and p.partition(" ")[0] not in kinds]
+        if told and len(new) + len(gone) < len(parts):
+            name = groups[first][0].partition(": ")[0]
+            new = [f"else as {name}", *new, *(f"without: {part}" for part in gone)]
+        else:
+            new = list(parts)
+        told.append("; ".join([_sizes(abouts), *new]))
+    return tuple(told)
+
+
+def _sizes(abouts: Sequence[str]) -> str:
+    """Return names and sizes of logs; what all have in common once."""
+    named = [about.partition(": ") for about in abouts]
+    sizes = [size.split(", ") for _, _, size in named]
+    same = [set(column) for column in zip(*sizes, strict=False)]
+    common = [next(iter(each)) for each in same if len(each) == 1]
+    if len({len(size) for size in sizes}) > 1:
+        common = []
+    told = []
+    for (name, _, _), size in zip(named[:_NAMED], sizes, strict=False):
+        own = ", ".join(part for part in size if part not in common)
+        told.append(f"{name} ({own})" if own and len(named) > 1 else name)
+    more = len(named) - len(told)
+    names = ", ".join(told) + (f" and {more} more" if more else "")
+    shown = ", ".join(common)
+    return f"{names}: {shown}" if shown else names
 
 
 def read_sets(
@@ -100,8 +154,7 @@ def read_sets(
     check_distinct(logs)
     rest = iter(logs)
     parts = [tuple(next(rest) for _ in part) for part in sets]
-    about = (_use(*parts), *lines)
-    told = (about, tuple(warnings), runs)
+    told = (tuple(lines), tuple(warnings), runs)
     return LogSets(robot, *parts, *told, known, tuple(doubts))
 
 

@@ -56,12 +56,12 @@ def read_logs(request: Calibrate) -> tuple[LogSets, tuple[Run, ...]]:
     logs = read_sets(
         sets, robot, request.columns, request.store, True, called=request.robot
     )
-    store, runs, lines = store_folder(request.store), [], [logs.lines[0]]
-    for log, line in zip(logs.fit, logs.lines[1:], strict=True):
+    store, runs, lines = store_folder(request.store), [], []
+    for log, line in zip(logs.fit, logs.each, strict=True):
         id = logs.runs.get(log.id)
         runs.append(Run(log, *_beside(store, id)) if id else Run(log))
         lines.append(_about(runs[-1]) if id else line)
-    return replace(logs, lines=tuple(lines)), tuple(runs)
+    return replace(logs, each=tuple(lines)), tuple(runs)
 
 
 def calibrate(
