@@ -126,7 +126,7 @@ FREE, ROUGH_SCALE, FINE_SCALE = None, 0.3, 0.1
         # Declared with a value: the value may be wrong.
         ("coulomb", GIVEN, FINE_SCALE, set()),
         # A rough rigid body cannot blame a load.
-        ("coulomb", GIVEN, ROUGH_SCALE, {"payload", "link_inertia"}),
+        ("coulomb", GIVEN, ROUGH_SCALE, {"payload", "link_body", "link_inertia"}),
         # What the model has and is no parameter of a model is not named twice.
         ("offset", GIVEN, FINE_SCALE, {"offset"}),
     ],

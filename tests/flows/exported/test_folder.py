@@ -15,10 +15,11 @@ from flows.workers.pool import Here
 from residual.errors import InputError, RunError
 
 
-def test_every_effect_has_a_class_and_the_bodies_are_two():
+def test_every_effect_has_a_class_and_three_are_bodies():
     known = classes()
     assert set(known.values()) == {"body", "joint", "other"}
     assert [name for name, c in known.items() if c == "body"] == [
+        "link_body",
         "link_inertia",
         "payload",
     ]
