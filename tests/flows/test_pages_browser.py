@@ -26,6 +26,12 @@ dispatchEvent(new Event("afterprint"));
 true"""
 DRAWN = """[...document.querySelectorAll(".plot")].every(
   (box) => box._fullLayout && box.querySelector(".main-svg"))"""
+# As DRAWN, of what is not folded.
+SHOWN = """[...document.querySelectorAll(".plot")].filter(
+  (box) => !box.closest("details:not([open])")).every(
+  (box) => box._fullLayout && box.querySelector(".main-svg"))"""
+# Where what is folded begins [px].
+FOLDS = "document.getElementById('sizes').getBoundingClientRect().top + scrollY"
 # What reaches beyond the window, other than within what scrolls by itself.
 CLIPPED = """[...document.querySelectorAll("body *")].filter((one) =>
   one.getBoundingClientRect().right > innerWidth + 1
@@ -95,6 +101,18 @@ def test_a_page_is_whole_readable_and_alone(tab, tmp_path, name):
     assert set(tab.asked.values()) == {page.as_uri()}
     tab.run("document.querySelector('h1').style.color = '#999'")
     assert len(tab.run(PALE)) == 1  # so it sees what is faint
+
+
+@pytest.mark.parametrize("name", ["several", "nothing"])
+def test_a_picture_of_a_whole_report_has_every_figure(tab, tmp_path, name):
+    page = tmp_path / "page.html"
+    page.write_text(PAGES[name](), encoding="utf-8")
+    tab.resize(1280, 900)
+    tab.open(page.as_uri())
+    tab.wait("document.querySelectorAll('.plot').length", f"{name} is open")
+    tab.wait(SHOWN, "all figures are drawn, though nobody scrolled")
+    assert tab.run("scrollY") == 0
+    assert tab.run(FOLDS) <= 4000
 
 
 def test_the_slider_moves_arm_values_and_line_together(tab, tmp_path):

@@ -1,5 +1,6 @@
 "use strict";
-// Draws each figure of the page from the data beside it, once it comes into sight.
+// Draws each figure of the page from the data beside it: what is in sight first, then
+// one by one all that is not folded, so that a picture of the whole page has them.
 (() => {
   const PAPER = 680; // px: width of a printed figure
   const boxes = [...document.querySelectorAll(".plot")];
@@ -32,6 +33,14 @@
     { rootMargin: "400px" },
   );
   for (const box of boxes) seen.observe(box);
+  const next = () => {
+    const folded = "details:not([open])";
+    const box = boxes.find((each) => !each.dataset.drawn && !each.closest(folded));
+    if (!box) return;
+    draw(box);
+    setTimeout(next);
+  };
+  addEventListener("load", () => setTimeout(next));
 
   // On paper all is drawn and nothing folded, whatever was looked at before.
   const closed = [];
