@@ -68,8 +68,8 @@ def adequacy(
     That of the torque is measured above the identification filter and taken as white,
     that of the angles is given as the torque it makes [N m]. A joint
     is flagged above 5 % of torque rms, unless the names halved it, and above 10 % in
-    any case. More than 2 % of torque rms and three times the noise is not nothing, and
-    is said.
+    any case. More than 1.5 % of torque rms and twice the noise is not nothing, and is
+    said.
     """
     squares = np.mean([t.torque_noise**2 for t in tracks], axis=0)
     if angles is not None:

@@ -85,8 +85,10 @@ class Rules:
     # What remains.
     # structured residual, as a share of torque rms, that voids names
     flag: float = 0.05
-    doubt: float = 0.02  # share of torque rms that is not nothing
-    noises: float = 3.0  # times the noise that is not nothing
+    doubt: float = 0.015  # share of torque rms that is not nothing
+    # times the noise that is not nothing: complete models keep up to 1.15 times, a dead
+    # zone of a sensor that shows at all 2.7 and more
+    noises: float = 2.0
     # two stretches are a repeat if q differs by less than this share
     repeat: float = 0.02
     # of what was left of a flagged joint that a name must explain

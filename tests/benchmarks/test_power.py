@@ -4,11 +4,13 @@ from dataclasses import replace
 from functools import cache
 
 import numpy as np
+import pytest
 
 from benchmarks.diagnosis_parts.cases import make, the_arm
 from benchmarks.diagnosis_parts.power import power, true_torque
 from residual.evidence.design import Design
 from residual.evidence.fit import autocorrelation_time
+from residual.method.diagnose import diagnose
 from residual.model.nominal import declared_names, prepare_logs, start_nominal
 from residual.robot.dynamics import inverse_dynamics
 from residual.signals.logs import session_clock
@@ -109,3 +111,22 @@ def test_an_error_of_an_encoder_is_a_torque_too():
     for hidden, bare in zip(made.fit, _bare(), strict=True):
         np.testing.assert_array_equal(hidden.tau, bare.tau)
     assert power(made.robot, made.fit, _bare()).nats > 0
+
+
+@pytest.mark.long
+@pytest.mark.parametrize(("joint", "share"), [(0, 0.033), (1, 0.025)])
+def test_a_dead_zone_that_shows_is_said_to_be_there(joint, share):
+    """It has no name, so its joint is flagged: 2.6 times the noise is left of it."""
+
+    def logs(recordings):
+        for one in recordings:
+            tau = one.tau.copy()
+            level = share * tau[:, joint].std() * 1.5
+            tau[:, joint] -= np.clip(tau[:, joint], -level, level)
+            yield replace(one, tau=tau)
+
+    made = make("quick", (), 3, 3)
+    fit, held_out = tuple(logs(made.fit)), tuple(logs(made.held_out))
+    verdict = diagnose(made.robot, fit, (), held_out).verdict
+    assert power(made.robot, fit, made.fit).sees
+    assert joint + 1 in verdict.unexplained.joints
