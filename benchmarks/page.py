@@ -134,7 +134,7 @@ def readme_table() -> str:
         name: SimpleNamespace(**{k: f for k, (_, f) in figures(name, content).items()})
         for name, content in results().items()
     }
-    rows = [("on", "figure", "wanted"), ("---", "---", "---")]
+    rows = [("tested on", "what came out", "wanted"), ("---", "---", "---")]
     for row in _SHARED["readme"]:
         found = (key.split(".") for key in row["bars"])
         bars = "; ".join(getattr(every[file], key).bar for file, key in found)
