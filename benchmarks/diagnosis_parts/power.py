@@ -14,7 +14,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from residual.diagnosis.search import Candidates, Task, lowers_error
+from residual.diagnosis.search import Candidates, Task, lowers_error, spares_model
 from residual.effects import registry
 from residual.effects.base import Effect, Placed, State
 from residual.evidence.design import Design, Group
@@ -37,7 +37,7 @@ class Power:
         nats: Evidence of the true column over none, the price of one of the
             vocabulary's names taken off [nats].
         sees: Whether that passes for a name: the threshold of the evidence, and the
-            error of some joint falls by enough.
+            error of some joint falls by enough, or parameters are spared beyond belief.
     """
 
     nats: float
@@ -88,7 +88,7 @@ def true_torque(
 
 
 def gained(design: Design, every: Sequence, lines: Mapping[float, Array]) -> Power:
-    """Return the power of one column whose torque is given, the best prior of each.
+    """Return the power of one column whose torque is given, in the likeliest prior.
 
     Args:
         every: The priors of the nominal parameters that may be believed.
@@ -100,10 +100,19 @@ def gained(design: Design, every: Sequence, lines: Mapping[float, Array]) -> Pow
     with_it = [_fitted(task, (group,)) for task in tasks]
     # Rows are counted by what the better model leaves, as everywhere.
     counted = np.max([fitted.counted for fitted in with_it], axis=0)
-    big, small = (_best(tasks, members, counted) for members in ((group,), ()))
-    names = sum(len(list(e.candidates(design.dof))) for e in registry().values())
-    nats = float(big.score - small.score - np.log(names))
-    sees = nats >= RULES.threshold and lowers_error(tasks[0], big, small)
+    big, small = (
+        [_fit(t, members, counted) for t in tasks] for members in ((group,), ())
+    )
+    price = np.log(sum(len(e.candidates(design.dof)) for e in registry().values()))
+    # The prior that a search would settle on: the likeliest, with the name or without.
+    dear = price + RULES.per_name
+    worth = [max(b.score - dear, s.score) for b, s in zip(big, small, strict=True)]
+    i = int(np.argmax(worth))
+    nats = float(big[i].score - small[i].score - price)
+    sees = nats >= RULES.threshold and (
+        lowers_error(tasks[i], big[i], small[i])
+        or spares_model(tasks[i], group, nats, big[i], small[i])
+    )
     return Power(round(nats, 2), sees)
 
 
@@ -119,9 +128,8 @@ def _fitted(task: Task, members: Sequence[Group]) -> Fit:
     return task.settle(task.fit(members, start)) if members else start
 
 
-def _best(tasks: Sequence[Task], members: Sequence[Group], counted: Array) -> Fit:
-    fits = (fit(t.design, t.prior, members, counted, rounds=6) for t in tasks)
-    return max(fits, key=lambda fitted: fitted.score)
+def _fit(task: Task, members: Sequence[Group], counted: Array) -> Fit:
+    return fit(task.design, task.prior, members, counted, rounds=6)
 
 
 def _at(t: Array, own: Array, values: Array) -> Array:

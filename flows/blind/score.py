@@ -4,6 +4,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass, field
 
 from residual.diagnosis.result import Finding, Place, Verdict
+from sim.plant.catalogue import kinds
 
 SINGLE, PAIR, NOTHING, UNKNOWN = "single", "pair", "none", "unknown"
 DRAWN = (SINGLE, PAIR, NOTHING, UNKNOWN)
@@ -65,7 +66,7 @@ class Score:
         outcome: One of ``OUTCOMES``.
         first: What was named first, None for nothing.
         found: How many of the drawn effects are named, by name or by class.
-        extra: How many names are none of them, in all.
+        extra: How many names are none of them and no part of them, in all.
         joint_right: Whether the first name, or where there is none the flag, is on a
             joint of what was drawn; None where nothing was drawn or nothing said.
         hits: What was said of each drawn effect by its very name; None otherwise.
@@ -98,10 +99,20 @@ def score(drawn: str, truths: Sequence[Name], verdict: Verdict) -> Score:
         outcome=_outcome(drawn, bool(said), bool(right), state, bool(flagged)),
         first=(right or first)[0].name if first else None,
         found=found,
-        extra=len(free),
+        extra=sum(s.name not in _parts(truths, hits) for s in free),
         joint_right=_joint_right(truths, [s.name for s in first], flagged),
         hits=hits,
     )
+
+
+def _parts(truths: Sequence[Name], hits: Sequence[Said | None]) -> set[Name]:
+    """Return the names that are true beside those of what was found by its own."""
+    return {
+        Name(part, truth.joints)
+        for truth, hit in zip(truths, hits, strict=False)
+        if hit is not None
+        for part in kinds()[truth.effect].also
+    }
 
 
 def members(verdict: Verdict) -> list[Said]:

@@ -113,7 +113,33 @@ def findings(
                 np.array([_torque(examined, fitted, t.group) for t in members]),
             )
         )
-    return sorted(out, key=lambda f: (-f.torque.max(), -f.nats))
+    return _led(sorted(out, key=lambda f: (-f.torque.max(), -f.nats)))
+
+
+def _led(found: Sequence[Named]) -> list[Named]:
+    """The same, but what rides on another of its size comes before it.
+
+    Friction that yields is told on top of a constant level: a contact that the model
+    lacks is both, and only the one name says what it is.
+    """
+    out = list(found)
+    for one in found:
+        for other in found:
+            if one.effect.rides_on == other.effect.name and _is_most(one, other):
+                place = min(out.index(one), out.index(other))
+                out.remove(one)
+                out.insert(place, one)
+    return out
+
+
+def _is_most(one: Named, other: Named) -> bool:
+    """Whether a finding has half of the size of another on a joint of both."""
+    sizes = [
+        dict(zip(f.joints, np.abs(next(iter(f.parameters.values()))[0]), strict=True))
+        for f in (one, other)
+    ]
+    shared = sizes[0].keys() & sizes[1].keys()
+    return any(sizes[0][j] >= RULES.rides * sizes[1][j] for j in shared)
 
 
 def _torque(examined: Examined, fitted: Fit, group: Group) -> float:

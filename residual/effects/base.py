@@ -239,16 +239,15 @@ class Effect:
             single parameters, by formula: value, unit. Linear in theta; None for none.
         usual: (states, joints) -> coefficients of an effect of size one, in the ways
             that it usually comes; None where the first alone or a plain vector says it.
-        far_fetched: Where two effects of one size explain the same, the one with the
-            smaller number is named first.
+        far_fetched: Of two that explain the same the one with less is named first.
         inexact: By how much, of its size, values differ that other authors' forms of
             it lead to where logs see only a part of its range: one standard deviation.
         if_refuted: What to ask the user where held-out logs refute it.
         family: Effects of one family on one joint exclude each other.
+        rides_on: The effect that its torque is told on top of (`diagnosis.findings`).
         outermost: How many of the last joints it is not tried on.
         groupable: It is also tried on all joints at once.
-        in_any_arm: (span, joint) -> shapes in which every arm in use has a little of
-            it, model or not; none for what an arm is without.
+        in_any_arm: (span, joint) -> shapes in which every arm in use has a little.
         least_seen: Shapes, SI, in which arms have it too and logs show it least, as
             what lives nearer to standstill than rows count: what would be found in each
             of them is found in any. None where its usual shape says it.
@@ -301,6 +300,7 @@ class Effect:
     inexact: float = 0.0
     if_refuted: str = ""
     family: str = ""
+    rides_on: str = ""
     outermost: int = 0
     groupable: bool = False
     in_any_arm: Callable[[Span, int], Sequence[Shape]] = _nowhere

@@ -43,6 +43,7 @@ EFFECT = Effect(
     parameters={"level": "N m", "displacement": "rad"},
     columns=local(_feature),
     remembers=True,
+    rides_on="coulomb",
     from_values=shaped,
     shapes=_shapes,
     refine=Refinement("ratio", 0.6),

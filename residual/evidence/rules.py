@@ -135,6 +135,8 @@ class Rules:
     usual: float = 0.03  # of the joint's torque rms: what gears and drives have anyway
     usual_joints: float = 0.5  # of the joints that must have it
     usual_few: int = 3  # joints at least
+    # of a level: what must yield of it to be said first; one contact makes both alike
+    rides: float = 0.5
     beside: float = 0.1  # of the largest torque of a finding
     least_delay: float = 0.004  # s
     least_change: float = 0.05  # of a value: less is no news

@@ -147,6 +147,7 @@ class Effect:
             that its size is stated in, several are one vector.
         inverse: The softer, the more of it there is.
         along: Parameters that grow along without being the size.
+        also: Names in the vocabulary for a part of its torque, true beside its own.
         rare: It is drawn only where it is asked for.
         where: (rng, dof, usual sizes) -> a joint, from 1, of the usual ones.
         usual: (rng, here) -> usual values.
@@ -188,6 +189,7 @@ class Effect:
     amount: tuple[str, ...] = ()
     inverse: bool = False
     along: tuple[str, ...] = ()
+    also: tuple[str, ...] = ()
     rare: bool = False
     where: Callable[[Rng, int, Sizes], int] = anywhere
     usual: Callable[[Rng, Here], dict[str, float]] | None = None

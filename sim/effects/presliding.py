@@ -16,6 +16,8 @@ EFFECT = Effect(
     parameters={"level": "N m", "displacement": "rad"},
     above={"level": 0.0, "displacement": 0.0},
     rare=True,
+    # level z = level sgn(qd) + level (z - sgn(qd)), and the first is that friction.
+    also=("coulomb",),
     where=any_joint,
     usual=lambda rng, here: {
         "level": here.coulomb,

@@ -16,6 +16,7 @@ from sim.engine.records import PlantEffect, stream
 from tests.flows.blind_rows import entry, row, verdict
 
 STRIBECK, OFFSET = Name("stribeck", (2,)), Name("offset", (3,))
+YIELDING = Name("presliding", (2,))
 
 
 @pytest.mark.parametrize(
@@ -45,6 +46,35 @@ STRIBECK, OFFSET = Name("stribeck", (2,)), Name("offset", (3,))
             1,
             1,
             False,
+        ),
+        (
+            # Friction of one more contact is Coulomb friction too, that yields.
+            "single",
+            [YIELDING],
+            verdict(entry("presliding", [2]), entry("coulomb", [2], 2)),
+            "right",
+            1,
+            0,
+            True,
+        ),
+        (
+            # It must be said that it yields, and of another joint it is false.
+            "single",
+            [YIELDING],
+            verdict(entry("coulomb", [2])),
+            "wrong",
+            0,
+            1,
+            True,
+        ),
+        (
+            "single",
+            [YIELDING],
+            verdict(entry("presliding", [2]), entry("coulomb", [3], 2)),
+            "right",
+            1,
+            1,
+            True,
         ),
         (
             "pair",

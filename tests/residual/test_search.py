@@ -499,6 +499,27 @@ def test_findings_of_one_name_are_merged_and_the_largest_comes_first(rng):
     assert second.nats == pytest.approx(sum(t.nats for t in second.tested))
 
 
+@pytest.mark.parametrize(("yields", "first"), [(1.0, "plane"), (0.2, "line")])
+def test_what_rides_on_another_of_its_size_is_named_before_it(rng, yields, first):
+    """One contact is a level and what yields of it: the second says what it is."""
+    truth = [(LINE, (0,), [4.0]), (PLANE, (0,), [3.0 * yields, 0.5])]
+    problem = Problem.draw(rng, truth, rows=200)
+    task, fitted = found(problem)
+    diagnosis = judged_by(task)
+    riding = replace(PLANE, rides_on=LINE.name)
+    tested = [
+        replace(t, group=replace(t.group, effect=riding))
+        if t.group.effect is PLANE
+        else t
+        for t in gate(task, fitted)
+    ]
+    groups = {t.group.key: t.group for t in tested}
+    fitted = replace(fitted, members=tuple(groups[g.key] for g in fitted.members))
+    names = [f.effect.name for f in findings(diagnosis, fitted, tested)]
+    assert sorted(names) == ["line", "plane"]
+    assert names[0] == first
+
+
 # -- the held-out verdict of a name ------------------------------------------------
 
 
