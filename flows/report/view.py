@@ -74,7 +74,10 @@ def render(found: Viewed) -> str:
         log=found.log.id,
         seconds=float(found.log.t[-1] - found.log.t[0]),
         model="with the findings" if found.effects else "before any finding",
-        joints=[(j, _error(found, after, j)) for j in range(1, found.robot.dof + 1)],
+        joints=[
+            (j, name, _error(found, after, j))
+            for j, name in enumerate(tuple(found.robot.model.names)[1:], 1)
+        ],
         charts=_charts(found),
         scene={
             "arm": arm_data(found.look),

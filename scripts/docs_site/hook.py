@@ -35,6 +35,17 @@ def on_files(files, config):
     return files
 
 
+def on_post_build(config):
+    """Give the theme the index that it asks for where pages are opened from the disk.
+
+    It is empty: a browser starts no search of a page from the disk, and without the
+    file it would complain. The home says how to serve the pages.
+    """
+    empty = {"config": {"lang": ["en"], "separator": " "}, "docs": []}
+    place = Path(config.site_dir, "search", "search_index.js")
+    place.write_text(f"var __index = {json.dumps(empty)};\n", encoding="utf-8")
+
+
 def on_page_markdown(markdown, page, config, files):
     """Link the table of effects to their pages; unlink what is no page."""
     source = page.file.src_uri

@@ -167,3 +167,11 @@ def test_a_file_is_shown_with_the_model_as_described(tmp_path, monkeypatch, caps
     names = [trace["name"] for trace in page.plots[0]["data"]]
     assert names == ["measured", "nominal (as given)", "nominal (as given)"]
     assert json.dumps(page.plots[-1]["first"]) == "0"
+
+
+def test_a_joint_has_the_name_of_the_urdf():
+    page = render(shown())
+    names = tuple(shown().robot.model.names)[1:]
+    assert names
+    for joint, name in enumerate(names, 1):
+        assert f'aria-label="Draw joint {joint}, {name}"' in page

@@ -34,6 +34,11 @@ def test_it_is_built_strictly_and_asks_nothing_of_a_network(tmp_path):
         page = (tmp_path / "effects" / f"{name}.html").read_text(encoding="utf-8")
         assert "<svg" in page
         assert "hidden on a simulated arm" in page or "Not measured" in page
+    # What the theme asks for where a page is opened from the disk.
+    assert (tmp_path / "search" / "search_index.js").is_file()
+    home = (tmp_path / "index.html").read_text(encoding="utf-8")
+    assert "img/report.png" in home
+    assert "http.server -b 127.0.0.1 -d site" in home
     for path in tmp_path.rglob("*.html"):
         text = path.read_text(encoding="utf-8")
         fetched = re.findall(

@@ -35,7 +35,8 @@
   for (const box of boxes) seen.observe(box);
   const next = () => {
     const folded = "details:not([open])";
-    const box = boxes.find((each) => !each.dataset.drawn && !each.closest(folded));
+    const shown = (each) => each.clientWidth > 0 && !each.closest(folded);
+    const box = boxes.find((each) => !each.dataset.drawn && shown(each));
     if (!box) return;
     draw(box);
     setTimeout(next);
