@@ -51,7 +51,10 @@ def test_every_log_goes_into_the_set_that_the_words_say(folder, calls, capsys, w
         f"fit: {fit} | baseline: {baseline or '–'} | held out: {held_out or '–'}\n"
         in shown
     )
-    assert "A: 300 samples, 100 Hz, 2.99 s; read t q1..6 tau1..6" in shown
+    (read,) = [line for line in shown.splitlines() if "; read " in line]
+    names, _, about = read.partition(": ")
+    assert sorted(names.split(", ")) == sorted(re.findall(r"(\w)\.csv", words))
+    assert about == "300 samples, 100 Hz, 2.99 s; read t q1..6 tau1..6"
     assert "verdict none" in shown
 
 
