@@ -17,6 +17,7 @@ from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:  # for editors
     from flows.door.logs import check, compare, export, read_logs, recording
+    from flows.door.loop import Experiment, monitor, next_experiment, simulate
     from flows.door.results import (
         Calibration,
         Diagnosis,
@@ -46,6 +47,7 @@ __all__ = [
     "Calibration",
     "Diagnosis",
     "ErrorTables",
+    "Experiment",
     "Finding",
     "Identification",
     "InputError",
@@ -67,13 +69,17 @@ __all__ = [
     "load_model",
     "load_null",
     "load_robot",
+    "monitor",
+    "next_experiment",
     "open_store",
     "read_logs",
     "recording",
+    "simulate",
 ]
 
 _PLACES = {
     "flows.door.logs": ("check", "compare", "export", "read_logs", "recording"),
+    "flows.door.loop": ("Experiment", "monitor", "next_experiment", "simulate"),
     "flows.door.results": (
         "Calibration",
         "Diagnosis",

@@ -9,7 +9,7 @@ from rich.console import Console
 
 from flows.cli.app import FASTEST, SEEDS, Outputs, check_between
 from flows.inputs.given import is_run
-from flows.outputs import Progress, progress_bar, read_files, say
+from flows.outputs import progress_bar, read_files, say
 from flows.report.console import show
 from flows.report.next import Sheet, comparison, nothing_open, render_sheet, told
 from flows.report.words.verdict import sentences
@@ -17,13 +17,11 @@ from flows.requests import Flag, Log, Next
 from flows.settings import store_folder
 from flows.steps.experiment import as_csv
 from flows.steps.planning.ask import Asked, ask
-from flows.steps.planning.design import Design, design, document
+from flows.steps.planning.design import Design, answer, document
 from flows.steps.planning.execute import execute, next_spec, settle
-from flows.steps.planning.motions import Search, with_twins
 from flows.storage.diagnosis import read_verdict
 from residual.diagnosis.verdict import to_json
 from residual.errors import InputError
-from residual.lazy import one_blas_thread
 from sim.engine.records import Reference, TrajectorySpec
 from sim.trajectories import make_reference
 from warehouse.mirror import shown
@@ -86,7 +84,9 @@ def next_(
         opened = ask(request, progress)
         if run:  # whether it can be is known before the search
             next_spec(store_folder(request.store), opened.request, TrajectorySpec())
-        made = _designed(opened, request, progress)
+        made = answer(
+            opened.question, opened.robot, request.seconds, request.seed, progress
+        )
     outputs.say(*opened.lines)
     if not opened.same:
         said = sentences(opened.found.verdict)[0]
@@ -125,15 +125,6 @@ def _checked(
             "arm is known. Without it, write the motion with --out."
         )
     return outputs
-
-
-@one_blas_thread
-def _designed(opened: Asked, request: Next, tell: Progress | None) -> Design | None:
-    """Return the best motion; None where nothing is open."""
-    if not opened.question.contests:
-        return None
-    wanted = Search(opened.question, opened.robot, request.seconds, request.seed)
-    return design(with_twins(wanted), tell)
 
 
 def _page(

@@ -52,17 +52,18 @@ _FINDINGS = pa.schema(
 _COLUMNS = ("name", "value", "sd", "nominal", "unit", "status", "joint", "is")
 
 
-def _as(kind: type, made: Any, **more: object) -> Any:
+def as_door(kind: type, made: Any, **more: object) -> Any:
     """Return a result of the core as one that can be shown and kept."""
     return kind(*(getattr(made, field.name) for field in fields(made)), **more)
 
 
-def _sets(
+def log_sets(
     robot: Robot,
     fit: Sequence[Recording],
     baseline: Sequence[Recording] = (),
     held_out: Sequence[Recording] = (),
 ) -> LogSets:
+    """Return recordings by what they are for, none of them twice."""
     check_distinct([*fit, *baseline, *held_out])
     return LogSets(robot, tuple(fit), tuple(baseline), tuple(held_out))
 
@@ -149,13 +150,13 @@ def diagnose(  # noqa: PLR0913  each an option of the command
     """
     robot = known_robot(robot, known or {}, baseline)
     found = diagnose_logs(
-        _sets(robot, fit, baseline, held_out),
+        log_sets(robot, fit, baseline, held_out),
         declared=declared,
         trust_log=trust_log,
         nulls=null or (),
         progress=progress,
     )
-    return _as(Diagnosis, found)
+    return as_door(Diagnosis, found)
 
 
 class Identification(Identified):
@@ -225,9 +226,9 @@ def identify(
         InputError: If a log or a name is not usable, two logs share samples, or a fault
             of them is certain.
     """
-    sets = _sets(robot, fit, held_out=held_out)
+    sets = log_sets(robot, fit, held_out=held_out)
     made = identify_logs(sets, declared, options, consistent, trust_log)
-    return _as(Identification, made)
+    return as_door(Identification, made)
 
 
 @dataclass(frozen=True, eq=False, slots=True, repr=False)
@@ -291,6 +292,6 @@ def calibrate(
     names = None if declared is None else tuple(declared)
     settings = core.Settings(declared=names, views=figures)
     runs = [Run(log) for log in fit]
-    sets = _sets(robot, fit)
+    sets = log_sets(robot, fit)
     made, warnings = calibrate_logs(sets, runs, settings, trust_log=trust_log)
-    return _as(Calibration, made, warnings=warnings)
+    return as_door(Calibration, made, warnings=warnings)

@@ -12,6 +12,7 @@ from flows.settings import HEALTHY, store_folder
 from flows.steps.models import Source, in_force, source_of
 from residual.errors import InputError
 from residual.lazy import one_blas_thread
+from residual.model.model import Model
 from residual.monitoring.monitor import LEAST_RUNS, Alarm, Monitor, calibrate, to_record
 from residual.recording import Array, Recording
 from warehouse.commit import commit_record
@@ -84,14 +85,7 @@ def monitor(request: Request) -> tuple[str, Watched, dict[str, Recording]]:
     for run in (*healthy.values(), *watched.values()):
         source.robot_of(run, store)
     start = source.model_of(robot, list(healthy.values()))
-    made = calibrate(start, list(healthy.values()), request.per_hour)
-    found = Watched(
-        monitor=made,
-        calibration=tuple(healthy),
-        alarms={id: made.watch(run) for id, run in watched.items()},
-        novelty={id: made.novelty(run) for id, run in watched.items()},
-        seconds=sum(run.duration for run in watched.values()),
-    )
+    found = watch(start, healthy, watched, request.per_hour)
     asked = request.to_record() | {
         "model": source.diagnosis or request.model,
         "runs": list(watched),
@@ -100,6 +94,28 @@ def monitor(request: Request) -> tuple[str, Watched, dict[str, Recording]]:
         "robot_hash": robot.content_hash,
     }
     return _put(store, source, found, asked), found, watched
+
+
+@one_blas_thread
+def watch(
+    model: Model,
+    healthy: Mapping[str, Recording],
+    watched: Mapping[str, Recording],
+    per_hour: float,
+) -> Watched:
+    """Calibrate a monitor and watch runs, each by its id; nothing is stored.
+
+    Raises:
+        InputError: If there are too few healthy runs, or one is of another arm.
+    """
+    made = calibrate(model, list(healthy.values()), per_hour)
+    return Watched(
+        monitor=made,
+        calibration=tuple(healthy),
+        alarms={id: made.watch(run) for id, run in watched.items()},
+        novelty={id: made.novelty(run) for id, run in watched.items()},
+        seconds=sum(run.duration for run in watched.values()),
+    )
 
 
 @dataclass(frozen=True, slots=True)

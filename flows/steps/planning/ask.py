@@ -84,10 +84,7 @@ def ask(request: Next, progress: Progress | None = None) -> Asked:
     Raises:
         InputError: If the request, the verdict or a log is not usable.
     """
-    if not SHORTEST <= request.seconds <= LONGEST:
-        raise InputError(
-            f"--seconds {request.seconds:g}: expected {SHORTEST:g} to {LONGEST:g}."
-        )
+    check_length(request.seconds)
     wish = None if request.want is None else parse_wish(request.want)
     stored = is_run(request.verdict)
     verdict, again, logs = (_of_store if stored else _of_file)(request)
@@ -95,6 +92,18 @@ def ask(request: Next, progress: Progress | None = None) -> Asked:
     found = diagnose(again, logs, progress, heard)
     assert heard.question is not None
     return Asked(verdict, found, heard.question, logs.robot, again, logs.lines)
+
+
+def check_length(seconds: float) -> None:
+    """Raise unless a motion may be so long [s].
+
+    Raises:
+        InputError: If it may not.
+    """
+    if not SHORTEST <= seconds <= LONGEST:
+        raise InputError(
+            f"--seconds {seconds:g}: expected {SHORTEST:g} to {LONGEST:g}."
+        )
 
 
 def _of_store(request: Next) -> tuple[Verdict, Diagnose, LogSets]:

@@ -18,11 +18,14 @@ from flows.steps.planning.motions import (
     plan_course,
     planned,
     series_course,
+    with_twins,
 )
 from residual.diagnosis.result import Place
+from residual.lazy import one_blas_thread
 from residual.planning.outlook import Pair
 from residual.planning.promise import said, told_apart
 from residual.planning.question import Question
+from residual.robot.robot import Robot
 from sim.engine.records import TrajectorySpec
 from sim.trajectories.curves import Series
 from sim.trajectories.fourier import (
@@ -179,6 +182,24 @@ class Design:
     def rivals(self) -> tuple[Place, ...]:
         """What the motion tells apart, each once."""
         return told_apart(self.search.question, self.best.seen)
+
+
+@one_blas_thread
+def answer(
+    question: Question,
+    robot: Robot,
+    seconds: float,
+    seed: int,
+    tell: Progress | None = None,
+) -> "Design | None":
+    """Return the best motion for what is open; None where nothing is.
+
+    Args:
+        seconds: The longest that it may take [s].
+    """
+    if not question.contests:
+        return None
+    return design(with_twins(Search(question, robot, seconds, seed)), tell)
 
 
 def design(search: Search, tell: Progress | None = None) -> Design:
