@@ -7,6 +7,13 @@ from types import MappingProxyType
 
 from flows.door.results import Diagnosis, as_door, log_sets
 from flows.outputs import Progress, write_all
+from flows.steps.experiment import as_csv
+from flows.specs.experiment import experiment_of
+from flows.steps.experiment import make, run_id_of
+from flows.steps.planning.ask import Listener, check_length
+from flows.steps.planning.design import answer, document
+from residual.planning.question import parse_wish
+from sim.trajectories import make_reference
 from flows.steps.diagnose import diagnose_logs
 from flows.steps.monitor import Watched, watch
 from residual.errors import InputError
@@ -41,9 +48,7 @@ class Experiment:
         Raises:
             InputError: If there is none, or the file cannot be written.
         """
-        from flows.steps.experiment import as_csv
-
-        if self.reference is None:
+    if self.reference is None:
             raise InputError("There is no motion to write: no experiment is proposed.")
         write_all({Path(path): as_csv(self.reference)})
 
@@ -59,9 +64,6 @@ def simulate(spec: Mapping = _PLAIN) -> Recording:
     Raises:
         InputError: If the mapping says what there is not, or PyBullet is missing.
     """
-    from flows.specs.experiment import experiment_of
-    from flows.steps.experiment import make, run_id_of
-
     checked = experiment_of(dict(spec), "spec")
     return replace(make(checked).log, id=run_id_of(checked))
 
@@ -116,11 +118,6 @@ def next_experiment(
     Raises:
         InputError: If a log, the wish or the length is not usable.
     """
-    from flows.steps.planning.ask import Listener, check_length
-    from flows.steps.planning.design import answer, document
-    from residual.planning.question import parse_wish
-    from sim.trajectories import make_reference
-
     check_length(seconds)
     listener = Listener(None if want is None else parse_wish(want))
     logs = log_sets(robot, fit, baseline, held_out)
