@@ -7,20 +7,19 @@ from types import MappingProxyType
 
 from flows.door.results import Diagnosis, as_door, log_sets
 from flows.outputs import Progress, write_all
-from flows.steps.experiment import as_csv
 from flows.specs.experiment import experiment_of
-from flows.steps.experiment import make, run_id_of
+from flows.steps.diagnose import diagnose_logs
+from flows.steps.experiment import as_csv, make, run_id_of
+from flows.steps.monitor import Watched, watch
 from flows.steps.planning.ask import Listener, check_length
 from flows.steps.planning.design import answer, document
-from residual.planning.question import parse_wish
-from sim.trajectories import make_reference
-from flows.steps.diagnose import diagnose_logs
-from flows.steps.monitor import Watched, watch
 from residual.errors import InputError
 from residual.model.model import Model
+from residual.planning.question import parse_wish
 from residual.recording import Recording
 from residual.robot.robot import Robot
 from sim.engine.records import Reference
+from sim.trajectories import make_reference
 from warehouse.logs import check_distinct
 
 _PLAIN: Mapping = MappingProxyType({})
@@ -48,7 +47,7 @@ class Experiment:
         Raises:
             InputError: If there is none, or the file cannot be written.
         """
-    if self.reference is None:
+        if self.reference is None:
             raise InputError("There is no motion to write: no experiment is proposed.")
         write_all({Path(path): as_csv(self.reference)})
 
