@@ -1,4 +1,7 @@
-"""The loop from a script: simulate an arm, watch its runs, ask for the next motion."""
+"""The loop from a script, apart from the rest, which loads no simulation.
+
+Simulate an arm, watch its runs, ask for the next motion.
+"""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
