@@ -329,14 +329,16 @@ def _resembles(tested: Tested, enough: Adequacy) -> bool:
     """A name on a joint that keeps much may be a part of what is not known.
 
     On a flagged joint it must explain 3/4 of what was left. What claims the whole arm
-    must explain more than remains of a doubted one, too; of one joint's own friction or
-    constant that was asked once, and cost true names only (docs/benchmarks.md).
+    must explain more than remains of one that keeps much, too; of one joint's own
+    friction or constant that was asked once, and cost true names only
+    (docs/benchmarks.md).
     """
     local = tested.group.effect.scope in ("local", "pair")
     joints = set(tested.group.joints if local else (tested.joint,))
     if joints & set(enough.flagged) and tested.share < RULES.most_of_it:
         return True
-    doubted = set() if local else joints & set(enough.doubted)
+    much = np.maximum(RULES.much, RULES.much_noises * enough.noise)
+    doubted = set() if local else joints & set(np.flatnonzero(enough.structured > much))
     return any(tested.fall < enough.structured[j] for j in doubted)
 
 

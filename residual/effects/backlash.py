@@ -2,10 +2,12 @@
 
 The encoder sits on the motor. When the load changes its side the link leaves the
 tooth and flies freely across the play, x'' = -load / inertia, until the next tooth
-catches it: a late crossing, and the later the wider the play.
+catches it: a late crossing, and the later the wider the play. Where grease or a
+controller that is stiff against the link hold it, it crosses with its load, at once.
 """
 
 import numpy as np
+from scipy.ndimage import gaussian_filter1d
 
 from residual.effects.base import (
     Effect,
@@ -18,16 +20,22 @@ from residual.effects.base import (
 )
 from residual.recording import Array
 
-# The coefficient is the half gap, the shape the one that the flight is drawn for.
+# The coefficient is the half gap, the shape the one that the flight is drawn for; a
+# second number of the shape is the time of a crossing at once [s].
 LEAST, MOST = 0.5, 2.0
 TINY = 1e-7  # rad
+WIDEST = 0.02  # rad
 AT_ONCE = 64  # samples of a fall: most are shorter
+HELD = 0.01  # s: below what the identification filter lets through
 FUTURE = "its flight is differentiated by samples that are still to come"
 
 
 def _columns(state, joints, shape):
     (j,) = joints
     gap = max(abs(shape[0]), TINY)
+    if len(shape) > 1:
+        side = gaussian_filter1d(np.sign(state.rigid[:, j]), shape[1] * state.rate)
+        return moved(state, j, side, rates(state, side))[:, :, None]
     inertia = np.maximum(sensitivity(state)[2][:, j, j], 1e-9)
     push = -state.rigid[:, j] / inertia
     side = _flight(push, gap, 1 / state.rate) / gap
@@ -65,6 +73,13 @@ def _fall(push: Array, start: float, gap: float, dt: float) -> Array:
         some *= 4
 
 
+def _possible(theta, shape, limits):
+    """A flight is drawn for its gap; a crossing at once has any that a gear has."""
+    if len(shape) > 1:
+        return bool(TINY < theta[0] < WIDEST)
+    return bool(LEAST < theta[0] / shape[0] < MOST)
+
+
 EFFECT = Effect(
     name="backlash",
     noun="gear backlash",
@@ -78,12 +93,12 @@ EFFECT = Effect(
     scope="link",
     values=lambda theta, shape, robot: theta,
     from_values=lambda values, robot: (values, (float(values[0]),)),
-    shapes=lambda span, j: ((5e-4,), (1e-3,), (2e-3,), (4e-3,)),
-    refine=Refinement("ratio", 0.7, lower=1e-5, upper=0.02),
+    shapes=lambda span, j: ((5e-4,), (1e-3,), (2e-3,), (4e-3,), (1e-3, HELD)),
+    refine=Refinement("ratio", 0.7, lower=1e-5, upper=WIDEST),
     uses_model=True,
     remembers=True,
     prior_sd=lambda robot: np.array([2e-3]),
-    possible=lambda theta, shape, limits: bool(LEAST < theta[0] / shape[0] < MOST),
+    possible=_possible,
     # Where the load never changes its side it is an offset of the encoder.
     far_fetched=0.5,
     family="geometry",

@@ -89,6 +89,10 @@ class Rules:
     # times the noise that is not nothing: complete models keep up to 1.15 times, a dead
     # zone of a sensor that shows at all 2.7 and more
     noises: float = 2.0
+    # the same of what a name of the whole arm must outdo: where less is left, true ones
+    # would fall (play of a gear, with half of its torque left)
+    much: float = 0.02
+    much_noises: float = 3.0
     # two stretches are a repeat if q differs by less than this share
     repeat: float = 0.02
     # of what was left of a flagged joint that a name must explain

@@ -92,6 +92,7 @@ def test_a_name_that_halved_it_clears_a_joint_unless_much_is_left(rng):
         ("global", 0.04, 0.6, 0.03, False),  # it explains more than it leaves
         ("global", 0.02, 0.3, 0.03, True),  # less: a part of what is not known, maybe
         ("local", 0.02, 0.3, 0.03, False),  # which is asked of the whole arm alone
+        ("global", 0.01, 0.3, 0.018, False),  # what it leaves is said, and no veto
         ("global", 0.02, 0.3, 0.01, False),  # what it leaves is no more than noise
         ("local", 0.09, 0.7, 0.06, True),  # much is left: three quarters are asked for
         ("local", 0.20, 0.9, 0.06, False),
@@ -105,6 +106,7 @@ def test_a_name_on_a_joint_that_keeps_more_is_void(rng, scope, fall, share, left
     told = replace(
         judge(found),
         structured=np.array([0.0, left]),
+        noise=np.array([0.005, 0.005]),
         flagged=(1,) if left > 0.05 else (),
         doubted=(1,) if left > 0.02 else (),
     )
