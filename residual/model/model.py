@@ -52,6 +52,13 @@ class Term:
         for row, j in enumerate(self.effect.rows(self.joints, torque.shape[1])):
             torque[:, j] += columns[:, row] @ self.theta
 
+    def regressor(self, state: State) -> Array:
+        """Columns of this effect on all joints. Shape (n, dof, k)."""
+        out = np.zeros((*state.q.shape, len(self.theta)))
+        rows = self.effect.rows(self.joints, out.shape[1])
+        out[:, list(rows)] = self.effect.columns(state, self.joints, self.shape)
+        return out
+
     def parameters(self, robot: Robot) -> dict[str, float]:
         """Physical parameters by key, in the units of the effect."""
         values = self.effect.values(self.theta, self.shape, robot)
@@ -227,6 +234,27 @@ class Model:
         """
         (track,), _ = prepare([recording], self.filters, self.speed_floor, True)
         return at_samples(self.torque_on(track), track, recording)
+
+    @property
+    def theta(self) -> Array:
+        """All linear parameters [SI]: inertial, then each term's. Shape (p,)."""
+        return self.coefficients()
+
+    def regressor(self, recording: Recording) -> Array:
+        """Torque per parameter on a recorded motion: ``predict`` is it times theta.
+
+        Tables of old records are no parameters, and are not in it.
+
+        Returns:
+            [N m per SI unit of theta]. Shape (n, dof, p).
+        """
+        (track,), _ = prepare([recording], self.filters, self.speed_floor, True)
+        state = self.observe(track)
+        parts = [np.asarray(state.regressor)]
+        parts += [term.regressor(state) for term in self.terms]
+        flat = np.concatenate(parts, axis=2).reshape(len(state.q), -1)
+        n, dof = len(recording.t), self.robot.dof
+        return at_samples(flat, track, recording).reshape(n, dof, -1)
 
     def torque(self, q: Array, qd: Array, qdd: Array) -> Array:
         """Torque at single states, each by itself.
