@@ -334,7 +334,7 @@ def test_a_damaged_file_is_told_and_the_rest_is_answered(run, tmp_path):
 
 def test_the_list_of_commands_loads_no_database_and_no_numerics():
     code = (
-        "import sys; from flows.cli import main; main(['--help'])\n"
+        "import sys; from flows.cli import main; main(['store', '--help'])\n"
         "print({'duckdb', 'pyarrow', 'numpy', 'rich.markdown'} & set(sys.modules))"
     )
     done = subprocess.run(
