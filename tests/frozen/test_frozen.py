@@ -48,7 +48,7 @@ def test_it_says_what_it_said(name, tmp_path):
     assert_same(document(name, tmp_path), frozen(name))
 
 
-@pytest.mark.long  # a minute: every scheme, every number of levels
+@pytest.mark.long  # two minutes: every scheme, every number of levels
 def test_a_calibration_has_the_figures_it_had(tmp_path):
     assert_same(document("calibration", tmp_path), frozen("calibration"))
 
