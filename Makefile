@@ -1,7 +1,7 @@
 # make demo and make test set everything up by themselves, in .venv, once.
 .DEFAULT_GOAL := help
 MINUTES ?= 1
-.PHONY: help demo docs test test-all fuzz audit lint format types lock clean
+.PHONY: help demo docs test test-all bench fuzz audit lint format types lock clean
 BIN := .venv/bin
 UV_LOCK := uv pip compile --no-config --quiet --no-header --generate-hashes \
 	--only-binary :all: --python-version 3.11 --python-platform x86_64-manylinux_2_28 \
@@ -12,6 +12,8 @@ help:
 	@echo "make docs    the pages as a site in site/, offline, links checked"
 	@echo "make test    what every change must pass (ARGS='-k signals -x' for some)"
 	@echo "make test-all  that and what is thorough and slow: more cases, pages, browser, installation"
+	@echo "make bench   every figure of the README and docs anew, on one commit; up to three"
+	@echo "             hours (QUICK=1: ten minutes; said again, it goes on where it was)"
 	@echo "make fuzz    changed files for every reader, MINUTES=10 for each of them"
 	@echo "make audit   known vulnerabilities and licences; needs pip-audit, network"
 	@echo "make lint    style, format, import directions"
@@ -39,6 +41,10 @@ test test-all: .venv/dev.stamp
 	PYTHONDONTWRITEBYTECODE= OMP_NUM_THREADS=1 OPENBLAS_NUM_THREADS=1 \
 		$(BIN)/python -m pytest -n 2 --dist loadfile --no-loadscope-reorder \
 		$(CHOICE) $(ARGS)
+
+# Alone on the machine: ratios bear other work, times do not.
+bench: .venv/dev.stamp
+	@$(BIN)/python benchmarks/bench.py $(if $(QUICK),--quick) $(ARGS)
 
 # By the low road: it runs for as long as it is told to, beside other work.
 fuzz: .venv/dev.stamp

@@ -8,11 +8,11 @@ A load, links 8 to 25 % off and friction on an arm of seven joints whose given v
 are exact, sized by what they do to its torque (`sets`). And two kinds of arms, of six
 and of seven joints, whose given inertias, friction and rotors are exact or 1, 3 or 10 %
 off; none to four changes, each of three times the size that the diagnosis says these
-logs would show of the same arm, or more. What the nominal is off by is no change: to
-name it counts as false. Seeds 9501:9513 decide and are used for nothing else; 1 to 99
-are for development. Finished cases are kept in store/benchmarks, by a hash of the code:
-an interrupted run goes on where it was. The last line is one JSON object; exit code 1
-for a missed bar.
+logs would show of the same arm, or more (of the first seed, for time). What the
+nominal is off by is no change: to name it counts as false. Seeds 113101:113113 decide
+and are used for nothing else; 1 to 99 are for development. Finished cases are kept in
+store/benchmarks, by a hash of the code: an interrupted run goes on where it was. The
+last line is one JSON object; exit code 1 for a missed bar.
 """
 
 import argparse
@@ -34,7 +34,7 @@ from benchmarks.harness.cases import (
 from benchmarks.harness.figures import Figures, finish, one_blas_thread
 from flows.workers.pool import Pool
 
-_SEEDS, _QUICK_SEEDS = "9501:9513", "1:1"
+_SEEDS, _QUICK_SEEDS = "113101:113113", "1:1"
 
 
 def main() -> int:

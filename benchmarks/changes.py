@@ -7,7 +7,7 @@
 
 A change's size is the RMS of its torque over that of the joint, never a multiple of
 what the program says; only `edge` asks the program. Silence is a miss. Seeds
-90101:90108 decide and are used for nothing else, and their cases are listed in
+111101:111105 decide and are used for nothing else, and their cases are listed in
 benchmarks/changes_parts/listed.json before any method has seen one; 1 to 99 are for
 development. The peer is a plain regression of both epochs, on the same cases in the
 same run. Finished cases are kept in store/benchmarks, by a hash of the code: an
@@ -42,7 +42,8 @@ from benchmarks.harness.cases import (
     seed_range,
     seeded_options,
 )
-from benchmarks.harness.figures import ROOT, Figures, finish, one_blas_thread
+from benchmarks.harness.figures import Figures, finish, one_blas_thread
+from benchmarks.harness.origin import ROOT
 from flows.workers.pool import Pool
 
 _QUICK_SEEDS = "1:1"

@@ -5,11 +5,11 @@
     python benchmarks/loop.py --groups close --seeds 1:4        to look at
     python benchmarks/loop.py --full-json OUT       benchmarks/results/...
 
-The groups next and close have seeds of their own that decide (9001:9050, 9101:9130) and
-are used for nothing else; 1 to 99 are for development. Their finished cases are kept in
-store/benchmarks, by a hash of the code: an interrupted run goes on where it was, and
-`--known` shows the figures of what is finished. The last line is one JSON object; exit
-code 1 for a missed bar.
+The groups next and close have seeds of their own that decide (116101:116116 and
+117101:117130) and are used for nothing else; 1 to 99 are for development. Their
+finished cases are kept in store/benchmarks, by a hash of the code: an interrupted run
+goes on where it was, and `--known` shows the figures of what is finished. The last line
+is one JSON object; exit code 1 for a missed bar.
 """
 
 import argparse
@@ -25,8 +25,7 @@ from benchmarks.harness.figures import Figures, all_missing, function_of, run_gr
 from flows.workers.pool import Pool
 
 GROUPS = {
-    name: f"loop_parts.{name}:figures_of"
-    for name in ("tracking", "next", "close", "watch")
+    name: f"loop_parts.{name}:figures_of" for name in ("tracking", "next", "close")
 }
 _CLOSING = ("flows/steps/closing", "flows/steps/planning")
 # Those of many drawn cases; the figures that a quick run leaves to the full one.

@@ -24,13 +24,12 @@ sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
 
 from benchmarks.harness.figures import (
     Figures,
-    circumstances,
     figure,
     finish,
     missing,
     one_blas_thread,
-    save,
 )
+from benchmarks.harness.origin import circumstances, save
 from benchmarks.measured_parts.arms import (
     DAYS,
     LOADED,
@@ -73,7 +72,7 @@ def main() -> int:
         _show(row, before.get(row["split"]))
     figures = figures_of(rows)
     if args.full_json:
-        facts = circumstances(quick=args.quick)
+        facts = circumstances(args.full_json.stem, quick=args.quick)
         save(args.full_json, {**facts, "figures": figures, "measured": rows})
     return finish(figures)
 

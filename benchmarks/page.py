@@ -15,8 +15,10 @@ from functools import cache
 from pathlib import Path
 from types import SimpleNamespace
 
-ROOT = Path(__file__).resolve().parents[1]
-RESULTS = ROOT / "benchmarks" / "results"
+sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
+
+from benchmarks.harness.origin import RESULTS, ROOT, is_current
+
 README = ROOT / "README.md"
 # By the `page` that the words of a results file ask for; "" where they ask for none.
 PAGES = {
@@ -111,7 +113,6 @@ def results() -> dict[str, dict]:
 def figures(name: str, content: Mapping) -> dict[str, tuple[str, Figure]]:
     """Return words and figure of each entry of a results file."""
     words = _WORDS[name]["figures"]
-    words = _WORDS[words["same_as"]]["figures"] if "same_as" in words else words
     ordered = sorted(content["figures"], key=list(words).index)
     return {
         key: (words[key]["is"], Figure(content["figures"][key], words[key]["unit"]))
@@ -140,7 +141,7 @@ def readme_table() -> str:
         bars = "; ".join(getattr(every[file], key).bar for file, key in found)
         rows.append((row["on"], row["figure"].format(**every), bars))
     used = {key.split(".")[0] for row in _SHARED["readme"] for key in row["bars"]}
-    from_ = [f"{k} ({_origin(v)})" for k, v in results().items() if k in used]
+    from_ = [f"{k} ({_origin(k, v)})" for k, v in results().items() if k in used]
     oks = [f.entry["ok"] for file in every.values() for f in vars(file).values()]
     missed, met = oks.count(False), oks.count(True)
     below = _SHARED["below"].format(
@@ -161,16 +162,13 @@ def main() -> int:
 def _section(name: str, content: Mapping) -> str:
     words = _WORDS[name]
     rows = [("what", "value", "n", "bar", "also"), ("---", "---", "---:", "---", "---")]
-    again = "same_as" in words["figures"]
     for is_, entry in figures(name, content).values():
-        if again and entry.entry["bar"] is None:  # of a second run what is judged
-            continue
         also = "; ".join(entry.details())
         rows.append((is_, str(entry), _number(entry.n), entry.bar, also))
-    facts = (
-        f"`{RESULTS.name}/{name}.json`: {_origin(content)}, {content['cores']} cores, "
-    )
-    facts += f"Python {content['python']}; `{words['run']}`"
+    facts = f"`{RESULTS.name}/{name}.json`: {_origin(name, content)}"
+    facts += f", {content['cores']} cores"
+    facts += f" ({content['machine']})" if "machine" in content else ""
+    facts += f", Python {content['python']}; `{words['run']}`"
     facts += f"\\\n{words['about'].strip()}"  # a backslash breaks the line
     parts = [f"## {words['title']}", facts, content.get("note")]
     parts += [_table(rows).rstrip(), _arms(content.get("measured", ()))]
@@ -201,19 +199,21 @@ def _arms(measured: list[Mapping]) -> str:
     return _table(rows).rstrip() if measured else ""
 
 
-def _origin(content: Mapping) -> str:
+def _origin(name: str, content: Mapping) -> str:
     seeds = f", seeds {content['seeds']}" if content.get("seeds") else ""
     runs: dict[str, list[str]] = {}
-    for name, run in content.get("by_group", {}).items():
-        runs.setdefault(_of_run(run), []).append(name)
+    for group, run in content.get("by_group", {}).items():
+        runs.setdefault(_of_run(name, run), []).append(group)
     if len(runs) > 1:  # each group has the circumstances of the run that it is from
         return "; ".join(f"{', '.join(own)}: {run}" for run, own in runs.items())
-    return _of_run(content) + seeds
+    return "".join(runs or [_of_run(name, content)]) + seeds
 
 
-def _of_run(run: Mapping) -> str:
+def _of_run(name: str, run: Mapping) -> str:
     dirty = " with changes" if run["dirty"] else ""
-    return f"commit {run['commit'][:7]}{dirty}, {run['date'][:10]}"
+    # Said by the page itself: a reader cannot know when the method changed.
+    old = "" if is_current(name, run) else " **of older code**"
+    return f"commit {run['commit'][:7]}{dirty}, {run['date'][:10]}{old}"
 
 
 def _incomplete(entry: Mapping) -> str:

@@ -200,6 +200,8 @@ def true_arm(arm: Arm, effects: Sequence[PlantEffect], like: Model) -> Model:
 UNCHANGED, CHANGED, SETS = "unchanged", "changed", "sets"
 GROUPS = (UNCHANGED, CHANGED, SETS)
 MOST = 4  # changes at once
+_SETS = 3  # of each seed
+_CHANGED = 1  # seed: half a minute for each case, and sets ask the same
 
 
 @dataclass(frozen=True, slots=True)
@@ -252,7 +254,10 @@ def tasks(group: str, seeds: Sequence[int], quick: bool) -> list[Task]:
         quick: Two arms only, in few and short logs.
     """
     if group == SETS:  # of the arm of seven joints, whose given values are exact
-        return [Task(group, SEVEN, 0, 0, s, quick) for s in seeds]
+        draws = range(seeds[0], seeds[0] + (1 if quick else _SETS * len(seeds)))
+        return [Task(group, SEVEN, 0, 0, s, quick) for s in draws]
+    if group == CHANGED:
+        seeds = seeds[:_CHANGED]
     counts = (0,) if group == UNCHANGED else tuple(range(1, MOST + 1))
     if quick:
         return [Task(group, SEVEN, 3, counts[-1] // 2, s, True) for s in seeds[:1]]

@@ -36,7 +36,7 @@ from benchmarks.harness.cases import Kept, kept_file, seed_range
 from flows.workers.pool import Here
 from sim.engine.records import stream
 
-DECIDING = "90101:90108"
+DECIDING = "111101:111105"
 LIST = Path(__file__).parent / "listed.json"
 
 # Cases of each seed; of those with a size, of each size.

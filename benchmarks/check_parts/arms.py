@@ -10,8 +10,8 @@ from pathlib import Path
 
 import numpy as np
 
-from benchmarks.harness.figures import ROOT
 from benchmarks.harness.logs import PAUSE, RATE, in_engine, sensed
+from benchmarks.harness.origin import ROOT
 from benchmarks.measured_parts.arms import data_folder
 from benchmarks.synthetic.motions import make_motion
 from residual.recording import Recording

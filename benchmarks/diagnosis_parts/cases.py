@@ -198,7 +198,7 @@ def tasks(group: str, seeds: range, quick: bool) -> list[Task]:
         "singles": [(e, s) for s in seeds for e in named],
         "detection": [(e, s) for s in seeds[: (len(seeds) + 1) // 2] for e in named],
         "nulls": [("", first + i) for i in range(20 * len(seeds))],
-        "pairs": [("", first + i) for i in range(6 * len(seeds))],
+        "pairs": [("", first + i) for i in range(10 * len(seeds))],
         "forms": [(form, s) for s in seeds for form in FORMS],
         "unknown": [(e, s) for s in seeds for e in strange],
     }

@@ -5,22 +5,13 @@ by line, so that an interrupted run goes on where it was.
 """
 
 import argparse
-import hashlib
 import json
 from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
-from benchmarks.harness.figures import (
-    CRASHES,
-    ROOT,
-    Figures,
-    circumstances,
-    code_hash,
-    figure,
-    save,
-)
-from flows.storage.null import method_hash
+from benchmarks.harness.figures import CRASHES, Figures, figure
+from benchmarks.harness.origin import ROOT, circumstances, code_hash, save
 
 Rows = Sequence[Mapping]
 STORE = ROOT / "store" / "benchmarks"
@@ -49,8 +40,16 @@ def seeded_options(
 def read_options(
     parser: argparse.ArgumentParser, quick_seeds: str
 ) -> argparse.Namespace:
-    """Read the command line; a quick run has seeds of its own."""
+    """Read the command line; a quick run has seeds of its own.
+
+    Returns:
+        The options, and whether they are those of the run that decides (`whole`).
+    """
     args = parser.parse_args()
+    asked = (args.seeds, list(args.groups))
+    args.whole = not args.quick and asked == tuple(
+        parser.get_default(name) for name in ("seeds", "groups")
+    )
     if args.quick:
         args.seeds = quick_seeds
     return args
@@ -65,7 +64,13 @@ def seed_range(seeds: str) -> range:
 def save_rows(args: argparse.Namespace, figures: Figures, **rows: object) -> None:
     """Write figures and rows to the results file, if one is asked for."""
     if args.full_json:
-        facts = circumstances(seeds=args.seeds, quick=args.quick, groups=args.groups)
+        facts = circumstances(
+            args.full_json.stem,
+            seeds=args.seeds,
+            quick=args.quick,
+            groups=args.groups,
+            whole=args.whole,
+        )
         save(args.full_json, {**facts, "figures": figures, **rows})
 
 
@@ -108,13 +113,18 @@ def kept_file(name: str, *parts: str, code: str | None = None) -> Path:
             product; what only makes figures of rows (`bars.py`) does not count.
         code: In place of the hash of the product.
     """
-    total = hashlib.sha256(b"" if code else method_hash().encode())
-    for part in parts:
-        path = ROOT / part
-        for file in sorted(path.rglob("*.py")) if path.is_dir() else [path]:
-            if file.name != "bars.py":
-                total.update(file.read_bytes())
-    return STORE / f"{name}-{code or code_hash()}-{total.hexdigest()[:10]}.jsonl"
+    plan = [
+        file.relative_to(ROOT).as_posix()
+        for part in parts
+        for file in _python_in(ROOT / part)
+        if file.name != "bars.py"
+    ]
+    product = code or code_hash("residual", "sim", "warehouse/logs", "flows/blind")
+    return STORE / f"{name}-{product}-{code_hash(*plan)[:10]}.jsonl"
+
+
+def _python_in(path: Path) -> list[Path]:
+    return sorted(path.rglob("*.py")) if path.is_dir() else [path]
 
 
 class Kept:

@@ -4,18 +4,14 @@ Loads no NumPy, so that a run may still choose its threads.
 """
 
 import argparse
-import hashlib
 import json
 import os
-import platform
-import subprocess
 from collections.abc import Callable, Mapping, Sequence
-from datetime import UTC, datetime
 from importlib import import_module
 from pathlib import Path
 from time import perf_counter
 
-ROOT = Path(__file__).resolve().parents[2]
+from benchmarks.harness.origin import circumstances, is_current, save
 
 Figures = dict[str, dict]
 
@@ -92,55 +88,11 @@ def finish(figures: Figures) -> int:
     return int(any(entry["ok"] is False for entry in figures.values()))
 
 
-def code_hash(*own: str) -> str:
-    """Return a hash over the code and the robots that decide results.
-
-    Args:
-        own: Folders of the benchmark; none for those of measured arms.
-    """
-    digest = hashlib.sha256()
-    own = own or ("benchmarks/measured_parts",)
-    for folder in ("residual", "sim", "warehouse/logs", *own):
-        for path in sorted((ROOT / folder).rglob("*")):
-            if path.suffix in (".py", ".urdf", ".toml"):
-                digest.update(str(path.relative_to(ROOT)).encode())
-                digest.update(path.read_bytes())
-    return digest.hexdigest()[:16]
-
-
-def circumstances(**extra: object) -> dict:
-    """Return commit, code hash, date and machine of this run."""
-    return {
-        "commit": _git("rev-parse", "HEAD"),
-        "dirty": bool(_git("status", "--porcelain")),
-        "code_hash": code_hash(),
-        "date": datetime.now(UTC).isoformat(timespec="seconds"),
-        "python": platform.python_version(),
-        "cores": os.cpu_count(),
-        **extra,
-    }
-
-
-def save(path: Path, content: dict) -> None:
-    """Write a result file, whole or not at all."""
-    path.parent.mkdir(parents=True, exist_ok=True)
-    draft = path.with_suffix(".part")
-    draft.write_text(json.dumps(content, indent=1) + "\n", encoding="utf-8")
-    draft.replace(path)
-
-
-def _git(*words: str) -> str | None:
-    done = subprocess.run(
-        ["git", *words], cwd=ROOT, capture_output=True, text=True, check=False
-    )
-    return done.stdout.strip() if done.returncode == 0 else None
-
-
 def _number(value: float | None) -> str:
     return "-" if value is None else f"{value:.4g}"
 
 
-_OF_A_RUN = ("commit", "dirty", "code_hash", "date", "cores", "quick")
+_OF_A_RUN = ("commit", "dirty", "code", "date", "cores", "quick")
 
 
 def run_groups(
@@ -162,18 +114,33 @@ def run_groups(
     args = _arguments(about, list(groups), own)
     # Before NumPy is loaded, here and in what this starts.
     one_blas_thread()
-    found: dict[str, Figures] = {}
-    for name in args.groups:
+    name, made = (args.full_json.stem if args.full_json else ""), {}
+    earlier = _read(args.full_json)
+    about_run = circumstances(name, quick=args.quick, **facts)
+    for group in args.groups:
+        run = earlier.get("by_group", {}).get(group, {})
+        if args.resume and is_current(name, run):
+            print(f"{group}: known", flush=True)
+            continue
         start = perf_counter()
         work = measure or (lambda name, quick: function_of(groups[name])(quick))
-        found[name] = work(name, args.quick)
-        print(f"{name}: {perf_counter() - start:.1f} s", flush=True)
-    if args.full_json:
-        file = args.full_json
-        earlier = json.loads(file.read_text(encoding="utf-8")) if file.exists() else {}
-        about_run = circumstances(quick=args.quick, **facts)
-        save(file, merged(earlier, found, about_run, list(groups)))
-    return finish({name: f for own in found.values() for name, f in own.items()})
+        made[group] = work(group, args.quick)
+        print(f"{group}: {perf_counter() - start:.1f} s", flush=True)
+        if args.full_json:  # after each: what is measured is not lost with the rest
+            earlier = merged(earlier, {group: made[group]}, about_run, list(groups))
+            save(args.full_json, earlier)
+    figures = earlier["figures"] if args.resume else _together(made)
+    return finish(figures)
+
+
+def _together(made: Mapping[str, Figures]) -> Figures:
+    return {name: entry for own in made.values() for name, entry in own.items()}
+
+
+def _read(path: Path | None) -> dict:
+    if path is None or not path.exists():
+        return {}
+    return json.loads(path.read_text(encoding="utf-8"))
 
 
 def function_of(place: str) -> Callable[..., Figures]:
@@ -206,7 +173,8 @@ def merged(
     order = [name for name in groups if name in every]
     figures = {key: f for name in order for key, f in every[name][1].items()}
     runs = {name: every[name][0] for name in order}
-    return {**about, "by_group": runs, "figures": figures}
+    whole = order == list(groups)
+    return {**about, "whole": whole, "by_group": runs, "figures": figures}
 
 
 def _arguments(
@@ -221,4 +189,9 @@ def _arguments(
     parser.add_argument("--groups", nargs="+", choices=groups, default=groups)
     text = "results file; what it has of other groups stays"
     parser.add_argument("--full-json", type=Path, metavar="OUT", help=text)
-    return parser.parse_args()
+    text = "measure only the groups that OUT does not have of this very code"
+    parser.add_argument("--resume", action="store_true", help=text)
+    args = parser.parse_args()
+    if args.resume and not args.full_json:
+        parser.error("--resume needs --full-json: the file that has what is known")
+    return args

@@ -10,7 +10,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from time import monotonic, perf_counter, sleep
 
-from benchmarks.harness.figures import ROOT
+from benchmarks.harness.origin import ROOT
 
 _EVERY = 0.2  # s between two looks at the memory
 # The same as the console script, also where that is not installed.

@@ -19,7 +19,7 @@ from flows.steps.closing.arm import Close
 from flows.steps.closing.close import Closed, adopted_verdict, close
 from flows.steps.closing.rule import ADOPT, DIAGNOSE
 
-SEEDS = range(9101, 9131)  # of the deciding run
+SEEDS = range(117101, 117131)  # of the deciding run
 ROBOT, BUDGET, EFFECTS = "irb140", 6, 2
 BOTH, FALSE, QUIET = 0.85, 0.03, 0.95
 WAYS = {"designed": True, "fixed": False}

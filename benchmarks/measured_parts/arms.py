@@ -16,7 +16,7 @@ from time import process_time
 
 import numpy as np
 
-from benchmarks.harness.figures import ROOT
+from benchmarks.harness.origin import ROOT
 from residual.method.diagnose import diagnose
 from residual.recording import Recording
 from residual.robot.dynamics import regressor

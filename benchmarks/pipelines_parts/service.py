@@ -13,7 +13,8 @@ from time import monotonic, perf_counter, sleep
 
 from distributed import Client
 
-from benchmarks.harness.figures import ROOT, Figures, all_missing, figure, missing
+from benchmarks.harness.figures import Figures, all_missing, figure, missing
+from benchmarks.harness.origin import ROOT
 from benchmarks.harness.shell import free_port, is_of_store, modelgap
 from flows.service import api
 from flows.service.api import Api

@@ -13,7 +13,8 @@ from time import perf_counter
 import numpy as np
 from scipy.sparse import csr_matrix
 
-from benchmarks.harness.figures import ROOT, Figures, figure, missing, partial
+from benchmarks.harness.figures import Figures, figure, missing, partial
+from benchmarks.harness.origin import ROOT
 from benchmarks.harness.rates import cpu
 from residual.tables.crossval import leave_one_out, random_blocks, systematic
 from residual.tables.kernels import evaluate_levels, evaluate_row, evaluate_rows

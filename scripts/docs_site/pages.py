@@ -15,7 +15,7 @@ from residual.effects import registry
 from scripts.docs_site import curve
 
 RESULTS = Path(__file__).parents[2] / "benchmarks" / "results"
-FILES = ("diagnosis.json", "diagnosis_fresh.json")
+FILES = ("diagnosis.json",)
 RIGHT = ("right", "class")  # by its own name, or by an equivalent
 NOT_MEASURED = "not measured"
 EXAMPLE = Path(__file__).parents[2] / "examples" / "hidden"

@@ -20,7 +20,7 @@ from benchmarks.changes_parts.case import (
     as_json,
     from_json,
 )
-from benchmarks.harness.figures import ROOT
+from benchmarks.harness.origin import ROOT
 from residual.recording import Recording
 from residual.robot.robot import load_robot
 

@@ -1,12 +1,12 @@
 """A results file whose groups were measured one by one."""
 
-from benchmarks.harness.figures import merged
+from benchmarks.harness.figures import figure, finish, merged, missing, partial
 
 GROUPS = ("one", "two", "three")
 
 
 def about(commit):
-    keys = ("dirty", "code_hash", "date", "cores", "quick")
+    keys = ("dirty", "code", "date", "cores", "quick")
     return {"commit": commit, **dict.fromkeys(keys, 0)}
 
 
@@ -37,3 +37,12 @@ def test_a_file_that_does_not_say_whose_figures_are_whose_is_written_anew():
     earlier = {"commit": "aa", "figures": {"x": 1}}
     made = merged(earlier, {"one": {"a": 2}}, about("bb"), GROUPS)
     assert made["figures"] == {"a": 2}
+
+
+def test_the_exit_code_is_one_for_a_missed_bar_only(capsys):
+    assert finish({"a": figure(1.0, 2.0, 3), "b": missing(1.0, "no data")}) == 0
+    small = partial(figure(0.0, 1.0, 2), "too few")
+    assert small["ok"] is None
+    assert finish({"a": small}) == 0
+    assert finish({"a": partial(figure(3.0, 1.0, 2), "too few")}) == 1
+    assert capsys.readouterr().out.strip().splitlines()[-1].startswith("{")

@@ -1,0 +1,122 @@
+"""Of which code, machine and day a result is, and whether it still speaks of this code.
+
+The hash is of what the code does: a comment, a docstring or a line break leaves it, so
+that a word set right makes no figure old.
+"""
+
+import ast
+import hashlib
+import json
+import os
+import platform
+import subprocess
+from collections.abc import Mapping
+from datetime import UTC, datetime
+from functools import cache
+from pathlib import Path
+
+ROOT = Path(__file__).resolve().parents[2]
+RESULTS = ROOT / "benchmarks" / "results"
+# Whose figures are of other rooms than the method: the physics engine, the store.
+_METHOD = ("residual",)
+_ROOMS = {
+    "plant": ("sim",),
+    "store": ("warehouse",),
+    "hardening": ("warehouse",),
+    "pipelines": ("warehouse", "flows/settings.py", "flows/workers"),
+}
+_DATA = (".urdf", ".toml")  # files beside code that decide results
+
+
+def circumstances(name: str, **extra: object) -> dict:
+    """Return commit, hash of the code, date and machine of a run.
+
+    Args:
+        name: Of the results file, which decides what code its figures are of.
+    """
+    return {
+        "commit": _git("rev-parse", "HEAD"),
+        # What a run writes itself, and the pages made of it, change nothing.
+        "dirty": bool(_git("status", "--porcelain", "--", *_RUN_BY)),
+        "code": code_of(name),
+        "date": datetime.now(UTC).isoformat(timespec="seconds"),
+        "python": platform.python_version(),
+        "cores": os.cpu_count(),
+        "machine": _machine(),
+        **extra,
+    }
+
+
+_RUN_BY = ("residual", "sim", "warehouse", "flows", "modelgap.py", "benchmarks/*.py")
+
+
+def is_current(name: str, content: Mapping) -> bool:
+    """Whether a results file is of the code as it is now."""
+    return content.get("code") == code_of(name)
+
+
+def code_of(name: str) -> str:
+    """Return the hash of the code that the figures of a results file are of."""
+    return code_hash(*_ROOMS.get(name, _METHOD))
+
+
+@cache
+def code_hash(*places: str) -> str:
+    """Return a hash of what code does and of the robots beside it, 16 hex digits.
+
+    Args:
+        places: Files and folders of the repository.
+    """
+    digest = hashlib.sha256()
+    for place in places:
+        path = ROOT / place
+        for file in sorted(path.rglob("*")) if path.is_dir() else [path]:
+            if file.suffix == ".py":
+                text = bare(file.read_text(encoding="utf-8")).encode()
+            elif file.suffix in _DATA:
+                text = file.read_bytes()
+            else:
+                continue
+            digest.update(file.relative_to(ROOT).as_posix().encode() + b"\0" + text)
+    return digest.hexdigest()[:16]
+
+
+def bare(source: str) -> str:
+    """Return Python source without comments, docstrings and line breaks."""
+    tree = ast.parse(source)
+    for node in ast.walk(tree):
+        body = getattr(node, "body", None)
+        if isinstance(body, list) and body and _is_text(body[0]):
+            node.body = body[1:] or [ast.Pass()]
+    return ast.unparse(tree)
+
+
+def save(path: Path, content: Mapping) -> None:
+    """Write a results file, whole or not at all."""
+    path.parent.mkdir(parents=True, exist_ok=True)
+    draft = path.with_suffix(".part")
+    draft.write_text(json.dumps(content, indent=1) + "\n", encoding="utf-8")
+    draft.replace(path)
+
+
+def _is_text(node: ast.AST) -> bool:
+    if not (isinstance(node, ast.Expr) and isinstance(node.value, ast.Constant)):
+        return False
+    return isinstance(node.value.value, str)
+
+
+def _git(*words: str) -> str | None:
+    done = subprocess.run(
+        ["git", *words], cwd=ROOT, capture_output=True, text=True, check=False
+    )
+    return done.stdout.strip() if done.returncode == 0 else None
+
+
+def _machine() -> str:
+    """Return the processor as Linux names it; its family elsewhere."""
+    try:
+        lines = Path("/proc/cpuinfo").read_text(encoding="utf-8").splitlines()
+    except OSError:
+        return platform.machine()
+    named = [line.partition(":")[2] for line in lines if line.startswith("model name")]
+    return " ".join(named[0].split()) if named else platform.machine()
