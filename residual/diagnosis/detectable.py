@@ -60,8 +60,12 @@ def lookalikes(
                 key = (other.effect.name, other.joints)
                 lost[key] = min(lost.get(key, np.inf), 0.5 * float(every - part))
         own = (group.effect.name, group.joints)
+        # To a hundredth of a nat: what is lost to twins is rounding, and would order
+        # them otherwise on another processor.
         near = sorted(
-            (x, key) for key, x in lost.items() if x < RULES.class_nats and key != own
+            (round(x, 2), key)
+            for key, x in lost.items()
+            if x < RULES.class_nats and key != own
         )
         out.append(tuple(Place(n, tuple(j + 1 for j in js)) for _, (n, js) in near))
     return out
