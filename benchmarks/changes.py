@@ -44,6 +44,7 @@ from benchmarks.harness.cases import (
 )
 from benchmarks.harness.figures import Figures, finish, one_blas_thread
 from benchmarks.harness.origin import ROOT
+from benchmarks.measured_parts.arms import absent
 from flows.workers.pool import Pool
 
 _QUICK_SEEDS = "1:1"
@@ -142,7 +143,7 @@ def _absent(args: argparse.Namespace) -> Figures:
     """Return what could not be measured since its logs are not on this machine."""
     if not set(args.groups) & set(MEASURED):
         return {}
-    arms = [arm for arm in real.ARMS if real.absent(arm)]
+    arms = [arm for arm in real.ARMS if absent(arm)]
     why = f"no measured logs of {', '.join(arms)}"
     return {"measured_absent": bars.absent(len(arms), len(real.ARMS), why)}
 

@@ -346,3 +346,4 @@ WHOLE: Mapping[str, Callable[[State, Values], Array]] = {
     "base_tilt": _base_tilt,
     "delay": _delay,
 }
+KNOWN = frozenset({*TORQUE, *ANGLE, *WHOLE})

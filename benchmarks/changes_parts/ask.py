@@ -8,7 +8,6 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import lru_cache
 from time import process_time
-from typing import Any
 
 import numpy as np
 
@@ -16,6 +15,8 @@ from benchmarks.changes_parts import arms, peer, real
 from benchmarks.changes_parts.case import DRIFT, EDGE, LOAD, MEASURED, Case, Made, Truth
 from benchmarks.changes_parts.plant import as_effect, times
 from benchmarks.harness.cases import guarded
+from flows.blind.score import Name, matched, members
+from flows.blind.score import Said as Member
 from residual.errors import ModelgapError
 from residual.method.diagnose import diagnose
 from sim.plant.catalogue import amount, main_parameter, stated
@@ -31,13 +32,12 @@ class Said:
     """One name that an answer says, at one place.
 
     Attributes:
-        place: Effect and joints from 1, in order.
         alike: What the answer says could be there instead.
         values: Value and standard deviation by parameter; None where not told.
     """
 
-    place: Place
-    alike: tuple[Place, ...] = ()
+    name: Name
+    alike: tuple[Name, ...] = ()
     values: Mapping[str, tuple[float | None, float | None]] = field(
         default_factory=dict
     )
@@ -71,20 +71,19 @@ def judged(truths: Sequence[Truth], answer: Answer) -> dict:
     Args:
         truths: What changed; effects out of the vocabulary cannot be named rightly.
     """
-    named = [(t.name, t.joints) for t in truths if not t.name.startswith("x_")]
-    of_each = _given(named, answer.said)
+    named = [Name(t.name, t.joints) for t in truths if not t.name.startswith("x_")]
+    hits, classes, extra = matched(named, answer.said)
+    of_each = [hit or near for hit, near in zip(hits, classes, strict=True)]
     first = answer.said[0] if answer.said else None
-    matched = [s for s in of_each if s is not None]
-    extra = [s for s in answer.said if all(s is not m for m in matched)]
     there = {joint for t in truths for joint in _felt(t)}
     row = {
         "truth": [[t.name, list(t.joints)] for t in truths],
-        "names": [[s.place[0], list(s.place[1])] for s in answer.said],
-        "alike": [[[n, list(j)] for n, j in s.alike] for s in answer.said],
-        "right_first": first is not None and any(first is m for m in matched),
-        "by_name": first is not None and first.place in named,
-        "found": len(matched),
-        "extra": [s.place[0] for s in extra],
+        "names": [_plain(s.name) for s in answer.said],
+        "alike": [[_plain(n) for n in s.alike] for s in answer.said],
+        "right_first": first is not None and all(first is not s for s in extra),
+        "by_name": first is not None and first.name in named,
+        "found": sum(s is not None for s in of_each),
+        "extra": [s.name.effect for s in extra],
         "flagged": list(answer.flagged),
         "flagged_right": bool(there & set(answer.flagged)),
         "seconds": round(answer.seconds, 3),
@@ -94,18 +93,8 @@ def judged(truths: Sequence[Truth], answer: Answer) -> dict:
     return row | (_estimate(truths[0], of_each) if named else {})
 
 
-def _given(named: Sequence[Place], said: Sequence[Said]) -> list[Said | None]:
-    """Give each truth a name of its own: the very same first, then one of its class."""
-    free, out = list(said), []
-    for truth in named:
-        hit = next((s for s in free if s.place == truth), None)
-        out.append(hit)
-        free = [s for s in free if s is not hit]
-    for i, truth in enumerate(named):
-        if out[i] is None:
-            out[i] = next((s for s in free if truth in s.alike), None)
-            free = [s for s in free if s is not out[i]]
-    return out
+def _plain(name: Name) -> list:
+    return [name.effect, list(name.joints)]
 
 
 def _felt(truth: Truth) -> tuple[int, ...]:
@@ -117,7 +106,7 @@ def _estimate(truth: Truth, of_each: Sequence[Said | None]) -> dict:
     """Return the main parameter of the first truth beside what is said of it."""
     said = of_each[0]
     out: dict = {"key": None, "value": None, "std": None, "true": None, "z": None}
-    if said is None or said.place != (truth.name, truth.joints):
+    if said is None or said.name != Name(truth.name, truth.joints):
         return out
     key = main_parameter(truth.name, truth.parameters)
     value, std = said.values.get(str(key), (None, None))
@@ -281,7 +270,7 @@ def ask_product(made: Made) -> Answer:
     seconds, verdict = process_time() - begun, found.verdict
     drift = verdict.drift
     return Answer(
-        said=tuple(said for each in verdict.effects for said in _said(each)),
+        said=tuple(Said(s.name, s.alike, _values(s)) for s in members(verdict)),
         flagged=tuple(verdict.unexplained.joints),
         seconds=seconds,
         nats=verdict.effects[0].evidence.nats if verdict.effects else None,
@@ -309,26 +298,17 @@ def ask_peer(made: Made) -> Answer:
         # A load's deviations are those of combinations of its parameters.
         std = None if best.name == "payload" else float(best.deviation[0])
         values[_FIRST[best.name]] = (float(best.estimate[0]), std)
-    said = Said((best.name, joints), (), values)
+    said = Said(Name(best.name, joints), (), values)
     return Answer((said,), (), seconds, float(best.evidence))
 
 
-def _said(finding: Any) -> list[Said]:
-    """Return a finding as names at one place each: of several joints one a joint."""
-    joints = tuple(sorted(finding.joints))
-    alike = tuple((e.name, tuple(sorted(e.joints))) for e in finding.equivalent)
-    known = finding.parameters
-    if len(joints) < 2 or not any(isinstance(p.value, tuple) for p in known.values()):
-        values = {key: p.pairs[0] for key, p in known.items()}
-        return [Said((finding.name, joints), alike, values)]
-    out = []
-    for place, joint in enumerate(finding.joints):
-        values = {
-            key: p.pairs[place if len(p.pairs) > 1 else 0] for key, p in known.items()
-        }
-        near = tuple((name, (joint,)) for name, _ in alike)
-        out.append(Said((finding.name, (joint,)), near, values))
-    return out
+def _values(said: Member) -> dict[str, tuple[float | None, float | None]]:
+    """Return value and deviation of each parameter at one place of a finding."""
+    place = said.place or 0
+    return {
+        key: p.pairs[place if len(p.pairs) > 1 else 0]
+        for key, p in said.finding.parameters.items()
+    }
 
 
 def _truths(case: Case) -> tuple[Truth, ...]:

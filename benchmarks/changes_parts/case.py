@@ -1,7 +1,9 @@
 """The records of a case: what is listed of it, and the logs that it becomes."""
 
 from collections.abc import Mapping
-from dataclasses import asdict, dataclass
+from dataclasses import dataclass
+
+from pydantic import TypeAdapter
 
 from residual.recording import Recording
 from residual.robot.robot import Robot
@@ -135,24 +137,9 @@ class Made:
     factor: float | None = None
 
 
-def as_json(case: Case) -> dict:
-    """Return a case as JSON has it."""
-    return asdict(case)
-
-
 def from_json(record: Mapping) -> Case:
-    """Return the case of a record of `as_json`, through JSON or not."""
-    rest = dict(record)
-    for key in ("first", "second", "held_out"):
-        rest[key] = tuple(Part(**part) for part in rest[key])
-    rest["worked"] = tuple(rest["worked"])
-    rest["planted"] = tuple(
-        Planted(
-            p["name"],
-            tuple(p["joints"]),
-            tuple((key, value) for key, value in p["parameters"]),
-            p["size"],
-        )
-        for p in rest["planted"]
-    )
-    return Case(**rest)
+    """Return the case of a record of `asdict`, through JSON or not."""
+    return _CASE.validate_python(record)
+
+
+_CASE = TypeAdapter(Case)

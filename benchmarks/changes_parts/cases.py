@@ -29,10 +29,10 @@ from benchmarks.changes_parts.case import (
     UNNAMED,
     Case,
     Part,
-    as_json,
     from_json,
 )
 from benchmarks.harness.cases import Kept, kept_file, seed_range
+from benchmarks.measured_parts.arms import absent
 from flows.workers.pool import Here
 from sim.engine.records import stream
 
@@ -102,7 +102,7 @@ def listed(
         return cases[:1] if quick else cases
     wanted = _quick(group, seeds[0]) if quick else slots(group, seeds)
     if group == REAL_CHANGE:
-        wanted = [slot for slot in wanted if not real.absent(slot.kind)]
+        wanted = [slot for slot in wanted if not absent(slot.kind)]
     known = _committed() if committed else {}
     if all(slot.name in known for slot in wanted):
         return [from_json(known[slot.name]) for slot in wanted]
@@ -140,13 +140,13 @@ def write_list(seeds: str, pool: Any) -> int:
     """Write the list of the seeds that decide; return how many cases it has."""
     many = seed_range(seeds)
     groups = [g for g in GROUPS if g not in (REAL_UNCHANGED, LOAD)]
-    if absent := [arm for arm in real.ARMS if real.absent(arm)]:
-        raise SystemExit(f"No list without the measured logs of {', '.join(absent)}.")
+    if missing := [arm for arm in real.ARMS if absent(arm)]:
+        raise SystemExit(f"No list without the measured logs of {', '.join(missing)}.")
     found: dict[str, dict] = {}
     for group in groups:
         cases = listed(group, many, pool=pool, committed=False)
         places = slots(group, many)
-        found |= {p.name: as_json(c) for p, c in zip(places, cases, strict=True)}
+        found |= {p.name: asdict(c) for p, c in zip(places, cases, strict=True)}
     # A line a case, so that a difference can be read.
     lines = ",\n".join(f"{json.dumps(k)}: {json.dumps(v)}" for k, v in found.items())
     LIST.write_text(f"{{\n{lines}\n}}\n", encoding="utf-8")
@@ -165,7 +165,7 @@ def drawn(slot: Slot) -> dict:
         one = _measured if slot.group == REAL_CHANGE else _simulated
         case = one(slot, attempt, rng)
         if case is not None:
-            return as_json(case)
+            return asdict(case)
     raise ValueError(f"no arm can have {slot.name} in {_TRIES} draws")
 
 
@@ -297,7 +297,7 @@ def _orders(group: str) -> list[Case]:
     return [
         Case(group, 0, index, arm, "", 0, 0, (0.0, 0.0), first, second)
         for index, (arm, first, second) in enumerate(orders)
-        if not real.absent(arm)
+        if not absent(arm)
     ]
 
 

@@ -3,7 +3,6 @@
 from collections.abc import Mapping, Sequence
 from functools import lru_cache
 from itertools import combinations, permutations
-from pathlib import Path
 
 import numpy as np
 
@@ -18,39 +17,28 @@ from benchmarks.changes_parts.added import (
     solved,
 )
 from benchmarks.changes_parts.case import Case, Part, Planted
-from benchmarks.measured_parts.arms import data_folder
+from benchmarks.measured_parts.arms import (
+    GEN3,
+    KR300,
+    LWR4,
+    UR10,
+    UR10E,
+    folder_of,
+    read_logs,
+    robot_of,
+)
 from residual.recording import Recording
 from residual.robot.dynamics import inertial_parameters, reach, regressor
-from residual.robot.robot import Robot, load_robot
-from warehouse.logs import load_columns, read_log
 
 Array = np.ndarray
 Values = Mapping[str, float]
 Rng = np.random.Generator
 
-UR10E, KR300, LWR4, UR10, GEN3 = "ur10e", "kr300", "lwr4", "ur10", "gen3"
 ARMS = (UR10E, KR300, LWR4, UR10, GEN3)
 # Too short for a change of a known size: of the Gen3 only orders of its logs are made.
 OTHERS = (KR300, LWR4, UR10)
-EFFECTS = (
-    "offset",
-    "payload",
-    "viscous",
-    "delay",
-    "torque_gain",
-    "ripple",
-    "stribeck",
-    "encoder_offset",
-    "coulomb",
-    "base_tilt",
-    "spring",
-    "quadratic_viscous",
-    "elasticity",
-    "load_friction",
-    "coulomb_asymmetry",
-    "backlash",
-    "encoder_eccentricity",
-)
+# In the order in which they are dealt out on simulated arms.
+EFFECTS = tuple(name for name in plant.EFFECTS if name in added.KNOWN)
 
 # Seconds of every log, as they lie in the folder of measured logs.
 _DAYS = {"feb05": 22.0, "feb06": 30.6, "feb10": 30.6, "feb12": 44.6, "feb19": 50.0}
@@ -136,26 +124,9 @@ def _windows(days: Sequence[str], rng: Rng) -> tuple[Part, ...]:
     return tuple(out)
 
 
-def absent(arm: str) -> bool:
-    """Say whether the logs of an arm are not on this machine."""
-    folder = data_folder()
-    return folder is None or not (folder / arm).is_dir()
-
-
-@lru_cache(maxsize=8)
-def robot_of(arm: str) -> Robot:
-    """Return the description of one of ARMS."""
-    return load_robot(_folder(arm) / f"{arm}.urdf")
-
-
 def read(case: Case, parts: Sequence[Part]) -> tuple[Recording, ...]:
     """Return logs of an arm, each at most as long as it is."""
     return tuple(_read(case.arm, part) for part in parts)
-
-
-def plain_body(arm: str) -> Body:
-    """Return what plain least squares make of all logs of an arm, the loaded apart."""
-    return _fitted(arm)
 
 
 def drawn(case: Case, name: str, rng: Rng, target: float) -> Planted | None:
@@ -261,22 +232,19 @@ def _possible(name: str, values: Values, joints: Sequence[int], body: Body) -> b
 
 @lru_cache(maxsize=64)
 def _read(arm: str, part: Part) -> Recording:
-    columns = _folder(arm) / "current.toml"
-    known = load_columns(columns) if columns.exists() else None
     end = f"{part.start + part.duration:.6f}".rstrip("0").rstrip(".")
-    spec = f"{_folder(arm) / part.what}@{part.start:.6f}:{end}"
-    return read_log(spec, robot_of(arm), known)[0]
+    return read_logs(arm, [f"{part.what}@{part.start:.6f}:{end}"])[0]
 
 
 @lru_cache(maxsize=4)
-def _fitted(arm: str) -> Body:
+def plain_body(arm: str) -> Body:
+    """Return what plain least squares make of all logs of an arm, the loaded apart."""
     robot = robot_of(arm)
     dof, model = robot.dof, robot.model
     columns, torque, moves = [], [], []
-    for file in sorted(_folder(arm).glob("*.csv")):
-        if file.name == _LOADED:
-            continue
-        at = smooth(read_log(str(file), robot, None)[0])
+    files = sorted(file.name for file in folder_of(arm).glob("*.csv"))
+    for log in read_logs(arm, [name for name in files if name != _LOADED]):
+        at = smooth(log)
         rows = slice(None, None, max(1, round(0.02 / (at.t[1] - at.t[0]))))
         own = (np.tanh(at.qd / 0.02), at.qd, at.qdd, np.ones_like(at.q))
         local = [each[rows, :, None] * np.eye(dof) for each in own]
@@ -295,9 +263,3 @@ def _fitted(arm: str) -> Body:
     found = known + np.linalg.solve(gram, scaled.T @ left) / size
     dry, viscous = np.split(found[10 * dof :], 4)[:2]
     return Body(robot, found[: 10 * dof], dry, viscous, rms)
-
-
-def _folder(arm: str) -> Path:
-    folder = data_folder()
-    assert folder is not None
-    return folder / arm

@@ -36,6 +36,8 @@ from benchmarks.harness.figures import (
     one_blas_thread,
     undecided,
 )
+from benchmarks.measured_parts.arms import UR10E, absent
+from benchmarks.measured_parts.arms import robot_of as measured_robot
 from benchmarks.synthetic.motions import FAMILIES, make_motion
 from flows.blind.sums import wilson
 from flows.settings import cores
@@ -173,11 +175,11 @@ def _effects(run: Run) -> tuple[Hidden, ...]:
 
 def days() -> Iterator[tuple[Robot, list[Recording], list[Recording]]]:
     """Yield a measured robot, days that teach and days that are watched."""
-    if real.absent(real.UR10E):
+    if absent(UR10E):
         return
-    robot = real.robot_of(real.UR10E)
+    robot = measured_robot(UR10E)
     for arm, first, second in real.unchanged_epochs():
-        if (arm, len(first), len(second)) != (real.UR10E, _TAUGHT, _WATCHED):
+        if (arm, len(first), len(second)) != (UR10E, _TAUGHT, _WATCHED):
             continue
         case = Case("", 0, 0, arm, "", 0, 0, (0.0, 0.0), first, second)
         yield robot, list(real.read(case, first)), list(real.read(case, second))

@@ -10,7 +10,9 @@ its kinematics.
 """
 
 import os
+from collections.abc import Iterable
 from dataclasses import dataclass
+from functools import lru_cache
 from pathlib import Path
 from time import process_time
 
@@ -72,7 +74,8 @@ def _solve(x: Array, tau: Array) -> Array:
 KR300, UR10, UR10E, LWR4, GEN3 = "kr300", "ur10", "ur10e", "lwr4", "gen3"
 DAYS = ("feb05", "feb06", "feb10", "feb12", "feb19")
 LOADED = "ur10e feb19 -> feb19_load"
-SENSOR = "sensor.toml"  # of the Gen3: which columns are the torque sensors
+# Of the Gen3: which columns are the currents of the motors, which the torque sensors.
+CURRENT, SENSOR = "current.toml", "sensor.toml"
 
 
 @dataclass(frozen=True, slots=True)
@@ -122,17 +125,42 @@ def data_folder() -> Path | None:
     return folder if (folder / KR300 / "kr300.urdf").exists() else None
 
 
-def read_split(split: Split) -> tuple[Robot, dict[str, list[Recording]]]:
-    """Return the robot of a split, and its logs by role."""
+def absent(arm: str) -> bool:
+    """Say whether the logs of an arm are not on this machine."""
+    folder = data_folder()
+    return folder is None or not (folder / arm).is_dir()
+
+
+def folder_of(arm: str) -> Path:
+    """Return the folder of an arm that is not absent."""
     folder = data_folder()
     assert folder is not None
-    place = folder / split.arm
-    robot = load_robot(place / f"{split.arm}.urdf")
-    columns = load_columns(place / SENSOR) if split.arm == GEN3 else None
-    return robot, {
-        role: [
-            read_log(str(place / f), robot, columns)[0] for f in getattr(split, role)
-        ]
+    return folder / arm
+
+
+@lru_cache(maxsize=8)
+def robot_of(arm: str) -> Robot:
+    """Return the description of an arm."""
+    return load_robot(folder_of(arm) / f"{arm}.urdf")
+
+
+def read_logs(
+    arm: str, files: Iterable[str], columns: str = CURRENT
+) -> list[Recording]:
+    """Read files of an arm, or windows of them.
+
+    Args:
+        columns: The COLUMNS.toml, where the arm has one of that name.
+    """
+    known = folder_of(arm) / columns
+    read = load_columns(known) if known.exists() else None
+    return [read_log(f"{folder_of(arm) / f}", robot_of(arm), read)[0] for f in files]
+
+
+def read_split(split: Split) -> tuple[Robot, dict[str, list[Recording]]]:
+    """Return the robot of a split, and its logs by role."""
+    return robot_of(split.arm), {
+        role: read_logs(split.arm, getattr(split, role), SENSOR)
         for role in ("fit", "held_out", "baseline")
     }
 

@@ -1,14 +1,14 @@
 """Cases, sizes, peer and bars of the benchmark of what changed."""
 
 import sys
-from dataclasses import replace
+from dataclasses import asdict, replace
 from importlib import util
 from itertools import pairwise
 
 import numpy as np
 import pytest
 
-from benchmarks.changes_parts import arms, ask, bars, cases, peer, plant, real
+from benchmarks.changes_parts import arms, ask, bars, cases, peer, plant
 from benchmarks.changes_parts.added import rigid_body, shares, size_of, solved
 from benchmarks.changes_parts.ask import Answer, Said, judged, make
 from benchmarks.changes_parts.case import (
@@ -17,10 +17,11 @@ from benchmarks.changes_parts.case import (
     REAL_CHANGE,
     Planted,
     Truth,
-    as_json,
     from_json,
 )
 from benchmarks.harness.origin import ROOT
+from benchmarks.measured_parts.arms import UR10E, absent
+from flows.blind.score import Name
 from residual.recording import Recording
 from residual.robot.robot import load_robot
 
@@ -47,7 +48,7 @@ def test_a_list_is_the_same_whenever_it_is_made():
     slot = cases.Slot(CHANGE, 1, 0, 0.05, "six")
     one, other = cases.drawn(slot), cases.drawn(slot)
     assert one == other
-    assert as_json(from_json(one)) == one
+    assert asdict(from_json(one)) == one
     assert abs(one["planted"][0]["size"] / 0.05 - 1) < 0.02
 
 
@@ -137,7 +138,7 @@ def _row(answer, index=0, truth=TRUTH, **other):
     return {**ROW, "index": index, **judged(truth, answer), **other}
 
 
-RIGHT = Answer((Said(("offset", (2,)), (), {"torque": (4.1, 0.1)}),), (), 3.0)
+RIGHT = Answer((Said(Name("offset", (2,)), (), {"torque": (4.1, 0.1)}),), (), 3.0)
 SILENT = Answer((), (), 3.0)
 
 
@@ -154,7 +155,7 @@ def test_silence_and_a_crash_are_misses():
 
 
 def test_another_name_is_right_only_where_the_answer_says_that_it_may_be():
-    other, its = ("coulomb_asymmetry", (2,)), ("offset", (2,))
+    other, its = Name("coulomb_asymmetry", (2,)), Name("offset", (2,))
     alone = judged(TRUTH, Answer((Said(other),), (), 1.0))
     assert not alone["right_first"]
     assert alone["extra"] == ["coulomb_asymmetry"]
@@ -162,7 +163,7 @@ def test_another_name_is_right_only_where_the_answer_says_that_it_may_be():
     assert of_class["right_first"]
     assert not of_class["by_name"]
     assert of_class["extra"] == []
-    elsewhere = judged(TRUTH, Answer((Said(("offset", (3,))),), (), 1.0))
+    elsewhere = judged(TRUTH, Answer((Said(Name("offset", (3,))),), (), 1.0))
     assert not elsewhere["right_first"]
     second = judged(TRUTH, Answer((Said(other), Said(its)), (), 1.0))
     assert not second["right_first"]
@@ -174,7 +175,7 @@ def test_a_change_without_a_name_counts_by_its_flag():
     of = {"group": "unnamed", "effect": "x_wall"}
     flagged = Answer((), (3,), 1.0)
     rows = [_row(flagged, i, truth, **of) for i in range(9)]
-    rows.append(_row(Answer((Said(("spring", (3,))),), (2,), 1.0), 9, truth, **of))
+    rows.append(_row(Answer((Said(Name("spring", (3,))),), (2,), 1.0), 9, truth, **of))
     told = bars.all_figures(rows, deciding=True)
     assert told["unnamed_flagged"]["value"] == 0.9
     assert told["unnamed_named"]["names"] == {"spring": 1}
@@ -197,7 +198,7 @@ def test_the_peer_is_compared_on_the_same_cases():
 
 def test_a_load_that_is_not_named_is_missed():
     truth = (Truth("payload", (6,), {"mass": 2.805}, 0.0),)
-    said = Said(("payload", (6,)), (), {"mass": (2.9, 0.1)})
+    said = Said(Name("payload", (6,)), (), {"mass": (2.9, 0.1)})
     of = {"group": LOAD, "arm": "ur10e", "target": 0.0, "effect": "payload"}
     rows = [_row(Answer((said,), (), 2.0), 0, truth, **of)]
     rows.append(_row(SILENT, 1, truth, **of))
@@ -268,9 +269,9 @@ def test_the_peer_is_the_sketch(tmp_path, monkeypatch):
     assert all(a.evidence >= b.evidence for a, b in pairwise(mine))
 
 
-@pytest.mark.skipif(real.absent(real.UR10E), reason="no measured logs of the UR10e")
+@pytest.mark.skipif(absent(UR10E), reason="no measured logs of the UR10e")
 def test_a_change_added_to_measured_logs_is_of_its_size_and_not_in_the_first_epoch():
-    slot = cases.Slot(REAL_CHANGE, 1, 0, 0.10, real.UR10E)
+    slot = cases.Slot(REAL_CHANGE, 1, 0, 0.10, UR10E)
     case = from_json(cases.drawn(slot))
     assert case.planted[0].size == pytest.approx(0.10, rel=0.02)
     plain = make(replace(case, planted=()))
