@@ -23,11 +23,8 @@ class Column:
     """One column of a view.
 
     Attributes:
-        name: Its name.
-        type: Arrow type.
-        about: What it holds.
-        unit: Unit as text; "by row" or "by metric" where its row says it, None where it
-            is no quantity.
+        unit: As text; "by row" or "by metric" where its row says it, None where it is
+            no quantity.
     """
 
     name: str
@@ -44,13 +41,7 @@ class Column:
 
 @dataclass(frozen=True, slots=True)
 class Signal:
-    """One quantity of the samples.
-
-    Attributes:
-        unit: Unit as text.
-        per_joint: Whether there is one column per joint: q1, q2, ...
-        about: What it is.
-    """
+    """One quantity of the samples; per joint it has the columns q1, q2, ..."""
 
     unit: str
     per_joint: bool
@@ -342,21 +333,27 @@ class Kind:
 
     Attributes:
         name: Its name, which is that of its view.
-        folder: Folder in the store.
         key: Column with its id.
-        row: File with its one catalogue row.
-        lists: Views whose rows lie nested in that row.
-        needed: Columns of it that have a value in every record.
-        fields: The catalogue row: columns of the view, then the nested ones.
+        lists: Views whose rows lie nested in its catalogue row.
+        needed: Columns of that row that have a value in every record.
+        fields: That row: columns of the view, then the nested ones.
     """
 
     name: str
-    folder: str
     key: str
-    row: str
     lists: tuple[str, ...] = ("errors", "lineage")
     needed: tuple[str, ...] = ("created",)
     fields: pa.Schema = field(init=False, compare=False)
+
+    @property
+    def folder(self) -> str:
+        """Its folder in the store."""
+        return "samples" if self.name == "runs" else self.name
+
+    @property
+    def row(self) -> str:
+        """The file of a record with its one catalogue row."""
+        return f"_{self.key.removesuffix('_id')}.parquet"
 
     def __post_init__(self) -> None:
         own = [c.field for c in VIEWS[self.name] if c.name != "quarantined"]
@@ -371,41 +368,17 @@ KINDS = {
     for kind in (
         Kind(
             "runs",
-            "samples",
             "run_id",
-            "_run.parquet",
             needed=("created", "robot", "source", "kind", "duration_s", "rows", "dof"),
         ),
-        Kind(
-            "models",
-            "models",
-            "model_id",
-            "_model.parquet",
-            ("parameters", "errors", "lineage"),
-        ),
-        Kind(
-            "diagnoses",
-            "diagnoses",
-            "diagnosis_id",
-            "_diagnosis.parquet",
-            ("effects", "errors", "lineage"),
-        ),
-        Kind(
-            "validations",
-            "validations",
-            "validation_id",
-            "_validation.parquet",
-            ("errors", "alarms", "lineage", "blind"),
-        ),
-        Kind("reports", "reports", "report_id", "_report.parquet"),
+        Kind("models", "model_id", ("parameters", "errors", "lineage")),
+        Kind("diagnoses", "diagnosis_id", ("effects", "errors", "lineage")),
+        Kind("validations", "validation_id", ("errors", "alarms", "lineage", "blind")),
+        Kind("reports", "report_id"),
         # Its id is its number: nobody else can have taken that.
-        Kind(
-            "adoptions", "adoptions", "adoption_id", "_adoption.parquet", ("lineage",)
-        ),
+        Kind("adoptions", "adoption_id", ("lineage",)),
         # Its id is made of its loop and its number, for the same reason.
-        Kind(
-            "decisions", "decisions", "decision_id", "_decision.parquet", ("lineage",)
-        ),
+        Kind("decisions", "decision_id", ("lineage",)),
     )
 }
 
