@@ -37,60 +37,38 @@ _DISPLACEMENT = (1e-4, 3e-4)  # rad
 
 @dataclass(frozen=True, eq=False, slots=True)
 class Plant:
-    """A synthetic arm.
+    """A synthetic arm."""
 
-    Attributes:
-        robot: Its nominal description, which is not quite true of it.
-        hidden: The effects that its description lacks.
-        seed: Seed of what makes this arm differ from its description.
-        background: What all joints have undeclared, at all times.
-        scatter: How far its bodies, friction and rotors are off what the description
-            says, as a share; None for as far as those of any arm.
-    """
-
-    robot: Robot
-    hidden: tuple[Hidden, ...]
-    seed: int
-    background: BackgroundWord = CLEAN
+    robot: Robot  # its nominal description, which is not quite true of it
+    hidden: tuple[Hidden, ...]  # the effects that its description lacks
+    seed: int  # seed of what makes this arm differ from its description
+    background: BackgroundWord = CLEAN  # what all joints have undeclared, at all times
+    # How far its bodies, friction and rotors are off what the description says, as a
+    # share; None for as far as those of any arm.
     scatter: float | None = None
 
 
 @dataclass(frozen=True, eq=False, slots=True)
 class Friction:
-    """True base friction and rotors, per joint, always there.
+    """True base friction and rotors, per joint, always there."""
 
-    Attributes:
-        coulomb: Level [N m]. Shape (dof,).
-        viscous: Coefficient [N m s/rad]. Shape (dof,).
-        rotor: Inertia at the link side [kg m^2]. Shape (dof,).
-        displacement: Displacement over which the bristles yield [rad]. Shape (dof,).
-    """
-
-    coulomb: Array
-    viscous: Array
-    rotor: Array
-    displacement: Array
+    coulomb: Array  # level [N m], (dof,)
+    viscous: Array  # coefficient [N m s/rad], (dof,)
+    rotor: Array  # inertia at the link side [kg m^2], (dof,)
+    displacement: Array  # displacement over which the bristles yield [rad], (dof,)
 
 
 @dataclass(frozen=True, eq=False, slots=True)
 class Torque:
-    """The torque of one motion and its parts [N m], shapes (n, dof).
+    """The torque of one motion and its parts [N m], shapes (n, dof)."""
 
-    Attributes:
-        rigid: Rigid body with payload.
-        base: Coulomb and viscous friction and rotors.
-        hidden: Additive hidden effects, one array each, in the order of the plant's.
-        tau: What is reported: the sum, times a hidden torque gain, late or cut.
-        reading: What the encoders read, noise apart [rad]. Shape (n, dof).
-        background: What the background adds, None on a clean arm.
-    """
-
-    rigid: Array
-    base: Array
+    rigid: Array  # rigid body with payload
+    base: Array  # Coulomb and viscous friction and rotors
+    # Additive hidden effects, one array each, in the order of the plant's.
     hidden: tuple[Array, ...]
-    tau: Array
-    reading: Array
-    background: Added | None = None
+    tau: Array  # what is reported: the sum, times a hidden torque gain, late or cut
+    reading: Array  # what the encoders read, noise apart [rad], (n, dof)
+    background: Added | None = None  # what the background adds, None on a clean arm
 
 
 def true_model(plant: Plant) -> pin.Model:

@@ -105,20 +105,15 @@ def open_loop(
 
 @dataclass(frozen=True, eq=False, slots=True)
 class Driven:
-    """What came of one drive along a reference, per joint. Shapes (dof,).
+    """What came of one drive along a reference, per joint. Shapes (dof,)."""
 
-    Attributes:
-        rms, peak: Of read minus wanted position [rad].
-        chatter: Root mean square of the second difference of torque per step [N m].
-        energy: Integral of the size of torque times speed [J].
-        step: Largest change of torque in a step of the controller, where the reference
-            turns round, stops or starts [N m]; 0 where it never does.
-    """
-
+    # Of read minus wanted position [rad].
     rms: Array
     peak: Array
-    chatter: Array
-    energy: Array
+    chatter: Array  # root mean square of the second difference of torque per step [N m]
+    energy: Array  # integral of the size of torque times speed [J]
+    # Largest change of torque in a step of the controller, where the reference turns
+    # round, stops or starts [N m]; 0 where it never does.
     step: Array
 
 

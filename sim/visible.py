@@ -42,21 +42,13 @@ _DRAWS, _STEPS = 24, 4
 
 @dataclass(frozen=True, eq=False, slots=True)
 class Stage:
-    """A motion on which an effect is to be seen, of the arm without it.
-
-    Attributes:
-        motion: The motion; its samples are even.
-        start: Session time of the first one [s].
-        moves: Where each joint moves, standstill well away. Shape (n, dof).
-        torque: Torque of the arm as described, smooth [N m]. Shape (n, dof).
-        rest: The same less what the rigid body takes [N m]. Shape (n, dof).
-    """
+    """A motion on which an effect is to be seen, of the arm without it."""
 
     motion: Reference
-    start: float
-    moves: Array
-    torque: Array
-    rest: Array
+    start: float  # session time of the first one [s]
+    moves: Array  # where each joint moves, standstill well away, (n, dof)
+    torque: Array  # torque of the arm as described, smooth [N m], (n, dof)
+    rest: Array  # the same less what the rigid body takes [N m], (n, dof)
 
     @classmethod
     def of(cls, robot: Robot, reference: Reference, start: float = 0.0) -> Self:

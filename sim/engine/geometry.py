@@ -41,24 +41,16 @@ _DAMPING = 1e-9
 
 @dataclass(frozen=True, eq=False, slots=True)
 class Body:
-    """The capsules of an arm and what is checked.
+    """The capsules of an arm and what is checked."""
 
-    Attributes:
-        chain: Where the joints sit.
-        kept: Which of base, joints 1 to dof and flange (0 to dof + 1) are ends of
-            capsules; capsule i runs from end i to end i + 1.
-        radius: Radius of all capsules [m].
-        low: Ends that must stay above the floor, as indices into `kept`.
-        pairs: Capsules that must stay apart.
-        names: What each check is about, the floor first.
-    """
-
-    chain: Chain
+    chain: Chain  # where the joints sit
+    # Which of base, joints 1 to dof and flange (0 to dof + 1) are ends of capsules;
+    # capsule i runs from end i to end i + 1.
     kept: tuple[int, ...]
-    radius: float
-    low: tuple[int, ...]
-    pairs: tuple[tuple[int, int], ...]
-    names: tuple[str, ...]
+    radius: float  # radius of all capsules [m]
+    low: tuple[int, ...]  # ends that must stay above the floor, as indices into `kept`
+    pairs: tuple[tuple[int, int], ...]  # capsules that must stay apart
+    names: tuple[str, ...]  # what each check is about, the floor first
 
 
 def body(model: pin.Model) -> Body:
@@ -157,19 +149,12 @@ def _piece(model: pin.Model, kept: list[int], i: int) -> str:
 
 @dataclass(frozen=True, eq=False, slots=True)
 class Kinematics:
-    """What inverse kinematics needs to know of an arm.
-
-    Attributes:
-        model: Pinocchio model.
-        flange: Index of the flange frame.
-        length: Length of the stretched arm [m].
-        tool: Direction in which a tool points, in the flange frame. Shape (3,).
-    """
+    """What inverse kinematics needs to know of an arm."""
 
     model: pin.Model
-    flange: int
-    length: float
-    tool: Array
+    flange: int  # index of the flange frame
+    length: float  # length of the stretched arm [m]
+    tool: Array  # direction in which a tool points, in the flange frame, (3,)
 
 
 def kinematics(robot: Robot, family: str) -> Kinematics:

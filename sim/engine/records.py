@@ -26,44 +26,28 @@ NAMES = ("scatter", "friction", "encoder", "torque", "effect")
 
 @dataclass(frozen=True, eq=False, slots=True)
 class Reference:
-    """What the arm is asked to do, at the rate of the controller.
+    """What the arm is asked to do, at the rate of the controller."""
 
-    Attributes:
-        kind: Family: fourier, cyclic, welding or move_stop_move.
-        t: Times from 0, uniform [s]. Shape (n,).
-        q: Joint positions [rad]. Shape (n, dof).
-        qd: Joint velocities [rad/s]. Shape (n, dof).
-        qdd: Joint accelerations [rad/s^2]. Shape (n, dof).
-        period: Length of one repetition [s], None where nothing repeats.
-    """
-
-    kind: str
-    t: Array
-    q: Array
-    qd: Array
-    qdd: Array
-    period: float | None
+    kind: str  # family: fourier, cyclic, welding or move_stop_move
+    t: Array  # times from 0, uniform [s], (n,)
+    q: Array  # joint positions [rad], (n, dof)
+    qd: Array  # joint velocities [rad/s], (n, dof)
+    qdd: Array  # joint accelerations [rad/s^2], (n, dof)
+    period: float | None  # length of one repetition [s], None where nothing repeats
 
 
 @dataclass(frozen=True, slots=True)
 class TrajectorySpec:
-    """The reference asked for: a part of the open half of a spec.
+    """The reference asked for: a part of the open half of a spec."""
 
-    Attributes:
-        kind: Family: fourier, cyclic, welding or move_stop_move.
-        duration: Length [s].
-        periods: Repetitions within the duration.
-        seed: Seed of whatever the family draws.
-        coefficients: Of a motion that is given and not searched for; a row has dof
-            entries [rad]. Fourier: its centre, then the eight coefficients of every
-            joint that rest at its ends leaves free. Move-stop-move: the places that it
-            goes round, `periods` times, after a stand at the first. Empty to search.
-    """
-
-    kind: str = "fourier"
-    duration: float = 20.0
-    periods: int = 2
-    seed: int = 0
+    kind: str = "fourier"  # family: fourier, cyclic, welding or move_stop_move
+    duration: float = 20.0  # length [s]
+    periods: int = 2  # repetitions within the duration
+    seed: int = 0  # seed of whatever the family draws
+    # Of a motion that is given and not searched for; a row has dof entries [rad].
+    # Fourier: its centre, then the eight coefficients of every joint that rest at its
+    # ends leaves free. Move-stop-move: the places that it goes round, `periods` times,
+    # after a stand at the first. Empty to search.
     coefficients: tuple[tuple[float, ...], ...] = ()
 
     @classmethod
@@ -79,35 +63,23 @@ class TrajectorySpec:
 
 @dataclass(frozen=True, slots=True)
 class PlantEffect:
-    """One thing that the arm has and the nominal model lacks (sealed half).
+    """One thing that the arm has and the nominal model lacks (sealed half)."""
 
-    Attributes:
-        name: Name of METHOD section 4, or ``x_...`` outside the vocabulary.
-        joints: Joints that have it, from 1; () for a global effect.
-        parameters: Name and value of each parameter, SI.
-        onset: Time from which it acts [s].
-    """
-
-    name: str
-    joints: tuple[int, ...]
-    parameters: tuple[tuple[str, float], ...]
-    onset: float = 0.0
+    name: str  # name of METHOD section 4, or ``x_...`` outside the vocabulary
+    joints: tuple[int, ...]  # joints that have it, from 1; () for a global effect
+    parameters: tuple[tuple[str, float], ...]  # name and value of each parameter, SI
+    onset: float = 0.0  # time from which it acts [s]
 
 
 @dataclass(frozen=True, eq=False, slots=True)
 class Hidden:
-    """An effect that the arm has and its model may lack, from the beginning.
-
-    Attributes:
-        name: Name of the effect; those out of the vocabulary begin with "x_".
-        joints: Joints that have it, from 1.
-        parameters: SI values; an array has one entry per joint.
-    """
+    """An effect that the arm has and its model may lack, from the beginning."""
 
     onset: ClassVar[float] = 0.0
 
-    name: str
-    joints: tuple[int, ...]
+    name: str  # name of the effect; those out of the vocabulary begin with "x_"
+    joints: tuple[int, ...]  # joints that have it, from 1
+    # SI values; an array has one entry per joint.
     parameters: Mapping[str, float | Array]
 
 
@@ -121,90 +93,63 @@ class Rates:
 
 @dataclass(frozen=True, slots=True)
 class Noise:
-    """What the sensors add.
+    """What the sensors add."""
 
-    Attributes:
-        torque: Standard deviation as a share of each joint's usual torque range.
-        encoder: Quantisation step [rad]; white noise of half of it comes before.
-    """
-
+    # Standard deviation as a share of each joint's usual torque range.
     torque: float = 0.015
+    # Quantisation step [rad]; white noise of half of it comes before.
     encoder: float = 1e-4
 
 
 @dataclass(frozen=True, slots=True)
 class PlantSpec:
-    """The hidden half of a spec: what the diagnosis must find out by itself.
+    """The hidden half of a spec: what the diagnosis must find out by itself."""
 
-    Attributes:
-        effects: What the arm has and the nominal model lacks.
-        scatter: Relative standard deviation of the rigid and declared parameters
-            around the nominal ones.
-        noise: Sensor noise.
-        seed: Seed of every named stream of the plant.
-        salt: Any text: keeps the hash of this half from being guessed.
-        background: What all joints have undeclared: nothing, that of an arm in use, or
-            twice as much. Drawn from the seed, so it is the arm's own in all its runs.
-        worked_before: Usual work of the arm before its session began, which left it
-            warm; only a background feels it [s].
-    """
-
+    # What the arm has and the nominal model lacks.
     effects: tuple[PlantEffect, ...] = ()
+    # Relative standard deviation of the rigid and declared parameters around the
+    # nominal ones.
     scatter: float = 0.02
     noise: Noise = Noise()
-    seed: int = 0
-    salt: str = ""
+    seed: int = 0  # seed of every named stream of the plant
+    salt: str = ""  # any text: keeps the hash of this half from being guessed
+    # What all joints have undeclared: nothing, that of an arm in use, or twice as much.
+    # Drawn from the seed, so it is the arm's own in all its runs.
     background: BackgroundWord = CLEAN
+    # Usual work of the arm before its session began, which left it warm; only a
+    # background feels it [s].
     worked_before: float = 0.0
 
 
 class Drives(NamedTuple):
-    """What is known of the friction and rotors of an arm, per joint. Shapes (dof,).
+    """What is known of the friction and rotors of an arm, per joint. Shapes (dof,)."""
 
-    Attributes:
-        coulomb: Dry friction [N m].
-        viscous: Viscosity [N m s/rad].
-        rotor: Rotor inertia at the joint [kg m^2].
-    """
-
-    coulomb: Array
-    viscous: Array
-    rotor: Array
+    coulomb: Array  # dry friction [N m]
+    viscous: Array  # viscosity [N m s/rad]
+    rotor: Array  # rotor inertia at the joint [kg m^2]
 
 
 @dataclass(frozen=True, eq=False, slots=True)
 class Sizes:
-    """Usual sizes on one robot, per joint.
+    """Usual sizes on one robot, per joint."""
 
-    Attributes:
-        torque: Range of the torque in normal motion [N m]. Shape (dof,).
-        coulomb: Coulomb friction [N m]. Shape (dof,).
-        viscous: Viscous friction [N m s/rad]. Shape (dof,).
-        rotor: Inertia of the rotor at the link side [kg m^2]. Shape (dof,).
-        loaded: Joints, from 1, that carry a good part of the weight.
-    """
-
-    torque: Array
-    coulomb: Array
-    viscous: Array
-    rotor: Array
-    loaded: tuple[int, ...]
+    torque: Array  # range of the torque in normal motion [N m], (dof,)
+    coulomb: Array  # Coulomb friction [N m], (dof,)
+    viscous: Array  # viscous friction [N m s/rad], (dof,)
+    rotor: Array  # inertia of the rotor at the link side [kg m^2], (dof,)
+    loaded: tuple[int, ...]  # joints, from 1, that carry a good part of the weight
 
 
 @dataclass(frozen=True, eq=False, slots=True)
 class PlantRun:
-    """One experiment on the plant.
+    """One experiment on the plant."""
 
-    Attributes:
-        log: What a robot would log, at the log's rate: t, q, tau and q_ref.
-        truth: What no robot logs, by name, at the log's rate: true motion, one
-            ``tau_<channel>`` per torque, temperatures. Shapes (n, ...).
-        twin: Errors e_q, e_qd, e_qdd, e_tau of the plant against the nominal
-            closed-loop twin on the same reference. Shape (n, dof) each.
-    """
-
-    log: Recording
+    log: Recording  # what a robot would log, at the log's rate: t, q, tau and q_ref
+    # What no robot logs, by name, at the log's rate: true motion, one ``tau_<channel>``
+    # per torque, temperatures, (n, ...).
     truth: Mapping[str, Array]
+    # Errors e_q, e_qd, e_qdd, e_tau of the plant against the nominal closed-loop twin
+    # on the same reference, (n, dof) each.
     twin: Mapping[str, Array]
 
 

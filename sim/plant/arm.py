@@ -159,23 +159,15 @@ def _row(place: int, slot: int, row: Sequence[float]) -> list[float]:
 
 @dataclass(frozen=True, eq=False, slots=True)
 class Arm:
-    """One arm, as built.
-
-    Attributes:
-        robot: Its description.
-        effects: What it hides.
-        model: True rigid body without the effects.
-        base: True friction and rotors without the effects.
-        own: What all its joints have undeclared, None if it is clean.
-        worked: Usual work before its session began [s].
-    """
+    """One arm, as built."""
 
     robot: Robot
-    effects: tuple[PlantEffect, ...]
-    model: pin.Model
-    base: Drives
+    effects: tuple[PlantEffect, ...]  # what it hides
+    model: pin.Model  # true rigid body without the effects
+    base: Drives  # true friction and rotors without the effects
+    # What all its joints have undeclared, None if it is clean.
     own: Background | None = None
-    worked: float = 0.0
+    worked: float = 0.0  # usual work before its session began [s]
 
     @property
     def channels(self) -> tuple[str, ...]:
@@ -185,25 +177,15 @@ class Arm:
 
 @dataclass(frozen=True, eq=False, slots=True)
 class Phase:
-    """The arm between two onsets.
-
-    Attributes:
-        first: First step.
-        last: Step after the last one.
-        model: Rigid body.
-        constants: Everything else, as the compiled step reads it.
-        pushes: Effects that push the links from outside.
-        errors: Constant, cosine, sine of the encoder errors [rad]. Shape (3, dof).
-        faults: Encoders that are broken, None if none is.
-    """
+    """The arm between two onsets."""
 
     first: int
-    last: int
-    model: pin.Model
-    constants: Constants
-    pushes: tuple[Acting, ...]
-    errors: Array
-    faults: EncoderFaults | None = None
+    last: int  # step after the last one
+    model: pin.Model  # rigid body
+    constants: Constants  # everything else, as the compiled step reads it
+    pushes: tuple[Acting, ...]  # effects that push the links from outside
+    errors: Array  # constant, cosine, sine of the encoder errors [rad], (3, dof)
+    faults: EncoderFaults | None = None  # encoders that are broken, None if none is
 
 
 def build_arm(robot: Robot, plant: PlantSpec) -> Arm:

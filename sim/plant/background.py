@@ -39,41 +39,23 @@ USUAL_SPEED = 0.35  # of the robot's usual speed
 
 @dataclass(frozen=True, eq=False, slots=True)
 class Background:
-    """What one arm has on all joints, and no file declares.
+    """What one arm has on all joints, and no file declares."""
 
-    Attributes:
-        span: Torque range that sizes go by [N m]. Shape (dof,).
-        level: Extra dry friction at rest [N m]. Shape (dof,).
-        speed: Speed at which a third of it is left [rad/s]. Shape (dof,).
-        press: Friction per torque that the gear carries, at its range. Shape (dof,).
-        lean: Part by which dry friction is more forwards, less backwards. (dof,).
-        growth: Cold friction over warm one, less one. Shape (dof,).
-        oil: Time constant of the oil [s]. Shape (dof,).
-        housing: Time constant of the housing [s]. Shape (dof,).
-        ripple: Amplitude of each wave of cogging [N m]. Shape (h, dof).
-        order: Waves per turn. Shape (h, dof).
-        phase: Phase of each wave [rad]. Shape (h, dof).
-        gain: Reported torque over real torque, less one. Shape (dof,).
-        twist: Twist of the gear under the torque range [rad]. Shape (dof,).
-        cutoff: Corner of the low pass that torque goes through [Hz]. Shape (dof,).
-        step: Step of the reported torque [N m]. Shape (dof,).
-    """
-
-    span: Array
-    level: Array
-    speed: Array
-    press: Array
-    lean: Array
-    growth: Array
-    oil: Array
-    housing: Array
-    ripple: Array
-    order: Array
-    phase: Array
-    gain: Array
-    twist: Array
-    cutoff: Array
-    step: Array
+    span: Array  # torque range that sizes go by [N m], (dof,)
+    level: Array  # extra dry friction at rest [N m], (dof,)
+    speed: Array  # speed at which a third of it is left [rad/s], (dof,)
+    press: Array  # friction per torque that the gear carries, at its range, (dof,)
+    lean: Array  # part by which dry friction is more forwards, less backwards, (dof,)
+    growth: Array  # cold friction over warm one, less one, (dof,)
+    oil: Array  # time constant of the oil [s], (dof,)
+    housing: Array  # time constant of the housing [s], (dof,)
+    ripple: Array  # amplitude of each wave of cogging [N m], (h, dof)
+    order: Array  # waves per turn, (h, dof)
+    phase: Array  # phase of each wave [rad], (h, dof)
+    gain: Array  # reported torque over real torque, less one, (dof,)
+    twist: Array  # twist of the gear under the torque range [rad], (dof,)
+    cutoff: Array  # corner of the low pass that torque goes through [Hz], (dof,)
+    step: Array  # step of the reported torque [N m], (dof,)
 
     @property
     def waves(self) -> Array:
@@ -192,41 +174,24 @@ def _warmths(start, power, times, growth):
 
 
 class Rubbing(NamedTuple):
-    """What friction of one motion goes by.
+    """What friction of one motion goes by."""
 
-    Attributes:
-        t: Times [s]. Shape (n,).
-        q: Positions of the motors [rad]. Shape (n, dof).
-        qd: Speeds of the motors [rad/s]. Shape (n, dof).
-        bristle: State of dry friction, -1 to 1. Shape (n, dof).
-        load: Torque that the gears carry [N m]. Shape (n, dof).
-        coulomb: Level of the arm's dry friction [N m]. Shape (dof,).
-        viscous: Coefficient of its viscous friction [N m s/rad]. Shape (dof,).
-        usual: Speed in usual work [rad/s]. Shape (dof,).
-        worked: Time of usual work before the first sample [s].
-    """
-
-    t: Array
-    q: Array
-    qd: Array
-    bristle: Array
-    load: Array
-    coulomb: Array
-    viscous: Array
-    usual: Array
-    worked: float
+    t: Array  # times [s], (n,)
+    q: Array  # positions of the motors [rad], (n, dof)
+    qd: Array  # speeds of the motors [rad/s], (n, dof)
+    bristle: Array  # state of dry friction, -1 to 1, (n, dof)
+    load: Array  # torque that the gears carry [N m], (n, dof)
+    coulomb: Array  # level of the arm's dry friction [N m], (dof,)
+    viscous: Array  # coefficient of its viscous friction [N m s/rad], (dof,)
+    usual: Array  # speed in usual work [rad/s], (dof,)
+    worked: float  # time of usual work before the first sample [s]
 
 
 class Added(NamedTuple):
-    """What the background does in one motion. Shapes (n, dof).
+    """What the background does in one motion. Shapes (n, dof)."""
 
-    Attributes:
-        torque: Torque beside the arm's plain friction [N m].
-        factor: Friction over that of the cold arm.
-    """
-
-    torque: Array
-    factor: Array
+    torque: Array  # torque beside the arm's plain friction [N m]
+    factor: Array  # friction over that of the cold arm
 
 
 def added(background: Background, arm: Rubbing) -> Added:

@@ -15,19 +15,12 @@ from sim.engine.records import Hidden, PlantEffect
 
 
 class Acting(NamedTuple):
-    """An effect where it acts.
+    """An effect where it acts."""
 
-    Attributes:
-        what: What the catalogue has of it.
-        p: Its values, defaults filled in.
-        joints: Its joints, from 0.
-        onset: Time from which it acts [s].
-    """
-
-    what: Effect
-    p: Mapping[str, float]
-    joints: Joints
-    onset: float
+    what: Effect  # what the catalogue has of it
+    p: Mapping[str, float]  # its values, defaults filled in
+    joints: Joints  # its joints, from 0
+    onset: float  # time from which it acts [s]
 
 
 def kinds() -> dict[str, Effect]:

@@ -137,14 +137,11 @@ def true_angle(reading: Array, errors: Array) -> Array:
 
 
 class EncoderFaults(NamedTuple):
-    """Encoders that lie from a step on.
+    """Encoders that lie from a step on."""
 
-    Attributes:
-        frozen: Joint from 0 and first step of each that stands still.
-        drift: Joint from 0, first step and rate [rad/s] of each that wanders off.
-    """
-
+    # Joint from 0 and first step of each that stands still.
     frozen: tuple[tuple[int, int], ...]
+    # Joint from 0, first step and rate [rad/s] of each that wanders off.
     drift: tuple[tuple[int, int, float], ...]
 
     def read(self, k: int, dt: float, rows: Array) -> None:

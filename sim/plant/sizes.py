@@ -29,23 +29,14 @@ _ARM_100_KG = dict(
 
 @dataclass(frozen=True, eq=False, slots=True)
 class UsualLimits:
-    """What a motion may use.
+    """What a motion may use."""
 
-    Attributes:
-        lower: Lower end of the positions [rad]. Shape (dof,).
-        upper: Upper end of the positions [rad]. Shape (dof,).
-        centre: Usual middle of a motion [rad]. Shape (dof,).
-        amplitude: Largest deviation from the middle of a motion [rad]. Shape (dof,).
-        velocity: Largest speed [rad/s]. Shape (dof,).
-        acceleration: Largest acceleration [rad/s^2]. Shape (dof,).
-    """
-
-    lower: Array
-    upper: Array
-    centre: Array
-    amplitude: Array
-    velocity: Array
-    acceleration: Array
+    lower: Array  # lower end of the positions [rad], (dof,)
+    upper: Array  # upper end of the positions [rad], (dof,)
+    centre: Array  # usual middle of a motion [rad], (dof,)
+    amplitude: Array  # largest deviation from the middle of a motion [rad], (dof,)
+    velocity: Array  # largest speed [rad/s], (dof,)
+    acceleration: Array  # largest acceleration [rad/s^2], (dof,)
 
 
 def usual_limits(robot: Robot) -> UsualLimits:

@@ -42,21 +42,13 @@ class DivergedError(ModelgapError):
 
 @dataclass(frozen=True, eq=False, slots=True)
 class Trace:
-    """Everything that happened, at the rate of the controller.
+    """Everything that happened, at the rate of the controller."""
 
-    Attributes:
-        t: Times [s]. Shape (n,).
-        rows: Rows of `tables`, then one per channel. Shape (n, rows, dof).
-        qdd: Accelerations (v_(k+1) - v_k) / dt [rad/s^2]. Shape (n, dof).
-        arm: What was driven.
-        phases: The arm between onsets.
-    """
-
-    t: Array
-    rows: Array
-    qdd: Array
+    t: Array  # times [s], (n,)
+    rows: Array  # rows of `tables`, then one per channel, (n, rows, dof)
+    qdd: Array  # accelerations (v_(k+1) - v_k) / dt [rad/s^2], (n, dof)
     arm: Arm
-    phases: tuple[Phase, ...]
+    phases: tuple[Phase, ...]  # the arm between onsets
 
     @property
     def channels(self) -> tuple[str, ...]:

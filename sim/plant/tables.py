@@ -53,44 +53,32 @@ def compiled(function: Callable) -> Callable:
 
 
 class Constants(NamedTuple):
-    """One arm during one phase, as the compiled step reads it.
+    """One arm during one phase, as the compiled step reads it."""
 
-    Attributes:
-        dt: Time step [s].
-        rotor: Rotor inertia at the joint [kg m^2]. Shape (dof,).
-        elastic: Whether a spring is between motor and link, 1 or 0. Shape (dof,).
-        stiffness, damping, gap: Transmission, N m/rad, N m s/rad, rad. (dof,) each.
-        ratio: Real over reported torque. Shape (dof,).
-        limit: Largest torque of each drive [N m]. Shape (dof,).
-        power: Usual power of friction, which heats by one unit [W]. Shape (dof,).
-        shift, cos, sin: Error of the encoder: true minus reading [rad]. (dof,).
-        contacts: Where friction acts, joints first, then shared gears: index of an
-            unknown, of a second one or -1, sign of that; both joints; inertia of a
-            shared gear [kg m^2]. Shape (c, 6).
-        friction: Rows of friction. Shape (f, WIDTH).
-        torque: Rows of explicit torque. Shape (e, WIDTH).
-        series: Torques given over time [N m]. Shape (n, s).
-        used: Of each joint of an arm with a background, which part its dry friction is
-            more forwards; how much larger cold friction is; time constants of oil and
-            housing [s]; place of their warmth in the memory. Shape (dof or 0, 5).
-    """
-
-    dt: float
-    rotor: Array
-    elastic: Array
+    dt: float  # time step [s]
+    rotor: Array  # rotor inertia at the joint [kg m^2], (dof,)
+    elastic: Array  # whether a spring is between motor and link, 1 or 0, (dof,)
+    # Transmission, N m/rad, N m s/rad, rad, (dof,) each.
     stiffness: Array
     damping: Array
     gap: Array
-    ratio: Array
-    limit: Array
-    power: Array
+    ratio: Array  # real over reported torque, (dof,)
+    limit: Array  # largest torque of each drive [N m], (dof,)
+    power: Array  # usual power of friction, which heats by one unit [W], (dof,)
+    # Error of the encoder: true minus reading [rad], (dof,).
     shift: Array
     cos: Array
     sin: Array
+    # Where friction acts, joints first, then shared gears: index of an unknown, of a
+    # second one or -1, sign of that; both joints; inertia of a shared gear [kg m^2],
+    # (c, 6).
     contacts: Array
-    friction: Array
-    torque: Array
-    series: Array
+    friction: Array  # rows of friction, (f, WIDTH)
+    torque: Array  # rows of explicit torque, (e, WIDTH)
+    series: Array  # torques given over time [N m], (n, s)
+    # Of each joint of an arm with a background, which part its dry friction is more
+    # forwards; how much larger cold friction is; time constants of oil and housing [s];
+    # place of their warmth in the memory, (dof or 0, 5).
     used: Array
 
 
@@ -110,18 +98,13 @@ class Packed(NamedTuple):
 
 
 class State(NamedTuple):
-    """What an arm carries from step to step, changed in place.
+    """What an arm carries from step to step, changed in place."""
 
-    Attributes:
-        motors: Angle and speed of the motor side of each joint, at the link [rad,
-            rad/s], and torque that its gear passes on [N m]. Shape (3, dof).
-        impulse: Friction impulse of each contact [N m s]. Shape (c,).
-        memory: Bristles and temperatures of the terms. Shape (m,).
-    """
-
+    # Angle and speed of the motor side of each joint, at the link [rad, rad/s], and
+    # torque that its gear passes on [N m], (3, dof).
     motors: Array
-    impulse: Array
-    memory: Array
+    impulse: Array  # friction impulse of each contact [N m s], (c,)
+    memory: Array  # bristles and temperatures of the terms, (m,)
 
 
 def pack(constants: Constants) -> Packed:

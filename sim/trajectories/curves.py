@@ -22,19 +22,12 @@ _SPEED, _ACCELERATION = 1.875, 10 / np.sqrt(3)
 
 @dataclass(frozen=True, eq=False, slots=True)
 class Series:
-    """q(s) = centre + sum_k sine_k sin(k w s) + cosine_k cos(k w s), w = 2 pi / period.
+    """q(s) = centre + sum_k sine_k sin(k w s) + cosine_k cos(k w s), w = 2 pi/period."""
 
-    Attributes:
-        centre: Middle of the motion [rad]. Shape (dof,).
-        sine: Coefficients of harmonics 1 to h [rad]. Shape (h, dof).
-        cosine: Coefficients of harmonics 1 to h [rad]. Shape (h, dof).
-        period: Length of one period [s].
-    """
-
-    centre: Array
-    sine: Array
-    cosine: Array
-    period: float
+    centre: Array  # middle of the motion [rad], (dof,)
+    sine: Array  # coefficients of harmonics 1 to h [rad], (h, dof)
+    cosine: Array  # coefficients of harmonics 1 to h [rad], (h, dof)
+    period: float  # length of one period [s]
 
 
 def evaluate(series: Series, t: Array, duration: float) -> tuple[Array, Array, Array]:
@@ -139,15 +132,10 @@ def move_time(distance: Array, velocity: Array, acceleration: Array) -> float:
 
 @dataclass(frozen=True, eq=False, slots=True)
 class Stage:
-    """A part of a program.
+    """A part of a program."""
 
-    Attributes:
-        time: How long it takes [s].
-        motion: q, qd and qdd at times from its own start.
-    """
-
-    time: float
-    motion: Curve
+    time: float  # how long it takes [s]
+    motion: Curve  # q, qd and qdd at times from its own start
 
 
 def dwell(q: Array, time: float) -> Stage:
@@ -167,13 +155,9 @@ def move(start: Array, end: Array, time: float) -> Stage:
 
 @dataclass(frozen=True, eq=False, slots=True)
 class Path:
-    """Joint angles along a path, q(x) for x from 0 to 1.
+    """Joint angles along a path, q(x) for x from 0 to 1."""
 
-    Attributes:
-        coefficients: Of Chebyshev polynomials in 2 x - 1. Shape (order + 1, dof).
-    """
-
-    coefficients: Array
+    coefficients: Array  # of Chebyshev polynomials in 2 x - 1, (order + 1, dof)
 
     def at(self, x: Array, times: int = 0) -> Array:
         """Return the d-th derivative by x. Shape (n, dof)."""

@@ -59,18 +59,13 @@ _STIRRED = 0.3  # of what it could
 
 @dataclass(frozen=True, slots=True)
 class Excitation:
-    """What the samples of one motion tell about the base parameters.
+    """What the samples of one motion tell about the base parameters."""
 
-    Attributes:
-        condition: Condition number of the column-normalised base regressor W, inf
-            where a parameter is not excited.
-        log_det: log det(W' W / samples) of the regressor as it is, in SI units.
-        parameters: Number of base parameters.
-    """
-
+    # Condition number of the column-normalised base regressor W, inf where a parameter
+    # is not excited.
     condition: float
-    log_det: float
-    parameters: int
+    log_det: float  # log det(W' W / samples) of the regressor as it is, in SI units
+    parameters: int  # number of base parameters
 
 
 def excitation(model: pin.Model, q: Array, qd: Array, qdd: Array) -> Excitation:
@@ -96,21 +91,13 @@ def excitation(model: pin.Model, q: Array, qd: Array, qdd: Array) -> Excitation:
 
 @dataclass(frozen=True, eq=False, slots=True)
 class Usage:
-    """Shares of the robot's own limits, NaN where it states none. Shapes (dof,).
+    """Shares of the robot's own limits, NaN where it states none. Shapes (dof,)."""
 
-    Attributes:
-        range: Sweep of the motion, of the range.
-        speed: Largest speed.
-        acceleration: Largest acceleration.
-        torque: Largest torque of the nominal model.
-        excitation: What the motion tells about the base parameters.
-    """
-
-    range: Array
-    speed: Array
-    acceleration: Array
-    torque: Array
-    excitation: Excitation
+    range: Array  # sweep of the motion, of the range
+    speed: Array  # largest speed
+    acceleration: Array  # largest acceleration
+    torque: Array  # largest torque of the nominal model
+    excitation: Excitation  # what the motion tells about the base parameters
 
 
 def usage(robot: Robot, reference: Reference) -> Usage:

@@ -26,21 +26,13 @@ _FINE, _COARSE = 1000.0, 100.0  # Hz, for limits and for clearance
 
 @dataclass(frozen=True, eq=False, slots=True)
 class Limits:
-    """Limits of a planned motion, inf where the robot states none.
+    """Limits of a planned motion, inf where the robot states none."""
 
-    Attributes:
-        lower: Lower end of the positions [rad]. Shape (dof,).
-        upper: Upper end of the positions [rad]. Shape (dof,).
-        velocity: Largest speed [rad/s]. Shape (dof,).
-        acceleration: Largest acceleration [rad/s^2]. Shape (dof,).
-        torque: Largest torque of the nominal model [N m]. Shape (dof,).
-    """
-
-    lower: Array
-    upper: Array
-    velocity: Array
-    acceleration: Array
-    torque: Array
+    lower: Array  # lower end of the positions [rad], (dof,)
+    upper: Array  # upper end of the positions [rad], (dof,)
+    velocity: Array  # largest speed [rad/s], (dof,)
+    acceleration: Array  # largest acceleration [rad/s^2], (dof,)
+    torque: Array  # largest torque of the nominal model [N m], (dof,)
 
     @property
     def middle(self) -> Array:
@@ -91,19 +83,12 @@ def plan_limits(robot: Robot) -> Limits:
 
 @dataclass(frozen=True, eq=False, slots=True)
 class Workspace:
-    """A robot with all that bounds its motion.
-
-    Attributes:
-        robot: The arm.
-        limits: What a motion may use.
-        arm: Its capsules.
-        period: Length of one period of a motion [s].
-    """
+    """A robot with all that bounds its motion."""
 
     robot: Robot
-    limits: Limits
-    arm: Body
-    period: float
+    limits: Limits  # what a motion may use
+    arm: Body  # its capsules
+    period: float  # length of one period of a motion [s]
 
 
 def workspace(robot: Robot, period: float) -> Workspace:
@@ -147,20 +132,13 @@ def between(values: Array) -> Array:
 
 @dataclass(frozen=True, eq=False, slots=True)
 class Plan:
-    """A motion at any time.
-
-    Attributes:
-        kind: Family.
-        curve: q, qd and qdd at any times from 0 to `duration`.
-        duration: Length [s].
-        period: Length of one repetition [s].
-        once: Length from the start that shows all of it [s]: what comes after repeats.
-    """
+    """A motion at any time."""
 
     kind: str
-    curve: Curve
-    duration: float
-    period: float
+    curve: Curve  # q, qd and qdd at any times from 0 to `duration`
+    duration: float  # length [s]
+    period: float  # length of one repetition [s]
+    # Length from the start that shows all of it [s]: what comes after repeats.
     once: float
 
 

@@ -82,11 +82,7 @@ Attempt = Callable[["Cell", "Piece"], Plan | LimitError | None]
 
 @dataclass(frozen=True, eq=False, slots=True)
 class Cell(Workspace):
-    """An arm with all that bounds a path of its tool.
-
-    Attributes:
-        ways: Its kinematics.
-    """
+    """An arm with all that bounds a path of its tool."""
 
     ways: Kinematics
 
@@ -108,21 +104,13 @@ def cell(robot: Robot, family: str, period: float) -> Cell:
 
 @dataclass(frozen=True, eq=False, slots=True)
 class Piece:
-    """A plane to work on.
+    """A plane to work on."""
 
-    Attributes:
-        origin: Pose of the flange over its middle.
-        across: Level direction in the plane. Shape (3,).
-        along: Direction in the plane that is square to it. Shape (3,).
-        half: Half sizes across and along [m]. Shape (2,).
-        posture: Joint angles with the tool in the middle [rad]. Shape (dof,).
-    """
-
-    origin: pin.SE3
-    across: Array
-    along: Array
-    half: Array
-    posture: Array
+    origin: pin.SE3  # pose of the flange over its middle
+    across: Array  # level direction in the plane, (3,)
+    along: Array  # direction in the plane that is square to it, (3,)
+    half: Array  # half sizes across and along [m], (2,)
+    posture: Array  # joint angles with the tool in the middle [rad], (dof,)
 
     def pose(self, x: float, y: float, turn: Array, lift: float = 0.0) -> pin.SE3:
         """Return the pose of the flange over a point.
