@@ -35,15 +35,10 @@ _NO_BUCKET = "NoSuchBucket"
 
 @dataclass(frozen=True, slots=True)
 class Address:
-    """A place in a bucket.
-
-    Attributes:
-        bucket: Name of the bucket.
-        prefix: What the keys of the store begin with, without a slash at the end.
-    """
+    """A place in a bucket."""
 
     bucket: str
-    prefix: str
+    prefix: str  # what the keys of the store begin with, without a slash at the end
 
     @property
     def url(self) -> str:
@@ -81,12 +76,7 @@ def parse(word: str) -> Address:
 
 
 def settings() -> dict:
-    """Return what `obstore.store.S3Store` takes beside bucket and prefix.
-
-    Raises:
-        InputError: If there are no credentials, the extra is not installed, or the
-            endpoint would be talked to in the open.
-    """
+    """Return what `obstore.store.S3Store` takes beside bucket and prefix."""
     profile = None if os.environ.get("AWS_ACCESS_KEY_ID") else _Profile()
     endpoint = endpoint_url() or (profile and profile.endpoint)
     region = os.environ.get("AWS_REGION") or os.environ.get("AWS_DEFAULT_REGION")
@@ -173,26 +163,15 @@ class BucketError(InputError):
 
 @dataclass(frozen=True, slots=True)
 class Listed:
-    """One object of a listing.
+    """One object of a listing."""
 
-    Attributes:
-        key: Its key, without the prefix of the store.
-        size: Its size [bytes].
-        modified: When it was written, by the clock of the server.
-    """
-
-    key: str
-    size: int
-    modified: datetime
+    key: str  # its key, without the prefix of the store
+    size: int  # its size [bytes]
+    modified: datetime  # when it was written, by the clock of the server
 
 
 class Bucket:
-    """A bucket below a prefix; a verb that it does not do raises BucketError.
-
-    Args:
-        store: A store of obstore, which has the prefix.
-        url: What people call it.
-    """
+    """A bucket below a prefix; a verb that it does not do raises BucketError."""
 
     def __init__(self, store: Any, url: str) -> None:
         self._store = store

@@ -92,23 +92,14 @@ def sum_of(path: Path) -> dict:
 
 @dataclass(frozen=True, slots=True)
 class Bundle:
-    """What was put into a bundle.
+    """What was put into a bundle."""
 
-    Attributes:
-        about: Id of the record that it is about.
-        records: Its records, parents first: kind and id.
-        seals: How many sealed halves are in it.
-        left_out: How many sealed halves are not.
-        changes: How many patches of uncommitted code are in it.
-        size: Size of the file [bytes].
-    """
-
-    about: str
-    records: tuple[tuple[str, str], ...]
-    seals: int
-    left_out: int
-    changes: int
-    size: int
+    about: str  # id of the record that it is about
+    records: tuple[tuple[str, str], ...]  # its records, parents first: kind and id
+    seals: int  # how many sealed halves are in it
+    left_out: int  # how many sealed halves are not
+    changes: int  # how many patches of uncommitted code are in it
+    size: int  # size of the file [bytes]
 
 
 def write_bundle(store: Path, id: str, out: Path, with_seal: bool = True) -> Bundle:
@@ -118,10 +109,6 @@ def write_bundle(store: Path, id: str, out: Path, with_seal: bool = True) -> Bun
         out: The file; replaced whole or not at all.
         with_seal: Whether to put in what simulated runs hide. Without it nobody can
             look at what was planted, nor run the experiment again.
-
-    Raises:
-        InputError: If there is no such record, one of them is damaged, or the name of
-            the file is not usable.
     """
     _check_name(out)
     about = find(store, id)
@@ -236,17 +223,11 @@ class _Contents(_Form):
 
 @dataclass(frozen=True, slots=True)
 class Unbundled:
-    """What became of a bundle.
+    """What became of a bundle."""
 
-    Attributes:
-        about: Id of the record that it is about.
-        added: Folders that are new in the store.
-        known: Folders that were there and were left as they are.
-    """
-
-    about: str
-    added: tuple[str, ...]
-    known: tuple[str, ...]
+    about: str  # id of the record that it is about
+    added: tuple[str, ...]  # folders that are new in the store
+    known: tuple[str, ...]  # folders that were there and were left as they are
 
 
 def read_bundle(file: Path, store: Path) -> Unbundled:
@@ -254,9 +235,6 @@ def read_bundle(file: Path, store: Path) -> Unbundled:
 
     Nothing is visible in the store before all of it has been checked: paths, sizes and
     hashes, and that every record is what its id says.
-
-    Args:
-        store: The store; made where there is none.
 
     Raises:
         InputError: If something in it is not as it should be; nothing is added then.

@@ -51,17 +51,11 @@ _lock = threading.Lock()
 
 @dataclass(frozen=True, eq=False, slots=True)
 class Catalogue:
-    """All records of a store at one moment.
+    """All records of a store at one moment."""
 
-    Attributes:
-        folders: Folder of every record, by kind and id.
-        rows: Catalogue rows by kind, oldest first.
-        damaged: Messages about records whose row cannot be read, by kind; these are
-            left out.
-    """
-
-    folders: Mapping[str, Mapping[str, str]]
-    rows: Mapping[str, pa.Table]
+    folders: Mapping[str, Mapping[str, str]]  # folder of every record, by kind and id
+    rows: Mapping[str, pa.Table]  # catalogue rows by kind, oldest first
+    # Messages about records whose row cannot be read, by kind; these are left out.
     damaged: Mapping[str, Sequence[str]]
 
 
@@ -107,11 +101,7 @@ def _with_origin(table: pa.Table) -> pa.Table:
 
 
 def read_bucket(store: Path, before: Catalogue | None = None) -> Catalogue:
-    """List a store, and bring its catalogue up to date where that pays.
-
-    Args:
-        before: What was read earlier; it is given back if nothing has changed.
-    """
+    """List a store, and bring its catalogue up to date where that pays."""
     listing = read_listing(store)
     if not listing.head.number:
         return rebuild(store)[0]

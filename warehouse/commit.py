@@ -43,13 +43,10 @@ class Sealed:
 
     A diagnosis must not be able to look at what was planted. The hash in the run's
     manifest shows later that the truth was not changed to fit the verdict.
-
-    Attributes:
-        spec: The hidden half of the spec: effects, scatter, noise, salt.
-        truth: Channels that no robot logs. Shapes (n,) or (n, k).
     """
 
-    spec: Mapping
+    spec: Mapping  # the hidden half of the spec: effects, scatter, noise, salt
+    # Channels that no robot logs. Shapes (n,) or (n, k).
     truth: Mapping[str, Array] = field(default_factory=dict)
 
 
@@ -76,9 +73,6 @@ def commit_run(
             known; others are kept as they are. The commit adds ``sealed_sha256``,
             ``provenance``, ``data_hash``, ``truth_hash`` and ``units``. With ``spec``
             it is a simulated run; without, a measured one, which needs ``robot_hash``.
-
-    Raises:
-        InputError: If the manifest or a channel is not usable.
     """
     arrays = _channels(recording, extra or {})
     units = {name: SIGNALS[name].unit for name in arrays}
@@ -146,9 +140,6 @@ def commit_record(
 
     Returns:
         Its id: a hash of all of that, so the same record is kept once.
-
-    Raises:
-        InputError: If one of them is not usable.
     """
     if check_name(kind, KINDS, "kind of record") == "runs":
         raise InputError("Runs are committed by commit_run, other records here.")
@@ -175,11 +166,6 @@ def commit_row(
     beside: Mapping[str, pa.Table | bytes] | None = None,
 ) -> bool:
     """Put a record of a known id into the store, with its one catalogue row.
-
-    Args:
-        record: As JSON holds it; what has the name of a column becomes one.
-        lists: Rows of the views that lie nested in its own row.
-        beside: Its other files by name.
 
     Returns:
         Whether it is this one; False if the id was taken.
@@ -353,27 +339,23 @@ def _plain_name(name: str) -> str:
 
 @dataclass(frozen=True, eq=False, slots=True)
 class Rows:
-    """What is kept of a diagnosis.
+    """What is kept of a diagnosis."""
 
-    Attributes:
-        record: Its record as JSON can hold it; with ``robot``, and what else the view
-            diagnoses shows, but for ``model_id``.
-        model: The record of the model it ends with; ``stage`` says if it is another
-            than augmented.
-        effects: Rows of the view effects.
-        errors: Rows of the view errors, but for ``trajectory``; those without a
-            ``run_id`` are over all held-out runs.
-        tables: Other tables of it, such as curves.
-        beside: Tables that go with its model: the motion that it is from.
-        nominal: Id of the diagnosis whose model was the nominal one, if any.
-    """
-
+    # Its record as JSON can hold it; with ``robot``, and what else the view diagnoses
+    # shows, but for ``model_id``.
     record: Mapping
+    # The record of the model it ends with; ``stage`` says if it is another than
+    # augmented.
     model: Mapping
-    effects: Sequence[Mapping] = ()
+    effects: Sequence[Mapping] = ()  # rows of the view effects
+    # Rows of the view errors, but for ``trajectory``; those without a ``run_id`` are
+    # over all held-out runs.
     errors: Sequence[Mapping] = ()
+    # Other tables of it, such as curves.
     tables: Mapping[str, pa.Table] = field(default_factory=dict)
+    # Id of the diagnosis whose model was the nominal one, if any.
     nominal: str | None = None
+    # Tables that go with its model: the motion that it is from.
     beside: Mapping[str, pa.Table] = field(default_factory=dict)
 
 

@@ -15,29 +15,18 @@ _GONE = object()
 
 @dataclass(frozen=True, slots=True)
 class Channel:
-    """One channel of two runs, or one value of two records.
+    """One channel of two runs, or one value of two records."""
 
-    Attributes:
-        name: Its name, such as tau3.
-        unit: Its unit, "" where it has none.
-        equal: Whether all bits are equal.
-        rows: How many samples were compared.
-        differing: How many of them differ.
-        first: Time of the first that differs [s]; None where none does.
-        largest: Largest difference, in the unit.
-        rms: Root mean square of the differences, in the unit.
-        note: What else there is to say, such as that only one of the two has it.
-    """
-
-    name: str
-    unit: str
-    equal: bool
-    rows: int = 0
-    differing: int = 0
+    name: str  # its name, such as tau3
+    unit: str  # its unit, "" where it has none
+    equal: bool  # whether all bits are equal
+    rows: int = 0  # how many samples were compared
+    differing: int = 0  # how many of them differ
+    # Time of the first that differs [s]; None where none does.
     first: float | None = None
-    largest: float | None = None
-    rms: float | None = None
-    note: str = ""
+    largest: float | None = None  # largest difference, in the unit
+    rms: float | None = None  # root mean square of the differences, in the unit
+    note: str = ""  # what else there is to say, such as that only one of the two has it
 
     @property
     def words(self) -> str:
@@ -57,9 +46,6 @@ def compare(one: Mapping[str, Array], two: Mapping[str, Array]) -> tuple[Channel
 
     Args:
         one: Signals by name, as ``runs.read_channels`` gives them; times are its.
-
-    Returns:
-        One entry for each channel of either, joint by joint, in the order of signals.
     """
     time = np.asarray(one["t"], dtype=float) if "t" in one else None
     made = []

@@ -190,7 +190,6 @@ def to_table(arrays: Mapping[str, Array], units: Mapping[str, str]) -> pa.Table:
 
     Args:
         arrays: Values by name. Shapes (n,) or (n, k).
-        units: Unit by name; it becomes metadata of the fields.
     """
     fields, columns, widths = [], [], {}
     rows = {name: np.shape(array)[:1] for name, array in arrays.items()}

@@ -23,10 +23,6 @@ _SLUG = re.compile(r"[a-z0-9_-]{1,40}")
 def canonical(value: object) -> bytes:
     """Return the one JSON text of a value: keys sorted, no blanks, UTF-8.
 
-    Args:
-        value: Mappings with text keys, sequences, dataclasses, arrays, numbers, texts,
-            truth values and None.
-
     Raises:
         InputError: If something else is in it, or a number is not finite.
     """

@@ -18,15 +18,9 @@ RERUN_OF = "rerun of"  # what a record is to the one it was made again from
 
 @dataclass(frozen=True, slots=True)
 class Found:
-    """A record that is in the store.
+    """A record that is in the store."""
 
-    Attributes:
-        kind: Name of its kind, such as "runs".
-        id: Its whole id.
-        folder: Its folder.
-    """
-
-    kind: str
+    kind: str  # name of its kind, such as "runs"
     id: str
     folder: Path
 
@@ -46,9 +40,6 @@ def list_folders(store: Path, kind: str) -> dict[str, str]:
 
 def find(store: Path, id: str) -> Found:
     """Find a record of any kind by its id or the beginning of it.
-
-    Args:
-        id: Up to 20 hex digits.
 
     Raises:
         InputError: If it is not an id, or none or several records begin with it.

@@ -64,27 +64,19 @@ _TRIES = 40
 
 @dataclass(frozen=True, slots=True)
 class Head:
-    """What a catalogue consists of.
+    """What a catalogue consists of."""
 
-    Attributes:
-        number: Its number; 0 where there is none yet.
-        files: Catalogue files of each kind: names, and how many rows each has.
-    """
-
-    number: int
+    number: int  # its number; 0 where there is none yet
+    # Catalogue files of each kind: names, and how many rows each has.
     files: Mapping[str, tuple[tuple[str, int], ...]]
 
 
 @dataclass(frozen=True, slots=True)
 class Listing:
-    """Which records there are at one moment.
-
-    Attributes:
-        head: The catalogue.
-        places: Folder of each record in the store, by kind and id.
-    """
+    """Which records there are at one moment."""
 
     head: Head
+    # Folder of each record in the store, by kind and id.
     places: Mapping[str, Mapping[str, str]]
 
 

@@ -32,60 +32,36 @@ class MeanwhileError(InputError):
 
 @dataclass(frozen=True, slots=True)
 class Adoption:
-    """A robot gets a model.
-
-    Attributes:
-        robot: Its slug.
-        serial: Its serial number, None where it has none.
-        action: "adopted", "forced" or "rolled back".
-        model_id: Id of the model, None for the nominal one.
-        diagnosis_id: Id of the diagnosis that found it.
-        parent: Id of the adoption before it, None for the first.
-        who: Name of the user.
-        note: What he wrote about it.
-        before, after: Held-out error of the model before and of this one [%].
-        evidence: Everything that the gate saw.
-    """
+    """A robot gets a model."""
 
     robot: str
-    serial: str | None
-    action: str
-    model_id: str | None
-    diagnosis_id: str | None
-    parent: str | None
-    who: str
-    note: str = ""
+    serial: str | None  # its serial number, None where it has none
+    action: str  # "adopted", "forced" or "rolled back"
+    model_id: str | None  # id of the model, None for the nominal one
+    diagnosis_id: str | None  # id of the diagnosis that found it
+    parent: str | None  # id of the adoption before it, None for the first
+    who: str  # name of the user
+    note: str = ""  # what he wrote about it
+    # Held-out error of the model before and of this one [%].
     before: float | None = None
     after: float | None = None
-    evidence: Mapping | None = None
+    evidence: Mapping | None = None  # everything that the gate saw
 
 
 @dataclass(frozen=True, slots=True)
 class Decision:
-    """One step of a loop: what was done, why, and what came of it.
+    """One step of a loop: what was done, why, and what came of it."""
 
-    Attributes:
-        loop: Id of the loop.
-        number: Its place in the loop, from 1.
-        robot: Slug of the arm.
-        serial: Its serial number, None where it has none.
-        action: run, diagnose, adopt, drive or stop.
-        reason: Why, in a sentence.
-        outcome: What came of it, in a few words.
-        made: Id of the record that it left in the store, None for none.
-        seconds: Motion of the arm so far, this step included [s].
-        result: What later steps go by, as JSON can hold it.
-    """
-
-    loop: str
-    number: int
-    robot: str
-    serial: str | None
-    action: str
+    loop: str  # id of the loop
+    number: int  # its place in the loop, from 1
+    robot: str  # slug of the arm
+    serial: str | None  # its serial number, None where it has none
+    action: str  # run, diagnose, adopt, drive or stop
     reason: str
-    outcome: str
-    made: str | None = None
-    seconds: float = 0.0
+    outcome: str  # what came of it, in a few words
+    made: str | None = None  # id of the record that it left in the store, None for none
+    seconds: float = 0.0  # motion of the arm so far, this step included [s]
+    # What later steps go by, as JSON can hold it.
     result: Mapping = field(default_factory=dict)
 
 
@@ -97,7 +73,6 @@ def commit_adoption(store: Path, adoption: Adoption) -> str:
 
     Raises:
         MeanwhileError: If the robot has got another model since.
-        InputError: If an id or the robot's name is not usable.
     """
     ids.check_slug(adoption.robot)
     parents = {"model": [adoption.model_id], "diagnosis": [adoption.diagnosis_id]}

@@ -49,17 +49,11 @@ MADE_WITH = "made_with"
 
 @dataclass(frozen=True, slots=True)
 class Changes:
-    """How the code differs from its commit.
+    """How the code differs from its commit."""
 
-    Attributes:
-        files: Files that differ, by their path in the checkout.
-        patch: What `git apply` puts onto the commit; empty where nothing differs.
-        sha256: Hash of the patch, 64 hex digits; None where nothing differs.
-    """
-
-    files: tuple[str, ...]
-    patch: bytes
-    sha256: str | None
+    files: tuple[str, ...]  # files that differ, by their path in the checkout
+    patch: bytes  # what `git apply` puts onto the commit; empty where nothing differs
+    sha256: str | None  # hash of the patch, 64 hex digits; None where nothing differs
 
     @property
     def kept(self) -> bool:
@@ -140,30 +134,21 @@ def _as_new(root: Path, name: str) -> bytes:
 
 @dataclass(frozen=True, slots=True)
 class Provenance:
-    """Code and environment of this process.
+    """Code and environment of this process."""
 
-    Attributes:
-        code_hash: Hash of the plant's code, part of the id of every run.
-        commit: Commit in git, None where this is no checkout.
-        dirty: Whether the code differs from that commit; None where there is none.
-        lock_hash: Hash of requirements.lock, None where there is none.
-        environment_hash: Hash of all installed packages and their versions.
-        versions: Versions of Python, of this program and the libraries that compute.
-        program_hash: Hash of all our code, which decides what derived records say.
-        uncommitted: How the code differs from the commit (``Changes.as_record``);
-            None where that is unknown, for there is no checkout.
-        machine: Kind of system and processor.
-    """
-
-    code_hash: str
-    commit: str | None
+    code_hash: str  # hash of the plant's code, part of the id of every run
+    commit: str | None  # commit in git, None where this is no checkout
+    # Whether the code differs from that commit; None where there is none.
     dirty: bool | None
-    lock_hash: str | None
-    environment_hash: str
+    lock_hash: str | None  # hash of requirements.lock, None where there is none
+    environment_hash: str  # hash of all installed packages and their versions
+    # Versions of Python, of this program and the libraries that compute.
     versions: dict[str, str]
-    program_hash: str
+    program_hash: str  # hash of all our code, which decides what derived records say
+    # How the code differs from the commit (``Changes.as_record``); None where that is
+    # unknown, for there is no checkout.
     uncommitted: Mapping | None
-    machine: str
+    machine: str  # kind of system and processor
 
 
 @cache

@@ -102,9 +102,6 @@ def quarantine(store: Path, run_id: str, reason: str) -> Path:
 
     Returns:
         The tombstone; the first one stays.
-
-    Raises:
-        InputError: If there is no such run, or no reason.
     """
     if not reason.strip():
         raise InputError("A quarantine needs a reason, for those who find it later.")
@@ -209,12 +206,6 @@ def robot_word(store: Path, word: str, content_hash: str | None) -> str:
 
     Args:
         content_hash: Its hash then; None where that is not known.
-
-    Returns:
-        The same word, or the folder in the store with its description.
-
-    Raises:
-        InputError: If neither is the robot that was used.
     """
     try:
         if content_hash in (None, load_robot(word).content_hash):

@@ -20,16 +20,13 @@ SAMPLES_FILE = "part-0.parquet"
 
 @dataclass(frozen=True, slots=True)
 class Column:
-    """One column of a view.
-
-    Attributes:
-        unit: As text; "by row" or "by metric" where its row says it, None where it is
-            no quantity.
-    """
+    """One column of a view."""
 
     name: str
     type: pa.DataType
     about: str
+    # As text; "by row" or "by metric" where its row says it, None where it is no
+    # quantity.
     unit: str | None = None
 
     @property
@@ -329,20 +326,15 @@ def nested(view: str) -> pa.DataType:
 
 @dataclass(frozen=True, slots=True)
 class Kind:
-    """One kind of record.
+    """One kind of record."""
 
-    Attributes:
-        name: Its name, which is that of its view.
-        key: Column with its id.
-        lists: Views whose rows lie nested in its catalogue row.
-        needed: Columns of that row that have a value in every record.
-        fields: That row: columns of the view, then the nested ones.
-    """
-
-    name: str
-    key: str
+    name: str  # its name, which is that of its view
+    key: str  # column with its id
+    # Views whose rows lie nested in its catalogue row.
     lists: tuple[str, ...] = ("errors", "lineage")
+    # Columns of that row that have a value in every record.
     needed: tuple[str, ...] = ("created",)
+    # That row: columns of the view, then the nested ones.
     fields: pa.Schema = field(init=False, compare=False)
 
     @property

@@ -43,11 +43,7 @@ def read_toml(path: str | Path) -> dict[str, Any]:
 
 
 def checked(record: type[Record], content: dict[str, Any], where: str) -> Record:
-    """Check the content of a file.
-
-    Args:
-        record: What the file must hold: a model or dataclass of pydantic.
-    """
+    """Check the content of a file."""
     for words, _ in faults(record, content):
         raise InputError(f"{where}: {words}")
     return TypeAdapter(record).validate_python(content)

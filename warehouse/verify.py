@@ -188,19 +188,13 @@ def _sum(path: Path) -> str:
 
 @dataclass(frozen=True, slots=True)
 class Verified:
-    """One thing in a store.
+    """One thing in a store."""
 
-    Attributes:
-        kind: Kind of record, or the folder of the store that it is in.
-        id: Its id, or the name of its file.
-        faults: What is not as it was committed, a line each.
-        summed: Whether every byte of it was held against a sum; otherwise its values
-            were held against the hash in its record, which an earlier version wrote.
-    """
-
-    kind: str
-    id: str
-    faults: tuple[str, ...]
+    kind: str  # kind of record, or the folder of the store that it is in
+    id: str  # its id, or the name of its file
+    faults: tuple[str, ...]  # what is not as it was committed, a line each
+    # Whether every byte of it was held against a sum; otherwise its values were held
+    # against the hash in its record, which an earlier version wrote.
     summed: bool = True
 
 

@@ -22,7 +22,10 @@ _SPEED, _ACCELERATION = 1.875, 10 / np.sqrt(3)
 
 @dataclass(frozen=True, eq=False, slots=True)
 class Series:
-    """q(s) = centre + sum_k sine_k sin(k w s) + cosine_k cos(k w s), w = 2 pi/period."""
+    """q(s) = centre + sum_k sine_k sin(k w s) + cosine_k cos(k w s).
+
+    w = 2 pi / period.
+    """
 
     centre: Array  # middle of the motion [rad], (dof,)
     sine: Array  # coefficients of harmonics 1 to h [rad], (h, dof)

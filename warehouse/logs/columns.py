@@ -47,22 +47,16 @@ Array = np.ndarray
 
 @table(frozen=True, slots=True, config=_TABLE)
 class SignalMap:
-    """One signal of all joints.
+    """One signal of all joints."""
 
-    Attributes:
-        columns: Column names, joint 1 first.
-        unit: Unit of the columns; empty for the usual one.
-        side: "link" or "motor".
-        sign: Factor 1 or -1 of each joint, empty for all 1.
-        scale: Positive factor of each joint, after unit and sign; empty for all 1.
-        zero: Reading at the joint's zero in the unit of the columns, empty for all 0.
-    """
-
+    # Column names, joint 1 first.
     columns: Annotated[tuple[str, ...], Field(min_length=1)]
-    unit: str = ""
+    unit: str = ""  # unit of the columns; empty for the usual one
     side: Literal["link", "motor"] = "link"
-    sign: _Numbers = ()
+    sign: _Numbers = ()  # factor 1 or -1 of each joint, empty for all 1
+    # Reading at the joint's zero in the unit of the columns, empty for all 0.
     zero: _Numbers = ()
+    # Positive factor of each joint, after unit and sign; empty for all 1.
     scale: _Numbers = ()
 
     @model_validator(mode="after")
@@ -82,17 +76,11 @@ class SignalMap:
 
 @table(frozen=True, slots=True, config=_TABLE)
 class CsvFormat:
-    """How a text log is written.
+    """How a text log is written."""
 
-    Attributes:
-        separator: One character, None to sniff it.
-        decimal: "." or ",".
-        skip: Lines before the line of names.
-    """
-
-    separator: str | None = None
+    separator: str | None = None  # one character, None to sniff it
     decimal: Literal[".", ","] = "."
-    skip: Annotated[int, Field(ge=0, strict=True)] = 0
+    skip: Annotated[int, Field(ge=0, strict=True)] = 0  # lines before the line of names
 
     @model_validator(mode="after")
     def _check(self) -> "CsvFormat":
@@ -105,16 +93,12 @@ class CsvFormat:
 
 @table(frozen=True, slots=True, config=_TABLE)
 class BagFormat:
-    """What of a bag is read.
+    """What of a bag is read."""
 
-    Attributes:
-        topic: Topic with joint states, None where there is only one.
-        joints: Names of the joints in the bag, joint 1 first; empty for the URDF's.
-        time: "header" for the time in the messages, "record" for that of recording.
-    """
-
-    topic: str | None = None
+    topic: str | None = None  # topic with joint states, None where there is only one
+    # Names of the joints in the bag, joint 1 first; empty for the URDF's.
     joints: tuple[str, ...] = ()
+    # "header" for the time in the messages, "record" for that of recording.
     time: Literal["header", "record"] = "header"
 
     @model_validator(mode="after")
@@ -126,20 +110,12 @@ class BagFormat:
 
 @table(frozen=True, slots=True, config=_TABLE)
 class ColumnMap:
-    """The checked content of a COLUMNS.toml.
-
-    Attributes:
-        time: Column of time.
-        time_unit: "s", "ms" or "us".
-        time_scale: Factor on time, after its unit.
-        signals: Joint signals that the map names; others keep their default columns.
-        csv: How text logs are written.
-        bag: What of a bag is read.
-    """
+    """The checked content of a COLUMNS.toml."""
 
     time: str = "t"
-    time_unit: str = "s"
-    time_scale: float = 1.0
+    time_unit: str = "s"  # "s", "ms" or "us"
+    time_scale: float = 1.0  # factor on time, after its unit
+    # Joint signals that the map names; others keep their default columns.
     signals: Mapping[str, SignalMap] = field(default_factory=dict)
     csv: CsvFormat = CsvFormat()
     bag: BagFormat = BagFormat()
@@ -180,9 +156,6 @@ def columns_of(robot: Robot, path: str | Path | None = None) -> ColumnMap | None
 
     Args:
         path: COLUMNS.toml; None for what the robot.toml says under [columns].
-
-    Returns:
-        The map, None where nothing says one.
     """
     if path:
         return load_columns(path)
@@ -245,13 +218,7 @@ def _split(name: str) -> tuple[str, int | None]:
 
 @dataclass(frozen=True, slots=True)
 class Selection:
-    """The columns of a log that are read.
-
-    Attributes:
-        time: Column of time.
-        signals: Signals found, by name.
-        ignored: Columns that are not read.
-    """
+    """The columns of a log that are read."""
 
     time: str
     signals: Mapping[str, SignalMap]
@@ -352,9 +319,7 @@ def to_link_side(name: str, raw: Array, signal: SignalMap, robot: Robot) -> Arra
     its transpose, since both sides carry the same power.
 
     Args:
-        name: "q", "qd", "qdd", "q_ref" or "tau".
         raw: Readings. Shape (n, dof).
-        robot: Gears and torque per logged unit.
 
     Returns:
         Values in SI units, link side. Shape (n, dof).

@@ -54,35 +54,20 @@ _BEST = 0.3  # relative: velocities that are the angles' own, whatever made them
 
 @dataclass(frozen=True, slots=True)
 class Draft:
-    """A map as it may be.
+    """A map as it may be."""
 
-    Attributes:
-        columns: The map, with what was found.
-        format: Name of the preset that the log has, None for none.
-        doubts: What is not certain, by the line that it concerns: "time", "csv", "bag"
-            or a signal.
-        optional: Signals that were found and are not needed.
-        missing: Of time, q and tau those that were not found.
-        rest: Columns that no line has.
-    """
-
-    columns: ColumnMap
-    format: str | None
+    columns: ColumnMap  # the map, with what was found
+    format: str | None  # name of the preset that the log has, None for none
+    # What is not certain, by the line that it concerns: "time", "csv", "bag" or a
+    # signal.
     doubts: Mapping[str, tuple[str, ...]]
-    optional: Mapping[str, SignalMap]
-    missing: tuple[str, ...]
-    rest: tuple[str, ...]
+    optional: Mapping[str, SignalMap]  # signals that were found and are not needed
+    missing: tuple[str, ...]  # of time, q and tau those that were not found
+    rest: tuple[str, ...]  # columns that no line has
 
 
 def draft(path: Path, robot: Robot, format: str | None = None) -> Draft:
-    """Draft the map of a log.
-
-    Args:
-        format: Name of the preset; None to find out.
-
-    Raises:
-        InputError: If the file is no log, or has no such preset.
-    """
+    """Draft the map of a log."""
     if format is not None:
         check_name(format, PRESETS, "format of a log")
     joints = tuple(robot.model.names)[1:]

@@ -61,35 +61,23 @@ UNIT_WORDS = {
 
 @dataclass(frozen=True, slots=True)
 class Column:
-    """What a format calls a signal.
+    """What a format calls a signal."""
 
-    Attributes:
-        name: Column, with "#" for the number of the joint.
-        unit: Unit that the format gives it.
-        note: What a user should know of it; empty for nothing.
-    """
-
-    name: str
-    unit: str
-    note: str = ""
+    name: str  # column, with "#" for the number of the joint
+    unit: str  # unit that the format gives it
+    note: str = ""  # what a user should know of it; empty for nothing
 
 
 @dataclass(frozen=True, slots=True)
 class Preset:
-    """A log format of a maker.
+    """A log format of a maker."""
 
-    Attributes:
-        about: Whose it is.
-        time: Its columns of time, the best first.
-        signals: Its columns by signal, the best first; empty where the maker publishes
-            no names, and only what follows is known.
-        angle: Unit of angles whose names and file say none.
-    """
-
-    about: str
-    time: tuple[Column, ...] = ()
+    about: str  # whose it is
+    time: tuple[Column, ...] = ()  # its columns of time, the best first
+    # Its columns by signal, the best first; empty where the maker publishes no names,
+    # and only what follows is known.
     signals: Mapping[str, tuple[Column, ...]] = field(default_factory=dict)
-    angle: str | None = None
+    angle: str | None = None  # unit of angles whose names and file say none
 
 
 _CURRENT = "a motor current: robot.toml needs torque_per_unit, N m at the link per A"
@@ -145,19 +133,13 @@ PRESETS: Mapping[str, Preset] = {
 
 @dataclass(frozen=True, slots=True)
 class Family:
-    """Columns that differ in the number, or in the name, of a joint.
+    """Columns that differ in the number, or in the name, of a joint."""
 
-    Attributes:
-        name: Their name, with "#" for what differs.
-        columns: One for each joint, joint 1 first.
-        more: Columns of the same name beyond the joints of the robot.
-        named: Whether they have the names of the URDF's joints.
-    """
-
-    name: str
-    columns: tuple[str, ...]
+    name: str  # their name, with "#" for what differs
+    columns: tuple[str, ...]  # one for each joint, joint 1 first
+    # Columns of the same name beyond the joints of the robot.
     more: tuple[str, ...] = ()
-    named: bool = False
+    named: bool = False  # whether they have the names of the URDF's joints
 
     @property
     def words(self) -> tuple[str, ...]:

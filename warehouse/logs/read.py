@@ -60,9 +60,6 @@ def whole_rows(t: Array, where: str) -> tuple[Array, tuple[Doubt, ...]]:
 
     Args:
         t: Times [s]. Shape (n,).
-
-    Returns:
-        Which rows to keep, shape (n,); and what is wrong with the others.
     """
     t = np.where(np.abs(t) < LARGEST, t, np.nan)
     wrong = time_fault(t, where)
@@ -80,9 +77,6 @@ def finite_rows(
 
     Args:
         signals: Values by name. Shapes (n, dof).
-
-    Returns:
-        Which rows to keep, shape (n,); and what is wrong with the others.
     """
     # Not a number compares as false.
     bad = {k: ~((x > -LARGEST) & (x < LARGEST)) for k, x in signals.items()}
@@ -111,12 +105,6 @@ def put_away(values: Array) -> Array:
 
     They lie where the system keeps files that nobody has named (TMPDIR), and are gone
     with the last use of them.
-
-    Args:
-        values: Samples. Shape (n, ...).
-
-    Returns:
-        The same, not to be written to.
     """
     values = np.ascontiguousarray(values, dtype=float)
     if values.nbytes >= LARGE:
@@ -136,7 +124,6 @@ def open_log(path: Path, columns: ColumnMap, joints: Sequence[str]) -> LogFile:
 
     Args:
         path: An existing file, or the folder of a ROS 2 bag.
-        columns: How text is written, and what of a bag is read.
         joints: Names of the robot's joints in the URDF, joint 1 first.
     """
     head = b"" if path.is_dir() else _head(path)
@@ -189,38 +176,24 @@ def _head(path: Path) -> bytes:
 
 @dataclass(frozen=True, slots=True)
 class Understood:
-    """What was read, what was not, and what was converted.
+    """What was read, what was not, and what was converted."""
 
-    Attributes:
-        id: Label of the recording.
-        file: File as the user wrote it, without the window.
-        window: Window as the user wrote it, None for the whole log.
-        rows: Number of samples.
-        rate: Mean sample rate [Hz].
-        duration: From the first to the last sample [s].
-        used: Columns read.
-        ignored: Columns not read.
-        conversions: Every change of unit, side, sign or zero, in words.
-        warnings: What is odd but usable.
-        notes: What was understood of the file beyond its columns.
-        channels: Channel, column, unit and what else is done to it, one by one.
-        doubts: Why the samples can be none of this arm; empty for a usable log.
-        recorded_at: When the first sample was taken, UTC; None where that is not said.
-    """
-
-    id: str
-    file: str
-    window: str | None
-    rows: int
-    rate: float
-    duration: float
-    used: tuple[str, ...]
-    ignored: tuple[str, ...]
-    conversions: tuple[str, ...]
-    warnings: tuple[str, ...]
-    notes: tuple[str, ...] = ()
+    id: str  # label of the recording
+    file: str  # file as the user wrote it, without the window
+    window: str | None  # window as the user wrote it, None for the whole log
+    rows: int  # number of samples
+    rate: float  # mean sample rate [Hz]
+    duration: float  # from the first to the last sample [s]
+    used: tuple[str, ...]  # columns read
+    ignored: tuple[str, ...]  # columns not read
+    conversions: tuple[str, ...]  # every change of unit, side, sign or zero, in words
+    warnings: tuple[str, ...]  # what is odd but usable
+    notes: tuple[str, ...] = ()  # what was understood of the file beyond its columns
+    # Channel, column, unit and what else is done to it, one by one.
     channels: tuple[tuple[str, str, str, str], ...] = ()
+    # Why the samples can be none of this arm; empty for a usable log.
     doubts: tuple[Doubt, ...] = ()
+    # When the first sample was taken, UTC; None where that is not said.
     recorded_at: datetime | None = None
 
     @property
@@ -283,7 +256,6 @@ class TableLog(LogFile):
     Args:
         table: What gives a column by its name, and names its columns: a mapping, or a
             frame by its ``columns`` or ``column_names``.
-        name: What messages call it.
     """
 
     def __init__(self, table: Any, name: str) -> None:
@@ -342,9 +314,6 @@ def read_table(
 
     Args:
         table: Columns by name, 1-D; or a data frame, which is asked by name.
-
-    Raises:
-        InputError: As `read_log`.
     """
     columns = columns or columns_of(robot) or ColumnMap()
     log = TableLog(table, label)
@@ -416,7 +385,6 @@ def _samples(
 
     Args:
         table: Columns of the file by name; used up.
-        name: Name of the file, as messages begin.
     """
     with np.errstate(over="ignore", invalid="ignore"):
         t = table[chosen.time] * columns.time_unit_seconds

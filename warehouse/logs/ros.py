@@ -28,18 +28,12 @@ _FIELDS = (("position", "q"), ("effort", "tau"), ("velocity", "qd"))
 
 @dataclass(frozen=True, slots=True)
 class Message:
-    """One message of joint states.
+    """One message of joint states."""
 
-    Attributes:
-        stamp: Time in its header [ns], 0 where that was not set.
-        recorded: Time when it was recorded [ns].
-        names: Names of the joints.
-        values: Position, effort and velocity; empty where they are not sent.
-    """
-
-    stamp: int
-    recorded: int
-    names: tuple[str, ...]
+    stamp: int  # time in its header [ns], 0 where that was not set
+    recorded: int  # time when it was recorded [ns]
+    names: tuple[str, ...]  # names of the joints
+    # Position, effort and velocity; empty where they are not sent.
     values: tuple[Sequence[float], Sequence[float], Sequence[float]]
 
 
@@ -50,11 +44,7 @@ class JointStateLog(LogFile):
     called "name.position" and so on.
 
     Args:
-        name: File name, as messages begin.
-        topic: The topic.
-        messages: Its messages.
         joints: Names of the robot's joints in the URDF, joint 1 first.
-        form: What the map says.
     """
 
     def __init__(
@@ -144,11 +134,7 @@ def open_mcap(path: Path, joints: Sequence[str], form: BagFormat) -> JointStateL
 
 
 def topics(path: Path) -> dict[str, tuple[str, ...]]:
-    """Return the names of the joints in each topic of a bag; empty for another file.
-
-    Raises:
-        InputError: If it is a bag that cannot be read, or has no joint states.
-    """
+    """Return the names of the joints in each topic of a bag; empty for another file."""
     if not (path.is_dir() or path.suffix in (".bag", ".db3", ".mcap")):
         return {}
     found: dict[str, tuple[str, ...]] = {}

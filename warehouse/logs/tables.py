@@ -38,9 +38,6 @@ FIELD = "recorded_at"  # what the metadata of a Parquet file may say
 def from_seconds(seconds: float) -> datetime | None:
     """Return the moment that a clock of seconds since 1970 shows, UTC.
 
-    Args:
-        seconds: What it shows [s].
-
     Returns:
         The moment; None where the clock counts from elsewhere, as from being turned on.
     """
@@ -157,30 +154,18 @@ _MOST_ROWS = 1_000_000
 
 @dataclass(frozen=True, slots=True)
 class Layout:
-    """Where the table in a text file is.
+    """Where the table in a text file is."""
 
-    Attributes:
-        names: Line with the names of the columns, counted from 0.
-        samples: First line with samples.
-        separator: What stands between two columns.
-        units: Units that the file states, by name.
-        above: How many lines above the names are no part of the table.
-    """
-
-    names: int
-    samples: int
-    separator: str
+    names: int  # line with the names of the columns, counted from 0
+    samples: int  # first line with samples
+    separator: str  # what stands between two columns
+    # Units that the file states, by name.
     units: Mapping[str, str] = field(default_factory=dict)
-    above: int = 0
+    above: int = 0  # how many lines above the names are no part of the table
 
 
 class CsvLog(LogFile):
-    """A text file with a line of names.
-
-    Args:
-        head: The first bytes of the file.
-        form: How it is written.
-    """
+    """A text file with a line of names."""
 
     def __init__(self, path: Path, head: bytes, form: CsvFormat) -> None:
         self.name = path.name

@@ -25,21 +25,13 @@ BLOCK = 1 << 17  # samples that are looked at together
 
 @dataclass(frozen=True, slots=True)
 class Window:
-    """A span of a log: [start, end) in time from its first sample.
+    """A span of a log: [start, end) in time from its first sample."""
 
-    Attributes:
-        text: As the user wrote it, without the "@".
-        start: Start [s], or [%] of the whole time.
-        end: End, None for the end of the log.
-        start_percent: Whether start is a percentage.
-        end_percent: Whether end is a percentage.
-    """
-
-    text: str
-    start: float = 0.0
-    end: float | None = None
-    start_percent: bool = False
-    end_percent: bool = False
+    text: str  # as the user wrote it, without the "@"
+    start: float = 0.0  # start [s], or [%] of the whole time
+    end: float | None = None  # end, None for the end of the log
+    start_percent: bool = False  # whether start is a percentage
+    end_percent: bool = False  # whether end is a percentage
 
     def rows(self, t: Array, where: str) -> slice:
         """Return the rows of the window.
@@ -73,9 +65,6 @@ def split_spec(spec: str) -> tuple[Path, Window | None]:
 
     Args:
         spec: "FILE" or "FILE@start:end"; a file of the full name wins.
-
-    Returns:
-        The file, and the window or None.
     """
     path = Path(spec)
     # Those of os.path, which say no of a name that no file can have.
@@ -153,9 +142,6 @@ def check_distinct(recordings: Sequence[Recording]) -> None:
 
     Samples are compared by position and torque, not by time, since a copy may have
     another clock.
-
-    Raises:
-        InputError: Naming the first two logs that share samples.
     """
     if len(recordings) < 2:
         return
@@ -209,19 +195,12 @@ _UNITS = {"ms": 1e-3, "us": 1e-6, "ns": 1e-9}
 
 @dataclass(frozen=True, slots=True)
 class Doubt:
-    """Why a log as it was read is none of this arm.
+    """Why a log as it was read is none of this arm."""
 
-    Attributes:
-        kind: What sort of fault it is (docs/check.md).
-        joints: Its joints, from 1; () for all.
-        words: What was found and what to do, in one or two lines.
-        fatal: Whether nothing can be computed from such a log.
-    """
-
-    kind: str
-    joints: tuple[int, ...]
-    words: str
-    fatal: bool = False
+    kind: str  # what sort of fault it is (docs/check.md)
+    joints: tuple[int, ...]  # its joints, from 1; () for all
+    words: str  # what was found and what to do, in one or two lines
+    fatal: bool = False  # whether nothing can be computed from such a log
 
 
 def time_fault(t: Array, where: str) -> str | None:
@@ -229,9 +208,6 @@ def time_fault(t: Array, where: str) -> str | None:
 
     Args:
         t: Times [s]. Shape (n,).
-
-    Raises:
-        RecordingError: If there are no samples.
     """
     if len(t) < 2:
         raise RecordingError(f"{where} has {len(t)} samples, expected a log of 2 s.")

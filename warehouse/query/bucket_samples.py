@@ -31,11 +31,7 @@ _ALWAYS = datetime(2020, 1, 1, tzinfo=UTC)
 
 
 class BucketSamples(AbstractFileSystem):
-    """The samples of the runs of one store, as ``modelgap://samples/...``.
-
-    Args:
-        store: The mirror of the store.
-    """
+    """The samples of the runs of one store, as ``modelgap://samples/...``."""
 
     protocol = PROTOCOL
     cachable = False

@@ -69,14 +69,7 @@ WORKING, LARGEST = 0.5, 0.25
 
 
 def check_reads_only(connection: duckdb.DuckDBPyConnection, query: str) -> str:
-    """Return the text of a query if all it can do is read.
-
-    Args:
-        connection: Any connection; nothing is executed but the parser.
-
-    Raises:
-        InputError: If it is anything else, or no SQL.
-    """
+    """Return the text of a query if all it can do is read."""
     if len(query) > LONGEST:
         raise InputError(
             f"The query has {len(query)} characters, at most {LONGEST} are taken."

@@ -35,21 +35,13 @@ _QUERY = """
 
 @dataclass(frozen=True, slots=True)
 class Relative:
-    """A record in a tree of relatives.
-
-    Attributes:
-        id: Its id.
-        kind: Name of its kind; None where it is not in this store.
-        role: What it was to the one above it, or that one to it; "" at the root.
-        again: Whether it stands elsewhere in the tree, with its relatives.
-        relatives: Those below it.
-    """
+    """A record in a tree of relatives."""
 
     id: str
-    kind: str | None
-    role: str = ""
-    again: bool = False
-    relatives: tuple["Relative", ...] = ()
+    kind: str | None  # name of its kind; None where it is not in this store
+    role: str = ""  # what it was to the one above it, or that one to it; "" at the root
+    again: bool = False  # whether it stands elsewhere in the tree, with its relatives
+    relatives: tuple["Relative", ...] = ()  # those below it
 
 
 def tree(store: Store, id: str, down: bool = False) -> Relative:
@@ -94,17 +86,11 @@ def _grown(
 
 @dataclass(frozen=True, slots=True)
 class Old:
-    """A run that nothing refers to.
-
-    Attributes:
-        id: Its id.
-        folder: Its folder.
-        size: Bytes of its files.
-    """
+    """A run that nothing refers to."""
 
     id: str
     folder: Path
-    size: int
+    size: int  # bytes of its files
 
 
 def old_runs(
@@ -114,7 +100,6 @@ def old_runs(
 
     Args:
         days: How old they are at least, by their recording, else by their commit [d].
-        robot: Name of the robot, None for all.
     """
     before = datetime.now(UTC).replace(tzinfo=None) - timedelta(days=days)
     asked = {"before": before, "robot": robot, "keep": list(keep)}
@@ -129,9 +114,6 @@ def move_away(store: Path, old: Old, to: Path) -> Path:
 
     Copied first, and out of the store at once: a kill leaves it in the store or in
     both, whole. Its sealed half goes with it.
-
-    Raises:
-        InputError: If the folder is in the store, or the store in a bucket.
     """
     to = to.resolve()
     if bucket_of(store):

@@ -37,36 +37,22 @@ MOST = 4_000_000
 
 @dataclass(frozen=True, slots=True)
 class Pack:
-    """One file with the samples of many runs.
+    """One file with the samples of many runs."""
 
-    Attributes:
-        file: Its path.
-        held: Signals and number of joints of its runs.
-        runs: Ids of its runs.
-        sums: Sums of the file (``files.sums_of``).
-    """
-
-    file: str
-    held: Held
-    runs: frozenset[str]
-    sums: Mapping
+    file: str  # its path
+    held: Held  # signals and number of joints of its runs
+    runs: frozenset[str]  # ids of its runs
+    sums: Mapping  # sums of the file (``files.sums_of``)
 
 
 @dataclass(frozen=True, slots=True)
 class Packed:
-    """What a compaction did.
+    """What a compaction did."""
 
-    Attributes:
-        runs: How many runs are in packs now.
-        files: How many files these are.
-        size: Their size [bytes].
-        left: How many runs are not, being large or damaged.
-    """
-
-    runs: int
-    files: int
-    size: int
-    left: int
+    runs: int  # how many runs are in packs now
+    files: int  # how many files these are
+    size: int  # their size [bytes]
+    left: int  # how many runs are not, being large or damaged
 
 
 def read_packs(store: Path, folders: Mapping[str, str]) -> tuple[Pack, ...]:
@@ -89,7 +75,6 @@ def write_packs(
     """Copy small runs into packs; those of before are replaced.
 
     Args:
-        groups: Files with samples by the signals and joints that they hold.
         largest: Size of a file that still counts as small [bytes].
     """
     folder = store / INDEX

@@ -138,11 +138,7 @@ def needs_damaged(lines: Iterable[str]) -> str:
 
 
 def open_store(path: Path | str) -> "Store":
-    """Open a store for reading.
-
-    Args:
-        path: Folder of the store, or its address in a bucket.
-    """
+    """Open a store for reading."""
     word = str(path)
     folder = mirror_of(word) if is_address(word) else Path(path).resolve()
     if not folder.is_dir():
@@ -156,11 +152,7 @@ def open_store(path: Path | str) -> "Store":
 
 
 class Store:
-    """An opened store; it sees what others commit meanwhile.
-
-    Attributes:
-        path: Its folder.
-    """
+    """An opened store; it sees what others commit meanwhile."""
 
     def __init__(self, path: Path) -> None:
         self.path = path

@@ -202,11 +202,7 @@ def signal_rows() -> pa.Table:
 
 
 def attach(store: Path, file: Path) -> tuple[str, ...]:
-    """Write a database of the views of a store; one that is there is replaced.
-
-    Raises:
-        InputError: If the store is in a bucket, or the file cannot be written.
-    """
+    """Write a database of the views of a store; one that is there is replaced."""
     if bucket_of(store) is not None:
         raise InputError(
             "--attach needs a store in a folder: views on a bucket need its keys, "
