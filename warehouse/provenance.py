@@ -6,17 +6,16 @@ The commit of the program is what git says in a checkout; a wheel has it in a fi
 was written when it was built (`setup.py`).
 """
 
-import ast
 import gzip
 import hashlib
 import platform
-import re
 import subprocess
 import zlib
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from functools import cache
 from importlib.metadata import PackageNotFoundError, distributions, version
+from modulefinder import ModuleFinder
 from pathlib import Path
 
 from residual.errors import InputError
@@ -29,7 +28,6 @@ PACKAGES = ("flows", "residual", "sim", "warehouse")
 WATCHED = (*PACKAGES, "pyproject.toml", "requirements.lock", "requirements-dev.lock")
 LARGEST = 1_000_000  # bytes of a patch that is still kept
 _NAMED = 20  # files that are named; the others are counted
-_PLAIN = re.compile(r"[\w./@+-]+")
 
 
 # Named in the manifest; all others are in the hash of the environment.
@@ -81,18 +79,21 @@ def uncommitted(root: Path = ROOT) -> Changes | None:
     """Return the changes as they were when first asked for; None for no checkout."""
     if not is_checkout(root):
         return None
-    plain = ("--no-ext-diff", "--no-textconv", "--no-color", "--relative")
+    plain = ("--no-ext-diff", "--no-textconv", "--no-color", "--binary", "--full-index")
     paths = ("--", *WATCHED)
-    patch = git(root, "diff", "--binary", "--full-index", *plain, "HEAD", *paths)
+    patch = git(root, "diff", *plain, "--relative", "HEAD", *paths)
     changed = git(root, "diff", "--name-only", "--relative", "-z", "HEAD", *paths)
     new = git(root, "ls-files", "--others", "--exclude-standard", "-z", *paths)
     if patch is None or changed is None or new is None:
         return None
-    added = sorted(name for name in new.decode("utf-8", "replace").split("\0") if name)
-    whole = patch + b"".join(_as_new(root, name) for name in added)
-    files = (*filter(None, changed.decode("utf-8", "replace").split("\0")), *added)
+    known, added = (
+        [name for name in listed.decode("utf-8", "replace").split("\0") if name]
+        for listed in (changed, new)
+    )
+    as_new = ("diff", "--no-index", *plain, "--", "/dev/null")
+    whole = patch + b"".join(git(root, *as_new, name) or b"" for name in added)
     sha256 = hashlib.sha256(whole).hexdigest() if whole else None
-    return Changes(tuple(files), whole, sha256)
+    return Changes((*known, *added), whole, sha256)
 
 
 def git(root: Path, *words: str) -> bytes | None:
@@ -102,34 +103,11 @@ def git(root: Path, *words: str) -> bytes | None:
             ["git", "--no-optional-locks", "-C", str(root), *words],
             capture_output=True,
             timeout=10,
-            check=True,
         )
     except (OSError, subprocess.SubprocessError):
         return None
-    return done.stdout
-
-
-def _as_new(root: Path, name: str) -> bytes:
-    """Return a file that git does not know, as a patch that adds it."""
-    try:
-        content = (root / name).read_bytes()
-    except OSError:
-        return b""
-    if not content:
-        return f"diff --git a/{name} b/{name}\nnew file mode 100644\n".encode()
-    if b"\0" in content or not _PLAIN.fullmatch(name):
-        # A remark between two patches, which git passes over.
-        told = hashlib.sha256(content).hexdigest()
-        return f"not in this patch: {name}, sha256 {told}\n".encode()
-    lines = content.split(b"\n")
-    whole = not lines[-1]
-    lines = lines[:-1] if whole else lines
-    head = (
-        f"diff --git a/{name} b/{name}\nnew file mode 100644\n"
-        f"--- /dev/null\n+++ b/{name}\n@@ -0,0 +1,{len(lines)} @@\n"
-    )
-    body = b"".join(b"+" + line + b"\n" for line in lines)
-    return head.encode() + body + (b"" if whole else b"\\ No newline at end of file\n")
+    # 1: two files differ.
+    return done.stdout if done.returncode in (0, 1) else None
 
 
 @dataclass(frozen=True, slots=True)
@@ -219,45 +197,17 @@ def _hash_files(files: Iterable[Path], root: Path) -> str:
 def plant_files(root: Path = ROOT) -> tuple[Path, ...]:
     """Return the files that ``plant_code_hash`` is of, in order."""
     files = {p for p in (root / "sim").rglob("*") if _counts(p)}
-    todo = [p for p in files if p.suffix == ".py"]
-    while todo:
-        new = _imported(todo.pop(), root) - files
-        files |= new
-        todo += new
+    finder = ModuleFinder([str(root)])
+    for path in files:
+        if path.suffix == ".py":
+            parts = path.relative_to(root).with_suffix("").parts
+            finder.import_hook(".".join(parts).removesuffix(".__init__"))
+    files |= {Path(m.__file__) for m in finder.modules.values() if m.__file__}
     return tuple(sorted(files, key=lambda p: p.relative_to(root).as_posix()))
 
 
 def _counts(path: Path) -> bool:
     return path.is_file() and "__pycache__" not in path.parts
-
-
-def _imported(path: Path, root: Path) -> set[Path]:
-    """Return the files of ``residual`` that one file imports anywhere in it."""
-    names = set()
-    for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
-        if isinstance(node, ast.Import):
-            names |= {alias.name for alias in node.names}
-        elif isinstance(node, ast.ImportFrom):
-            names |= _from_names(node, path, root)
-    ours = {name for name in names if name.split(".")[0] == "residual"}
-    return {file for name in ours for file in _files_of(name, root)}
-
-
-def _from_names(node: ast.ImportFrom, path: Path, root: Path) -> set[str]:
-    base = path.relative_to(root).parent.parts
-    above = base[: len(base) - node.level + 1] if node.level else ()
-    module = ".".join([*above, *([node.module] if node.module else [])])
-    return {module, *(f"{module}.{alias.name}" for alias in node.names)}
-
-
-def _files_of(name: str, root: Path) -> list[Path]:
-    """Return the files that are run when a module is imported: packages first."""
-    parts = name.split(".")
-    packages = [
-        root.joinpath(*parts[:k], "__init__.py") for k in range(1, len(parts) + 1)
-    ]
-    module = root.joinpath(*parts).with_suffix(".py")
-    return [path for path in [*packages, module] if path.is_file()]
 
 
 @cache
@@ -318,15 +268,7 @@ def keep_made_with(store: Path) -> None:
 def files_of(store: Path, known: Mapping | None) -> list[Path]:
     """Return the kept files that a record's provenance names, those that are there."""
     changes = ((known or {}).get("uncommitted") or {}).get("sha256")
-    names = [
-        name
-        for hash, name in (
-            (changes, _patch(changes)),
-            ((known or {}).get("environment_hash"), _list(known)),
-        )
-        if hash
-    ]
-    paths = [store / MADE_WITH / name for name in names]
+    paths = [store / MADE_WITH / name for name in (_patch(changes), _list(known))]
     for path in paths:
         ensure_local(path)
     return [path for path in paths if path.is_file()]

@@ -336,23 +336,19 @@ class Kind:
     needed: tuple[str, ...] = ("created",)
     # That row: columns of the view, then the nested ones.
     fields: pa.Schema = field(init=False, compare=False)
-
-    @property
-    def folder(self) -> str:
-        """Its folder in the store."""
-        return "samples" if self.name == "runs" else self.name
-
-    @property
-    def row(self) -> str:
-        """The file of a record with its one catalogue row."""
-        return f"_{self.key.removesuffix('_id')}.parquet"
+    folder: str = field(init=False)  # in the store
+    row: str = field(init=False)  # the file of a record with its one catalogue row
 
     def __post_init__(self) -> None:
         own = [c.field for c in VIEWS[self.name] if c.name != "quarantined"]
         if self.name == "runs":
             own.append(pa.field("signals", pa.list_(TEXT)))
         rows = (pa.field(view, nested(view)) for view in self.lists)
+        folder = "samples" if self.name == "runs" else self.name
+        row = f"_{self.key.removesuffix('_id')}.parquet"
         object.__setattr__(self, "fields", pa.schema([*own, *rows]))
+        object.__setattr__(self, "folder", folder)
+        object.__setattr__(self, "row", row)
 
 
 KINDS = {
