@@ -9,7 +9,7 @@ in them the profile (AWS_PROFILE, ~/.aws) as botocore reads it.
 import ipaddress
 import os
 import re
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
 from datetime import UTC, datetime, timedelta
@@ -83,7 +83,7 @@ def settings() -> dict:
     region = region or (profile and profile.region) or "us-east-1"
     asked: dict = {"region": region, **_endpoint(endpoint)}
     if profile:
-        asked["credential_provider"] = profile.provider()
+        asked["credential_provider"] = profile.keys
     return asked
 
 
@@ -142,19 +142,15 @@ class _Profile:
                 "AWS_SECRET_ACCESS_KEY, or AWS_PROFILE."
             )
 
-    def provider(self) -> Callable[[], dict]:
-        """Return what gives the keys of the moment, as obstore asks for them."""
-
-        def keys() -> dict:
-            now = self._found.get_frozen_credentials()
-            return {
-                "access_key_id": now.access_key,
-                "secret_access_key": now.secret_key,
-                "token": now.token,
-                "expires_at": datetime.now(UTC) + _FRESH,
-            }
-
-        return keys
+    def keys(self) -> dict:
+        """Return the keys of the moment, as obstore asks for them."""
+        now = self._found.get_frozen_credentials()
+        return {
+            "access_key_id": now.access_key,
+            "secret_access_key": now.secret_key,
+            "token": now.token,
+            "expires_at": datetime.now(UTC) + _FRESH,
+        }
 
 
 class BucketError(InputError):

@@ -39,7 +39,8 @@ from warehouse.mirror import bucket_of
 from warehouse.provenance import about_origin
 from warehouse.schema import INDEX, KINDS, Kind
 
-# So many rows may be outside of the catalogue files before who reads them adds them.
+# So many rows may be outside of the catalogue files before who reads them adds them:
+# reading one costs a millisecond, writing all of them as much as reading some dozens.
 _SPARE = 32
 Places = Mapping[str, Mapping[str, str]]
 Rows = Mapping[str, pa.Table]
@@ -59,26 +60,28 @@ class Catalogue:
     damaged: Mapping[str, Sequence[str]]
 
 
-def read_new(
-    ids: Sequence[str], kind: Kind, folders: Mapping[str, str]
-) -> tuple[list[pa.Table], list[str]]:
-    """Return rows that are read from the records, and what is damaged of them."""
-    new, damaged = [], []
-    for id in ids:
+def _filled(
+    known: pa.Table, kind: Kind, folders: Mapping[str, str]
+) -> tuple[pa.Table, pa.Table, tuple[str, ...]]:
+    """Return all rows, those read from records now, and what is damaged of them."""
+    missing = folders.keys() - set(known.column(kind.key).to_pylist())
+    new, damaged = [kind.fields.empty_table()], []
+    for id in sorted(missing):
         try:
             new.append(_read_row(Path(folders[id]) / kind.row, kind))
         except InputError as error:
             damaged.append(str(error))
-    return new, damaged
+    read = pa.concat_tables(new)
+    rows = pa.concat_tables([known, read]).combine_chunks()
+    rows = rows.sort_by([("created", "ascending"), (kind.key, "ascending")])
+    return rows, read, tuple(damaged)
 
 
 def _read_row(path: Path, kind: Kind) -> pa.Table:
     """Read one catalogue row; columns of another version are left out or null."""
-    table = (
-        _with_origin(read_parquet(path))
-        if kind.name == "runs"
-        else (read_parquet(path))
-    )
+    table = read_parquet(path)
+    if kind.name == "runs":
+        table = _with_origin(table)
     columns = [
         table.column(field.name).cast(field.type)
         if field.name in table.column_names
@@ -100,15 +103,14 @@ def _with_origin(table: pa.Table) -> pa.Table:
     return table
 
 
-def read_bucket(store: Path, before: Catalogue | None = None) -> Catalogue:
-    """List a store, and bring its catalogue up to date where that pays."""
+def _read_bucket(store: Path, before: Catalogue | None) -> Catalogue:
     listing = read_listing(store)
     if not listing.head.number:
         return rebuild(store)[0]
     if before is not None and before.folders == _folders(store, listing.places):
         return before
     known = {k: read_rows(store, listing.head, kind) for k, kind in KINDS.items()}
-    catalogue, new = _filled(store, listing.places, known)
+    catalogue, new = _of_bucket(store, listing.places, known)
     if sum(map(len, new.values())) > _SPARE:
         # Who may only read is served too, only slower.
         with suppress(InputError):
@@ -123,7 +125,7 @@ def rebuild(store: Path) -> tuple[Catalogue, bool]:
         The catalogue, and whether it could be written.
     """
     none = {name: kind.fields.empty_table() for name, kind in KINDS.items()}
-    catalogue, rows = _filled(store, all_records(store), none)
+    catalogue, rows = _of_bucket(store, all_records(store), none)
     with suppress(InputError):
         return catalogue, replace(store, rows)
     return catalogue, False
@@ -137,18 +139,14 @@ def _folders(store: Path, places: Places) -> dict[str, dict[str, str]]:
     }
 
 
-def _filled(store: Path, places: Places, known: Rows) -> tuple[Catalogue, Rows]:
+def _of_bucket(store: Path, places: Places, known: Rows) -> tuple[Catalogue, Rows]:
     """Return the catalogue, and those of its rows that were read from records."""
     folders, rows, new, damaged = _folders(store, places), {}, {}, {}
     for name, kind in KINDS.items():
         missing = folders[name].keys() - set(known[name].column(kind.key).to_pylist())
-        wanted = sorted(missing)
-        bring_rows(store, [(name, id) for id in wanted], places)
-        read, bad = read_new(wanted, kind, folders[name])
-        new[name] = pa.concat_tables([kind.fields.empty_table(), *read])
-        both = pa.concat_tables([known[name], new[name]]).combine_chunks()
-        rows[name] = both.sort_by([("created", "ascending"), (kind.key, "ascending")])
-        damaged[name] = tuple(bad)
+        bring_rows([Path(folders[name][id], kind.row) for id in missing])
+        read = _filled(known[name], kind, folders[name])
+        rows[name], new[name], damaged[name] = read
     return Catalogue(folders, rows, damaged), new
 
 
@@ -174,7 +172,7 @@ def flush() -> None:
             _write(key, rows)
 
 
-def read_segments(store: Path, kind: Kind) -> tuple[list[pa.Table], list[Path]]:
+def _read_segments(store: Path, kind: Kind) -> tuple[list[pa.Table], list[Path]]:
     """Return what writers left, and the files it is in; what is torn is no loss."""
     tables, files = [], sorted((store / INDEX).glob(f"{kind.name}-*.parquet"))
     for file in files:
@@ -183,13 +181,6 @@ def read_segments(store: Path, kind: Kind) -> tuple[list[pa.Table], list[Path]]:
             if table.schema.equals(kind.fields):
                 tables.append(table)
     return tables, files
-
-
-def drop_segments(files: Sequence[Path]) -> None:
-    """Remove segments whose rows are in the index now."""
-    for file in files:
-        with suppress(OSError):
-            file.unlink()
 
 
 def _write(key: tuple[str, str], rows: list[pa.Table]) -> None:
@@ -218,10 +209,6 @@ atexit.register(flush)
 os.register_at_fork(after_in_child=forget_waiting)
 
 
-# So many rows may be outside the index before it is written again: reading one costs
-# about a millisecond, writing all of them as much as reading some dozens.
-
-
 def read_catalogue(store: Path, before: Catalogue | None = None) -> Catalogue:
     """List a store, and bring its index up to date where that pays.
 
@@ -229,37 +216,38 @@ def read_catalogue(store: Path, before: Catalogue | None = None) -> Catalogue:
         before: What was read earlier; it is given back if nothing has changed.
     """
     if bucket_of(store):
-        return read_bucket(store, before)
+        return _read_bucket(store, before)
     folders = {kind: list_folders(store, kind) for kind in KINDS}
     if before is not None and before.folders == folders:
         return before
     rows, damaged = {}, {}
     for kind in KINDS.values():
-        rows[kind.name], bad = _rows(store, kind, folders[kind.name], before)
-        damaged[kind.name] = tuple(bad)
+        found = _rows(store, kind, folders[kind.name], before)
+        rows[kind.name], damaged[kind.name] = found
     return Catalogue(folders, rows, damaged)
 
 
 def _rows(
     store: Path, kind: Kind, folders: Mapping[str, str], before: Catalogue | None
-) -> tuple[pa.Table, list[str]]:
+) -> tuple[pa.Table, tuple[str, ...]]:
     old = before.rows[kind.name] if before else _read_index(store, kind)
-    parts, merged = [_once(old, kind, folders)], []
-    gone = len(old) - len(parts[0])
-    if len(folders) > len(parts[0]) + (_SPARE if before else 0):
-        left, merged = read_segments(store, kind)
-        parts = [_once(pa.concat_tables([*parts, *left]), kind, folders)]
-    missing = folders.keys() - set(parts[0].column(kind.key).to_pylist())
-    new, damaged = read_new(sorted(missing), kind, folders)
-    rows = pa.concat_tables([*parts, *new])
+    known, merged = _once(old, kind, folders), []
+    gone = len(old) - len(known)
+    if len(folders) > len(known) + (_SPARE if before else 0):
+        left, merged = _read_segments(store, kind)
+        known = _once(pa.concat_tables([known, *left]), kind, folders)
+    rows, _, damaged = _filled(known, kind, folders)
     added = len(rows) - len(old) + gone
     if not added and not gone:
         return old, damaged
-    rows = rows.combine_chunks()
-    rows = rows.sort_by([("created", "ascending"), (kind.key, "ascending")])
     if before is None and (added > _SPARE or 4 * added >= len(old) or gone):
-        _write_index(store, kind, rows)
-        drop_segments(merged)
+        # A store that one may only read is still read, only slower.
+        with suppress(OSError):
+            sweep_staging(store)
+            replace_file(store, store / INDEX / f"{kind.name}.parquet", rows)
+        for file in merged:
+            with suppress(OSError):
+                file.unlink()
     return rows, damaged
 
 
@@ -280,10 +268,3 @@ def _read_index(store: Path, kind: Kind) -> pa.Table:
         if table.schema.equals(kind.fields):
             return table
     return kind.fields.empty_table()
-
-
-def _write_index(store: Path, kind: Kind, rows: pa.Table) -> None:
-    # A store that one may only read is still read, only slower.
-    with suppress(OSError):
-        sweep_staging(store)
-        replace_file(store, store / INDEX / f"{kind.name}.parquet", rows)

@@ -98,22 +98,15 @@ def check_file(path: Path, blocks: Collection[int] | None = None) -> bool:
 
 def check_blocks(path: Path, known: Mapping, blocks: Collection[int] | None) -> None:
     """Check blocks of a file against its sums (`sums_of`)."""
-    size, sums = known["bytes"], known["blocks"]
-    count = len(sums) // _CRC
+    size, sums = known["bytes"], block_sums(known)
     try:
-        handle = os.open(path, os.O_RDONLY)
-        try:
-            if os.fstat(handle).st_size != size:
+        with path.open("rb") as file:
+            if os.fstat(file.fileno()).st_size != size:
                 raise damaged(path, f"it had {size} bytes when it was written")
-            for number in range(count) if blocks is None else blocks:
-                given = crc(os.pread(handle, BLOCK, number * BLOCK))
-                if (
-                    number < count
-                    and given != sums[number * _CRC : (number + 1) * _CRC]
-                ):
+            for number in range(len(sums)) if blocks is None else blocks:
+                block = os.pread(file.fileno(), BLOCK, number * BLOCK)
+                if number < len(sums) and crc(block) != sums[number]:
                     raise damaged(path, "its bytes are not those that were written")
-        finally:
-            os.close(handle)
     except OSError as error:
         raise damaged(path, error.strerror or str(error)) from error
 
@@ -203,9 +196,9 @@ def to_table(arrays: Mapping[str, Array], units: Mapping[str, str]) -> pa.Table:
             )
         widths[name] = values.shape[1] if values.ndim == 2 else None
         metadata = {"unit": units.get(name, "")}
-        parts = {name: values} if values.ndim == 1 else _columns(name, values)
-        for column, part in parts.items():
-            fields.append(pa.field(column, pa.float64(), metadata=metadata))
+        parts = [("", values)] if values.ndim == 1 else enumerate(values.T, 1)
+        for number, part in parts:
+            fields.append(pa.field(f"{name}{number}", pa.float64(), metadata=metadata))
             columns.append(pa.array(part))
     schema = pa.schema(fields, metadata={_WIDTHS: json.dumps(widths)})
     return pa.table(columns, schema=schema)
@@ -349,7 +342,3 @@ def _make_folders(folder: Path) -> None:
     _make_folders(folder.parent)
     folder.mkdir(exist_ok=True)
     sync(folder.parent)
-
-
-def _columns(name: str, values: Array) -> dict[str, Array]:
-    return {f"{name}{k + 1}": values[:, k] for k in range(values.shape[1])}

@@ -80,12 +80,6 @@ class Listing:
     places: Mapping[str, Mapping[str, str]]
 
 
-def folder_of(note: str) -> str | None:
-    """Return the folder in the store that a note is about, None if it is no note."""
-    named = _named(note)
-    return named and named[2]
-
-
 def read_listing(store: Path, kinds: Sequence[str] = tuple(KINDS)) -> Listing:
     """List the records of a store in a bucket."""
     bucket = bucket_of(store)
@@ -125,14 +119,15 @@ def read_head(bucket: Bucket) -> Head:
     return Head(0, {})
 
 
-def head_key(number: int) -> str:
-    """Return the key of a head."""
-    return f"{HEADS}/{number:0{_DIGITS}}.json"
-
-
-def head_text(head: Head) -> bytes:
-    """Return a head as its object has it."""
-    return json.dumps({"schema": 1, "files": head.files}).encode()
+def _put_head(store: Path, head: Head, rows: Mapping[str, pa.Table]) -> bool:
+    """Let a head hold, which has some new rows; False if its number is taken."""
+    bucket = bucket_of(store)
+    text = json.dumps({"schema": 1, "files": head.files}).encode()
+    if not bucket.put_if_absent(f"{HEADS}/{head.number:0{_DIGITS}}.json", text):
+        return False
+    bucket.delete(_notes(rows))
+    _clear(store, bucket, head)
+    return True
 
 
 def read_rows(store: Path, head: Head, kind: Kind) -> pa.Table:
@@ -147,18 +142,13 @@ def read_rows(store: Path, head: Head, kind: Kind) -> pa.Table:
     return rows.take(pa.array(sorted(first.values())))
 
 
-def bring_rows(
-    store: Path, records: Sequence[tuple[str, str]], places: Mapping
-) -> None:
+def bring_rows(paths: Sequence[Path]) -> None:
     """Copy the rows of several records into the mirror, some at a time."""
-    paths = [store / places[kind][id] / KINDS[kind].row for kind, id in records]
 
     def bring(path: Path) -> None:
-        try:
+        # Told by who reads it.
+        with suppress(InputError):
             ensure_local(path)
-        except InputError:
-            # Told by who reads it.
-            return
 
     with ThreadPoolExecutor(_AT_ONCE) as beside:
         list(beside.map(bring, paths))
@@ -171,12 +161,8 @@ def _places(store: Path, head: Head, kind: Kind) -> list[tuple[str, str]]:
         rows = _table(store, name, columns)
         ids = [check_id(id) for id in rows.column(kind.key).to_pylist()]
         if kind.name == "runs":
-            robots = {
-                r: check_slug(r) for r in rows.column("robot").unique().to_pylist()
-            }
-            bases = [
-                f"{kind.folder}/robot={robots[r]}" for r in rows["robot"].to_pylist()
-            ]
+            robots = map(check_slug, rows["robot"].to_pylist())
+            bases = [f"{kind.folder}/robot={robot}" for robot in robots]
         else:
             bases = [kind.folder] * len(ids)
         pairs = zip(bases, ids, strict=True)
@@ -251,9 +237,7 @@ def append(store: Path, rows: Mapping[str, pa.Table]) -> bool:
         files = {k: (*head.files.get(k, ()), *made.get(k, ())) for k in KINDS}
         new = Head(head.number + 1, files)
         new = Head(new.number, _joined(store, bucket, new))
-        if bucket.put_if_absent(head_key(new.number), head_text(new)):
-            bucket.delete(_notes(rows))
-            _clear(store, bucket, new)
+        if _put_head(store, new, rows):
             return True
     return False
 
@@ -271,12 +255,7 @@ def replace(store: Path, rows: Mapping[str, pa.Table]) -> bool:
     heads = bucket.objects(HEADS)
     number = int(heads[-1].key.rpartition("/")[2].removesuffix(".json")) if heads else 0
     files = {kind: _write(bucket, kind, table) for kind, table in rows.items()}
-    new = Head(number + 1, files)
-    if not bucket.put_if_absent(head_key(new.number), head_text(new)):
-        return False
-    bucket.delete(_notes(rows))
-    _clear(store, bucket, new)
-    return True
+    return _put_head(store, Head(number + 1, files), rows)
 
 
 def all_records(store: Path) -> dict[str, dict[str, str]]:
@@ -357,9 +336,6 @@ def _clear(store: Path, bucket: Bucket, head: Head) -> None:
 
 def _dead_notes(store: Path, bucket: Bucket, now: datetime) -> list[str]:
     """Return old notes of records that never came."""
-    out = []
-    for each in bucket.objects(TAIL):
-        place = folder_of(each.key)
-        if place and now - each.modified > _OLD_NOTE and not is_there(store / place):
-            out.append(each.key)
-    return out
+    old = [each for each in bucket.objects(TAIL) if now - each.modified > _OLD_NOTE]
+    named = [(each.key, known) for each in old if (known := _named(each.key))]
+    return [key for key, (*_, folder) in named if not is_there(store / folder)]

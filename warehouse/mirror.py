@@ -213,18 +213,18 @@ def names_in(store: Path, folder: str) -> list[str]:
 
 def sums_in(folder: Path) -> Mapping[str, Mapping]:
     """Return the sums of a record's files by name, as the list beside them has them."""
+    why: object = "it is not the list that was written"
     try:
         text = (folder / SUMS).read_bytes()
         sums = json.loads(text)["files"]
         if sums_text(sums) == text:
             return sums
-        why = "it is not the list that was written"
     except FileNotFoundError:
         raise
     except OSError as error:
-        why = str(error)
+        why = error
     except (ValueError, KeyError, TypeError, RecursionError):
-        why = "it is not the list that was written"
+        pass
     raise damaged(folder / SUMS, why)
 
 
@@ -286,7 +286,10 @@ def upload(folder: Path, target: Path) -> bool:
     store, key = place_of(target)
     bucket, begun = writable(store), monotonic()
     sums = (folder / SUMS).read_bytes()
-    objects = _objects(folder, key)
+    objects = {
+        object_key(key, name, known["sha256"]): folder / name
+        for name, known in sums_in(folder).items()
+    }
     note = note_key(key)
 
     def put(name: str, path: Path) -> None:
@@ -377,13 +380,6 @@ def _renew(mirror: Path, card: Mapping) -> None:
     if card["identity"]:
         mirror.mkdir(PRIVATE, parents=True, exist_ok=True)
     _write_card(mirror, card)
-
-
-def _objects(folder: Path, key: str) -> Mapping[str, Path]:
-    return {
-        object_key(key, name, known["sha256"]): folder / name
-        for name, known in sums_in(folder).items()
-    }
 
 
 def _commit(bucket: Bucket, key: str, sums: bytes) -> bool:

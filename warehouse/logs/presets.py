@@ -9,6 +9,8 @@ import re
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 
+from warehouse.logs.tables import UNITS
+
 _AFFIX = re.compile(r"^joint[_-]?(?=\D)|(?<=.)[_-]?joint$")
 _BRACKET = re.compile(r"[\[(]([^\[\]()#]*)[\])]\s*$")
 
@@ -43,19 +45,10 @@ WANTED = frozenset(  # what was asked of the arm, not what it did
 MEASURED = frozenset(_split("act actual meas measured msr ist state feedback fb"))
 MOTOR = frozenset(_split("motor mot drive rotor"))
 TIMES = frozenset(_split("t time times timestamp stamp zeit clock elapsed krctime"))
+# Of the units in a name; those of one letter are words of another meaning, too.
 UNIT_WORDS = {
-    "deg": "deg",
-    "degree": "deg",
-    "degrees": "deg",
-    "rad": "rad",
-    "nm": "N m",
-    "ms": "ms",
-    "msec": "ms",
-    "us": "us",
-    "ns": "ns",
-    "sec": "s",
-    "amp": "A",
-    "amps": "A",
+    **{word: UNITS[word] for word in _split("deg degrees rad nm ms us sec")},
+    **{"degree": "deg", "msec": "ms", "ns": "ns", "amp": "A", "amps": "A"},
 }
 
 

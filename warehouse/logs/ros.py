@@ -7,7 +7,7 @@ JSON.
 """
 
 import json
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
@@ -94,8 +94,47 @@ class JointStateLog(LogFile):
             self._table[column] = np.array(values, dtype=float)
 
 
+# The topics of a bag with joint states, and what reads the messages of one of them.
+Opened = tuple[list[str], Callable[[str], Iterator[Message]]]
+
+
 def open_bag(path: Path, joints: Sequence[str], form: BagFormat) -> JointStateLog:
     """Open a bag: a .bag or .db3 file, or the folder of a ROS 2 bag."""
+    with _bag(path) as opened:
+        return _log(path, opened, joints, form)
+
+
+def open_mcap(path: Path, joints: Sequence[str], form: BagFormat) -> JointStateLog:
+    """Open an MCAP file."""
+    with _mcap(path) as opened:
+        return _log(path, opened, joints, form)
+
+
+def topics(path: Path) -> dict[str, tuple[str, ...]]:
+    """Return the names of the joints in each topic of a bag; empty for another file."""
+    if not (path.is_dir() or path.suffix in (".bag", ".db3", ".mcap")):
+        return {}
+    found = {}
+    with _mcap(path) if path.suffix == ".mcap" else _bag(path) as (named, messages):
+        for topic in dict.fromkeys(named):
+            for message in messages(topic):
+                found[topic] = message.names
+                break
+    if not found:
+        _choose_topic([], BagFormat(), path.name)
+    return found
+
+
+def _log(
+    path: Path, opened: Opened, joints: Sequence[str], form: BagFormat
+) -> JointStateLog:
+    named, messages = opened
+    topic = _choose_topic(named, form, path.name)
+    return JointStateLog(path.name, topic, messages(topic), joints, form)
+
+
+@contextmanager
+def _bag(path: Path) -> Iterator[Opened]:
     try:
         from rosbags.highlevel import AnyReader
         from rosbags.typesys import Stores, get_typestore
@@ -110,17 +149,18 @@ def open_bag(path: Path, joints: Sequence[str], form: BagFormat) -> JointStateLo
         usual = get_typestore(Stores.ROS2_HUMBLE)
         with AnyReader([path], default_typestore=usual) as reader:
             ours = [c for c in reader.connections if c.msgtype in TYPES]
-            topic = _choose_topic([c.topic for c in ours], form, path.name)
-            wanted = [c for c in ours if c.topic == topic]
-            messages = (
-                _message(_fields(reader.deserialize(data, each.msgtype)), recorded)
-                for each, recorded, data in reader.messages(connections=wanted)
-            )
-            return JointStateLog(path.name, topic, messages, joints, form)
+
+            def messages(topic: str) -> Iterator[Message]:
+                wanted = [c for c in ours if c.topic == topic]
+                for each, recorded, data in reader.messages(connections=wanted):
+                    fields = _fields(reader.deserialize(data, each.msgtype))
+                    yield _message(fields, recorded)
+
+            yield [c.topic for c in ours], messages
 
 
-def open_mcap(path: Path, joints: Sequence[str], form: BagFormat) -> JointStateLog:
-    """Open an MCAP file."""
+@contextmanager
+def _mcap(path: Path) -> Iterator[Opened]:
     try:
         from mcap.reader import make_reader
         from mcap_ros2.decoder import DecoderFactory
@@ -128,46 +168,8 @@ def open_mcap(path: Path, joints: Sequence[str], form: BagFormat) -> JointStateL
         raise _extra_needed(f"Reading {path.name}, an MCAP file,") from error
     with _readable(path, "MCAP file"), path.open("rb") as file:
         reader = make_reader(file)
-        topic = _choose_topic(_topics(reader, path.name), form, path.name)
-        messages = _messages(reader, topic, DecoderFactory())
-        return JointStateLog(path.name, topic, messages, joints, form)
-
-
-def topics(path: Path) -> dict[str, tuple[str, ...]]:
-    """Return the names of the joints in each topic of a bag; empty for another file."""
-    if not (path.is_dir() or path.suffix in (".bag", ".db3", ".mcap")):
-        return {}
-    found: dict[str, tuple[str, ...]] = {}
-    with _readable(path, "ROS bag or MCAP file"):
-        for topic, message in _first_messages(path):
-            found.setdefault(topic, message.names)
-    if not found:
-        _choose_topic([], BagFormat(), path.name)
-    return found
-
-
-def _first_messages(path: Path) -> Iterator[tuple[str, Message]]:
-    """Yield a message of joint states of each topic of a bag."""
-    if path.suffix == ".mcap":
-        from mcap.reader import make_reader
-        from mcap_ros2.decoder import DecoderFactory
-
-        with path.open("rb") as file:
-            reader = make_reader(file)
-            for topic in dict.fromkeys(_topics(reader, path.name)):
-                for message in _messages(reader, topic, DecoderFactory()):
-                    yield topic, message
-                    break
-        return
-    from rosbags.highlevel import AnyReader
-    from rosbags.typesys import Stores, get_typestore
-
-    with AnyReader([path], default_typestore=get_typestore(Stores.ROS2_HUMBLE)) as bag:
-        for each in (c for c in bag.connections if c.msgtype in TYPES):
-            for told, recorded, data in bag.messages(connections=[each]):
-                fields = _fields(bag.deserialize(data, told.msgtype))
-                yield each.topic, _message(fields, recorded)
-                break
+        named = _topics(reader, path.name)
+        yield named, lambda topic: _messages(reader, topic, DecoderFactory())
 
 
 @contextmanager

@@ -23,10 +23,7 @@ from residual.errors import InputError
 from residual.recording import Array
 from warehouse.logs.columns import CsvFormat
 
-# A log file as named columns, and when it was recorded: what it says, and no guess.
-#
-# The date of the file itself is not asked: copying changes it.
-
+# When a log was recorded is what it says: copying changes the date of the file itself.
 # No clock that is set says less, and no log is of after it.
 _EARLIEST, _LATEST = datetime(2000, 1, 1, tzinfo=UTC), datetime(2100, 1, 1, tzinfo=UTC)
 _STAMP = re.compile(
@@ -108,40 +105,26 @@ class LogFile(ABC):
         """Return the values of some columns, NaN where empty."""
 
 
-# Parquet logs, and text with any separator, also with more lines above than one.
-
-
 HEAD = 1 << 16  # bytes in which the names of a file's columns must end
 _SEPARATORS = ";\t,|"
 
 
-# How units are written, and what a map calls them.
-UNITS = {
-    "s": "s",
-    "sec": "s",
-    "ms": "ms",
-    "us": "us",
-    "µs": "us",
-    "rad": "rad",
-    "deg": "deg",
-    "degrees": "deg",
-    "°": "deg",
-    "rad/s": "rad/s",
-    "deg/s": "deg/s",
-    "°/s": "deg/s",
-    "rad/s^2": "rad/s^2",
-    "rad/s2": "rad/s^2",
-    "rad/s²": "rad/s^2",
-    "deg/s^2": "deg/s^2",
-    "deg/s2": "deg/s^2",
-    "°/s²": "deg/s^2",
-    "nm": "N m",
-    "n m": "N m",
-    "n·m": "N m",
-    "n*m": "N m",
-    "a": "A",
-    "%": "%",
+# What a map calls a unit, and how it is written.
+_WRITTEN = {
+    "s": ("s", "sec"),
+    "ms": ("ms",),
+    "us": ("us", "µs"),
+    "rad": ("rad",),
+    "deg": ("deg", "degrees", "°"),
+    "rad/s": ("rad/s",),
+    "deg/s": ("deg/s", "°/s"),
+    "rad/s^2": ("rad/s^2", "rad/s2", "rad/s²"),
+    "deg/s^2": ("deg/s^2", "deg/s2", "°/s²"),
+    "N m": ("nm", "n m", "n·m", "n*m"),
+    "A": ("a",),
+    "%": ("%",),
 }
+UNITS = {word: unit for unit, words in _WRITTEN.items() for word in words}
 _COMMA = re.compile(r"[-+]?\d+,\d+(e[-+]?\d+)?", re.IGNORECASE)
 _BRACKET = re.compile(r"[\[(]([^\[\]()]*)[\])]\s*$")
 # So many lines may stand above the samples.

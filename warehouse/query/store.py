@@ -7,7 +7,6 @@ from collections.abc import Iterable, Mapping
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import suppress
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 import duckdb
 import pyarrow as pa
@@ -31,9 +30,6 @@ from warehouse.query.packs import Pack, Packed, read_packs, write_packs
 from warehouse.query.views import Held, catalogue_views, samples_view, signal_rows
 from warehouse.runs import check_samples, quarantined
 from warehouse.schema import KINDS, SAMPLES_FILE, TEXT, VIEWS
-
-if TYPE_CHECKING:
-    from warehouse.query.bucket_samples import BucketSamples
 
 _READS = """
     SELECT message FROM duckdb_logs
@@ -157,7 +153,12 @@ class Store:
     def __init__(self, path: Path) -> None:
         self.path = path
         # Where the samples are if they are in a bucket: it checks them itself.
-        self._remote = _samples_of(path)
+        self._remote = None
+        if bucket_of(path) is not None:
+            # Late: its library is a slow import, and of no use to a store in a folder.
+            from warehouse.query.bucket_samples import BucketSamples
+
+            self._remote = BucketSamples(path)
         self._connection = reads_only(path, self._remote)
         self._watched = self._remote or Watched(self._connection)
         lock(self._connection)
@@ -350,29 +351,19 @@ class Store:
             # Copies, so nothing is lost: the runs themselves are read instead.
             self._packs = ()
             return True
-        folders = self._catalogue.folders["runs"].values()
         if self._remote:
             broken = self._watched.broken()
             self._watched.forget()
             return self._drop(broken)
+        folders = self._catalogue.folders["runs"].values()
         files = {self._file(folder) for folder in folders} - set(self._left_out)
         named = {file for file in files if file in str(error)}
-        # A page that makes no sense is told without the name of its file.
-        nameless = is_of_files(error)
         before = len(self._left_out)
-        for file in sorted(named or (files if nameless else ())):
+        # A page that makes no sense is told without the name of its file.
+        for file in sorted(named or (files if is_of_files(error) else ())):
             # Read, not believed: a query may have an error and a path in its text.
             try:
                 read_parquet(Path(file))
             except InputError as told:
                 self._left_out[file] = str(told)
         return len(self._left_out) > before
-
-
-def _samples_of(path: Path) -> "BucketSamples | None":
-    if bucket_of(path) is None:
-        return None
-    # Late: its library is a slow import, and of no use to a store in a folder.
-    from warehouse.query.bucket_samples import BucketSamples
-
-    return BucketSamples(path)
