@@ -50,13 +50,8 @@ def draw_hidden(
     """Draw one hidden effect of the plant in the physics engine.
 
     Args:
-        robot: The robot; sizes scale with its torques and friction.
         name: Name of the effect; None to draw it too.
         joint: Joint from 1 (the first of a pair), None to draw it.
-
-    Raises:
-        UnknownNameError: On an unknown name.
-        InputError: If it cannot sit there.
     """
     if name is None:
         name = str(stream.choice(vocabulary() if every else usual_effects()))
@@ -73,12 +68,7 @@ def draw(robot: Robot, effect: str, rng: Rng, joint: int | None = None) -> Hidde
     """Draw one effect of usual size, on a joint where it makes sense.
 
     Args:
-        robot: The robot; sizes scale with its torques and friction.
         joint: Joint from 1 (the first of a pair), or None to draw it.
-
-    Raises:
-        UnknownNameError: On an unknown name.
-        InputError: If it cannot sit there.
     """
     what = kinds()[check_name(effect, kinds(), "effect of the plant")]
     usual = sizes(robot)

@@ -47,18 +47,14 @@ def run_experiment(
     differs from motion to motion, and with the start; the arm does not.
 
     Args:
-        robot: Description of the arm, which the controller and the twin believe.
         start: Time since the session began; the log's clock goes on from there, and
             the gears are as warm as after usual work for that long [s].
         given: What drives the arm in place of the nominal model: torque along the
             reference [N m], shape (n, dof), or a law of computed torque.
-
-    Raises:
-        InputError: On a spec that cannot be.
-        DivergedError: If the simulation runs away.
     """
     _check(reference, rates, robot.dof)
-    trace, every = drive(robot, reference, plant, start, given), every_nth(rates)
+    trace = drive(robot, reference, plant, start, given)
+    every = round(rates.control / rates.log)
     log = log_of(trace, reference, plant, rates, start)
     twin = twin_of(robot, _as_far(reference, len(trace.t)))
     truth = {**truth_of(trace, every), **_drawn(trace.arm, len(log.t))}
@@ -73,7 +69,8 @@ def log_of(
     Args:
         start: Of the log on the clock of the session [s].
     """
-    every, label, arm = every_nth(rates), motion_label(reference, start), trace.arm
+    every = round(rates.control / rates.log)
+    label, arm = motion_label(reference, start), trace.arm
     t, q = trace.t[::every], trace.rows[::every, at.READING]
     if plant.noise.encoder > 0:
         rng = stream(plant.seed, f"encoder/{label}")
@@ -86,11 +83,6 @@ def log_of(
     tau = logged(arm.own, tau + torque_noise(len(t), span, rates.log, rng), rates.log)
     q_ref = reference.q[: len(trace.t) : every]
     return Recording("", arm.robot.name, start + t, q, tau, q_ref=q_ref)
-
-
-def every_nth(rates: Rates) -> int:
-    """Return how many control steps make one sample of the log."""
-    return round(rates.control / rates.log)
 
 
 def truth_of(trace: Trace, every: int) -> Mapping[str, Array]:

@@ -118,9 +118,6 @@ def true_torque(
         active: Whether the hidden effects are there; not so when it was commissioned.
         worked: Usual work of the arm before the first sample [s], which left it warm;
             None for all of the session. Only a background feels it.
-
-    Raises:
-        InputError: If an effect is one that only the arm in the physics engine has.
     """
     hidden = acting(plant.hidden if active else ())
     for effect in hidden:

@@ -43,11 +43,7 @@ def twin_errors(
     on the motors, without the noise of the log; accelerations are their differences.
 
     Args:
-        twin: Trace of the twin on the same reference.
         every: Control steps per sample of the log.
-
-    Returns:
-        Errors at the samples of the log. Shape (n, dof) each.
     """
     rate = plant.rows[:, at.READING_RATE]
     dt = plant.t[1] - plant.t[0]
@@ -66,9 +62,6 @@ def track(robot: Robot, reference: Reference, plant: PlantSpec, torque: Array) -
     The better the model that computed the torques, the smaller the error: the
     validation by feed-forward of the paper's section 1.3.
 
-    Args:
-        torque: Feed-forward torque along the reference [N m]. Shape (n, dof).
-
     Returns:
         Read minus wanted position [rad]. Shape (n, dof).
     """
@@ -82,7 +75,6 @@ def open_loop(
     """Let the nominal model run free under given torques, a window at a time.
 
     Args:
-        reference: The motion that was measured; each window begins in its state.
         torque: Torques measured on it, at the same times [N m]. Shape (n, dof).
         window: Length of a window [s]; without feedback errors grow quickly.
 
@@ -153,9 +145,6 @@ def logged_reference(log: Recording) -> Reference:
 
     A cubic spline through the logged positions, since the controller needs their
     derivatives; the rate is the next multiple of that of the log.
-
-    Raises:
-        InputError: If the log has no reference.
     """
     if log.q_ref is None:
         raise InputError(
@@ -177,16 +166,6 @@ def log_twin_errors(robot: Robot, log: Recording) -> Mapping[str, Array]:
     have limits: the arm followed, and a body that the description lacks (a balancer)
     may ask more of them than there is. Speeds that are not logged, and accelerations,
     are differences.
-
-    Args:
-        log: What it did, with the reference that it was given.
-
-    Returns:
-        Errors at the samples of the log. Shape (n, dof) each.
-
-    Raises:
-        InputError: If the log has no reference.
-        DivergedError: If the twin cannot follow it.
     """
     reference = logged_reference(log)
     twin = twin_of(_as_described(robot), reference)

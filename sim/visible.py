@@ -70,12 +70,6 @@ def draw_visible(
     A usual one is made larger where it shows too little; where no arm has so much of
     it, another of its name is drawn. Errors of angles may show less in any arm: of
     several that one is hidden that shows most.
-
-    Args:
-        name: Name of the effect; None to draw it too.
-
-    Raises:
-        UnknownNameError: On an unknown name.
     """
     effect = draw_hidden(robot, stream, name)
     best, most = effect, -1.0

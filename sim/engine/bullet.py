@@ -34,9 +34,6 @@ def urdf_of(model: pin.Model) -> str:
 
     Inertias are written along their principal axes: Bullet's own diagonalisation of a
     full tensor is good to 1e-6 N m only. Ranges are left wide open.
-
-    Args:
-        model: Arm with revolute joints, joint 1 at the base.
     """
     parts = ['<?xml version="1.0"?>', '<robot name="arm">', _link(0, None)]
     for i in range(1, model.njoints):
@@ -154,12 +151,7 @@ class _Client:
 
 
 class World(_Client):
-    """One arm that moves by physics.
-
-    Args:
-        model: Rigid body of the arm, gravity included.
-        dt: Time step [s].
-    """
+    """One arm that moves by physics."""
 
     def __init__(self, model: pin.Model, dt: float) -> None:
         super().__init__(urdf_of(model), bullet.URDF_USE_INERTIA_FROM_FILE)
@@ -249,9 +241,6 @@ class Camera(_Client):
 
     def shot(self, q: Array) -> Array:
         """Return a picture of the arm in a posture.
-
-        Args:
-            q: Positions [rad]. Shape (dof,).
 
         Returns:
             Red, green and blue, 0 to 255. Shape (height, width, 3).

@@ -90,9 +90,6 @@ def body(model: pin.Model) -> Body:
 def clearances(arm: Body, q: Array) -> Array:
     """Return the room that every check of the arm has left.
 
-    Args:
-        q: Positions [rad]. Shape (n, dof).
-
     Returns:
         Distances between surfaces, less than 0 where they cross [m]. Shape
         (n, checks).
@@ -158,11 +155,7 @@ class Kinematics:
 
 
 def kinematics(robot: Robot, family: str) -> Kinematics:
-    """Return the kinematics of a robot.
-
-    Raises:
-        InputError: If the arm has too few joints to reach any pose.
-    """
+    """Return the kinematics of a robot."""
     if robot.dof < POSE_JOINTS:
         raise InputError(
             f"{family} leads the tool through poses in space and needs "
@@ -189,7 +182,6 @@ def inverse(
     """Return joint angles that bring the flange to a pose.
 
     Args:
-        target: Pose of the flange in the base frame.
         guess: Joint angles to start from [rad]. Shape (dof,).
         home: Posture that decides what spare joints do [rad]; None for the answer
             that Newton's method finds. Shape (dof,).
@@ -251,9 +243,6 @@ def dexterity(arm: Kinematics, q: Array) -> Array:
 
     The least singular value of the Jacobian over its largest, metres counted in arm
     lengths.
-
-    Args:
-        q: Joint angles [rad]. Shape (n, dof).
 
     Returns:
         From 0 (singular) to 1. Shape (n,).

@@ -52,11 +52,7 @@ class TrajectorySpec:
 
     @classmethod
     def from_record(cls, record: Mapping) -> "TrajectorySpec":
-        """Return the reference of a record, whose lists are tuples again.
-
-        Raises:
-            TypeError: If it has another key, or a value of another kind.
-        """
+        """Return the reference of a record, whose lists are tuples again."""
         rows = tuple(tuple(row) for row in record.get("coefficients", ()))
         return cls(**{**record, "coefficients": rows})
 
@@ -158,10 +154,6 @@ def stream(seed: int, name: str) -> np.random.Generator:
 
     Streams of different names are independent; drawing more from one, or adding
     another, changes nothing in the rest.
-
-    Args:
-        seed: Seed of the whole experiment, 0 or more.
-        name: What the stream is for, such as "encoder/fit_1".
     """
     digest = hashlib.sha256(name.encode()).digest()
     entropy = [seed, int.from_bytes(digest[:8], "little")]

@@ -39,8 +39,6 @@ def gif_of(robot: Robot, t: Array, q: Array, frames: int = 60) -> bytes:
 
     Args:
         robot: The arm. Links without a primitive shape are drawn as rods.
-        t: Times [s]. Shape (n,).
-        q: Positions [rad]. Shape (n, dof).
     """
     rows = np.searchsorted(t, np.linspace(t[0], t[-1], frames, endpoint=False))
     span = float(t[-1] - t[0])

@@ -114,11 +114,7 @@ def torque_rows(
 
 
 def used_rows(own: Background | None, first: int) -> Array:
-    """Return what friction of each joint is by direction and warmth (`Constants`).
-
-    Args:
-        own: The background, None for a clean arm, which has no row.
-    """
+    """Return what friction of each joint is by direction and warmth (`Constants`)."""
     if own is None:
         return np.zeros((0, 5))
     slots = first + 2 * np.arange(len(own.span))
@@ -189,12 +185,7 @@ class Phase:
 
 
 def build_arm(robot: Robot, plant: PlantSpec) -> Arm:
-    """Build the arm of a spec.
-
-    Raises:
-        UnknownNameError: On an unknown effect or parameter.
-        InputError: On an effect that cannot be.
-    """
+    """Build the arm of a spec."""
     for effect in plant.effects:
         check_effect(effect, robot)
     rng = stream(plant.seed, "friction")
@@ -208,11 +199,7 @@ def build_arm(robot: Robot, plant: PlantSpec) -> Arm:
 
 
 def new_state(arm: Arm, start: float) -> State:
-    """Return the state of an arm that has worked since its session began.
-
-    Args:
-        start: Time since then [s].
-    """
+    """Return the state of an arm that has worked since its session began."""
     dof, count = arm.robot.dof, len(arm.effects)
     memory = np.zeros((count + 1) * dof)
     rows = friction_rows(arm.base, arm.effects, range(count))
@@ -265,6 +252,7 @@ def _phase(
     elastic = (springs[0] > 0).astype(float)
     errors = encoder_errors(effects, dof)
     usual = USUAL_SPEED * usual_limits(robot).velocity
+    gain = 0.0 if arm.own is None else arm.own.gain
     constants = Constants(
         dt=dt,
         rotor=rotor,
@@ -272,7 +260,7 @@ def _phase(
         stiffness=springs[0],
         damping=springs[1],
         gap=springs[2],
-        ratio=torque_constants(effects, dof) / (1.0 + _gain(arm.own)),
+        ratio=torque_constants(effects, dof) / (1.0 + gain),
         limit=np.array(robot.torque_limit, dtype=float),
         power=usual_power(arm.base.coulomb, arm.base.viscous, usual),
         shift=errors[0],
@@ -297,10 +285,6 @@ def _added(effects: Sequence[Acting], dof: int) -> Array:
         if what.of_drive == "rotor":
             total[list(joints)] += p[what.amount[0]]
     return total
-
-
-def _gain(own: Background | None) -> Array | float:
-    return 0.0 if own is None else own.gain
 
 
 def _springs(effects: Sequence[Acting], rotor: Array, own: Background | None) -> Array:

@@ -81,15 +81,8 @@ def draw_background(
     """Draw the background of one arm.
 
     Args:
-        robot: The robot; sizes go by its torques.
         word: How much of it: "clean", "workshop", or twice as much, "worn".
         coulomb: True Coulomb friction of the arm [N m]. Shape (dof,).
-
-    Returns:
-        The background, None for a clean arm.
-
-    Raises:
-        UnknownNameError: On another word.
     """
     scale = _SCALE[check_name(word, _SCALE, "background of the plant")]
     if scale == 0:
@@ -135,11 +128,7 @@ def _waves(amplitude: Array, seed: int) -> Array:
 
 
 def warmth_after(background: Background, worked: float) -> Array:
-    """Return the warmth of oil and housing after so long of usual work. (2, dof).
-
-    Args:
-        worked: Time of usual work since the arm was cold [s].
-    """
+    """Return the warmth of oil and housing after so long of usual work. (2, dof)."""
     return 1.0 - np.exp(-worked / np.array([background.oil, background.housing]))
 
 
@@ -223,8 +212,6 @@ def logged(background: Background | None, tau: Array, rate: float) -> Array:
 
     Args:
         background: That of the arm; a clean one logs what it is given.
-        tau: Torque with its noise [N m]. Shape (n, dof).
-        rate: Samples per second [Hz].
     """
     if background is None:
         return tau

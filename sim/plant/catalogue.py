@@ -118,12 +118,7 @@ def main_parameter(name: str, parameters: Mapping[str, float]) -> str | None:
 
 
 def check_effect(effect: PlantEffect, robot: Robot) -> None:
-    """Check name, joints, parameters and onset of one effect.
-
-    Raises:
-        UnknownNameError: On an unknown name or parameter, with the nearest valid one.
-        InputError: On joints where it cannot sit, or a value that cannot be.
-    """
+    """Check name, joints, parameters and onset of one effect."""
     check_name(effect.name, kinds(), "effect of the plant")
     what, given = registry()[effect.name], dict(effect.parameters)
     check_keys(given, what.parameters, f"effect '{effect.name}'")

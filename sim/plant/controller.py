@@ -47,9 +47,15 @@ def controller_of(
     """
     if given is None:
         return computed_torque(robot, reference)
-    if callable(given):
-        return by_law(reference, given)
-    return feed_forward(robot, reference, given)
+    if not callable(given):
+        return feed_forward(robot, reference, given)
+    goal = _goal(reference)
+
+    def torque(k: int, reading: Array, rate: Array) -> Array:
+        q, qd, qdd = goal[k]
+        return given(k, reading, rate, qdd + KP * (q - reading) + KD * (qd - rate))
+
+    return torque
 
 
 def computed_torque(robot: Robot, reference: Reference) -> Controller:
@@ -72,17 +78,6 @@ def feed_forward(robot: Robot, reference: Reference, given: Array) -> Controller
     def torque(k: int, reading: Array, rate: Array) -> Array:
         q, qd, _ = goal[k]
         return given[k] + inertia * (KP * (q - reading) + KD * (qd - rate))
-
-    return torque
-
-
-def by_law(reference: Reference, law: Law) -> Controller:
-    """Return computed torque by a law that is handed in, from whatever model."""
-    goal = _goal(reference)
-
-    def torque(k: int, reading: Array, rate: Array) -> Array:
-        q, qd, qdd = goal[k]
-        return law(k, reading, rate, qdd + KP * (q - reading) + KD * (qd - rate))
 
     return torque
 

@@ -90,11 +90,8 @@ def bristle(z, u, row, rotor, dt):
     dz/dt = u - |u| z / displacement, exact for constant u; torque = s0 z + s1 dz/dt.
 
     Args:
-        z: Deflection before [rad].
-        u: Speed [rad/s].
         row: Row of the table: level [N m], displacement [rad].
         rotor: Inertia that the damping goes by [kg m^2].
-        dt: Time step [s].
     """
     level, displacement = row[3], row[4]
     stiffness = level / displacement
@@ -119,7 +116,6 @@ def slide(coupling, free, forward, backward, impulse):
         free: Speeds without dry friction. Shape (c,).
         forward: Largest impulse against forward motion [N m s]. Shape (c,).
         backward: Largest impulse against backward motion [N m s]. Shape (c,).
-        impulse: Impulses of the last step. Shape (c,).
     """
     count = len(free)
     u = free.copy()
@@ -161,7 +157,6 @@ def lean_and_thin(used, memory, rubbing):
     """Make friction of each joint what it is in that direction, when so warm.
 
     Args:
-        used: Table of the background. Shape (dof or 0, 5).
         rubbing: Levels forwards and backwards, viscosity; changed in place. (4, c).
     """
     for j in range(len(used)):
@@ -178,11 +173,9 @@ def heat(used, memory, power, usual, temperature, dt):
     """Warm oil and housing of each joint by its friction.
 
     Args:
-        used: Table of the background. Shape (dof or 0, 5).
         power: Power of friction [W]. Shape (c,).
         usual: Usual power, which warms by one unit [W]. Shape (dof,).
         temperature: Written [degrees Celsius]. Shape (dof,).
-        dt: Time step [s].
     """
     for j in range(len(used)):
         slot, share = int(used[j, _SLOT]), power[j] / usual[j]
@@ -216,10 +209,7 @@ def spring(twist, stiffness, damping, gap, dt, lightness):
 
     Args:
         twist: Motor minus link angle [rad].
-        stiffness: Of the spring [N m/rad].
-        damping: Of the spring [N m s/rad].
         gap: Half of its play [rad].
-        dt: Time step [s].
         lightness: Sum of the inverse inertias on both sides [1/(kg m^2)].
     """
     if abs(twist) < gap:

@@ -36,13 +36,6 @@ def torque_noise(
 
     n_i = span (0.015 w_i + 0.005 x_i), x_i = a x_(i-1) + sqrt(1 - a^2) v_i,
     a = exp(-1 / (0.1 s rate))
-
-    Args:
-        span: Range of the torque of each joint [N m]. Shape (dof,).
-        rate: Samples per second [Hz].
-
-    Returns:
-        Noise [N m]. Shape (n, dof).
     """
     a = np.exp(-1.0 / (SLOW_TIME * rate))
     white, drive = rng.normal(size=(2, samples, len(span)))
@@ -59,7 +52,6 @@ def reported(tau: Array, t: Array, effects: Sequence[Acting]) -> Array:
 
     Args:
         tau: Torque that the drives believe to give [N m]. Shape (n, dof).
-        t: Times since the motion began [s]. Shape (n,).
         effects: All effects; each acts from its onset on.
     """
     out = tau.copy()
@@ -72,11 +64,7 @@ def reported(tau: Array, t: Array, effects: Sequence[Acting]) -> Array:
 
 
 def encoder_errors(effects: Sequence[Acting], dof: int) -> Array:
-    """Return constant, cosine and sine of the error, true minus reading [rad].
-
-    Returns:
-        The three coefficients of each joint. Shape (3, dof).
-    """
+    """Return constant, cosine and sine of the error, true minus reading [rad]."""
     errors = np.zeros((3, dof))
     for what, p, joints, _ in effects:
         if what.encoder:
@@ -173,10 +161,6 @@ def hold_frozen(q: Array, t: Array, effects: Sequence[Acting]) -> Array:
     """Return the log of the encoders where a frozen one repeats its last word.
 
     What is frozen is the number itself: the noise of the reading stands still too.
-
-    Args:
-        q: Positions with noise, rounded [rad]. Shape (n, dof).
-        t: Times since the run began [s]. Shape (n,).
     """
     if not any(effect.what.frozen for effect in effects):
         return q

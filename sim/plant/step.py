@@ -40,7 +40,6 @@ def torque_of(row, angle, q, motor, now):
     Args:
         angle: Angle of its joint, on its side of the transmission [rad].
         q: Angles of all joints, same side [rad]. Shape (dof,).
-        motor: Torque of the motor [N m].
         now: Given torques of this time [N m]. Shape (s,).
     """
     kind, a, b, c = row[0], row[3], row[4], row[5]
@@ -75,10 +74,6 @@ def resist(table, q, motor_q, motor, now, channels):
 
     Args:
         table: Rows of torque. Shape (e, WIDTH).
-        q: Angle of each link [rad]. Shape (dof,).
-        motor_q: Angle of each motor [rad]. Shape (dof,).
-        motor: Torque of each motor [N m]. Shape (dof,).
-        now: Given torques of this time [N m]. Shape (s,).
         channels: Where to write, zero before [N m]. Shape (channels, dof).
 
     Returns:

@@ -22,13 +22,7 @@ from sim.plant.tables import State, pack
 
 
 class DivergedError(ModelgapError):
-    """The simulation ran away.
-
-    Attributes:
-        time: When [s].
-        q: Positions then [rad]. Shape (dof,).
-        qd: Velocities then [rad/s]. Shape (dof,).
-    """
+    """The simulation ran away."""
 
     def __init__(self, time: float, q: Array, qd: Array, joint: int) -> None:
         self.time, self.q, self.qd = time, q, qd
@@ -103,9 +97,6 @@ def simulate(
 
     Args:
         start: Time since the session began [s].
-
-    Raises:
-        DivergedError: If it runs away, with time and state.
     """
     t, dt = reference.t, float(reference.t[1] - reference.t[0])
     channels = arm.channels

@@ -78,7 +78,6 @@ def path_time(
     """Return s, s' and s'': s' rises over one ramp by 10x^3 - 15x^4 + 6x^5.
 
     Args:
-        t: Time from the start [s]. Shape (n,).
         duration: Length of the motion, at least two ramps [s].
         ramp: Time from rest to s' = 1 and back [s].
 
@@ -107,9 +106,6 @@ def quintic(
     """Return position, velocity and acceleration of a move from rest to rest. (n, dof).
 
     Args:
-        start: First position [rad]. Shape (dof,).
-        end: Last position [rad]. Shape (dof,).
-        time: How long the move takes [s].
         x: Shares of that time, from 0 to 1. Shape (n, 1).
     """
     return (
@@ -120,13 +116,7 @@ def quintic(
 
 
 def move_time(distance: Array, velocity: Array, acceleration: Array) -> float:
-    """Return the shortest time in which all joints keep their limits [s].
-
-    Args:
-        distance: How far each joint goes [rad]. Shape (dof,).
-        velocity: Speed limits [rad/s]. Shape (dof,).
-        acceleration: Acceleration limits [rad/s^2]. Shape (dof,).
-    """
+    """Return the shortest time in which all joints keep their limits [s]."""
     distance = np.abs(distance)
     by_speed = _SPEED * distance / velocity
     by_acceleration = np.sqrt(_ACCELERATION * distance / acceleration)
@@ -183,7 +173,6 @@ def along(route: Path, time: float, steady: bool) -> Stage:
     """Return a stage that follows a path.
 
     Args:
-        time: How long it takes [s].
         steady: Whether the speed along the path is even but for its ends; else the
             path is run through in the way of a quick move.
     """

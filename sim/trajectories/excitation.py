@@ -69,13 +69,7 @@ class Excitation:
 
 
 def excitation(model: pin.Model, q: Array, qd: Array, qdd: Array) -> Excitation:
-    """Return how well some samples excite the base parameters.
-
-    Args:
-        q: Positions [rad]. Shape (n, dof).
-        qd: Velocities [rad/s]. Shape (n, dof).
-        qdd: Accelerations [rad/s^2]. Shape (n, dof).
-    """
+    """Return how well some samples excite the base parameters."""
     columns = base_columns(model)
     count = len(columns)
     stacked = regressor(model, q, qd, qdd)[:, :, columns].reshape(-1, count)

@@ -59,11 +59,7 @@ def sampled(series: Series, t: Array) -> tuple[Array, Array, Array]:
 
 
 def draw(place: Workspace, rng: np.random.Generator) -> Series:
-    """Draw a random motion, made as large as the limits let it.
-
-    Raises:
-        InputError: If no motion at all keeps the limits.
-    """
+    """Draw a random motion, made as large as the limits let it."""
     for number in range(_TRIES):
         # Around the zero posture first, and anywhere where that is a bad place.
         series = draw_any(place, rng, anywhere=number >= _TRIES // 2)
@@ -122,9 +118,6 @@ def fit_in(place: Workspace, series: Series, roughly: bool = False) -> Series | 
 
     Args:
         roughly: Look at torque and clearance at few times only: to compare motions.
-
-    Returns:
-        The motion; None if little would be left of it.
     """
     series = shrunk(series, np.minimum(room_left(place, series), 1.0))
     t, size = np.arange(_GRID) / _GRID * place.period, 1.0
@@ -161,14 +154,7 @@ def written(series: Series) -> tuple[tuple[float, ...], ...]:
 
 
 def given(rows: Sequence[Sequence[float]], dof: int, period: float) -> Series:
-    """Return the series of such coefficients.
-
-    Args:
-        period: Length of one period [s].
-
-    Raises:
-        InputError: If they are not finite numbers of that shape.
-    """
+    """Return the series of such coefficients."""
     shapes = {len(row) for row in rows}
     if len(rows) != 1 + FREE or shapes != {dof}:
         raise InputError(
@@ -187,11 +173,7 @@ def draw_slow(
     """Draw a motion that creeps, for friction that lives at low speed.
 
     Args:
-        period: Length of one period [s].
         speed: What no joint is faster than [rad/s].
-
-    Raises:
-        InputError: If no motion that keeps the limits is found.
     """
     place = workspace(robot, period)
     for _ in range(_SLOW_TRIES):

@@ -172,15 +172,7 @@ def largest(robot: Robot, plans: Iterable[Plan]) -> Plan | LimitError | None:
 
 
 def check_limits(robot: Robot, kind: str, t: Array, motion: Motion) -> None:
-    """Make sure that a motion keeps the limits at its samples and between them.
-
-    Args:
-        t: Fine, even times [s]. Shape (n,).
-        motion: q, qd and qdd at those times. Shapes (n, dof).
-
-    Raises:
-        LimitError: With the joint that is worst, when, and by how much.
-    """
+    """Make sure that a motion keeps the limits at its samples and between them."""
     bounds = plan_limits(robot)
     q, qd, qdd = motion
     checks = {
@@ -232,15 +224,7 @@ def _advice(name: str, share: float) -> str:
 
 
 def check_clearance(arm: Body, kind: str, t: Array, q: Array) -> None:
-    """Make sure that an arm stays clear of the floor and of itself.
-
-    Args:
-        t: Even times [s]. Shape (n,).
-        q: Positions at those times [rad]. Shape (n, dof).
-
-    Raises:
-        LimitError: With what comes too near, when, and by how much.
-    """
+    """Make sure that an arm stays clear of the floor and of itself."""
     space = clearances(arm, q)
     if not space.size:
         return

@@ -49,12 +49,8 @@ def plan_move_stop_move(
 ) -> Plan:
     """Draw places and visit as many per period as the limits allow.
 
-    Args:
-        duration: Length [s].
-
     Raises:
         LimitError: If even two places per period are too fast.
-        InputError: If the arm cannot move anywhere without touching something.
     """
     space = workspace(robot, duration / periods)
     route = _draw_waypoints(space, rng)
@@ -94,11 +90,6 @@ def given_places(
 
     Args:
         duration: Length, the stand at the first place included [s].
-        rounds: How many times it goes round.
-        rows: Two places or more [rad].
-
-    Raises:
-        InputError: If they are no places, or there is no way or no time for a round.
     """
     shapes = {len(row) for row in rows}
     if len(rows) < _LEAST or shapes != {robot.dof}:

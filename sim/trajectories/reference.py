@@ -36,7 +36,6 @@ def make_reference(
 
     Args:
         spec: What motion. Each family draws from a random stream of its own.
-        rate: Samples per second [Hz].
         optimised: Whether a Fourier motion is searched for; else it is drawn, which
             takes no time and excites the parameters a third as well.
 

@@ -141,12 +141,8 @@ def plan_cyclic(
 ) -> Plan:
     """Draw a panel and paint it with as many strokes as the limits allow.
 
-    Args:
-        duration: Length [s].
-
     Raises:
         LimitError: If even one stroke per period is too fast.
-        InputError: If the arm has too few joints or reaches no panel.
     """
     space = cell(robot, "cyclic", (duration - RAMP) / periods)
 
@@ -161,12 +157,8 @@ def plan_welding(
 ) -> Plan:
     """Draw a work piece and weld as many seams per period as the limits allow.
 
-    Args:
-        duration: Length [s].
-
     Raises:
         LimitError: If even two seams per period are too fast.
-        InputError: If the arm has too few joints or reaches no piece.
     """
     space = cell(robot, "welding", duration / periods)
 
