@@ -7,7 +7,7 @@ JSON.
 """
 
 import json
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
@@ -94,8 +94,8 @@ class JointStateLog(LogFile):
             self._table[column] = np.array(values, dtype=float)
 
 
-# The topics of a bag with joint states, and what reads the messages of one of them.
-Opened = tuple[list[str], Callable[[str], Iterator[Message]]]
+# The messages of each topic of a bag with joint states, not read yet.
+Opened = Mapping[str, Iterator[Message]]
 
 
 def open_bag(path: Path, joints: Sequence[str], form: BagFormat) -> JointStateLog:
@@ -114,12 +114,9 @@ def topics(path: Path) -> dict[str, tuple[str, ...]]:
     """Return the names of the joints in each topic of a bag; empty for another file."""
     if not (path.is_dir() or path.suffix in (".bag", ".db3", ".mcap")):
         return {}
-    found = {}
-    with _mcap(path) if path.suffix == ".mcap" else _bag(path) as (named, messages):
-        for topic in dict.fromkeys(named):
-            for message in messages(topic):
-                found[topic] = message.names
-                break
+    with _mcap(path) if path.suffix == ".mcap" else _bag(path) as opened:
+        first = {topic: next(messages, None) for topic, messages in opened.items()}
+        found = {topic: message.names for topic, message in first.items() if message}
     if not found:
         _choose_topic([], BagFormat(), path.name)
     return found
@@ -128,9 +125,8 @@ def topics(path: Path) -> dict[str, tuple[str, ...]]:
 def _log(
     path: Path, opened: Opened, joints: Sequence[str], form: BagFormat
 ) -> JointStateLog:
-    named, messages = opened
-    topic = _choose_topic(named, form, path.name)
-    return JointStateLog(path.name, topic, messages(topic), joints, form)
+    topic = _choose_topic(tuple(opened), form, path.name)
+    return JointStateLog(path.name, topic, opened[topic], joints, form)
 
 
 @contextmanager
@@ -156,7 +152,7 @@ def _bag(path: Path) -> Iterator[Opened]:
                     fields = _fields(reader.deserialize(data, each.msgtype))
                     yield _message(fields, recorded)
 
-            yield [c.topic for c in ours], messages
+            yield {c.topic: messages(c.topic) for c in ours}
 
 
 @contextmanager
@@ -169,7 +165,7 @@ def _mcap(path: Path) -> Iterator[Opened]:
     with _readable(path, "MCAP file"), path.open("rb") as file:
         reader = make_reader(file)
         named = _topics(reader, path.name)
-        yield named, lambda topic: _messages(reader, topic, DecoderFactory())
+        yield {topic: _messages(reader, topic, DecoderFactory()) for topic in named}
 
 
 @contextmanager
