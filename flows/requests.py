@@ -337,6 +337,7 @@ class Validate(Request):
             model; None for none.
         adopted: Id of the diagnosis whose model the robot has, "nominal" for none; None
             for what the store says now.
+        calibration: Id of a calibration, whose tables are tried too; None for none.
     """
 
     run: GivenWord = ""
@@ -344,6 +345,7 @@ class Validate(Request):
     store: Store = None
     model: Annotated[str | None, Parameter(parse=False)] = None
     adopted: Annotated[str | None, Parameter(parse=False)] = None
+    calibration: Annotated[str | None, Parameter(parse=False)] = None
 
 
 @dataclass(frozen=True, slots=True)

@@ -29,7 +29,7 @@ from flows.steps import campaign as campaigns
 from flows.steps import experiment as steps
 from flows.steps import validate as trial
 from flows.steps.experiment import as_csv, refusal_of
-from flows.steps.models import chosen_to_drive
+from flows.steps.models import calibration_of, chosen_to_drive
 from flows.steps.track import Track, track
 from flows.storage.diagnosis import read_verdict
 from flows.workers.runner import chosen_runner, workers_of
@@ -206,6 +206,7 @@ def validate(
     *runs: Annotated[str, Parameter(name="RUN")],
     asked: Validate = _PLAIN,
     model: str | None = None,
+    calibration: str | None = None,
     seeds: int = 0,
     encoder_step: float = AS_MEASURED.encoder_step,
     rise: float = AS_MEASURED.rise,
@@ -217,6 +218,7 @@ def validate(
     modelgap validate 3f2a
     modelgap validate 3f2a --window 0.1
     modelgap validate 3f2a 77c0 --model 8904 --seeds 5
+    modelgap validate 3f2a 77c0 --calibration tables/corrected.json
     ```
 
     Open loop: under the logged torque alone, window by window, how far does the nominal
@@ -228,13 +230,16 @@ def validate(
 
     With a model that was adopted, or with --model, the arm of the runs is then driven
     by that model and by the nominal one: friction and effects compensated or not, with
-    torque for the acceleration or not, and as computed torque.
+    torque for the acceleration or not, and as computed torque. With --calibration it is
+    driven by look-up tables, too.
 
     Args:
         runs: Ids of runs; the beginning is enough. With a model, of one robot.
         model: Id of a diagnosis, a model or a calibration (its look-up tables) to drive
             with; "nominal" for none. Without it the one that the robot has
             (modelgap models).
+        calibration: Id of a calibration, or corrected.json of calibrate --export: its
+            tables, on the model that they correct, drive too.
         seeds: With a model: how many further motions of each family to drive.
         encoder_step: With a model: step of the encoders at the joints in rad; with the
             rate of the controller it says over which speed dry friction turns.
@@ -251,18 +256,21 @@ def validate(
         raise InputError("No run to validate on. Name it: modelgap validate RUN")
     choice = chosen_to_drive(place, runs[0], model)
     say(console, *choice.lines)
+    tables = None if calibration is None else calibration_of(place, calibration)
     for run in runs:
-        each = replace(asked, run=run, store=place, model=choice.diagnosis)
+        each = replace(
+            asked, run=run, store=place, model=choice.diagnosis, calibration=tables
+        )
         id, made = trial.validate(each)
         found[run] = made
         stored = f"stored in {shown(place)}: modelgap show {id}"
         told = experiments.meaning(made)
-        tables = experiments.validation(made), experiments.both_ways(made)
-        show(console, *tables, told, *made.notes, stored)
-    if choice.diagnosis:
+        figures = experiments.validation(made), experiments.both_ways(made)
+        show(console, *figures, told, *made.notes, stored)
+    if choice.diagnosis or tables:
         with progress_bar() as bar:
             turning = encoder_step, rise
-            drive = Track(runs, choice.diagnosis, seeds, place, *turning)
+            drive = Track(runs, choice.diagnosis, seeds, place, *turning, tables)
             id, done = track(drive, bar)
         stored = f"stored in {shown(place)}: modelgap show {id}"
         show(console, *experiments.tracking(done), stored)

@@ -10,7 +10,8 @@ from flows.report.document import Document, Section, Strong, Table
 from flows.report.figures.look import JOINTS
 from flows.report.figures.paper import SOFT, blank, figure_style, rule
 from flows.report.page import render_document
-from flows.steps.track import LOOP, MODEL, NOMINAL, Gain, Tracked
+from flows.steps.models import NOMINAL
+from flows.steps.track import LOOP, Gain, Tracked
 from flows.steps.validate import Validation
 from residual.robot.robot import Robot
 from sim.engine.records import Reference, TrajectorySpec
@@ -135,27 +136,32 @@ def _both_parts(made: Validation) -> list[Table]:
 
 
 def tracking(made: Tracked) -> list[str | Table]:
-    """Return drives by a model: the 2 x 2 design, joint by joint, what it gains."""
-    pairs = [(NOMINAL, MODEL, "rms"), (NOMINAL, MODEL, "peak")]
-    pairs += [(NOMINAL + LOOP, MODEL + LOOP, "rms")]
+    """Return drives by models: the 2 x 2 design, joint by joint, what they gain."""
+    _, *others = made.names
+    gains = [gain for name in others for gain in _gains(made, name)]
+    return [_cells(made), _joints(made), _turned(made), *gains]
+
+
+def _gains(made: Tracked, model: str) -> list[str]:
+    pairs = [(NOMINAL, model, "rms"), (NOMINAL, model, "peak")]
+    pairs += [(NOMINAL + LOOP, model + LOOP, "rms")]
     pairs += [
-        (f"{MODEL}{less}", MODEL, "rms")
+        (f"{model}{less}", model, "rms")
         for less in (", no effects", ", no acceleration")
     ]
-    gains = [_gain(made.gain(*pair)) for pair in pairs]
-    return [_cells(made), _joints(made), _turned(made), *gains]
+    return [_gain(made.gain(*pair)) for pair in pairs]
 
 
 def _turned(made: Tracked) -> str:
     """How dry friction turned at reversals, and what the drives saw of it."""
-    before, after = (made.values(name, "step").max() for name in (NOMINAL, MODEL))
+    steps = [f"{made.values(name, 'step').max():.2g}" for name in made.names]
     held = np.isfinite(made.torque_rate)
     rates = " ".join(f"{rate:.4g}" for rate in made.torque_rate[held])
     limit = f", at {rates} N m/s at most" if held.any() else ""
     width = " ".join(f"{w:.3g}" for w in np.unique(made.width))
     return (
         f"dry friction turns over {width} rad/s of the reference{limit}; largest step "
-        f"of torque at a reversal {before:.2g} → {after:.2g} N m"
+        f"of torque at a reversal {' → '.join(steps)} N m"
     )
 
 
@@ -167,11 +173,12 @@ def _cells(made: Tracked) -> Table:
         row = [words]
         for what, digits in measures:
             scale = _UNITS.get(what, (1, ""))[0]
-            both = (_mean(made, name + cell, what) for name in (NOMINAL, MODEL))
-            row.append(" → ".join(f"{scale * value:.{digits}f}" for value in both))
+            each = (_mean(made, name + cell, what) for name in made.names)
+            row.append(" → ".join(f"{scale * value:.{digits}f}" for value in each))
         rows.append(row)
     titles = ("rms [mrad]", "peak [mrad]", "chatter [N m]", "step [N m]", "energy [J]")
-    heads = [f"nominal → model\n{title}" for title in titles]
+    whose = " → ".join(made.names)
+    heads = [f"{whose}\n{title}" for title in titles]
     return Table(("torque by the model's", *heads), rows)
 
 
@@ -180,16 +187,15 @@ def _joints(made: Tracked) -> Table:
     columns = [
         1e3 * _joined(made.values(name, what), what)
         for what in ("rms", "peak")
-        for name in (NOMINAL, MODEL)
+        for name in made.names
     ]
     rows = [
         (str(joint), *(f"{value:.2f}" for value in row))
         for joint, row in enumerate(zip(*columns, strict=True), 1)
     ]
-    model = "model [mrad]"
-    return Table(
-        ("joint", "rms, nominal", model, "peak, nominal", model), rows, left=()
-    )
+    _, *others = (f"{name} [mrad]" for name in made.names)
+    heads = [h for what in ("rms", "peak") for h in (f"{what}, {NOMINAL}", *others)]
+    return Table(("joint", *heads), rows, left=())
 
 
 def _gain(gain: Gain) -> str:

@@ -11,22 +11,27 @@ from pathlib import Path
 from flows.inputs.given import is_run, load, load_of, robot_of
 from flows.requests import Calibrate, Diagnose, Identify
 from flows.settings import store_folder
-from flows.storage.calibration import CORRECTED
+from flows.storage.calibration import CORRECTED, KIND, STAGE
 from flows.storage.diagnosis import (
     read_known,
     read_models,
     read_models_record,
     read_runs,
 )
+from residual.calibration.calibrate import with_tables
+from residual.calibration.rows import MEASURED, PAPER
 from residual.errors import InputError, check_name
 from residual.export.exported import Whole, body_of
 from residual.lazy import Lazy
+from residual.model.corrected import Corrected
 from residual.model.model import Model
 from residual.model.nominal import declared_names, prepare_logs, start_nominal
 from residual.model.record import from_record, load_model
 from residual.recording import Recording
 from residual.robot.robot import Robot
 from residual.signals.track import Filters
+from residual.tables.lookup import Lookup
+from warehouse.commit import commit_record
 from warehouse.layout import Found, find, list_folders, read_record
 from warehouse.mirror import shown
 from warehouse.numbered import Adoption, adopted
@@ -36,8 +41,13 @@ sql = Lazy("warehouse.query.store")  # a database, for one question of few
 
 NOMINAL = "nominal"
 AUGMENTED = "augmented"
+TABLES = "tables"  # a calibration, among models
 # Keys of the record of a model, as identify and calibrate write them.
 _ALONE = ("model", "nominal")
+_OF_ANOTHER = (
+    "The model of {} is of {} as it was described then, the robot is {} as it is "
+    "described now. Give a model of this one."
+)
 _GOOD = ("baseline", "fit")  # roles of a diagnosis' runs; the first that there is
 
 
@@ -224,11 +234,63 @@ def model_to_drive(store: Path, word: str, robot: Robot) -> Whole:
         model = read_model(store, word)
     own = body_of(model).robot
     if own.content_hash != robot.content_hash:
-        raise InputError(
-            f"The model of {word} is of {own.name} as it was described then, the robot "
-            f"is {robot.name} as it is described now. Give a model of this one."
-        )
+        raise InputError(_OF_ANOTHER.format(word, own.name, robot.name))
     return model
+
+
+def calibration_of(store: Path, word: str) -> str:
+    """Return the id of a calibration; one that is a file is put into the store first.
+
+    Args:
+        word: Id of the model or the validation that a calibration was kept as, or the
+            `corrected.json` that it was exported as.
+
+    Raises:
+        InputError: If there is none, or it is another record or file.
+    """
+    if Path(word).is_file():
+        whole = load_model(word)
+        if not isinstance(whole, Corrected):
+            raise InputError(
+                f"{word} holds a model without tables, expected corrected.json of "
+                "modelgap calibrate --export."
+            )
+        record = {"robot": whole.model.robot.name, "stage": STAGE, "mode": MEASURED}
+        return commit_record(
+            store, "models", record, files={CORRECTED: Path(word).read_bytes()}
+        )
+    found = find(store, word)
+    record = read_record(store, found.id)
+    if found.kind == "validations" and record["kind"] == KIND:
+        return record["model_id"]
+    if found.kind != "models" or record.get("stage") != STAGE:
+        raise InputError(
+            f"{word} is one of {found.kind}, expected a calibration: modelgap sql "
+            f"\"SELECT model_id FROM models WHERE stage = '{STAGE}'\"."
+        )
+    return found.id
+
+
+def tables_to_drive(store: Path, id: str, nominal: Model) -> Corrected:
+    """Return a calibration as a controller drives with it: a model and its tables.
+
+    Tables of the paper's form correct a simulated twin: on the model as described.
+
+    Args:
+        id: Of the model that a calibration was kept as.
+        nominal: The robot as described.
+
+    Raises:
+        InputError: If it is of another robot.
+    """
+    record = read_record(store, id)
+    if record["mode"] != PAPER:
+        return model_to_drive(store, id, nominal.robot)
+    hash, robot = record["request"]["robot_hash"], nominal.robot
+    if hash != robot.content_hash:
+        raise InputError(_OF_ANOTHER.format(id, record["robot"], robot.name))
+    lookup = Lookup.load(find(store, id).folder / "model.npz")
+    return with_tables(nominal, lookup, record["joints"])
 
 
 def nominal_of(robot: Robot, logs: Sequence[Recording]) -> Model:

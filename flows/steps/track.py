@@ -1,7 +1,7 @@
 """How an arm tracks its references by a model: a 2 x 2 design, in pairs.
 
 Friction and effects compensated or not, times torque for the acceleration or not, for
-the nominal model and another one, on the same motions of the same arm. What differs is
+the nominal model and others, on the same motions of the same arm. What differs is
 taken motion by motion, with a 95 % interval of Student's t over the motions.
 """
 
@@ -19,7 +19,13 @@ from flows.requests import Request, Store
 from flows.settings import store_folder
 from flows.specs.experiment import derived_seed
 from flows.steps.experiment import torque_of
-from flows.steps.models import model_to_drive, nominal_of
+from flows.steps.models import (
+    NOMINAL,
+    TABLES,
+    model_to_drive,
+    nominal_of,
+    tables_to_drive,
+)
 from flows.steps.validate import hidden_plant, robot_of
 from residual.errors import InputError
 from residual.export.exported import Whole
@@ -36,7 +42,7 @@ from warehouse.schema import VIEWS, arrow_schema
 
 Array = np.ndarray
 
-KIND, NOMINAL, MODEL = "tracking", "nominal", "model"
+KIND, MODEL = "tracking", "model"
 # Name of each cell, and what of a model it uses.
 CELLS = {
     "": Use(),
@@ -60,18 +66,20 @@ class Track(Request):
 
     Attributes:
         runs: Ids of simulated runs of one arm, whose references are driven.
-        model: Id of a diagnosis, a model or a calibration of the store.
+        model: Id of a diagnosis, a model or a calibration of the store; None for none.
         seeds: How many further motions of each family, with seeds of their own.
         encoder_step, rise: How dry friction turns at reversals
             (`residual.model.control.Turning`).
+        calibration: Id of a calibration, whose tables drive too; None for none.
     """
 
     runs: tuple[str, ...]
-    model: str
+    model: str | None
     seeds: int = 0
     store: Store = None
     encoder_step: float = AS_MEASURED.encoder_step
     rise: float = AS_MEASURED.rise
+    calibration: str | None = None
 
 
 @dataclass(frozen=True, eq=False, slots=True)
@@ -124,6 +132,11 @@ class Tracked:
     width: Array
     torque_rate: Array
 
+    @property
+    def names(self) -> tuple[str, ...]:
+        """The models that drove, the nominal one first."""
+        return tuple(name for name in (NOMINAL, MODEL, TABLES) if name in self.cells)
+
     def values(self, cell: str, what: str) -> Array:
         """One figure of a cell. Shape (motions, dof)."""
         return np.array([getattr(each, what) for each in self.cells[cell]])
@@ -144,21 +157,21 @@ class Tracked:
     @property
     def gains(self) -> tuple[Gain, ...]:
         """The comparisons that are reported, for every figure."""
+        _, *others = self.names
         pairs = [
-            (NOMINAL, MODEL),
-            (NOMINAL + LOOP, MODEL + LOOP),
-            *((f"{m}, no effects", m) for m in (NOMINAL, MODEL)),
-            *((f"{m}, no acceleration", m) for m in (NOMINAL, MODEL)),
+            *((NOMINAL + how, m + how) for m in others for how in ("", LOOP)),
+            *((f"{m}, no effects", m) for m in self.names),
+            *((f"{m}, no acceleration", m) for m in self.names),
         ]
         return tuple(self.gain(*p, what) for what, p in product(METRICS, pairs))
 
 
 @one_blas_thread
 def track(request: Track, progress: Progress | None = None) -> tuple[str, Tracked]:
-    """Drive the arm of simulated runs by the nominal model and another, and keep it.
+    """Drive the arm of simulated runs by the nominal model and others, and keep it.
 
     Raises:
-        InputError: If there is no run, it has no sealed arm, or the model is of
+        InputError: If there is no run, it has no sealed arm, or a model is of
             another robot.
     """
     store = store_folder(request.store)
@@ -171,8 +184,12 @@ def track(request: Track, progress: Progress | None = None) -> tuple[str, Tracke
         if robot_of(log, manifest).content_hash != robot.content_hash:
             raise InputError("The runs are of several robots; give those of one.")
     motions = _motions(store, robot, manifests, request.runs, request.seeds)
-    whole = model_to_drive(store, request.model, robot)
-    models = {NOMINAL: nominal_of(robot, logs[:1]), MODEL: whole}
+    nominal = nominal_of(robot, logs[:1])
+    models: dict[str, Whole] = {NOMINAL: nominal}
+    if request.model is not None:
+        models[MODEL] = model_to_drive(store, request.model, robot)
+    if request.calibration is not None:
+        models[TABLES] = tables_to_drive(store, request.calibration, nominal)
     made = tracked(
         robot,
         models,
@@ -181,7 +198,8 @@ def track(request: Track, progress: Progress | None = None) -> tuple[str, Tracke
         progress,
     )
     asked = replace(request, runs=tuple(log.id for log in logs)).to_record()
-    asked["model"] = find(store, request.model).id
+    for name in ("model", "calibration"):
+        asked[name] = None if asked[name] is None else find(store, asked[name]).id
     asked |= {"robot": manifests[0]["robot"], "robot_hash": robot.content_hash}
     return _put(store, robot, asked, made), made
 
@@ -196,7 +214,7 @@ def tracked(
     """Drive every motion in every cell.
 
     Args:
-        models: "nominal" and "model".
+        models: "nominal" first; "model", "tables" or both.
         turning: How dry friction turns at reversals.
     """
     tell = progress or (lambda stage, share: None)
@@ -271,7 +289,7 @@ def _put(store: Path, robot: Robot, asked: Mapping, made: Tracked) -> str:
     record = {
         "robot": robot.name,
         "kind": KIND,
-        "model_id": asked["model"],
+        "model_id": asked["model"] or asked["calibration"],
         "request": asked,
         "gains": [_plain(gain) for gain in made.gains],
         "turning": {
@@ -280,7 +298,8 @@ def _put(store: Path, robot: Robot, asked: Mapping, made: Tracked) -> str:
         },
     }
     table = pa.Table.from_pylist(rows, schema=arrow_schema(VIEWS["errors"][1:]))
-    parents = {"run": list(asked["runs"]), "model": [asked["model"]]}
+    of_models = [asked[k] for k in ("model", "calibration") if asked[k] is not None]
+    parents = {"run": list(asked["runs"]), "model": of_models}
     return commit_record(store, "validations", record, {"errors": table}, parents)
 
 

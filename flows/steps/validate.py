@@ -6,7 +6,8 @@ Of the nominal model, as root mean square per joint:
 - feed-forward: how the arm tracks its reference when the model's torque drives it.
   It needs the arm, so only a simulated run whose sealed half is there has it.
 
-Of every model that is known (nominal, identified, augmented, adopted, and true where
+Of every model that is known (nominal, identified, augmented, tables of a
+calibration, adopted, and true where
 the sealed half is there) both ways: torque from motion, acceleration from torque, and
 whether its mass matrix is positive definite on the workspace.
 """
@@ -24,12 +25,19 @@ from flows.requests import Validate as Request
 from flows.settings import store_folder
 from flows.steps.edit import truth_of
 from flows.steps.experiment import plant_of
-from flows.steps.models import NOMINAL, as_described, model_to_drive, nominal_of
+from flows.steps.models import (
+    NOMINAL,
+    TABLES,
+    as_described,
+    model_to_drive,
+    nominal_of,
+    tables_to_drive,
+)
 from flows.storage.diagnosis import read_models
 from residual.errors import InputError
 from residual.export.exported import Whole, body_of
-from residual.identification.prove import torque_errors
 from residual.lazy import one_blas_thread
+from residual.model.compare import compare, prepare_held_out
 from residual.model.forward import POSES, acceleration_error, least_mass_matrix
 from residual.recording import Recording
 from residual.robot.robot import Robot
@@ -123,10 +131,12 @@ def validate(request: Request) -> tuple[str, Validation]:
     both = {name: both_ways(model, log) for name, model in models.items()}
     notes += _warnings(both, plant)
     made = Validation(used, strayed, **tracked, notes=tuple(notes), models=both)
+    tables, *named = given
     asked = request.to_record() | {
         "run": log.id,
-        "model": given[0],
-        "adopted": given[1] or NOMINAL,
+        "model": named[0],
+        "calibration": tables,
+        "adopted": named[1] or NOMINAL,
         "robot": manifest.get("robot", log.robot),
         "robot_hash": robot.content_hash,
     }
@@ -135,26 +145,30 @@ def validate(request: Request) -> tuple[str, Validation]:
 
 def both_ways(model: Whole, log: Recording) -> BothWays:
     """Return what a model makes of a log: torque of motion, motion of torque."""
-    torque = torque_errors({NOMINAL: model}, [log])[NOMINAL].per_joint("moving")
+    body = body_of(model)
+    errors, _ = compare({NOMINAL: model}, prepare_held_out([log], body), body.filters)
+    torque = errors[NOMINAL].per_joint("moving")
     try:
         acceleration = acceleration_error(model, [log]).per_joint
     except InputError:
         acceleration = None
-    return BothWays(torque, acceleration, least_mass_matrix(body_of(model)))
+    return BothWays(torque, acceleration, least_mass_matrix(body))
 
 
 def _given(store: Path, request: Request, robot: Robot) -> tuple[str | None, ...]:
-    """Whole ids of the model that is asked for, and of the one that the robot has."""
-    word, now = request.model, request.adopted
+    """Whole ids of the calibration and the model asked for, and of the robot's own."""
+    word, now, tables = request.model, request.adopted, request.calibration
     if now is None:
         last = adopted(store, robot.name, robot.serial)
         now = (last and last[1].diagnosis_id) or NOMINAL
     whole = None if word is None else find(store, word).id
-    return whole, None if now == NOMINAL else find(store, now).id
+    calibration = None if tables is None else find(store, tables).id
+    return calibration, whole, None if now == NOMINAL else find(store, now).id
 
 
 def _models(
     store: Path,
+    tables: str | None,
     word: str | None,
     now: str | None,
     robot: Robot,
@@ -171,6 +185,8 @@ def _models(
             out |= {name: model for name, model in known.items() if name != NOMINAL}
         else:
             out["model"] = model_to_drive(store, word, robot)
+    if tables is not None:
+        out[TABLES] = tables_to_drive(store, tables, nominal)
     if now is not None:
         out["adopted"] = model_to_drive(store, now, robot)
     if plant:

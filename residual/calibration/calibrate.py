@@ -343,11 +343,16 @@ def corrected_model(made: Calibration) -> Corrected | None:
         return None
     if any(term.effect.of_report for term in model.terms):
         return None
+    return with_tables(model, lookup, made.rows.joints)
+
+
+def with_tables(model: Model, lookup: Lookup, joints: Sequence[int]) -> Corrected:
+    """Put the tables of a calibration on a model; its joints are from 1."""
     columns = tuple(map(_column, lookup.names))
+    each = [_of_joint(lookup, m) for m in range(len(joints))]
     tables = (
         Tables(joint - 1, columns, own, _kind(own), NEAREST)
-        for m, joint in enumerate(made.rows.joints)
-        if (own := _of_joint(lookup, m))
+        for joint, own in zip(joints, each, strict=True)
     )
     return Corrected(model, tuple(tables))
 

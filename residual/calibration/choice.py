@@ -32,6 +32,7 @@ from residual.tables.form import (
     NONE,
     PAIRS,
     PLSR,
+    Base,
     EffectForm,
     Option,
     fit_base,
@@ -187,7 +188,7 @@ def _guesses(
     for options in tried:
         (one, *_) = options
         if len(set(options)) > 1 or one.kind in (NAMED, PAIRS):
-            guess = corrected(fixed_lookup(kept, form, options), new)
+            guess = corrected(fixed_lookup(kept, form, options, base), new)
         elif one.kind in by_ridge:
             guess = by_ridge[one.kind][form.ridges.index(one.ridge)]
         elif one.kind == PLSR:
@@ -200,11 +201,18 @@ def _guesses(
 
 
 def fixed_lookup(
-    training: Training, form: EffectForm, options: Sequence[Option]
+    training: Training,
+    form: EffectForm,
+    options: Sequence[Option],
+    base: Base | None = None,
 ) -> Lookup:
-    """The default form with its options given: nothing is chosen on these rows."""
+    """The default form with its options given: nothing is chosen on these rows.
+
+    Args:
+        base: What `fit_base` makes of these rows, where it is known.
+    """
     X = training.loaded if form.loads else training.X
-    base = fit_base(X, training.Y, form)
+    base = base or fit_base(X, training.Y, form)
     ridges = [form.ridges.index(o.ridge or form.ridges[-1]) for o in options]
     left = training.Y - of_joints(base.predict(X, form)[1], ridges)
     rest = fit_rest(X, left, _runs(training), form, options)

@@ -111,24 +111,37 @@ def feed_forward(
     # Of a log the session's clock is known, of a motion to come it is not.
     since = t - t[0] if own.clock is None else t
     state = own.state(rate, since, (q, qd, qdd))
-    return made.torque_of_state(_ramped(made, state, use.turning))
+    most = use.turning.torque_rate(own.robot) / rate
+    state = _ramped(own, state, most)
+    torque = own.torque_of_state(state)
+    if made is own:
+        return torque
+    # Tables step from level to level, at reversals and elsewhere.
+    step = made.torque_of_state(state) - torque
+    return torque + _held(step, np.ptp(step, axis=0) / most)
 
 
-def _ramped(model: Model | Corrected, state: State, turning: Turning) -> State:
+def _ramped(own: Model, state: State, most: Array) -> State:
     """The same with friction that turns at the stated torque rate at most.
 
     A reversal is known beforehand, so the ramp lies around it, half before.
+
+    Args:
+        most: By how much torque may change from sample to sample [N m]. Shape (dof,).
     """
-    own: Model = getattr(model, "model", model)
     ends = [own.torque_of_state(_turned(own, state, d)) for d in (1.0, -1.0)]
     swing = np.abs(ends[0] - ends[1]).max(axis=0)
-    steps = swing / turning.torque_rate(own.robot) * state.rate
-    sign = state.sign.copy()
-    for j in np.flatnonzero(steps > 1):
+    return _turned(own, state, _held(state.sign, swing / most))
+
+
+def _held(steps: Array, samples: Array) -> Array:
+    """Steps as ramps of so many samples, half of each before it. Shape (n, dof)."""
+    out = steps.copy()
+    for j in np.flatnonzero(samples > 1):
         # An odd number, so that it lies in the middle.
-        size = 2 * int(np.ceil((steps[j] - 1) / 2)) + 1
-        sign[:, j] = uniform_filter1d(sign[:, j], size, mode="nearest")
-    return _turned(own, state, sign)
+        size = 2 * int(np.ceil((samples[j] - 1) / 2)) + 1
+        out[:, j] = uniform_filter1d(out[:, j], size, mode="nearest")
+    return out
 
 
 def _turned(own: Model, state: State, sign: Array | float) -> State:

@@ -15,6 +15,7 @@ from dataclasses import asdict, dataclass
 from functools import cached_property
 from importlib import resources
 from math import prod
+from pathlib import Path
 
 import numpy as np
 
@@ -246,6 +247,22 @@ class Lookup:
         names, joints = tuple(record["names"]), tuple(record["joints"])
         arrays = (np.array(record[name]) for name in ("offset", "slope", "low", "high"))
         return cls(names, joints, tuple(axes), tuple(tables), *arrays)
+
+    @classmethod
+    def load(cls, path: str | Path) -> "Lookup":
+        """Read the `model.npz` of an export."""
+        with np.load(path) as held:
+            axes = tuple(
+                Axis(int(variable), held[f"edges_{i}"])
+                for i, variable in enumerate(held["axis_variable"])
+            )
+            tables = tuple(
+                Table(tuple(int(a) for a in pair if a >= 0), held[f"values_{i}"])
+                for i, pair in enumerate(held["table_axes"])
+            )
+            names, joints = (tuple(held[k].tolist()) for k in ("names", "joints"))
+            arrays = (held[k] for k in ("offset", "slope", "low", "high"))
+            return cls(names, joints, axes, tables, *arrays)
 
     def _checked(self, X: Array) -> Array:
         X = as_block(X, "X")

@@ -15,9 +15,11 @@ from flows.specs.experiment import experiment_of
 from flows.steps import experiment
 from flows.steps import rerun as reruns
 from flows.steps.experiment import settled, torque_of
+from flows.steps.models import TABLES, calibration_of, tables_to_drive
 from flows.steps.rerun_records import again, apart
 from flows.steps.track import LOOP, MODEL, NOMINAL, Motion, Track, track, tracked
 from flows.steps.validate import validate
+from residual.calibration.calibrate import with_tables
 from residual.effects import registry
 from residual.errors import InputError
 from residual.model.control import (
@@ -31,6 +33,8 @@ from residual.model.model import Model, Term
 from residual.model.record import to_record
 from residual.robot.dynamics import inertial_parameters
 from residual.robot.robot import load_robot
+from residual.tables.components import state_names
+from residual.tables.lookup import Axis, Lookup, Table, export_lookup
 from sim.engine.records import Noise, PlantEffect, PlantSpec, TrajectorySpec
 from sim.plant.controller import maker_of
 from sim.trajectories import make_reference
@@ -219,6 +223,49 @@ def kept(store, model):
     return commit_record(store, "models", record)
 
 
+def tables(step=None):
+    """The nominal model with a table of the spring on joint 2, or with a step."""
+    names = (*state_names(range(1, 7)), *(f"tau{j}" for j in range(1, 7)))
+    edges, axis = np.linspace(-2, 2, 201), 1
+    values = np.zeros((len(edges) + 1, 6))
+    values[:, 1] = 60.0 * np.r_[edges[0], (edges[:-1] + edges[1:]) / 2, edges[-1]]
+    if step is not None:
+        edges, axis, values = np.zeros(1), 7, np.zeros((2, 6))
+        values[:, 1] = -step / 2, step / 2
+    size = len(names)
+    return Lookup(
+        names,
+        tuple(f"joint {j}" for j in range(1, 7)),
+        (Axis(axis, edges),),
+        (Table((0,), values),),
+        np.zeros(6),
+        np.zeros((size, 6)),
+        np.full(size, -10.0),
+        np.full(size, 10.0),
+    )
+
+
+def tabulated(step=None):
+    return with_tables(nominal(), tables(step), range(1, 7))
+
+
+@pytest.mark.parametrize("rise", [0.0, 0.1])
+def test_tables_step_no_faster_than_the_drives_may_follow(motions, rise):
+    t, motion = parts(motions[0])
+    turning = Turning(rise=rise)
+    level = 20.0  # N m, of a step at standstill
+    both = (
+        feed_forward(m, t, motion, Use(turning=turning))
+        for m in (tabulated(level), nominal())
+    )
+    added = np.subtract(*both)
+    most = turning.torque_rate(ROBOT)[1] / 1000.0
+    assert np.abs(np.diff(added[:, 1])).max() <= min(level, most) * (1 + 1e-9)
+    if not rise:
+        np.testing.assert_allclose(np.abs(added[:, 1]), level / 2, atol=1e-9)
+    np.testing.assert_allclose(np.delete(added, 1, axis=1), 0, atol=1e-9)
+
+
 def spec(**controller):
     return experiment_of(
         {
@@ -309,6 +356,69 @@ def test_a_validation_with_a_model_has_it_both_ways_and_is_made_again(runs):
     assert given.acceleration[1] < 0.1 * nominal.acceleration[1]
     with again(store, find(store, id)) as (_, other):
         assert list(apart(find(store, id), other)) == []
+
+
+def test_a_calibration_drives_from_its_file_or_its_id_and_is_made_again(
+    runs, tmp_path, capsys
+):
+    store, model, run, _ = runs
+    file = tmp_path / "corrected.json"
+    tabulated().save(file)
+    words = ["validate", run, "--store", str(store), "--calibration"]
+    page = tmp_path / "page.html"
+    assert main([*words, str(file), "--model", model, "--report", str(page)]) == 0
+    told = capsys.readouterr().out
+    for name in ("model", "tables"):
+        assert float(told.split(f"rms, {name} for nominal: ")[1].split()[0]) < 0.9
+    assert "nominal → model → tables" in page.read_text()
+    calibration = calibration_of(store, str(file))
+    assert main([*words, calibration[:8]]) == 0
+    told = capsys.readouterr().out
+    assert "rms, model for nominal" not in told
+    found = find(store, told.split("modelgap show ")[-1].split()[0])
+    assert read_record(store, found.id)["model_id"] == calibration
+    with again(store, found) as (_, other):
+        assert list(apart(found, other)) == []
+    _, made = validate(Validate(run, 0.25, store, calibration=calibration))
+    # The spring is all that the nominal model lacks, and it is in the table.
+    assert made.models["tables"].torque[1] < 0.2 * made.models["nominal"].torque[1]
+
+
+def test_tables_of_the_papers_form_drive_on_the_model_as_described(runs):
+    store, _, run, _ = runs
+    record = {
+        "robot": ROBOT.name,
+        "stage": "calibrated",
+        "mode": "paper",
+        "joints": [1, 2, 3],
+        "request": {"robot_hash": ROBOT.content_hash},
+    }
+    whole, first = tables(), range(3)
+    lookup = replace(
+        whole,
+        joints=whole.joints[:3],
+        tables=(Table((0,), whole.tables[0].values[:, first]),),
+        offset=whole.offset[first],
+        slope=whole.slope[:, first],
+    )
+    made = commit_record(store, "models", record, files=export_lookup(lookup))
+    kept = {"robot": ROBOT.name, "kind": "calibration", "model_id": made}
+    assert calibration_of(store, commit_record(store, "validations", kept)) == made
+    _, done = track(Track((run,), None, 0, store, calibration=made))
+    assert done.names == (NOMINAL, TABLES)
+    assert done.gain(NOMINAL, TABLES).ratio < 0.9
+    other = replace(nominal(), robot=replace(ROBOT, urdf=ROBOT.urdf + " "))
+    with pytest.raises(InputError, match="as it was described then"):
+        tables_to_drive(store, made, other)
+
+
+def test_what_is_no_calibration_is_refused(runs, tmp_path):
+    store, model, *_ = runs
+    corrected().save(tmp_path / "model.json")
+    with pytest.raises(InputError, match="model without tables, expected corrected"):
+        calibration_of(store, str(tmp_path / "model.json"))
+    with pytest.raises(InputError, match="one of models, expected a calibration"):
+        calibration_of(store, model)
 
 
 def test_a_model_of_another_robot_is_refused(runs, tmp_path):

@@ -149,6 +149,19 @@ def test_a_single_row_is_evaluated_as_many_are(rng, block, model):
         np.testing.assert_allclose(got, predict(saved, rows), rtol=1e-9, atol=1e-9)
 
 
+def test_an_exported_lookup_is_read_again_bit_for_bit(rng, block, model, tmp_path):
+    X, Y, torque, run = block
+    pairs, path = nominal_lookup(model), tmp_path / "model.npz"
+    slope = rng.normal(size=pairs.slope.shape)
+    form = EffectForm((3, 4, 5), NAMES, pairs=None)
+    main = fit_effect_tables(X, Y, run, torque, form).lookup
+    for lookup in (replace(pairs, names=NAMES, slope=slope), main):
+        path.write_bytes(export_lookup(lookup)["model.npz"])
+        again = Lookup.load(path)
+        assert again.to_record() == lookup.to_record()
+        np.testing.assert_array_equal(again.predict(X), lookup.predict(X))
+
+
 @pytest.mark.skipif(compiler() is None, reason="no C compiler here")
 def test_a_header_of_tables_alone_says_what_they_say(rng, block, model, tmp_path):
     X = np.ascontiguousarray(block[0][:200])
