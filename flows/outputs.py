@@ -33,9 +33,6 @@ def json_text(document: Mapping) -> str:
 def check_writable(files: Mapping[str, Path], inputs: Iterable[Path]) -> None:
     """Refuse early what could not be written at the end.
 
-    Args:
-        inputs: Files that are read and must not be lost.
-
     Raises:
         InputError: If a folder is not there or not writable, a name stands for a
             folder or an input, or two options name one file.
@@ -63,11 +60,7 @@ def check_writable(files: Mapping[str, Path], inputs: Iterable[Path]) -> None:
 
 
 def check_outside(option: str, file: str | None, store: Path) -> None:
-    """Refuse to write among the records of a store, which nothing may change.
-
-    Raises:
-        InputError: If it lies in one of its folders.
-    """
+    """Refuse to write among the records of a store, which nothing may change."""
     place, store = Path(file or store).resolve(), store.resolve()
     # A store may be a folder with other things beside its own.
     inside = place.relative_to(store).parts[:1] if place.is_relative_to(store) else ()
@@ -78,14 +71,7 @@ def check_outside(option: str, file: str | None, store: Path) -> None:
 
 
 def check_new_folder(option: str, place: Path) -> None:
-    """Refuse early a folder for export in which something could be overwritten.
-
-    Args:
-        place: The folder, which need not be there.
-
-    Raises:
-        InputError: If it is a file or not empty, or the folder around it is not there.
-    """
+    """Refuse early a folder for export in which something could be overwritten."""
     if place.exists() and not place.is_dir():
         raise InputError(f"{option} {place} is a file, expected a folder.")
     if place.is_dir() and any(place.iterdir()):
@@ -130,9 +116,6 @@ def write_all(contents: Mapping[Path, str | bytes]) -> None:
 
     Args:
         contents: Text or bytes by path; an existing file is replaced.
-
-    Raises:
-        OSError: If a file cannot be written.
     """
     for path, content in contents.items():
         data = content.encode() if isinstance(content, str) else content

@@ -33,10 +33,6 @@ def store_folder(option: str | None = None) -> Path:
     Args:
         option: A folder, or s3://BUCKET/PREFIX, of which the folder of this machine
             beside it is returned (`warehouse.mirror`).
-
-    Raises:
-        InputError: If there is a file where the folder should be, or the address is of
-            no bucket that answers.
     """
     word = str(option or os.environ.get(STORE) or _of_project())
     if is_address(word):

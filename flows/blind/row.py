@@ -96,14 +96,7 @@ _LEAST_GAP = 0.02
 
 @dataclass(frozen=True, slots=True)
 class Estimate:
-    """A parameter beside its truth.
-
-    Attributes:
-        key: Its name.
-        value: What the diagnosis says, SI.
-        std: Its standard deviation.
-        truth: What it is.
-    """
+    """A parameter beside its truth."""
 
     key: str
     value: float

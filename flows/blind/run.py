@@ -50,15 +50,7 @@ def run_study(
     pool: Pool | Here | None = None,
     workers: int | None = None,
 ) -> Study:
-    """Run what is not in the store, and conclude.
-
-    Args:
-        pool: Processes to use; without it, own ones for the time being.
-        workers: How many own processes; None for one per core.
-
-    Raises:
-        RunError: If no case came to its end.
-    """
+    """Run what is not in the store, and conclude."""
     if pool is None:
         with Pool(workers or cores()) as own:
             return run_study(asked, store, tell, own)
@@ -148,10 +140,6 @@ def conclude(
 
     Args:
         done: Ids of the validations of its cases, in order.
-        known: How many of them were in the store before.
-
-    Raises:
-        RunError: If there is no case.
     """
     if not done:
         raise RunError(f"No case came to its end: {failed[0] if failed else 'none'}")

@@ -106,14 +106,7 @@ def run_experiments(
 
 
 def run_null(asked: Asked, excitation: Excitation, key: str, store: Path) -> str:
-    """Run and diagnose an arm that hides nothing; store what it would have shown.
-
-    Args:
-        key: Key of the case (`key_of`).
-
-    Returns:
-        The id of the validation with the minimum detectable sizes.
-    """
+    """Run and diagnose an arm that hides nothing; store what it would have shown."""
     specs = null_specs(asked, excitation)
     runs = run_experiments(specs, len(excitation.held_out), store)
     ids = diagnose_runs(request_of(runs, store))
@@ -151,9 +144,6 @@ def judge(
     store: Path,
 ) -> str:
     """Open the seal of a case whose verdict is in the store, and score it.
-
-    Args:
-        seconds: What they took [s].
 
     Returns:
         The id of the validation: one row of the view ``blind``.

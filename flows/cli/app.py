@@ -268,21 +268,13 @@ Make = Callable[[], str | bytes]
 
 
 def check_between(option: str, value: float, low: float, high: float) -> None:
-    """Refuse a number that no run ends with.
-
-    Raises:
-        InputError: If it is not from low to high, or no number.
-    """
+    """Refuse a number that no run ends with."""
     if not low <= value <= high:
         raise InputError(f"{option} {value:g}: expected {low:g} to {high:g}.")
 
 
 def check_workers(count: int | None) -> None:
-    """Refuse a number of processes below one.
-
-    Raises:
-        InputError: If it is.
-    """
+    """Refuse a number of processes below one."""
     if count is not None and count < 1:
         raise InputError(f"--workers is {count}, expected 1 or more.")
 

@@ -73,13 +73,7 @@ class Batch:
 
 @dataclass(frozen=True, slots=True)
 class Diagnosed:
-    """What a batch of runs was diagnosed with.
-
-    Attributes:
-        batch: The runs.
-        ids: Ids of the diagnosis and of the validation with its curves.
-        verdict: What it says.
-    """
+    """What a batch of runs was diagnosed with."""
 
     batch: Batch
     ids: tuple[str, str]
@@ -87,11 +81,7 @@ class Diagnosed:
 
 
 def new_runs(store: Path, arm: Robot, table: RobotTable) -> Batch | None:
-    """Return what there is to diagnose of a robot, None for nothing.
-
-    Raises:
-        InputError: If its model is of another description of it.
-    """
+    """Return what there is to diagnose of a robot, None for nothing."""
     if not store.is_dir():
         return None
     about = {"robot": arm.name, "serial": arm.serial, "healthy": table.healthy}

@@ -34,12 +34,7 @@ Told = Callable[[Sequence[str]], None]
 
 @dataclass(frozen=True, slots=True)
 class Inbox:
-    """An inbox of a project.
-
-    Attributes:
-        project: The project.
-        table: What its file says of the inbox.
-    """
+    """An inbox of a project."""
 
     project: Project
     table: InboxTable

@@ -117,13 +117,7 @@ def alone(folder: Path) -> Iterator[bool]:
 
 @dataclass(frozen=True, slots=True)
 class Job:
-    """A log that rests in an inbox.
-
-    Attributes:
-        path: The file, or the folder of a bag.
-        state: What it was when it was found at rest.
-        request: How it is imported; its one log is the path.
-    """
+    """A log that rests in an inbox."""
 
     path: Path
     state: State

@@ -123,14 +123,9 @@ def read_sets(
     Args:
         sets: Logs to fit, of the baseline, and held out: "FILE", "FILE@start:end", or
             the id of a run.
-        columns: COLUMNS.toml for the files, None for the default columns.
-        store: Where the runs are, None for the usual place.
         to_check: Whether a check follows, which tells why samples can be none of this
             arm; without it they are an error.
         called: What the user calls the robot, for a line that is offered.
-
-    Raises:
-        InputError: If a log is not usable or shares samples with another.
     """
     place = store_folder(store)
     known = columns_of(robot, columns) or ColumnMap()
@@ -160,12 +155,7 @@ def read_sets(
 
 @contextmanager
 def offer_map(log: str, robot: str) -> Iterator[None]:
-    """Say of a log with other columns how a map of them is drafted.
-
-    Args:
-        log: The log as the user wrote it.
-        robot: What the user calls the robot.
-    """
+    """Say of a log with other columns how a map of them is drafted."""
     try:
         yield
     except MissingColumnsError as error:
@@ -176,14 +166,7 @@ def offer_map(log: str, robot: str) -> Iterator[None]:
 
 
 def need_logs(words: Sequence[str], purpose: str, command: str) -> None:
-    """Refuse a command without any log.
-
-    Args:
-        purpose: What they are needed for, such as "to diagnose".
-
-    Raises:
-        InputError: If there is none.
-    """
+    """Refuse a command without any log."""
     if not words:
         raise InputError(
             f"No log {purpose}. Name it first: modelgap {command} LOG ... --robot R."
@@ -223,22 +206,13 @@ _INSTEAD: ContextVar[Mapping[str, str]] = ContextVar("instead", default={})  # n
 
 
 def load(word: str) -> Robot:
-    """Load a robot: built-in name, URDF file or folder.
-
-    Raises:
-        RobotError: If there is no such robot or it is not usable.
-        UnknownNameError: If it declares an effect or a parameter that is not known.
-    """
+    """Load a robot: built-in name, URDF file or folder."""
     return load_robot(_INSTEAD.get().get(word, word), vocabulary())
 
 
 @contextmanager
 def instead(words: Mapping[str, str]) -> Iterator[None]:
-    """Load other files than the words say, for the time being.
-
-    Args:
-        words: Where to look, by what a robot is called.
-    """
+    """Load other files than the words say, for the time being."""
     token = _INSTEAD.set(words)
     try:
         yield
@@ -247,11 +221,7 @@ def instead(words: Mapping[str, str]) -> Iterator[None]:
 
 
 def robot_of(runs: Sequence[str], store: Path) -> str:
-    """Return the name or file of the robot of some runs.
-
-    Raises:
-        InputError: If there is no run, or it is not in the store.
-    """
+    """Return the name or file of the robot of some runs."""
     if not runs:
         raise InputError("No run given, expected one or more ids.")
     manifest = stored.read_manifest(store, runs[0])
@@ -266,7 +236,6 @@ def load_of(word: str, runs: Sequence[str], store: str | Path | None) -> Robot:
     Args:
         word: Built-in name, URDF file or folder; it may say no serial number.
         runs: Logs of one arm; only those that are ids of runs are asked.
-        store: The store, None for the usual one.
 
     Raises:
         InputError: If the runs are of arms with different serial numbers, or of another
@@ -285,20 +254,12 @@ def load_of(word: str, runs: Sequence[str], store: str | Path | None) -> Robot:
 
 
 def serial_of(run: str, store: str | Path | None) -> str | None:
-    """Return the serial number of the arm of a run, None where it has none.
-
-    Raises:
-        InputError: If there is no such run.
-    """
+    """Return the serial number of the arm of a run, None where it has none."""
     return stored.read_manifest(store_folder(store), run).get("serial")
 
 
 def known_of(words: Sequence[str]) -> dict[str, float]:
-    """Return the values of --known, such as "payload.mass=2.8", by name.
-
-    Raises:
-        InputError: If one is no name and number.
-    """
+    """Return the values of --known, such as "payload.mass=2.8", by name."""
     out = {}
     for word in words:
         name, equals, text = word.partition("=")
@@ -315,10 +276,6 @@ def known_of(words: Sequence[str]) -> dict[str, float]:
 
 
 def check_declared(names: Sequence[str] | None) -> None:
-    """Refuse names in --declared that no effect has.
-
-    Raises:
-        UnknownNameError: With the nearest one.
-    """
+    """Refuse names in --declared that no effect has."""
     for name in names or ():
         check_name(name, registry(), "effect in --declared")

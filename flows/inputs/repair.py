@@ -46,9 +46,6 @@ def repair_lines(
 ) -> str | None:
     """Return the lines that do some repairs, one for each signal.
 
-    Args:
-        repairs: What to do, in this order.
-
     Returns:
         TOML for the map, or for robot.toml; None where no line can do it.
     """
@@ -199,11 +196,7 @@ def signal_line(name: str, signal: SignalMap) -> str:
 
 
 def drafted(draft: "Draft", log: str, robot: Robot) -> str:
-    """Return the text of a drafted map, what is not certain as comments.
-
-    Args:
-        log: The log that it was drafted from, as the user wrote it.
-    """
+    """Return the text of a drafted map, what is not certain as comments."""
     columns, format = draft.columns, draft.format
     about = f" Format: {presets.PRESETS[format].about}." if format else ""
     where = printable(Path(log).name)

@@ -95,11 +95,7 @@ class Reader:
 
 
 def reader_of(line: str, robot: Robot, columns: ColumnMap, where: str) -> Reader:
-    """Return what the lines after a first one mean.
-
-    Raises:
-        InputError: If a needed column is missing, or the line has no names.
-    """
+    """Return what the lines after a first one mean."""
     if line.lstrip().startswith("{"):
         values = _flat(line)
         if values is None:
@@ -148,11 +144,7 @@ class GrowingFile:
     def at(
         cls, path: Path, robot: Robot, columns: ColumnMap, position: dict | None
     ) -> "GrowingFile":
-        """Return the file, at the place where it was left; None for its begin.
-
-        Raises:
-            InputError: If it is a folder.
-        """
+        """Return the file, at the place where it was left; None for its begin."""
         if path.is_dir():
             raise InputError(f"{path} is a folder, expected a file.")
         if not position or position.get("file") != path.name:
@@ -299,11 +291,7 @@ class StandardInput:
 
 
 def _left_out(name: str, names: object, skips: bool) -> tuple[str, ...]:
-    """Return what to say of a line that is too long; nothing in the midst of it.
-
-    Raises:
-        InputError: If it is the line of names.
-    """
+    """Return what to say of a line that is too long; nothing in the midst of it."""
     if names is None:
         raise InputError(
             f"{name}: its line of names has more than {_AT_ONCE} bytes. Expected names "

@@ -18,14 +18,7 @@ _ENTRY = "flows.scheduled.project."
 
 
 def deployments(project: Project | None) -> dict[str, Any]:
-    """Return the content of a prefect.yaml: that of the program, or of a project.
-
-    Args:
-        project: The project, None for none.
-
-    Raises:
-        InputError: If this is no checkout, where schedules and campaigns are files.
-    """
+    """Return the content of a prefect.yaml: that of the program, or of a project."""
     file = ROOT / "prefect.yaml"
     if not file.is_file():
         raise InputError(

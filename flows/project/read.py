@@ -183,12 +183,7 @@ class ProjectTable:
 
 @dataclass(frozen=True, slots=True)
 class Project:
-    """A project.
-
-    Attributes:
-        folder: Its folder, absolute.
-        table: What its file says.
-    """
+    """A project."""
 
     folder: Path
     table: ProjectTable
@@ -209,11 +204,7 @@ class Project:
         return (self.folder / name).resolve()
 
     def robot(self, name: str) -> RobotTable:
-        """Return a robot by its name.
-
-        Raises:
-            InputError: If there is none of that name.
-        """
+        """Return a robot by its name."""
         for robot in self.table.robot:
             if robot.name == name:
                 return robot
@@ -226,22 +217,14 @@ class Project:
         return robot.urdf if known else str(self.path(robot.urdf))
 
     def arm(self, robot: RobotTable) -> Robot:
-        """Load a robot, with its serial number.
-
-        Raises:
-            InputError: If its description is not usable; the message has its name.
-        """
+        """Load a robot, with its serial number."""
         try:
             return with_serial(load(self.word(robot)), robot.serial or None)
         except InputError as error:
             raise InputError(f"{PROJECT}: robot '{robot.name}': {error}") from error
 
     def campaign(self, robot: RobotTable) -> Path:
-        """Return the campaign of a simulated robot: its own, else one of the examples.
-
-        Raises:
-            InputError: If there is no such file.
-        """
+        """Return the campaign of a simulated robot: its own, or one of the examples."""
         for place in (self.folder, ROOT):
             if (place / robot.campaign).is_file():
                 return (place / robot.campaign).resolve()
@@ -257,11 +240,7 @@ class Project:
 
 
 def read_project(folder: str | Path) -> Project:
-    """Read and check a project: its file, and that what it names is usable.
-
-    Raises:
-        InputError: On the first fault, with its line and what to do.
-    """
+    """Read and check a project: its file, and that what it names is usable."""
     file = Path(folder).resolve() / PROJECT
     if not file.is_file():
         raise InputError(
@@ -284,11 +263,7 @@ def read_project(folder: str | Path) -> Project:
 
 
 def project_here(store: Path) -> Project | None:
-    """Return the project of the working directory, where a store is its own.
-
-    Raises:
-        InputError: If its file is not usable.
-    """
+    """Return the project of the working directory, where a store is its own."""
     if not Path(PROJECT).is_file():
         return None
     project = read_project(".")
@@ -345,9 +320,6 @@ def start(wanted: Start) -> Project:
     Args:
         wanted: What it begins with. A robot's files that lie elsewhere are copied into
             its folder.
-
-    Raises:
-        InputError: If there is one already, or the robot is not usable.
     """
     folder = Path(wanted.folder).resolve()
     file = folder / PROJECT

@@ -44,11 +44,7 @@ def compiler() -> str | None:
 
 
 def prove_c99(made: Exported) -> Proof:
-    """Compile the header and run it along a motion; its time per call is a note.
-
-    Raises:
-        RunError: If the header does not compile.
-    """
+    """Compile the header and run it along a motion; its time per call is a note."""
     if compiler() is None:
         return Proof("no C compiler here (cc, gcc or $CC)", 0, None, 0.0)
     motion = exciting(body_of(made.whole).robot)
@@ -86,11 +82,7 @@ def compiled(made: Exported) -> Iterator:
 
 
 def build(place: Path, sources: list[str], name: str, *flags: str) -> None:
-    """Compile files of a folder into a shared library there.
-
-    Raises:
-        RunError: If the compiler refuses them.
-    """
+    """Compile files of a folder into a shared library there."""
     command = [compiler() or "cc", *FLAGS, *flags, "-o", name, *sources, "-lm"]
     done = subprocess.run(command, cwd=place, capture_output=True, text=True)
     if done.returncode:
@@ -99,11 +91,7 @@ def build(place: Path, sources: list[str], name: str, *flags: str) -> None:
 
 
 def make_fmu(whole: Whole) -> Exported:
-    """Return a model as an FMU, with a library where there is a C compiler.
-
-    Raises:
-        RunError: If the compiler refuses it.
-    """
+    """Return a model as an FMU, with a library where there is a C compiler."""
     parts = fmu_parts(whole)
     if compiler() is None:
         return to_fmu(parts, None)
@@ -116,11 +104,7 @@ def make_fmu(whole: Whole) -> Exported:
 
 
 def prove_fmu(made: Exported) -> Proof:
-    """Let FMPy check the FMU and play it along a motion.
-
-    Raises:
-        InputError: If FMPy is not installed.
-    """
+    """Let FMPy check the FMU and play it along a motion."""
     if compiler() is None:
         why = "no C compiler here (cc, gcc or $CC): the FMU has sources alone"
         return Proof(why, 0, None, 0.0)
@@ -195,11 +179,7 @@ def _stepped(path: Path, motion: Motion) -> Array:
 
 
 def prove_mujoco(made: Exported) -> Proof:
-    """Let MuJoCo find the torque along a motion, with what the module beside adds.
-
-    Raises:
-        InputError: If MuJoCo is not installed.
-    """
+    """Let MuJoCo find the torque along a motion, with what the module beside adds."""
     mujoco, model = extra("mujoco"), body_of(made.carried)
     if compiler() is None:
         return Proof("no C compiler here (cc, gcc or $CC)", 0, None, 0.0)

@@ -74,11 +74,7 @@ def text_of(made: Exported) -> str:
 
 
 def extra(package: str) -> ModuleType:
-    """Return a package of the extra, which is loaded only when it is needed.
-
-    Raises:
-        InputError: If it is not installed.
-    """
+    """Return a package of the extra, which is loaded only when it is needed."""
     try:
         return import_module(package)
     except ImportError as error:
@@ -159,11 +155,7 @@ def prove_table(made: Exported) -> Proof:
 
 
 def prove_mjcf(made: Exported) -> Proof:
-    """Compare MuJoCo's inverse dynamics on random states, where friction is all there.
-
-    Raises:
-        InputError: If MuJoCo is not installed.
-    """
+    """Compare MuJoCo's inverse dynamics on random states of full friction."""
     mujoco = extra("mujoco")
     model, text = body_of(made.carried), text_of(made)
     speed = saturated_speed(model)

@@ -41,14 +41,7 @@ class Shown:
 
 
 def make_rrd(whole: Whole, log: Recording | None = None) -> Exported:
-    """Return a recording of a log, or of a usual motion where there is none.
-
-    Args:
-        log: A log of the robot, whose torque and residual are shown too.
-
-    Raises:
-        InputError: If rerun-sdk is not installed.
-    """
+    """Return a recording of a log, or of a usual motion where there is none."""
     rr = extra("rerun")
     shown = _of_log(whole, log) if log else _of_motion(whole)
     with tempfile.TemporaryDirectory() as folder:

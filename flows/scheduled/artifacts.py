@@ -52,12 +52,7 @@ _PICTURE = 400_000  # bytes; what is larger makes the page slow
 
 
 def progress(key: str, say: Callable[[str], None]) -> Callable[[str, float], None]:
-    """Show a bar; returns what is to be told the stage and the share done.
-
-    Args:
-        key: Its name.
-        say: Told each stage.
-    """
+    """Show a bar; returns what is to be told the stage and the share done."""
     about = "share of the runs that are stored"
     bar, shown = create_progress_artifact(0.0, key, about), [monotonic()]
 
@@ -75,9 +70,6 @@ def record(key: str, ids: Sequence[str], words: str, rows: Rows = ()) -> None:
 
     Args:
         key: Name of the stage: lower case, digits and dashes.
-        ids: Ids of the records that it left in the store.
-        words: What it found, in sentences.
-        rows: One dict per row of its table.
     """
     kept = ", ".join(f"`modelgap show {id}`" for id in ids)
     about = "\n\n".join(line for line in (words, kept) if line) or key
@@ -141,13 +133,7 @@ def validations(made: Mapping[str, tuple[str, Validation]]) -> None:
 
 
 def monitoring(id: str, found: Watched, watched: Mapping[str, Recording]) -> None:
-    """Show what watching the sensors found: the alarms and the scores.
-
-    Args:
-        id: Id of the record.
-        found: What was found.
-        watched: The watched runs by id.
-    """
+    """Show what watching the sensors found: the alarms and the scores."""
     rows = [
         {
             "run": run[:8],
@@ -165,13 +151,7 @@ def monitoring(id: str, found: Watched, watched: Mapping[str, Recording]) -> Non
 
 
 def plot(key: str, png: bytes, words: str) -> None:
-    """Show a picture inside of a text, as the page loads nothing from elsewhere.
-
-    Args:
-        key: Its name.
-        png: The picture.
-        words: What it shows.
-    """
+    """Show a picture inside of a text, as the page loads nothing from elsewhere."""
     if len(png) <= _PICTURE:
         data = b64encode(png).decode()
         text = f"{words}\n\n![{key}](data:image/png;base64,{data})"
@@ -183,8 +163,6 @@ def verdict(name: str, page: Path, words: str) -> None:
 
     Args:
         name: Robot, number and verdict in half a line.
-        page: The page.
-        words: The verdict in sentences.
     """
     at = link_of(page)
     create_link_artifact(at, "report", key="report", description=name)
@@ -196,26 +174,14 @@ def verdict(name: str, page: Path, words: str) -> None:
 
 
 def proposal(page: Path, words: str, diagnosis: str) -> None:
-    """Show two models side by side, and where the page of that is.
-
-    Args:
-        page: The page.
-        words: The same as text.
-        diagnosis: Id of the diagnosis of the second.
-    """
+    """Show two models side by side, and where the page of that is."""
     text = f"{words}\n\n[Side by side]({link_of(page)})"
     about = f"a new model waits for a decision: diagnosis {diagnosis}"
     create_markdown_artifact(text, key="proposal", description=about)
 
 
 def study(page: Path, words: str, id: str) -> None:
-    """Show the figures of a blind study, and where its page is.
-
-    Args:
-        page: The page.
-        words: Its figures, a line each.
-        id: Id of the study.
-    """
+    """Show the figures of a blind study, and where its page is."""
     text = f"{words}\n\n[All cases]({link_of(page)})"
     about = f"study {id}: how often hidden effects were rightly named"
     create_markdown_artifact(text, key="blind", description=about)
@@ -238,11 +204,7 @@ def _short(value: float) -> float | None:
 
 
 def runs_committed(ids: Sequence[str]) -> None:
-    """Tell that runs are in the store; one event for a batch of them.
-
-    Args:
-        ids: Their ids.
-    """
+    """Tell that runs are in the store; one event for a batch of them."""
     for start in range(0, len(ids), _TOGETHER):
         part = list(ids[start : start + _TOGETHER])
         _tell(COMMITTED, {"run_ids": part})
@@ -252,8 +214,6 @@ def alarm_raised(record: str, runs: Sequence[str], good: Sequence[str]) -> None:
     """Tell that the monitoring of runs raised an alarm.
 
     Args:
-        record: Id of the monitoring.
-        runs: Ids of the runs with an alarm.
         good: Ids of the runs that they were judged by.
     """
     about = {"record": record, "run_ids": list(runs), "good_ids": list(good)}
@@ -261,20 +221,12 @@ def alarm_raised(record: str, runs: Sequence[str], good: Sequence[str]) -> None:
 
 
 def model_proposed(diagnosis: str) -> None:
-    """Tell that the model of a diagnosis may be that of its robot.
-
-    Args:
-        diagnosis: Its id.
-    """
+    """Tell that the model of a diagnosis may be that of its robot."""
     _tell(PROPOSED, {"diagnosis": diagnosis})
 
 
 def logs_stored(robot: str) -> None:
-    """Tell that an inbox has stored logs of a robot.
-
-    Args:
-        robot: Its name in the project.
-    """
+    """Tell that an inbox has stored logs of a robot."""
     _tell(STORED, {"robot": robot}, resource(robot))
 
 
@@ -283,12 +235,7 @@ def _tell(name: str, payload: dict, about: str = STORE) -> None:
 
 
 def name_of(diagnosis: str, store: Path) -> str:
-    """Return a diagnosis in half a line: "irb140 #2: load friction on joint 2, ...".
-
-    Args:
-        diagnosis: Its id.
-        store: The store.
-    """
+    """Return a diagnosis in half a line: "irb140 #2: load friction on joint 2, ..."."""
     words = brief(read_verdict(store, diagnosis))
     return f"{title_of(store, diagnosis)}: {words}"
 

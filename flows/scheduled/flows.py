@@ -42,9 +42,6 @@ def nightly(
         seed: Seed of the motions, to repeat a night; without it the time of the
             schedule to the second, so that every start has motions of its own, and one
             that is tried again the same. It is in the record of every run.
-
-    Returns:
-        The page.
     """
     place = str(store_folder(store))
     where = (runner, trust_network, place)
@@ -67,9 +64,6 @@ def experiment(spec: str, store: str | None = None) -> str:
     Args:
         spec: SPEC.toml.
         store: Folder of the store; else $MODELGAP_STORE, else ./store.
-
-    Returns:
-        The id of its run.
     """
     return tasks.experiment(spec, str(store_folder(store)))
 
@@ -90,9 +84,6 @@ def campaign(
         store: Folder of the store; else $MODELGAP_STORE, else ./store.
         runner: threads or dask://HOST:PORT; else $MODELGAP_RUNNER.
         trust_network: Whether that host may be another machine.
-
-    Returns:
-        The ids of its runs.
     """
     place = str(store_folder(store))
     asked = Campaign(campaign_file, "", seed, runner, trust_network, place)
@@ -121,9 +112,6 @@ def calibrate(runs: list[str], store: str | None = None) -> list[str]:
     Args:
         runs: Ids of the runs.
         store: Folder of the store; else $MODELGAP_STORE, else ./store.
-
-    Returns:
-        The ids of model and validation.
     """
     return tasks.calibrate({"fit": runs, "held_out": []}, str(store_folder(store)))
 
@@ -138,9 +126,6 @@ def validate(
         runs: Ids of the runs.
         window: Length of the windows of the open loop [s].
         store: Folder of the store; else $MODELGAP_STORE, else ./store.
-
-    Returns:
-        The ids of the validations.
     """
     return tasks.validate(runs, window, str(store_folder(store)))
 
@@ -218,9 +203,6 @@ def report(diagnosis: str, proof: str, store: str | None = None) -> str:
         diagnosis: Its id.
         proof: Id of the validation with its curves.
         store: Folder of the store; else $MODELGAP_STORE, else ./store.
-
-    Returns:
-        The page.
     """
     return tasks.report([diagnosis, proof], str(store_folder(store)))
 
@@ -255,9 +237,6 @@ def blind(
             week has cases of its own and the same week the same.
         store: Folder of the store; else $MODELGAP_STORE, else ./store.
         background: What all joints have beside what is hidden: clean, workshop, worn.
-
-    Returns:
-        The page.
     """
     place = str(store_folder(store))
     return tasks.study(n, _date() if seed is None else seed, place, background)

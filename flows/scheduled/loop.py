@@ -166,9 +166,6 @@ def close(
         seed: Seed of the arm, of what it hides, and of the motions.
         effects: How many effects it hides; None to draw one to three.
         store: Folder of the store; else $MODELGAP_STORE, else ./store.
-
-    Returns:
-        The page.
     """
     asked = Close(robot, budget, seed, effects, store=str(store_folder(store)))
     while decide(asked):

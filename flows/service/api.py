@@ -26,12 +26,7 @@ INBOX = "inbox"  # name of the flow that looks into inboxes
 
 @dataclass(frozen=True, slots=True)
 class Api:
-    """The API of a server, and what opens it.
-
-    Attributes:
-        url: Its address.
-        key: What the server wants to see (`state.store_key`).
-    """
+    """The API of a server, and what opens it."""
 
     url: str
     key: str = field(repr=False)
@@ -53,9 +48,6 @@ def ask(
         body: What to send as JSON; None for nothing.
         method: GET without a body, POST with one, unless given.
         wait: How long to wait for the answer [s].
-
-    Raises:
-        RunError: If the server does not answer or refuses.
     """
     data = None if body is None else json.dumps(body).encode()
     place = api.url.rstrip("/") + path
@@ -91,11 +83,7 @@ def answers(url: str | None) -> bool:
 
 
 def opening_address(ui: str, key: str) -> str:
-    """Return the address at which a browser gets the key: once, and not for long.
-
-    Raises:
-        RunError: If the server does not answer.
-    """
+    """Return the address at which a browser gets the key: once, and not for long."""
     ticket = ask(Api(ui, key), "/open/ticket", {})["ticket"]
     return f"{ui}/open#{ticket}"
 
@@ -221,9 +209,6 @@ def _due(api: Api) -> dict[str, datetime]:
 
 def start_flow(api: Api, deployment: str, parameters: Mapping | None = None) -> str:
     """Start a deployment now, beside its schedule; a worker takes it in its turn.
-
-    Args:
-        deployment: As "flow/name".
 
     Raises:
         RunError: If the server does not answer or has no such deployment.

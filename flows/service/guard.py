@@ -112,11 +112,7 @@ class Rules:
 
 
 def rules_for(host: str, port: int, key: str) -> Rules:
-    """Return the rules of a server.
-
-    Args:
-        key: What a program must know.
-    """
+    """Return the rules of a server."""
     everywhere = host in _EVERYWHERE
     names = set() if everywhere else {f"[{host}]" if ":" in host else host}
     if is_loopback(host):
@@ -131,12 +127,7 @@ def rules_for(host: str, port: int, key: str) -> Rules:
 
 @dataclass(frozen=True, slots=True)
 class Refusal:
-    """Why a request is not let through.
-
-    Attributes:
-        status: Of HTTP.
-        words: What was expected, and what was got.
-    """
+    """Why a request is not let through."""
 
     status: int
     words: str
@@ -181,12 +172,7 @@ def _is_address(name: str) -> bool:
 
 @dataclass(frozen=True, slots=True)
 class Guard:
-    """An application that lets through only what the rules allow.
-
-    Attributes:
-        app: What is guarded.
-        rules: Those of the server.
-    """
+    """An application that lets through only what the rules allow."""
 
     app: ASGIApp
     rules: Rules

@@ -86,11 +86,7 @@ _NOTHING = "There is no such page of this store. All that there are: /pages/inde
 
 @dataclass(frozen=True, eq=False, slots=True)
 class Tickets:
-    """Tickets that were given and not yet used.
-
-    Attributes:
-        clock: Tells the time [s].
-    """
+    """Tickets that were given and not yet used."""
 
     clock: Callable[[], float] = monotonic
     _ends: dict[str, float] = field(default_factory=dict, repr=False)
@@ -110,11 +106,7 @@ class Tickets:
 
 
 def with_entry(app: ASGIApp, rules: Rules, tickets: Tickets) -> ASGIApp:
-    """Return an application with the page that opens all others before it.
-
-    Args:
-        app: What everything else goes to; guarded, as the whole must be.
-    """
+    """Return an application with the page that opens all others before it."""
 
     async def page(_: Request) -> Response:
         return HTMLResponse(_ENTRY)
@@ -137,7 +129,6 @@ def with_pages(app: ASGIApp, rules: Rules, site: Site, tickets: Tickets) -> ASGI
     """Return an application that also serves the pages over a store.
 
     Args:
-        app: What everything else goes to; guarded, as the whole must be.
         tickets: Those given for pages; none of them opens anything else.
     """
 

@@ -77,11 +77,7 @@ def checked(request: ServiceRequest) -> None:
 
 
 def check_host(host: str, trust_network: bool) -> None:
-    """Refuse to be reached by others unless that is said.
-
-    Raises:
-        InputError: With what to say.
-    """
+    """Refuse to be reached by others unless that is said."""
     if not is_loopback(host) and not trust_network:
         raise InputError(
             f"--host {host} lets others in the network reach the server, and what is "
@@ -119,11 +115,7 @@ def shown_database(given: str | None) -> str:
 
 
 def port_is_free(host: str, port: int) -> bool:
-    """Return whether nobody listens there.
-
-    Raises:
-        InputError: If this machine has no such address.
-    """
+    """Return whether nobody listens there."""
     family = socket.AF_INET6 if ":" in host else socket.AF_INET
     with socket.socket(family) as probe:
         # As the server will do it: what has just ended does not count.

@@ -215,11 +215,7 @@ def write_running(home: Path, running: Running) -> None:
 
 @contextmanager
 def one_at_a_time(home: Path) -> Iterator[None]:
-    """Keep a second `up` or `down` of the same store out; a dead one holds nothing.
-
-    Raises:
-        RunError: If another one is at work.
-    """
+    """Keep a second `up` or `down` of the same store out; a dead one holds nothing."""
     with (home / _LOCK).open("a") as lock:
         try:
             fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)

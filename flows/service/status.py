@@ -119,9 +119,6 @@ def start_diagnosis(request: Diagnose, store: Path) -> str | None:
     Returns:
         The name of the flow run; None where nobody would run it, so that it is left to
         the caller.
-
-    Raises:
-        RunError: If the server refuses.
     """
     home = store / PREFECT
     running = read_running(home)

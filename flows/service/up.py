@@ -56,15 +56,8 @@ _WATCH = "close flow runs without a sign of life"
 def up(request: ServiceRequest, say: Say) -> tuple[Running, bool]:
     """Bring up what does not run yet; what runs is left as it is.
 
-    Args:
-        say: Told each step, for people.
-
     Returns:
         What runs now, and whether all of it ran before.
-
-    Raises:
-        InputError: If something runs that contradicts what is asked for.
-        RunError: If something does not start.
     """
     home = prefect_home(request.store)
     with one_at_a_time(home):
@@ -258,9 +251,7 @@ def start_every(
     """Give a deployment a further schedule from now on, instead of the one before.
 
     Args:
-        deployment: As "flow/name".
         seconds: Time between two starts [s]; 0 for no such schedule any more.
-        parameters: Of the flow, instead of those of the deployment.
     """
     known = api.ask(to, f"/deployments/name/{deployment}")
     place = f"/deployments/{known['id']}/schedules"
@@ -364,10 +355,6 @@ def down(home: Path, wait: float, say: Say) -> Running | None:
 
     Args:
         wait: How long flow runs may go on [s]; then they are ended and marked.
-        say: Told each step, for people.
-
-    Returns:
-        What ran, None if nothing did.
     """
     with one_at_a_time(home):
         running = read_running(home)
@@ -414,9 +401,6 @@ def _active(to: api.Api) -> dict[str, list[Process]]:
 
 def stay(store: Path, say: Say) -> None:
     """Return after Ctrl-C or SIGTERM, with everything stopped.
-
-    Args:
-        say: Told each step.
 
     Raises:
         RunError: If server or worker have ended; who manages us starts us again.

@@ -39,12 +39,6 @@ def load_campaign(path: str | Path, seed: int | None = None) -> tuple[Entry, ...
     In [grid] every list is tried with every other. In [random], `count` experiments
     are drawn: from a list, or from {low, high}, evenly or in `log`. Each draw has a
     seed of its own; a seed under [trajectory] or [plant] keeps motion or arm the same.
-
-    Args:
-        seed: Replaces the seed of the file.
-
-    Raises:
-        InputError: If the file is not usable, or asks for no or too many experiments.
     """
     content = read_toml(path) | ({} if seed is None else {"seed": seed})
     grid, draws = content.pop("grid", None), content.pop("random", None)

@@ -191,20 +191,12 @@ def derived_seed(seed: int, name: str) -> int:
 
 
 def load_spec(path: str | Path) -> ExperimentSpec:
-    """Read and check a SPEC.toml.
-
-    Raises:
-        InputError: If it cannot be read, has an unknown key or an unusable value.
-    """
+    """Read and check a SPEC.toml."""
     return experiment_of(read_toml(path), path)
 
 
 def experiment_of(content: dict, path: str | Path) -> ExperimentSpec:
-    """Check the content of a SPEC.toml; a robot beside the file is found there.
-
-    Raises:
-        InputError: If a key is unknown or a value is not usable.
-    """
+    """Check the content of a SPEC.toml; a robot beside the file is found there."""
     for table in ("grid", "random"):
         if table in content:
             raise InputError(

@@ -73,9 +73,6 @@ def judge(store: Path, word: str) -> Judged:
 
     Args:
         word: Id of a diagnosis, of the model that it ended with, or of an adoption.
-
-    Raises:
-        InputError: If there is no such model.
     """
     id = diagnosis_of(store, word)
     verdict, model = read_verdict(store, id), read_known(store, id)
@@ -151,10 +148,6 @@ def adopt(request: Adopt) -> tuple[str, Judged]:
 
     Returns:
         The number of the adoption, and what the gate saw.
-
-    Raises:
-        InputError: If the gate refuses, the robot has that model already, or has got
-            another one meanwhile.
     """
     store = store_folder(request.store)
     judged = judge(store, request.model)
@@ -196,10 +189,6 @@ def roll_back(
 
     Args:
         word: The robot; None where the store has adoptions of one alone.
-        store: Folder of the store, None for the usual one.
-
-    Raises:
-        InputError: If there is nothing to go back from, or it is not clear for whom.
     """
     place = store_folder(store)
     robot, serial = _robot_of(place, word)
@@ -236,11 +225,7 @@ def list_adoptions(
     """Return all adoptions, the first one first.
 
     Args:
-        store: Folder of the store, None for the usual one.
         word: A robot, or its name, to list alone; None for all.
-
-    Raises:
-        InputError: If a record is damaged.
     """
     place = store_folder(store)
     wanted = None if word is None else _named(place, word)
@@ -309,12 +294,7 @@ PROPOSAL = "proposal"
 
 @dataclass(frozen=True, eq=False, slots=True)
 class Proposal:
-    """What is proposed.
-
-    Attributes:
-        judged: The model before the gate.
-        verdict: What its diagnosis says.
-    """
+    """What is proposed."""
 
     judged: Judged
     verdict: Verdict

@@ -32,12 +32,7 @@ Runs = dict[str, list[str]]
 
 @dataclass(frozen=True, slots=True)
 class Failure:
-    """An experiment that did not come to its end.
-
-    Attributes:
-        planned: The experiment.
-        why: The reason, in one or two lines.
-    """
+    """An experiment that did not come to its end."""
 
     planned: Planned
     why: str
@@ -73,9 +68,6 @@ def run_all(
     pool: Pool | Here | Cluster | None = None,
 ) -> Summary:
     """Run what is not in the store, in as many processes as there are cores.
-
-    Args:
-        pool: Processes or a cluster to use; without it, own processes.
 
     Returns:
         What became of them; a failure is in it and raises nothing.
@@ -135,12 +127,7 @@ class Ran:
 
 
 def run_campaign(asked: Campaign, tell: Progress | None = None) -> Ran:
-    """Run what is not in the store.
-
-    Raises:
-        InputError: If the campaign is not usable, or of several robots.
-        RunError: If too few of its runs succeeded for a diagnosis.
-    """
+    """Run what is not in the store."""
     wanted = planned(asked)
     runner = chosen_runner(asked.runner, asked.trust_network)
     with workers_of(runner, sum(not p.stored for p in wanted)) as pool:
@@ -157,11 +144,7 @@ def by_role(
     stored: Sequence[str],
     failed: Sequence[str],
 ) -> Runs:
-    """Return the stored runs by role.
-
-    Raises:
-        RunError: If none is left to fit.
-    """
+    """Return the stored runs by role."""
     runs: Runs = {"fit": [], "held_out": []}
     for each in wanted:
         if each.run_id in stored:
@@ -244,10 +227,6 @@ def arms_of(
     Args:
         words: A campaign file, or ids of runs with commas between them, for each arm.
         held_out: Kind of motion of a campaign that is held out, "" for none.
-
-    Raises:
-        InputError: If a word is neither, or a campaign is not usable.
-        RunError: If an arm has no run to fit.
     """
     asked = {w: Campaign(w, held_out, store=store) for w in words if Path(w).is_file()}
     wanted = {word: planned(campaign) for word, campaign in asked.items()}

@@ -24,11 +24,7 @@ drafting = Lazy("warehouse.logs.draft")  # of use to one command
 
 
 def read_logs(request: Check) -> LogSets:
-    """Read the robot and every log, also such as no arm can have made.
-
-    Raises:
-        InputError: If the request or a file is not usable.
-    """
+    """Read the robot and every log, also such as no arm can have made."""
     robot = load_of(request.robot, request.logs, request.store)
     check_declared(request.declared)
     need_logs(request.logs, "to check", "check")
@@ -39,11 +35,7 @@ def read_logs(request: Check) -> LogSets:
 
 
 def draft_map(request: Map) -> str:
-    """Return the text of a map for a log, drafted from what the log says of itself.
-
-    Raises:
-        InputError: If the log or the robot is not usable, or there is no such format.
-    """
+    """Return the text of a map for a log, drafted from what the log says of itself."""
     robot, (path, _) = load(request.robot), split_spec(request.log)
     return drafted(drafting.draft(path, robot, request.format), request.log, robot)
 
@@ -54,9 +46,6 @@ def check(logs: LogSets, declared: Sequence[str] | None = None) -> LogCheck:
 
     Healthy runs are checked by themselves, so that what is wrong with one set is not
     lost among the logs of the other.
-
-    Args:
-        declared: Effects that the nominal model has; None for the robot's own list.
     """
     faults: list[Fault] = []
     # One thread: the products are small, two threads only wait for each other.
@@ -67,10 +56,6 @@ def check(logs: LogSets, declared: Sequence[str] | None = None) -> LogCheck:
 
 def checked(logs: LogSets, declared: Sequence[str] | None, trust_log: bool) -> LogCheck:
     """Check logs before they are used, and refuse those with a certain fault.
-
-    Args:
-        declared: Effects that the nominal model has; None for the robot's own list.
-        trust_log: Whether to go on all the same.
 
     Raises:
         InputError: With the first certain fault and the line that mends it; in any

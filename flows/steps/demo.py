@@ -71,9 +71,6 @@ def specs(asked: Demo) -> list[tuple[str, ExperimentSpec]]:
     """Return the experiments: those to fit, then those held out.
 
     All are on one arm and in one session, one after the other with pauses.
-
-    Raises:
-        InputError: If there is no such effect or seed.
     """
     if not 0 <= asked.seed < 2**63:
         raise InputError(f"--seed is {asked.seed}, expected 0 or more.")
@@ -100,11 +97,7 @@ def specs(asked: Demo) -> list[tuple[str, ExperimentSpec]]:
 def run_experiments(
     asked: Demo, progress: Progress | None = None, pool: Pool | Here | None = None
 ) -> Runs:
-    """Run the experiments that are not in the store.
-
-    Raises:
-        RunError: If one of them failed.
-    """
+    """Run the experiments that are not in the store."""
     store = store_folder(asked.store)
     summary = run_all(plan(specs(asked), store), store, progress, pool)
     if summary.failures:

@@ -35,11 +35,7 @@ _ROLES = {"fit": "logs", "held_out": "held_out", "baseline": "baseline"}
 
 
 def read_logs(request: Diagnose) -> LogSets:
-    """Read the robot and every log once.
-
-    Raises:
-        InputError: If the request or a log is not usable.
-    """
+    """Read the robot and every log once."""
     robot = _robot(request)
     check_declared(request.declared)
     need_logs(request.logs, "to diagnose", "diagnose")
@@ -96,9 +92,6 @@ def diagnose(
 
     Args:
         inside: Shown what the search knows, before it is let go.
-
-    Raises:
-        InputError: If the logs are not usable together, or a fault of them is certain.
     """
     store, model = store_folder(request.store), None
     if request.model:
@@ -129,12 +122,8 @@ def diagnose_logs(
 
     Args:
         declared: Effects that the model has; None for the robot's own list.
-        trust_log: Whether to go on where a fault of the logs is certain.
         nulls: A null that is to be taken, or some of which one may fit.
         model: The adopted model; None for the nominal one.
-
-    Raises:
-        InputError: If the logs are not usable together, or a fault of them is certain.
     """
     report = check.checked(logs, declared, trust_log)
     # What is compared with logs of before needs no null: these show what chance does.
@@ -188,14 +177,7 @@ def _behind(diagnosis: str, logs: LogSets, store: Path) -> tuple[Recording, ...]
 
 
 def runs_of(request: Diagnose) -> LogSets:
-    """Read runs of the store; nothing but them is read.
-
-    Args:
-        request: What is wanted; its logs are ids of runs.
-
-    Raises:
-        InputError: If a run is not there or does not belong to the robot.
-    """
+    """Read runs of the store; nothing but them is read."""
     store, robot = store_folder(request.store), _robot(request)
     sets = {
         role: tuple(stored.read_run(store, id) for id in getattr(request, name))
@@ -211,14 +193,8 @@ def diagnose_runs(
 
     Nothing but the runs is read, so the verdict is the same without `sealed/`.
 
-    Args:
-        request: What is wanted; its logs are ids of runs.
-
     Returns:
         The ids of the diagnosis, and of the validation that has its curves.
-
-    Raises:
-        InputError: If a run is not there or does not belong to the robot.
     """
     logs = runs_of(request)
     return keep(request, logs, diagnose(request, logs, progress))
@@ -263,10 +239,6 @@ def request_of(
 
     Args:
         runs: Ids by role: fit, and held_out and baseline where there are such.
-        model: Id of the diagnosis whose model is the nominal one, None for none.
-
-    Raises:
-        InputError: If there is no run to fit, or it is not in the store.
     """
     words = {name: tuple(runs.get(role, ())) for role, name in _ROLES.items()}
     robot = robot_of(runs["fit"], store)

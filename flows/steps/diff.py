@@ -44,11 +44,7 @@ class Diff:
 
 
 def diff(one: str, two: str, store: Path) -> Diff:
-    """Compare two records of one kind.
-
-    Raises:
-        InputError: If there is no such record, or they are of two kinds.
-    """
+    """Compare two records of one kind."""
     found = [find(store, id) for id in (one, two)]
     if found[0].kind != found[1].kind:
         kinds = " and ".join(f"{each.id} is in {each.kind}" for each in found)

@@ -85,11 +85,7 @@ class Made:
 
 
 def plan(specs: Iterable[tuple[str, ExperimentSpec]], store: Path) -> list[Planned]:
-    """Return what would run and what is there; the same experiment only once.
-
-    Raises:
-        InputError: If an experiment asks for what its robot or the plant lacks.
-    """
+    """Return what would run and what is there; the same experiment only once."""
     planned: dict[str, Planned] = {}
     for label, asked in specs:
         spec = settled(asked, _robot(asked.robot), store)
@@ -100,11 +96,7 @@ def plan(specs: Iterable[tuple[str, ExperimentSpec]], store: Path) -> list[Plann
 
 
 def run_id_of(spec: ExperimentSpec) -> str:
-    """Return the id of an experiment, without running it.
-
-    Raises:
-        InputError: If it asks for what its robot or the plant lacks.
-    """
+    """Return the id of an experiment, without running it."""
     robot = checked_robot(spec)
     hidden = sealed_hash(sealed_half(spec))
     return ids.run_id(open_half(spec, robot), hidden, plant_code_hash())
@@ -117,9 +109,6 @@ def is_stored(store: Path, spec: ExperimentSpec, run_id: str) -> bool:
 
 def run(spec: ExperimentSpec, store: Path, campaign: str | None = None) -> str:
     """Run one experiment and store it; one that is stored is not run again.
-
-    Args:
-        campaign: Name of the campaign that it is of, kept with it.
 
     Raises:
         InputError: If the motion breaks a limit of the arm (which joint, when, by how
@@ -142,9 +131,6 @@ def make(spec: ExperimentSpec, store: Path | None = None) -> Made:
     Args:
         spec: What to run, the model of its controller named by a whole id.
         store: Where that model is; None where the nominal one drives.
-
-    Raises:
-        InputError: As `run` does.
     """
     robot = checked_robot(spec)
     made, timings = _simulate(spec, robot, store)
@@ -255,11 +241,7 @@ def plant_of(sealed: Mapping) -> PlantSpec:
 
 
 def checked_robot(spec: ExperimentSpec) -> Robot:
-    """Return the arm, once it is known to fit what the spec hides in it.
-
-    Raises:
-        InputError: If there is no such robot, effect, parameter or joint.
-    """
+    """Return the arm, once it is known to fit what the spec hides in it."""
     robot = _robot(spec.robot)
     for effect in spec.plant_spec().effects:
         check_effect(effect, robot)
@@ -337,9 +319,6 @@ def with_twins(robot: Robot, runs: Sequence[Run]) -> tuple[Run, ...]:
     """Return runs with their errors against a twin on their own reference.
 
     Those that have a twin, and those that have no reference, stay as they are.
-
-    Raises:
-        DivergedError: If a twin cannot follow.
     """
     return tuple(
         run
@@ -354,9 +333,6 @@ def settled(spec: ExperimentSpec, robot: Robot, store: Path) -> ExperimentSpec:
 
     Args:
         spec: The spec; its model may be "adopted", or the beginning of an id.
-
-    Raises:
-        InputError: If there is no such model, or none is adopted.
     """
     word = spec.controller.model
     if word == NOMINAL:
@@ -383,14 +359,7 @@ def torque_of(model: Whole, reference: Reference, kind: str, use: Use) -> Given:
 def given_by(
     table: ControllerTable, robot: Robot, reference: Reference, store: Path | None
 ) -> Given | None:
-    """Return what a spec's controller drives the arm by; None for the nominal one.
-
-    Args:
-        table: The controller of the spec, its model named by a whole id.
-
-    Raises:
-        InputError: If its model is not there.
-    """
+    """Return what a spec's controller drives the arm by; None for the nominal one."""
     if table.model == NOMINAL:
         return None
     if store is None:

@@ -24,11 +24,7 @@ from residual.model.model import Model
 
 
 def read_logs(request: Identify) -> LogSets:
-    """Read the robot and every log once.
-
-    Raises:
-        InputError: If the request or a log is not usable.
-    """
+    """Read the robot and every log once."""
     robot = load_of(request.robot, (*request.logs, *request.held_out), request.store)
     check_declared(request.declared)
     _options(request)
@@ -44,9 +40,6 @@ def identify(request: Identify, logs: LogSets) -> tuple[Identified, str | None]:
 
     Returns:
         What was identified, and the id of the model; None where it is not stored.
-
-    Raises:
-        InputError: If the logs are not usable together, or a fault of them is certain.
     """
     known = None
     if request.model:
@@ -76,9 +69,6 @@ def identify_logs(
 
     Args:
         known: Effects that the model has, None for the robot's own list; or a model.
-
-    Raises:
-        InputError: If the logs are not usable together, or a fault of them is certain.
     """
     declared = None if isinstance(known, Model) else known
     report = checked(logs, declared, trust_log)

@@ -54,14 +54,7 @@ class Log:
 
 
 def read_logs(request: Import) -> tuple[Robot, tuple[Log, ...]]:
-    """Read logs and say which runs they are; nothing is written.
-
-    Args:
-        request: Which logs; the store need not be there.
-
-    Raises:
-        InputError: If a log is not usable, or two are the same run.
-    """
+    """Read logs and say which runs they are; nothing is written."""
     need_logs(request.logs, "to import", "import")
     for what, word in (("trajectory", request.trajectory), ("kind", request.kind)):
         if word is not None and not _is_word(word):
@@ -98,9 +91,6 @@ def check_logs(
 
     Returns:
         The logs, their records with what was found; and what was found.
-
-    Raises:
-        InputError: If a fault is certain and the logs are not to be trusted.
     """
     columns = columns_of(robot, request.columns) or ColumnMap()
     sets = LogSets(
@@ -116,11 +106,7 @@ def check_logs(
 
 
 def store_log(log: Log, request: Import, robot: Robot) -> str:
-    """Put a log that was read into the store; one that is there stays.
-
-    Raises:
-        InputError: If one that is there is damaged, or nothing may be written.
-    """
+    """Put a log that was read into the store; one that is there stays."""
     store = store_folder(request.store)
     if log.stored:
         # Nothing is to be written, so it may be a store that one can only read.
@@ -164,14 +150,7 @@ def _moment(request: Import, known: Understood) -> datetime | None:
 
 
 def check_tags(tags: Sequence[str]) -> list[str]:
-    """Return tags in the order of the alphabet, each once.
-
-    Args:
-        tags: Words, or "KEY=VALUE".
-
-    Raises:
-        InputError: If one is neither, or two say different values of one key.
-    """
+    """Return tags in the order of the alphabet, each once."""
     values: dict[str, str] = {}
     for tag in tags:
         key, _, _ = tag.partition("=")

@@ -122,11 +122,7 @@ def choose_for(request: Diagnose | Identify | Calibrate) -> Choice:
 
 
 def in_force(runs: Sequence[str], store: Path) -> Choice:
-    """Return the model that the robot of some runs of a store has.
-
-    Raises:
-        InputError: If there is no run, or the model is of another description.
-    """
+    """Return the model that the robot of some runs of a store has."""
     robot = load_of(robot_of(runs, store), runs, store)
     return choose(robot, None, store, tuple(runs))
 
@@ -134,11 +130,7 @@ def in_force(runs: Sequence[str], store: Path) -> Choice:
 def chosen_to_watch(
     word: str, store: Path, nominal: bool, runs: Sequence[str] = ()
 ) -> Choice:
-    """Return the model to watch by; no choice where a word names it by an id.
-
-    Raises:
-        InputError: If there is no such robot, or its model is of another description.
-    """
+    """Return the model to watch by; no choice where a word names it by an id."""
     if is_run(word):
         return Choice()
     robot = load_of(word, runs, store)
@@ -146,11 +138,7 @@ def chosen_to_watch(
 
 
 def chosen_to_drive(store: Path, run: str, model: str | None) -> Choice:
-    """Return the model to drive the arm of a run by: any of the store may drive.
-
-    Raises:
-        InputError: If there is no such run or model.
-    """
+    """Return the model to drive the arm of a run by: any of the store may drive."""
     if model is None or model == NOMINAL:
         return choose(load(robot_of([run], store)), model, store)
     id = find(store, model).id
@@ -163,9 +151,6 @@ def diagnosis_of(store: Path, word: str) -> str:
     Args:
         word: Id of a diagnosis, of its proof, of the model that it ended with, or of
             an adoption.
-
-    Raises:
-        InputError: If there is none, or it is another record.
     """
     found = find(store, word)
     if found.kind == "adoptions":
@@ -224,9 +209,6 @@ def model_to_drive(store: Path, word: str, robot: Robot) -> Whole:
     Args:
         word: Id of a diagnosis (its augmented model, tables included), of a model, or
             of a calibration (its look-up tables); or a file that holds a model.
-
-    Raises:
-        InputError: If there is none, or it is of another robot.
     """
     if not Path(word).is_file() and find(store, word).kind == "diagnoses":
         model: Whole = read_known(store, find(store, word).id)
@@ -320,11 +302,7 @@ class Source:
     good: tuple[str, ...] = ()
 
     def robot_of(self, run: Recording, store: Path) -> Robot:
-        """Return the robot, which must be described as it was when a run was made.
-
-        Raises:
-            InputError: If it is another robot, or described differently now.
-        """
+        """Return the robot, which must be described as it was when a run was made."""
         known = self.model.robot if self.model else None
         robot = known or load_of(str(self.robot), [run.id], store)
         if robot.name != run.robot:
@@ -341,14 +319,7 @@ class Source:
 
 
 def source_of(word: str, store: Path) -> Source:
-    """Say what a word stands for: a diagnosis of the store, else a robot.
-
-    Args:
-        word: Id of a diagnosis or its beginning, or what --robot takes.
-
-    Raises:
-        InputError: If the id is that of another record, or several begin with it.
-    """
+    """Say what a word stands for: a diagnosis of the store, else a robot."""
     if not word or len(word) > 20 or not is_run(word):
         return Source(word)
     if not any(id.startswith(word) for id in list_folders(store, "diagnoses")):
@@ -365,11 +336,7 @@ def source_of(word: str, store: Path) -> Source:
 def as_described(
     robot: Robot, run: Recording, manifest: Mapping, by: str | None
 ) -> Robot:
-    """Return a robot that is described as it was when a run was made.
-
-    Raises:
-        InputError: If it is described differently now.
-    """
+    """Return a robot that is described as it was when a run was made."""
     if robot.content_hash != manifest.get("robot_hash"):
         raise InputError(
             f"Run {run.id} was made with another description of {run.robot} than "

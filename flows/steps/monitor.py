@@ -71,10 +71,6 @@ def monitor(request: Request) -> tuple[str, Watched, dict[str, Recording]]:
 
     Returns:
         The id of the record, what was found, and the watched runs by their id.
-
-    Raises:
-        InputError: If a run is not there or of another robot, is both good and watched,
-            or there are too few good ones.
     """
     store = store_folder(request.store)
     source = source_of(request.model, store)
@@ -103,11 +99,7 @@ def watch(
     watched: Mapping[str, Recording],
     per_hour: float,
 ) -> Watched:
-    """Calibrate a monitor and watch runs, each by its id; nothing is stored.
-
-    Raises:
-        InputError: If there are too few healthy runs, or one is of another arm.
-    """
+    """Calibrate a monitor and watch runs, each by its id; nothing is stored."""
     made = calibrate(model, list(healthy.values()), per_hour)
     return Watched(
         monitor=made,
@@ -155,10 +147,6 @@ def watch_new(
             found of it last.
         good: Ids of the healthy runs; empty for those with the tag, and where these are
             too few for those of the diagnosis.
-        tag: Tag of the runs of an arm in good order.
-
-    Raises:
-        InputError: If a run is not usable, or of another description of the robot.
     """
     model = model or in_force(runs, store).diagnosis or latest_diagnosis(runs, store)
     if model is None:
@@ -177,11 +165,7 @@ def watch_new(
 def healthy_runs(
     runs: Sequence[str], store: Path, tag: str = HEALTHY
 ) -> tuple[str, ...]:
-    """Return the latest healthy runs of the arm of some runs, none of these.
-
-    Args:
-        tag: Tag of the runs of an arm in good order.
-    """
+    """Return the latest healthy runs of the arm of some runs, none of these."""
     query = """
         SELECT run_id FROM runs own
         WHERE list_contains(coalesce(tags, []), $tag) AND NOT quarantined
@@ -212,11 +196,7 @@ def diagnosis_of(runs: Sequence[str], store: Path) -> str | None:
 
 
 def latest_diagnosis(runs: Sequence[str], store: Path) -> str | None:
-    """Return the id of the latest diagnosis of the arm of some runs, None if none.
-
-    Raises:
-        InputError: If there is no run, or it is not in the store.
-    """
+    """Return the id of the latest diagnosis of the arm of some runs, None if none."""
     if not runs:
         raise InputError("No run given, expected one or more ids.")
     robot = find_run(store, runs[0]).folder.parent.name.removeprefix("robot=")

@@ -56,13 +56,6 @@ def calibrate_null(
     """Make the draws that are not in the store, and keep the null there.
 
     Interrupted, it keeps what is finished and returns that, marked incomplete.
-
-    Args:
-        pool: Processes to use; without it, own ones for the time being.
-        workers: How many own processes; None for one per core.
-
-    Raises:
-        InputError: If a log is not usable, or no draw was finished.
     """
     if pool is None:
         with Pool(workers or cores()) as own:

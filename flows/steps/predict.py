@@ -32,11 +32,7 @@ FORMS = (".csv", ".parquet")
 
 
 def read(request: Predict) -> tuple[Whole, LogSets]:
-    """Read the model and every log once.
-
-    Raises:
-        InputError: If there is no such model, or a log is not usable.
-    """
+    """Read the model and every log once."""
     need_logs(request.logs, "to predict", "predict")
     store = store_folder(request.store)
     model = read_model(store, request.model, request.which)
@@ -46,20 +42,12 @@ def read(request: Predict) -> tuple[Whole, LogSets]:
 
 @one_blas_thread
 def predict(request: Predict, model: Whole, logs: LogSets) -> Prediction:
-    """Compute the torque of the model on the logs.
-
-    Raises:
-        InputError: If an effect to take out is not in the model.
-    """
+    """Compute the torque of the model on the logs."""
     return core_predict(model, logs.fit, parse_edits(request.without))
 
 
 def parse_edits(words: Sequence[str]) -> Edits:
-    """Return names and joints of "NAME" or "NAME@JOINT[,JOINT]".
-
-    Raises:
-        InputError: If a joint is no whole number.
-    """
+    """Return names and joints of "NAME" or "NAME@JOINT[,JOINT]"."""
     out = []
     for word in words:
         name, at, joints = word.partition("@")
@@ -105,11 +93,7 @@ def samples(made: Prediction) -> pa.Table:
 
 
 def check_form(path: Path) -> None:
-    """Refuse a file of another form than can be written.
-
-    Raises:
-        InputError: If it is neither CSV nor Parquet.
-    """
+    """Refuse a file of another form than can be written."""
     if path.suffix not in FORMS:
         raise InputError(f"--out {path}: expected a file *.csv or *.parquet.")
 
@@ -150,12 +134,7 @@ class Viewed:
 
 @one_blas_thread
 def view(request: View) -> Viewed:
-    """Read a log and compute the torque of its models.
-
-    Raises:
-        InputError: If the log, the robot or the verdict is not usable, or the verdict
-            is of another robot.
-    """
+    """Read a log and compute the torque of its models."""
     store = store_folder(request.store)
     verdict, models = _models(request, store)
     robot = _robot(request, store, models)

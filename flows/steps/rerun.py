@@ -33,12 +33,7 @@ _OTHER = (
 
 
 def again(store: Path, run_id: str, manifest: Mapping) -> Made:
-    """Run the experiment of a run once more; nothing is written.
-
-    Raises:
-        InputError: If its sealed half or its robot is not there, or it was made by a
-            version of this program that wrote other specs.
-    """
+    """Run the experiment of a run once more; nothing is written."""
     hidden = open_seal(store, run_id).spec
     word = robot_word(store, manifest["robot"], manifest.get("robot_hash"))
     spec = spec_of({**manifest, "robot": word}, hidden)
@@ -50,11 +45,7 @@ def again(store: Path, run_id: str, manifest: Mapping) -> Made:
 
 
 def spec_of(manifest: Mapping, hidden: Mapping) -> ExperimentSpec:
-    """Return the spec of a run, all seeds given.
-
-    Raises:
-        InputError: If one of the two has another form.
-    """
+    """Return the spec of a run, all seeds given."""
     plant = plant_of(hidden)
     effects = [
         {"name": e.name, "joints": e.joints, "onset": e.onset, **dict(e.parameters)}
@@ -97,12 +88,7 @@ _MANY = 6  # packages that are named; the others are counted
 
 @dataclass(frozen=True, slots=True)
 class Cause:
-    """Why values differ.
-
-    Attributes:
-        kind: code, environment, machine, seed or spec, damaged or nondeterminism.
-        why: The evidence, in one line.
-    """
+    """Why values differ."""
 
     kind: str
     why: str
@@ -225,15 +211,7 @@ class Rerun:
 
 
 def rerun(id: str, store: Path, verify: bool = False) -> Rerun:
-    """Make a record again from what it says of itself.
-
-    Args:
-        id: Id of a run, model, diagnosis or validation, or its beginning.
-
-    Raises:
-        InputError: If there is no such record or it cannot be made again: a measured
-            run, a report, or a run whose sealed half is not there.
-    """
+    """Make a record again from what it says of itself."""
     found, now = find(store, id), asdict(provenance())
     if found.kind == "runs":
         return _rerun_run(found, store, now, verify)

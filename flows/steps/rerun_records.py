@@ -41,9 +41,6 @@ def again(store: Path, found: Found) -> Iterator[tuple[Path, Found]]:
 
     Yields:
         A store for the time being, and the new record in it.
-
-    Raises:
-        InputError: If it cannot be made again, or what it was made from is not there.
     """
     request = read_record(store, found.id).get("request") or {}
     step = _STEPS.get(request.get("step"))

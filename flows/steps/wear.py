@@ -73,9 +73,6 @@ def follow(
     Args:
         runs: Ids of runs; all of the robot, the latest 200, where none is given.
         model: Value of --model, None for the adopted model or one of the runs' own.
-
-    Raises:
-        InputError: If the runs are too few, or of another robot.
     """
     robot = load_of(word, runs, store)
     listed = _listed(store, robot, runs)

@@ -35,11 +35,7 @@ def document(
     warnings: Sequence[str],
     kept: Mapping[str, str],
 ) -> dict:
-    """Return all figures of a calibration; what is not known is null.
-
-    Args:
-        kept: Ids of its records by kind; empty where nothing was stored.
-    """
+    """Return all figures of a calibration; what is not known is null."""
     return {
         "schema": 1,
         "robot": made.robot,
@@ -230,14 +226,7 @@ def errors_table(made: Calibration, ids: Sequence[str]) -> pa.Table:
 
 @dataclass(frozen=True, eq=False, slots=True)
 class Found:
-    """What a diagnosis of the same runs named.
-
-    Attributes:
-        effects: The terms that it added to the model; their coefficients are fitted
-            anew.
-        line: A line about it, None for no diagnosis.
-        diagnosis: Its id.
-    """
+    """What a diagnosis of the same runs named."""
 
     effects: tuple[Term, ...] = ()
     line: str | None = None
@@ -254,9 +243,6 @@ def found_effects(
 
     It must be of these runs alone, held-out ones included or not, and of a model with
     the same declared effects.
-
-    Args:
-        declared: Effects that the model has; None for the robot's own list.
     """
     if not ids:
         return Found()
@@ -291,9 +277,6 @@ def effects_of(store: Path, diagnosis: str) -> Found:
 
     Of that model only names and forms: its values may come from these very runs, and
     what is judged on a run must not have seen it.
-
-    Raises:
-        InputError: If there is none.
     """
     terms = _beyond(read_known(store, diagnosis))
     named = ", ".join(f"{t.effect.name} {_joints(t)}".strip() for t in terms)

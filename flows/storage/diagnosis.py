@@ -217,11 +217,7 @@ def states_table(recordings: Sequence[Recording]) -> pa.Table | None:
 
 
 def read_states(store: Path, diagnosis_model: str) -> tuple[Recording, ...]:
-    """Return the motion that goes with a model; none where it has none.
-
-    Raises:
-        InputError: If there is no such model, or its motion is damaged.
-    """
+    """Return the motion that goes with a model; none where it has none."""
     path = find(store, diagnosis_model).folder / f"{STATES}.parquet"
     if not path.exists():
         return ()
@@ -250,7 +246,6 @@ def store_outcome(
     """Put a diagnosis, its models and the proof of it into the store.
 
     Args:
-        request: What was asked for, so that it can be made again.
         logs: The logs behind its model, which goes with their motion.
 
     Returns:
@@ -294,11 +289,7 @@ def _record(verdict: Verdict) -> dict:
 
 
 def read_outcome(store: Path, validation_id: str) -> Diagnosis:
-    """Return a diagnosis as it was stored.
-
-    Raises:
-        InputError: If there is none of that id, or it is damaged.
-    """
+    """Return a diagnosis as it was stored."""
     folder = find(store, validation_id).folder
     files = {name: folder / f"{name}.parquet" for name in (PROOFS, CLOUDS)}
     tables = {k: read_parquet(path) for k, path in files.items() if path.exists()}
@@ -309,11 +300,7 @@ def read_outcome(store: Path, validation_id: str) -> Diagnosis:
 
 
 def read_verdict(store: Path, diagnosis_id: str) -> Verdict:
-    """Return the verdict of a diagnosis.
-
-    Raises:
-        InputError: If there is none of that id, or it is damaged.
-    """
+    """Return the verdict of a diagnosis."""
     return checked_verdict(read_record(store, diagnosis_id).get("document"))
 
 
@@ -333,11 +320,7 @@ def checked_verdict(document: object) -> Verdict:
 
 
 def read_models(store: Path, diagnosis_id: str) -> dict[str, Model | Corrected]:
-    """Return the models of a diagnosis, by name.
-
-    Raises:
-        InputError: If there is none of that id, or it was stored without models.
-    """
+    """Return the models of a diagnosis, by name."""
     kept = _kept_models(store, diagnosis_id)
     if not kept:
         raise InputError(
@@ -360,12 +343,7 @@ def _without_robot(model: Model) -> dict:
 
 
 def read_known(store: Path, diagnosis_id: str) -> Model:
-    """Return the model of a diagnosis that may be adopted.
-
-    Raises:
-        InputError: If there is none of that id, it was stored without models, or is
-            damaged.
-    """
+    """Return the model of a diagnosis that may be adopted."""
     record = read_record(store, read_record(store, diagnosis_id)["model_id"])
     if "known" not in record:
         return read_models(store, diagnosis_id)["augmented"]
@@ -377,20 +355,12 @@ def read_known(store: Path, diagnosis_id: str) -> Model:
 
 
 def read_motion(store: Path, diagnosis_id: str) -> tuple[Recording, ...]:
-    """Return the motion behind the model of a diagnosis, of logs by id; may be none.
-
-    Raises:
-        InputError: If there is none of that id, or it is damaged.
-    """
+    """Return the motion behind the model of a diagnosis, of logs by id; may be none."""
     return read_states(store, read_record(store, diagnosis_id)["model_id"])
 
 
 def read_runs(store: Path, diagnosis_id: str, roles: Sequence[str]) -> tuple[str, ...]:
-    """Return ids of the runs that a diagnosis was made from, role by role.
-
-    Raises:
-        InputError: If there is none of that id.
-    """
+    """Return ids of the runs that a diagnosis was made from, role by role."""
     row = find(store, diagnosis_id).row
     lineage = read_parquet(row, ["lineage"]).column("lineage")[0].as_py() or []
     return tuple(p["parent"] for role in roles for p in lineage if p["role"] == role)

@@ -114,9 +114,6 @@ def store_identification(
 ) -> str:
     """Put an identified model into the store.
 
-    Args:
-        request: What was asked for, so that it can be made again.
-
     Returns:
         The id of the model; the same model of the same runs has the same.
     """

@@ -61,11 +61,7 @@ class _Record(BaseModel):
 
 
 def read_null(path: str) -> Null:
-    """Read a null from a JSON file.
-
-    Raises:
-        InputError: If there is none.
-    """
+    """Read a null from a JSON file."""
     try:
         record = json.loads(Path(path).read_text(encoding="utf-8"))
         # Half a character can stand in JSON, and be written nowhere else.

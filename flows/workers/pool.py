@@ -41,11 +41,7 @@ class Done:
 
 
 class Pool:
-    """Processes that do one kind of work; a context manager.
-
-    Args:
-        workers: How many processes.
-    """
+    """Processes that do one kind of work; a context manager."""
 
     def __init__(self, workers: int) -> None:
         self._workers = workers

@@ -104,14 +104,7 @@ class Runner:
 
 
 def chosen_runner(word: str | None = None, trust_network: bool = False) -> Runner:
-    """Return the runner that a word, else $MODELGAP_RUNNER, else the default names.
-
-    Args:
-        trust_network: Whether the scheduler may be on another machine.
-
-    Raises:
-        InputError: If it is none of these, or on another machine without that leave.
-    """
+    """Return the runner that a word, else $MODELGAP_RUNNER, else the default names."""
     word = word or os.environ.get(RUNNER) or THREADS
     if word == THREADS:
         return Runner()

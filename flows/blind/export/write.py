@@ -198,11 +198,7 @@ URDF, DECLARED, TOML = "{}.urdf", "declared.json", "robot.toml"
 
 
 def drawn_arm(folder: Path, seed: int, number: int) -> Path:
-    """Write the description of an arm that no other study has.
-
-    Args:
-        folder: Where; a folder of its own is made there.
-    """
+    """Write the description of an arm that no other study has."""
     robot = light_arm(derived_seed(seed, f"arm/{number}"))
     name = f"drawn_{robot.content_hash[:8]}"
     place = folder / name
@@ -214,11 +210,7 @@ def drawn_arm(folder: Path, seed: int, number: int) -> Path:
 
 
 def describe(robot: Robot, folder: Path) -> None:
-    """Write what anybody may know of an arm: its URDF, and what is declared of it.
-
-    Args:
-        folder: Where; a folder of its name is made there.
-    """
+    """Write what anybody may know of an arm: its URDF, and what is declared of it."""
     place = folder / robot.name
     place.mkdir(parents=True, exist_ok=True)
     (place / URDF.format(robot.name)).write_text(robot.urdf, encoding="utf-8")
@@ -323,11 +315,7 @@ def export_study(
 
 
 def check_target(target: Path) -> None:
-    """Refuse a folder that is there already.
-
-    Raises:
-        InputError: If it is.
-    """
+    """Refuse a folder that is there already."""
     if target.exists():
         raise InputError(f"--export {target} is there already; name a new folder.")
     if not target.parent.is_dir():
@@ -335,11 +323,7 @@ def check_target(target: Path) -> None:
 
 
 def parts(asked: Asked, arms: Sequence[int], folder: Path) -> list[Part]:
-    """Return the cases, each with the study that has its arm.
-
-    Args:
-        arms: Numbers of the arms; those to be drawn are written.
-    """
+    """Return the cases, each with the study that has its arm."""
     every = drafts(asked)
     arm_of = [arms[d.excitation.index % len(arms)] for d in every]
     robots = folder / OPEN / "robots"

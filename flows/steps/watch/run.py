@@ -35,15 +35,7 @@ Diagnosing = Callable[[Session, Samples, Change], None]
 
 @dataclass(frozen=True, slots=True)
 class Shell:
-    """What a watch is connected to.
-
-    Attributes:
-        source: Where samples come from.
-        path: File of the state.
-        tell: Takes a line for people.
-        alarmed: Takes each alarm as it is raised.
-        diagnose: Diagnoses the samples around an alarm.
-    """
+    """What a watch is connected to."""
 
     source: GrowingFile | StandardInput
     path: Path
@@ -53,14 +45,7 @@ class Shell:
 
 
 def watch(session: Session, shell: Shell, once: bool = False) -> Session:
-    """Watch until interrupted, or until all that is there was read.
-
-    Args:
-        once: Whether to stop at the end of what is there.
-
-    Raises:
-        KeyboardInterrupt: When interrupted; what was read is kept before.
-    """
+    """Watch until interrupted, or until all that is there was read."""
     saved, idle = time.monotonic(), 0
     try:
         while not (shell.source.ended or (once and idle >= ENDS)):
@@ -134,11 +119,7 @@ TAG = "alarm"
 
 
 def keep_run(store: Path, word: str, robot: Robot, samples: Samples) -> str:
-    """Put the samples around an alarm into the store as a run.
-
-    Args:
-        samples: The samples, in order.
-    """
+    """Put the samples around an alarm into the store as a run."""
     recording = Recording(
         "watched", robot.name, samples.t - samples.t[0], samples.q, samples.tau
     )

@@ -132,11 +132,7 @@ def _usable(samples: Samples) -> Samples:
 
 
 def write(path: Path, session: Session) -> None:
-    """Keep a watch in a file, whole or not at all.
-
-    Args:
-        path: The file; its folder must be there.
-    """
+    """Keep a watch in a file, whole or not at all."""
     about = {
         "form": FORM,
         "origin": {f: getattr(session.origin, f) for f in Origin.__slots__},
@@ -159,11 +155,7 @@ def write(path: Path, session: Session) -> None:
 
 
 def read(path: Path) -> Session | None:
-    """Return the watch of a file; None where there is none.
-
-    Raises:
-        InputError: If it is no such file, or of another version.
-    """
+    """Return the watch of a file; None where there is none."""
     if not path.exists():
         return None
     try:
@@ -215,14 +207,7 @@ class Watch(Request):
 
 @dataclass(frozen=True, eq=False, slots=True)
 class Begun:
-    """A watch that may begin.
-
-    Attributes:
-        robot: The arm.
-        session: Where it goes on.
-        path: File of its state.
-        lines: What to say of it first.
-    """
+    """A watch that may begin."""
 
     robot: Robot
     session: Session
@@ -235,9 +220,6 @@ def start(asked: Watch) -> Begun:
 
     What was learnt goes by one model; where the robot has another now, it is learnt
     again, and the source is read on.
-
-    Raises:
-        InputError: If there are too few healthy runs, or they are of another robot.
     """
     store, robot = store_folder(asked.store), load(asked.robot)
     choice = choose(robot, asked.model, store)
