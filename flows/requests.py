@@ -129,6 +129,12 @@ class Request:
         step = type(self).__name__.lower()
         return {"step": step} | {name: getattr(self, name) for name in names}
 
+    @property
+    def command(self) -> str:
+        """The command that takes it."""
+        name = type(self).__name__.lower()
+        return "calibrate-null" if name == "null" else name
+
     @classmethod
     def from_record(cls, record: Mapping, store: Path) -> Self:
         """Return the request that `to_record` was called on, for another store.

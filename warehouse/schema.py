@@ -3,6 +3,7 @@
 They are said here and only here.
 """
 
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field
 
 import pyarrow as pa
@@ -317,6 +318,11 @@ def channel_names(signal: str, dof: int) -> tuple[str, ...]:
 def arrow_schema(columns: tuple[Column, ...]) -> pa.Schema:
     """Return the Arrow schema of some columns."""
     return pa.schema([column.field for column in columns])
+
+
+def rows_table(view: str, rows: Iterable[Mapping]) -> pa.Table:
+    """Return a record's own rows of a view as a table: without its own id."""
+    return pa.Table.from_pylist(list(rows), schema=arrow_schema(VIEWS[view][1:]))
 
 
 def nested(view: str) -> pa.DataType:

@@ -12,7 +12,6 @@ from pathlib import Path
 from time import perf_counter
 
 import numpy as np
-import pyarrow as pa
 
 from flows.blind.draw import Asked, Draft, Excitation, arm_of, motions
 from flows.blind.row import Hidden, case_row, draw_sized, measured, true_parameters
@@ -35,9 +34,9 @@ from sim.engine.records import PlantEffect, stream
 from warehouse import runs as stored
 from warehouse.commit import commit_record
 from warehouse.layout import read_record
-from warehouse.query.store import open_store
+from warehouse.query.store import ask
 from warehouse.runs import read_run
-from warehouse.schema import VIEWS, arrow_schema
+from warehouse.schema import rows_table
 
 CASE, NULL, STUDY = "blind", "blind_null", "blind_study"  # kinds of validations
 _TRIES = 20  # to draw a second effect that is not the first again
@@ -173,7 +172,7 @@ def judge(
         "row": row,
         "edits": plain([asdict(edit) for edit in edits]),
     }
-    table = pa.Table.from_pylist([row], schema=arrow_schema(VIEWS["blind"][1:]))
+    table = rows_table("blind", [row])
     parents = {"diagnosis": [ids[0]], "proof": [ids[1]]}
     return commit_record(store, "validations", record, {"blind": table}, parents)
 
@@ -182,9 +181,8 @@ def finished(store: Path, kind: str) -> dict[str, str]:
     """Return the ids of all validations of a kind in the store, by their key."""
     if not store.is_dir():
         return {}
-    with open_store(store) as opened:
-        query = f"SELECT validation_id FROM validations WHERE kind = '{kind}'"
-        ids = opened.sql(query).column(0).to_pylist()
+    query = "SELECT validation_id AS id FROM validations WHERE kind = $kind"
+    ids = [row["id"] for row in ask(store, query, kind=kind)]
     return {read_record(store, id)["key"]: id for id in ids}
 
 

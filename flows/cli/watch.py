@@ -89,7 +89,7 @@ def watch(
     source = (
         StandardInput(*arm)
         if file == STDOUT
-        else GrowingFile.at(Path(file), *arm, begun.session.position)
+        else GrowingFile(Path(file), *arm, begun.session.position)
     )
     say(console, *begun.lines, f"reading {source.name}; Ctrl-C stops, nothing is lost")
     store = store_folder(asked.store)

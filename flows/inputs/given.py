@@ -7,6 +7,7 @@ from contextvars import ContextVar
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 
+from flows.requests import Request
 from flows.settings import store_folder
 from residual.effects import registry, vocabulary
 from residual.errors import InputError, check_name, shortened
@@ -24,7 +25,7 @@ from warehouse.logs import (
     unique_ids,
 )
 
-runs = Lazy("warehouse.runs")
+stored = Lazy("warehouse.runs")
 
 
 @dataclass(frozen=True, eq=False, slots=True)
@@ -165,6 +166,25 @@ def offer_map(log: str, robot: str) -> Iterator[None]:
         ) from error
 
 
+def read_logs(
+    request: Request, purpose: str, robot: Robot | None = None, to_check: bool = True
+) -> LogSets:
+    """Read the robot and every log of a request once.
+
+    Args:
+        purpose: What they are needed for, such as "to diagnose".
+        robot: Their robot; None for the one that the request names.
+    """
+    held_out = getattr(request, "held_out", ())
+    words = (*request.logs, *held_out)
+    robot = robot or load_of(request.robot, words, request.store)
+    check_declared(request.declared)
+    need_logs(request.logs, purpose, request.command)
+    sets = (request.logs, getattr(request, "baseline", ()), held_out)
+    columns, store = request.columns, request.store
+    return read_sets(sets, robot, columns, store, to_check, called=request.robot)
+
+
 def need_logs(words: Sequence[str], purpose: str, command: str) -> None:
     """Refuse a command without any log."""
     if not words:
@@ -186,7 +206,7 @@ def _use(*sets: tuple[Recording, ...]) -> str:
 
 
 def _read_run(word: str, robot: Robot, store: Path) -> tuple[Recording, str, str]:
-    log = runs.read_run(store, word)
+    log = stored.read_run(store, word)
     if log.dof != robot.dof:
         raise InputError(
             f"Run {log.id} has {log.dof} joints, {robot.name} has {robot.dof}. Give "
@@ -197,11 +217,6 @@ def _read_run(word: str, robot: Robot, store: Path) -> tuple[Recording, str, str
 
 
 # Robots by name or file; a rerun may say that another file stands for one of them.
-
-
-origin = Lazy("warehouse.runs")
-stored = Lazy("warehouse.runs")
-
 _INSTEAD: ContextVar[Mapping[str, str]] = ContextVar("instead", default={})  # noqa: B039
 
 
@@ -226,7 +241,7 @@ def robot_of(runs: Sequence[str], store: Path) -> str:
         raise InputError("No run given, expected one or more ids.")
     manifest = stored.read_manifest(store, runs[0])
     if "spec" not in manifest:
-        return origin.robot_of_hash(store, manifest["robot_hash"])
+        return stored.robot_of_hash(store, manifest["robot_hash"])
     return manifest.get("robot") or manifest["spec"]["robot"]["name"]
 
 

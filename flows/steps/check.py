@@ -3,14 +3,8 @@
 from collections.abc import Sequence
 from dataclasses import replace
 
-from flows.inputs.given import (
-    LogSets,
-    check_declared,
-    load,
-    load_of,
-    need_logs,
-    read_sets,
-)
+from flows.inputs import given
+from flows.inputs.given import LogSets, load
 from flows.inputs.repair import drafted, gravity_line, place_of, repair_lines
 from flows.requests import Check, Map
 from residual.check.check import check_logs
@@ -25,13 +19,7 @@ drafting = Lazy("warehouse.logs.draft")  # of use to one command
 
 def read_logs(request: Check) -> LogSets:
     """Read the robot and every log, also such as no arm can have made."""
-    robot = load_of(request.robot, request.logs, request.store)
-    check_declared(request.declared)
-    need_logs(request.logs, "to check", "check")
-    sets = (request.logs, (), ())
-    return read_sets(
-        sets, robot, request.columns, request.store, True, called=request.robot
-    )
+    return given.read_logs(request, "to check")
 
 
 def draft_map(request: Map) -> str:

@@ -4,14 +4,12 @@ from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
 
+from flows.inputs import given
 from flows.inputs.given import (
     LogSets,
-    check_declared,
     is_run,
     known_of,
     load_of,
-    need_logs,
-    read_sets,
     robot_of,
     serial_of,
 )
@@ -37,12 +35,7 @@ _ROLES = {"fit": "logs", "held_out": "held_out", "baseline": "baseline"}
 def read_logs(request: Diagnose) -> LogSets:
     """Read the robot and every log once."""
     robot = _robot(request)
-    check_declared(request.declared)
-    need_logs(request.logs, "to diagnose", "diagnose")
-    sets = (request.logs, request.baseline, request.held_out)
-    read = read_sets(
-        sets, robot, request.columns, request.store, True, called=request.robot
-    )
+    read = given.read_logs(request, "to diagnose", robot)
     return replace(read, warnings=(*read.warnings, *_of_others(request, robot)))
 
 

@@ -4,14 +4,8 @@ from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
 
-from flows.inputs.given import (
-    LogSets,
-    check_declared,
-    is_run,
-    load_of,
-    need_logs,
-    read_sets,
-)
+from flows.inputs import given
+from flows.inputs.given import LogSets, is_run
 from flows.requests import Identify
 from flows.settings import store_folder
 from flows.steps.check import checked
@@ -25,14 +19,8 @@ from residual.model.model import Model
 
 def read_logs(request: Identify) -> LogSets:
     """Read the robot and every log once."""
-    robot = load_of(request.robot, (*request.logs, *request.held_out), request.store)
-    check_declared(request.declared)
     _options(request)
-    need_logs(request.logs, "to identify from", "identify")
-    sets = (request.logs, (), request.held_out)
-    return read_sets(
-        sets, robot, request.columns, request.store, True, called=request.robot
-    )
+    return given.read_logs(request, "to identify from")
 
 
 def identify(request: Identify, logs: LogSets) -> tuple[Identified, str | None]:

@@ -367,9 +367,10 @@ def _one_of(kept: Mapping[str, Whole], which: str | None) -> Whole:
 
 def _ended_with(store: Path, model_id: str) -> list[str]:
     """Diagnoses that ended with a model, the first one first."""
-    query = "SELECT diagnosis_id FROM diagnoses WHERE model_id = $id ORDER BY created"
-    with sql.open_store(store) as opened:
-        return opened.sql(query, {"id": model_id}).column(0).to_pylist()
+    query = (
+        "SELECT diagnosis_id AS id FROM diagnoses WHERE model_id = $id ORDER BY created"
+    )
+    return [row["id"] for row in sql.ask(store, query, id=model_id)]
 
 
 def _check_robot(robot: Robot, store: Path, diagnosis: str) -> None:

@@ -4,8 +4,6 @@ from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass, field
 from pathlib import Path
 
-import pyarrow as pa
-
 from flows.inputs.given import serial_of
 from flows.requests import Monitor as Request
 from flows.settings import HEALTHY, store_folder
@@ -17,8 +15,9 @@ from residual.monitoring.monitor import LEAST_RUNS, Alarm, Monitor, calibrate, t
 from residual.recording import Array, Recording
 from warehouse.commit import commit_record
 from warehouse.layout import find_run, read_record
-from warehouse.query.store import open_store
+from warehouse.query.store import ask
 from warehouse.runs import read_run, tombstone
+from warehouse.schema import rows_table
 
 MOST_HEALTHY = 12  # of them are read
 NOVEL = 0.01  # share of a run outside of what was calibrated that is worth a word
@@ -175,9 +174,8 @@ def healthy_runs(
                           AND new.serial IS NOT DISTINCT FROM own.serial)
         ORDER BY coalesce(recorded_at, created) DESC, run_id LIMIT $most
     """
-    asked = {"tag": tag, "runs": list(runs), "first": runs[0], "most": MOST_HEALTHY}
-    with open_store(store) as opened:
-        rows = opened.sql(query, asked).to_pylist()
+    given = {"tag": tag, "runs": list(runs), "first": runs[0], "most": MOST_HEALTHY}
+    rows = ask(store, query, **given)
     return tuple(sorted(row["run_id"] for row in rows))
 
 
@@ -189,9 +187,7 @@ def diagnosis_of(runs: Sequence[str], store: Path) -> str | None:
         GROUP BY diagnosis_id HAVING count(DISTINCT parent) = $count
         ORDER BY any_value(diagnoses.created) DESC, diagnosis_id LIMIT 1
     """
-    asked = {"runs": list(runs), "count": len(set(runs))}
-    with open_store(store) as opened:
-        rows = opened.sql(query, asked).to_pylist()
+    rows = ask(store, query, runs=list(runs), count=len(set(runs)))
     return rows[0]["diagnosis_id"] if rows else None
 
 
@@ -205,9 +201,7 @@ def latest_diagnosis(runs: Sequence[str], store: Path) -> str | None:
         "serial IS NOT DISTINCT FROM $serial "
         "ORDER BY created DESC, diagnosis_id LIMIT 1"
     )
-    with open_store(store) as opened:
-        arm = {"robot": robot, "serial": serial_of(runs[0], store)}
-        found = opened.sql(query, arm).to_pylist()
+    found = ask(store, query, robot=robot, serial=serial_of(runs[0], store))
     return found[0]["diagnosis_id"] if found else None
 
 
@@ -261,24 +255,8 @@ def _put(store: Path, source: Source, found: Watched, request: Mapping) -> str:
         for id, alarms in found.alarms.items()
         for alarm in alarms
     ]
-    table = pa.Table.from_pylist(rows, schema=_schema())
+    table = rows_table("alarms", rows)
     parents = {"calibration": list(found.calibration), "watched": list(found.alarms)}
     if source.diagnosis:
         parents["diagnosis"] = [source.diagnosis]
     return commit_record(store, "validations", record, {"alarms": table}, parents)
-
-
-def _schema():
-    seconds = {"unit": "s"}
-    return pa.schema(
-        [
-            pa.field("run_id", pa.string()),
-            pa.field("time", pa.float64(), metadata=seconds),
-            pa.field("joint", pa.int32()),
-            pa.field("sensor", pa.string()),
-            pa.field("fault", pa.string()),
-            pa.field("kind", pa.string()),
-            pa.field("score", pa.float64(), metadata={"unit": "1"}),
-            pa.field("until", pa.float64(), metadata=seconds),
-        ]
-    )

@@ -9,14 +9,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import lru_cache, partial
 
-from flows.inputs.given import (
-    LogSets,
-    check_declared,
-    load,
-    load_of,
-    need_logs,
-    read_sets,
-)
+from flows.inputs.given import LogSets, read_logs
 from flows.outputs import Progress
 from flows.requests import Null as Request
 from flows.settings import cores, store_folder
@@ -104,7 +97,7 @@ def _identity(asked: Request) -> dict:
     logs = [data_hash({"t": r.t, "q": r.q, "tau": r.tau}) for r in sets.fit]
     return {
         "logs": logs,
-        "robot": load_of(asked.robot, asked.logs, asked.store).content_hash,
+        "robot": sets.robot.content_hash,
         "declared": None if asked.declared is None else list(asked.declared),
         "seed": asked.seed,
         "method": method_hash(),
@@ -115,7 +108,7 @@ def _keep(asked: Request, done: Mapping[int, Mapping], ids: Sequence[str]) -> Nu
     blocks = sorted(done)
     first = done[blocks[0]]
     record = {
-        "robot": load(asked.robot).name,
+        "robot": _read(asked).robot.name,
         "kind": KIND,
         "asked": _identity(asked),
         "seed": asked.seed,
@@ -155,9 +148,6 @@ def _source(asked: Request):
 
 @lru_cache(maxsize=1)
 def _read(asked: Request) -> LogSets:
-    need_logs(asked.logs, "to calibrate for", "calibrate-null")
     if asked.draws < 1:
         raise InputError(f"--draws is {asked.draws}, expected 1 or more; 200 is usual.")
-    check_declared(asked.declared)
-    robot = load_of(asked.robot, asked.logs, asked.store)
-    return read_sets((asked.logs, (), ()), robot, asked.columns, asked.store)
+    return read_logs(asked, "to calibrate for", to_check=False)

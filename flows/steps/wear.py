@@ -24,7 +24,7 @@ from residual.monitoring.wear import (
 )
 from residual.recording import Array, Recording
 from residual.robot.robot import Robot
-from warehouse.query.store import open_store
+from warehouse.query.store import ask
 from warehouse.runs import read_run
 
 PAUSE = 2 * 3600.0  # s without a log: the arm is cold again, a new session begins
@@ -108,9 +108,7 @@ def _listed(store: Path, robot: Robot, runs: Sequence[str]) -> list[tuple]:
     query = """SELECT run_id, recorded_at, created FROM runs
                WHERE robot = $robot AND serial IS NOT DISTINCT FROM $serial
                ORDER BY created DESC, run_id"""
-    given = {"robot": robot.name, "serial": robot.serial}
-    with open_store(store) as opened:
-        rows = opened.sql(query, given).to_pylist()
+    rows = ask(store, query, robot=robot.name, serial=robot.serial)
     found = [(r["run_id"], r["recorded_at"], r["created"]) for r in rows]
     if runs:
         found = [row for row in found if any(row[0].startswith(id) for id in runs)]

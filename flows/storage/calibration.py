@@ -6,9 +6,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
-import pyarrow as pa
 
-import warehouse
 from flows.storage.diagnosis import read_known, read_models, read_verdict
 from residual.calibration.calibrate import Calibration, corrected_model
 from residual.calibration.scores import RUN, Score
@@ -24,7 +22,8 @@ from residual.tables.crossval import relative_error
 from residual.tables.figures import CLASSES
 from residual.tables.lookup import export_lookup
 from warehouse.commit import commit_record
-from warehouse.schema import VIEWS, arrow_schema
+from warehouse.query.store import ask
+from warehouse.schema import rows_table
 
 STAGE, KIND, CORRECTED = "calibrated", "calibration", "corrected.json"
 
@@ -211,17 +210,12 @@ def store_calibration(
         "mode": made.rows.mode,
         "notes": list(made.notes),
     }
-    tables = {"errors": errors_table(made, ids)}
+    rows = [row for score in made.scores for row in _rows(score, ids)]
+    known = [row for row in rows if row["value"] == row["value"]]  # no NaN
+    tables = {"errors": rows_table("errors", known)}
     parents = {"model": [model_id], "run": list(ids), **named}
     validation = commit_record(store, "validations", record, tables, parents)
     return {"model": model_id, "validation": validation}
-
-
-def errors_table(made: Calibration, ids: Sequence[str]) -> pa.Table:
-    """Return all errors as rows of the view errors, metrics as rmsev_random."""
-    rows = [row for score in made.scores for row in _rows(score, ids)]
-    rows = [row for row in rows if row["value"] == row["value"]]  # no NaN
-    return pa.Table.from_pylist(rows, schema=arrow_schema(VIEWS["errors"][1:]))
 
 
 @dataclass(frozen=True, eq=False, slots=True)
@@ -251,10 +245,8 @@ def found_effects(
         "ON l.child = d.diagnosis_id AND l.role = 'fit' WHERE d.verdict = 'effects' "
         "ORDER BY d.created DESC"
     )
-    with warehouse.open(store) as opened:
-        found = opened.sql(query).to_pylist()
     runs: dict[str, set[str]] = {}
-    for row in found:
+    for row in ask(store, query):
         runs.setdefault(row["id"], set()).add(row["run"])
     names = sorted(declared_names(robot, declared))
     for id, fitted in runs.items():

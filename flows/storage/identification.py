@@ -3,13 +3,11 @@
 from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 
-import pyarrow as pa
-
 from residual.identification.prove import Identified
 from residual.model.record import to_record
 from residual.quantity import plain
 from warehouse.commit import commit_record
-from warehouse.schema import VIEWS, arrow_schema
+from warehouse.schema import rows_table
 
 SCHEMA, STAGE = 1, "identified"
 KINDS = ("raw", "filtered", "moving")
@@ -128,8 +126,8 @@ def store_identification(
     held_out = runs.get("held_out") or runs.get("fit") or ()
     one = held_out[0] if len(held_out) == 1 and not outcome.same_run else None
     tables = {
-        "parameters": _table("parameters", _parameters(told)),
-        "errors": _table("errors", list(_errors(told, one))),
+        "parameters": rows_table("parameters", _parameters(told)),
+        "errors": rows_table("errors", _errors(told, one)),
     }
     return commit_record(store, "models", record, tables, runs)
 
@@ -147,7 +145,3 @@ def _errors(told: Mapping, run_id: str | None) -> Iterator[dict]:
             for joint, value in (*values, (None, error["overall"])):
                 if value is not None:
                     yield {**row, "joint": joint, "value": value}
-
-
-def _table(view: str, rows: list[dict]) -> pa.Table:
-    return pa.Table.from_pylist(rows, schema=arrow_schema(VIEWS[view][1:]))

@@ -110,11 +110,10 @@ def null_records(store: Path) -> list[tuple[str, Mapping]]:
     if not layout.list_folders(store, "validations"):
         return []
     query = (
-        "SELECT validation_id FROM validations "
-        f"WHERE kind = '{KIND}' ORDER BY created DESC"
+        "SELECT validation_id AS id FROM validations "
+        "WHERE kind = $kind ORDER BY created DESC"
     )
-    with sql.open_store(store) as opened:
-        ids = opened.sql(query).column(0).to_pylist()
+    ids = [row["id"] for row in sql.ask(store, query, kind=KIND)]
     return [(id, layout.read_record(store, id)) for id in ids]
 
 

@@ -31,35 +31,33 @@ def everything(source) -> list[float]:
 
 def test_half_a_line_is_waited_for(tmp_path):
     path = tmp_path / "live.csv"
-    source = GrowingFile.at(path, *ARM, None)
+    source = GrowingFile(path, *ARM)
     assert everything(source) == []  # not even there
     path.write_text(HEADER[:20])
     assert everything(source) == []
     path.write_text(f"{HEADER}\n{row(1)}\n{row(2)[:9]}")
     assert everything(source) == [1.0]
-    assert source.unfinished()
     with path.open("a") as file:
         file.write(f"{row(2)[9:]}\n")
     assert everything(source) == [2.0]
-    assert not source.unfinished()
 
 
 def test_a_file_goes_on_where_it_was_left(tmp_path):
     path = tmp_path / "live.csv"
     path.write_text(f"{HEADER}\n{row(1)}\n")
-    first = GrowingFile.at(path, *ARM, None)
+    first = GrowingFile(path, *ARM)
     assert everything(first) == [1.0]
     with path.open("a") as file:
         file.write(f"{row(2)}\n")
     place = json.loads(json.dumps(first.position()))
-    assert everything(GrowingFile.at(path, *ARM, place)) == [2.0]
+    assert everything(GrowingFile(path, *ARM, place)) == [2.0]
 
 
 @pytest.mark.parametrize("text", [row(5), f"{row(5)}\n{row(6)}\n{row(7)}\n{row(8)}"])
 def test_a_file_that_was_replaced_is_said_to_be_and_read_from_its_begin(tmp_path, text):
     path = tmp_path / "live.csv"
     path.write_text(f"{HEADER}\n{row(1)}\n{row(2)}\n{row(3)}\n")
-    source = GrowingFile.at(path, *ARM, None)
+    source = GrowingFile(path, *ARM)
     assert len(everything(source)) == 3
     path.write_text(f"{HEADER}\n{text}\n")
     batch = source.read()
@@ -70,7 +68,7 @@ def test_a_file_that_was_replaced_is_said_to_be_and_read_from_its_begin(tmp_path
 def test_values_that_are_no_numbers_are_none_and_short_lines_too(tmp_path):
     path = tmp_path / "live.csv"
     path.write_text(f"{HEADER}\n{row(1)}\n{row(2).replace('2,2', 'x,2', 1)}\n3,4\n")
-    samples = GrowingFile.at(path, *ARM, None).read().samples
+    samples = GrowingFile(path, *ARM).read().samples
     assert np.isfinite(samples.tau).all(axis=1).tolist() == [True, False, False]
 
 
@@ -93,7 +91,7 @@ def test_a_line_of_numbers_is_no_line_of_names(tmp_path):
     path = tmp_path / "live.csv"
     path.write_text(f"{row(1)}\n{row(2)}\n")
     with pytest.raises(InputError, match="column names"):
-        GrowingFile.at(path, *ARM, None).read()
+        GrowingFile(path, *ARM).read()
 
 
 LONG = b"9" * (5 << 19)  # two and a half megabytes without an end of line
@@ -102,7 +100,7 @@ LONG = b"9" * (5 << 19)  # two and a half megabytes without an end of line
 def test_a_line_without_end_is_left_out_of_a_file(tmp_path):
     path = tmp_path / "live.csv"
     path.write_bytes(f"{HEADER}\n{row(1)}\n".encode() + LONG)
-    source = GrowingFile.at(path, *ARM, None)
+    source = GrowingFile(path, *ARM)
     batches = [source.read() for _ in range(5)]
     assert [n for b in batches for n in b.notes] == [
         "live.csv: a line of more than 1048576 bytes was left out: no row has so many"
@@ -112,7 +110,7 @@ def test_a_line_without_end_is_left_out_of_a_file(tmp_path):
     assert everything(source) == [2.0, 3.0]
     path.write_bytes(LONG)
     with pytest.raises(InputError, match="its line of names"):
-        GrowingFile.at(path, *ARM, None).read()
+        GrowingFile(path, *ARM).read()
 
 
 def test_a_line_without_end_is_left_out_of_a_pipe(monkeypatch):
@@ -137,5 +135,5 @@ def test_a_line_made_to_break_its_reader_is_a_row_without_numbers(tmp_path, line
     for header in (HEADER, json.dumps({"t": 0.5, "q": [0.1] * 6, "tau": [2.0] * 6})):
         path = tmp_path / "live.csv"
         path.write_text(f"{header}\n{line}\n")
-        samples = GrowingFile.at(path, *ARM, None).read().samples
+        samples = GrowingFile(path, *ARM).read().samples
         assert np.isnan(samples.t[-1]) or not np.isfinite(samples.q[-1]).all()

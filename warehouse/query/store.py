@@ -147,6 +147,12 @@ def open_store(path: Path | str) -> "Store":
     return Store(folder)
 
 
+def ask(path: Path, query: str, **values: object) -> list[dict]:
+    """Return the rows of one answer; the store is open for it alone."""
+    with open_store(path) as opened:
+        return opened.sql(query, values or None).to_pylist()
+
+
 class Store:
     """An opened store; it sees what others commit meanwhile."""
 

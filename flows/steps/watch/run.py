@@ -6,7 +6,6 @@ from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 
 import numpy as np
-import pyarrow as pa
 
 from flows.inputs.stream import GrowingFile, StandardInput
 from flows.requests import Diagnose
@@ -24,7 +23,7 @@ from residual.recording import Recording
 from residual.robot.robot import Robot
 from warehouse.commit import commit_record, commit_run
 from warehouse.runs import keep_robot
-from warehouse.schema import VIEWS
+from warehouse.schema import rows_table
 
 SAVE = 5.0  # s between two times that the state is kept
 ENDS = 3  # looks in a row with nothing new after which all that is there was read
@@ -166,8 +165,7 @@ def keep_alarm(
         "score": alarm.score,
         "until": at,
     }
-    fields = [c.field for c in VIEWS["alarms"] if c.name in row]
-    table = pa.Table.from_pylist([row], schema=pa.schema(fields))
+    table = rows_table("alarms", [row])
     parents = {"calibration": list(origin.good), "watched": [run]}
     if origin.diagnosis:
         parents["diagnosis"] = [origin.diagnosis]

@@ -5,12 +5,12 @@ from pathlib import Path
 
 import pyarrow as pa
 
-from flows.steps.monitor import _schema as alarm_schema
 from flows.storage.diagnosis import store_report
 from tests.warehouse import store_samples as made
 from warehouse.commit import commit_record
 from warehouse.layout import read_record
 from warehouse.numbered import ADOPTED, Adoption, commit_adoption
+from warehouse.schema import rows_table
 
 EVIL = '"><img src=x onerror=alert(1)>&'
 STORED = b'<!doctype html><title>stored</title><h1 id="kept">A stored page</h1>'
@@ -45,7 +45,7 @@ def fill(store: Path, stored: bytes = STORED) -> Nights:
     page = store_report(store, about, missing, {"report.html": stored})
     asked = {**about, "kind": "proposal", "parent": None, "findings": []}
     side = store_report(store, asked, missing, {"proposal.html": STORED})
-    rows = pa.Table.from_pylist([alarm(runs[0])], schema=alarm_schema())
+    rows = rows_table("alarms", [alarm(runs[0])])
     told = {"robot": "two_link", "kind": "monitor"}
     parents = {"watched": [runs[0]]}
     watched = commit_record(store, "validations", told, {"alarms": rows}, parents)

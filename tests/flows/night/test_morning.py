@@ -4,7 +4,6 @@ import re
 from dataclasses import replace
 
 import numpy as np
-import pyarrow as pa
 import pytest
 
 from flows.cli import main
@@ -17,7 +16,7 @@ from flows.report.night.site import Site
 from flows.service.pages import Tickets, with_pages
 from flows.service.status import _refused
 from flows.service.up import stale_rule
-from flows.steps.monitor import _schema, diagnosis_of, healthy_runs
+from flows.steps.monitor import diagnosis_of, healthy_runs
 from flows.storage.diagnosis import store_report
 from tests.flows.asgi import OURS, answer, prefect, scope, signed
 from tests.flows.night.stores import diagnose
@@ -27,6 +26,7 @@ from tests.warehouse import store_samples as made
 from warehouse.commit import commit_record, commit_run
 from warehouse.query.store import open_store
 from warehouse.runs import keep_robot
+from warehouse.schema import rows_table
 
 TEXT = """schema = 1
 [[robot]]
@@ -82,7 +82,7 @@ def morning(project):
         }
         for k in range(ALARMS)
     ]
-    table = {"alarms": pa.Table.from_pylist(rows, schema=_schema())}
+    table = {"alarms": rows_table("alarms", rows)}
     told = {"robot": arm.name, "kind": "monitor"}
     parents = {"watched": list(loads), "calibration": healthy}
     commit_record(store, "validations", told, table, parents)
