@@ -99,8 +99,8 @@ def _campaign(spec: Path, store: Path, started=None) -> None:
         started.set()
     planned = experiment.plan(((e.label, e.spec) for e in load_campaign(spec)), store)
     summary = run_all(planned, store, None, Here())
-    if summary.failures:
-        raise RuntimeError(summary.failures[0].why)
+    for why in summary.failed.values():
+        raise RuntimeError(why)
 
 
 def _stand_in(spec, robot) -> tuple:

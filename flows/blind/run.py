@@ -4,11 +4,10 @@ First an arm with nothing to hide in every excitation, which says how small an e
 would still be seen there; then the cases, whose sizes are told in that unit.
 """
 
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
-from typing import Any
 
 from flows.blind import steps
 from flows.blind.draw import Asked, Excitation, drafts
@@ -16,7 +15,7 @@ from flows.blind.sums import summary
 from flows.outputs import Progress
 from flows.settings import cores
 from flows.storage.diagnosis import read_verdict
-from flows.workers.pool import Here, Pool, plainly
+from flows.workers.pool import Pool, Runs, outcomes
 from residual.diagnosis.result import Detectable
 from residual.errors import RunError
 from sim.engine.records import CLEAN, BackgroundWord
@@ -47,7 +46,7 @@ def run_study(
     asked: Asked,
     store: Path,
     tell: Progress | None = None,
-    pool: Pool | Here | None = None,
+    pool: Runs | None = None,
     workers: int | None = None,
 ) -> Study:
     """Run what is not in the store, and conclude."""
@@ -60,7 +59,7 @@ def run_study(
 
 
 def run_nulls(
-    asked: Asked, store: Path, tell: Progress | None, pool: Pool | Here
+    asked: Asked, store: Path, tell: Progress | None, pool: Runs
 ) -> tuple[dict[int, Sequence[Detectable]], list[str]]:
     """Return the minimum detectable sizes of every excitation, by its number.
 
@@ -74,7 +73,7 @@ def null_sizes(
     wanted: Sequence[tuple[Asked, Excitation]],
     store: Path,
     tell: Progress | None,
-    pool: Pool | Here,
+    pool: Runs,
 ) -> tuple[dict[int, Sequence[Detectable]], list[str]]:
     """Return the minimum detectable sizes of some excitations, each of a study."""
     keys = {e.index: steps.key_of(steps.null_specs(own, e)) for own, e in wanted}
@@ -82,7 +81,7 @@ def null_sizes(
     todo = [(own, e) for own, e in wanted if keys[e.index] not in ids]
     jobs = [partial(steps.run_null, own, e, keys[e.index], store) for own, e in todo]
     failed = []
-    for count, (at, value, why) in enumerate(run_jobs(jobs, pool), start=1):
+    for count, (at, value, why) in enumerate(outcomes(jobs, pool), start=1):
         number = todo[at][1].index
         if value is None:
             failed.append(f"excitation {number} and its cases: {why}")
@@ -103,7 +102,7 @@ def run_cases(
     store: Path,
     minima: Mapping[int, Sequence[Detectable]],
     tell: Progress | None,
-    pool: Pool | Here,
+    pool: Runs,
 ) -> tuple[list[str], int, list[str]]:
     """Run the cases that are not in the store.
 
@@ -119,7 +118,7 @@ def run_cases(
     todo = [case for case in cases if case.key not in ids]
     failed = []
     jobs = [partial(steps.run_case, asked, case, store) for case in todo]
-    for count, (at, value, why) in enumerate(run_jobs(jobs, pool), start=1):
+    for count, (at, value, why) in enumerate(outcomes(jobs, pool), start=1):
         number = todo[at].draft.index
         if value is None:
             failed.append(f"case {number}: {why}")
@@ -172,12 +171,3 @@ def _of(background: BackgroundWord) -> str:
 def _excitations(asked: Asked) -> list[Excitation]:
     unique = {d.excitation.index: d.excitation for d in drafts(asked)}
     return list(unique.values())
-
-
-def run_jobs(
-    jobs: Sequence[Callable], pool: Pool | Here
-) -> Iterator[tuple[int, Any, str]]:
-    """Yield number, value and, where there is none, the reason."""
-    for done in pool.run(plainly, jobs):
-        why = " ".join(str(done.error).split()) if done.error else ""
-        yield done.index, done.value, why

@@ -117,9 +117,8 @@ def campaign(
         return
     with workers_of(where, missing) as workers, progress_bar() as bar:
         summary = campaigns.run_all(planned, place, bar, workers)
-    for failure in summary.failures:
-        say(console, f"failed: {failure.planned.label}: {failure.why}")
-    failed = len(summary.failures)
+    say(console, *(f"failed: {why}" for why in summary.failed.values()))
+    failed = len(summary.failed)
     say(console, f"{missing - failed} stored, {failed} failed, {summary.seconds} s")
     if failed:
         raise RunError(
@@ -170,8 +169,6 @@ def fleet(
         held_out: Kind of motion of the campaigns that is held out for the proof.
         store: Folder of the store, or s3://BUCKET/PREFIX; else $MODELGAP_STORE, else
             ./store. With a cluster of several machines it is in a bucket.
-        store: Folder of the store, or s3://BUCKET/PREFIX; else $MODELGAP_STORE, else
-            ./store. With a cluster of several machines it is in a bucket.
         runner: Where to compute: a process per core, or dask://HOST:PORT. Without it
             $MODELGAP_RUNNER.
     """
@@ -184,12 +181,12 @@ def fleet(
             done = campaigns.diagnose_arms(found, place, workers, bar)
     for why in failed:
         say(console, f"failed: {why}")
-    for each in done:
-        told = each.diagnosis and headline(read_verdict(place, each.diagnosis))
-        say(console, f"{each.label}: {told or 'failed: ' + each.why}")
-        if each.diagnosis:
-            say(console, f"  modelgap show {each.diagnosis[:8]}")
-    wrong = sum(not each.diagnosis for each in done)
+    for label, (id, why) in done.items():
+        told = id and headline(read_verdict(place, id))
+        say(console, f"{label}: {told or 'failed: ' + why}")
+        if id:
+            say(console, f"  modelgap show {id[:8]}")
+    wrong = sum(not id for id, _ in done.values())
     if wrong or failed:
         raise RunError(
             f"{wrong} of {len(done)} diagnoses and {len(failed)} experiments failed."

@@ -67,11 +67,11 @@ def campaign(asked: requests.Campaign) -> dict:
     """Run what is not in the store; a failure is told and does not end the night."""
     log = get_run_logger()
     tell = artifacts.progress("campaign-progress", log.info)
-    ran = campaigns.run_campaign(asked, tell)
-    for why in ran.failed:
+    runs, summary = campaigns.run_campaign(asked, tell)
+    for why in summary.failed.values():
         log.warning(why)
-    artifacts.runs_committed(ran.new)
-    return ran.runs
+    artifacts.runs_committed(summary.new)
+    return runs
 
 
 @task(name="identify", task_run_name="identify", tags=["analysis"])

@@ -20,22 +20,15 @@ from flows.steps import experiment
 from flows.steps.diagnose import diagnose_runs, request_of
 from flows.steps.experiment import Planned, plan
 from flows.steps.models import in_force
-from flows.workers.pool import Here, Pool, plainly
-from flows.workers.runner import Cluster, chosen_runner, workers_of
+from flows.workers.pool import Pool, outcomes
+from flows.workers.pool import Runs as Workers
+from flows.workers.runner import chosen_runner, workers_of
 from residual.errors import InputError, RunError
 from warehouse.layout import find_run
 from warehouse.mirror import shown
 from warehouse.runs import read_manifest, robot_word
 
-Runs = dict[str, list[str]]
-
-
-@dataclass(frozen=True, slots=True)
-class Failure:
-    """An experiment that did not come to its end."""
-
-    planned: Planned
-    why: str
+Runs = dict[str, list[str]]  # ids by role
 
 
 @dataclass(frozen=True, slots=True)
@@ -44,28 +37,31 @@ class Summary:
 
     Attributes:
         planned: All experiments, in order.
-        known: How many were in the store already.
-        failures: Those that failed; all others are in the store now.
+        failed: What failed and why, by the id of its run; all others are in the store.
         seconds: Time that it took.
     """
 
     planned: tuple[Planned, ...]
-    known: int
-    failures: tuple[Failure, ...]
+    failed: Mapping[str, str]
     seconds: float
 
     @property
     def stored(self) -> tuple[str, ...]:
         """Ids of all runs that are in the store now."""
-        failed = {failure.planned.run_id for failure in self.failures}
-        return tuple(p.run_id for p in self.planned if p.run_id not in failed)
+        return tuple(p.run_id for p in self.planned if p.run_id not in self.failed)
+
+    @property
+    def new(self) -> tuple[str, ...]:
+        """Ids of those that were not there before."""
+        known = {p.run_id for p in self.planned if p.stored}
+        return tuple(id for id in self.stored if id not in known)
 
 
 def run_all(
     planned: Sequence[Planned],
     store: Path,
     tell: Progress | None = None,
-    pool: Pool | Here | Cluster | None = None,
+    pool: Workers | None = None,
 ) -> Summary:
     """Run what is not in the store, in as many processes as there are cores.
 
@@ -73,26 +69,21 @@ def run_all(
         What became of them; a failure is in it and raises nothing.
     """
     missing = [p for p in planned if not p.stored]
-    begun, failures = perf_counter(), []
+    begun, failed = perf_counter(), {}
     if missing and pool is None:
         with Pool(min(cores(), len(missing))) as own:
             return run_all(planned, store, tell, own)
     # The store's name and not its folder: on another machine that is another one.
     jobs = [partial(_run, p.spec, shown(store), p.campaign) for p in missing]
-    for count, done in enumerate(pool.run(plainly, jobs) if pool else (), start=1):
-        at = missing[done.index]
-        error = done.error or _checked(at, done.value, store)
-        if error:
-            failures.append(_failure(at, error))
+    done = outcomes(pool, jobs) if pool else ()
+    for count, (index, id, why) in enumerate(done, start=1):
+        at = missing[index]
+        if why := why or _misplaced(at, id, store):
+            failed[at.run_id] = f"{at.label}: {why}"
         if tell:
-            word = "failed" if error else "stored"
+            word = "failed" if why else "stored"
             tell(f"{word} {count} of {len(missing)}: {at.label}", count / len(missing))
-    return Summary(
-        tuple(planned),
-        len(planned) - len(missing),
-        tuple(failures),
-        round(perf_counter() - begun, 2),
-    )
+    return Summary(tuple(planned), failed, round(perf_counter() - begun, 2))
 
 
 def planned(asked: Campaign) -> list[Planned]:
@@ -111,48 +102,26 @@ def planned(asked: Campaign) -> list[Planned]:
     return [replace(each, campaign=name) for each in known]
 
 
-@dataclass(frozen=True, slots=True)
-class Ran:
-    """What became of a campaign.
-
-    Attributes:
-        runs: Ids of the runs that are in the store, by role: fit and held_out.
-        new: Ids of those that were not there before.
-        failed: What failed, in words.
-    """
-
-    runs: Runs
-    new: tuple[str, ...]
-    failed: tuple[str, ...]
-
-
-def run_campaign(asked: Campaign, tell: Progress | None = None) -> Ran:
-    """Run what is not in the store."""
+def run_campaign(asked: Campaign, tell: Progress | None = None) -> tuple[Runs, Summary]:
+    """Run what is not in the store; returns ids by role, and what became of all."""
     wanted = planned(asked)
     runner = chosen_runner(asked.runner, asked.trust_network)
     with workers_of(runner, sum(not p.stored for p in wanted)) as pool:
         summary = run_all(wanted, store_folder(asked.store), tell, pool)
-    failed = tuple(f"{f.planned.label}: {f.why}" for f in summary.failures)
-    known = {p.run_id for p in wanted if p.stored}
-    new = tuple(id for id in summary.stored if id not in known)
-    return Ran(by_role(asked, wanted, summary.stored, failed), new, failed)
+    return by_role(asked, wanted, summary), summary
 
 
-def by_role(
-    asked: Campaign,
-    wanted: Sequence[Planned],
-    stored: Sequence[str],
-    failed: Sequence[str],
-) -> Runs:
-    """Return the stored runs by role."""
+def by_role(asked: Campaign, wanted: Sequence[Planned], summary: Summary) -> Runs:
+    """Return the stored runs by role: fit and held_out."""
     runs: Runs = {"fit": [], "held_out": []}
     for each in wanted:
-        if each.run_id in stored:
+        if each.run_id in summary.stored:
             kind = each.spec.trajectory.kind
             role = "held_out" if kind == asked.held_out else "fit"
             runs[role].append(each.run_id)
     if not runs["fit"]:
-        why = failed[0] if failed else f"all motions are '{asked.held_out}', held out"
+        all_out = f"all motions are '{asked.held_out}', held out"
+        why = next(iter(summary.failed.values()), all_out)
         raise RunError(f"{asked.path} has no run to fit: {why}.")
     return runs
 
@@ -161,24 +130,17 @@ def _run(spec: ExperimentSpec, store: str, campaign: str | None) -> str:
     return experiment.run(spec, store_folder(store), campaign)
 
 
-def _checked(planned: Planned, run_id: str, store: Path) -> Exception | None:
+def _misplaced(planned: Planned, run_id: str, store: Path) -> str:
     # A process loads the code anew, and the id of a run is also that of its code.
     if run_id != planned.run_id:
-        return RunError(f"stored as {run_id}: the code was changed since the start")
+        return f"stored as {run_id}: the code was changed since the start"
     if not experiment.is_stored(store, planned.spec, run_id):
-        return RunError(
+        return (
             f"stored elsewhere than in {shown(store)}: a cluster needs a store on "
             "object storage (--store s3://BUCKET/PREFIX), or a file system that all "
             "its machines share"
         )
-    return None
-
-
-def _failure(planned: Planned, error: BaseException) -> Failure:
-    return Failure(planned, " ".join(str(error).split()))
-
-
-Workers = Pool | Here | Cluster
+    return ""
 
 
 # Many arms: their campaigns and their diagnoses over processes or a cluster.
@@ -187,42 +149,14 @@ Workers = Pool | Here | Cluster
 # store on object storage the machines share no disk.
 
 
-@dataclass(frozen=True, slots=True)
-class Arm:
-    """One arm of a fleet.
-
-    Attributes:
-        label: What people call it.
-        runs: Ids of its runs by role: fit, and held_out where there are such.
-    """
-
-    label: str
-    runs: Mapping[str, Sequence[str]]
-
-
-@dataclass(frozen=True, slots=True)
-class Diagnosed:
-    """What became of the diagnosis of an arm.
-
-    Attributes:
-        label: What people call it.
-        diagnosis: Its id, None if it failed.
-        why: Why it failed, "" if it did not.
-    """
-
-    label: str
-    diagnosis: str | None
-    why: str = ""
-
-
 def arms_of(
     words: Iterable[str],
     held_out: str,
     store: Path,
     pool: Workers,
     tell: Progress | None = None,
-) -> tuple[list[Arm], list[str]]:
-    """Run the campaigns of a fleet, all at once, and return its arms.
+) -> tuple[dict[str, Runs], tuple[str, ...]]:
+    """Run the campaigns of a fleet, all at once.
 
     Args:
         words: A campaign file, or ids of runs with commas between them, for each arm.
@@ -232,37 +166,31 @@ def arms_of(
     wanted = {word: planned(campaign) for word, campaign in asked.items()}
     every = {each.run_id: each for found in wanted.values() for each in found}
     summary = run_all(list(every.values()), store, tell, pool)
-    failed = [f"{f.planned.label}: {f.why}" for f in summary.failures]
-    arms = []
-    for word in words:
-        if word in asked:
-            runs = by_role(asked[word], wanted[word], summary.stored, failed)
-        else:
-            runs = _named(word, store)
-        arms.append(Arm(word, runs))
-    return arms, failed
+    arms = {
+        word: by_role(asked[word], wanted[word], summary)
+        if word in asked
+        else _named(word, store)
+        for word in words
+    }
+    return arms, tuple(summary.failed.values())
 
 
 def diagnose_arms(
-    arms: Sequence[Arm], store: Path, pool: Workers, tell: Progress | None = None
-) -> list[Diagnosed]:
+    arms: Mapping[str, Runs], store: Path, pool: Workers, tell: Progress | None = None
+) -> dict[str, tuple[str | None, str]]:
     """Diagnose every arm, each against the model that it has.
 
     Returns:
-        What became of each, in their order; a failure is in it and raises nothing.
+        The id of each diagnosis, None if it failed, and why.
     """
-    jobs = [partial(_diagnose, dict(arm.runs), shown(store)) for arm in arms]
-    out: list[Diagnosed | None] = [None] * len(arms)
-    for count, done in enumerate(pool.run(plainly, jobs), start=1):
-        label = arms[done.index].label
-        if done.error:
-            why = " ".join(str(done.error).split())
-            out[done.index] = Diagnosed(label, None, why)
-        else:
-            out[done.index] = Diagnosed(label, done.value)
+    jobs = [partial(_diagnose, dict(runs), shown(store)) for runs in arms.values()]
+    labels, found = list(arms), {}
+    for count, (index, id, why) in enumerate(outcomes(pool, jobs), start=1):
+        found[labels[index]] = id, why
         if tell:
-            tell(f"diagnosed {count} of {len(arms)}: {label}", count / len(arms))
-    return [each for each in out if each]
+            told = f"diagnosed {count} of {len(arms)}: {labels[index]}"
+            tell(told, count / len(arms))
+    return {label: found[label] for label in labels}
 
 
 def _named(word: str, store: Path) -> Runs:

@@ -100,9 +100,8 @@ def run_experiments(
     """Run the experiments that are not in the store."""
     store = store_folder(asked.store)
     summary = run_all(plan(specs(asked), store), store, progress, pool)
-    if summary.failures:
-        first = summary.failures[0]
-        raise RunError(f"Experiment {first.planned.label} failed: {first.why}")
+    for why in summary.failed.values():
+        raise RunError(f"An experiment failed: {why}")
     ids = [p.run_id for p in summary.planned]
     return {"fit": ids[: len(FIT)], "held_out": ids[len(FIT) :]}
 

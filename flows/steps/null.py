@@ -14,7 +14,7 @@ from flows.outputs import Progress
 from flows.requests import Null as Request
 from flows.settings import cores, store_folder
 from flows.storage.null import KIND, method_hash, null_records
-from flows.workers.pool import Here, Pool, plainly
+from flows.workers.pool import Pool, Runs, plainly
 from residual.errors import InputError
 from residual.lazy import one_blas_thread
 from residual.method.null_record import Null, from_record
@@ -43,7 +43,7 @@ class Made:
 def calibrate_null(
     asked: Request,
     progress: Progress | None = None,
-    pool: Pool | Here | None = None,
+    pool: Runs | None = None,
     workers: int | None = None,
 ) -> Made:
     """Make the draws that are not in the store, and keep the null there.

@@ -13,7 +13,7 @@ from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import FIRST_COMPLETED, Future, wait
 from concurrent.futures.process import BrokenProcessPool
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, Protocol
 
 from loky import ProcessPoolExecutor
 
@@ -23,6 +23,14 @@ from residual.errors import InputError, ModelgapError, RunError
 # A process that has read many logs is larger than at its start, and that is no leak.
 _ENVIRONMENT = ONE_THREAD | {"LOKY_MAX_MEMORY_LEAK_SIZE": "1e15"}
 _DIED = "its process ended without a word; out of memory, or killed from outside"
+
+
+class Runs(Protocol):
+    """What does jobs: processes, this one, or a cluster."""
+
+    def run(self, work: Callable[[Any], Any], jobs: Sequence[Any]) -> "Iterator[Done]":
+        """Yield jobs as they are done."""
+        ...
 
 
 @dataclass(frozen=True, slots=True)
@@ -78,9 +86,12 @@ class Pool:
             while queue and len(running) < most:
                 index = queue.popleft()
                 running[self._submit(work, jobs[index])] = index
-            ended = {running.pop(f): f for f in _ended(running)}
-            lost = [i for i, f in ended.items() if _died(f)]
-            yield from (_done(i, f) for i, f in ended.items() if i not in lost)
+            first = wait(running, return_when=FIRST_COMPLETED).done
+            ended = {running.pop(f): f for f in sorted(first, key=running.get)}
+            errors = {i: f.exception() for i, f in ended.items()}
+            lost = [i for i, e in errors.items() if isinstance(e, BrokenProcessPool)]
+            for i in ended.keys() - set(lost):
+                yield Done(i, None if errors[i] else ended[i].result(), errors[i])
             if lost:
                 # Nobody knows which of those that ran took the processes down.
                 lost = sorted([*lost, *running.values()])
@@ -113,6 +124,15 @@ class Here:
                 yield Done(index, work(job))
             except Exception as error:
                 yield Done(index, error=error)
+
+
+def outcomes(
+    pool: "Runs", jobs: Sequence[Callable[[], Any]]
+) -> Iterator[tuple[int, Any, str]]:
+    """Yield of each job its number, its value, and why there is none, in a line."""
+    for done in pool.run(plainly, jobs):
+        why = " ".join(str(done.error).split()) if done.error else ""
+        yield done.index, done.value, why
 
 
 def plainly(job: Callable[[], Any]) -> Any:
@@ -149,16 +169,3 @@ def _stop(pool: ProcessPoolExecutor) -> None:
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")
         pool.shutdown(kill_workers=True)
-
-
-def _ended(running: dict[Future, int]) -> list[Future]:
-    return sorted(wait(running, return_when=FIRST_COMPLETED).done, key=running.get)
-
-
-def _died(future: Future) -> bool:
-    return isinstance(future.exception(), BrokenProcessPool)
-
-
-def _done(index: int, future: Future) -> Done:
-    error = future.exception()
-    return Done(index, error=error) if error else Done(index, future.result())

@@ -13,7 +13,7 @@ from typing import Any
 from urllib.parse import urlsplit
 
 from flows.settings import cores, is_loopback
-from flows.workers.pool import Done, Pool
+from flows.workers.pool import Done, Pool, Runs
 from residual.errors import InputError, RunError
 
 RUNNER = "MODELGAP_RUNNER"
@@ -125,7 +125,7 @@ def chosen_runner(word: str | None = None, trust_network: bool = False) -> Runne
 
 
 @contextmanager
-def workers_of(runner: Runner, jobs: int) -> Iterator[Pool | Cluster | None]:
+def workers_of(runner: Runner, jobs: int) -> Iterator[Runs | None]:
     """Give what runs jobs: processes of ours, or a cluster that somebody else keeps.
 
     "threads" are processes too: every experiment needs one of its own.

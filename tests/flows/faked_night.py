@@ -39,7 +39,11 @@ def faked(monkeypatch, tmp_path):
     runs = {"fit": ["aa", "bb"], "held_out": ["cc"]}
     take(stored, "diagnosis_page", page)
     take(stored, "words", "Nothing is missing.")
-    take(campaign, "run_campaign", campaign.Ran(runs, ("aa",), ("one failed",)))
+    take(
+        campaign,
+        "run_campaign",
+        (runs, SimpleNamespace(new=("aa",), failed={"bb": "one failed"})),
+    )
     monkeypatch.setattr(diagnose, "request_of", lambda *asked: asked)
     for module, name, answer in (
         (loop, "in_force", Choice("11" * 10, "model: adoption 3")),

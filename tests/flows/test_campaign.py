@@ -52,9 +52,9 @@ def test_one_failure_is_reported_and_the_others_go_on(tmp_path, done):
     told = []
     summary = run_all(planned, tmp_path, lambda *a: told.append(a), Here())
     assert done == [0, 1, 2, 3]
-    assert [f.why for f in summary.failures] == [
-        "joint 2 at 1.2 s: 0.3 rad beyond",
-        "ZeroDivisionError: a fault",
+    assert list(summary.failed.values()) == [
+        "seed=1: joint 2 at 1.2 s: 0.3 rad beyond",
+        "seed=2: ZeroDivisionError: a fault",
     ]
     assert summary.stored == (planned[0].run_id, planned[3].run_id)
     assert told[-1] == ("stored 4 of 4: seed=3", 1.0)
@@ -66,7 +66,7 @@ def test_the_same_command_completes_what_was_left(tmp_path, done):
     assert [p.stored for p in planned] == [True, False, False, False, False]
     summary = run_all(planned, tmp_path, pool=Here())
     assert done == [0, 1, 2, 3, 4]
-    assert summary.known == 1
+    assert summary.new == (planned[3].run_id, planned[4].run_id)
 
 
 def test_the_same_experiment_twice_is_planned_once(tmp_path):

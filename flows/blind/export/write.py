@@ -12,13 +12,13 @@ import numpy as np
 from flows.blind import steps
 from flows.blind.draw import Asked, Draft, arm_of, drafts, motions
 from flows.blind.row import measured
-from flows.blind.run import null_sizes, run_jobs
+from flows.blind.run import null_sizes
 from flows.blind.score import UNKNOWN
 from flows.inputs.given import load
 from flows.outputs import Progress
 from flows.specs.experiment import ExperimentSpec, derived_seed
 from flows.steps import experiment
-from flows.workers.pool import Here, Pool
+from flows.workers.pool import Runs, outcomes
 from residual.diagnosis.oracle import oracle_model
 from residual.effects import registry
 from residual.effects.base import Effect
@@ -285,7 +285,7 @@ def export_study(
     arms: Sequence[int],
     target: Path,
     store: Path,
-    pool: Pool | Here,
+    pool: Runs,
     tell: Progress | None = None,
 ) -> None:
     """Write the cases of a study as plain files.
@@ -337,7 +337,7 @@ def _written(
     cases: Sequence[Part],
     folder: Path,
     store: Path,
-    pool: Pool | Here,
+    pool: Runs,
     tell: Progress | None,
 ) -> dict[str, Mapping]:
     wanted = {d.excitation.index: (own, d.excitation) for own, d in cases}
@@ -358,7 +358,7 @@ def _written(
     ]
     work = [partial(write_case, job) for job in jobs]
     done = {}
-    for count, (at, value, why) in enumerate(run_jobs(work, pool), start=1):
+    for count, (at, value, why) in enumerate(outcomes(work, pool), start=1):
         if value is None:
             raise RunError(f"{jobs[at].name}: {why}")
         done[jobs[at].name] = value
