@@ -1,26 +1,70 @@
-"""A whole blind study over all cores: what is stored is not done again.
+"""The sealed study: ids in, ids out; what is stored is not done again.
 
-First an arm with nothing to hide in every excitation, which says how small an effect
-would still be seen there; then the cases, whose sizes are told in that unit.
+An arm hides what was drawn, is run, and its runs are stored with the truth sealed. The
+diagnosis gets their ids and no more. Only what is judged from a committed verdict opens
+the seal. First comes an arm with nothing to hide in every excitation, which says how
+small an effect would still be seen there; the sizes of the cases are told in that unit.
 """
 
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+import hashlib
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import asdict, dataclass
 from functools import partial
 from pathlib import Path
+from time import perf_counter
 
-from flows.blind import steps
-from flows.blind.draw import Asked, Excitation, drafts
+import numpy as np
+
+from flows.blind.draw import Asked, Draft, Excitation, arm_of, drafts, motions
+from flows.blind.row import Hidden, case_row, draw_sized, measured, true_parameters
+from flows.blind.score import UNKNOWN
 from flows.blind.sums import summary
+from flows.inputs.given import load
 from flows.outputs import Progress
 from flows.settings import cores
-from flows.storage.diagnosis import read_verdict
+from flows.specs.experiment import ExperimentSpec
+from flows.steps import experiment
+from flows.steps.diagnose import diagnose_runs, request_of
+from flows.steps.edit import sealed_edits
+from flows.storage.diagnosis import read_outcome, read_verdict
+from flows.storage.null import method_hash
 from flows.workers.pool import Pool, Runs, outcomes
+from residual.diagnosis.oracle import oracle
 from residual.diagnosis.result import Detectable
+from residual.diagnosis.verdict import to_json
+from residual.effects import registry, reported_joints
 from residual.errors import RunError
-from sim.engine.records import CLEAN, BackgroundWord
+from residual.lazy import one_blas_thread
+from residual.quantity import plain
+from sim.engine.records import CLEAN, PlantEffect, stream
+from warehouse import runs as stored
 from warehouse.commit import commit_record
 from warehouse.layout import read_record
+from warehouse.query.store import ask
+from warehouse.runs import read_run
+from warehouse.schema import rows_table
+
+CASE, NULL, STUDY = "blind", "blind_null", "blind_study"  # kinds of validations
+_TRIES = 20  # to draw a second effect that is not the first again
+
+Minimum = Sequence[Detectable]
+
+
+@dataclass(frozen=True, slots=True)
+class Case:
+    """One case, complete: what is hidden, in experiments whose ids are known.
+
+    Attributes:
+        draft: What was drawn.
+        specs: The experiments, those to fit first.
+        minimum: Minimum detectable sizes of its motions.
+        key: Hash of the experiments and of the code that diagnoses and judges.
+    """
+
+    draft: Draft
+    specs: tuple[ExperimentSpec, ...]
+    minimum: Minimum
+    key: str
 
 
 @dataclass(frozen=True, slots=True)
@@ -53,20 +97,21 @@ def run_study(
     if pool is None:
         with Pool(workers or cores()) as own:
             return run_study(asked, store, tell, own)
-    minima, lost = run_nulls(asked, store, tell, pool)
-    done, known, failed = run_cases(asked, store, minima, tell, pool)
-    return conclude(asked, store, done, known, [*lost, *failed])
-
-
-def run_nulls(
-    asked: Asked, store: Path, tell: Progress | None, pool: Runs
-) -> tuple[dict[int, Sequence[Detectable]], list[str]]:
-    """Return the minimum detectable sizes of every excitation, by its number.
-
-    Returns:
-        The sizes, and what failed: without sizes an excitation has no cases.
-    """
-    return null_sizes([(asked, e) for e in _excitations(asked)], store, tell, pool)
+    every = drafts(asked)
+    wanted = {d.excitation.index: (asked, d.excitation) for d in every}
+    minima, lost = null_sizes(list(wanted.values()), store, tell, pool)
+    cases = [
+        make_case(asked, draft, minima[draft.excitation.index])
+        for draft in every
+        if draft.excitation.index in minima
+    ]
+    jobs = {
+        case.key: (f"case {case.draft.index}", partial(run_case, asked, case, store))
+        for case in cases
+    }
+    known = len(jobs.keys() & finished(store, CASE).keys())
+    ids, failed = _completed(jobs, CASE, store, tell, pool)
+    return conclude(asked, store, list(ids.values()), known, [*lost, *failed])
 
 
 def null_sizes(
@@ -74,21 +119,21 @@ def null_sizes(
     store: Path,
     tell: Progress | None,
     pool: Runs,
-) -> tuple[dict[int, Sequence[Detectable]], list[str]]:
-    """Return the minimum detectable sizes of some excitations, each of a study."""
-    keys = {e.index: steps.key_of(steps.null_specs(own, e)) for own, e in wanted}
-    ids = steps.finished(store, steps.NULL)
-    todo = [(own, e) for own, e in wanted if keys[e.index] not in ids]
-    jobs = [partial(steps.run_null, own, e, keys[e.index], store) for own, e in todo]
-    failed = []
-    for count, (at, value, why) in enumerate(outcomes(jobs, pool), start=1):
-        number = todo[at][1].index
-        if value is None:
-            failed.append(f"excitation {number} and its cases: {why}")
-        else:
-            ids[keys[number]] = value
-        if tell:
-            tell(f"excitation {count} of {len(todo)}", count / len(todo))
+) -> tuple[dict[int, Minimum], list[str]]:
+    """Return the minimum detectable sizes of some excitations, each of a study.
+
+    Returns:
+        The sizes, and what failed: without sizes an excitation has no cases.
+    """
+    keys = {e.index: key_of(null_specs(own, e)) for own, e in wanted}
+    jobs = {
+        keys[e.index]: (
+            f"excitation {e.index} and its cases",
+            partial(run_null, own, e, keys[e.index], store),
+        )
+        for own, e in wanted
+    }
+    ids, failed = _completed(jobs, NULL, store, tell, pool)
     minima = {
         number: read_verdict(store, ids[key]).minimum_detectable
         for number, key in keys.items()
@@ -97,39 +142,31 @@ def null_sizes(
     return minima, failed
 
 
-def run_cases(
-    asked: Asked,
+def _completed(
+    jobs: Mapping[str, tuple[str, Callable[[], str]]],
+    kind: str,
     store: Path,
-    minima: Mapping[int, Sequence[Detectable]],
     tell: Progress | None,
     pool: Runs,
-) -> tuple[list[str], int, list[str]]:
-    """Run the cases that are not in the store.
+) -> tuple[dict[str, str], list[str]]:
+    """Do what is not in the store; returns ids by key, and what failed.
 
-    Returns:
-        Ids of their validations in order, how many were known, and what failed.
+    Args:
+        jobs: What each is called and how it is done, by its key.
     """
-    cases = [
-        steps.make_case(asked, draft, minima[draft.excitation.index])
-        for draft in drafts(asked)
-        if draft.excitation.index in minima
-    ]
-    ids = steps.finished(store, steps.CASE)
-    todo = [case for case in cases if case.key not in ids]
-    failed = []
-    jobs = [partial(steps.run_case, asked, case, store) for case in todo]
-    for count, (at, value, why) in enumerate(outcomes(jobs, pool), start=1):
-        number = todo[at].draft.index
-        if value is None:
-            failed.append(f"case {number}: {why}")
+    ids, failed = finished(store, kind), []
+    todo = [key for key in jobs if key not in ids]
+    done = outcomes(pool, [jobs[key][1] for key in todo])
+    for count, (at, id, why) in enumerate(done, start=1):
+        name = jobs[todo[at]][0]
+        if why:
+            failed.append(f"{name}: {why}")
         else:
-            ids[todo[at].key] = value
+            ids[todo[at]] = id
         if tell:
-            word = "failed" if value is None else "judged"
-            share = (count + len(cases) - len(todo)) / len(cases)
-            tell(f"case {number} {word}, {count} of {len(todo)}", share)
-    done = [ids[case.key] for case in cases if case.key in ids]
-    return done, len(cases) - len(todo), failed
+            share = (count + len(jobs) - len(todo)) / len(jobs)
+            tell(f"{name}, {count} of {len(todo)}", share)
+    return {key: ids[key] for key in jobs if key in ids}, failed
 
 
 def conclude(
@@ -147,7 +184,7 @@ def conclude(
     figures = summary(rows)
     record = {
         "robot": asked.robot,
-        "kind": steps.STUDY,
+        "kind": STUDY,
         "key": f"{asked.seed}/{asked.n}{_of(asked.background)}",
         "seed": asked.seed,
         "n": asked.n,
@@ -163,11 +200,178 @@ def conclude(
     return Study(id, tuple(rows), figures, known, tuple(failed))
 
 
-def _of(background: BackgroundWord) -> str:
+def _of(background: str) -> str:
     """Return what tells a study from one of clean arms, as they all were once."""
     return "" if background == CLEAN else f"/{background}"
 
 
-def _excitations(asked: Asked) -> list[Excitation]:
-    unique = {d.excitation.index: d.excitation for d in drafts(asked)}
-    return list(unique.values())
+def finished(store: Path, kind: str) -> dict[str, str]:
+    """Return the ids of all validations of a kind in the store, by their key."""
+    if not store.is_dir():
+        return {}
+    query = "SELECT validation_id AS id FROM validations WHERE kind = $kind"
+    ids = [row["id"] for row in ask(store, query, kind=kind)]
+    return {read_record(store, id)["key"]: id for id in ids}
+
+
+def null_specs(asked: Asked, excitation: Excitation) -> tuple[ExperimentSpec, ...]:
+    """Return the experiments of an arm with nothing to hide, in that excitation."""
+    return _specs(asked, excitation, f"null/{excitation.index}", ())
+
+
+def key_of(specs: Sequence[ExperimentSpec]) -> str:
+    """Return the key of a case: of its runs and of all code that decides its row."""
+    ids = [experiment.run_id_of(spec) for spec in specs]
+    return hashlib.sha256("\n".join([*ids, method_hash()]).encode()).hexdigest()[:20]
+
+
+def make_case(asked: Asked, draft: Draft, minimum: Minimum) -> Case:
+    """Draw joints and sizes of a case, now that the detectable sizes are known."""
+    effects = hidden_effects(asked, draft, minimum)
+    specs = _specs(asked, draft.excitation, f"case/{draft.index}", effects)
+    return Case(draft, specs, minimum, key_of(specs))
+
+
+def hidden_effects(
+    asked: Asked, draft: Draft, minimum: Minimum
+) -> tuple[PlantEffect, ...]:
+    """Draw joints and sizes of what a case hides."""
+    robot = load(asked.robot)
+    made: list[PlantEffect] = []
+    for place, wish in enumerate(draft.wishes):
+        rng = stream(asked.seed, f"hidden/{draft.index}/{place}")
+        for _ in range(_TRIES):
+            one = draw_sized(robot, rng, wish.effect, wish.multiple, minimum)
+            if not any(_same_thing(one, other) for other in made):
+                break
+        made.append(one)
+    return tuple(made)
+
+
+def run_experiments(
+    specs: Sequence[ExperimentSpec], held_out: int, store: Path
+) -> dict[str, list[str]]:
+    """Run the experiments that are not in the store."""
+    ids = [experiment.run(spec, store) for spec in specs]
+    return {"fit": ids[:-held_out], "held_out": ids[-held_out:]}
+
+
+def run_null(asked: Asked, excitation: Excitation, key: str, store: Path) -> str:
+    """Run and diagnose an arm that hides nothing; store what it would have shown."""
+    specs = null_specs(asked, excitation)
+    runs = run_experiments(specs, len(excitation.held_out), store)
+    ids = diagnose_runs(request_of(runs, store))
+    verdict = read_outcome(store, ids[1]).verdict
+    record = {
+        "robot": asked.robot,
+        "kind": NULL,
+        "key": key,
+        "document": to_json(verdict),
+    }
+    return commit_record(store, "validations", record, None, {"diagnosis": [ids[0]]})
+
+
+def run_case(asked: Asked, case: Case, store: Path) -> str:
+    """Run, diagnose and judge one case; what is stored of it is not made again."""
+    if key_of(case.specs) != case.key:
+        # A process loads the code anew: its rows would be under the key of another.
+        raise RunError(
+            "The code was changed since the study began. Give the command again."
+        )
+    excitation = case.draft.excitation
+    runs = run_experiments(case.specs, len(excitation.held_out), store)
+    begun = perf_counter()
+    ids = diagnose_runs(request_of(runs, store))
+    seconds = perf_counter() - begun
+    return judge(asked, case, runs, ids, seconds, store)
+
+
+def judge(
+    asked: Asked,
+    case: Case,
+    runs: Mapping[str, Sequence[str]],
+    ids: tuple[str, str],
+    seconds: float,
+    store: Path,
+) -> str:
+    """Open the seal of a case whose verdict is in the store, and score it.
+
+    Returns:
+        The id of the validation: one row of the view ``blind``.
+    """
+    # The verdict as it was committed: without one there is nothing to judge.
+    verdict = read_outcome(store, ids[1]).verdict
+    robot, draft = load(asked.robot), case.draft
+    sealed = stored.open_seal(store, runs["fit"][0]).spec
+    plant = experiment.plant_of(sealed)
+    hidden = [measured(e, case.minimum, robot, _unit(e)) for e in plant.effects]
+    oracle = None if draft.drawn == UNKNOWN else _oracle(asked, runs, hidden, store)
+    row = case_row(draft.drawn, hidden, true_parameters(robot, plant), verdict, oracle)
+    row |= {
+        "study_seed": asked.seed,
+        "case_index": draft.index,
+        "experiments": len(runs["fit"]),
+        "torque_noise": plant.noise.torque,
+        "seconds": round(seconds, 2),
+        "method_hash": method_hash(),
+        "diagnosis_id": ids[0],
+    }
+    edits = sealed_edits(runs, ids[0], plant, store)
+    record = {
+        "robot": asked.robot,
+        "kind": CASE,
+        "key": case.key,
+        "row": row,
+        "edits": plain([asdict(edit) for edit in edits]),
+    }
+    table = rows_table("blind", [row])
+    parents = {"diagnosis": [ids[0]], "proof": [ids[1]]}
+    return commit_record(store, "validations", record, {"blind": table}, parents)
+
+
+def _specs(
+    asked: Asked, excitation: Excitation, label: str, effects: Sequence[PlantEffect]
+) -> tuple[ExperimentSpec, ...]:
+    plant = arm_of(asked, label, excitation)
+    plant["effect"] = [in_spec(effect) for effect in effects]
+    return tuple(
+        ExperimentSpec.model_validate({**motion, "plant": plant})
+        for motion in motions(asked, excitation)
+    )
+
+
+def in_spec(effect: PlantEffect) -> dict:
+    """Return an effect as [[plant.effect]] of a spec has it."""
+    values = dict(effect.parameters)
+    return {"name": effect.name, "joints": list(effect.joints), **values}
+
+
+def _same_thing(one: PlantEffect, other: PlantEffect) -> bool:
+    """Whether two effects are one: of one name or one family, on a common joint."""
+
+    def family(effect: PlantEffect) -> str:
+        known = registry().get(effect.name)
+        return (known and known.family) or effect.name
+
+    apart = one.joints and other.joints and not set(one.joints) & set(other.joints)
+    return family(one) == family(other) and not apart
+
+
+def _unit(effect: PlantEffect) -> str | None:
+    known = registry().get(effect.name)
+    return next(iter(known.parameters.values())) if known else None
+
+
+@one_blas_thread
+def _oracle(
+    asked: Asked, runs: Mapping, hidden: Sequence[Hidden], store: Path
+) -> float | None:
+    """Return the held-out error of the true effects, fitted [%]."""
+    robot = load(asked.robot)
+    fit, held_out = ([read_run(store, i) for i in runs[k]] for k in ("fit", "held_out"))
+    told = [
+        (h.effect.name, reported_joints(h.effect.name, h.joints, robot.dof))
+        for h in hidden
+    ]
+    error = oracle(robot, fit, held_out, told).overall("filtered")
+    return float(error) if np.isfinite(error) else None

@@ -4,7 +4,6 @@ import pytest
 
 from flows.blind import draw as blind_draw
 from flows.blind import run as blind_run
-from flows.blind import steps
 from flows.blind.draw import Asked, Draft, Excitation, Wish
 from flows.blind.sums import summary
 from flows.report import study as blind_report
@@ -36,7 +35,7 @@ def short(monkeypatch, compiled_plant):
 @pytest.fixture
 def unsealed(monkeypatch, tmp_path):
     """Take all that is sealed away while a diagnosis runs, which does not miss it."""
-    diagnose_runs = steps.diagnose_runs
+    diagnose_runs = blind_run.diagnose_runs
 
     def without(request):
         sealed = request.store / "sealed"
@@ -46,7 +45,7 @@ def unsealed(monkeypatch, tmp_path):
         away.rename(sealed)
         return ids
 
-    monkeypatch.setattr(steps, "diagnose_runs", without)
+    monkeypatch.setattr(blind_run, "diagnose_runs", without)
 
 
 class _Stopped(Here):
@@ -66,7 +65,7 @@ def test_a_study_from_end_to_end_killed_on_its_way(
     short, unsealed, monkeypatch, tmp_path
 ):
     store, opened, begun = tmp_path / "store", [], []
-    open_seal, run_case = stored.open_seal, steps.run_case
+    open_seal, run_case = stored.open_seal, blind_run.run_case
 
     def watched(place, run_id):
         with open_store(place) as there:
@@ -83,7 +82,7 @@ def test_a_study_from_end_to_end_killed_on_its_way(
         return run_case(asked, case, store)
 
     monkeypatch.setattr(stored, "open_seal", watched)
-    monkeypatch.setattr(steps, "run_case", counted)
+    monkeypatch.setattr(blind_run, "run_case", counted)
     with pytest.raises(KeyboardInterrupt):
         blind_run.run_study(ASKED, store, pool=_Stopped(1))
     # The second job was done, its parent had no more time to hear of it.
@@ -140,8 +139,8 @@ def test_a_case_that_fails_is_told_and_the_others_go_on(short, monkeypatch, tmp_
         record = {"kind": "blind_null", "key": key, "document": whole({})}
         return commit_record(tmp_path, "validations", record)
 
-    monkeypatch.setattr(steps, "run_case", run_case)
-    monkeypatch.setattr(steps, "run_null", run_null)
+    monkeypatch.setattr(blind_run, "run_case", run_case)
+    monkeypatch.setattr(blind_run, "run_null", run_null)
     study = blind_run.run_study(ASKED, tmp_path, pool=Here())
     assert study.failed == ("case 0: ValueError: the arm broke",)
     assert len(study.rows) == 1

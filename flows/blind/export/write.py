@@ -9,10 +9,16 @@ from pathlib import Path
 
 import numpy as np
 
-from flows.blind import steps
 from flows.blind.draw import Asked, Draft, arm_of, drafts, motions
 from flows.blind.row import measured
-from flows.blind.run import null_sizes
+from flows.blind.run import (
+    Minimum,
+    hidden_effects,
+    in_spec,
+    make_case,
+    null_sizes,
+    run_experiments,
+)
 from flows.blind.score import UNKNOWN
 from flows.inputs.given import load
 from flows.outputs import Progress
@@ -53,7 +59,7 @@ class Job:
     name: str
     asked: Asked
     draft: Draft
-    minimum: steps.Minimum
+    minimum: Minimum
     folder: Path
     store: Path
 
@@ -64,10 +70,10 @@ def write_case(job: Job) -> dict:
     Returns:
         "open", what everybody may know of it, and "sealed", the truth.
     """
-    case = steps.make_case(job.asked, job.draft, job.minimum)
+    case = make_case(job.asked, job.draft, job.minimum)
     held_out = len(job.draft.excitation.held_out)
-    runs = steps.run_experiments(case.specs, held_out, job.store)
-    effects = steps.hidden_effects(job.asked, job.draft, job.minimum)
+    runs = run_experiments(case.specs, held_out, job.store)
+    effects = hidden_effects(job.asked, job.draft, job.minimum)
     ids = [experiment.run(spec, job.store) for spec in _after(job, effects)]
     fit, held, after = (
         {f"{role}_{i}": read_run(job.store, id) for i, id in enumerate(part, 1)}
@@ -142,7 +148,7 @@ def _after(job: Job, effects: Sequence[PlantEffect]) -> list[ExperimentSpec]:
     gone = _missing(effects)
     for motion, number in zip(motions(job.asked, longer)[count:], gone, strict=True):
         left = [e for i, e in enumerate(effects) if i != number]
-        own = {**plant, "effect": [steps.in_spec(e) for e in left]}
+        own = {**plant, "effect": [in_spec(e) for e in left]}
         out.append(ExperimentSpec.model_validate({**motion, "plant": own}))
     return out
 
@@ -358,7 +364,7 @@ def _written(
     ]
     work = [partial(write_case, job) for job in jobs]
     done = {}
-    for count, (at, value, why) in enumerate(outcomes(work, pool), start=1):
+    for count, (at, value, why) in enumerate(outcomes(pool, work), start=1):
         if value is None:
             raise RunError(f"{jobs[at].name}: {why}")
         done[jobs[at].name] = value
