@@ -2,25 +2,19 @@
 
 import json
 import os
-import tempfile
-from collections.abc import Iterable, Mapping
-from pathlib import Path
-from typing import TYPE_CHECKING
-
-from residual.errors import InputError, plain
-from residual.lazy import Lazy
-
-if TYPE_CHECKING:
-    from rich.console import Console
-
 import sys
-from collections.abc import Callable, Iterator
+import tempfile
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from contextlib import contextmanager
+from pathlib import Path
 from time import monotonic
 
 from rich.console import Console
 from rich.progress import BarColumn, TextColumn, TimeElapsedColumn
 from rich.progress import Progress as Bar
+
+from residual.errors import InputError, plain
+from residual.lazy import Lazy
 
 kinds = Lazy("warehouse.schema")
 
@@ -134,20 +128,16 @@ def _write(path: Path, data: bytes) -> None:
             file.flush()
             os.fsync(file.fileno())
         # mkstemp makes files private; a report is as readable as any new file.
-        os.chmod(name, 0o666 & ~_umask())
+        mask = os.umask(0)
+        os.umask(mask)
+        os.chmod(name, 0o666 & ~mask)
         os.replace(name, path)
     except BaseException:
         Path(name).unlink(missing_ok=True)
         raise
 
 
-def _umask() -> int:
-    mask = os.umask(0)
-    os.umask(mask)
-    return mask
-
-
-def say(console: "Console", *lines: str) -> None:
+def say(console: Console, *lines: str) -> None:
     """Print lines that may hold brackets, paths and numbers."""
     for line in lines:
         console.print(plain(line), markup=False, highlight=False, soft_wrap=True)

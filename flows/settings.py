@@ -1,7 +1,9 @@
 """Where things are kept, and how Prefect is told to be quiet and stay at home."""
 
+import errno
 import ipaddress
 import os
+import socket
 import tomllib
 from pathlib import Path
 
@@ -80,6 +82,25 @@ def is_loopback(host: str) -> bool:
         return ipaddress.ip_address(host).is_loopback
     except ValueError:
         return False
+
+
+def port_is_free(host: str, port: int) -> bool:
+    """Return whether nobody listens there."""
+    family = socket.AF_INET6 if ":" in host else socket.AF_INET
+    with socket.socket(family) as probe:
+        # As the server will do it: what has just ended does not count.
+        probe.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
+        try:
+            probe.bind((host, port))
+        except PermissionError:
+            raise InputError(
+                f"--port {port} is for the administrator; take 1024 or more."
+            ) from None
+        except OSError as error:
+            if error.errno == errno.EADDRINUSE:
+                return False
+            raise InputError(f"--host {host}: {error.strerror}.") from error
+    return True
 
 
 def prefect_home(store: Path) -> Path:

@@ -15,6 +15,7 @@ from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 
+from flows.outputs import write_all
 from flows.requests import Import
 from flows.steps import imports
 from residual.errors import InputError, plain, shortened
@@ -207,10 +208,7 @@ def archive(taken: Taken) -> Path | None:
     target = _free(folder, taken.path)
     if taken.what == REFUSED:
         # The reason first: a file that was refused has one, at any kill.
-        note = target.with_name(f"{target.name}.txt")
-        draft = note.with_name(f".{note.name}.part")
-        draft.write_text(f"{taken.why}\n", encoding="utf-8")
-        os.replace(draft, note)
+        write_all({target.with_name(f"{target.name}.txt"): f"{taken.why}\n"})
     os.replace(taken.path, target)
     return target
 

@@ -3,13 +3,12 @@
 Paths stand beside it.
 """
 
-import os
 import re
 import shutil
-import socket
 from collections.abc import Sequence
 from dataclasses import dataclass
 from datetime import datetime
+from functools import partial
 from pathlib import Path
 from typing import Annotated, Literal
 from zoneinfo import available_timezones
@@ -19,7 +18,8 @@ from pydantic import AfterValidator, ConfigDict, Field, model_validator
 from pydantic import dataclasses as tables
 
 from flows.inputs.given import load
-from flows.settings import HEALTHY, PROJECT, ROOT, store_folder
+from flows.outputs import write_all
+from flows.settings import HEALTHY, PROJECT, ROOT, port_is_free, store_folder
 from residual.errors import InputError
 from residual.robot.files import SERIAL, SLUG
 from residual.robot.robot import Robot, built_in_robots, with_serial
@@ -294,7 +294,7 @@ def _line(lines: Sequence[str], place: Sequence[str | int]) -> int | None:
 
 
 _TEMPLATE = Path(__file__).with_name("template.toml")
-_FIRST_PORT, _PORTS = 4200, 100
+_PORTS = range(4200, 4300)
 INBOX = "inbox"
 
 
@@ -333,9 +333,7 @@ def start(wanted: Start) -> Project:
     folder.mkdir(parents=True, exist_ok=True)
     urdf = _beside(folder, word, name)
     text = _filled(name, urdf, wanted.simulated or wanted.robot is None)
-    new = folder / f".{PROJECT}.{os.getpid()}"
-    new.write_text(text, encoding="utf-8")
-    os.replace(new, file)
+    write_all({file: text})
     project = read_project(folder)
     for inbox in project.table.inbox:
         project.path(inbox.folder).mkdir(parents=True, exist_ok=True)
@@ -363,7 +361,8 @@ def _beside(folder: Path, word: str, name: str) -> str:
 def _filled(name: str, urdf: str, simulated: bool) -> str:
     text = _TEMPLATE.read_text(encoding="utf-8")
     values = {
-        "PORT": str(_free_port()),
+        # Each project has its own: the first that nobody has now.
+        "PORT": str(next(filter(partial(port_is_free, "127.0.0.1"), _PORTS), 4200)),
         "NAME": name,
         "URDF": urdf,
         "FOLDER": INBOX,
@@ -372,16 +371,3 @@ def _filled(name: str, urdf: str, simulated: bool) -> str:
         "INBOX": "# " if simulated else "",
     }
     return re.sub(r"@([A-Z]+)@", lambda found: values[found[1]], text)
-
-
-def _free_port() -> int:
-    """Return a port that nobody has now: each project has its own."""
-    for port in range(_FIRST_PORT, _FIRST_PORT + _PORTS):
-        with socket.socket() as probe:
-            probe.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
-            try:
-                probe.bind(("127.0.0.1", port))
-            except OSError:
-                continue
-            return port
-    return _FIRST_PORT

@@ -5,7 +5,6 @@ import os
 import runpy
 import shutil
 import subprocess
-import tempfile
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
@@ -13,7 +12,7 @@ from time import perf_counter
 
 import numpy as np
 
-from flows.proofs.proof import Proof, compared, extra
+from flows.proofs.proof import Proof, compared, extra, unpacked
 from residual.errors import RunError
 from residual.export.c99 import prefix_of
 from residual.export.exported import Exported, Motion, Whole, body_of, exciting
@@ -63,11 +62,8 @@ def compiled(made: Exported) -> Iterator:
     """Give the compiled header as a function of a motion, while it is needed."""
     dof, (name, text) = body_of(made.whole).robot.dof, next(iter(made.files.items()))
     p = prefix_of(name.removesuffix(".h"))
-    with tempfile.TemporaryDirectory() as folder:
-        place = Path(folder)
-        (place / name).write_bytes(text)
-        source = AROUND.format(header=name, p=p, dof=dof)
-        (place / "around.c").write_text(source, encoding="utf-8")
+    around = AROUND.format(header=name, p=p, dof=dof).encode()
+    with unpacked({name: text, "around.c": around}) as place:
         build(place, ["around.c"], "around.so")
         library = ctypes.CDLL(str(place / "around.so"))
 
@@ -95,10 +91,7 @@ def make_fmu(whole: Whole) -> Exported:
     parts = fmu_parts(whole)
     if compiler() is None:
         return to_fmu(parts, None)
-    with tempfile.TemporaryDirectory() as folder:
-        place = Path(folder)
-        for name, text in parts.sources.items():
-            (place / name).write_bytes(text)
+    with unpacked(parts.sources) as place:
         build(place, [SOURCE], "library.so", "-fvisibility=hidden")
         return to_fmu(parts, (place / "library.so").read_bytes())
 
@@ -109,10 +102,9 @@ def prove_fmu(made: Exported) -> Proof:
         why = "no C compiler here (cc, gcc or $CC): the FMU has sources alone"
         return Proof(why, 0, None, 0.0)
     fmpy, motion = extra("fmpy"), exciting(body_of(made.whole).robot)
-    with tempfile.TemporaryDirectory() as folder:
-        path = Path(folder) / "model.fmu"
-        (content,) = made.files.values()
-        path.write_bytes(content)
+    (content,) = made.files.values()
+    with unpacked({"model.fmu": content}) as place:
+        path = place / "model.fmu"
         problems = extra("fmpy.validation").validate_fmu(str(path))
         ways = [played(path, motion, kind) for kind in KINDS]
     want = made.carried.along(motion.t, motion.parts)
@@ -201,11 +193,9 @@ def prove_mujoco(made: Exported) -> Proof:
 @contextmanager
 def passive(made: Exported, timestep: float | None = None) -> Iterator:
     """Give the compiled MJCF of an export, its callback set meanwhile."""
-    with tempfile.TemporaryDirectory() as folder:
-        for name, content in made.files.items():
-            (Path(folder) / name).write_bytes(content)
+    with unpacked(made.files) as place:
         (module,) = (n for n in made.files if n.endswith(".py"))
-        beside = runpy.run_path(str(Path(folder) / module))
+        beside = runpy.run_path(str(place / module))
         try:
             yield beside["load"](timestep)
         finally:

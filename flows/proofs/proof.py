@@ -3,7 +3,7 @@
 import json
 import runpy
 import tempfile
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import dataclass
 from importlib import import_module
@@ -84,6 +84,15 @@ def extra(package: str) -> ModuleType:
         ) from error
 
 
+@contextmanager
+def unpacked(files: Mapping[str, bytes]) -> Iterator[Path]:
+    """Give a folder with some files, while it is needed."""
+    with tempfile.TemporaryDirectory() as folder:
+        for name, content in files.items():
+            (Path(folder) / name).write_bytes(content)
+        yield Path(folder)
+
+
 def prove_numpy(made: Exported) -> Proof:
     """Run the file along a motion; its time per row is a note."""
     motion = exciting(body_of(made.whole).robot)
@@ -100,10 +109,8 @@ def prove_numpy(made: Exported) -> Proof:
 @contextmanager
 def exported_names(made: Exported) -> Iterator[dict]:
     """Give the functions of the file by name, while they are needed."""
-    with tempfile.TemporaryDirectory() as folder:
-        for name, content in made.files.items():
-            (Path(folder) / name).write_bytes(content)
-        yield runpy.run_path(str(Path(folder) / "torque.py"))
+    with unpacked(made.files) as place:
+        yield runpy.run_path(str(place / "torque.py"))
 
 
 def prove_json(made: Exported) -> Proof:

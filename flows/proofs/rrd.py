@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 import pinocchio as pin
 
-from flows.proofs.proof import Proof, extra
+from flows.proofs.proof import Proof, extra, unpacked
 from residual.export.exported import (
     Exported,
     Whole,
@@ -60,11 +60,9 @@ def prove_rrd(made: Exported) -> Proof:
     """Open the file, count what is in it, and add the torques up again."""
     dof, found, entities = body_of(made.whole).robot.dof, {}, set()
     reader = extra("rerun.chunk").RrdReader
-    with tempfile.TemporaryDirectory() as folder:
-        path = Path(folder) / "arm.rrd"
-        (content,) = made.files.values()
-        path.write_bytes(content)
-        for chunk in reader(str(path)).stream().to_chunks():
+    (content,) = made.files.values()
+    with unpacked({"arm.rrd": content}) as place:
+        for chunk in reader(str(place / "arm.rrd")).stream().to_chunks():
             entities.add(chunk.entity_path)
             if chunk.entity_path.startswith("/torque/"):
                 column = chunk.to_record_batch().column("Scalars:scalars")

@@ -21,14 +21,7 @@ from prefect.client.orchestration import get_client
 from prefect.events import emit_event
 from prefect.runtime import flow_run
 
-from flows.project.deployments import (
-    ALARM,
-    COMMITTED,
-    PROPOSED,
-    STORE,
-    STORED,
-    resource,
-)
+from flows.project.deployments import COMMITTED, STORE
 from flows.report.figures.scores import plot as draw
 from flows.report.monitoring import meaning
 from flows.report.night.look import title_of
@@ -173,18 +166,10 @@ def verdict(name: str, page: Path, words: str) -> None:
     create_markdown_artifact("\n\n".join(lines), "verdict", description=name)
 
 
-def proposal(page: Path, words: str, diagnosis: str) -> None:
-    """Show two models side by side, and where the page of that is."""
-    text = f"{words}\n\n[Side by side]({link_of(page)})"
-    about = f"a new model waits for a decision: diagnosis {diagnosis}"
-    create_markdown_artifact(text, key="proposal", description=about)
-
-
-def study(page: Path, words: str, id: str) -> None:
-    """Show the figures of a blind study, and where its page is."""
-    text = f"{words}\n\n[All cases]({link_of(page)})"
-    about = f"study {id}: how often hidden effects were rightly named"
-    create_markdown_artifact(text, key="blind", description=about)
+def linked(key: str, page: Path, words: str, link: str, about: str) -> None:
+    """Show a text with a link to its page."""
+    text = f"{words}\n\n[{link}]({link_of(page)})"
+    create_markdown_artifact(text, key=key, description=about)
 
 
 def link_of(page: Path) -> str:
@@ -206,31 +191,11 @@ def _short(value: float) -> float | None:
 def runs_committed(ids: Sequence[str]) -> None:
     """Tell that runs are in the store; one event for a batch of them."""
     for start in range(0, len(ids), _TOGETHER):
-        part = list(ids[start : start + _TOGETHER])
-        _tell(COMMITTED, {"run_ids": part})
+        tell(COMMITTED, {"run_ids": list(ids[start : start + _TOGETHER])})
 
 
-def alarm_raised(record: str, runs: Sequence[str], good: Sequence[str]) -> None:
-    """Tell that the monitoring of runs raised an alarm.
-
-    Args:
-        good: Ids of the runs that they were judged by.
-    """
-    about = {"record": record, "run_ids": list(runs), "good_ids": list(good)}
-    _tell(ALARM, about)
-
-
-def model_proposed(diagnosis: str) -> None:
-    """Tell that the model of a diagnosis may be that of its robot."""
-    _tell(PROPOSED, {"diagnosis": diagnosis})
-
-
-def logs_stored(robot: str) -> None:
-    """Tell that an inbox has stored logs of a robot."""
-    _tell(STORED, {"robot": robot}, resource(robot))
-
-
-def _tell(name: str, payload: dict, about: str = STORE) -> None:
+def tell(name: str, payload: dict, about: str = STORE) -> None:
+    """Send an event, which may start other flows."""
     emit_event(name, resource={"prefect.resource.id": about}, payload=payload)
 
 

@@ -4,6 +4,8 @@ To be imported after `flows.settings.prepare_prefect`; prefect.yaml says when ea
 started.
 """
 
+from functools import partial
+
 from prefect import flow, get_run_logger
 from prefect.runtime import flow_run
 
@@ -15,6 +17,21 @@ from sim.engine.records import WORKSHOP, BackgroundWord
 
 _LIMIT = 12 * tasks.HOUR
 _NIGHT = 24 * tasks.HOUR
+_alone = partial(flow, timeout_seconds=_LIMIT)
+
+# One step by itself; a night takes some of them as its tasks.
+experiment = flow(
+    tasks.experiment, flow_run_name="experiment {spec}", timeout_seconds=tasks.HOUR
+)
+identify = _alone(tasks.identify, flow_run_name="identify {fit}")
+calibrate = _alone(tasks.calibrate, flow_run_name="calibrate {runs}")
+validate = _alone(tasks.validate, flow_run_name="validate {runs}")
+rerun = _alone(tasks.rerun, flow_run_name="rerun {id}")
+verify = _alone(tasks.verify)
+_identify, _calibrate, _validate = (
+    tasks.task(step, task_run_name=step.__name__, tags=["analysis"])
+    for step in (tasks.identify, tasks.calibrate, tasks.validate)
+)
 
 
 @flow(name="nightly", flow_run_name="nightly {campaign_file}", timeout_seconds=_NIGHT)
@@ -48,24 +65,14 @@ def nightly(
     seed = _second() if seed is None else seed
     get_run_logger().info(f"to repeat this night: seed {seed}")
     runs = tasks.campaign(Campaign(campaign_file, held_out, seed, *where))
-    tasks.identify(runs, place)
-    tasks.calibrate(runs, place)
-    tasks.validate(runs["held_out"] or runs["fit"], 0.25, place)
+    fit, proof = runs["fit"], runs["held_out"]
+    _identify(fit, proof, place)
+    _calibrate([*fit, *proof], place)
+    _validate(proof or fit, store=place)
     ids = tasks.diagnose(runs, place, loop.model_in_force(runs, place))
     page = tasks.report(ids, place)
     loop.adopt_or_propose(ids[0], place, auto)
     return page
-
-
-@flow(name="experiment", flow_run_name="experiment {spec}", timeout_seconds=tasks.HOUR)
-def experiment(spec: str, store: str | None = None) -> str:
-    """Run one experiment on the simulated arm and store it.
-
-    Args:
-        spec: SPEC.toml.
-        store: Folder of the store; else $MODELGAP_STORE, else ./store.
-    """
-    return tasks.experiment(spec, str(store_folder(store)))
 
 
 @flow(name="campaign", flow_run_name="campaign {campaign_file}", timeout_seconds=_NIGHT)
@@ -88,46 +95,6 @@ def campaign(
     place = str(store_folder(store))
     asked = Campaign(campaign_file, "", seed, runner, trust_network, place)
     return tasks.campaign(asked)["fit"]
-
-
-@flow(name="identify", flow_run_name="identify {fit}", timeout_seconds=_LIMIT)
-def identify(
-    fit: list[str], held_out: list[str] | None = None, store: str | None = None
-) -> None:
-    """Identify the parameters of an arm.
-
-    Args:
-        fit: Ids of the runs to fit.
-        held_out: Ids of the runs for the proof.
-        store: Folder of the store; else $MODELGAP_STORE, else ./store.
-    """
-    runs = {"fit": fit, "held_out": held_out or []}
-    tasks.identify(runs, str(store_folder(store)))
-
-
-@flow(name="calibrate", flow_run_name="calibrate {runs}", timeout_seconds=_LIMIT)
-def calibrate(runs: list[str], store: str | None = None) -> list[str]:
-    """Fit look-up tables to what the model of an arm leaves.
-
-    Args:
-        runs: Ids of the runs.
-        store: Folder of the store; else $MODELGAP_STORE, else ./store.
-    """
-    return tasks.calibrate({"fit": runs, "held_out": []}, str(store_folder(store)))
-
-
-@flow(name="validate", flow_run_name="validate {runs}", timeout_seconds=_LIMIT)
-def validate(
-    runs: list[str], window: float = 0.25, store: str | None = None
-) -> list[str]:
-    """Try the nominal model on runs.
-
-    Args:
-        runs: Ids of the runs.
-        window: Length of the windows of the open loop [s].
-        store: Folder of the store; else $MODELGAP_STORE, else ./store.
-    """
-    return tasks.validate(runs, window, str(store_folder(store)))
 
 
 @flow(name="diagnose", flow_run_name="diagnose {runs}", timeout_seconds=_LIMIT)
@@ -207,21 +174,6 @@ def report(diagnosis: str, proof: str, store: str | None = None) -> str:
     return tasks.report([diagnosis, proof], str(store_folder(store)))
 
 
-@flow(name="rerun", flow_run_name="rerun {id}", timeout_seconds=_LIMIT)
-def rerun(id: str, verify: bool = True, store: str | None = None) -> bool:
-    """Make a record again from its manifest, and compare the values bit for bit.
-
-    Args:
-        id: Its id.
-        verify: Whether to compare only.
-        store: Folder of the store; else $MODELGAP_STORE, else ./store.
-
-    Returns:
-        Whether all values are the same bits.
-    """
-    return tasks.rerun(id, verify, str(store_folder(store)))
-
-
 @flow(name="blind", timeout_seconds=_NIGHT)
 def blind(
     n: int = 40,
@@ -240,12 +192,6 @@ def blind(
     """
     place = str(store_folder(store))
     return tasks.study(n, _date() if seed is None else seed, place, background)
-
-
-@flow(name="verify", timeout_seconds=_LIMIT)
-def verify(store: str | None = None) -> list[str]:
-    """Read the whole store and return what is in it; fail where a byte is another."""
-    return tasks.verify(str(store_folder(store)))
 
 
 def _second() -> int:

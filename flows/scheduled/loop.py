@@ -9,6 +9,7 @@ from prefect import flow, get_run_logger
 from prefect.flow_runs import suspend_flow_run
 from prefect.input import RunInput
 
+from flows.project.deployments import PROPOSED
 from flows.report.closed import ended, headline, keep_page, pairs, render
 from flows.report.models import adoption_lines, proposal_markdown, proposal_page
 from flows.report.page import made_of
@@ -57,8 +58,10 @@ def adopt_or_propose(diagnosis: str, store: str, auto: bool) -> str | None:
         return None
     made = made_of(place, diagnosis)
     page = keep_proposal(place, proposal, proposal_page(proposal, made).encode())
-    artifacts.proposal(page, proposal_markdown(proposal), diagnosis)
-    artifacts.model_proposed(diagnosis)
+    about = f"a new model waits for a decision: diagnosis {diagnosis}"
+    text = proposal_markdown(proposal)
+    artifacts.linked("proposal", page, text, "Side by side", about)
+    artifacts.tell(PROPOSED, {"diagnosis": diagnosis})
     return str(page)
 
 

@@ -13,6 +13,8 @@ from flows.inbox.new import Diagnosed, new_runs, robot_of_runs
 from flows.inbox.new import diagnose_new as diagnose_runs
 from flows.inbox.run import inboxes, look_twice, take_all
 from flows.inbox.take import KNOWN, REFUSED, STORED, WAITING
+from flows.project.deployments import STORED as ARRIVED
+from flows.project.deployments import resource
 from flows.project.notify import Notice
 from flows.project.notify import tell as send
 from flows.project.read import Project, read_project
@@ -48,7 +50,7 @@ def take(folder: str) -> dict:
                 title = f"{robot}: {taken.name} was refused"
                 _tell(project, Notice("refused", robot, title, taken.why))
     for robot in fed:
-        artifacts.logs_stored(robot)
+        artifacts.tell(ARRIVED, {"robot": robot}, resource(robot))
     words = ", ".join(f"{sums[kind]} {kind}" for kind in _KINDS if sums[kind])
     if rows:
         artifacts.record("inbox", (), f"Logs of the inboxes: {words}.", rows)

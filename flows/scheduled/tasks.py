@@ -17,10 +17,11 @@ from flows import requests
 from flows.blind import run as blind_run
 from flows.blind.draw import Asked
 from flows.inputs.given import robot_of
+from flows.project.deployments import ALARM
 from flows.report import stored
 from flows.report.study import headline, lines, store_page
 from flows.scheduled import artifacts
-from flows.settings import HEALTHY
+from flows.settings import HEALTHY, store_folder
 from flows.specs.experiment import load_spec
 from flows.steps import calibrate as calibration
 from flows.steps import campaign as campaigns
@@ -54,10 +55,14 @@ _again = {
 }
 
 
-@task(name="experiment", task_run_name="experiment {path}", tags=["simulation"])
-def experiment(path: str, store: str) -> str:
-    """Run one experiment; returns the id of its run."""
-    id = experiments.run(load_spec(path), Path(store))
+def experiment(spec: str, store: str | None = None) -> str:
+    """Run one experiment on the simulated arm and store it; returns the id of its run.
+
+    Args:
+        spec: SPEC.toml.
+        store: Folder of the store; else $MODELGAP_STORE, else ./store.
+    """
+    id = experiments.run(load_spec(spec), store_folder(store))
     artifacts.runs_committed([id])
     return id
 
@@ -74,30 +79,54 @@ def campaign(asked: requests.Campaign) -> dict:
     return runs
 
 
-@task(name="identify", task_run_name="identify", tags=["analysis"])
-def identify(runs: dict, store: str) -> None:
-    """Fit the parameters of the model; the errors are a table among the artifacts."""
-    fit, held_out = tuple(runs["fit"]), tuple(runs["held_out"])
-    robot = robot_of(fit, Path(store))
-    request = requests.Identify(fit, robot=robot, held_out=held_out, store=store)
+def identify(
+    fit: list[str], held_out: list[str] | None = None, store: str | None = None
+) -> None:
+    """Identify the parameters of an arm; the errors are a table among the artifacts.
+
+    Args:
+        fit: Ids of the runs to fit.
+        held_out: Ids of the runs for the proof.
+        store: Folder of the store; else $MODELGAP_STORE, else ./store.
+    """
+    place = store_folder(store)
+    request = requests.Identify(
+        tuple(fit),
+        robot=robot_of(fit, place),
+        held_out=tuple(held_out or ()),
+        store=place,
+    )
     logs = identification.read_logs(request)
     artifacts.identification(*identification.identify(request, logs))
 
 
-@task(name="calibrate", task_run_name="calibrate", tags=["analysis"])
-def calibrate(runs: dict, store: str) -> list[str]:
-    """Fit the look-up tables; returns the ids of model and validation."""
-    ids = (*runs["fit"], *runs["held_out"])
-    request = requests.Calibrate(ids, robot=robot_of(ids, Path(store)), store=store)
+def calibrate(runs: list[str], store: str | None = None) -> list[str]:
+    """Fit look-up tables to what the model of an arm leaves; returns their ids.
+
+    Args:
+        runs: Ids of the runs.
+        store: Folder of the store; else $MODELGAP_STORE, else ./store.
+    """
+    place = store_folder(store)
+    robot = robot_of(runs, place)
+    request = requests.Calibrate(tuple(runs), robot=robot, store=place)
     done = calibration.calibrate(request, *calibration.read_logs(request))
     artifacts.calibration(done)
     return list(done.kept.values())
 
 
-@task(name="validate", task_run_name="validate", tags=["analysis"])
-def validate(ids: list[str], window: float, store: str) -> list[str]:
-    """Try the nominal model on runs; returns the ids of the validations."""
-    wanted = (requests.Validate(id, window, store) for id in ids)
+def validate(
+    runs: list[str], window: float = 0.25, store: str | None = None
+) -> list[str]:
+    """Try the nominal model on runs; returns the ids of the validations.
+
+    Args:
+        runs: Ids of the runs.
+        window: Length of the windows of the open loop [s].
+        store: Folder of the store; else $MODELGAP_STORE, else ./store.
+    """
+    place = store_folder(store)
+    wanted = (requests.Validate(id, window, place) for id in runs)
     made = {request.run: validation.validate(request) for request in wanted}
     artifacts.validations(made)
     return [id for id, _ in made.values()]
@@ -146,14 +175,21 @@ def watch(
     robot = new.found.monitor.model.robot.name
     artifacts.rename(f"{robot}: {many} {count} new runs")
     if alarmed:
-        artifacts.alarm_raised(new.record, alarmed, new.found.calibration)
+        # With the runs that they were judged by.
+        good = {"good_ids": list(new.found.calibration)}
+        artifacts.tell(ALARM, {"record": new.record, "run_ids": list(alarmed)} | good)
     return [new.record]
 
 
-@task(name="rerun", task_run_name="rerun {id}", tags=["simulation"])
-def rerun(id: str, verify: bool, store: str) -> bool:
-    """Make a record again and compare; returns whether all values are the same bits."""
-    made = reruns.rerun(id, Path(store), verify)
+def rerun(id: str, verify: bool = True, store: str | None = None) -> bool:
+    """Make a record again, and compare; returns whether all values are the same bits.
+
+    Args:
+        id: Its id.
+        verify: Whether to compare only.
+        store: Folder of the store; else $MODELGAP_STORE, else ./store.
+    """
+    made = reruns.rerun(id, store_folder(store), verify)
     rows = [asdict(channel) for channel in made.apart]
     words = str(made.cause or "Bit for bit the same.")
     kept = [id for id in (made.made, made.noted) if id]
@@ -184,16 +220,16 @@ def study(n: int, seed: int, store: str, background: BackgroundWord = CLEAN) -> 
     page = store_page(asked, made, place)
     figures = (f"- {what}: {value}, {n}" for what, value, n in lines(made.summary))
     words = "\n".join([f"{headline(made.summary)}\n", *figures])
-    artifacts.study(page, words, made.id)
+    about = f"study {made.id}: how often hidden effects were rightly named"
+    artifacts.linked("blind", page, words, "All cases", about)
     artifacts.rename(f"{asked.robot} blind study: {headline(made.summary)}")
     return str(page)
 
 
-@task(name="verify", task_run_name="verify", tags=["report"])
-def verify(store: str) -> list[str]:
-    """Hold every byte of a store against its sums."""
+def verify(store: str | None = None) -> list[str]:
+    """Read the whole store and return what is in it; fail where a byte is another."""
     log, out = get_run_logger(), []
-    for line in verification.verify(Path(store)):
+    for line in verification.verify(store_folder(store)):
         log.info(line)
         out.append(line)
     return out

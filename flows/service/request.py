@@ -1,8 +1,6 @@
 """What `modelgap up` is asked for, checked; and the environments that follow."""
 
-import errno
 import os
-import socket
 import sys
 from dataclasses import dataclass
 from importlib.util import find_spec
@@ -112,25 +110,6 @@ def shown_database(given: str | None) -> str:
     parts = urlsplit(given)
     place = parts.netloc.rpartition("@")[2] or "localhost"
     return f"postgresql://{place}{parts.path}"
-
-
-def port_is_free(host: str, port: int) -> bool:
-    """Return whether nobody listens there."""
-    family = socket.AF_INET6 if ":" in host else socket.AF_INET
-    with socket.socket(family) as probe:
-        # As the server will do it: what has just ended does not count.
-        probe.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
-        try:
-            probe.bind((host, port))
-        except PermissionError:
-            raise InputError(
-                f"--port {port} is for the administrator; take 1024 or more."
-            ) from None
-        except OSError as error:
-            if error.errno == errno.EADDRINUSE:
-                return False
-            raise InputError(f"--host {host}: {error.strerror}.") from error
-    return True
 
 
 def server_environment(running: Running, home: Path, database: str | None) -> dict:

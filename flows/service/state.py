@@ -4,7 +4,6 @@ Its processes outlive the command that started them, and are found again.
 """
 
 import fcntl
-import json
 import os
 import secrets
 import signal
@@ -19,6 +18,7 @@ from time import monotonic, sleep
 
 from pydantic import TypeAdapter
 
+from flows.outputs import json_text, write_all
 from residual.errors import InputError, RunError
 
 KEY = "key"  # in Prefect's folder of the store
@@ -207,10 +207,7 @@ def read_running(home: Path) -> Running | None:
 
 def write_running(home: Path, running: Running) -> None:
     """Keep what runs; whole or not at all."""
-    text = json.dumps(asdict(running), indent=2) + "\n"
-    new = home / f"{_FILE}.{os.getpid()}"
-    new.write_text(text, encoding="utf-8")
-    new.replace(home / _FILE)
+    write_all({home / _FILE: json_text(asdict(running))})
 
 
 @contextmanager

@@ -23,7 +23,6 @@ from flows.service.request import (
     PORT,
     ServiceRequest,
     check_host,
-    port_is_free,
     server_environment,
     shown_database,
     worker_environment,
@@ -40,7 +39,7 @@ from flows.service.state import (
     worker_name,
     write_running,
 )
-from flows.settings import PROJECT, ROOT, prefect_home
+from flows.settings import PROJECT, ROOT, port_is_free, prefect_home
 from residual.errors import InputError, RunError
 
 GONE = "Its process is gone; closed when modelgap up found it."

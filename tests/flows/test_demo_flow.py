@@ -178,7 +178,7 @@ def test_every_deployment_names_a_flow_and_parameters_that_exist(server):
 
 
 def test_the_events_of_the_deployments_are_those_that_flows_send(server):
-    from flows.scheduled import artifacts
+    from flows.project import deployments
 
     expected = {
         (d["name"], event, trigger["match"]["prefect.resource.id"])
@@ -187,9 +187,9 @@ def test_the_events_of_the_deployments_are_those_that_flows_send(server):
         for event in trigger["expect"]
     }
     assert expected == {
-        ("monitor", artifacts.COMMITTED, artifacts.STORE),
-        ("diagnose", artifacts.ALARM, artifacts.STORE),
-        ("propose", artifacts.PROPOSED, artifacts.STORE),
+        ("monitor", deployments.COMMITTED, deployments.STORE),
+        ("diagnose", deployments.ALARM, deployments.STORE),
+        ("propose", deployments.PROPOSED, deployments.STORE),
     }
 
 

@@ -33,7 +33,9 @@ def nights(server, made, monkeypatch):
     from flows.scheduled import loop
 
     told = []
-    monkeypatch.setattr(loop.artifacts, "model_proposed", told.append)
+    monkeypatch.setattr(
+        loop.artifacts, "tell", lambda event, about: told.append(about["diagnosis"])
+    )
     yield loop, made, told
     store = made[0]
     while (last := adopted(store, ROBOT)) and last[1].model_id:

@@ -16,7 +16,6 @@ from flows.service.request import (
     ServiceRequest,
     checked,
     database_url,
-    port_is_free,
     server_environment,
     shown_database,
     worker_environment,
@@ -34,6 +33,7 @@ from flows.service.state import (
     store_key,
     write_running,
 )
+from flows.settings import port_is_free
 from residual.errors import InputError, RunError
 from tests.waiting import until
 

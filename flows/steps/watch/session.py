@@ -2,7 +2,7 @@
 
 import io
 import json
-from dataclasses import dataclass, replace
+from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from typing import Annotated
 from zipfile import BadZipFile
@@ -11,6 +11,7 @@ import numpy as np
 from cyclopts import Parameter
 
 from flows.inputs.given import load
+from flows.outputs import write_all
 from flows.requests import GivenWord, Request, Store, Words
 from flows.settings import store_folder
 from flows.steps.models import Choice, choose, source_of
@@ -76,14 +77,6 @@ class Session:
     position: dict | None = None
 
 
-def new_session(
-    origin: Origin, reference: Reference, position: dict | None = None
-) -> Session:
-    """Return a watch before its first sample."""
-    state = begin(reference)
-    return Session(origin, reference, state, state.tail.kept, (), position)
-
-
 def advance(session: Session, samples: Samples) -> tuple[Session, tuple[Change, ...]]:
     """Look at new samples; keep those that a diagnosis may need."""
     state, alarms = step(session.reference, session.state, samples)
@@ -135,22 +128,17 @@ def write(path: Path, session: Session) -> None:
     """Keep a watch in a file, whole or not at all."""
     about = {
         "form": FORM,
-        "origin": {f: getattr(session.origin, f) for f in Origin.__slots__},
+        "origin": asdict(session.origin),
         "reference": session.reference.to_record(),
         "state": state_to_record(session.state),
-        "waiting": [
-            {f: getattr(a, f) for f in Change.__slots__} for a in session.waiting
-        ],
+        "waiting": [asdict(alarm) for alarm in session.waiting],
         "position": session.position,
     }
     packed = io.BytesIO()
     recent = session.recent
     text = np.array(json.dumps(about))
     np.savez(packed, about=text, t=recent.t, q=recent.q, tau=recent.tau)
-    draft = path.with_name(f".{path.name}.part")
-    draft.write_bytes(packed.getvalue())
-    sync(draft)
-    draft.replace(path)
+    write_all({path: packed.getvalue()})
     sync(path.parent)
 
 
@@ -234,8 +222,9 @@ def start(asked: Watch) -> Begun:
     origin = Origin(robot.name, robot.content_hash, choice.diagnosis, good)
     if before and before.origin == origin:
         return Begun(robot, before, path, (*choice.lines, _going_on(before)))
-    session = _learnt(asked, store, robot, origin)
-    session = new_session(origin, session, before.position if before else None)
+    reference = _learnt(asked, store, robot, origin)
+    state, position = begin(reference), before.position if before else None
+    session = Session(origin, reference, state, state.tail.kept, (), position)
     again = ("model or healthy runs are others than before: learnt again",)
     lines = (*choice.lines, *(again if before else ()), _learnt_from(session))
     return Begun(robot, session, path, lines)
