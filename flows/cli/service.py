@@ -2,17 +2,18 @@
 
 import os
 import sys
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
+from dataclasses import replace
 from datetime import UTC, datetime
 from pathlib import Path
 
-from rich.box import SIMPLE_HEAD
 from rich.console import Console
-from rich.table import Table
 
 from flows.inbox.run import inboxes
 from flows.outputs import check_new_folder, check_outside, json_text, say, write_all
 from flows.project.read import project_here
+from flows.report.console import show, wide
+from flows.report.document import Table, words_table
 from flows.report.night.look import unknown
 from flows.report.night.site import Site
 from flows.requests import Flag, Store
@@ -28,18 +29,10 @@ from flows.settings import PREFECT, store_folder
 from residual.errors import InputError, RunError
 from warehouse.mirror import shown
 
+_USUAL = ServiceRequest()
 
-def up(
-    *,
-    port: int | None = None,
-    host: str | None = None,
-    workers: int | None = None,
-    every: int | None = None,
-    database: str | None = None,
-    trust_network: Flag = False,
-    foreground: Flag = False,
-    store: Store = None,
-) -> None:
+
+def up(*, asked: ServiceRequest = _USUAL, foreground: Flag = False) -> None:
     """Start server, worker and schedules of a store, and return when they answer.
 
     ```
@@ -57,29 +50,21 @@ def up(
     afterwards this browser may come back without it. Another one: modelgap up again.
 
     Args:
-        port: Port of the server and its page; 4200 unless given.
-        host: Address to listen on; anything but this machine needs --trust-network.
-        workers: How many workers.
-        every: Also start the nightly flow every so many seconds, until --every 0.
-        database: postgresql://USER:PASSWORD@HOST/NAME for the history of flow runs;
-            better given as $MODELGAP_DATABASE_URL, since others see command lines.
-            Without it a file in the store.
-        trust_network: Let others in the network reach the server. What they send is
-            not encrypted: who listens there learns the key, and runs programs as you.
         foreground: Stay until Ctrl-C, then stop everything; for service managers.
     """
-    database = database or os.environ.get(DATABASE) or None
-    place = store_folder(store)
+    place = store_folder(asked.store)
     project = project_here(place)
+    database = asked.database or os.environ.get(DATABASE) or None
+    request = replace(asked, store=place, database=database, project=project)
     if project:
-        port, workers = port or project.table.port, workers or project.table.workers
-    request = ServiceRequest(
-        place, host, port, workers, every, database, trust_network, project
-    )
+        port, workers = project.table.port, project.table.workers
+        request = replace(
+            request, port=asked.port or port, workers=asked.workers or workers
+        )
     checked(request)
     folders = [inbox.folder for inbox in inboxes(project)] if project else []
     running, was_up = bring_up(request, _say)
-    if trust_network:
+    if asked.trust_network:
         _say("warning: not encrypted; who listens in the network may run programs.")
     word = "already runs" if was_up else "is up"
     address = opening_address(running.ui, store_key(place / PREFECT))
@@ -181,9 +166,7 @@ def _say(text: str) -> None:
 
 
 def _print_status(found: Status, store: Path) -> None:
-    console = Console()
-    if not console.is_terminal:
-        console = Console(width=200)
+    console = wide(Console())
     running = found.running
     if running is None:
         say(console, f"{shown(store)}: nothing runs")
@@ -196,10 +179,11 @@ def _print_status(found: Status, store: Path) -> None:
     say(console, *lines)
     if found.deployments:
         rows = [(d["name"], _due(d)) for d in found.deployments]
-        console.print(_table(("deployment", "due next (UTC)"), rows))
+        show(console, words_table(("deployment", "due next (UTC)"), rows))
     if found.runs:
         rows = [_run(run) for run in found.runs]
-        console.print(_table(("flow run", "state", "begun (UTC)", "time [s]"), rows))
+        heads = ("flow run", "state", "begun (UTC)", "time [s]")
+        show(console, Table(heads, rows, left=range(3)))
 
 
 def _due(deployment: Mapping) -> str:
@@ -226,13 +210,3 @@ def _span(seconds: float) -> str:
 def _run(run: Mapping) -> tuple[str, str, str, str]:
     begun = (run["start_time"] or "–")[:19].replace("T", " ")
     return run["name"], run["state"], begun, f"{run['total_run_time']:.1f}"
-
-
-def _table(titles: Sequence[str], rows: Sequence[Sequence[str]]) -> Table:
-    table = Table(box=SIMPLE_HEAD, pad_edge=False)
-    for title in titles:
-        right = title.endswith("[s]")
-        table.add_column(title.replace("[", "\\["), justify="right" if right else None)
-    for row in rows:
-        table.add_row(*(cell.replace("[", "\\[") for cell in row))
-    return table

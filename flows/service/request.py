@@ -5,9 +5,13 @@ import sys
 from dataclasses import dataclass
 from importlib.util import find_spec
 from pathlib import Path
+from typing import Annotated
 from urllib.parse import urlsplit
 
+from cyclopts import Parameter
+
 from flows.project.read import Project
+from flows.requests import Flag, Request, Store
 from flows.service.state import CLIENT, SERVER, Running, store_key
 from flows.settings import API, PAGES, ROOT, STORE, is_loopback, quiet_prefect
 from residual.errors import InputError, not_installed
@@ -23,29 +27,30 @@ BEAT = 30  # s between signs of life of a flow run; the least that Prefect takes
 
 
 @dataclass(frozen=True, slots=True)
-class ServiceRequest:
-    """What shall run.
+class ServiceRequest(Request):
+    """What shall run; what is None is as before.
 
     Attributes:
-        store: The store.
-        host: Address to listen on, None for the one before, else this machine only.
-        port: Port to listen on, None for the one before, else Prefect's usual one.
-        workers: How many workers, None for as many as before, else one.
-        every: Also start the nightly flow every so many seconds; 0 for no more, None
-            for as before.
-        database: Address of a PostgreSQL database; None for a file in the store.
-        trust_network: Whether others in the network may reach the server.
+        port: Port of the server and its page; 4200 unless given.
+        host: Address to listen on; anything but this machine needs --trust-network.
+        workers: How many workers.
+        every: Also start the nightly flow every so many seconds, until --every 0.
+        database: postgresql://USER:PASSWORD@HOST/NAME for the history of flow runs;
+            better given as $MODELGAP_DATABASE_URL, since others see command lines.
+            Without it a file in the store.
+        trust_network: Let others in the network reach the server. What they send is
+            not encrypted: who listens there learns the key, and runs programs as you.
         project: The project that is served, None for none.
     """
 
-    store: Path
+    store: Store = None
     host: str | None = None
     port: int | None = None
     workers: int | None = None
     every: int | None = None
     database: str | None = None
-    trust_network: bool = False
-    project: Project | None = None
+    trust_network: Flag = False
+    project: Annotated[Project | None, Parameter(parse=False)] = None
 
 
 def _has_scheduler() -> bool:

@@ -132,15 +132,15 @@ def make(spec: ExperimentSpec, store: Path | None = None) -> Made:
         spec: What to run, the model of its controller named by a whole id.
         store: Where that model is; None where the nominal one drives.
     """
-    robot = checked_robot(spec)
+    robot, model = checked_robot(spec), spec.controller.model
     made, timings = _simulate(spec, robot, store)
     manifest = {
         "spec": open_half(spec, robot),
         "robot": spec.robot,
         "robot_hash": robot.content_hash,
-        "seed_streams": {"reference": spec.reference().seed, "sealed": _stream_names()},
+        "seed_streams": {"reference": spec.reference().seed, "sealed": list(NAMES)},
         "timings": timings,
-        "parents": _parents(spec),
+        "parents": {} if model == NOMINAL else {"controller": [model]},
     }
     return Made(made.log, made.twin, made.truth, manifest, sealed_half(spec))
 
@@ -161,36 +161,27 @@ def load_engine() -> None:
 
 def open_half(spec: ExperimentSpec, robot: Robot) -> dict:
     """Return what everybody may know of an experiment, as its record has it."""
-    reference, driven = spec.reference(), spec.controller.model != NOMINAL
+    reference, driver = spec.reference(), {}
+    # What came in later versions stands there only where it says something, so that
+    # the ids of runs are those that they always had.
+    if spec.controller.model != NOMINAL:
+        usual = ControllerTable()
+        late = ("encoder_step", "rise")
+        same = {n for n in late if getattr(spec.controller, n) == getattr(usual, n)}
+        driver = {"controller": spec.controller.model_dump(exclude=same)}
+    motion = asdict(reference)
+    if not reference.coefficients:
+        del motion["coefficients"]
     return {
-        **({"controller": _driven_by(spec.controller)} if driven else {}),
+        **driver,
         "schema": spec.schema_,
         "robot": {"name": robot.name, "content_hash": robot.content_hash},
         "declared": sorted(robot.declared),
-        "trajectory": _motion(reference),
+        "trajectory": motion,
         "seed": reference.seed,
         "start": spec.start,
         "rates": asdict(spec.log_rates()),
     }
-
-
-def _driven_by(table: ControllerTable) -> dict:
-    """Return a controller as its record has it: how friction turns only where said."""
-    usual = ControllerTable()
-    late = ("encoder_step", "rise")
-    same = {name for name in late if getattr(table, name) == getattr(usual, name)}
-    return table.model_dump(exclude=same)
-
-
-def _motion(reference: TrajectorySpec) -> dict:
-    """Return a reference as its record has it: coefficients only where some are given.
-
-    So that a motion that is searched for has the id that it always had.
-    """
-    known = asdict(reference)
-    if not reference.coefficients:
-        del known["coefficients"]
-    return known
 
 
 def sealed_half(spec: ExperimentSpec) -> dict:
@@ -253,11 +244,6 @@ def _robot(name: str) -> Robot:
     return load(name)
 
 
-def _parents(spec: ExperimentSpec) -> dict:
-    model = spec.controller.model
-    return {} if model == NOMINAL else {"controller": [model]}
-
-
 @one_blas_thread
 def _simulate(spec: ExperimentSpec, robot: Robot, store: Path | None) -> tuple:
     rates, clock = spec.log_rates(), [perf_counter()]
@@ -276,10 +262,6 @@ def _simulate(spec: ExperimentSpec, robot: Robot, store: Path | None) -> tuple:
 def reference_of(robot: Robot, spec: TrajectorySpec, rate: float) -> Reference:
     """Return a motion; kept, since many arms may be asked to do the same."""
     return make_reference(robot, spec, rate)
-
-
-def _stream_names() -> Sequence[str]:
-    return list(NAMES)
 
 
 def refusal_of(planned: Planned) -> str | None:

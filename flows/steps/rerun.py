@@ -46,31 +46,17 @@ def again(store: Path, run_id: str, manifest: Mapping) -> Made:
 
 def spec_of(manifest: Mapping, hidden: Mapping) -> ExperimentSpec:
     """Return the spec of a run, all seeds given."""
-    plant = plant_of(hidden)
-    effects = [
-        {"name": e.name, "joints": e.joints, "onset": e.onset, **dict(e.parameters)}
-        for e in plant.effects
-    ]
-    noise = {"torque": plant.noise.torque, "encoder": plant.noise.encoder}
-    seeds = {"seed": plant.seed, "salt": plant.salt}
-    used = {"background": plant.background, "worked_before": plant.worked_before}
+    plant = asdict(plant_of(hidden))
+    effects = [dict(e.pop("parameters")) | e for e in plant.pop("effects")]
     try:
         half = manifest["spec"]
-        return ExperimentSpec.model_validate(
-            {
-                **{key: half[key] for key in ("schema", "seed", "start")},
-                **{key: half[key] for key in ("trajectory", "rates")},
-                "controller": half.get("controller", {}),
-                "robot": manifest["robot"],
-                "plant": {
-                    **seeds,
-                    **used,
-                    "scatter": plant.scatter,
-                    "noise": noise,
-                    "effect": effects,
-                },
-            }
-        )
+        keys = ("schema", "seed", "start", "trajectory", "rates")
+        content = {key: half[key] for key in keys} | {
+            "controller": half.get("controller", {}),
+            "robot": manifest["robot"],
+            "plant": plant | {"effect": effects},
+        }
+        return ExperimentSpec.model_validate(content)
     except (KeyError, TypeError, ValueError):
         pass
     # Outside, for the error has values of the sealed half in it.

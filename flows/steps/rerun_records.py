@@ -8,7 +8,7 @@ where the first one is.
 import json
 import os
 import shutil
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from pathlib import Path
 from tempfile import TemporaryDirectory
@@ -16,7 +16,14 @@ from tempfile import TemporaryDirectory
 import pyarrow as pa
 
 from flows.inputs.given import instead
-from flows.requests import Calibrate, Diagnose, Identify, Monitor, Validate
+from flows.requests import (
+    Calibrate,
+    Diagnose,
+    Identify,
+    Monitor,
+    Request,
+    Validate,
+)
 from flows.steps import calibrate, identify
 from flows.steps.diagnose import diagnose_runs
 from flows.steps.experiment import with_twins
@@ -55,7 +62,8 @@ def again(store: Path, found: Found) -> Iterator[tuple[Path, Found]]:
         own = Path(folder).resolve()
         _link(store, own, before, _tracks(store, found))
         with instead(_robots(store, request, before)):
-            step(request, own)
+            verb, make = step
+            make(verb.from_record(request, own))
         made = _counterpart(own, found, {each.id for each in before})
         yield own, made
 
@@ -64,13 +72,15 @@ def apart(found: Found, made: Found) -> tuple[Channel, ...]:
     """Return where two records of one kind differ, value by value."""
     one, two = read_row(found), read_row(made)
     out = values_apart(json.loads(one["record"]), json.loads(two["record"]), "")
-    tables = [_tables(each) for each in (found, made)]
-    for name in dict.fromkeys([*tables[0], *tables[1]]):
-        out += _table_apart(name, *(side.get(name) for side in tables))
-    files = [_bytes(each) for each in (found, made)]
-    for name in dict.fromkeys([*files[0], *files[1]]):
-        if files[0].get(name) != files[1].get(name):
-            out.append(Channel(name, "", False, note="another file"))
+    old, new = (list_tables(each) | _parquets(each) for each in (found, made))
+    for name in old | new:
+        out += _table_apart(name, old.get(name), new.get(name))
+    old, new = _bytes(found), _bytes(made)
+    out += [
+        Channel(name, "", False, note="another file")
+        for name in old | new
+        if old.get(name) != new.get(name)
+    ]
     return tuple(out)
 
 
@@ -144,54 +154,33 @@ def _robots(store: Path, request: Mapping, before: Sequence[Found]) -> dict[str,
     return {word: robot_word(store, word, hash) for word, hash in known if word}
 
 
-def _diagnose(record: Mapping, own: Path) -> None:
-    diagnose_runs(Diagnose.from_record(record, own))
-
-
-def _identify(record: Mapping, own: Path) -> None:
-    words = [*record["logs"], *record["held_out"]]
+def _identify(request: Identify) -> None:
+    words = [*request.logs, *request.held_out]
     files = [w for w in words if len(w) < ID_DIGITS or set(w) - set("0123456789abcdef")]
     if files:
         raise InputError(
             f"It was identified from the file {files[0]}, which is not in the store. "
             "Import the log (modelgap import) and identify from the run."
         )
-    request = Identify.from_record(record, own)
     identify.identify(request, identify.read_logs(request))
 
 
-def _calibrate(record: Mapping, own: Path) -> None:
-    request = Calibrate.from_record(record, own)
+def _calibrate(request: Calibrate) -> None:
     logs, runs = calibrate.read_logs(request)
     if request.paper:
         runs = with_twins(logs.robot, runs)
     calibrate.calibrate(request, logs, runs)
 
 
-def _validate(record: Mapping, own: Path) -> None:
-    validate(Validate.from_record(record, own))
-
-
-def _monitor(record: Mapping, own: Path) -> None:
-    monitor(Monitor.from_record(record, own))
-
-
-def _track(record: Mapping, own: Path) -> None:
-    track(Track.from_record(record, own))
-
-
-_STEPS = {
-    "diagnose": _diagnose,
-    "identify": _identify,
-    "calibrate": _calibrate,
-    "validate": _validate,
-    "monitor": _monitor,
-    "track": _track,
+# Of each verb its request, and what does it.
+_STEPS: Mapping[str, tuple[type[Request], Callable]] = {
+    "diagnose": (Diagnose, diagnose_runs),
+    "identify": (Identify, _identify),
+    "calibrate": (Calibrate, _calibrate),
+    "validate": (Validate, validate),
+    "monitor": (Monitor, monitor),
+    "track": (Track, track),
 }
-
-
-def _tables(found: Found) -> dict:
-    return list_tables(found) | _parquets(found)
 
 
 def _parquets(found: Found) -> dict:
