@@ -60,7 +60,7 @@ _COMMANDS = {
         "demo": ("demo:demo", None),
         "diagnose": ("diagnose:diagnose", _LOGS),
         "next": ("next:next_", "VERDICT.json|ID [LOG...]"),
-        "explain": ("explain:explain", "[WORD...]"),
+        "explain": ("logs:explain", "[WORD...]"),
     },
     "Your logs": {
         "check": ("logs:check", _LOGS),

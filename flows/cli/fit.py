@@ -22,10 +22,11 @@ from flows.storage.calibration import calibration_files
 from flows.storage.calibration import document as calibration_document
 from flows.storage.identification import document as identification_document
 from flows.storage.null import null_json
-from residual.calibration.rows import Run
 from residual.errors import InputError
+from residual.lazy import Lazy
 from residual.model.record import robot_files
-from residual.robot.robot import Robot
+
+engine = Lazy("flows.steps.experiment")  # who calibrates in another way needs none
 
 
 def identify(
@@ -103,7 +104,7 @@ def calibrate(
         check_new_folder("--export", Path(export))
     read, runs = calibration.read_logs(request)
     if request.paper:
-        runs = _with_twins(read.robot, runs)
+        runs = engine.with_twins(read.robot, runs)
     out.say(*read.lines[:1], *choice.lines, *read.lines[1:])
     with progress_bar() as progress:
         done = calibration.calibrate(request, read, runs, progress)
@@ -125,13 +126,6 @@ def _kept(done: calibration.Calibrated) -> list[str]:
         f"stored: model {model}, validation {validation}: modelgap show "
         f"{validation[:8]}"
     ]
-
-
-def _with_twins(robot: Robot, runs: tuple[Run, ...]) -> tuple[Run, ...]:
-    # Here, since who calibrates in another way need not load the engine.
-    from flows.steps.experiment import with_twins
-
-    return with_twins(robot, runs)
 
 
 def calibrate_null(

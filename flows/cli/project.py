@@ -5,8 +5,17 @@ from collections import Counter
 from pathlib import Path
 
 from flows.inbox.new import diagnose_new
-from flows.inbox.run import Inbox, inboxes, look_twice, take_all
-from flows.inbox.take import KNOWN, REFUSED, STORED, WAITING, Taken
+from flows.inbox.take import (
+    KNOWN,
+    REFUSED,
+    STORED,
+    WAITING,
+    Inbox,
+    Taken,
+    inboxes,
+    look_twice,
+    take_all,
+)
 from flows.outputs import progress_bar
 from flows.project.notify import Notice, tell
 from flows.project.read import Project, Start, read_project, start

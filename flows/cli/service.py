@@ -9,7 +9,7 @@ from pathlib import Path
 
 from rich.console import Console
 
-from flows.inbox.run import inboxes
+from flows.inbox.take import inboxes
 from flows.outputs import check_new_folder, check_outside, json_text, say, write_all
 from flows.project.read import project_here
 from flows.report.console import show, wide

@@ -11,8 +11,15 @@ from prefect import flow, get_run_logger
 
 from flows.inbox.new import Diagnosed, new_runs, robot_of_runs
 from flows.inbox.new import diagnose_new as diagnose_runs
-from flows.inbox.run import inboxes, look_twice, take_all
-from flows.inbox.take import KNOWN, REFUSED, STORED, WAITING
+from flows.inbox.take import (
+    KNOWN,
+    REFUSED,
+    STORED,
+    WAITING,
+    inboxes,
+    look_twice,
+    take_all,
+)
 from flows.project.deployments import STORED as ARRIVED
 from flows.project.deployments import resource
 from flows.project.notify import Notice

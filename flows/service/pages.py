@@ -17,7 +17,6 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 from time import monotonic
 
-from starlette.applications import Starlette
 from starlette.concurrency import run_in_threadpool
 from starlette.requests import Request
 from starlette.responses import (
@@ -26,7 +25,7 @@ from starlette.responses import (
     RedirectResponse,
     Response,
 )
-from starlette.routing import Match, Route
+from starlette.routing import Route, Router
 from starlette.types import ASGIApp, Receive, Scope, Send
 
 from flows.report.night.site import Answer, Site
@@ -169,13 +168,11 @@ def _shared(place: str, code: str, rules: Rules, tickets: Tickets) -> list[Route
 
 
 def _before(app: ASGIApp, routes: Sequence[Route]) -> ASGIApp:
-    own = Starlette(routes=list(routes))
+    own = Router(routes, redirect_slashes=False, default=app)
 
     async def chosen(scope: Scope, receive: Receive, send: Send) -> None:
-        ours = scope["type"] == "http" and any(
-            route.matches(scope)[0] is not Match.NONE for route in routes
-        )
-        await (own if ours else app)(scope, receive, send)
+        # What the other one starts and ends with is its own matter.
+        await (app if scope["type"] == "lifespan" else own)(scope, receive, send)
 
     return chosen
 

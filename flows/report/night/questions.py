@@ -92,7 +92,7 @@ RUNS_OF = """
     WHERE named.parent = $id AND named.role = 'diagnosis' AND run.role = 'batch'
 """
 
-# Logs that an inbox refused, with the reason (`flows.inbox.run`).
+# Logs that an inbox refused, with the reason (`flows.inbox.take`).
 REFUSED = """
     SELECT validation_id AS id, robot, verdict AS why, created
     FROM validations WHERE kind = 'refused' ORDER BY created DESC, id

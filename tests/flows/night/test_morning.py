@@ -8,8 +8,7 @@ import pytest
 
 from flows.cli import main
 from flows.inbox.new import new_runs, robot_of_runs
-from flows.inbox.run import inboxes, take_all
-from flows.inbox.take import REFUSED, in_an_inbox, look
+from flows.inbox.take import REFUSED, in_an_inbox, inboxes, look, take_all
 from flows.project.deployments import deployments
 from flows.project.read import read_project
 from flows.report.night.site import Site

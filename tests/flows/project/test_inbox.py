@@ -11,9 +11,8 @@ import pytest
 
 import warehouse
 from flows.cli import main
-from flows.inbox import run
+from flows.inbox import take as run
 from flows.inbox.new import new_runs, spread
-from flows.inbox.run import inboxes, take_all
 from flows.inbox.take import (
     KNOWN,
     STORED,
@@ -22,8 +21,10 @@ from flows.inbox.take import (
     alone,
     at_rest,
     being_written,
+    inboxes,
     look,
     take,
+    take_all,
 )
 from flows.project.read import read_project
 from tests.residual.arms import urdf_text
@@ -149,7 +150,7 @@ def test_a_kill_between_any_two_steps_loses_and_doubles_nothing(place, csv, when
     (place / "in/bad.csv").write_text("t,q1\n0,1\n")
     killed = f"""
 import os, signal
-from flows.inbox import run
+from flows.inbox import take as run
 from flows.inbox.take import look
 from flows.project.read import read_project
 def die(*_): os.kill(os.getpid(), signal.SIGKILL)
