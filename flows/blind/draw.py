@@ -31,21 +31,13 @@ _PAUSE = 10.0  # s
 
 @dataclass(frozen=True, slots=True)
 class Asked:
-    """Which study.
+    """Which study."""
 
-    Attributes:
-        n: How many cases.
-        seed: Seed of everything.
-        robot: Name of the arm.
-        duration: Length of each experiment [s].
-        background: What all joints have beside what is hidden.
-    """
-
-    n: int
-    seed: int
+    n: int  # how many cases
+    seed: int  # seed of everything
     robot: str = "irb140"
-    duration: float = 20.0
-    background: BackgroundWord = CLEAN
+    duration: float = 20.0  # length of each experiment [s]
+    background: BackgroundWord = CLEAN  # what all joints have beside what is hidden
 
     def __post_init__(self) -> None:
         if self.n < 1:
@@ -57,50 +49,30 @@ class Asked:
 
 @dataclass(frozen=True, slots=True)
 class Excitation:
-    """Motions and noise that some cases share.
-
-    Attributes:
-        index: Its number.
-        fit: Families of the experiments to diagnose, in order.
-        held_out: Families of those for the proof.
-        torque: Noise of the torque, as a share of each joint's range.
-        encoder: Step of the encoders [rad].
-    """
+    """Motions and noise that some cases share."""
 
     index: int
-    fit: tuple[str, ...]
-    held_out: tuple[str, ...]
-    torque: float
-    encoder: float
+    fit: tuple[str, ...]  # families of the experiments to diagnose, in order
+    held_out: tuple[str, ...]  # families of those for the proof
+    torque: float  # noise of the torque, as a share of each joint's range
+    encoder: float  # step of the encoders [rad]
 
 
 @dataclass(frozen=True, slots=True)
 class Wish:
-    """One effect to hide.
-
-    Attributes:
-        effect: Its name.
-        multiple: Its size in minimum detectable ones; None for a usual size.
-    """
+    """One effect to hide."""
 
     effect: str
-    multiple: float | None
+    multiple: float | None  # its size in minimum detectable ones; None for a usual size
 
 
 @dataclass(frozen=True, slots=True)
 class Draft:
-    """One case before the sizes are known.
-
-    Attributes:
-        index: Its number.
-        drawn: Kind of case (``blind_score.DRAWN``).
-        wishes: What to hide.
-        excitation: Its motions.
-    """
+    """One case before the sizes are known."""
 
     index: int
-    drawn: str
-    wishes: tuple[Wish, ...]
+    drawn: str  # kind of case (``blind_score.DRAWN``)
+    wishes: tuple[Wish, ...]  # what to hide
     excitation: Excitation
 
 

@@ -22,20 +22,13 @@ MOST = 3.0  # of a usual size
 
 @dataclass(frozen=True, slots=True)
 class Hidden:
-    """What an arm hides.
+    """What an arm hides."""
 
-    Attributes:
-        effect: Effect, joints and parameters, as the plant takes them.
-        joints: Its joints in the convention of the verdict.
-        size: How much of it there is, None where that is no one number.
-        unit: Unit of the size.
-        multiple: The size in minimum detectable ones, None where none is known.
-    """
-
-    effect: PlantEffect
-    joints: tuple[int, ...]
-    size: float | None
+    effect: PlantEffect  # effect, joints and parameters, as the plant takes them
+    joints: tuple[int, ...]  # its joints in the convention of the verdict
+    size: float | None  # how much of it there is, None where that is no one number
     unit: str | None
+    # The size in minimum detectable ones, None where none is known.
     multiple: float | None
 
 

@@ -52,38 +52,24 @@ Minimum = Sequence[Detectable]
 
 @dataclass(frozen=True, slots=True)
 class Case:
-    """One case, complete: what is hidden, in experiments whose ids are known.
+    """One case, complete: what is hidden, in experiments whose ids are known."""
 
-    Attributes:
-        draft: What was drawn.
-        specs: The experiments, those to fit first.
-        minimum: Minimum detectable sizes of its motions.
-        key: Hash of the experiments and of the code that diagnoses and judges.
-    """
-
-    draft: Draft
-    specs: tuple[ExperimentSpec, ...]
-    minimum: Minimum
-    key: str
+    draft: Draft  # what was drawn
+    specs: tuple[ExperimentSpec, ...]  # the experiments, those to fit first
+    minimum: Minimum  # minimum detectable sizes of its motions
+    key: str  # hash of the experiments and of the code that diagnoses and judges
 
 
 @dataclass(frozen=True, slots=True)
 class Study:
-    """What a study left in the store.
+    """What a study left in the store."""
 
-    Attributes:
-        id: Id of its own validation.
-        rows: One per case, as in the view ``blind``, with ``validation_id``.
-        summary: Its figures.
-        known: How many cases were in the store already.
-        failed: What did not come to its end, in words.
-    """
-
-    id: str
+    id: str  # id of its own validation
+    # One per case, as in the view ``blind``, with ``validation_id``.
     rows: tuple[Mapping, ...]
     summary: Mapping
-    known: int
-    failed: tuple[str, ...]
+    known: int  # how many cases were in the store already
+    failed: tuple[str, ...]  # what did not come to its end, in words
 
 
 def run_study(

@@ -21,15 +21,10 @@ OUTCOMES = (RIGHT, CLASS, PART, WRONG, SILENT, FLAGGED)
 
 @dataclass(frozen=True, slots=True)
 class Name:
-    """An effect at its place.
-
-    Attributes:
-        effect: Its name.
-        joints: Its joints from 1, in order; () for the whole arm.
-    """
+    """An effect at its place."""
 
     effect: str
-    joints: tuple[int, ...]
+    joints: tuple[int, ...]  # its joints from 1, in order; () for the whole arm
 
     @classmethod
     def of(cls, place: Place | Finding) -> "Name":
@@ -42,41 +37,28 @@ class Name:
 
 @dataclass(frozen=True, slots=True)
 class Said:
-    """One name that a verdict says, at one place.
+    """One name that a verdict says, at one place."""
 
-    Attributes:
-        name: Effect and joints.
-        alike: What the verdict says could be there instead.
-        finding: The finding that it is from.
-        place: Its number among the joints of a finding on several; None where the
-            finding is one thing.
-    """
-
-    name: Name
-    alike: tuple[Name, ...]
-    finding: Finding = field(compare=False, hash=False)
+    name: Name  # effect and joints
+    alike: tuple[Name, ...]  # what the verdict says could be there instead
+    finding: Finding = field(compare=False, hash=False)  # the finding that it is from
+    # Its number among the joints of a finding on several; None where the finding is one
+    # thing.
     place: int | None = None
 
 
 @dataclass(frozen=True, slots=True)
 class Score:
-    """What a verdict is worth.
+    """What a verdict is worth."""
 
-    Attributes:
-        outcome: One of ``OUTCOMES``.
-        first: What was named first, None for nothing.
-        found: How many of the drawn effects are named, by name or by class.
-        extra: How many names are none of them and no part of them, in all.
-        joint_right: Whether the first name, or where there is none the flag, is on a
-            joint of what was drawn; None where nothing was drawn or nothing said.
-        hits: What was said of each drawn effect by its very name; None otherwise.
-    """
-
-    outcome: str
-    first: Name | None
-    found: int
-    extra: int
+    outcome: str  # one of ``OUTCOMES``
+    first: Name | None  # what was named first, None for nothing
+    found: int  # how many of the drawn effects are named, by name or by class
+    extra: int  # how many names are none of them and no part of them, in all
+    # Whether the first name, or where there is none the flag, is on a joint of what was
+    # drawn; None where nothing was drawn or nothing said.
     joint_right: bool | None
+    # What was said of each drawn effect by its very name; None otherwise.
     hits: tuple[Said | None, ...]
 
 

@@ -43,23 +43,17 @@ _WHOSE = """
 
 @dataclass(frozen=True, slots=True)
 class Batch:
-    """Runs that are diagnosed together.
+    """Runs that are diagnosed together."""
 
-    Attributes:
-        runs: All runs that no diagnosis has taken, in the order of their time.
-        fit: Those that are fitted: all, or as many as are taken, spread over them.
-        held_out: The one for the proof, where there are enough.
-        baseline: Healthy runs of the arm, the latest.
-        model: Id of the diagnosis whose model the robot has, None for none.
-        unwatched: Those of them that no monitoring has seen.
-    """
-
+    # All runs that no diagnosis has taken, in the order of their time.
     runs: tuple[str, ...]
+    # Those that are fitted: all, or as many as are taken, spread over them.
     fit: tuple[str, ...]
-    held_out: tuple[str, ...] = ()
-    baseline: tuple[str, ...] = ()
+    held_out: tuple[str, ...] = ()  # the one for the proof, where there are enough
+    baseline: tuple[str, ...] = ()  # healthy runs of the arm, the latest
+    # Id of the diagnosis whose model the robot has, None for none.
     model: str | None = None
-    unwatched: tuple[str, ...] = ()
+    unwatched: tuple[str, ...] = ()  # those of them that no monitoring has seen
 
     @property
     def against(self) -> str:

@@ -133,20 +133,14 @@ class Job:
 
 @dataclass(frozen=True, slots=True)
 class Taken:
-    """What became of a log.
+    """What became of a log."""
 
-    Attributes:
-        path: The file, or the folder of a bag.
-        what: "stored", "known" (the same samples of the same robot were in the store),
-            "refused" or "waiting".
-        run: Id of its run, None where it has none.
-        why: Why it was refused or has to wait.
-    """
-
-    path: Path
+    path: Path  # the file, or the folder of a bag
+    # "stored", "known" (the same samples of the same robot were in the store),
+    # "refused" or "waiting".
     what: str
-    run: str | None = None
-    why: str = ""
+    run: str | None = None  # id of its run, None where it has none
+    why: str = ""  # why it was refused or has to wait
 
     @property
     def name(self) -> str:

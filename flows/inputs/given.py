@@ -30,29 +30,21 @@ stored = Lazy("warehouse.runs")
 
 @dataclass(frozen=True, eq=False, slots=True)
 class LogSets:
-    """All logs of one command, by what they are for.
-
-    Attributes:
-        robot: The arm that was logged.
-        fit: Logs to fit; those of runs are called by the beginning of their id.
-        baseline: Logs of healthy runs.
-        held_out: Logs for the proof.
-        each: What was understood of each, in the order of the three sets.
-        warnings: What is odd but usable.
-        runs: Whole ids of those that are runs, by the id of the recording.
-        columns: How the files were read.
-        doubts: Why logs can be none of this arm, with the label of the log; only where
-            they were read for a check.
-    """
+    """All logs of one command, by what they are for."""
 
     robot: Robot
+    # Logs to fit; those of runs are called by the beginning of their id.
     fit: tuple[Recording, ...]
-    baseline: tuple[Recording, ...] = ()
-    held_out: tuple[Recording, ...] = ()
+    baseline: tuple[Recording, ...] = ()  # logs of healthy runs
+    held_out: tuple[Recording, ...] = ()  # logs for the proof
+    # What was understood of each, in the order of the three sets.
     each: tuple[str, ...] = ()
-    warnings: tuple[str, ...] = ()
+    warnings: tuple[str, ...] = ()  # what is odd but usable
+    # Whole ids of those that are runs, by the id of the recording.
     runs: Mapping[str, str] | None = None
-    columns: ColumnMap = field(default_factory=ColumnMap)
+    columns: ColumnMap = field(default_factory=ColumnMap)  # how the files were read
+    # Why logs can be none of this arm, with the label of the log; only where they were
+    # read for a check.
     doubts: tuple[tuple[str, Doubt], ...] = ()
 
     @property

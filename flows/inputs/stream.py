@@ -32,35 +32,22 @@ _LISTS = ("q", "tau")
 
 @dataclass(frozen=True, eq=False, slots=True)
 class Batch:
-    """What has come since the last look.
+    """What has come since the last look."""
 
-    Attributes:
-        samples: Samples in their order; None for none.
-        notes: What there is to say, a line each.
-        more: Whether to look again at once.
-    """
-
-    samples: Samples | None = None
-    notes: tuple[str, ...] = ()
-    more: bool = False
+    samples: Samples | None = None  # samples in their order; None for none
+    notes: tuple[str, ...] = ()  # what there is to say, a line each
+    more: bool = False  # whether to look again at once
 
 
 @dataclass(frozen=True, eq=False, slots=True)
 class Reader:
-    """What the lines of one table mean.
-
-    Attributes:
-        columns: The user's map.
-        names: Names of the table's columns.
-        chosen: Which of them are read.
-        separator: Between two values; empty for JSON.
-    """
+    """What the lines of one table mean."""
 
     robot: Robot
-    columns: ColumnMap
-    names: tuple[str, ...]
-    chosen: Selection
-    separator: str
+    columns: ColumnMap  # the user's map
+    names: tuple[str, ...]  # names of the table's columns
+    chosen: Selection  # which of them are read
+    separator: str  # between two values; empty for JSON
 
     def samples(self, lines: Sequence[str]) -> Samples:
         """Return lines as samples, NaN where a value is missing or no number."""
@@ -111,21 +98,14 @@ def reader_of(line: str, robot: Robot, columns: ColumnMap, where: str) -> Reader
 
 @dataclass(slots=True)
 class Lines:
-    """Bytes that become samples: whole lines, of which the first has the names.
+    """Bytes that become samples: whole lines, of which the first has the names."""
 
-    Attributes:
-        name: What they are read from.
-        header: The line of names, None before it was read.
-        rest: What has come of a line without an end.
-        skips: Whether that line is too long, and left out.
-    """
-
-    name: str
+    name: str  # what they are read from
     robot: Robot
     columns: ColumnMap
-    header: str | None = None
-    rest: bytes = b""
-    skips: bool = False
+    header: str | None = None  # the line of names, None before it was read
+    rest: bytes = b""  # what has come of a line without an end
+    skips: bool = False  # whether that line is too long, and left out
     reader: Reader | None = None
 
     def take(self, new: bytes) -> Batch:

@@ -17,23 +17,14 @@ from flows.project.read import Project
 
 @dataclass(frozen=True, slots=True)
 class Notice:
-    """Something that people are told.
+    """Something that people are told."""
 
-    Attributes:
-        kind: "alarm", "finding", "refused" or "failed".
-        robot: Name of the robot.
-        title: In one line.
-        text: All of it.
-        ids: Ids of the records that it is about.
-        page: The page to look at, "" for none.
-    """
-
-    kind: str
+    kind: str  # "alarm", "finding", "refused" or "failed"
     robot: str
-    title: str
-    text: str = ""
-    ids: tuple[str, ...] = ()
-    page: str = ""
+    title: str  # in one line
+    text: str = ""  # all of it
+    ids: tuple[str, ...] = ()  # ids of the records that it is about
+    page: str = ""  # the page to look at, "" for none
 
 
 def tell(project: Project, notice: Notice) -> list[str]:

@@ -65,102 +65,71 @@ _Path = Annotated[str, Field(min_length=1)]
 
 @tables.dataclass(frozen=True, slots=True, config=_TABLE)
 class RobotTable:
-    """A robot of a project.
+    """A robot of a project."""
 
-    Attributes:
-        name: What it is called in this file, and its deployments.
-        urdf: URDF file, folder with one and an optional robot.toml, or built-in name.
-        serial: Serial number of this arm; "" for none.
-        tags: What its runs are given.
-        simulated: Whether the nights run a campaign on a simulated arm.
-        campaign: The campaign of a simulated robot.
-        held_out: Kind of motion of a campaign that is not fitted.
-        nightly: When it is diagnosed, in cron; "" for never.
-        timezone: Where that is meant.
-        batch: Whether what an inbox has stored is diagnosed at once, not at night only.
-        healthy: Tag of the runs of the arm in good order: the baseline.
-        most: How many logs one diagnosis takes at most.
-        auto: Whether a model that passes the gate is adopted without asking.
-    """
-
+    # What it is called in this file, and its deployments.
     name: Annotated[str, Field(pattern=SLUG.pattern)]
+    # URDF file, folder with one and an optional robot.toml, or built-in name.
     urdf: _Path
+    # Serial number of this arm; "" for none.
     serial: Annotated[str, Field(pattern=rf"^({SERIAL.pattern})?$")] = ""
-    tags: Tags = ()
+    tags: Tags = ()  # what its runs are given
+    # Whether the nights run a campaign on a simulated arm.
     simulated: Annotated[bool, Field(strict=True)] = False
     campaign: _Path = "examples/nightly.toml"
-    held_out: str = "welding"
-    nightly: Cron = "0 2 * * *"
-    timezone: Annotated[str, AfterValidator(_zone)] = "UTC"
+    held_out: str = "welding"  # kind of motion of a campaign that is not fitted
+    nightly: Cron = "0 2 * * *"  # when it is diagnosed, in cron; "" for never
+    timezone: Annotated[str, AfterValidator(_zone)] = "UTC"  # where that is meant
+    # Whether what an inbox has stored is diagnosed at once, not at night only.
     batch: Annotated[bool, Field(strict=True)] = True
+    # Tag of the runs of the arm in good order: the baseline.
     healthy: Annotated[str, AfterValidator(_tag)] = HEALTHY
+    # How many logs one diagnosis takes at most.
     most: Annotated[int, Field(ge=2, le=100, strict=True)] = 12
+    # Whether a model that passes the gate is adopted without asking.
     auto: Annotated[bool, Field(strict=True)] = False
 
 
 @tables.dataclass(frozen=True, slots=True, config=_TABLE)
 class InboxTable:
-    """A folder that logs of one robot drop into.
-
-    Attributes:
-        robot: Name of the robot.
-        folder: The folder; made where it is not there.
-        map: COLUMNS.toml of its logs; "" for the usual columns.
-        tags: What its runs are given, beside the tags of the robot.
-        trajectory: What kind of motion it was; "" for no word.
-        kind: What it was recorded for.
-        quiet: How long a file must rest before it is read [s].
-    """
+    """A folder that logs of one robot drop into."""
 
     robot: str
-    folder: _Path
-    map: str = ""
-    tags: Tags = ()
-    trajectory: str = ""
-    kind: str = "log"
+    folder: _Path  # the folder; made where it is not there
+    map: str = ""  # COLUMNS.toml of its logs; "" for the usual columns
+    tags: Tags = ()  # what its runs are given, beside the tags of the robot
+    trajectory: str = ""  # what kind of motion it was; "" for no word
+    kind: str = "log"  # what it was recorded for
+    # How long a file must rest before it is read [s].
     quiet: Annotated[float, Field(ge=0, le=3600, allow_inf_nan=False)] = 10.0
 
 
 @tables.dataclass(frozen=True, slots=True, config=_TABLE)
 class NotifyTable:
-    """Who is told of what happens.
+    """Who is told of what happens."""
 
-    Attributes:
-        on: What is told.
-        command: A program and its arguments, each a text of its own; () for none.
-        file: A file that a line is added to; "" for none.
-        timeout: How long the program may take [s].
-    """
-
+    # What is told.
     on: tuple[Literal["alarm", "finding", "refused", "failed"], ...] = NOTICES
+    # A program and its arguments, each a text of its own; () for none.
     command: tuple[str, ...] = ()
-    file: str = ""
+    file: str = ""  # a file that a line is added to; "" for none
+    # How long the program may take [s].
     timeout: Annotated[float, Field(gt=0, le=3600, allow_inf_nan=False)] = 30.0
 
 
 @tables.dataclass(frozen=True, slots=True, config=_TABLE)
 class ProjectTable:
-    """The content of a modelgap.toml.
-
-    Attributes:
-        schema: Version of this form.
-        store: Folder of the store, or s3://BUCKET/PREFIX.
-        port: Port of the server; each project has its own.
-        workers: How many workers.
-        poll: When the inboxes are looked into, in cron.
-        robot: The robots.
-        inbox: The inboxes.
-        notify: Who is told of what happens.
-    """
+    """The content of a modelgap.toml."""
 
     schema: Literal[1]
-    store: _Path = "store"
+    store: _Path = "store"  # folder of the store, or s3://BUCKET/PREFIX
+    # Port of the server; each project has its own.
     port: Annotated[int, Field(ge=1, le=65535, strict=True)] = 4200
-    workers: Annotated[int, Field(ge=1, le=64, strict=True)] = 1
-    poll: Cron = "*/5 * * * *"
+    workers: Annotated[int, Field(ge=1, le=64, strict=True)] = 1  # how many workers
+    poll: Cron = "*/5 * * * *"  # when the inboxes are looked into, in cron
     robot: tuple[RobotTable, ...] = ()
     inbox: tuple[InboxTable, ...] = ()
-    notify: NotifyTable = NotifyTable()
+    notify: NotifyTable = NotifyTable()  # who is told of what happens
 
     @model_validator(mode="after")
     def _check(self) -> "ProjectTable":
@@ -300,18 +269,13 @@ INBOX = "inbox"
 
 @dataclass(frozen=True, slots=True)
 class Start:
-    """What a new project begins with.
+    """What a new project begins with."""
 
-    Attributes:
-        folder: Where it is made.
-        robot: URDF file, folder or built-in name of its first robot; None for the
-            built-in IRB140.
-        simulated: Whether that one is simulated.
-    """
-
-    folder: str | Path = "."
+    folder: str | Path = "."  # where it is made
+    # URDF file, folder or built-in name of its first robot; None for the built-in
+    # IRB140.
     robot: str | None = None
-    simulated: bool = False
+    simulated: bool = False  # whether that one is simulated
 
 
 def start(wanted: Start) -> Project:

@@ -28,22 +28,15 @@ CREEP = 1e-3  # rad/s: dry friction must have its value from here on
 
 @dataclass(frozen=True, slots=True)
 class Proof:
-    """Torque of the exported model as its target computes it, against ours.
+    """Torque of the exported model as its target computes it, against ours."""
 
-    Attributes:
-        by: What computed it.
-        states: On how many states.
-        difference: Largest difference from what the export carries [N m]; None where
-            it could not be tried.
-        torque: Largest torque among them [N m].
-        notes: What else is to be known, a line each.
-    """
-
-    by: str
-    states: int
+    by: str  # what computed it
+    states: int  # on how many states
+    # Largest difference from what the export carries [N m]; None where it could not be
+    # tried.
     difference: float | None
-    torque: float
-    notes: tuple[str, ...] = ()
+    torque: float  # largest torque among them [N m]
+    notes: tuple[str, ...] = ()  # what else is to be known, a line each
 
     def __str__(self) -> str:
         if self.difference is None:

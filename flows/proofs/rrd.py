@@ -27,16 +27,11 @@ THICK = 0.02  # m, of the lines that stand for links
 
 @dataclass(frozen=True, eq=False, slots=True)
 class Shown:
-    """What is to be seen.
+    """What is to be seen."""
 
-    Attributes:
-        t: Time [s]. Shape (n,).
-        q: Positions [rad]. Shape (n, dof).
-        torque: Torque of each joint by what it is of [N m]. Shapes (n, dof).
-    """
-
-    t: Array
-    q: Array
+    t: Array  # Time [s]. Shape (n,).
+    q: Array  # Positions [rad]. Shape (n, dof).
+    # Torque of each joint by what it is of [N m]. Shapes (n, dof).
     torque: Mapping[str, Array]
 
 

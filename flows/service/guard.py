@@ -67,19 +67,12 @@ _ALWAYS = {
 
 @dataclass(frozen=True, slots=True)
 class Rules:
-    """By which names a server is asked, and the key that its programs have.
+    """By which names a server is asked, and the key that its programs have."""
 
-    Attributes:
-        hosts: Host headers that name it, lower case.
-        port: Its port.
-        everywhere: Whether it listens on all addresses of this machine.
-        key: What a program must know.
-    """
-
-    hosts: frozenset[str]
+    hosts: frozenset[str]  # host headers that name it, lower case
     port: int
-    everywhere: bool
-    key: str = field(repr=False)
+    everywhere: bool  # whether it listens on all addresses of this machine
+    key: str = field(repr=False)  # what a program must know
 
     def is_ours(self, host: str) -> bool:
         """Return whether a Host header names this server.

@@ -32,17 +32,11 @@ _GRACE = 15.0  # s between the request to end and the end
 
 @dataclass(frozen=True, slots=True)
 class Process:
-    """A process that was started.
+    """A process that was started."""
 
-    Attributes:
-        name: What it does, such as "server".
-        pid: Its number, which the system gives to others after it has ended.
-        started: When it was started, as the system counts; with it no other is meant.
-    """
-
-    name: str
-    pid: int
-    started: str
+    name: str  # what it does, such as "server"
+    pid: int  # its number, which the system gives to others after it has ended
+    started: str  # when it was started, as the system counts; with it no other is meant
 
     @property
     def lives(self) -> bool:
@@ -144,22 +138,14 @@ def worker_name(name: str) -> str:
 
 @dataclass(frozen=True, slots=True)
 class Running:
-    """A server and its workers.
+    """A server and its workers."""
 
-    Attributes:
-        host: Address that the server listens on.
-        port: Its port.
-        database: Where the history is, without a password.
-        deployed: Hash of the prefect.yaml and its options that were put on it.
-        processes: The server, then the workers.
-        guarded: Whether the server asks for a key; those of earlier versions did not.
-    """
-
-    host: str
+    host: str  # address that the server listens on
     port: int
-    database: str
-    deployed: str = ""
-    processes: tuple[Process, ...] = ()
+    database: str  # where the history is, without a password
+    deployed: str = ""  # hash of the prefect.yaml and its options that were put on it
+    processes: tuple[Process, ...] = ()  # the server, then the workers
+    # Whether the server asks for a key; those of earlier versions did not.
     guarded: bool = False
 
     @property

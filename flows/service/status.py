@@ -21,22 +21,16 @@ _DEPLOYMENT = "diagnose/diagnose"
 
 @dataclass(frozen=True, slots=True)
 class Status:
-    """State of the service of one store.
+    """State of the service of one store."""
 
-    Attributes:
-        running: What was started, None if nothing was.
-        server: Whether the server answers.
-        workers: Each worker by name: "online", "starting" or "gone".
-        deployments: Each with when it is due (`api.deployments`).
-        runs: The last flow runs (`api.last_runs`).
-        refused: Logs that inboxes refused within a day, the latest first.
-    """
-
-    running: Running | None
-    server: bool = False
+    running: Running | None  # what was started, None if nothing was
+    server: bool = False  # whether the server answers
+    # Each worker by name: "online", "starting" or "gone".
     workers: Mapping[str, str] | None = None
+    # Each with when it is due (`api.deployments`).
     deployments: tuple[Mapping, ...] = ()
-    runs: tuple[Mapping, ...] = ()
+    runs: tuple[Mapping, ...] = ()  # the last flow runs (`api.last_runs`)
+    # Logs that inboxes refused within a day, the latest first.
     refused: tuple[Mapping, ...] = ()
 
     @property

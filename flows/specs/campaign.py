@@ -22,14 +22,9 @@ _LARGEST = 2**62  # of a bound; NaN is none
 
 @dataclass(frozen=True, slots=True)
 class Entry:
-    """One experiment of a campaign.
+    """One experiment of a campaign."""
 
-    Attributes:
-        label: What makes it differ from the others, for people.
-        spec: The experiment.
-    """
-
-    label: str
+    label: str  # what makes it differ from the others, for people
     spec: ExperimentSpec
 
 

@@ -39,22 +39,15 @@ EDITED = 2.0
 
 @dataclass(frozen=True, eq=False, slots=True)
 class Judged:
-    """A model before the gate.
+    """A model before the gate."""
 
-    Attributes:
-        diagnosis: Id of the diagnosis that found it.
-        model_id: Its own id.
-        model: The model.
-        parent: The adoption that the robot has, with its number; None for none.
-        worth: What held-out motion says, None where there is none to ask.
-        doubts: Why it should not be adopted; empty for a model that may.
-    """
-
-    diagnosis: str
+    diagnosis: str  # id of the diagnosis that found it
     model_id: str
     model: Model
+    # The adoption that the robot has, with its number; None for none.
     parent: tuple[str, Adoption] | None
-    worth: Worth | None
+    worth: Worth | None  # what held-out motion says, None where there is none to ask
+    # Why it should not be adopted; empty for a model that may.
     doubts: tuple[str, ...] = ()
 
     def as_record(self) -> dict:

@@ -33,17 +33,12 @@ Runs = dict[str, list[str]]  # ids by role
 
 @dataclass(frozen=True, slots=True)
 class Summary:
-    """What became of a campaign.
+    """What became of a campaign."""
 
-    Attributes:
-        planned: All experiments, in order.
-        failed: What failed and why, by the id of its run; all others are in the store.
-        seconds: Time that it took.
-    """
-
-    planned: tuple[Planned, ...]
+    planned: tuple[Planned, ...]  # all experiments, in order
+    # What failed and why, by the id of its run; all others are in the store.
     failed: Mapping[str, str]
-    seconds: float
+    seconds: float  # time that it took
 
     @property
     def stored(self) -> tuple[str, ...]:

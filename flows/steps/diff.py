@@ -22,19 +22,14 @@ _APART = ("provenance", "data_hash", "truth_hash", "timings", "spec", "robot_has
 
 @dataclass(frozen=True, eq=False, slots=True)
 class Diff:
-    """Two records side by side.
-
-    Attributes:
-        kind: Kind of both.
-        ids: Their ids.
-        tables: Values that differ, (name, one, other), by heading: spec, code,
-            environment and more; an empty table says that nothing there differs.
-        channels: Their data, equal or not; of models and others only what differs.
-    """
+    """Two records side by side."""
 
     kind: str
     ids: tuple[str, str]
+    # Values that differ, (name, one, other), by heading: spec, code, environment and
+    # more; an empty table says that nothing there differs.
     tables: Mapping[str, tuple[tuple[str, object, object], ...]]
+    # Their data, equal or not; of models and others only what differs.
     channels: tuple[Channel, ...]
 
     @property

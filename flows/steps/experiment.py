@@ -48,40 +48,24 @@ _LATER = ("background", "worked_before")
 
 @dataclass(frozen=True, slots=True)
 class Planned:
-    """An experiment whose id is known before it is run.
+    """An experiment whose id is known before it is run."""
 
-    Attributes:
-        label: What it is, for people.
-        spec: What to run.
-        run_id: The id that its run has or will have.
-        stored: Whether the run is in the store.
-        campaign: Name of the campaign that it is of, None for none.
-    """
-
-    label: str
-    spec: ExperimentSpec
-    run_id: str
-    stored: bool
-    campaign: str | None = None
+    label: str  # what it is, for people
+    spec: ExperimentSpec  # what to run
+    run_id: str  # the id that its run has or will have
+    stored: bool  # whether the run is in the store
+    campaign: str | None = None  # name of the campaign that it is of, None for none
 
 
 @dataclass(frozen=True, eq=False, slots=True)
 class Made:
-    """An experiment that was run and is not stored yet.
+    """An experiment that was run and is not stored yet."""
 
-    Attributes:
-        log: What the arm logged.
-        twin: Its errors against the nominal twin, by channel.
-        truth: What no robot logs, by channel.
-        manifest: How it came to be.
-        hidden: The sealed half of its spec.
-    """
-
-    log: Recording
-    twin: Mapping
-    truth: Mapping
-    manifest: Mapping
-    hidden: Mapping
+    log: Recording  # what the arm logged
+    twin: Mapping  # its errors against the nominal twin, by channel
+    truth: Mapping  # what no robot logs, by channel
+    manifest: Mapping  # how it came to be
+    hidden: Mapping  # the sealed half of its spec
 
 
 def plan(specs: Iterable[tuple[str, ExperimentSpec]], store: Path) -> list[Planned]:

@@ -36,21 +36,13 @@ _KEY = re.compile(r"[\w.-]+")
 
 @dataclass(frozen=True, eq=False, slots=True)
 class Log:
-    """One log as it would be stored.
+    """One log as it would be stored."""
 
-    Attributes:
-        recording: The samples, in SI units at the link side.
-        known: What was understood of the file.
-        run_id: The id that it has as a run.
-        stored: Whether it is in the store already.
-        manifest: How it came to be.
-    """
-
-    recording: Recording
-    known: Understood
-    run_id: str
-    stored: bool
-    manifest: dict
+    recording: Recording  # the samples, in SI units at the link side
+    known: Understood  # what was understood of the file
+    run_id: str  # the id that it has as a run
+    stored: bool  # whether it is in the store already
+    manifest: dict  # how it came to be
 
 
 def read_logs(request: Import) -> tuple[Robot, tuple[Log, ...]]:

@@ -53,15 +53,11 @@ _GOOD = ("baseline", "fit")  # roles of a diagnosis' runs; the first that there 
 
 @dataclass(frozen=True, slots=True)
 class Choice:
-    """The model that a command goes by.
+    """The model that a command goes by."""
 
-    Attributes:
-        diagnosis: Id of the diagnosis that it is from, None for the nominal model.
-        line: What to say of it, None where there was nothing to choose.
-    """
-
+    # Id of the diagnosis that it is from, None for the nominal model.
     diagnosis: str | None = None
-    line: str | None = None
+    line: str | None = None  # what to say of it, None where there was nothing to choose
 
     @property
     def lines(self) -> tuple[str, ...]:
@@ -287,19 +283,12 @@ def nominal_of(robot: Robot, logs: Sequence[Recording]) -> Model:
 
 @dataclass(frozen=True, slots=True)
 class Source:
-    """Where the model of a monitor comes from.
+    """Where the model of a monitor comes from."""
 
-    Attributes:
-        robot: Name or file of the robot; None for that of the diagnosis.
-        diagnosis: Id of the diagnosis, None for a nominal model.
-        model: The augmented model of the diagnosis.
-        good: Runs that it was made from, to calibrate on.
-    """
-
-    robot: str | None
-    diagnosis: str | None = None
-    model: Model | None = None
-    good: tuple[str, ...] = ()
+    robot: str | None  # name or file of the robot; None for that of the diagnosis
+    diagnosis: str | None = None  # id of the diagnosis, None for a nominal model
+    model: Model | None = None  # the augmented model of the diagnosis
+    good: tuple[str, ...] = ()  # runs that it was made from, to calibrate on
 
     def robot_of(self, run: Recording, store: Path) -> Robot:
         """Return the robot, which must be described as it was when a run was made."""

@@ -25,21 +25,14 @@ NOVEL = 0.01  # share of a run outside of what was calibrated that is worth a wo
 
 @dataclass(frozen=True, eq=False, slots=True)
 class Watched:
-    """What was found.
+    """What was found."""
 
-    Attributes:
-        monitor: The monitor, calibrated.
-        calibration: Ids of the healthy runs.
-        alarms: Alarms of each watched run, by its id.
-        novelty: Share of each run that is outside of the healthy runs. Shapes (dof,).
-        seconds: Length of all watched runs [s].
-    """
-
-    monitor: Monitor
-    calibration: tuple[str, ...]
-    alarms: Mapping[str, tuple[Alarm, ...]]
+    monitor: Monitor  # the monitor, calibrated
+    calibration: tuple[str, ...]  # ids of the healthy runs
+    alarms: Mapping[str, tuple[Alarm, ...]]  # alarms of each watched run, by its id
+    # Share of each run that is outside of the healthy runs. Shapes (dof,).
     novelty: Mapping[str, Array]
-    seconds: float
+    seconds: float  # length of all watched runs [s]
 
     @property
     def notes(self) -> tuple[str, ...]:
@@ -111,19 +104,14 @@ def watch(
 
 @dataclass(frozen=True, slots=True)
 class NewRuns:
-    """What the monitoring of new runs said.
+    """What the monitoring of new runs said."""
 
-    Attributes:
-        record: Id of its record, None where there was nothing to compare with.
-        found: What was found; None where nothing was watched.
-        watched: The runs that were watched, by their id.
-        why: Why nothing was watched, "" where it was.
-    """
-
+    # Id of its record, None where there was nothing to compare with.
     record: str | None = None
-    found: Watched | None = None
+    found: Watched | None = None  # what was found; None where nothing was watched
+    # The runs that were watched, by their id.
     watched: Mapping[str, Recording] = field(default_factory=dict)
-    why: str = ""
+    why: str = ""  # why nothing was watched, "" where it was
 
     @property
     def alarmed(self) -> tuple[str, ...]:

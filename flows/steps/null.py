@@ -27,17 +27,11 @@ OF_A_BLOCK = 4  # draws that share their encoder noise
 
 @dataclass(frozen=True, eq=False, slots=True)
 class Made:
-    """A null and where it is kept.
-
-    Attributes:
-        null: The null.
-        known: How many of its draws were in the store already.
-        complete: Whether all draws that were asked for are in it.
-    """
+    """A null and where it is kept."""
 
     null: Null
-    known: int
-    complete: bool
+    known: int  # how many of its draws were in the store already
+    complete: bool  # whether all draws that were asked for are in it
 
 
 def calibrate_null(

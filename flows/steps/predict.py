@@ -110,26 +110,18 @@ def written(made: Prediction, path: Path) -> bytes:
 
 @dataclass(frozen=True, eq=False, slots=True)
 class Viewed:
-    """What is shown of a log.
+    """What is shown of a log."""
 
-    Attributes:
-        robot: The arm.
-        look: What it looks like.
-        log: The log.
-        torque: Of each model, its torque [N m]: "nominal", and with a verdict
-            "identified" and "augmented". Shapes (n, dof).
-        effects: Every finding with its torque [N m]. Shapes (n, dof).
-        verdict: The verdict; None where none was asked for.
-        lines: What was understood of the log.
-    """
-
-    robot: Robot
-    look: Look
+    robot: Robot  # the arm
+    look: Look  # what it looks like
     log: Recording
+    # Of each model, its torque [N m]: "nominal", and with a verdict "identified" and
+    # "augmented". Shapes (n, dof).
     torque: Mapping[str, Array]
+    # Every finding with its torque [N m]. Shapes (n, dof).
     effects: tuple[tuple[Finding, Array], ...]
-    verdict: Verdict | None
-    lines: tuple[str, ...]
+    verdict: Verdict | None  # the verdict; None where none was asked for
+    lines: tuple[str, ...]  # what was understood of the log
 
 
 @one_blas_thread

@@ -156,28 +156,19 @@ _TRUTH = "hidden truth"
 
 @dataclass(frozen=True, eq=False, slots=True)
 class Rerun:
-    """What a rerun gave.
+    """What a rerun gave."""
 
-    Attributes:
-        id: Id of the record.
-        kind: Its kind, such as "runs".
-        apart: Where the values differ, the earliest first; empty where none does.
-        same_code: Whether the code is the one that made the record.
-        cause: Why values differ; None where they do not.
-        changes: Which uncommitted change of the code the record was made with.
-        made: Id of the new record; None where nothing new was stored.
-        noted: Id of the validation that says what differs; None where there is none.
-        imported: Whether it was measured: then its values were checked, not made.
-    """
-
-    id: str
-    kind: str
+    id: str  # id of the record
+    kind: str  # its kind, such as "runs"
+    # Where the values differ, the earliest first; empty where none does.
     apart: tuple[Channel, ...]
-    same_code: bool
-    cause: Cause | None
-    changes: str
-    made: str | None = None
+    same_code: bool  # whether the code is the one that made the record
+    cause: Cause | None  # why values differ; None where they do not
+    changes: str  # which uncommitted change of the code the record was made with
+    made: str | None = None  # id of the new record; None where nothing new was stored
+    # Id of the validation that says what differs; None where there is none.
     noted: str | None = None
+    # Whether it was measured: then its values were checked, not made.
     imported: bool = False
 
     @property

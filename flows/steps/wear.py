@@ -34,28 +34,20 @@ MOST = 200  # runs, the latest: two seconds of work or so for every ten
 
 @dataclass(frozen=True, slots=True)
 class Wear:
-    """What the friction of a robot did.
-
-    Attributes:
-        robot: Its name.
-        line: Which model it was held against; None for one identified from the runs.
-        clock: What the time within a session is taken from.
-        time: Time constant of warming up [s].
-        joints: What each joint does.
-        runs: Ids of the runs, the first one first.
-        days, sessions: Of each run: days since the first, and time since its session
-            began [s]. Shapes (n,).
-        change, sd: Friction of each joint relative to the model's. Shapes (n, dof).
-    """
+    """What the friction of a robot did."""
 
     robot: str
+    # Which model it was held against; None for one identified from the runs.
     line: str | None
-    clock: str
-    time: float
-    joints: Sequence[JointTrend]
-    runs: Sequence[str]
+    clock: str  # what the time within a session is taken from
+    time: float  # time constant of warming up [s]
+    joints: Sequence[JointTrend]  # what each joint does
+    runs: Sequence[str]  # ids of the runs, the first one first
+    # Of each run: days since the first, and time since its session began [s]. Shapes
+    # (n,).
     days: Array
     sessions: Array
+    # Friction of each joint relative to the model's. Shapes (n, dof).
     change: Array
     sd: Array
 

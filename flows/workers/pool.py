@@ -35,17 +35,11 @@ class Runs(Protocol):
 
 @dataclass(frozen=True, slots=True)
 class Done:
-    """One finished job.
+    """One finished job."""
 
-    Attributes:
-        index: Its place in the list of jobs.
-        value: What the work returned, None if it failed.
-        error: Why it failed, None if it did not.
-    """
-
-    index: int
-    value: Any = None
-    error: BaseException | None = None
+    index: int  # its place in the list of jobs
+    value: Any = None  # what the work returned, None if it failed
+    error: BaseException | None = None  # why it failed, None if it did not
 
 
 class Pool:

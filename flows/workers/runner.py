@@ -92,14 +92,10 @@ class Cluster:
 
 @dataclass(frozen=True, slots=True)
 class Runner:
-    """Where to compute.
+    """Where to compute."""
 
-    Attributes:
-        kind: "threads" or "dask".
-        address: Of the Dask scheduler, as tcp://host:port; None for the other.
-    """
-
-    kind: str = THREADS
+    kind: str = THREADS  # "threads" or "dask"
+    # Of the Dask scheduler, as tcp://host:port; None for the other.
     address: str | None = None
 
 

@@ -45,21 +45,12 @@ SPEED, SPAN = 0.05, 10  # rad/s; samples to both sides, over which encoders tell
 
 @dataclass(frozen=True, slots=True)
 class Job:
-    """One case to write.
+    """One case to write."""
 
-    Attributes:
-        name: What it is called, which says nothing.
-        asked: The study, with the arm of this case.
-        draft: What was drawn.
-        minimum: Detectable sizes of its motions.
-        folder: Folder of the export.
-        store: The store.
-    """
-
-    name: str
-    asked: Asked
-    draft: Draft
-    minimum: Minimum
+    name: str  # what it is called, which says nothing
+    asked: Asked  # the study, with the arm of this case
+    draft: Draft  # what was drawn
+    minimum: Minimum  # detectable sizes of its motions
     folder: Path
     store: Path
 

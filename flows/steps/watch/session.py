@@ -39,42 +39,27 @@ FORM = 2
 
 @dataclass(frozen=True, slots=True)
 class Origin:
-    """What a reference was learnt from.
-
-    Attributes:
-        robot: Name of the robot.
-        robot_hash: Hash of its description.
-        diagnosis: Id of the diagnosis whose model expects the torque; None for the
-            nominal one.
-        good: Ids of the healthy runs.
-    """
+    """What a reference was learnt from."""
 
     robot: str
-    robot_hash: str
+    robot_hash: str  # hash of its description
+    # Id of the diagnosis whose model expects the torque; None for the nominal one.
     diagnosis: str | None
-    good: tuple[str, ...]
+    good: tuple[str, ...]  # ids of the healthy runs
 
 
 @dataclass(frozen=True, eq=False, slots=True)
 class Session:
-    """A watch at one moment.
+    """A watch at one moment."""
 
-    Attributes:
-        origin: What its reference was learnt from.
-        reference: What is usual.
-        state: State of the stream.
-        recent: Samples since some seconds before the first alarm that is not diagnosed
-            yet, or the last seconds.
-        waiting: Alarms that wait for samples to be diagnosed.
-        position: Where the source goes on.
-    """
-
-    origin: Origin
-    reference: Reference
-    state: State
+    origin: Origin  # what its reference was learnt from
+    reference: Reference  # what is usual
+    state: State  # state of the stream
+    # Samples since some seconds before the first alarm that is not diagnosed yet, or
+    # the last seconds.
     recent: Samples
-    waiting: tuple[Change, ...] = ()
-    position: dict | None = None
+    waiting: tuple[Change, ...] = ()  # alarms that wait for samples to be diagnosed
+    position: dict | None = None  # where the source goes on
 
 
 def advance(session: Session, samples: Samples) -> tuple[Session, tuple[Change, ...]]:
