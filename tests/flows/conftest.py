@@ -13,14 +13,13 @@ import pytest
 from residual.calibration import calibrate as core
 from residual.check.result import LogCheck
 from residual.diagnosis.result import Diagnosis
+from residual.recording import Recording
 from residual.tables.form import EffectForm
 from residual.tables.nominal_pls import NominalForm
 from tests.flows.adopted_arm import make_nights
 from tests.flows.prefect_server import asked, started
+from tests.residual.arms import write_csv
 from tests.verdict_documents import typed
-
-JOINTS = range(1, 7)
-NAMES = ("t", *(f"q{i}" for i in JOINTS), *(f"tau{i}" for i in JOINTS))
 
 
 @pytest.fixture(scope="session")
@@ -103,12 +102,6 @@ def folder(tmp_path, monkeypatch):
     t = np.arange(300) / 100
     for name in "ABC":
         q = 0.5 * np.sin(t[:, None] * np.arange(1, 7) / 2 + rng.normal(size=6))
-        table = np.column_stack([t, q, rng.normal(size=(300, 6))])
-        np.savetxt(
-            tmp_path / f"{name}.csv",
-            table,
-            delimiter=",",
-            header=",".join(NAMES),
-            comments="",
-        )
+        log = Recording(name, "irb140", t, q, rng.normal(size=(300, 6)))
+        write_csv(tmp_path / f"{name}.csv", log)
     return tmp_path

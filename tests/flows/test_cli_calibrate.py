@@ -15,11 +15,10 @@ from flows.specs.experiment import experiment_of
 from flows.steps import experiment
 from residual.calibration.methods import DEFAULT, LS, NONE, PAPER_FORM
 from residual.calibration.scores import RANDOM, RUN, Score
-from tests.residual.arms import urdf_text
-from tests.residual.identified import AXES, logs
+from tests.residual.arms import write_csv
+from tests.residual.identified import logs, workplace
 from warehouse.query.store import open_store
 
-NAMES = ("t", *(f"{c}{j}" for c in ("q", "tau") for j in (1, 2, 3)))
 KEYS = (
     "schema robot mode declared logs families rows joints variables metric table "
     "default paper_form components levels importance outliers plane words notes "
@@ -34,24 +33,11 @@ def run(words):
     return main(words.split())
 
 
-def write_logs(names, seconds, reference=False):
-    """Write logs of the arm; with a reference it is where it was asked to be."""
-    head = (*NAMES, *(f"q_ref{j}" for j in (1, 2, 3) if reference))
-    made = logs(len(names), noise=0.5, duration=seconds)
-    for name, log in zip(names, made, strict=True):
-        columns = (log.t, log.q, log.tau, *((log.q,) if reference else ()))
-        table = np.column_stack(columns)
-        words = {"delimiter": ",", "header": ",".join(head), "comments": ""}
-        np.savetxt(f"{name}.csv", table, **words)
-
-
 @pytest.fixture
 def place(tmp_path, monkeypatch):
     """A working directory with an arm and its logs A.csv, B.csv and C.csv."""
     monkeypatch.chdir(tmp_path)
-    (tmp_path / "arm.urdf").write_text(urdf_text(AXES))
-    write_logs("ABC", 4.0)
-    return tmp_path
+    return workplace(tmp_path, "ABC", 4.0)
 
 
 @pytest.fixture(scope="module")
@@ -136,24 +122,6 @@ def test_runs_are_calibrated_as_in_the_paper_and_kept(stored, capsys):
     assert pooled == [pytest.approx(row["rmsev"][1])]
 
 
-@pytest.mark.parametrize(
-    ("words", "told"),
-    [
-        ("A.csv B.csv --robot arm.urdf --paper", "--paper: A has no reference"),
-        ("--robot arm.urdf", "No log to calibrate on"),
-        ("A.csv --robot arm.urdf --declared frction", "frction"),
-        ("A.csv --robot arm.urdf --export A.csv", "is a file, expected a folder"),
-        ("A.csv --robot arm.urdf --report A.csv", "would overwrite an input file"),
-        ("A.csv abcdef12 --robot arm.urdf --store nowhere", "abcdef12"),
-    ],
-)
-def test_bad_usage_is_told_in_a_line_or_two(place, capsys, words, told):
-    assert run(f"calibrate {words}") == 2
-    shown = capsys.readouterr().err
-    assert told in shown
-    assert len(shown.strip().splitlines()) <= 3
-
-
 def scores(**percent):
     """A table of one joint: percent by scheme and model."""
     out = []
@@ -194,14 +162,12 @@ def test_levels_components_and_joints_are_options(place, capsys):
     assert made["paper_form"] is None
     paper = next(row for row in made["table"] if row["model"] == "paper")
     assert paper["components"] <= 3
-    capsys.readouterr()
-    assert run("calibrate A.csv B.csv --robot arm.urdf --levels 4,x") == 2
-    assert "--levels 4,x: expected whole numbers" in capsys.readouterr().err
 
 
 @pytest.mark.long
 def test_a_measured_log_with_a_reference_is_calibrated_as_in_the_paper(place):
-    write_logs("AB", 6.0, reference=True)
+    for name, log in zip("AB", logs(2, noise=0.5, duration=6.0), strict=True):
+        write_csv(f"{name}.csv", log, q_ref=log.q)  # it is where it was asked to be
     words = "calibrate A.csv B.csv --robot arm.urdf --paper --levels 3 --components 2"
     assert run(f"{words} --json o.json") == 0
     made = json.loads(Path("o.json").read_text())

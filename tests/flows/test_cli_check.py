@@ -176,22 +176,6 @@ def test_a_huge_sample_is_a_fault_and_no_failure(log, capsys, column, size):
     assert f"{size:.3g} at sample 700" in fault["evidence"]
 
 
-@pytest.mark.parametrize(
-    ("words", "message"),
-    [
-        ("check --robot irb140", "No log to check"),
-        ("check B.csv --robot irb140", "No log file 'B.csv'"),
-        ("check A.csv --robot irb140 --map no.toml", "Cannot read no.toml"),
-        ("check A.csv --robot irb140 --json A.csv", "overwrite an input"),
-        ("check A.csv --robot irb140 --declared coulom", "did you mean 'coulomb'"),
-    ],
-)
-def test_bad_words_end_with_two(log, capsys, words, message):
-    log()
-    assert run(words) == 2
-    assert message in capsys.readouterr().err
-
-
 def test_every_kind_has_its_words():
     assert set(MEANING) == set(KINDS)
     fault = Fault("gear_ratio", (1, 2, 3), False, "")

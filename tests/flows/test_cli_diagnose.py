@@ -108,50 +108,6 @@ def test_what_the_readers_found_odd_is_among_the_warnings(folder, calls):
     assert warnings == ["A: q6 never changes; is it logged?", "core"]
 
 
-BAD_WORDS = {
-    "diagnos": 'Did you mean "diagnose"',
-    "diagnose A.csv": "--robot requires an argument",
-    "diagnose A.csv --robo irb140": "Did you mean --robot",
-    "diagnose A.csv --robot": "--robot requires an argument",
-    "diagnose A.csv --robot irb140 --holdout": "--holdout requires at least 1",
-    "diagnose A.csv --robot irb140 --json": "--json requires an argument",
-    "diagnose --robot irb140 --holdout A.csv": "No log to diagnose",
-    "diagnose A.csv --robot irb14": "did you mean 'irb140'",
-    "diagnose A.csv --robot my.urdf": "No file or folder 'my.urdf'",
-    "diagnose A.csv --robot irb140 --declared coulom": "did you mean 'coulomb'",
-    "diagnose A.csv --robot irb140 --declared viscous,": "Unknown effect",
-    "diagnose A.csv --robot irb140 --declared none,viscous": "Unknown effect",
-    "diagnose A.csv --robot irb140 --map no.toml": "Cannot read no.toml",
-    "diagnose D.csv --robot irb140": "No log file 'D.csv'",
-    "diagnose A.csv@0:9 --robot irb140": "outside the log",
-    "diagnose A.csv B.csv --robot irb140 --holdout A.csv": "hold the same samples",
-    "diagnose A.csv --robot irb140 --baseline A.csv": "hold the same samples",
-    "diagnose A.csv --robot irb140 --holdout A.csv@0:2.5": "hold the same samples",
-    "diagnose A.csv --robot irb140 --report no/o.html": "no folder 'no'",
-    "diagnose A.csv --robot irb140 --report .": "is a folder",
-    "diagnose A.csv --robot irb140 --report A.csv": "overwrite an input",
-    "diagnose A.csv@0:2.5 --robot irb140 --json A.csv": "overwrite an input",
-    "diagnose A.csv --robot irb140 --json o --report ./o": "both name",
-    "demo --effect stribek": "did you mean 'stribeck'",
-    "demo --seed x": "seed",
-    "demo --seed -1": "expected 0 to",
-    "demo --store A.csv": "is a file, not a folder",
-}
-
-
-@pytest.mark.parametrize("words", BAD_WORDS)
-def test_bad_words_end_with_two_and_at_most_two_lines(folder, calls, capsys, words):
-    before = sorted(os.listdir(folder))
-    assert run(words) == 2
-    shown = capsys.readouterr()
-    assert BAD_WORDS[words] in shown.err
-    assert shown.err.startswith("modelgap: ")
-    assert 1 <= shown.err.count("\n") <= 2
-    assert shown.out == ""
-    assert sorted(os.listdir(folder)) == before
-    assert calls == []
-
-
 def test_a_failure_of_the_program_is_one_and_hints_at_the_trace(
     folder, calls, capsys, monkeypatch
 ):

@@ -1,19 +1,15 @@
 """modelgap identify: words in; tables, files and messages out."""
 
 import json
-import os
 from dataclasses import replace
 from pathlib import Path
 
-import numpy as np
 import pytest
 
 from flows.cli import main
 from residual.robot.robot import load_robot
-from tests.residual.arms import urdf_text
-from tests.residual.identified import AXES, logs
+from tests.residual.identified import logs, workplace
 
-NAMES = ("t", *(f"{c}{j}" for c in ("q", "tau") for j in (1, 2, 3)))
 KEYS = (
     "schema robot declared method prior logs held_out same_run condition noise rows "
     "independent_rows outliers parameters essential error acceleration_error "
@@ -29,13 +25,7 @@ def run(words):
 def place(tmp_path, monkeypatch):
     """A working directory with an arm and its logs A.csv, B.csv and C.csv."""
     monkeypatch.chdir(tmp_path)
-    (tmp_path / "arm.urdf").write_text(urdf_text(AXES))
-    for name, log in zip("ABC", logs(3, noise=0.5, duration=8.0), strict=True):
-        table = np.column_stack([log.t, log.q, log.tau])
-        np.savetxt(
-            f"{name}.csv", table, delimiter=",", header=",".join(NAMES), comments=""
-        )
-    return tmp_path
+    return workplace(tmp_path, "ABC", 8.0)
 
 
 def test_parameters_and_errors_are_shown_and_written(place, capsys):
@@ -91,34 +81,3 @@ def test_a_run_of_the_store_is_a_log(place, capsys):
     id = commit_run(place / "store", log, manifest(), sealed())
     assert run(f"identify {id[:10]} --robot arm.urdf --holdout C.csv") == 0
     assert f"{id}: run of small_arm" in capsys.readouterr().out
-
-
-BAD = {
-    "identify": "--robot requires an argument",
-    "identify --robot arm.urdf": "No log to identify from",
-    "identify A.csv --robot arm.urd": "No file or folder 'arm.urd'",
-    "identify A.csv --robot arm.urdf --method wsl": "did you mean 'wls'",
-    "identify A.csv --robot arm.urdf --declared coulom": "did you mean 'coulomb'",
-    "identify A.csv --robot arm.urdf --prior -1": "expected a positive number",
-    "identify A.csv --robot arm.urdf --prior x": "prior",
-    "identify A.csv --robot arm.urdf --prior 1 --essential": "exclude each other",
-    "identify A.csv --robot arm.urdf --holdout A.csv": "hold the same samples",
-    "identify A.csv --robot arm.urdf --export A.csv": "is a file, expected a folder",
-    "identify A.csv --robot arm.urdf --export .": "is not empty",
-    "identify A.csv --robot arm.urdf --export no/new": "no folder 'no'",
-    "identify A.csv --robot arm.urdf --json A.csv": "overwrite an input",
-    "identify D.csv --robot arm.urdf": "No log file 'D.csv'",
-    "identify abc123 --robot arm.urdf": "abc123",
-    "identify A.csv@0:1.6 --robot arm.urdf": "expected at least 2 s",
-}
-
-
-@pytest.mark.parametrize("words", BAD)
-def test_bad_words_end_with_two_and_leave_nothing_behind(place, capsys, words):
-    before = sorted(os.listdir(place))
-    assert run(words) == 2
-    shown = capsys.readouterr().err
-    assert BAD[words] in shown
-    assert shown.startswith("modelgap: ")
-    assert 1 <= shown.count("\n") <= 2
-    assert sorted(os.listdir(place)) == before

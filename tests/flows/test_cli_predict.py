@@ -14,7 +14,7 @@ from residual.model.compare import EDITED, WHOLE, predict
 from residual.model.corrected import Corrected
 from residual.model.model import Model
 from residual.recording import Recording
-from tests.residual.arms import smooth_motion
+from tests.residual.arms import smooth_motion, write_csv
 
 
 @pytest.fixture
@@ -26,12 +26,10 @@ def place(tmp_path, monkeypatch):
     t = np.arange(1500) / 250
     q, qd, qdd = smooth_motion(robot, t)
     tau = model.along(t, (q, qd, qdd))
-    heads = ["t", *(f"{c}{j}" for c in ("q", "tau") for j in range(1, 7))]
-    rows = np.column_stack([t, q, tau])
-    head = ",".join(heads)
-    np.savetxt("log.csv", rows, delimiter=",", header=head, comments="", fmt="%.10g")
+    log = Recording("log", robot.name, t, q, tau)
+    write_csv("log.csv", log, "%.10g")
     model.save("model.json")
-    return model, Recording("log", robot.name, t, q, tau)
+    return model, log
 
 
 def _errors(file):

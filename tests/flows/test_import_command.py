@@ -14,13 +14,12 @@ from flows.inputs.given import load, robot_of
 from residual.errors import InputError
 from residual.robot.robot import with_serial
 from tests.residual.arms import urdf_text
-from tests.residual.identified import AXES, logs
+from tests.residual.identified import AXES, workplace
 from tests.warehouse import log_files as files
 from warehouse.layout import read_record
 from warehouse.runs import keep_robot, read_run, robot_of_hash
 
 JOINTS = [(j, f"j{j}") for j in (1, 2, 3)]
-NAMES = ("t", *(f"{c}{j}" for c in ("q", "tau") for j in (1, 2, 3)))
 
 
 @pytest.fixture
@@ -28,18 +27,7 @@ def place(tmp_path, monkeypatch):
     """A working directory with an arm and its logs A.csv and B.csv."""
     monkeypatch.chdir(tmp_path)
     monkeypatch.delenv("MODELGAP_STORE", raising=False)
-    (tmp_path / "arm.urdf").write_text(urdf_text(AXES))
-    for name, log in zip("AB", logs(2, noise=0.5, duration=8.0), strict=True):
-        table = np.column_stack([log.t, log.q, log.tau])
-        np.savetxt(
-            f"{name}.csv",
-            table,
-            delimiter=",",
-            header=",".join(NAMES),
-            comments="",
-            fmt="%.17g",
-        )
-    return tmp_path
+    return workplace(tmp_path, "AB", 8.0)
 
 
 @pytest.fixture
@@ -166,30 +154,6 @@ def test_diagnose_takes_ids_of_runs(calls, run, place):
     assert [log.id for log in calls[0]["fit"]] == [one]
     code, _, err = run(f"diagnose {one} A.csv B.csv --robot arm.urdf")
     assert (code, "hold the same samples" in err) == (2, True)
-
-
-BAD = {
-    "import --robot arm.urdf": "No log to import",
-    "import A.csv": "--robot",
-    "import A.csv --robot arm": "Unknown robot 'arm'",
-    "import no.csv --robot arm.urdf": "No log file 'no.csv'",
-    "import A.csv A.csv --robot arm.urdf": "are one run",
-    "import A.csv --robot irb140": "missing column",
-    "import A.csv --robot arm.urdf --map no.toml": "Cannot read no.toml: No such file",
-    "import arm.urdf --robot arm.urdf": "arm.urdf",
-    "import . --robot arm.urdf": "is a folder, expected a log file",
-    f"import A.csv --robot arm.urdf --trajectory {'x' * 99}": "expected a short name",
-    "import A.csv --robot arm.urdf --store A.csv": "is a file, not a folder",
-}
-
-
-@pytest.mark.parametrize("words", BAD)
-def test_bad_words_end_with_two_and_store_nothing(run, words):
-    code, out, err = run(words)
-    assert BAD[words] in err
-    assert (code, out) == (2, "")
-    assert 1 <= err.count("\n") <= 2
-    assert not Path("store").exists()
 
 
 def test_a_stored_log_is_imported_again_where_nothing_may_be_written(

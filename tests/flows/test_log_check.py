@@ -15,12 +15,10 @@ from flows.steps.diagnose import diagnose_runs
 from residual.check.result import Fault, LogCheck, Repair
 from residual.diagnosis.result import Diagnosis
 from residual.errors import InputError
-from tests.residual.arms import urdf_text
-from tests.residual.identified import AXES, logs
+from tests.residual.identified import workplace
 from tests.verdict_documents import typed
 from warehouse.layout import read_record
 
-NAMES = ("t", *(f"{c}{j}" for c in ("q", "tau") for j in (1, 2, 3)))
 LINE = 'tau = {columns = ["tau1", "tau2", "tau3"], sign = [1, -1, 1]}'
 SIGN = Fault(
     "torque_sign", (2,), True, "Friction gives.", (Repair("tau", (2,), sign=(-1,)),)
@@ -39,13 +37,7 @@ def place(tmp_path, monkeypatch):
     """A working directory with an arm and its logs A.csv, B.csv and C.csv."""
     monkeypatch.chdir(tmp_path)
     monkeypatch.delenv("MODELGAP_STORE", raising=False)
-    (tmp_path / "arm.urdf").write_text(urdf_text(AXES))
-    for name, log in zip("ABC", logs(3, noise=0.5, duration=4.0), strict=True):
-        table = np.column_stack([log.t, log.q, log.tau])
-        np.savetxt(
-            f"{name}.csv", table, delimiter=",", header=",".join(NAMES), comments=""
-        )
-    return tmp_path
+    return workplace(tmp_path, "ABC", 4.0)
 
 
 @pytest.fixture
@@ -218,13 +210,8 @@ def test_the_door_checks_and_refuses_likewise(place, found):
 def test_the_door_checks_files_that_it_would_not_read(place, found):
     table = np.genfromtxt("A.csv", delimiter=",", names=True)
     table["q2"][5] = np.nan
-    np.savetxt(
-        "bad.csv",
-        np.array(table.tolist()),
-        delimiter=",",
-        header=",".join(NAMES),
-        comments="",
-    )
+    rows, names = np.array(table.tolist()), ",".join(table.dtype.names)
+    np.savetxt("bad.csv", rows, delimiter=",", header=names, comments="")
     robot = mg.load_robot("arm.urdf")
     with pytest.raises(InputError, match="NaN"):
         mg.read_logs("bad.csv", robot)

@@ -3,7 +3,6 @@
 import json
 from dataclasses import replace
 
-import numpy as np
 import pytest
 
 from flows.inputs.given import load
@@ -13,7 +12,7 @@ from flows.storage import null as keep
 from flows.storage.null import null_json, nulls_in, read_null
 from flows.workers.pool import Here
 from residual.errors import InputError
-from tests.residual.arms import arm, short_case, urdf_text
+from tests.residual.arms import arm, short_case, urdf_text, write_csv
 
 
 @pytest.fixture
@@ -22,10 +21,7 @@ def place(tmp_path, monkeypatch):
     monkeypatch.setenv("MODELGAP_STORE", str(tmp_path / "store"))
     (tmp_path / "arm.urdf").write_text(urdf_text())
     for log in short_case(arm(), seed=51, duration=6.0).fit[:2]:
-        head = ",".join(["t", *(f"{c}{j}" for c in ("q", "tau") for j in (1, 2))])
-        rows = np.column_stack([log.t, log.q, log.tau])
-        file = tmp_path / f"{log.id}.csv"
-        np.savetxt(file, rows, delimiter=",", header=head, comments="")
+        write_csv(tmp_path / f"{log.id}.csv", log)
     return tmp_path
 
 

@@ -1,14 +1,14 @@
 """modelgap wear: from imported logs of several days to what each joint does."""
 
 import json
+from dataclasses import replace
 
 import numpy as np
 import pytest
 
 from flows.cli import main
-from tests.residual.arms import arm, plain_logs, urdf_text
+from tests.residual.arms import arm, plain_logs, urdf_text, write_csv
 
-COLUMNS = "t,q1,q2,tau1,tau2"
 DAYS = (1, 11, 21, 31)
 MOMENTS = [f"2026-03-{day:02d}T{hour}:00Z" for day in DAYS for hour in ("08", "09")]
 
@@ -23,8 +23,7 @@ def store(tmp_path, monkeypatch, capsys):
         qd = np.gradient(log.q, log.t, axis=0)
         more = 0.25 * 10 * (k // 2) / 30
         tau = log.tau + more * (3 * np.tanh(qd / 0.01) + 2 * qd)
-        table = np.column_stack([log.t, log.q, tau])
-        np.savetxt(f"{k}.csv", table, delimiter=",", header=COLUMNS, comments="")
+        write_csv(f"{k}.csv", replace(log, tau=tau))
         words = ["import", f"{k}.csv", "--robot", "arm.urdf", "--store", "store"]
         assert main([*words, "--recorded-at", moment]) == 0
     capsys.readouterr()

@@ -169,3 +169,12 @@ def doubts(case: Case, declared=DEFAULT_DECLARED) -> tuple[Examined, list[Named]
 
 def quiet(stage, share):
     """Progress that nobody watches."""
+
+
+def write_csv(path, log, form="%.17g", **more) -> None:
+    """Write t, q and tau of a log, and more columns by name, as a CSV file."""
+    signals = {"q": log.q, "tau": log.tau, **more}
+    joints = range(1, 1 + log.q.shape[1])
+    names = ["t", *(f"{name}{j}" for name in signals for j in joints)]
+    table = np.column_stack([log.t, *signals.values()])
+    np.savetxt(path, table, form, ",", header=",".join(names), comments="")

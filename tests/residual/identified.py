@@ -3,8 +3,10 @@
 Torque is made by Pinocchio's RNEA and written-out friction, never by a regressor.
 """
 
+from collections.abc import Iterable
 from dataclasses import dataclass
 from functools import cache
+from pathlib import Path
 
 import numpy as np
 
@@ -15,7 +17,7 @@ from residual.robot.dynamics import (
     with_inertial_parameters,
 )
 from residual.robot.robot import Robot
-from tests.residual.arms import arm
+from tests.residual.arms import arm, urdf_text, write_csv
 
 AXES = ("0 0 1", "0 1 0", "0 1 0")
 VISCOUS, COULOMB, ROTOR = (2.0, 3.0, 1.0), (4.0, 5.0, 2.0), (0.3, 0.4, 0.1)
@@ -60,3 +62,12 @@ def logs(count=2, noise=0.0, joints=(0, 1, 2), seed=0, duration=12.0):
         tau = tau + noise * rng.normal(size=tau.shape)
         out.append(Recording(f"log{k}", "any", 100.0 * k + t, q, tau))
     return out
+
+
+def workplace(folder: Path, names: Iterable[str], seconds: float) -> Path:
+    """Write the arm and a log of it by each name; returns the folder."""
+    (folder / "arm.urdf").write_text(urdf_text(AXES))
+    made = logs(len(names), noise=0.5, duration=seconds)
+    for name, log in zip(names, made, strict=True):
+        write_csv(folder / f"{name}.csv", log)
+    return folder

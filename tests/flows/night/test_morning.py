@@ -19,7 +19,7 @@ from flows.steps.monitor import diagnosis_of, healthy_runs
 from flows.storage.diagnosis import store_report
 from tests.flows.asgi import OURS, answer, prefect, scope, signed
 from tests.flows.night.stores import diagnose
-from tests.residual.arms import urdf_text
+from tests.residual.arms import urdf_text, write_csv
 from tests.residual.identified import AXES, Truth, logs, truth
 from tests.warehouse import store_samples as made
 from warehouse.commit import commit_record, commit_run
@@ -219,22 +219,16 @@ def loaded(log, known):
     return replace(log, tau=log.tau + more)
 
 
-def written(place, log) -> None:
-    names = ["t", *(f"{c}{j}" for c in ("q", "tau") for j in (1, 2, 3))]
-    table = np.column_stack([log.t, log.q, log.tau])
-    np.savetxt(place, table, "%.9g", ",", header=",".join(names), comments="")
-
-
 @pytest.mark.long
 def test_four_loads_and_a_refused_log_are_one_story_from_the_inbox_on(project, capsys):
     (project.folder / "arm.urdf").write_text(urdf_text(AXES))
     known, places = truth(), [inbox.folder for inbox in inboxes(project)]
     for k, log in enumerate(logs(3, noise=0.5, seed=1)):
-        written(places[1] / f"good_{k}.csv", log)
-    written(places[0] / "usual.csv", logs(1, noise=0.5, seed=2)[0])
+        write_csv(places[1] / f"good_{k}.csv", log)
+    write_csv(places[0] / "usual.csv", logs(1, noise=0.5, seed=2)[0])
     assert main(["inbox", "--once"]) == 0  # what alarms are judged by later
     for k, log in enumerate(logs(4, noise=0.5, seed=3)):
-        written(places[0] / f"load_{k}.csv", loaded(log, known))
+        write_csv(places[0] / f"load_{k}.csv", loaded(log, known))
     (places[0] / "bad.csv").write_text("t,q1\n0,1\n")
     capsys.readouterr()
     assert main(["inbox", "--once"]) == 0

@@ -88,9 +88,10 @@ def test_every_entrypoint_of_a_project_is_a_flow(project):
     for each in deployments(project)["deployments"]:
         module, _, name = each["entrypoint"].rpartition(".")
         text = (ROOT / f"{module.replace('.', '/')}.py").read_text()
-        defined = {
-            n.name for n in ast.parse(text).body if isinstance(n, ast.FunctionDef)
-        }
+        body = ast.parse(text).body
+        defined = {n.name for n in body if isinstance(n, ast.FunctionDef)}
+        made = (t for n in body if isinstance(n, ast.Assign) for t in n.targets)
+        defined |= {target.id for target in made if isinstance(target, ast.Name)}
         assert name in defined, each["entrypoint"]
 
 

@@ -1,0 +1,89 @@
+"""Bad words of every command about logs: exit code 2, a line or two, no file."""
+
+import os
+
+import pytest
+
+from flows.cli import main
+from tests.residual.identified import workplace
+
+ROBOT = "--robot arm.urdf"
+# What stands for itself with any of the verbs that fit something to logs.
+OF_ALL = {
+    "V A.csv": "--robot requires an argument",
+    f"V {ROBOT}": "No log to ",
+    "V A.csv --robot arm.urd": "No file or folder 'arm.urd'",
+    "V A.csv --robot irb14": "did you mean 'irb140'",
+    f"V A.csv {ROBOT} --declared coulom": "did you mean 'coulomb'",
+    f"V A.csv {ROBOT} --map no.toml": "Cannot read no.toml",
+    f"V A.csv {ROBOT} --json A.csv": "overwrite an input",
+    f"V D.csv {ROBOT}": "No log file 'D.csv'",
+    f"V abcdef12 {ROBOT} --store nowhere": "abcdef12",
+}
+VERBS = ("diagnose", "identify", "calibrate", "check")
+BAD = {
+    "diagnos": 'Did you mean "diagnose"',
+    "diagnose A.csv --robo arm.urdf": "Did you mean --robot",
+    "diagnose A.csv --robot": "--robot requires an argument",
+    f"diagnose A.csv {ROBOT} --holdout": "--holdout requires at least 1",
+    f"diagnose A.csv {ROBOT} --json": "--json requires an argument",
+    f"diagnose {ROBOT} --holdout A.csv": "No log to diagnose",
+    f"diagnose A.csv {ROBOT} --declared viscous,": "Unknown effect",
+    f"diagnose A.csv {ROBOT} --declared none,viscous": "Unknown effect",
+    f"diagnose A.csv@0:9 {ROBOT}": "outside the log",
+    f"diagnose A.csv B.csv {ROBOT} --holdout A.csv": "hold the same samples",
+    f"diagnose A.csv {ROBOT} --baseline A.csv": "hold the same samples",
+    f"diagnose A.csv {ROBOT} --holdout A.csv@0:2.5": "hold the same samples",
+    f"diagnose A.csv {ROBOT} --report no/o.html": "no folder 'no'",
+    f"diagnose A.csv {ROBOT} --report .": "is a folder",
+    f"diagnose A.csv {ROBOT} --report A.csv": "overwrite an input",
+    f"diagnose A.csv@0:2.5 {ROBOT} --json A.csv": "overwrite an input",
+    f"diagnose A.csv {ROBOT} --json o --report ./o": "both name",
+    f"identify A.csv {ROBOT} --method wsl": "did you mean 'wls'",
+    f"identify A.csv {ROBOT} --prior -1": "expected a positive number",
+    f"identify A.csv {ROBOT} --prior x": "prior",
+    f"identify A.csv {ROBOT} --prior 1 --essential": "exclude each other",
+    f"identify A.csv {ROBOT} --holdout A.csv": "hold the same samples",
+    f"identify A.csv {ROBOT} --export A.csv": "is a file, expected a folder",
+    f"identify A.csv {ROBOT} --export .": "is not empty",
+    f"identify A.csv {ROBOT} --export no/new": "no folder 'no'",
+    f"identify A.csv@0:1.6 {ROBOT}": "expected at least 2 s",
+    f"calibrate A.csv B.csv {ROBOT} --paper": "--paper: A has no reference",
+    f"calibrate A.csv {ROBOT} --export A.csv": "is a file, expected a folder",
+    f"calibrate A.csv {ROBOT} --levels 4,x": "--levels 4,x: expected whole numbers",
+    f"import {ROBOT}": "No log to import",
+    "import A.csv": "--robot",
+    "import A.csv --robot arm": "Unknown robot 'arm'",
+    f"import no.csv {ROBOT}": "No log file 'no.csv'",
+    f"import A.csv A.csv {ROBOT}": "are one run",
+    "import A.csv --robot irb140": "missing column",
+    f"import A.csv {ROBOT} --map no.toml": "Cannot read no.toml: No such file",
+    f"import arm.urdf {ROBOT}": "arm.urdf",
+    f"import . {ROBOT}": "is a folder, expected a log file",
+    f"import A.csv {ROBOT} --trajectory {'x' * 99}": "expected a short name",
+    f"import A.csv {ROBOT} --store A.csv": "is a file, not a folder",
+    "demo --effect stribek": "did you mean 'stribeck'",
+    "demo --seed x": "seed",
+    "demo --seed -1": "expected 0 to",
+    "demo --store A.csv": "is a file, not a folder",
+}
+BAD |= {w.replace("V", verb, 1): OF_ALL[w] for w in OF_ALL for verb in VERBS}
+
+
+@pytest.fixture(scope="module")
+def logs(tmp_path_factory):
+    """A folder with an arm and its logs A.csv and B.csv, which no test changes."""
+    return workplace(tmp_path_factory.mktemp("logs"), "AB", 8.0)
+
+
+@pytest.mark.parametrize("words", BAD)
+def test_bad_words_end_with_two_and_at_most_two_lines(logs, monkeypatch, capsys, words):
+    monkeypatch.chdir(logs)
+    monkeypatch.delenv("MODELGAP_STORE", raising=False)
+    before = sorted(os.listdir(logs))
+    assert main(words.split()) == 2
+    shown = capsys.readouterr()
+    assert BAD[words] in shown.err
+    assert shown.err.startswith("modelgap: ")
+    assert 1 <= shown.err.count("\n") <= 2
+    assert sorted(os.listdir(logs)) == before
