@@ -30,7 +30,7 @@ _PAUSE = 10.0  # s
 
 
 @dataclass(frozen=True, slots=True)
-class Asked:
+class StudyRequest:
     """Which study."""
 
     n: int  # how many cases
@@ -76,15 +76,15 @@ class Draft:
     excitation: Excitation
 
 
-def drafts(asked: Asked) -> list[Draft]:
+def drafts(request: StudyRequest) -> list[Draft]:
     """Return the cases of a study."""
-    known, unknown = vocabulary(load(asked.robot))
-    drawn_kinds = _forever(asked.seed, "kinds", _KINDS)
-    named = _forever(asked.seed, "effects", known)
-    strange = _forever(asked.seed, "unknown", unknown)
+    known, unknown = vocabulary(load(request.robot))
+    drawn_kinds = _forever(request.seed, "kinds", _KINDS)
+    named = _forever(request.seed, "effects", known)
+    strange = _forever(request.seed, "unknown", unknown)
     out = []
-    for index in range(asked.n):
-        drawn, rng = next(drawn_kinds), stream(asked.seed, f"multiples/{index}")
+    for index in range(request.n):
+        drawn, rng = next(drawn_kinds), stream(request.seed, f"multiples/{index}")
         wishes: tuple[Wish, ...] = ()
         if drawn == SINGLE:
             wishes = (Wish(next(named), float(rng.choice(MULTIPLES))),)
@@ -96,40 +96,40 @@ def drafts(asked: Asked) -> list[Draft]:
             )
         if drawn == UNKNOWN:
             wishes = (Wish(next(strange), None),)
-        out.append(Draft(index, drawn, wishes, excitation(asked, index // SHARED)))
+        out.append(Draft(index, drawn, wishes, excitation(request, index // SHARED)))
     return out
 
 
-def excitation(asked: Asked, index: int) -> Excitation:
+def excitation(request: StudyRequest, index: int) -> Excitation:
     """Return one excitation; every one has a Fourier motion, which shows the most."""
-    rng = stream(asked.seed, f"excitation/{index}")
+    rng = stream(request.seed, f"excitation/{index}")
     count = int(rng.choice(_EXPERIMENTS))
     more = (str(kind) for kind in rng.choice(_FAMILIES, count - 1))
     noise = float(rng.choice(TORQUE_NOISE)), float(rng.choice(ENCODER))
     return Excitation(index, ("fourier", *more), _HELD_OUT, *noise)
 
 
-def motions(asked: Asked, excitation: Excitation) -> list[dict]:
+def motions(request: StudyRequest, excitation: Excitation) -> list[dict]:
     """Return the open half of each experiment, those to fit first."""
     out = []
     for place, kind in enumerate((*excitation.fit, *excitation.held_out)):
         name = f"excitation/{excitation.index}/{place}"
         out.append(
             {
-                "robot": asked.robot,
-                "seed": asked.seed,
-                "start": place * (asked.duration + _PAUSE),
+                "robot": request.robot,
+                "seed": request.seed,
+                "start": place * (request.duration + _PAUSE),
                 "trajectory": {
                     "kind": kind,
-                    "duration": asked.duration,
-                    "seed": derived_seed(asked.seed, name),
+                    "duration": request.duration,
+                    "seed": derived_seed(request.seed, name),
                 },
             }
         )
     return out
 
 
-def arm_of(asked: Asked, label: str, excitation: Excitation) -> dict:
+def arm_of(request: StudyRequest, label: str, excitation: Excitation) -> dict:
     """Return the hidden half of an arm's experiments, without its effects.
 
     Args:
@@ -137,10 +137,10 @@ def arm_of(asked: Asked, label: str, excitation: Excitation) -> dict:
     """
     noise = {"torque": excitation.torque, "encoder": excitation.encoder}
     return {
-        "background": asked.background,
+        "background": request.background,
         "noise": noise,
-        "seed": derived_seed(asked.seed, f"plant/{label}"),
-        "salt": f"{derived_seed(asked.seed, f'salt/{label}'):08x}",
+        "seed": derived_seed(request.seed, f"plant/{label}"),
+        "salt": f"{derived_seed(request.seed, f'salt/{label}'):08x}",
     }
 
 

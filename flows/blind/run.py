@@ -15,7 +15,7 @@ from time import perf_counter
 
 import numpy as np
 
-from flows.blind.draw import Asked, Draft, Excitation, arm_of, drafts, motions
+from flows.blind.draw import Draft, Excitation, StudyRequest, arm_of, drafts, motions
 from flows.blind.row import Hidden, case_row, draw_sized, measured, true_parameters
 from flows.blind.score import UNKNOWN
 from flows.blind.sums import summary
@@ -73,7 +73,7 @@ class Study:
 
 
 def run_study(
-    asked: Asked,
+    request: StudyRequest,
     store: Path,
     tell: Progress | None = None,
     pool: Runs | None = None,
@@ -82,26 +82,26 @@ def run_study(
     """Run what is not in the store, and conclude."""
     if pool is None:
         with Pool(workers or cores()) as own:
-            return run_study(asked, store, tell, own)
-    every = drafts(asked)
-    wanted = {d.excitation.index: (asked, d.excitation) for d in every}
+            return run_study(request, store, tell, own)
+    every = drafts(request)
+    wanted = {d.excitation.index: (request, d.excitation) for d in every}
     minima, lost = null_sizes(list(wanted.values()), store, tell, pool)
     cases = [
-        make_case(asked, draft, minima[draft.excitation.index])
+        make_case(request, draft, minima[draft.excitation.index])
         for draft in every
         if draft.excitation.index in minima
     ]
     jobs = {
-        case.key: (f"case {case.draft.index}", partial(run_case, asked, case, store))
+        case.key: (f"case {case.draft.index}", partial(run_case, request, case, store))
         for case in cases
     }
     known = len(jobs.keys() & finished(store, CASE).keys())
     ids, failed = _completed(jobs, CASE, store, tell, pool)
-    return conclude(asked, store, list(ids.values()), known, [*lost, *failed])
+    return conclude(request, store, list(ids.values()), known, [*lost, *failed])
 
 
 def null_sizes(
-    wanted: Sequence[tuple[Asked, Excitation]],
+    wanted: Sequence[tuple[StudyRequest, Excitation]],
     store: Path,
     tell: Progress | None,
     pool: Runs,
@@ -156,7 +156,11 @@ def _completed(
 
 
 def conclude(
-    asked: Asked, store: Path, done: Sequence[str], known: int, failed: Sequence[str]
+    request: StudyRequest,
+    store: Path,
+    done: Sequence[str],
+    known: int,
+    failed: Sequence[str],
 ) -> Study:
     """Sum up the cases and store that.
 
@@ -169,13 +173,13 @@ def conclude(
     rows = [{"validation_id": id, **case["row"]} for id, case in cases.items()]
     figures = summary(rows)
     record = {
-        "robot": asked.robot,
+        "robot": request.robot,
         "kind": STUDY,
-        "key": f"{asked.seed}/{asked.n}{_of(asked.background)}",
-        "seed": asked.seed,
-        "n": asked.n,
-        "duration": asked.duration,
-        "background": asked.background,
+        "key": f"{request.seed}/{request.n}{_of(request.background)}",
+        "seed": request.seed,
+        "n": request.n,
+        "duration": request.duration,
+        "background": request.background,
         "summary": figures,
         # Cases of earlier versions have no edit test.
         "edits": [edit for case in cases.values() for edit in case.get("edits", ())],
@@ -200,9 +204,11 @@ def finished(store: Path, kind: str) -> dict[str, str]:
     return {read_record(store, id)["key"]: id for id in ids}
 
 
-def null_specs(asked: Asked, excitation: Excitation) -> tuple[ExperimentSpec, ...]:
+def null_specs(
+    request: StudyRequest, excitation: Excitation
+) -> tuple[ExperimentSpec, ...]:
     """Return the experiments of an arm with nothing to hide, in that excitation."""
-    return _specs(asked, excitation, f"null/{excitation.index}", ())
+    return _specs(request, excitation, f"null/{excitation.index}", ())
 
 
 def key_of(specs: Sequence[ExperimentSpec]) -> str:
@@ -211,21 +217,21 @@ def key_of(specs: Sequence[ExperimentSpec]) -> str:
     return hashlib.sha256("\n".join([*ids, method_hash()]).encode()).hexdigest()[:20]
 
 
-def make_case(asked: Asked, draft: Draft, minimum: Minimum) -> Case:
+def make_case(request: StudyRequest, draft: Draft, minimum: Minimum) -> Case:
     """Draw joints and sizes of a case, now that the detectable sizes are known."""
-    effects = hidden_effects(asked, draft, minimum)
-    specs = _specs(asked, draft.excitation, f"case/{draft.index}", effects)
+    effects = hidden_effects(request, draft, minimum)
+    specs = _specs(request, draft.excitation, f"case/{draft.index}", effects)
     return Case(draft, specs, minimum, key_of(specs))
 
 
 def hidden_effects(
-    asked: Asked, draft: Draft, minimum: Minimum
+    request: StudyRequest, draft: Draft, minimum: Minimum
 ) -> tuple[PlantEffect, ...]:
     """Draw joints and sizes of what a case hides."""
-    robot = load(asked.robot)
+    robot = load(request.robot)
     made: list[PlantEffect] = []
     for place, wish in enumerate(draft.wishes):
-        rng = stream(asked.seed, f"hidden/{draft.index}/{place}")
+        rng = stream(request.seed, f"hidden/{draft.index}/{place}")
         for _ in range(_TRIES):
             one = draw_sized(robot, rng, wish.effect, wish.multiple, minimum)
             if not any(_same_thing(one, other) for other in made):
@@ -242,14 +248,16 @@ def run_experiments(
     return {"fit": ids[:-held_out], "held_out": ids[-held_out:]}
 
 
-def run_null(asked: Asked, excitation: Excitation, key: str, store: Path) -> str:
+def run_null(
+    request: StudyRequest, excitation: Excitation, key: str, store: Path
+) -> str:
     """Run and diagnose an arm that hides nothing; store what it would have shown."""
-    specs = null_specs(asked, excitation)
+    specs = null_specs(request, excitation)
     runs = run_experiments(specs, len(excitation.held_out), store)
     ids = diagnose_runs(request_of(runs, store))
     verdict = read_outcome(store, ids[1]).verdict
     record = {
-        "robot": asked.robot,
+        "robot": request.robot,
         "kind": NULL,
         "key": key,
         "document": to_json(verdict),
@@ -257,7 +265,7 @@ def run_null(asked: Asked, excitation: Excitation, key: str, store: Path) -> str
     return commit_record(store, "validations", record, None, {"diagnosis": [ids[0]]})
 
 
-def run_case(asked: Asked, case: Case, store: Path) -> str:
+def run_case(request: StudyRequest, case: Case, store: Path) -> str:
     """Run, diagnose and judge one case; what is stored of it is not made again."""
     if key_of(case.specs) != case.key:
         # A process loads the code anew: its rows would be under the key of another.
@@ -269,11 +277,11 @@ def run_case(asked: Asked, case: Case, store: Path) -> str:
     begun = perf_counter()
     ids = diagnose_runs(request_of(runs, store))
     seconds = perf_counter() - begun
-    return judge(asked, case, runs, ids, seconds, store)
+    return judge(request, case, runs, ids, seconds, store)
 
 
 def judge(
-    asked: Asked,
+    request: StudyRequest,
     case: Case,
     runs: Mapping[str, Sequence[str]],
     ids: tuple[str, str],
@@ -287,14 +295,14 @@ def judge(
     """
     # The verdict as it was committed: without one there is nothing to judge.
     verdict = read_outcome(store, ids[1]).verdict
-    robot, draft = load(asked.robot), case.draft
+    robot, draft = load(request.robot), case.draft
     sealed = stored.open_seal(store, runs["fit"][0]).spec
     plant = experiment.plant_of(sealed)
     hidden = [measured(e, case.minimum, robot, _unit(e)) for e in plant.effects]
-    oracle = None if draft.drawn == UNKNOWN else _oracle(asked, runs, hidden, store)
+    oracle = None if draft.drawn == UNKNOWN else _oracle(request, runs, hidden, store)
     row = case_row(draft.drawn, hidden, true_parameters(robot, plant), verdict, oracle)
     row |= {
-        "study_seed": asked.seed,
+        "study_seed": request.seed,
         "case_index": draft.index,
         "experiments": len(runs["fit"]),
         "torque_noise": plant.noise.torque,
@@ -304,7 +312,7 @@ def judge(
     }
     edits = sealed_edits(runs, ids[0], plant, store)
     record = {
-        "robot": asked.robot,
+        "robot": request.robot,
         "kind": CASE,
         "key": case.key,
         "row": row,
@@ -316,13 +324,16 @@ def judge(
 
 
 def _specs(
-    asked: Asked, excitation: Excitation, label: str, effects: Sequence[PlantEffect]
+    request: StudyRequest,
+    excitation: Excitation,
+    label: str,
+    effects: Sequence[PlantEffect],
 ) -> tuple[ExperimentSpec, ...]:
-    plant = arm_of(asked, label, excitation)
+    plant = arm_of(request, label, excitation)
     plant["effect"] = [in_spec(effect) for effect in effects]
     return tuple(
         ExperimentSpec.model_validate({**motion, "plant": plant})
-        for motion in motions(asked, excitation)
+        for motion in motions(request, excitation)
     )
 
 
@@ -350,10 +361,10 @@ def _unit(effect: PlantEffect) -> str | None:
 
 @one_blas_thread
 def _oracle(
-    asked: Asked, runs: Mapping, hidden: Sequence[Hidden], store: Path
+    request: StudyRequest, runs: Mapping, hidden: Sequence[Hidden], store: Path
 ) -> float | None:
     """Return the held-out error of the true effects, fitted [%]."""
-    robot = load(asked.robot)
+    robot = load(request.robot)
     fit, held_out = ([read_run(store, i) for i in runs[k]] for k in ("fit", "held_out"))
     told = [
         (h.effect.name, reported_joints(h.effect.name, h.joints, robot.dof))

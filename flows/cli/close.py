@@ -25,7 +25,7 @@ _PLAIN = Close()
 
 def close(
     *,
-    asked: Close = _PLAIN,
+    request: Close = _PLAIN,
     report: str | None = None,
     json: str | None = None,
 ) -> None:
@@ -52,14 +52,14 @@ def close(
         json: File for decisions, truth and what was adopted; "-" prints it and nothing
             else.
     """
-    check_between("--budget", asked.budget, LEAST, _BUDGET)
-    if asked.effects is not None:
-        check_between("--effects", asked.effects, 0, MOST)
-    out = Outputs({"--report": report, "--json": json}, [Path(asked.robot)])
-    place = store_folder(asked.store)
+    check_between("--budget", request.budget, LEAST, _BUDGET)
+    if request.effects is not None:
+        check_between("--effects", request.effects, 0, MOST)
+    out = Outputs({"--report": report, "--json": json}, [Path(request.robot)])
+    place = store_folder(request.store)
     for option, path in out.files.items():
         check_outside(option, str(path), place)
-    request = replace(asked, store=place)
+    request = replace(request, store=place)
     _go_on(request, out)
     done = closed(request)
     verdict = adopted_verdict(place, done.known.adopted)
@@ -76,11 +76,11 @@ def close(
         out.finish()
 
 
-def _go_on(asked: Close, out: Outputs) -> None:
+def _go_on(request: Close, out: Outputs) -> None:
     """Tell what was decided before, then decide until there is nothing to decide."""
-    loop = begun(asked)
-    arm = f"{loop.arm.robot.name} {asked.serial}"
-    out.say(f"the simulated arm {arm}, at most {asked.budget} experiments")
+    loop = begun(request)
+    arm = f"{loop.arm.robot.name} {request.serial}"
+    out.say(f"the simulated arm {arm}, at most {request.budget} experiments")
     out.say(f"into {loop.store}, loop {loop.id}")
     for decision in loop.history:
         out.say(*told(decision))
@@ -88,7 +88,7 @@ def _go_on(asked: Close, out: Outputs) -> None:
         out.say("(that far it was done before)")
     while True:
         with progress_bar() as tell:
-            decision = decided(begun(asked), tell)
+            decision = decided(begun(request), tell)
         if decision is None:
             return
         out.say(*told(decision))

@@ -7,7 +7,7 @@ from typing import Annotated
 from cyclopts import Parameter
 from rich.console import Console
 
-from flows.blind.draw import Asked
+from flows.blind.draw import StudyRequest
 from flows.blind.export.write import check_target, export_study
 from flows.blind.run import run_study
 from flows.cli.app import LONGEST, SEEDS, Outputs, check_between, check_workers
@@ -33,7 +33,7 @@ Plain = Annotated[Flag, Parameter(show=False)]
 _USUAL = steps.Demo()
 
 
-def demo(*, asked: steps.Demo = _USUAL, plain: Plain = False) -> None:
+def demo(*, request: steps.Demo = _USUAL, plain: Plain = False) -> None:
     """Find the effect that a simulated arm hides from its model.
 
     Runs six experiments of three families on the arm in a physics engine, and two that
@@ -47,9 +47,9 @@ def demo(*, asked: steps.Demo = _USUAL, plain: Plain = False) -> None:
     ```
     """
     del plain
-    place, console = store_folder(asked.store), Console()
-    check_between("--seed", asked.seed, 0, SEEDS)
-    request = replace(asked, store=place)
+    place, console = store_folder(request.store), Console()
+    check_between("--seed", request.seed, 0, SEEDS)
+    request = replace(request, store=place)
     # Before anything is started, so that a wrong word is answered at once.
     count = len(steps.specs(request))
     arm = f"the simulated {steps.ROBOT}, background {request.background}"
@@ -112,19 +112,19 @@ def blind(
     place, console = store_folder(store), Console()
     check_between("--seed", seed, 0, SEEDS)
     check_between("--duration", duration, 0.1, LONGEST)
-    asked = Asked(n, seed, duration=duration, background=background)
+    request = StudyRequest(n, seed, duration=duration, background=background)
     check_workers(workers)
     if export is not None:
         if report is not None:
             raise InputError("--export diagnoses nothing, so it has no --report.")
-        _export(asked, Path(export), arms, place, workers)
+        _export(request, Path(export), arms, place, workers)
         return
     if arms != 1:
         raise InputError("--arms is for --export; a study has the built-in arm.")
     out = Outputs({"--report": report})
     with progress_bar() as progress:
-        study = run_study(asked, place, progress, workers=workers)
-    page = store_page(asked, study, place)
+        study = run_study(request, place, progress, workers=workers)
+    page = store_page(request, study, place)
     show(console, *told(study))
     out.write({"--report": page.read_bytes})
     say(console, f"\nreport: {report or page}")
@@ -133,11 +133,14 @@ def blind(
 
 
 def _export(
-    asked: Asked, target: Path, arms: int, store: Path, workers: int | None
+    request: StudyRequest, target: Path, arms: int, store: Path, workers: int | None
 ) -> None:
     if not 1 <= arms <= MOST_ARMS:
         raise InputError(f"--arms is {arms}, expected 1 to {MOST_ARMS}.")
     check_target(target)
     with progress_bar() as progress, Pool(workers or cores()) as pool:
-        export_study(asked, range(arms), target, store, pool, progress)
-    say(Console(), f"wrote {target}: {asked.n} cases; its README.md says what is where")
+        export_study(request, range(arms), target, store, pool, progress)
+    say(
+        Console(),
+        f"wrote {target}: {request.n} cases; its README.md says what is where",
+    )

@@ -19,7 +19,7 @@ kept = Lazy("residual.model.record")
 
 def diagnose(
     *logs: Log,
-    asked: Diagnose,
+    request: Diagnose,
     report: str | None = None,
     json: str | None = None,
     save_model: str | None = None,
@@ -63,7 +63,7 @@ def diagnose(
             track take.
         verbose: List the effects that these logs could not tell apart.
     """
-    request = replace(asked, logs=logs)
+    request = replace(request, logs=logs)
     choice = models.choose_for(request)
     request = replace(request, model=choice.diagnosis)
     words = (*logs, *request.baseline, *request.held_out, request.robot)

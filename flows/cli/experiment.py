@@ -201,7 +201,7 @@ def _list(planned: list[steps.Planned], console: Console) -> None:
 
 def validate(
     *runs: Annotated[str, Parameter(name="RUN")],
-    asked: Validate = _PLAIN,
+    request: Validate = _PLAIN,
     model: str | None = None,
     calibration: str | None = None,
     seeds: int = 0,
@@ -244,7 +244,7 @@ def validate(
             limit; friction turns at that torque rate at most. 0 for none.
         report: HTML page to write.
     """
-    out, place = Outputs({"--report": report}), store_folder(asked.store)
+    out, place = Outputs({"--report": report}), store_folder(request.store)
     console, found, done = out.console, {}, None
     check_between("--seeds", seeds, 0, 1000)
     check_between("--encoder-step", encoder_step, 1e-9, 0.1)
@@ -256,7 +256,7 @@ def validate(
     tables = None if calibration is None else calibration_of(place, calibration)
     for run in runs:
         each = replace(
-            asked, run=run, store=place, model=choice.diagnosis, calibration=tables
+            request, run=run, store=place, model=choice.diagnosis, calibration=tables
         )
         id, made = trial.validate(each)
         found[run] = made

@@ -30,7 +30,7 @@ engine = Lazy("flows.steps.experiment")  # who calibrates in another way needs n
 
 
 def identify(
-    *logs: Log, asked: Identify, export: str | None = None, json: Json = None
+    *logs: Log, request: Identify, export: str | None = None, json: Json = None
 ) -> None:
     """Identify the parameters of a robot's model.
 
@@ -48,7 +48,7 @@ def identify(
             or the id of a run of the store.
         export: New folder for the identified URDF and robot.toml; give it as --robot.
     """
-    request = replace(asked, logs=logs)
+    request = replace(request, logs=logs)
     choice = choose_for(request)
     request = replace(request, model=choice.diagnosis)
     words = (*logs, *request.held_out, request.robot)
@@ -69,7 +69,7 @@ def identify(
 
 def calibrate(
     *logs: Log,
-    asked: Calibrate,
+    request: Calibrate,
     report: str | None = None,
     json: Json = None,
     export: str | None = None,
@@ -95,7 +95,7 @@ def calibrate(
         export: New folder for the tables, the model that they correct, and programs
             that evaluate both.
     """
-    request = replace(asked, logs=logs)
+    request = replace(request, logs=logs)
     choice = choose_for(request)
     request = replace(request, model=choice.diagnosis)
     inputs = read_files((*logs, request.robot), request.columns)
@@ -130,7 +130,7 @@ def _kept(done: calibration.Calibrated) -> list[str]:
 
 def calibrate_null(
     *logs: Log,
-    asked: Null,
+    request: Null,
     baseline: Words = (),
     out: str | None = None,
     workers: int | None = None,
@@ -162,15 +162,15 @@ def calibrate_null(
             "what chance does. Leave it out, or diagnose at once: "
             "modelgap diagnose LOG ... --baseline HEALTHY ... --robot R."
         )
-    check_between("--seed", asked.seed, 0, SEEDS)
-    check_between("--draws", asked.draws, 1, 1_000_000)
+    check_between("--seed", request.seed, 0, SEEDS)
+    check_between("--draws", request.draws, 1, 1_000_000)
     check_workers(workers)
     outputs = Outputs({"--out": out}, read_files(logs))
-    request = replace(asked, logs=logs)
+    request = replace(request, logs=logs)
     with progress_bar() as progress:
         made = nulls.calibrate_null(request, progress, workers=workers)
     outputs.write({"--out": lambda: null_json(made.null)})
-    say(Console(), *null_lines(made, asked.draws, store_folder(asked.store)))
+    say(Console(), *null_lines(made, request.draws, store_folder(request.store)))
     outputs.finish()
     if not made.complete:
         raise KeyboardInterrupt

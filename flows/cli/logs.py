@@ -20,7 +20,7 @@ from warehouse.mirror import shown
 drawing = Lazy("rich.markdown")  # a slow import
 
 
-def check(*logs: Log, asked: Check, json: Json = None) -> None:
+def check(*logs: Log, request: Check, json: Json = None) -> None:
     """Check logs before any modelling: units, signs, order of joints, clock, sensors.
 
     Every fault is told with its evidence, how certain it is, and the line for the map
@@ -36,8 +36,8 @@ def check(*logs: Log, asked: Check, json: Json = None) -> None:
         logs: Logs: CSV, Parquet, ROS bag or MCAP, a window as in FILE@0:16.5 or
             FILE@60%:, or the id of a run of the store.
     """
-    request = replace(asked, logs=logs)
-    out = Outputs({"--json": json}, read_files((*logs, asked.robot), asked.columns))
+    request = replace(request, logs=logs)
+    out = Outputs({"--json": json}, read_files((*logs, request.robot), request.columns))
     read = checking.read_logs(request)
     out.say(*read.lines[1:])
     report = checking.check(read, request.declared)
@@ -46,7 +46,7 @@ def check(*logs: Log, asked: Check, json: Json = None) -> None:
     out.finish()
 
 
-def map_(log: Log, *, asked: Map, out: str | None = None) -> None:
+def map_(log: Log, *, request: Map, out: str | None = None) -> None:
     """Draft the map of a log: which column is what, in which unit.
 
     From the names, the units that the file states, the joints of the URDF and the
@@ -65,9 +65,9 @@ def map_(log: Log, *, asked: Map, out: str | None = None) -> None:
         log: Log: CSV, Parquet, ROS bag or MCAP.
         out: File for the map; without it the map is printed.
     """
-    files = read_files((log, asked.robot))
+    files = read_files((log, request.robot))
     outputs = Outputs({"--out": out}, files)
-    text = checking.draft_map(replace(asked, log=log))
+    text = checking.draft_map(replace(request, log=log))
     if out is None:
         print(text, end="")
         return
@@ -77,7 +77,7 @@ def map_(log: Log, *, asked: Map, out: str | None = None) -> None:
     outputs.finish()
 
 
-def import_(*logs: Log, asked: Import, dry_run: Flag = False) -> None:
+def import_(*logs: Log, request: Import, dry_run: Flag = False) -> None:
     """Put measured logs into the store, as runs like any other.
 
     Then their ids stand for them: in identify, calibrate, diagnose, monitor and SQL.
@@ -97,8 +97,8 @@ def import_(*logs: Log, asked: Import, dry_run: Flag = False) -> None:
         logs: Logs; FILE@0:16.5 takes a window in seconds from the first sample.
         dry_run: Only show what was understood, and the id it would have.
     """
-    place, console = store_folder(asked.store), Console()
-    request = replace(asked, logs=logs, store=place)
+    place, console = store_folder(request.store), Console()
+    request = replace(request, logs=logs, store=place)
     arm, read = imports.read_logs(request)
     for log in read:
         if dry_run:

@@ -49,7 +49,7 @@ def models(*, robot: str | None = None, store: Store = None) -> None:
     show(console, adoptions(listed), ADOPTED_KEY)
 
 
-def adopt(id: str, /, *, asked: steps.Adopt = _PLAIN) -> None:
+def adopt(id: str, /, *, request: steps.Adopt = _PLAIN) -> None:
     """Let the augmented model of a diagnosis be the model of its robot from now on.
 
     ```
@@ -64,7 +64,7 @@ def adopt(id: str, /, *, asked: steps.Adopt = _PLAIN) -> None:
     Args:
         id: Id of a diagnosis, or of the model that it ended with.
     """
-    number, judged = steps.adopt(replace(asked, model=id))
+    number, judged = steps.adopt(replace(request, model=id))
     say(Console(), *adoption_lines(number, judged))
 
 
@@ -90,7 +90,7 @@ def export(
     model: str,
     /,
     *,
-    asked: Export,
+    request: Export,
     out: str,
     json: str | None = None,
 ) -> None:
@@ -121,11 +121,11 @@ def export(
         json: File for what is left out and for the proof; "-" prints it and nothing
             else.
     """
-    check_outside("--out", out, store_folder(asked.store))
+    check_outside("--out", out, store_folder(request.store))
     check_new_folder("--out", Path(out))
-    inputs = read_files((model, asked.log or ""), asked.columns)
+    inputs = read_files((model, request.log or ""), request.columns)
     outputs = Outputs({"--json": json}, inputs)
-    made = exporting.export(replace(asked, model=model))
+    made = exporting.export(replace(request, model=model))
     Path(out).mkdir(exist_ok=True)
     outputs.write(
         document=lambda: exporting.document(made), also=exporting.in_place(made, out)
@@ -136,7 +136,7 @@ def export(
 
 def predict(
     *logs: Log,
-    asked: Predict,
+    request: Predict,
     out: str | None = None,
     json: str | None = None,
 ) -> None:
@@ -157,8 +157,8 @@ def predict(
             and tau_edited1... with --without.
         json: File for the errors as JSON; "-" prints it and nothing else.
     """
-    check_outside("--out", out, store_folder(asked.store))
-    request = replace(asked, logs=logs)
+    check_outside("--out", out, store_folder(request.store))
+    request = replace(request, logs=logs)
     inputs = read_files((*logs, request.model), request.columns)
     outputs = Outputs({"--out": out, "--json": json}, inputs)
     if "--out" in outputs.files:
@@ -179,7 +179,7 @@ def predict(
 def view(
     log: str,
     *,
-    asked: View = _ANY,
+    request: View = _ANY,
     out: str = _PAGE,
 ) -> None:
     """Show a log as the arm moves: torque, residual and effects beside it.
@@ -198,10 +198,10 @@ def view(
             run of the store.
         out: Page to write.
     """
-    check_outside("--out", out, store_folder(asked.store))
-    words = [word for word in (log, asked.robot) if word]
-    outputs = Outputs({"--out": out}, read_files(words, asked.columns))
-    found = predicting.view(replace(asked, log=log))
+    check_outside("--out", out, store_folder(request.store))
+    words = [word for word in (log, request.robot) if word]
+    outputs = Outputs({"--out": out}, read_files(words, request.columns))
+    found = predicting.view(replace(request, log=log))
     outputs.say(*found.lines)
     if found.look.lacking:
         some = ", ".join(found.look.lacking[:3])

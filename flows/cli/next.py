@@ -33,7 +33,7 @@ def next_(
     verdict: str,
     /,
     *logs: Log,
-    asked: Next = _PLAIN,
+    request: Next = _PLAIN,
     rate: float = 250.0,
     out: str | None = None,
     report: str | None = None,
@@ -76,7 +76,7 @@ def next_(
         run: Run it on the simulated arm that the runs are of, and diagnose all logs
             together.
     """
-    request = replace(asked, verdict=verdict, logs=logs)
+    request = replace(request, verdict=verdict, logs=logs)
     outputs = _checked(
         request, {"--out": out, "--report": report, "--json": json}, rate, run
     )

@@ -32,7 +32,7 @@ from warehouse.mirror import shown
 _USUAL = ServiceRequest()
 
 
-def up(*, asked: ServiceRequest = _USUAL, foreground: Flag = False) -> None:
+def up(*, request: ServiceRequest = _USUAL, foreground: Flag = False) -> None:
     """Start server, worker and schedules of a store, and return when they answer.
 
     ```
@@ -52,19 +52,19 @@ def up(*, asked: ServiceRequest = _USUAL, foreground: Flag = False) -> None:
     Args:
         foreground: Stay until Ctrl-C, then stop everything; for service managers.
     """
-    place = store_folder(asked.store)
+    place = store_folder(request.store)
     project = project_here(place)
-    database = asked.database or os.environ.get(DATABASE) or None
-    request = replace(asked, store=place, database=database, project=project)
+    database = request.database or os.environ.get(DATABASE) or None
+    request = replace(request, store=place, database=database, project=project)
     if project:
         port, workers = project.table.port, project.table.workers
         request = replace(
-            request, port=asked.port or port, workers=asked.workers or workers
+            request, port=request.port or port, workers=request.workers or workers
         )
     checked(request)
     folders = [inbox.folder for inbox in inboxes(project)] if project else []
     running, was_up = bring_up(request, _say)
-    if asked.trust_network:
+    if request.trust_network:
         _say("warning: not encrypted; who listens in the network may run programs.")
     word = "already runs" if was_up else "is up"
     address = opening_address(running.ui, store_key(place / PREFECT))

@@ -54,7 +54,7 @@ def watch(
     robot: str,
     /,
     *,
-    asked: Watch = _PLAIN,
+    request: Watch = _PLAIN,
     file: str,
     columns: Columns = None,
     once: Flag = False,
@@ -84,7 +84,7 @@ def watch(
     """
     console = Console()
     tell = partial(say, console)
-    begun = start(replace(asked, robot=robot))
+    begun = start(replace(request, robot=robot))
     arm = begun.robot, columns_of(begun.robot, columns) or ColumnMap()
     source = (
         StandardInput(*arm)
@@ -92,7 +92,7 @@ def watch(
         else GrowingFile(Path(file), *arm, begun.session.position)
     )
     say(console, *begun.lines, f"reading {source.name}; Ctrl-C stops, nothing is lost")
-    store = store_folder(asked.store)
+    store = store_folder(request.store)
 
     def diagnose(now: Session, samples: Samples, alarm: Change) -> None:
         run_id = keep_run(store, robot, begun.robot, samples)
@@ -134,7 +134,7 @@ def monitor(
     model: str,
     /,
     *runs: Annotated[str, Parameter(name="RUN")],
-    asked: Monitor = _HOURLY,
+    request: Monitor = _HOURLY,
     nominal: Flag = False,
     plot: str | None = None,
 ) -> None:
@@ -157,11 +157,11 @@ def monitor(
         nominal: Of a robot take the nominal model, whatever it has.
         plot: PNG file for the scores over time.
     """
-    place = store_folder(asked.store)
+    place = store_folder(request.store)
     out = Outputs({"--plot": plot})
     choice = chosen_to_watch(model, place, nominal, runs)
     out.say(*choice.lines)
-    request = replace(asked, model=choice.diagnosis or model, runs=runs, store=place)
+    request = replace(request, model=choice.diagnosis or model, runs=runs, store=place)
     id, found, watched = monitoring.monitor(request)
     if any(found.alarms.values()):
         show(out.console, alarm_table(found, watched))

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 from scipy.special import erf
 
-from flows.blind.draw import Asked
+from flows.blind.draw import StudyRequest
 from flows.blind.run import Study
 from flows.blind.score import CLASS, NOTHING, PAIR, RIGHT, SINGLE, UNKNOWN, Name
 from flows.report.document import (
@@ -86,7 +86,7 @@ _FAR = 4.0  # standard deviations that the curve of coverage is drawn to
 _HEIGHT = 320
 
 
-def store_page(asked: Asked, study: Study, store: Path) -> Path:
+def store_page(asked: StudyRequest, study: Study, store: Path) -> Path:
     """Write the page of a study into the store."""
     about = {
         "robot": asked.robot,

@@ -15,7 +15,7 @@ from prefect.cache_policies import NO_CACHE
 
 from flows import requests
 from flows.blind import run as blind_run
-from flows.blind.draw import Asked
+from flows.blind.draw import StudyRequest
 from flows.inputs.given import robot_of
 from flows.project.deployments import ALARM
 from flows.report import stored
@@ -68,11 +68,11 @@ def experiment(spec: str, store: str | None = None) -> str:
 
 
 @task(name="campaign", task_run_name="campaign", tags=["simulation"], **_again)
-def campaign(asked: requests.Campaign) -> dict:
+def campaign(request: requests.Campaign) -> dict:
     """Run what is not in the store; a failure is told and does not end the night."""
     log = get_run_logger()
     tell = artifacts.progress("campaign-progress", log.info)
-    runs, summary = campaigns.run_campaign(asked, tell)
+    runs, summary = campaigns.run_campaign(request, tell)
     for why in summary.failed.values():
         log.warning(why)
     artifacts.runs_committed(summary.new)
@@ -212,17 +212,17 @@ def report(ids: list[str], store: str) -> str:
 @task(name="study", task_run_name="study", tags=["analysis"], timeout_seconds=None)
 def study(n: int, seed: int, store: str, background: BackgroundWord = CLEAN) -> str:
     """Run what is not in the store, in a pool of processes; write the page."""
-    asked = Asked(n, seed, background=background)
+    request = StudyRequest(n, seed, background=background)
     log, place = get_run_logger(), Path(store)
-    made = blind_run.run_study(asked, place, lambda what, _: log.info(what))
+    made = blind_run.run_study(request, place, lambda what, _: log.info(what))
     for why in made.failed:
         log.warning(why)
-    page = store_page(asked, made, place)
+    page = store_page(request, made, place)
     figures = (f"- {what}: {value}, {n}" for what, value, n in lines(made.summary))
     words = "\n".join([f"{headline(made.summary)}\n", *figures])
     about = f"study {made.id}: how often hidden effects were rightly named"
     artifacts.linked("blind", page, words, "All cases", about)
-    artifacts.rename(f"{asked.robot} blind study: {headline(made.summary)}")
+    artifacts.rename(f"{request.robot} blind study: {headline(made.summary)}")
     return str(page)
 
 

@@ -81,43 +81,45 @@ def run_all(
     return Summary(tuple(planned), failed, round(perf_counter() - begun, 2))
 
 
-def planned(asked: Campaign) -> list[Planned]:
+def planned(request: Campaign) -> list[Planned]:
     """Return the experiments of a campaign, and which of them are stored.
 
     Raises:
         InputError: If the campaign is not usable, or of several robots.
     """
-    entries = load_campaign(asked.path, asked.seed)
+    entries = load_campaign(request.path, request.seed)
     robots = {entry.spec.robot for entry in entries}
     if len(robots) > 1:
-        raise InputError(f"{asked.path} has {len(robots)} robots; expected one.")
+        raise InputError(f"{request.path} has {len(robots)} robots; expected one.")
     labelled = ((e.label, e.spec) for e in entries)
-    name = Path(asked.path).stem
-    known = plan(labelled, store_folder(asked.store))
+    name = Path(request.path).stem
+    known = plan(labelled, store_folder(request.store))
     return [replace(each, campaign=name) for each in known]
 
 
-def run_campaign(asked: Campaign, tell: Progress | None = None) -> tuple[Runs, Summary]:
+def run_campaign(
+    request: Campaign, tell: Progress | None = None
+) -> tuple[Runs, Summary]:
     """Run what is not in the store; returns ids by role, and what became of all."""
-    wanted = planned(asked)
-    runner = chosen_runner(asked.runner, asked.trust_network)
+    wanted = planned(request)
+    runner = chosen_runner(request.runner, request.trust_network)
     with workers_of(runner, sum(not p.stored for p in wanted)) as pool:
-        summary = run_all(wanted, store_folder(asked.store), tell, pool)
-    return by_role(asked, wanted, summary), summary
+        summary = run_all(wanted, store_folder(request.store), tell, pool)
+    return by_role(request, wanted, summary), summary
 
 
-def by_role(asked: Campaign, wanted: Sequence[Planned], summary: Summary) -> Runs:
+def by_role(request: Campaign, wanted: Sequence[Planned], summary: Summary) -> Runs:
     """Return the stored runs by role: fit and held_out."""
     runs: Runs = {"fit": [], "held_out": []}
     for each in wanted:
         if each.run_id in summary.stored:
             kind = each.spec.trajectory.kind
-            role = "held_out" if kind == asked.held_out else "fit"
+            role = "held_out" if kind == request.held_out else "fit"
             runs[role].append(each.run_id)
     if not runs["fit"]:
-        all_out = f"all motions are '{asked.held_out}', held out"
+        all_out = f"all motions are '{request.held_out}', held out"
         why = next(iter(summary.failed.values()), all_out)
-        raise RunError(f"{asked.path} has no run to fit: {why}.")
+        raise RunError(f"{request.path} has no run to fit: {why}.")
     return runs
 
 
@@ -157,13 +159,15 @@ def arms_of(
         words: A campaign file, or ids of runs with commas between them, for each arm.
         held_out: Kind of motion of a campaign that is held out, "" for none.
     """
-    asked = {w: Campaign(w, held_out, store=store) for w in words if Path(w).is_file()}
-    wanted = {word: planned(campaign) for word, campaign in asked.items()}
+    requests = {
+        w: Campaign(w, held_out, store=store) for w in words if Path(w).is_file()
+    }
+    wanted = {word: planned(campaign) for word, campaign in requests.items()}
     every = {each.run_id: each for found in wanted.values() for each in found}
     summary = run_all(list(every.values()), store, tell, pool)
     arms = {
-        word: by_role(asked[word], wanted[word], summary)
-        if word in asked
+        word: by_role(requests[word], wanted[word], summary)
+        if word in requests
         else _named(word, store)
         for word in words
     }

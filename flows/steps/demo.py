@@ -67,25 +67,25 @@ class Demo(Request):
     background: BackgroundWord = CLEAN
 
 
-def specs(asked: Demo) -> list[tuple[str, ExperimentSpec]]:
+def specs(request: Demo) -> list[tuple[str, ExperimentSpec]]:
     """Return the experiments: those to fit, then those held out.
 
     All are on one arm and in one session, one after the other with pauses.
     """
-    if not 0 <= asked.seed < 2**63:
-        raise InputError(f"--seed is {asked.seed}, expected 0 or more.")
-    check_name(asked.background, BACKGROUNDS, "background")
+    if not 0 <= request.seed < 2**63:
+        raise InputError(f"--seed is {request.seed}, expected 0 or more.")
+    check_name(request.background, BACKGROUNDS, "background")
     plant = {
-        "effect": _hidden_effect(asked),
-        "background": asked.background,
-        "seed": derived_seed(asked.seed, "plant"),
-        "salt": f"{derived_seed(asked.seed, 'salt'):08x}",
+        "effect": _hidden_effect(request),
+        "background": request.background,
+        "seed": derived_seed(request.seed, "plant"),
+        "salt": f"{derived_seed(request.seed, 'salt'):08x}",
     }
     made = []
-    for kind, start, motion in _motions(asked.seed, (*FIT, *HELD_OUT)):
+    for kind, start, motion in _motions(request.seed, (*FIT, *HELD_OUT)):
         content = {
             "robot": ROBOT,
-            "seed": asked.seed,
+            "seed": request.seed,
             "start": start,
             "trajectory": motion,
             "plant": plant,
@@ -95,11 +95,11 @@ def specs(asked: Demo) -> list[tuple[str, ExperimentSpec]]:
 
 
 def run_experiments(
-    asked: Demo, progress: Progress | None = None, pool: Pool | Here | None = None
+    request: Demo, progress: Progress | None = None, pool: Pool | Here | None = None
 ) -> Runs:
     """Run the experiments that are not in the store."""
-    store = store_folder(asked.store)
-    summary = run_all(plan(specs(asked), store), store, progress, pool)
+    store = store_folder(request.store)
+    summary = run_all(plan(specs(request), store), store, progress, pool)
     for why in summary.failed.values():
         raise RunError(f"An experiment failed: {why}")
     ids = [p.run_id for p in summary.planned]
@@ -144,12 +144,12 @@ def _motions(seed: int, families: tuple[str, ...]) -> Iterator[tuple[str, float,
         yield kind, i * (DURATION + PAUSE), motion
 
 
-def _hidden_effect(asked: Demo) -> list[dict]:
-    if asked.effect == NOTHING:
+def _hidden_effect(request: Demo) -> list[dict]:
+    if request.effect == NOTHING:
         return []
-    if asked.effect is not None:
-        check_name(asked.effect, kinds(), "effect of the plant")
-    effect = _drawn(asked.seed, asked.effect, FIT)
+    if request.effect is not None:
+        check_name(request.effect, kinds(), "effect of the plant")
+    effect = _drawn(request.seed, request.effect, FIT)
     return [
         {"name": effect.name, "joints": list(effect.joints), **dict(effect.parameters)}
     ]

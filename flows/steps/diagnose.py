@@ -206,11 +206,13 @@ def keep(
     """
     ids = {role: [log.id for log in getattr(logs, role)] for role in _ROLES}
     words = {name: tuple(ids[role]) for role, name in _ROLES.items()}
-    asked = replace(request, **words).to_record()
+    record = replace(request, **words).to_record()
     parents = {role: names for role, names in ids.items() if names}
     hash = {"robot_hash": logs.robot.content_hash}
-    store, asked = store_folder(request.store), asked | hash
-    return kept.store_outcome(store, found, parents, asked, (*logs.fit, *logs.held_out))
+    store, record = store_folder(request.store), record | hash
+    return kept.store_outcome(
+        store, found, parents, record, (*logs.fit, *logs.held_out)
+    )
 
 
 def as_stored(logs: LogSets) -> LogSets | None:

@@ -77,12 +77,12 @@ def _keep(made: Identified, request: Identify, runs: Mapping[str, str]) -> str:
     by_role = {role: [runs[i] for i in ids if i in runs] for role, ids in roles.items()}
     if request.model:
         by_role["nominal"] = [request.model]
-    asked = request.to_record() | {
+    record = request.to_record() | {
         "logs": [_whole(word, runs) for word in request.logs],
         "held_out": [_whole(word, runs) for word in request.held_out],
         "robot_hash": made.robot.content_hash,
     }
-    return store_identification(store_folder(request.store), made, asked, by_role)
+    return store_identification(store_folder(request.store), made, record, by_role)
 
 
 def _whole(word: str, runs: Mapping[str, str]) -> str:

@@ -74,14 +74,14 @@ def monitor(request: Request) -> tuple[str, Watched, dict[str, Recording]]:
         source.robot_of(run, store)
     start = source.model_of(robot, list(healthy.values()))
     found = watch(start, healthy, watched, request.per_hour)
-    asked = request.to_record() | {
+    record = request.to_record() | {
         "model": source.diagnosis or request.model,
         "runs": list(watched),
         "good": list(healthy),
         "robot": None if source.diagnosis else request.model,
         "robot_hash": robot.content_hash,
     }
-    return _put(store, source, found, asked), found, watched
+    return _put(store, source, found, record), found, watched
 
 
 @one_blas_thread

@@ -35,7 +35,7 @@ class Made:
 
 
 def calibrate_null(
-    asked: Request,
+    request: Request,
     progress: Progress | None = None,
     pool: Runs | None = None,
     workers: int | None = None,
@@ -46,13 +46,13 @@ def calibrate_null(
     """
     if pool is None:
         with Pool(workers or cores()) as own:
-            return calibrate_null(asked, progress, own)
-    sets = _read(asked)
-    blocks = -(-asked.draws // OF_A_BLOCK)
-    done = _begun(asked)
+            return calibrate_null(request, progress, own)
+    sets = _read(request)
+    blocks = -(-request.draws // OF_A_BLOCK)
+    done = _begun(request)
     known = OF_A_BLOCK * len(done)
     todo = [i for i in range(blocks) if i not in done]
-    jobs = [partial(_block, asked, i) for i in todo]
+    jobs = [partial(_block, request, i) for i in todo]
     complete = True
     try:
         for count, one in enumerate(pool.run(plainly, jobs), start=1):
@@ -65,14 +65,14 @@ def calibrate_null(
         complete = False
         if not done:
             raise
-    return Made(_keep(asked, done, tuple(sets.runs.values())), known, complete)
+    return Made(_keep(request, done, tuple(sets.runs.values())), known, complete)
 
 
-def _begun(asked: Request) -> dict[int, dict]:
+def _begun(request: Request) -> dict[int, dict]:
     """Return the blocks of the same null that the store has, by number."""
     out: dict[int, dict] = {}
-    identity = _identity(asked)
-    for _, record in null_records(store_folder(asked.store)):
+    identity = _identity(request)
+    for _, record in null_records(store_folder(request.store)):
         if record["asked"] != identity:
             continue
         for number in sorted(set(record["block"])):
@@ -85,27 +85,27 @@ def _begun(asked: Request) -> dict[int, dict]:
     return out
 
 
-def _identity(asked: Request) -> dict:
+def _identity(request: Request) -> dict:
     """What makes two nulls the same but for the number of draws, as JSON has it."""
-    sets = _read(asked)
+    sets = _read(request)
     logs = [data_hash({"t": r.t, "q": r.q, "tau": r.tau}) for r in sets.fit]
     return {
         "logs": logs,
         "robot": sets.robot.content_hash,
-        "declared": None if asked.declared is None else list(asked.declared),
-        "seed": asked.seed,
+        "declared": None if request.declared is None else list(request.declared),
+        "seed": request.seed,
         "method": method_hash(),
     }
 
 
-def _keep(asked: Request, done: Mapping[int, Mapping], ids: Sequence[str]) -> Null:
+def _keep(request: Request, done: Mapping[int, Mapping], ids: Sequence[str]) -> Null:
     blocks = sorted(done)
     first = done[blocks[0]]
     record = {
-        "robot": _read(asked).robot.name,
+        "robot": _read(request).robot.name,
         "kind": KIND,
-        "asked": _identity(asked),
-        "seed": asked.seed,
+        "asked": _identity(request),
+        "seed": request.seed,
         "key": first["key"],
         "scale": first["scale"],
         "method": method_hash(),
@@ -114,15 +114,15 @@ def _keep(asked: Request, done: Mapping[int, Mapping], ids: Sequence[str]) -> Nu
     for name in ("nats", "net", "named"):
         record[name] = [value for b in blocks for value in done[b][name]]
     parents = {"fit": list(ids)} if ids else ()
-    store = store_folder(asked.store)
+    store = store_folder(request.store)
     id = commit_record(store, "validations", record, None, parents)
     return from_record(record, id)
 
 
 @one_blas_thread
-def _block(asked: Request, index: int) -> dict:
-    made_after = _source(asked)
-    draws = block(made_after, asked.seed, index, OF_A_BLOCK)
+def _block(request: Request, index: int) -> dict:
+    made_after = _source(request)
+    draws = block(made_after, request.seed, index, OF_A_BLOCK)
     key = {name: getattr(made_after.key, name) for name in made_after.key.__slots__}
     return {
         "key": json.loads(json.dumps(key)),
@@ -134,14 +134,16 @@ def _block(asked: Request, index: int) -> dict:
 
 
 @lru_cache(maxsize=1)
-def _source(asked: Request):
+def _source(request: Request):
     """Return what the recordings are made after; each process finds it out once."""
-    sets = _read(asked)
-    return source(sets.robot, sets.fit, asked.declared)
+    sets = _read(request)
+    return source(sets.robot, sets.fit, request.declared)
 
 
 @lru_cache(maxsize=1)
-def _read(asked: Request) -> LogSets:
-    if asked.draws < 1:
-        raise InputError(f"--draws is {asked.draws}, expected 1 or more; 200 is usual.")
-    return read_logs(asked, "to calibrate for", to_check=False)
+def _read(request: Request) -> LogSets:
+    if request.draws < 1:
+        raise InputError(
+            f"--draws is {request.draws}, expected 1 or more; 200 is usual."
+        )
+    return read_logs(request, "to calibrate for", to_check=False)

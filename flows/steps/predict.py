@@ -163,16 +163,16 @@ def _robot(request: View, store: Path, models: Mapping[str, Whole]) -> Robot:
             f"{request.log} does not say which robot it is of. Name it: --robot "
             "irb140, or a URDF file."
         )
-    asked = None if word is None else load_of(word, runs, store)
+    named = None if word is None else load_of(word, runs, store)
     if not models:
-        return asked
+        return named
     own = body_of(models["augmented"]).robot
-    if asked is not None and (asked.name, asked.dof) != (own.name, own.dof):
+    if named is not None and (named.name, named.dof) != (own.name, own.dof):
         raise InputError(
             f"--verdict {request.verdict} is of {own.name} with {own.dof} joints, "
-            f"--robot says {asked.name} with {asked.dof}. Give a verdict of this robot."
+            f"--robot says {named.name} with {named.dof}. Give a verdict of this robot."
         )
-    return asked or own
+    return named or own
 
 
 def _without(model: Whole, effect: Finding, log: Recording) -> Array:

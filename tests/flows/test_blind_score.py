@@ -4,7 +4,7 @@ from dataclasses import replace
 
 import pytest
 
-from flows.blind.draw import Asked, drafts
+from flows.blind.draw import StudyRequest, drafts
 from flows.blind.row import Hidden, case_row, draw_sized, estimate, measured
 from flows.blind.score import Name, members, score
 from flows.blind.sums import summary, wilson
@@ -191,10 +191,10 @@ def test_wilson_is_wide_for_few_and_never_beyond_one():
 
 
 def test_the_same_seed_draws_the_same_and_a_longer_study_begins_with_a_shorter():
-    assert drafts(Asked(40, 5)) == drafts(Asked(40, 5))
-    assert drafts(Asked(60, 5))[:40] == drafts(Asked(40, 5))
-    assert drafts(Asked(40, 5)) != drafts(Asked(40, 6))
-    kinds = [d.drawn for d in drafts(Asked(20, 5))]
+    assert drafts(StudyRequest(40, 5)) == drafts(StudyRequest(40, 5))
+    assert drafts(StudyRequest(60, 5))[:40] == drafts(StudyRequest(40, 5))
+    assert drafts(StudyRequest(40, 5)) != drafts(StudyRequest(40, 6))
+    kinds = [d.drawn for d in drafts(StudyRequest(20, 5))]
     assert [kinds.count(k) for k in ("single", "pair", "none", "unknown")] == [
         10,
         3,
@@ -203,11 +203,11 @@ def test_the_same_seed_draws_the_same_and_a_longer_study_begins_with_a_shorter()
     ]
     for asked in ((0, 1), (3, -1)):
         with pytest.raises(InputError):
-            Asked(*asked)
+            StudyRequest(*asked)
 
 
 def test_every_effect_that_is_looked_for_is_drawn_and_no_fault_of_a_sensor():
-    wishes = [w.effect for d in drafts(Asked(120, 5)) for w in d.wishes]
+    wishes = [w.effect for d in drafts(StudyRequest(120, 5)) for w in d.wishes]
     assert set(registry()) <= set(wishes)
     assert not [w for w in wishes if w.startswith("x_fault")]
 

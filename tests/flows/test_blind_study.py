@@ -4,7 +4,7 @@ import pytest
 
 from flows.blind import draw as blind_draw
 from flows.blind import run as blind_run
-from flows.blind.draw import Asked, Draft, Excitation, Wish
+from flows.blind.draw import Draft, Excitation, StudyRequest, Wish
 from flows.blind.sums import summary
 from flows.report import study as blind_report
 from flows.report.study import render
@@ -19,7 +19,7 @@ from warehouse.query.store import open_store
 
 # Short motions that need no optimisation, so that all of it takes some seconds.
 SHORT = Excitation(0, ("cyclic", "cyclic"), ("cyclic",), 0.005, 1e-4)
-ASKED = Asked(2, 3, duration=5.0)
+ASKED = StudyRequest(2, 3, duration=5.0)
 DRAFTS = [
     Draft(0, "none", (), SHORT),
     Draft(1, "single", (Wish("torque_gain", 10.0),), SHORT),
@@ -145,7 +145,7 @@ def test_a_case_that_fails_is_told_and_the_others_go_on(short, monkeypatch, tmp_
     assert study.failed == ("case 0: ValueError: the arm broke",)
     assert len(study.rows) == 1
     with pytest.raises(RunError, match="No case"):
-        blind_run.run_study(Asked(1, 3, duration=5.0), tmp_path, pool=Here())
+        blind_run.run_study(StudyRequest(1, 3, duration=5.0), tmp_path, pool=Here())
 
 
 def test_the_page_shows_what_went_wrong_and_loads_nothing():

@@ -9,7 +9,7 @@ from pathlib import Path
 
 import numpy as np
 
-from flows.blind.draw import Asked, Draft, arm_of, drafts, motions
+from flows.blind.draw import Draft, StudyRequest, arm_of, drafts, motions
 from flows.blind.row import measured
 from flows.blind.run import (
     Minimum,
@@ -48,7 +48,7 @@ class Job:
     """One case to write."""
 
     name: str  # what it is called, which says nothing
-    asked: Asked  # the study, with the arm of this case
+    request: StudyRequest  # the study, with the arm of this case
     draft: Draft  # what was drawn
     minimum: Minimum  # detectable sizes of its motions
     folder: Path
@@ -61,10 +61,10 @@ def write_case(job: Job) -> dict:
     Returns:
         "open", what everybody may know of it, and "sealed", the truth.
     """
-    case = make_case(job.asked, job.draft, job.minimum)
+    case = make_case(job.request, job.draft, job.minimum)
     held_out = len(job.draft.excitation.held_out)
     runs = run_experiments(case.specs, held_out, job.store)
-    effects = hidden_effects(job.asked, job.draft, job.minimum)
+    effects = hidden_effects(job.request, job.draft, job.minimum)
     ids = [experiment.run(spec, job.store) for spec in _after(job, effects)]
     fit, held, after = (
         {f"{role}_{i}": read_run(job.store, id) for i, id in enumerate(part, 1)}
@@ -81,7 +81,7 @@ def write_case(job: Job) -> dict:
     known = {"fit": list(fit), "held_out": list(held), "after": list(after)}
     gone = _missing(told or ())
     return {
-        "open": {"robot": load(job.asked.robot).name, **known},
+        "open": {"robot": load(job.request.robot).name, **known},
         "sealed": {
             "kind": job.draft.drawn,
             "effects": [_truth(job, effect) for effect in effects],
@@ -134,10 +134,10 @@ def _after(job: Job, effects: Sequence[PlantEffect]) -> list[ExperimentSpec]:
     excitation = job.draft.excitation
     count = len(excitation.fit) + len(excitation.held_out)
     longer = replace(excitation, held_out=(*excitation.held_out, *AFTER))
-    plant = arm_of(job.asked, f"case/{job.draft.index}", excitation)
+    plant = arm_of(job.request, f"case/{job.draft.index}", excitation)
     out = []
     gone = _missing(effects)
-    for motion, number in zip(motions(job.asked, longer)[count:], gone, strict=True):
+    for motion, number in zip(motions(job.request, longer)[count:], gone, strict=True):
         left = [e for i, e in enumerate(effects) if i != number]
         own = {**plant, "effect": [in_spec(e) for e in left]}
         out.append(ExperimentSpec.model_validate({**motion, "plant": own}))
@@ -148,7 +148,7 @@ def _told(job: Job, effects: Sequence[PlantEffect]) -> list | None:
     """Return names and joints for the oracle; None where there is no name."""
     if job.draft.drawn == UNKNOWN:
         return None
-    robot = load(job.asked.robot)
+    robot = load(job.request.robot)
     found = [measured(e, job.minimum, robot, None) for e in effects]
     return [(h.effect.name, h.joints) for h in found]
 
@@ -161,7 +161,7 @@ def _seal(
     logs: tuple[Mapping[str, Recording], Mapping[str, Recording]],
 ) -> None:
     """Write measured torque beside that of who is told the names, logs as given."""
-    robot, (held, after) = load(job.asked.robot), logs
+    robot, (held, after) = load(job.request.robot), logs
     model = oracle_model(robot, fit, list(held.values()), told)
     for name, log in held.items():
         _keep(job, name, log, model)
@@ -178,7 +178,7 @@ def _keep(job: Job, name: str, log: Recording, model: Model) -> None:
 
 
 def _truth(job: Job, effect: PlantEffect) -> dict:
-    robot, known = load(job.asked.robot), registry().get(effect.name)
+    robot, known = load(job.request.robot), registry().get(effect.name)
     unit = next(iter(known.parameters.values())) if known else None
     there = measured(effect, job.minimum, robot, unit)
     return {
@@ -274,11 +274,11 @@ def words() -> dict[str, dict]:
 
 FORMAT = 1  # of the folder; raised when it changes
 _HERE = Path(__file__).parent
-Part = tuple[Asked, Draft]
+Part = tuple[StudyRequest, Draft]
 
 
 def export_study(
-    asked: Asked,
+    request: StudyRequest,
     arms: Sequence[int],
     target: Path,
     store: Path,
@@ -302,12 +302,12 @@ def export_study(
     draft = target.with_name(target.name + ".part")
     shutil.rmtree(draft, ignore_errors=True)
     draft.mkdir(parents=True)
-    cases = parts(asked, arms, draft)
+    cases = parts(request, arms, draft)
     done = _written(cases, draft, store, pool, tell)
     for word in dict.fromkeys(own.robot for own, _ in cases):
         describe(load(word), draft / OPEN / "robots")
         (draft / OPEN / "robots" / load(word).name / "robot.toml").unlink(True)
-    _write_rest(asked, done, draft)
+    _write_rest(request, done, draft)
     draft.rename(target)
 
 
@@ -319,14 +319,14 @@ def check_target(target: Path) -> None:
         raise InputError(f"--export {target}: there is no folder '{target.parent}'.")
 
 
-def parts(asked: Asked, arms: Sequence[int], folder: Path) -> list[Part]:
+def parts(request: StudyRequest, arms: Sequence[int], folder: Path) -> list[Part]:
     """Return the cases, each with the study that has its arm."""
-    every = drafts(asked)
+    every = drafts(request)
     arm_of = [arms[d.excitation.index % len(arms)] for d in every]
     robots = folder / OPEN / "robots"
     drawn = sorted(set(arm_of) - {0})
-    words = {k: str(drawn_arm(robots, asked.seed, k)) for k in drawn}
-    own = {k: replace(asked, robot=words.get(k, asked.robot)) for k in arm_of}
+    words = {k: str(drawn_arm(robots, request.seed, k)) for k in drawn}
+    own = {k: replace(request, robot=words.get(k, request.robot)) for k in arm_of}
     return [(own[k], d) for k, d in zip(arm_of, every, strict=True)]
 
 
@@ -364,10 +364,12 @@ def _written(
     return dict(sorted(done.items()))
 
 
-def _write_rest(asked: Asked, done: Mapping[str, Mapping], folder: Path) -> None:
+def _write_rest(
+    request: StudyRequest, done: Mapping[str, Mapping], folder: Path
+) -> None:
     """Write what is not of a single case: lists, truth, words and the judge."""
     opened = {name: case["open"] for name, case in done.items()}
-    study = {k: v for k, v in asdict(asked).items() if k != "robot"}
+    study = {k: v for k, v in asdict(request).items() if k != "robot"}
     truth = {
         "format": FORMAT,
         "study": study,

@@ -188,26 +188,26 @@ class Begun:
     lines: tuple[str, ...]
 
 
-def start(asked: Watch) -> Begun:
+def start(request: Watch) -> Begun:
     """Go on with a watch, or learn from healthy runs what is usual.
 
     What was learnt goes by one model; where the robot has another now, it is learnt
     again, and the source is read on.
     """
-    store, robot = store_folder(asked.store), load(asked.robot)
-    choice = choose(robot, asked.model, store)
-    path = _path(asked, store, robot)
+    store, robot = store_folder(request.store), load(request.robot)
+    choice = choose(robot, request.model, store)
+    path = _path(request, store, robot)
     before = read(path)
     if before and before.origin.robot_hash != robot.content_hash:
         raise InputError(
             f"{path} is of {before.origin.robot} as it was described then. Delete it "
             "to begin anew, or put the description back."
         )
-    good = _good(asked, store, choice, before)
+    good = _good(request, store, choice, before)
     origin = Origin(robot.name, robot.content_hash, choice.diagnosis, good)
     if before and before.origin == origin:
         return Begun(robot, before, path, (*choice.lines, _going_on(before)))
-    reference = _learnt(asked, store, robot, origin)
+    reference = _learnt(request, store, robot, origin)
     state, position = begin(reference), before.position if before else None
     session = Session(origin, reference, state, state.tail.kept, (), position)
     again = ("model or healthy runs are others than before: learnt again",)
@@ -215,9 +215,9 @@ def start(asked: Watch) -> Begun:
     return Begun(robot, session, path, lines)
 
 
-def _path(asked: Watch, store: Path, robot: Robot) -> Path:
-    if asked.state is not None:
-        path = Path(asked.state)
+def _path(request: Watch, store: Path, robot: Robot) -> Path:
+    if request.state is not None:
+        path = Path(request.state)
         if not path.parent.is_dir():
             raise InputError(f"--state {path}: there is no folder {path.parent}.")
         return path
@@ -228,10 +228,10 @@ def _path(asked: Watch, store: Path, robot: Robot) -> Path:
 
 
 def _good(
-    asked: Watch, store: Path, choice: Choice, before: Session | None
+    request: Watch, store: Path, choice: Choice, before: Session | None
 ) -> tuple[str, ...]:
-    if asked.good:
-        return tuple(read_run(store, id).id for id in asked.good)
+    if request.good:
+        return tuple(read_run(store, id).id for id in request.good)
     if before:
         return before.origin.good
     good = source_of(choice.diagnosis, store).good if choice.diagnosis else ()
@@ -245,12 +245,12 @@ def _good(
 
 
 @one_blas_thread
-def _learnt(asked: Watch, store: Path, robot: Robot, origin: Origin):
-    source = source_of(origin.diagnosis or asked.robot, store)
+def _learnt(request: Watch, store: Path, robot: Robot, origin: Origin):
+    source = source_of(origin.diagnosis or request.robot, store)
     runs = [read_run(store, id) for id in origin.good]
     for run in runs:
         source.robot_of(run, store)
-    return learn(source.model_of(robot, runs), runs, asked.per_hour)
+    return learn(source.model_of(robot, runs), runs, request.per_hour)
 
 
 def _learnt_from(session: Session) -> str:

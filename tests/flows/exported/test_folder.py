@@ -7,7 +7,7 @@ from pathlib import Path
 import pytest
 
 from flows.blind import draw as blind_draw
-from flows.blind.draw import Asked, Draft, Excitation, Wish
+from flows.blind.draw import Draft, Excitation, StudyRequest, Wish
 from flows.blind.export import write
 from flows.blind.export.write import classes, words
 from flows.cli.demo import blind
@@ -29,7 +29,7 @@ def test_every_effect_has_a_class_and_three_are_bodies():
 # -- a whole export, of motions that need no search -----------------------------------
 
 SHORT = Excitation(0, ("cyclic",), ("cyclic",), 0.005, 1e-4)
-ASKED = Asked(2, 3, duration=5.0)
+ASKED = StudyRequest(2, 3, duration=5.0)
 DRAFTS = [
     Draft(0, "single", (Wish("torque_gain", 10.0),), SHORT),
     Draft(1, "unknown", (Wish("x_square_wave", None),), SHORT),
@@ -95,12 +95,12 @@ def test_a_case_that_fails_leaves_no_folder(monkeypatch, tmp_path):
 
 
 def test_every_ten_cases_have_another_arm(tmp_path):
-    cases = write.parts(Asked(40, 1), range(3), tmp_path)
+    cases = write.parts(StudyRequest(40, 1), range(3), tmp_path)
     arms = [own.robot for own, _ in cases][::10]
     assert arms[0] == arms[3] == "irb140"
     assert len(set(arms)) == 3
     assert {Path(word).parent for word in arms[1:3]} == {tmp_path / "open" / "robots"}
-    again = write.parts(Asked(40, 1), range(3), tmp_path / "again")
+    again = write.parts(StudyRequest(40, 1), range(3), tmp_path / "again")
     names = [[Path(own.robot).name for own, _ in part] for part in (cases, again)]
     assert names[0] == names[1]
 
