@@ -20,6 +20,7 @@ from flows.steps.closing.close import (
 from warehouse.numbered import Decision
 
 _BUDGET = 100  # experiments
+_TOLD = ("number", "action", "reason", "outcome", "made", "seconds")  # of a decision
 _PLAIN = Close()
 
 
@@ -115,15 +116,5 @@ def _document(done: Closed) -> dict:
         "ended": done.decisions[-1].result["why"],
         "adopted": list(known.adopted["effects"]) if known.adopted else [],
         "hidden": texts.loads(texts.dumps(list(done.hidden))),
-        "decisions": [
-            {
-                "number": d.number,
-                "action": d.action,
-                "reason": d.reason,
-                "outcome": d.outcome,
-                "made": d.made,
-                "seconds": d.seconds,
-            }
-            for d in done.decisions
-        ],
+        "decisions": [{key: getattr(d, key) for key in _TOLD} for d in done.decisions],
     }

@@ -44,6 +44,7 @@ from flows.storage.diagnosis import read_verdict
 from residual.errors import ModelgapError, RunError
 from residual.monitoring.rows import Samples
 from residual.monitoring.watch import Change
+from residual.quantity import plain
 from warehouse.logs import ColumnMap, columns_of
 from warehouse.mirror import shown
 
@@ -206,33 +207,29 @@ def wear(
 
 def document(found: Wear) -> dict:
     """Return the outcome as plain values; changes are relative, NaN is null."""
-    return {
-        "schema": 1,
-        "robot": found.robot,
-        "clock": found.clock,
-        "time_constant": found.time,
-        "joints": [
-            {
-                "joint": one.joint,
-                "logs": one.logs,
-                "wear_per_30_days": _rate(one.wear),
-                "cold_to_warm": _rate(one.warming),
-                "why_not": one.why,
-            }
-            for one in found.joints
-        ],
-        "runs": [
-            {
-                "run_id": id,
-                "day": float(day),
-                "session": float(since),
-                "change": [None if v != v else float(v) for v in change],
-            }
-            for id, day, since, change in zip(
-                found.runs, found.days, found.sessions, found.change, strict=True
-            )
-        ],
-    }
+    runs = zip(found.runs, found.days, found.sessions, found.change, strict=True)
+    return plain(
+        {
+            "schema": 1,
+            "robot": found.robot,
+            "clock": found.clock,
+            "time_constant": found.time,
+            "joints": [
+                {
+                    "joint": one.joint,
+                    "logs": one.logs,
+                    "wear_per_30_days": _rate(one.wear),
+                    "cold_to_warm": _rate(one.warming),
+                    "why_not": one.why,
+                }
+                for one in found.joints
+            ],
+            "runs": [
+                dict(zip(("run_id", "day", "session", "change"), run, strict=True))
+                for run in runs
+            ],
+        }
+    )
 
 
 def _rate(rate) -> dict | None:

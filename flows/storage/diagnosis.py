@@ -216,26 +216,6 @@ def states_table(recordings: Sequence[Recording]) -> pa.Table | None:
     return pa.table(columns)
 
 
-def read_states(store: Path, diagnosis_model: str) -> tuple[Recording, ...]:
-    """Return the motion that goes with a model; none where it has none."""
-    path = find(store, diagnosis_model).folder / f"{STATES}.parquet"
-    if not path.exists():
-        return ()
-    table = read_parquet(path)
-    names = table.column("log").to_pylist()
-    robot, t = table.column("robot")[0].as_py(), table.column("t").to_numpy()
-    q, tau = (
-        np.stack(table.column(name).to_numpy(zero_copy_only=False)).astype(float)
-        for name in ("q", "tau")
-    )
-    out, first = [], 0
-    for name, rows in groupby(names):
-        own = slice(first, first := first + len(list(rows)))
-        id = name.partition("/")[2]
-        out.append(Recording(id, robot, t[own], q[own], tau[own]))
-    return tuple(out)
-
-
 def store_outcome(
     store: Path,
     found: Diagnosis,
@@ -251,15 +231,26 @@ def store_outcome(
     Returns:
         The ids of the diagnosis and of the validation, which has the curves.
     """
-    asked, robot = {"request": request}, found.verdict.robot
+    asked, verdict = {"request": request}, found.verdict
     each = errors_by_run(found) if runs.get("held_out") else []
     same = found.known is None or found.known is found.models.get("augmented")
-    kept = {} if same else {"known": _without_robot(found.known)}
+    kept = {}
+    if not same:
+        kept = {"known": {"model": model_record(found.known)}}
+        del kept["known"]["model"]["robot"]  # it stands there once
     serial = next((m.robot.serial for m in found.models.values()), None)
     whose = {"serial": serial} if serial else {}
     motion = states_table(logs)
     rows = Rows(
-        record=_record(found.verdict) | asked | whose,
+        record={
+            "robot": verdict.robot,
+            "verdict": verdict.verdict,
+            "nominal_scale": verdict.nominal_scale,
+            "unexplained": verdict.unexplained.fraction,
+            "document": to_json(verdict),
+            **asked,
+            **whose,
+        },
         model=asked | {"models": models_record(found.models)} | kept,
         nominal=(request or {}).get("model"),
         effects=list(effect_rows(found.effects)),
@@ -268,7 +259,7 @@ def store_outcome(
     )
     diagnosis_id = store_rows(store, rows, runs)
     told, curves = to_record(found)
-    about = {"robot": robot, "kind": "held_out", "diagnosis": diagnosis_id}
+    about = {"robot": verdict.robot, "kind": "held_out", "diagnosis": diagnosis_id}
     record = told | asked | about
     parents = {
         "diagnosis": [diagnosis_id],
@@ -276,16 +267,6 @@ def store_outcome(
     }
     proof_id = commit_record(store, "validations", record, curves, parents)
     return diagnosis_id, proof_id
-
-
-def _record(verdict: Verdict) -> dict:
-    return {
-        "robot": verdict.robot,
-        "verdict": verdict.verdict,
-        "nominal_scale": verdict.nominal_scale,
-        "unexplained": verdict.unexplained.fraction,
-        "document": to_json(verdict),
-    }
 
 
 def read_outcome(store: Path, validation_id: str) -> Diagnosis:
@@ -336,12 +317,6 @@ def _kept_models(store: Path, diagnosis_id: str) -> dict[str, Model | Corrected]
     return read_models_record(kept) if kept else {}
 
 
-def _without_robot(model: Model) -> dict:
-    record = model_record(model)
-    del record["robot"]  # it stands there once
-    return {"model": record}
-
-
 def read_known(store: Path, diagnosis_id: str) -> Model:
     """Return the model of a diagnosis that may be adopted."""
     record = read_record(store, read_record(store, diagnosis_id)["model_id"])
@@ -356,7 +331,23 @@ def read_known(store: Path, diagnosis_id: str) -> Model:
 
 def read_motion(store: Path, diagnosis_id: str) -> tuple[Recording, ...]:
     """Return the motion behind the model of a diagnosis, of logs by id; may be none."""
-    return read_states(store, read_record(store, diagnosis_id)["model_id"])
+    model = read_record(store, diagnosis_id)["model_id"]
+    path = find(store, model).folder / f"{STATES}.parquet"
+    if not path.exists():
+        return ()
+    table = read_parquet(path)
+    names = table.column("log").to_pylist()
+    robot, t = table.column("robot")[0].as_py(), table.column("t").to_numpy()
+    q, tau = (
+        np.stack(table.column(name).to_numpy(zero_copy_only=False)).astype(float)
+        for name in ("q", "tau")
+    )
+    out, first = [], 0
+    for name, rows in groupby(names):
+        own = slice(first, first := first + len(list(rows)))
+        id = name.partition("/")[2]
+        out.append(Recording(id, robot, t[own], q[own], tau[own]))
+    return tuple(out)
 
 
 def read_runs(store: Path, diagnosis_id: str, roles: Sequence[str]) -> tuple[str, ...]:

@@ -9,6 +9,7 @@ import numpy as np
 
 from flows.inputs.stream import GrowingFile, StandardInput
 from flows.requests import Diagnose
+from flows.steps.imports import about_log
 from flows.steps.watch.session import (
     Session,
     advance,
@@ -123,18 +124,8 @@ def keep_run(store: Path, word: str, robot: Robot, samples: Samples) -> str:
         "watched", robot.name, samples.t - samples.t[0], samples.q, samples.tau
     )
     keep_robot(store, word, robot)
-    about = {"file": "stream", "begin": float(samples.t[0])}
-    manifest = {
-        "source": "imported",
-        "kind": KIND,
-        "trajectory": None,
-        "robot_hash": robot.content_hash,
-        "serial": robot.serial,
-        "recorded_at": None,
-        "tags": [TAG],
-        "log": about,
-    }
-    return commit_run(store, recording, manifest)
+    stream = {"file": "stream", "begin": float(samples.t[0])}
+    return commit_run(store, recording, about_log(robot, KIND, stream, tags=[TAG]))
 
 
 def keep_alarm(
