@@ -87,8 +87,8 @@ def test_the_example_of_a_robot_file_is_read():
     where = "docs/logs.md"
     content = parse_toml(_toml(where, "## robot.toml"), where)
     robot = read_robot_toml(content, 2, where, vocabulary())
-    assert set(robot.declared) == {"coulomb", "viscous"}
-    assert robot.prior_scale == 0.03
+    assert set(robot["declared"]) == {"coulomb", "viscous"}
+    assert robot["prior_scale"] == 0.03
 
 
 def test_the_default_list_of_declared_effects_is_the_one_in_the_text():

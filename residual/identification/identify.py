@@ -27,7 +27,6 @@ from residual.identification.estimate import (
 from residual.identification.structure import (
     Preflight,
     Rows,
-    columns_of,
     doubt,
     load,
     preflight,
@@ -201,7 +200,7 @@ def _fitted(
     rows = rows_of(nominal, logs.tracks, base)
     _check_rows(rows, len(base))
     states = random_states(nominal.robot.model)
-    spread = doubt(nominal, rows.rms, columns_of(nominal, state_at(nominal, *states)))
+    spread = doubt(nominal, rows.rms, nominal.columns(state_at(nominal, *states)))
     theta = base.mapping @ nominal.coefficients()
     wide = spread + np.diag(load(nominal) ** 2)
     size = np.sqrt(np.diag(base.mapping @ wide @ base.mapping.T))

@@ -70,7 +70,7 @@ class Rows:
 def structure(model: Model) -> BaseParameters:
     """Return the base parameters of a model, effects included."""
     states = random_states(model.robot.model)
-    columns = columns_of(model, state_at(model, *states))
+    columns = model.columns(state_at(model, *states))
     rows = columns.reshape(-1, columns.shape[2])
     rigid = base_parameters(model.robot.model).columns
     effects = range(len(model.inertial), rows.shape[1])
@@ -111,17 +111,6 @@ def state_at(model: Model, q: Array, qd: Array, qdd: Array) -> State:
     return State(model.robot, 1.0, t, q, qd, qdd, np.sign(qd), regressor, rigid, rigid)
 
 
-def columns_of(model: Model, state: State) -> Array:
-    """Return the columns of all coefficients. Shape (n, dof, s)."""
-    dof, blocks = model.robot.dof, [state.regressor]
-    for term in model.terms:
-        own = np.zeros((len(state.t), dof, len(term.theta)))
-        rows = list(term.effect.rows(term.joints, dof))
-        own[:, rows] = term.effect.columns(state, term.joints, term.shape)
-        blocks.append(own)
-    return np.concatenate(blocks, axis=2)
-
-
 def rows_of(model: Model, tracks: tuple[Track, ...], base: BaseParameters) -> Rows:
     """Filter torque and base columns alike, and keep the rows that count.
 
@@ -130,7 +119,7 @@ def rows_of(model: Model, tracks: tuple[Track, ...], base: BaseParameters) -> Ro
     dof = model.robot.dof
     made: list[list[tuple]] = [[] for _ in range(dof)]
     for number, track in enumerate(tracks):
-        columns = columns_of(model, model.observe(track))
+        columns = model.columns(model.observe(track))
         for j in range(dof):
             use = np.flatnonzero(track.moving[:, j] & (np.ptp(track.tau[:, j]) > 0))
             own = columns[:, j, base.columns]
@@ -282,7 +271,7 @@ def _remedies(
     # As many rows as the logs have, so that it is the motion that counts, not time.
     per_row = rows[0] * max(rows[1].max(), 1.0) / _STATES
     for words, states in _motions(model):
-        columns = columns_of(model, state_at(model, *states))[:, :, base.columns]
+        columns = model.columns(state_at(model, *states))[:, :, base.columns]
         columns = columns * size * np.sqrt(per_row)[None, :, None]
         flat = columns.reshape(-1, len(size))
         richer = scaled + flat.T @ flat

@@ -249,12 +249,14 @@ class Model:
             [N m per SI unit of theta]. Shape (n, dof, p).
         """
         (track,), _ = prepare([recording], self.filters, self.speed_floor, True)
-        state = self.observe(track)
-        parts = [np.asarray(state.regressor)]
-        parts += [term.regressor(state) for term in self.terms]
-        flat = np.concatenate(parts, axis=2).reshape(len(state.q), -1)
+        flat = self.columns(self.observe(track)).reshape(len(track.t), -1)
         n, dof = len(recording.t), self.robot.dof
         return at_samples(flat, track, recording).reshape(n, dof, -1)
+
+    def columns(self, state: State) -> Array:
+        """Torque per parameter at the samples of a state. Shape (n, dof, p)."""
+        parts = (term.regressor(state) for term in self.terms)
+        return np.concatenate([np.asarray(state.regressor), *parts], axis=2)
 
     def torque(self, q: Array, qd: Array, qdd: Array) -> Array:
         """Torque at single states, each by itself.

@@ -15,7 +15,7 @@ from residual.effects import registry
 from residual.epochs.rules import Watching
 from residual.epochs.window import BODY, Usual
 from residual.errors import InputError, shown
-from residual.model.model import Model
+from residual.model.model import Model, with_slots
 from residual.monitoring.rows import Rows, Window
 from residual.monitoring.rules import MONITOR
 from residual.monitoring.usual import Tail
@@ -205,18 +205,11 @@ def columns_of(model: Model, rows: Rows) -> RowColumns:
     """Return torque per coefficient, each row by itself."""
     still = np.zeros(len(rows.t))
     state = model.state(1.0, still, (rows.q, rows.qd, rows.qdd))
-    dof, bodies = model.robot.dof, np.asarray(state.regressor)
-    base = model.coefficients()
-    x = np.zeros((len(rows.t), dof, len(base)))
-    x[..., : bodies.shape[2]] = bodies
-    braking, start = np.zeros(len(base)), bodies.shape[2]
-    for term in model.terms:
-        stop = start + len(term.theta)
-        on = list(term.effect.rows(term.joints, dof))
-        x[:, on, start:stop] = term.effect.columns(state, term.joints, term.shape)
-        braking[start:stop] = term.effect.brakes
-        start = stop
-    body = bodies[..., -10 : -10 + BODY]
+    x, base, size = model.columns(state), model.coefficients(), len(model.inertial)
+    braking = np.zeros(len(base))
+    for term, own in with_slots(model.terms, size):
+        braking[own] = term.effect.brakes
+    body = x[..., size - 10 : size - 10 + BODY]
     return RowColumns(x, base, braking, x @ base, body, state.sign)
 
 

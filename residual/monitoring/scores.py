@@ -8,13 +8,13 @@ from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-import pinocchio as pin
 
 from residual.effects.base import State
-from residual.model.model import Model
+from residual.model.model import Model, with_slots
 from residual.monitoring.rows import LogRows, period_of, rows_of
 from residual.monitoring.rules import MONITOR
 from residual.recording import Array, Recording
+from residual.robot.dynamics import torque_by_angle
 from residual.signals import logs as pieces
 
 _TINY = 1e-9
@@ -53,12 +53,12 @@ class Sight:
 
     def torque(self, theta: Array) -> Array:
         """Torque with these coefficients [N m]. Shape (m, dof)."""
-        start = len(self.model.inertial)
-        out = self.state.regressor @ theta[:start]
-        for columns in self.terms:
-            stop = start + columns.shape[2]
-            out = out + columns @ theta[start:stop]
-            start = stop
+        size = len(self.model.inertial)
+        out = self.state.regressor @ theta[:size]
+        for (_, own), x in zip(
+            with_slots(self.model.terms, size), self.terms, strict=True
+        ):
+            out = out + x @ theta[own]
         return out
 
     def columns(self) -> Iterator[tuple[slice, Array]]:
@@ -82,20 +82,11 @@ def sight_of(model: Model, recording: Recording) -> Sight:
         rows=rows,
         model=model,
         state=state,
-        terms=tuple(_columns(model, state)),
-        by_angle=_by_angle(model, rows),
+        terms=tuple(term.regressor(state) for term in model.terms),
+        by_angle=torque_by_angle(model.robot.model, rows.q, rows.qd, rows.qdd),
         slow=_remembered(slow, round(MONITOR.memory * rows.rate)),
         period=period_of(rows),
     )
-
-
-def _columns(model: Model, state: State) -> Iterator[Array]:
-    dof = state.q.shape[1]
-    for term in model.terms:
-        own = term.effect.columns(state, term.joints, term.shape)
-        part = np.zeros((len(state.t), dof, own.shape[2]))
-        part[:, list(term.effect.rows(term.joints, dof))] = own
-        yield part
 
 
 def fit(model: Model, logs: Sequence[Sight], without: int = -1) -> Array:
@@ -128,20 +119,9 @@ def fit(model: Model, logs: Sequence[Sight], without: int = -1) -> Array:
     return out
 
 
-def _by_angle(model: Model, rows: LogRows) -> Array:
-    rigid = model.robot.model
-    data, out = rigid.createData(), np.empty((*rows.q.shape, rows.q.shape[1]))
-    for i in range(len(rows.t)):
-        pin.computeRNEADerivatives(rigid, data, rows.q[i], rows.qd[i], rows.qdd[i])
-        out[i] = data.dtau_dq
-    return out
-
-
 def _remembered(flag: Array, count: int) -> Array:
     """Keep each flag up for a number of rows after it. Shape (m, dof)."""
-    total = np.cumsum(flag, axis=0)
-    before = np.concatenate([np.zeros((count, flag.shape[1])), total])[: len(flag)]
-    return total - before > 0
+    return _trailing(flag, count) > 0
 
 
 @dataclass(frozen=True, slots=True)

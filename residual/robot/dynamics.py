@@ -6,7 +6,7 @@ frame.
 """
 
 from collections import OrderedDict
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 
 import numpy as np
@@ -25,6 +25,15 @@ _Known = OrderedDict[tuple, tuple[tuple, tuple[Array, ...]]]
 _KNOWN: _Known = OrderedDict()
 
 
+def _over(shape: tuple[int, ...], one: Callable, model: pin.Model, *motion) -> Array:
+    """Return what Pinocchio's algorithm of one sample gives on each. (n, *shape)."""
+    rows = [np.ascontiguousarray(x, dtype=float) for x in motion]
+    data, out = model.createData(), np.empty((len(rows[0]), *shape))
+    for i, sample in enumerate(zip(*rows, strict=True)):
+        out[i] = one(model, data, *sample)
+    return out
+
+
 def inverse_dynamics(model: pin.Model, q: Array, qd: Array, qdd: Array) -> Array:
     """Return the joint torques of the rigid body [N m]. Shape (n, dof).
 
@@ -35,11 +44,7 @@ def inverse_dynamics(model: pin.Model, q: Array, qd: Array, qdd: Array) -> Array
         qd: Velocities [rad/s]. Shape (n, dof).
         qdd: Accelerations [rad/s^2]. Shape (n, dof).
     """
-    q, qd, qdd = map(_rows, (q, qd, qdd))
-    data, tau = model.createData(), np.empty_like(q)
-    for i in range(len(q)):
-        tau[i] = pin.rnea(model, data, q[i], qd[i], qdd[i])
-    return tau
+    return _over((model.nv,), pin.rnea, model, q, qd, qdd)
 
 
 def regressor(model: pin.Model, q: Array, qd: Array, qdd: Array) -> Array:
@@ -47,21 +52,14 @@ def regressor(model: pin.Model, q: Array, qd: Array, qdd: Array) -> Array:
 
     In SI units, of the same motion. Shape (n, dof, 10 * dof).
     """
-    q, qd, qdd = map(_rows, (q, qd, qdd))
-    data = model.createData()
-    out = np.empty((len(q), model.nv, PER_LINK * model.nv))
-    for i in range(len(q)):
-        out[i] = pin.computeJointTorqueRegressor(model, data, q[i], qd[i], qdd[i])
-    return out
+    shape = (model.nv, PER_LINK * model.nv)
+    return _over(shape, pin.computeJointTorqueRegressor, model, q, qd, qdd)
 
 
 def mass_matrix(model: pin.Model, q: Array) -> Array:
     """Return M(q) [kg m^2]. Shape (n, dof, dof)."""
-    q = _rows(q)
-    data, out = model.createData(), np.empty((len(q), model.nv, model.nv))
-    for i in range(len(q)):
-        out[i] = pin.crba(model, data, q[i])
-    upper = np.triu(out)  # it fills no more
+    # It fills no more than the upper half.
+    upper = np.triu(_over((model.nv, model.nv), pin.crba, model, q))
     return upper + np.triu(upper, 1).transpose(0, 2, 1)
 
 
@@ -73,13 +71,22 @@ def gravity_torque(model: pin.Model, q: Array, direction: Array) -> Array:
     Args:
         direction: Acceleration of gravity in the base frame [m/s^2]. Shape (3,).
     """
-    q = _rows(q)
     tilted = pin.Model(model)
     tilted.gravity.linear = np.asarray(direction, dtype=float)
-    data, tau = tilted.createData(), np.empty_like(q)
-    for i in range(len(q)):
-        tau[i] = pin.computeGeneralizedGravity(tilted, data, q[i])
-    return tau
+    return _over((model.nv,), pin.computeGeneralizedGravity, tilted, q)
+
+
+def torque_by_angle(model: pin.Model, q: Array, qd: Array, qdd: Array) -> Array:
+    """Return the change of the torques with each angle, the last axis. (n, dof, dof).
+
+    In N m/rad, of the rigid body.
+    """
+
+    def one(*sample) -> Array:
+        pin.computeRNEADerivatives(*sample)
+        return sample[1].dtau_dq
+
+    return _over((model.nv, model.nv), one, model, q, qd, qdd)
 
 
 def flange_jacobian(model: pin.Model, q: Array) -> Array:
@@ -88,14 +95,12 @@ def flange_jacobian(model: pin.Model, q: Array) -> Array:
     Rows are linear [m] then angular velocity of the flange per joint speed, along the
     axes of the base frame.
     """
-    q = _rows(q)
-    data, frame = model.createData(), flange_frame(model)
-    out = np.empty((len(q), 6, model.nv))
-    for i in range(len(q)):
-        out[i] = pin.computeFrameJacobian(
-            model, data, q[i], frame, pin.ReferenceFrame.LOCAL_WORLD_ALIGNED
-        )
-    return out
+    where = flange_frame(model), pin.ReferenceFrame.LOCAL_WORLD_ALIGNED
+
+    def one(*sample) -> Array:
+        return pin.computeFrameJacobian(*sample, *where)
+
+    return _over((6, model.nv), one, model, q)
 
 
 def flange_frame(model: pin.Model) -> int:
@@ -159,10 +164,6 @@ def with_inertial_parameters(model: pin.Model, parameters: Array) -> pin.Model:
             body[0] = _LEAST_MASS
         changed.inertias[i] = pin.Inertia.FromDynamicParameters(body)
     return changed
-
-
-def _rows(values: Array) -> Array:
-    return np.ascontiguousarray(values, dtype=float)
 
 
 @dataclass(frozen=True, eq=False, slots=True)
@@ -253,7 +254,7 @@ class LazyRegressor:
     def __getitem__(self, key) -> Array:
         """Some of it: rows, or columns of all rows as [:, :, columns]."""
         if isinstance(key, slice):
-            return self._of(key)
+            return regressor(self.robot.model, *(x[key] for x in self.motion))
         dof = self.motion[0].shape[1]
         if isinstance(key[2], slice):
             first, stop, step = key[2].indices(PER_LINK * dof)
@@ -264,11 +265,8 @@ class LazyRegressor:
 
     def _of_link(self, i: int) -> Array:
         """Columns of one link's parameters. Shape (n, dof, 10)."""
-        n, dof = self.motion[0].shape
-        out = np.zeros((n, dof, PER_LINK))
-        for k, block in enumerate(self.links()):
-            if k == i:
-                out[:, : i + 1] = block
+        out = np.zeros((*self.motion[0].shape, PER_LINK))
+        out[:, : i + 1] = self.links()[i]
         return out
 
     def __matmul__(self, parameters: Array) -> Array:
@@ -291,15 +289,12 @@ class LazyRegressor:
         known = self._remembered()
         return self._by_link() if known is None else known
 
-    def _of(self, rows: slice) -> Array:
-        return regressor(self.robot.model, *(x[rows] for x in self.motion))
-
     def _by_link(self) -> tuple[Array, ...]:
         n, dof = self.motion[0].shape
         out = tuple(np.empty((n, i + 1, PER_LINK)) for i in range(dof))
         for start in range(0, n, AT_ONCE):
             rows = slice(start, start + AT_ONCE)
-            dense = self._of(rows)
+            dense = self[rows]
             for i, block in enumerate(out):
                 own = slice(PER_LINK * i, PER_LINK * (i + 1))
                 block[rows] = dense[:, : i + 1, own]
@@ -316,13 +311,11 @@ class LazyRegressor:
         if key not in _KNOWN:
             _KNOWN[key] = known, self._by_link()
         _KNOWN.move_to_end(key)
-        while len(_KNOWN) > 1 and _size() > KEPT:
-            _KNOWN.popitem(last=False)
+        size = sum(x.nbytes for _, blocks in _KNOWN.values() for x in blocks)
+        while len(_KNOWN) > 1 and size > KEPT:
+            _, (_, blocks) = _KNOWN.popitem(last=False)
+            size -= sum(x.nbytes for x in blocks)
         return _KNOWN[key][1]
-
-
-def _size() -> int:
-    return sum(x.nbytes for _, blocks in _KNOWN.values() for x in blocks)
 
 
 def links_of(regressor: Array | LazyRegressor, dof: int) -> Iterator[Array]:

@@ -8,7 +8,8 @@ import tomllib
 import xml.etree.ElementTree as ET
 from collections.abc import Collection, Iterator, Mapping
 from contextlib import contextmanager
-from dataclasses import dataclass, field
+from dataclasses import dataclass
+from typing import Any, NamedTuple
 
 import numpy as np
 import pinocchio as pin
@@ -31,28 +32,19 @@ _REFUSED = {
 }
 
 
-@dataclass(frozen=True, eq=False, slots=True)
-class Chain:
-    """A serial arm as its URDF describes it.
+class Arm(NamedTuple):
+    """A serial arm as its URDF describes it, continuous joints written as revolute.
 
-    Attributes:
-        name: Name of the robot in the file.
-        text: The URDF, continuous joints written as revolute.
-        lower: Lower end of each joint's range, -inf where continuous [rad]. (dof,).
-        upper: Upper end of each joint's range, inf where continuous [rad]. (dof,).
-        velocity_limit: Speed limit, inf where not given [rad/s]. Shape (dof,).
-        torque_limit: Effort limit, inf where not given [N m]. Shape (dof,).
+    Limits are lower, upper [rad], speed [rad/s] and effort [N m] of each joint,
+    infinite where not given or continuous. Shape (4, dof).
     """
 
     name: str
-    text: str
-    lower: Array
-    upper: Array
-    velocity_limit: Array
-    torque_limit: Array
+    urdf: str
+    limits: Array
 
 
-def read_chain(text: str, where: str) -> Chain:
+def read_urdf(text: str, where: str) -> Arm:
     """Check a URDF and return its actuated joints in kinematic order.
 
     Raises:
@@ -62,11 +54,12 @@ def read_chain(text: str, where: str) -> Chain:
     root = _parse(text, where)
     joints = _chain(root, where)
     _check_mass(root, joints, where)
-    limits = np.array([_limits(joint, where) for joint in joints])
+    limits = np.array([_limits(joint, where) for joint in joints]).T
+    limits.setflags(write=False)
     continuous = [j for j in joints if j.get("type") == "continuous"]
     if continuous:
         text = _as_revolute(root, continuous)
-    return Chain(root.get("name", ""), text, *limits.T)
+    return Arm(root.get("name", ""), text, limits)
 
 
 def _parse(text: str, where: str) -> ET.Element:
@@ -102,7 +95,8 @@ def _chain(root: ET.Element, where: str) -> list[ET.Element]:
         children.setdefault(parent.get("link", ""), []).append(joint)
         moved.add(child.get("link"))
         _refuse(joint, where)
-    bases = [n for n in _link_names(root) if n not in moved]
+    names = (link.get("name", "") for link in root.findall("link"))
+    bases = [name for name in names if name not in moved]
     if len(bases) != 1:
         raise RobotError(
             f"{where}: expected one base link, got {len(bases)} ({', '.join(bases)})."
@@ -149,14 +143,17 @@ def _refuse(joint: ET.Element, where: str) -> None:
     )
 
 
-def _link_names(root: ET.Element) -> list[str]:
-    return [link.get("name", "") for link in root.findall("link")]
-
-
 def _check_mass(root: ET.Element, joints: list[ET.Element], where: str) -> None:
     """Every moving body needs mass, its fixed parts counted."""
-    mass = {link.get("name"): _mass(link, where) for link in root.findall("link")}
-    fixed: dict[str, list[str]] = {}
+    mass, fixed = {}, {}
+    for link in root.findall("link"):
+        name = link.get("name")
+        what = f"{where}: mass of link '{name}'"
+        mass[name] = _number(link.find("inertial/mass"), "value", 0.0, what)
+        if mass[name] < 0:
+            raise RobotError(
+                f"{where}: link '{name}' has mass {mass[name]:g}, expected >= 0."
+            )
     for joint in root.findall("joint"):
         if joint.get("type") == "fixed":
             parent = joint.find("parent").get("link")
@@ -171,16 +168,6 @@ def _check_mass(root: ET.Element, joints: list[ET.Element], where: str) -> None:
                 f"{where}: link '{link}', moved by joint '{joint.get('name')}', has no "
                 "inertia. Give it an <inertial> with a positive mass."
             )
-
-
-def _mass(link: ET.Element, where: str) -> float:
-    node = link.find("inertial/mass")
-    value = _number(node, "value", 0.0, f"{where}: mass of link '{link.get('name')}'")
-    if value < 0:
-        raise RobotError(
-            f"{where}: link '{link.get('name')}' has mass {value:g}, expected >= 0."
-        )
-    return value
 
 
 def _limits(joint: ET.Element, where: str) -> tuple[float, float, float, float]:
@@ -274,6 +261,7 @@ def _captured_stderr(lines: list[str]) -> Iterator[None]:
 
 Effects = Mapping[str, Collection[str]]
 
+GRAVITY = (0.0, 0.0, -9.81)  # m/s^2
 LARGEST = 1e30  # no number of a robot is larger, and a product of several overflows
 SLUG = re.compile(r"[a-z0-9_-]{1,40}")
 SERIAL = re.compile(r"[A-Za-z0-9._-]{1,40}")
@@ -311,31 +299,6 @@ class Declared:
     source: str = ""
 
 
-@dataclass(frozen=True, eq=False, slots=True)
-class RobotToml:
-    """The checked content of a robot.toml, None where it is silent.
-
-    Attributes:
-        name: Slug of the robot.
-        serial: Serial number of this one, which tells it from others of its kind.
-        gravity: Acceleration of gravity in the base frame [m/s^2]. Shape (3,).
-        joints: Arrays of the table joints by key. Shapes (dof,).
-        motor_from_joint: Motor speeds from joint speeds. Shape (dof, dof).
-        declared: Declared effects by name.
-        prior_scale: Relative scale of the rigid prior; None to estimate it.
-        known: Values that are known for sure, such as "payload.mass" [SI].
-    """
-
-    name: str | None = None
-    serial: str | None = None
-    gravity: Array = field(default_factory=lambda: np.array([0.0, 0.0, -9.81]))
-    joints: Mapping[str, Array] = field(default_factory=dict)
-    motor_from_joint: Array | None = None
-    declared: Mapping[str, Declared] = field(default_factory=dict)
-    prior_scale: float | None = None
-    known: Mapping[str, float] = field(default_factory=dict)
-
-
 def parse_toml(text: str, where: str) -> dict:
     """Parse the text of a robot.toml.
 
@@ -352,11 +315,14 @@ def parse_toml(text: str, where: str) -> dict:
 
 def read_robot_toml(
     content: Mapping, dof: int, where: str, effects: Effects | None = None
-) -> RobotToml:
+) -> dict[str, Any]:
     """Check the content of a robot.toml.
 
     Args:
         effects: Parameters of each effect that may be declared; None to take any.
+
+    Returns:
+        Fields of a `Robot`, and its gravity in the base frame [m/s^2], shape (3,).
 
     Raises:
         RobotError: On a wrong size or a value out of range.
@@ -368,19 +334,17 @@ def read_robot_toml(
             raise RobotError(f"{where}: '{name}' must be a table: [{name}].")
         if name in _TABLES:
             check_keys(table, _TABLES[name], f"[{name}] of {where}")
-    known = {
-        "joints": _joints(content.get("joints", {}), dof, where),
+    about = content.get("robot", {})
+    return {
+        **_joints(content.get("joints", {}), dof, where),
         "declared": _all_declared(content.get("declared", {}), dof, where, effects),
         "motor_from_joint": _coupling(content.get("couplings", {}), dof, where),
         "prior_scale": _scale(content.get("prior", {}), where),
         "known": _known(content.get("known", {}), f"[known] of {where}"),
-        "name": _text(content.get("robot", {}), "name", where),
-        "serial": _text(content.get("robot", {}), "serial", where),
+        "name": _text(about, "name", where),
+        "serial": _text(about, "serial", where),
+        "gravity": _array(about.get("gravity", GRAVITY), (3,), f"{where}: gravity"),
     }
-    if "gravity" in content.get("robot", {}):
-        gravity = content["robot"]["gravity"]
-        known["gravity"] = _array(gravity, (3,), f"{where}: gravity")
-    return RobotToml(**known)
 
 
 def _joints(table: dict, dof: int, where: str) -> Mapping[str, Array]:
@@ -438,8 +402,7 @@ def _scale(table: dict, where: str) -> float | None:
     scale = table.get("scale", "estimate")
     if scale == "estimate":
         return None
-    number = isinstance(scale, int | float) and not isinstance(scale, bool)
-    if not number or not 0 < scale < LARGEST:
+    if not (_is_number(scale) and scale > 0):
         raise RobotError(
             f"{where}: prior scale is {shown(scale)}, expected 'estimate' or a "
             "positive number such as 0.03."
@@ -449,13 +412,17 @@ def _scale(table: dict, where: str) -> float | None:
 
 def _known(table: dict, where: str) -> Mapping[str, float]:
     for word, value in table.items():
-        number = isinstance(value, int | float) and not isinstance(value, bool)
-        if not number or not abs(value) < LARGEST:
+        if not _is_number(value):
             raise RobotError(
                 f"{where}: {word} is {shown(value)}, expected a number, as in "
                 f'"payload.mass" = 2.8 (a name with dots stands in quotes).'
             )
     return {word: float(value) for word, value in table.items()}
+
+
+def _is_number(value: object) -> bool:
+    known = isinstance(value, int | float) and not isinstance(value, bool)
+    return known and abs(value) < LARGEST
 
 
 def _text(table: dict, key: str, where: str) -> str | None:

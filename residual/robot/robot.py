@@ -17,14 +17,13 @@ import pinocchio as pin
 from residual.errors import InputError, RobotError, check_name, shortened
 from residual.recording import Array
 from residual.robot.files import (
-    Chain,
+    Arm,
     Declared,
     Effects,
-    RobotToml,
     build_model,
     parse_toml,
-    read_chain,
     read_robot_toml,
+    read_urdf,
 )
 
 __all__ = [
@@ -74,12 +73,12 @@ class Robot:
     upper: Array
     velocity_limit: Array
     torque_limit: Array
-    acceleration_limit: Array | None
-    gear_ratio: Array | None
-    torque_per_unit: Array | None
-    motor_from_joint: Array | None
-    declared: Mapping[str, Declared]
-    prior_scale: float | None
+    acceleration_limit: Array | None = None
+    gear_ratio: Array | None = None
+    torque_per_unit: Array | None = None
+    motor_from_joint: Array | None = None
+    declared: Mapping[str, Declared] = field(default_factory=dict)
+    prior_scale: float | None = None
     serial: str | None = None
     columns: Mapping = field(default_factory=dict)
     known: Mapping[str, float] = field(default_factory=dict)
@@ -126,16 +125,15 @@ def load_robot(spec: str | Path, effects: Effects | None = None) -> Robot:
         UnknownNameError: On an unknown robot, table, key or effect.
     """
     urdf_file, toml_file = _locate(spec)
-    chain = read_chain(_read(urdf_file), urdf_file.name)
+    arm = read_urdf(_read(urdf_file), urdf_file.name)
     content = parse_toml(_read(toml_file) if toml_file else "", "robot.toml")
     columns = content.pop("columns", {})
     if not isinstance(columns, dict):
         raise RobotError("robot.toml: 'columns' must be a table: [columns].")
-    extra = read_robot_toml(content, len(chain.lower), "robot.toml", effects)
-    name = extra.name or _slug(chain.name) or _slug(Path(urdf_file.name).stem)
-    canonical = json.dumps(content, sort_keys=True)
-    made = _assemble(name or "robot", chain, extra, (urdf_file.name, canonical))
-    return replace(made, columns=columns)
+    extra = read_robot_toml(content, arm.limits.shape[1], "robot.toml", effects)
+    extra["name"] = extra["name"] or _slug(arm.name, Path(urdf_file.name).stem)
+    extra |= {"toml": json.dumps(content, sort_keys=True), "columns": columns}
+    return _assemble(arm, extra, urdf_file.name)
 
 
 @lru_cache(maxsize=16)
@@ -145,9 +143,9 @@ def robot_from_texts(name: str, urdf: str, toml: str) -> Robot:
     Raises:
         RobotError: If the texts are not those of a robot.
     """
-    chain = read_chain(urdf, name)
-    extra = read_robot_toml(json.loads(toml), len(chain.lower), name)
-    return _assemble(name, chain, extra, (name, toml))
+    arm = read_urdf(urdf, name)
+    extra = read_robot_toml(json.loads(toml), arm.limits.shape[1], name)
+    return _assemble(arm, extra | {"name": name, "toml": toml}, name)
 
 
 def with_serial(robot: Robot, serial: str | None) -> Robot:
@@ -169,11 +167,7 @@ def with_serial(robot: Robot, serial: str | None) -> Robot:
             f"The robot.toml of {robot.name} has serial = '{robot.serial}', expected "
             f"'{shortened(serial)}'. Correct one of them, or describe each arm apart."
         )
-    content = json.loads(robot.toml)
-    content.setdefault("robot", {})["serial"] = serial
-    text = json.dumps(content, sort_keys=True)
-    made = robot_from_texts(robot.name, robot.urdf, text)
-    return replace(made, columns=robot.columns)
+    return _told(robot, "robot", {"serial": serial})
 
 
 def with_known(robot: Robot, known: Mapping[str, float]) -> Robot:
@@ -185,49 +179,31 @@ def with_known(robot: Robot, known: Mapping[str, float]) -> Robot:
     Raises:
         RobotError: If one is no number.
     """
-    if not known:
-        return robot
+    return _told(robot, "known", known) if known else robot
+
+
+def _told(robot: Robot, table: str, more: Mapping) -> Robot:
+    """The robot with more in a table of its robot.toml."""
     content = json.loads(robot.toml)
-    content["known"] = content.get("known", {}) | dict(known)
+    content[table] = content.get(table, {}) | dict(more)
     text = json.dumps(content, sort_keys=True)
     made = robot_from_texts(robot.name, robot.urdf, text)
     return replace(made, columns=robot.columns)
 
 
-def _assemble(
-    name: str, chain: Chain, extra: RobotToml, texts: tuple[str, str]
-) -> Robot:
-    where, canonical = texts
-    dof = len(chain.lower)
-    model = build_model(chain.text, where)
+def _assemble(arm: Arm, extra: dict, where: str) -> Robot:
+    """Put both files together; what robot.toml says of a limit goes before the URDF."""
+    lower, upper, speed, effort = arm.limits
+    dof, model = len(lower), build_model(arm.urdf, where)
     if model.nq != dof or model.nv != dof:
         raise RobotError(
             f"{where}: {model.nq} positions for {dof} joints, expected as many. "
             "Report this URDF as a bug."
         )
-    model.gravity.linear = extra.gravity
-    for array in (chain.lower, chain.upper, chain.velocity_limit, chain.torque_limit):
-        array.setflags(write=False)
-    joints = extra.joints
-    return Robot(
-        name=name,
-        model=model,
-        urdf=chain.text,
-        toml=canonical,
-        dof=len(chain.lower),
-        lower=chain.lower,
-        upper=chain.upper,
-        velocity_limit=joints.get("velocity_limit", chain.velocity_limit),
-        torque_limit=joints.get("torque_limit", chain.torque_limit),
-        acceleration_limit=joints.get("acceleration_limit"),
-        gear_ratio=joints.get("gear_ratio"),
-        torque_per_unit=joints.get("torque_per_unit"),
-        motor_from_joint=extra.motor_from_joint,
-        declared=extra.declared,
-        prior_scale=extra.prior_scale,
-        serial=extra.serial,
-        known=extra.known,
-    )
+    model.gravity.linear = extra.pop("gravity")
+    limits = {"velocity_limit": speed, "torque_limit": effort}
+    given = {"model": model, "urdf": arm.urdf, "lower": lower, "upper": upper}
+    return Robot(dof=dof, **given, **limits | extra)
 
 
 def _robots_folder() -> Traversable:
@@ -281,8 +257,10 @@ def _read(file: Traversable) -> str:
         raise RobotError(f"Cannot read {file.name}: {error.strerror}.") from error
 
 
-def _slug(text: str) -> str:
-    return re.sub(r"[^a-z0-9_-]+", "_", text.lower()).strip("_")[:40]
+def _slug(*texts: str) -> str:
+    """A name that a robot may have, of the first text that has any of it."""
+    made = (re.sub(r"[^a-z0-9_-]+", "_", x.lower()).strip("_")[:40] for x in texts)
+    return next(filter(None, made), "robot")
 
 
 def with_inertials(robot: Robot, parameters: Array) -> str:
