@@ -254,7 +254,7 @@ def oddities_of(rows: Training, whole: Rows, form: NominalForm) -> Oddities:
     for number in range(len(whole.labels)):
         own = rows.run == number
         others = fit_nominal_pls(rows.X[~own], rows.Y[~own], lean, fewer=True)
-        codes = others.levels.encode(rows.X[own])
+        strange = others.levels.outside(rows.X[own]).any(axis=1)
         bad = far.y[own] > far.y_limit
         inside = [classes[own] == kind for kind in range(len(CLASSES))]
         found.append(
@@ -262,7 +262,7 @@ def oddities_of(rows: Training, whole: Rows, form: NominalForm) -> Oddities:
                 float(far.x_outliers[own].mean()),
                 float(far.y_outliers[own].mean()),
                 float(others.unvisited_share(rows.X[own]).mean()),
-                codes.outside_rows / int(own.sum()),
+                float(strange.mean()),
                 tuple(float(bad[i].mean()) if i.any() else 0 for i in inside),
             )
         )

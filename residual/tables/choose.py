@@ -63,12 +63,12 @@ def build_lookup(
             offset[j] = fit.offset[j]
             for table, own in zip(main, fit.tables, strict=True):
                 table[:, j] = own[:, j]
-    axes = [*_axes(levels)]
+    axes = [Axis(i, edges) for i, edges in enumerate(levels.edges)]
     tables = [Table((i,), frozen(t)) for i, t in enumerate(main)]
     for found in (_named(rest, chosen), _all_pairs(rest, chosen, offset)):
         if found:
             start = len(axes)
-            axes += _axes(found[0])
+            axes += [Axis(i, edges) for i, edges in enumerate(found[0].edges)]
             tables += [Table((start + a, start + b), t) for (a, b), t in found[1]]
     plain = Lookup(
         levels.names,
@@ -138,10 +138,6 @@ def _all_pairs(rest: Rest, chosen: Sequence[Option], offset: Array) -> _Found | 
         for table, own in zip(tables, model.tables(count), strict=True):
             table[..., j] = own[..., j]
     return model.levels, list(zip(model.pairs, tables, strict=True))
-
-
-def _axes(levels: Levels) -> list[Axis]:
-    return [Axis(i, edges) for i, edges in enumerate(levels.edges)]
 
 
 @dataclass(frozen=True, eq=False, slots=True)

@@ -26,6 +26,7 @@ from residual.tables.crossval import (
     as_block,
     as_names,
     as_pair,
+    as_rows,
     check_count,
     check_varying,
     frozen,
@@ -60,12 +61,7 @@ class Pls:
 
     def transform(self, X: Array) -> Array:
         """Scores of new rows, t = (x - xbar) V (eq. 21). Shape (m, A)."""
-        X = as_block(X, "X")
-        if X.shape[1] != len(self.names):
-            raise InputError(
-                f"X has {X.shape[1]} columns, the model was fitted to "
-                f"{len(self.names)}: {', '.join(self.names)}. Give these, in order."
-            )
+        X = as_rows(X, self.names, "the model was fitted to")
         return (X - self.x_mean) / self.x_scale @ self.V
 
     def linear(self, components: int) -> tuple[Array, Array]:
@@ -216,7 +212,9 @@ def real_components(
         phase[i] = _eigenvalues(np.concatenate(new) + means)
         permuted[i] = _eigenvalues(rng.permuted(X[order], axis=0))
     limits = [np.quantile(p, _QUANTILE, axis=0) for p in (phase, permuted)]
-    counts = [_leading(own, limit) for limit in limits]
+    # In a correlation matrix a first component too large makes the others small, so
+    # only an unbroken start is a count.
+    counts = [int(np.logical_and.accumulate(own > limit).sum()) for limit in limits]
     return RealComponents(*counts, frozen(limits[0]))
 
 
@@ -245,10 +243,3 @@ def _parts(rows: int, run: Array | None) -> list[Array]:
 
 def _eigenvalues(X: Array) -> Array:
     return np.linalg.eigvalsh(np.corrcoef(X.T).reshape(X.shape[1], -1))[::-1]
-
-
-def _leading(values: Array, limit: Array) -> int:
-    # In a correlation matrix a first component too large makes the others small, so
-    # only an unbroken start is a count.
-    beyond = values > limit
-    return int(len(beyond) if beyond.all() else np.argmin(beyond))

@@ -39,6 +39,17 @@ def as_block(values: Array, name: str) -> Array:
     return block
 
 
+def as_rows(X: Array, names: Sequence[str], whose: str) -> Array:
+    """Return rows of the variables of something that is made; whose says what."""
+    X = as_block(X, "X")
+    if X.shape[1] != len(names):
+        raise InputError(
+            f"X has {X.shape[1]} columns, {whose} {len(names)}: {', '.join(names)}. "
+            "Give these, in order."
+        )
+    return X
+
+
 def as_pair(X: Array, Y: Array) -> tuple[Array, Array]:
     """Return both blocks, checked, of equally many rows."""
     X, Y = as_block(X, "X"), as_block(Y, "Y")

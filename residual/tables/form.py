@@ -15,6 +15,7 @@ from residual.recording import Array
 from residual.tables.crossval import as_block, as_pair, frozen
 from residual.tables.levels import Levels, quantile_levels
 from residual.tables.main_tables import (
+    LEVELS,
     MOST,
     PYRAMID,
     RIDGES,
@@ -26,7 +27,6 @@ from residual.tables.main_tables import (
     main_effects,
     make_pyramid,
     normal_equations,
-    pair_levels,
     read_pairs,
     root_of,
     unite,
@@ -95,7 +95,12 @@ def fit_loaded(
     solved = []
     for j in range(Y.shape[1]):
         both = slice(2 * j, 2 * j + 2)
-        root = root_of([_crossed(a, b) for a, b in zip(*groups[both], strict=True)])
+        # Numbers of the cells of a table, in each width.
+        crossed = [
+            np.add.outer(a * (b.max() + 1), b).ravel()
+            for a, b in zip(*groups[both], strict=True)
+        ]
+        root = root_of(crossed)
         cells = codes.values[:, both].astype(np.int64).T
         cell = np.ravel_multi_index(cells, codes.sizes[both])
         solved.append(_solve(normal, cell, codes.sizes[both], root, Y[:, j], j, ridges))
@@ -105,11 +110,6 @@ def fit_loaded(
         main = normal.effects(pyramid.levels, np.column_stack(coefficients), ridge)
         fits.append(Loaded(main, levels, tables))
     return tuple(fits)
-
-
-def _crossed(first: Array, second: Array) -> Array:
-    """Number of each cell of a table in one width. Shape (k1 k2,)."""
-    return np.add.outer(first * (second.max() + 1), second).ravel()
 
 
 def _solve(
@@ -254,10 +254,9 @@ class Rest:
         X = form.states(X)
         codes = self.levels.encode(X)
         by_joint = [read_pairs(found, codes) for found in self.named]
-        counts = range(1, form.named + 1)
         out = [
-            np.stack([part[min(n, len(part) - 1)] for part in by_joint], axis=1)
-            for n in counts
+            np.stack([part[min(n + 1, len(part) - 1)] for part in by_joint], axis=1)
+            for n in range(form.named)
         ]
         if self.pairs is not None:
             scores, mean = self.pairs.transform(X), self.pairs.y_mean
@@ -299,23 +298,18 @@ def fit_rest(
         return options is None or options[j].kind == kind
 
     X, joints = form.states(X), range(rest.shape[1])
-    levels = pair_levels(X, form.state_names(), form.velocities)
+    levels = quantile_levels(X, LEVELS, form.state_names(), velocities=form.velocities)
     codes = levels.encode(X)
     named = tuple(
         add_pairs(codes, rest[:, j], run, form.named) if taken(NAMED, j) else ()
         for j in joints
     )
-    every = any(taken(PAIRS, j) for j in joints)
-    return Rest(levels, named, _fit_pairs(X, rest, form) if every else None)
-
-
-def _fit_pairs(X: Array, rest: Array, form: EffectForm) -> NominalPls | None:
-    if form.pairs is None:
-        return None
+    if form.pairs is None or not any(taken(PAIRS, j) for j in joints):
+        return Rest(levels, named, None)
     pairs = replace(form.pairs, velocities=form.velocities)
-    levels = pairs.make_levels(X, form.state_names())
+    every = pairs.make_levels(X, form.state_names())
     # Short logs bear fewer components; nobody asked for just so many here.
-    return fit_nominal_pls(X, rest, pairs, levels, fewer=True)
+    return Rest(levels, named, fit_nominal_pls(X, rest, pairs, every, fewer=True))
 
 
 def fit_linear(X: Array, Y: Array) -> tuple[Array, Array]:

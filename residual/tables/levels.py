@@ -11,6 +11,7 @@ repeated or slow motion shrinks tenfold.
 from collections.abc import Collection, Sequence
 from dataclasses import dataclass
 from math import prod
+from typing import NamedTuple
 
 import numpy as np
 
@@ -19,6 +20,7 @@ from residual.recording import Array
 from residual.tables.crossval import (
     as_block,
     as_names,
+    as_rows,
     check_count,
     check_varying,
     frozen,
@@ -51,40 +53,26 @@ class Levels:
 
     def encode(self, X: Array) -> "Codes":
         """Return the level of every value; the outermost reach to infinity. (n, d)."""
-        X = as_block(X, "X")
-        if X.shape[1] != len(self.edges):
-            raise InputError(
-                f"X has {X.shape[1]} columns, the levels are of {len(self.edges)}: "
-                f"{', '.join(self.names)}. Give these, in order."
-            )
+        X = as_rows(X, self.names, "the levels are of")
         kind = np.uint8 if max(self.sizes) <= 256 else np.uint16
         codes = np.empty(X.shape, kind)
         for i, edges in enumerate(self.edges):
             codes[:, i] = np.searchsorted(edges, X[:, i], side="right")
-        outside = np.less(X, self.low) | np.greater(X, self.high)
-        return Codes(frozen(codes), self.sizes, frozen(outside), self.names)
+        return Codes(frozen(codes), self.sizes)
+
+    def outside(self, X: Array) -> Array:
+        """Return which values are outside the calibrated range. Shape (n, d)."""
+        return np.less(X, self.low) | np.greater(X, self.high)
 
 
-@dataclass(frozen=True, eq=False, slots=True)
-class Codes:
-    """Levels of rows.
+class Codes(NamedTuple):
+    """Level of each value of rows, from 0, and the number of levels of each variable.
 
-    Attributes:
-        values: Level of each value, from 0; uint8, or uint16 beyond 256. (n, d).
-        sizes: Number of levels of each variable.
-        outside: Values outside the calibrated range, in the nearest level. (n, d).
-        names: The variables.
+    Levels are uint8, or uint16 beyond 256. Shape (n, d).
     """
 
     values: Array
     sizes: tuple[int, ...]
-    outside: Array
-    names: tuple[str, ...]
-
-    @property
-    def outside_rows(self) -> int:
-        """Rows with at least one value outside the calibrated range."""
-        return int(self.outside.any(axis=1).sum())
 
 
 Count = int | Sequence[int]  # levels of all variables, or of each
@@ -96,12 +84,8 @@ def equal_levels(X: Array, count: Count, names: Sequence[str] | None = None) -> 
     Count is of levels of all variables, or of each, at least 2.
     """
     X, names, counts = _checked(X, count, names)
-    low, high = X.min(axis=0), X.max(axis=0)
-    edges = [
-        a + (b - a) * np.arange(1, k) / k
-        for a, b, k in zip(low, high, counts, strict=True)
-    ]
-    return Levels(names, tuple(map(frozen, edges)), frozen(low), frozen(high))
+    spans = zip(X.min(axis=0), X.max(axis=0), counts, strict=True)
+    return _made(X, names, [a + (b - a) * np.arange(1, k) / k for a, b, k in spans])
 
 
 def quantile_levels(
@@ -128,8 +112,12 @@ def quantile_levels(
         _around_zero(column, k) if i in velocities else _quantiles(column, k)
         for i, (column, k) in enumerate(zip(X.T, counts, strict=True))
     ]
-    low, high = X.min(axis=0), X.max(axis=0)
-    return Levels(names, tuple(map(frozen, edges)), frozen(low), frozen(high))
+    return _made(X, names, edges)
+
+
+def _made(X: Array, names: tuple[str, ...], edges: Sequence[Array]) -> Levels:
+    low, high = frozen(X.min(axis=0)), frozen(X.max(axis=0))
+    return Levels(names, tuple(map(frozen, edges)), low, high)
 
 
 def _checked(

@@ -14,16 +14,16 @@ from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass
 from functools import cached_property
 from importlib import resources
+from itertools import pairwise
 from math import prod
 from pathlib import Path
 
 import numpy as np
 
-from residual.errors import InputError
 from residual.lazy import Lazy
 from residual.quantity import plain
 from residual.recording import Array
-from residual.tables.crossval import as_block
+from residual.tables.crossval import as_rows
 
 GRID = 1024  # steps per axis that lead to a level without a search
 CUBE = 32_768  # cells that a table of three axes may have: 1 MB for four joints
@@ -58,8 +58,6 @@ class Table:
 
 
 Pieces = tuple[Array, Array]
-Pair = tuple[int, int]
-Tables = dict[tuple[int, ...], Array]
 
 
 def pack(
@@ -79,9 +77,13 @@ def pack(
         the joints filled up with zeros to a multiple of 4.
     """
     sizes, joints = [len(axis.edges) + 1 for axis in axes], len(linear[0])
-    joined = _joined(tables)
-    for triple in find_triples([t for t in joined if len(t) == 2], sizes):
-        joined[triple] = _cube(joined, triple)
+    joined: dict[tuple[int, ...], Array] = {}
+    for table in tables:
+        known = joined.get(table.axes)
+        joined[table.axes] = table.values if known is None else known + table.values
+    for a, b, c in find_triples([t for t in joined if len(t) == 2], sizes):
+        cube = joined.pop((a, b))[:, :, None] + joined.pop((a, c))[:, None]
+        joined[a, b, c] = cube + joined.pop((b, c))[None]
     missing = (0, 0), (0, -joints % 4)
     places, cells = _places(joined, joints)
     return (
@@ -92,7 +94,7 @@ def pack(
     )
 
 
-def find_triples(pairs: Sequence[Pair], sizes: Sequence[int]) -> list[tuple]:
+def find_triples(pairs: Sequence[tuple[int, int]], sizes: Sequence[int]) -> list[tuple]:
     """Choose triples of axes whose three pairs are all given, no pair used twice.
 
     As many as a search of bounded length finds; of the axes, with so many levels each,
@@ -117,22 +119,6 @@ def find_triples(pairs: Sequence[Pair], sizes: Sequence[int]) -> list[tuple]:
 
     search(frozenset(p for p in pairs if p[0] < p[1]), [])
     return best
-
-
-def _joined(tables: Sequence[Table]) -> Tables:
-    """Tables by their axes; those of the same axes are added."""
-    out: Tables = {}
-    for table in tables:
-        out[table.axes] = (
-            out[table.axes] + table.values if table.axes in out else (table.values)
-        )
-    return out
-
-
-def _cube(tables: Tables, triple: tuple[int, int, int]) -> Array:
-    a, b, c = triple
-    cube = tables.pop((a, b))[:, :, None] + tables.pop((a, c))[:, None]
-    return cube + tables.pop((b, c))[None]
 
 
 def _places(tables: Mapping[tuple[int, ...], Array], joints: int) -> tuple:
@@ -204,28 +190,15 @@ class Lookup:
         Raises:
             InputError: On another number of columns or a value that is not finite.
         """
-        X = np.ascontiguousarray(self._checked(X))
+        X = np.ascontiguousarray(as_rows(X, self.names, "the tables are of"))
         out = np.empty((len(X), len(self.joints)))
         kernels.evaluate_rows(X, self.packed, out)
         return out
 
-    def predict_row(self, x: Array, out: Array) -> None:
-        """Write the correction of x (d,) into out (j,), float64, unchecked."""
-        kernels.evaluate_row(x, self.packed, out)
-
     def outside(self, X: Array) -> Array:
         """Values outside the calibrated range, which take the nearest level. (m, d)."""
-        X = self._checked(X)
+        X = as_rows(X, self.names, "the tables are of")
         return np.less(X, self.low) | np.greater(X, self.high)
-
-    def predict_levels(self, levels: Array) -> Array:
-        """Return offset and tables at levels that are known; the slope needs values.
-
-        Levels are of each row on each axis, from 0; unsigned, 1 or 2 bytes. (m, axes).
-        """
-        out = np.empty((len(levels), len(self.joints)))
-        kernels.evaluate_levels(np.ascontiguousarray(levels), self.packed, out)
-        return out
 
     @cached_property
     def packed(self) -> tuple[Array, ...]:
@@ -264,16 +237,6 @@ class Lookup:
             arrays = (held[k] for k in ("offset", "slope", "low", "high"))
             return cls(names, joints, axes, tables, *arrays)
 
-    def _checked(self, X: Array) -> Array:
-        X = as_block(X, "X")
-        if X.shape[1] != len(self.names):
-            raise InputError(
-                f"X has {X.shape[1]} columns, the tables are of {len(self.names)}: "
-                f"{', '.join(self.names)}. Give these, in order."
-            )
-        return X
-
-
 def export_lookup(lookup: Lookup) -> dict[str, bytes]:
     """Return the files of an export by name; the same bytes for the same tables.
 
@@ -290,18 +253,11 @@ def export_lookup(lookup: Lookup) -> dict[str, bytes]:
 
 
 def _npz(lookup: Lookup) -> bytes:
-    arrays = {
-        "names": np.array(lookup.names),
-        "joints": np.array(lookup.joints),
-        "offset": lookup.offset,
-        "slope": lookup.slope,
-        "low": lookup.low,
-        "high": lookup.high,
-        "axis_variable": np.array([a.variable for a in lookup.axes], np.int64),
-        "table_axes": np.array(
-            [(*t.axes, -1)[:2] for t in lookup.tables], np.int64
-        ).reshape(-1, 2),
-    }
+    named = ("names", "joints", "offset", "slope", "low", "high")
+    arrays = {name: np.array(getattr(lookup, name)) for name in named}
+    places = [(*t.axes, -1)[:2] for t in lookup.tables]
+    arrays["axis_variable"] = np.array([a.variable for a in lookup.axes], np.int64)
+    arrays["table_axes"] = np.array(places, np.int64).reshape(-1, 2)
     arrays |= {f"edges_{i}": a.edges for i, a in enumerate(lookup.axes)}
     arrays |= {f"values_{i}": t.values for i, t in enumerate(lookup.tables)}
     buffer = io.BytesIO()
@@ -322,9 +278,8 @@ def _csv(lookup: Lookup) -> bytes:
     for number, table in enumerate(lookup.tables):
         bounds = [_intervals(lookup, axis) for axis in table.axes]
         flat = table.values.reshape(-1, len(lookup.joints)).tolist()
-        for place, values in zip(
-            np.ndindex(table.values.shape[:-1]), flat, strict=True
-        ):
+        cells = np.ndindex(table.values.shape[:-1])
+        for place, values in zip(cells, flat, strict=True):
             told = [w for b, k in zip(bounds, place, strict=True) for w in b[k]]
             told += [""] * (6 - len(told))
             out.writerow([number, *told, *map(repr, values)])
@@ -333,10 +288,8 @@ def _csv(lookup: Lookup) -> bytes:
 
 def _intervals(lookup: Lookup, axis: int) -> list[tuple[str, str, str]]:
     chosen = lookup.axes[axis]
-    name, edges = lookup.names[chosen.variable], list(map(repr, chosen.edges.tolist()))
-    return [
-        (name, *pair) for pair in zip(["-inf", *edges], [*edges, "inf"], strict=True)
-    ]
+    name, edges = lookup.names[chosen.variable], map(repr, chosen.edges.tolist())
+    return [(name, *pair) for pair in pairwise(["-inf", *edges, "inf"])]
 
 
 def _json(lookup: Lookup) -> bytes:
@@ -356,20 +309,17 @@ def _json(lookup: Lookup) -> bytes:
             {"variable": lookup.names[a.variable], "edges": a.edges.tolist()}
             for a in lookup.axes
         ],
-        "tables": [_table(lookup, i) for i in range(len(lookup.tables))],
+        "tables": [
+            {
+                "table": number,
+                "axes": list(t.axes),
+                "variables": [lookup.names[lookup.axes[a].variable] for a in t.axes],
+                "levels": list(t.values.shape[:-1]),
+                "largest": np.abs(t.values)
+                .max(axis=(*range(t.values.ndim - 1),))
+                .tolist(),
+            }
+            for number, t in enumerate(lookup.tables)
+        ],
     }
     return (json.dumps(told, indent=1) + "\n").encode()
-
-
-def _table(lookup: Lookup, number: int) -> dict:
-    table = lookup.tables[number]
-    names = [lookup.names[lookup.axes[a].variable] for a in table.axes]
-    sizes: Array = np.array(table.values.shape[:-1])
-    largest = np.abs(table.values).reshape(-1, len(lookup.joints)).max(axis=0)
-    return {
-        "table": number,
-        "axes": list(table.axes),
-        "variables": names,
-        "levels": sizes.tolist(),
-        "largest": largest.tolist(),
-    }

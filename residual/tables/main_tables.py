@@ -10,8 +10,8 @@ friction needs a table of two variables; 36 of them at once mostly learn the pat
 table is added only if it predicts each run from the others.
 """
 
-from collections.abc import Collection, Sequence
-from dataclasses import dataclass
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
 from itertools import combinations
 
 import numpy as np
@@ -101,7 +101,10 @@ class Normal:
 
     def effects(self, levels: Levels, solved: Array, ridge: float) -> MainEffects:
         """Tables from coefficients of the directions. Shape of `solved` (r, j)."""
-        tables = _centred(self.back @ solved, self.share, self.codes.sizes)
+        # Tables of zero mean over the rows: the offset is then that of the responses.
+        ends = np.cumsum(self.codes.sizes)[:-1]
+        parts = np.split(self.back @ solved, ends), np.split(self.share, ends)
+        tables = tuple(frozen(t - s @ t) for t, s in zip(*parts, strict=True))
         return MainEffects(levels, frozen(self.y_mean), tables, float(ridge))
 
     def cross(self, cell: Array, share: Array) -> Array:
@@ -132,9 +135,7 @@ def make_pyramid(
     layers = [quantile_levels(X, w, names, velocities=velocities) for w in widths]
     edges, groups = zip(*unite(layers), strict=True)
     roots = [frozen(root_of(own)) for own in groups]
-    first = layers[0]
-    levels = Levels(first.names, tuple(edges), first.low, first.high)
-    return Pyramid(levels, tuple(roots))
+    return Pyramid(replace(layers[0], edges=edges), tuple(roots))
 
 
 def unite(layers: Sequence[Levels]) -> list[tuple[Array, list[Array]]]:
@@ -215,14 +216,6 @@ def _joint_sums(codes: Codes, Y: Array) -> tuple[Array, Array]:
     return count + upper.T, sums
 
 
-def _centred(stacked: Array, share: Array, sizes: Sequence[int]) -> tuple[Array, ...]:
-    """Cut into tables whose mean over the rows is zero; the offset is then ybar."""
-    ends = np.cumsum(sizes)[:-1]
-    tables = np.split(stacked, ends)
-    shares = np.split(share, ends)
-    return tuple(frozen(t - s @ t) for t, s in zip(tables, shares, strict=True))
-
-
 @dataclass(frozen=True, eq=False, slots=True)
 class NamedPair:
     """One table of two variables, for one response.
@@ -238,13 +231,6 @@ class NamedPair:
     gain: float
 
 
-def pair_levels(
-    X: Array, names: Sequence[str] | None = None, velocities: Collection[int] = ()
-) -> Levels:
-    """Levels of the named pair tables."""
-    return quantile_levels(X, LEVELS, names, velocities=velocities)
-
-
 def add_pairs(
     codes: Codes, rest: Array, run: Array, most: int = MOST
 ) -> tuple[NamedPair, ...]:
@@ -257,7 +243,8 @@ def add_pairs(
     _, run = np.unique(run, return_inverse=True)
     pairs = list(combinations(range(len(codes.sizes)), 2))
     # Rows do not change, so neither do the cells and counts of a pair.
-    places = [_place(codes, pair) for pair in pairs]
+    columns = codes.values.T.astype(np.int64)
+    places = [columns[a] * codes.sizes[b] + columns[b] for a, b in pairs]
     sizes = [codes.sizes[a] * codes.sizes[b] for a, b in pairs]
     counts = [_by_run(p, run, size) for p, size in zip(places, sizes, strict=True)]
     found: list[NamedPair] = []
@@ -285,11 +272,6 @@ def read_pairs(pairs: Sequence[NamedPair], codes: Codes) -> Array:
         a, b = (codes.values[:, v] for v in pair.variables)
         out[i + 1] = out[i] + pair.table[a, b]
     return out
-
-
-def _place(codes: Codes, pair: tuple[int, int]) -> Array:
-    first, second = (codes.values[:, v].astype(np.int64) for v in pair)
-    return first * codes.sizes[pair[1]] + second
 
 
 def _by_run(place: Array, run: Array, size: int, values: Array | None = None) -> Array:

@@ -95,10 +95,9 @@ class NominalPls:
 
     def coefficients(self, components: int | None = None) -> Array:
         """B = V Q' (eq. 25), in units of Y. Shape (p, j)."""
+        a = self.components if components is None else components
         remedy = "Ask for fewer, or fit again with more."
-        most = self.components
-        a = most if components is None else components
-        check_count(a, 0, most, "components", remedy)
+        check_count(a, 0, self.components, "components", remedy)
         return self.V[:a].T @ (self.Q[:a] * self.y_scale)
 
     def offset(self, components: int | None = None) -> Array:
@@ -164,7 +163,11 @@ def fit_nominal_pls(
         count = min(form.components, component_bound(cells))
         form = replace(form, components=count)
     check_components(cells, form.components)
-    check_sparsity(form.sparsity)
+    if not 0 <= form.sparsity < 1:
+        raise InputError(
+            f"sparsity must be at least 0 and under 1, got {form.sparsity}: it is the "
+            "share of the largest weight under which weights become zero."
+        )
     scale = response_scale(Y, form.scale_y)
     n, y_mean = len(Y), Y.mean(axis=0)
     table = np.zeros((cells.pair_columns, Y.shape[1] + 1))
@@ -196,15 +199,6 @@ def check_components(cells: Cells, components: int) -> None:
         f"{int(cells.sizes.max())} levels): take more rows or fewer components."
     )
     check_count(components, 1, component_bound(cells), "components", remedy)
-
-
-def check_sparsity(sparsity: float) -> None:
-    """Refuse a share that keeps no weight, or is none."""
-    if not 0 <= sparsity < 1:
-        raise InputError(
-            f"sparsity must be at least 0 and under 1, got {sparsity}: it is the share "
-            "of the largest weight under which weights become zero."
-        )
 
 
 def response_scale(Y: Array, scale_y: bool) -> Array:

@@ -21,12 +21,12 @@ from residual.tables.form import (
 )
 from residual.tables.levels import quantile_levels
 from residual.tables.main_tables import (
+    LEVELS,
     ROWS,
     add_pairs,
     main_effects,
     make_pyramid,
     normal_equations,
-    pair_levels,
     read_pairs,
 )
 from residual.tables.nominal_pls import NominalForm, fit_nominal_pls
@@ -129,7 +129,7 @@ def test_a_table_of_two_variables_is_found_and_named(rng):
     X, _, _, run = motion(rng, runs=4, rows=1500)
     pair = 6 * np.sign(X[:, 0]) * np.sign(X[:, 4])
     rest = pair + 0.5 * rng.normal(size=len(X))
-    codes = pair_levels(X, NAMES, (3, 4, 5)).encode(X)
+    codes = quantile_levels(X, LEVELS, NAMES, velocities=(3, 4, 5)).encode(X)
     found = add_pairs(codes, rest, run)
     assert found[0].variables == (0, 4)
     assert found[0].gain > 0.5

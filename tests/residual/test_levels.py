@@ -21,7 +21,7 @@ def test_levels_follow_the_order_of_values_and_stay_within_their_number(x, k, ma
     assert codes.values.max() < levels.sizes[0] <= k
     order = np.argsort(x, kind="stable")
     assert (np.diff(codes.values[order, 0].astype(int)) >= 0).all()
-    assert codes.outside_rows == 0
+    assert not levels.outside(x[:, None]).any()
 
 
 def test_equal_levels_are_equally_wide_and_an_edge_belongs_above():
@@ -53,12 +53,12 @@ def test_velocities_get_a_level_of_standing_still(rng):
     assert 0.001 not in one_way.edges[0]
 
 
-def test_values_outside_are_put_in_the_nearest_level_flagged_and_counted():
+def test_values_outside_are_put_in_the_nearest_level_and_flagged():
     levels = equal_levels(np.array([[0.0, 0], [1, 1]]), 4, ("q1", "qd1"))
-    codes = levels.encode(np.array([[-1, 0.5], [0.5, 2], [0.5, 0.5], [-1, 9]]))
+    X = np.array([[-1, 0.5], [0.5, 2], [0.5, 0.5], [-1, 9]])
+    codes = levels.encode(X)
     assert codes.values.tolist() == [[0, 2], [2, 3], [2, 2], [0, 3]]
-    assert codes.outside.sum(axis=0).tolist() == [2, 2]
-    assert codes.outside_rows == 3
+    assert levels.outside(X).tolist() == [[1, 0], [0, 1], [0, 0], [1, 1]]
 
 
 def test_beyond_256_levels_a_code_takes_two_bytes():

@@ -66,9 +66,6 @@ def test_any_number_of_joints_and_kinds_of_table_add_up(rng, joints):
     i, j = np.searchsorted(edges, X[:, 2], "right"), (X[:, 0] >= 0.25).astype(int)
     expected = offset + X @ slope + one[i] + two[i, j]
     np.testing.assert_allclose(lookup.predict(X), expected, **EXACT)
-    out = np.empty(joints)
-    lookup.predict_row(X[3], out)
-    np.testing.assert_allclose(out, expected[3], **EXACT)
     np.testing.assert_array_equal(lookup.outside(X), np.abs(X) > 1)
 
 
@@ -81,12 +78,6 @@ def test_twelve_triples_hold_all_pairs_of_nine_axes_once():
     assert find_triples(pairs, [40] * 9) == []
     assert find_triples([(0, 1), (1, 2)], [2] * 3) == []
     assert len(find_triples(list(combinations(range(18), 2)), [9] * 18)) > 30
-
-
-def test_known_levels_give_the_same_as_values(block, model):
-    levels = model.levels.encode(block[0]).values
-    found = nominal_lookup(model).predict_levels(levels)
-    np.testing.assert_allclose(found, model.predict(block[0]), **EXACT)
 
 
 def test_tables_of_the_same_axes_are_added(rng):

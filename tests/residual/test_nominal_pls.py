@@ -142,4 +142,4 @@ def test_rows_outside_the_range_are_predicted_from_the_nearest_level(rng):
     m = fit_nominal_pls(X, Y, NominalForm(3, 2))
     far, near = np.array([[9.0, 0.5, 0.5]]), np.array([[0.99, 0.5, 0.5]])
     np.testing.assert_array_equal(m.predict(far), m.predict(near))
-    assert m.levels.encode(far).outside.tolist() == [[True, False, False]]
+    assert m.levels.outside(far).tolist() == [[True, False, False]]
