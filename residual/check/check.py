@@ -17,7 +17,7 @@ from residual.check.kinematics import (
 from residual.check.late import commanded, filtered, late, long_late
 from residual.check.motion import Motion, thin_rows
 from residual.check.physics import misread, other_world, wrong_robot
-from residual.check.reported import exchanged, frictionless, other_torque
+from residual.check.reported import frictionless, joints_exchanged, other_torque
 from residual.check.result import Fault, LogCheck, Repair, joints_of
 from residual.check.rules import CHECK
 from residual.check.samples import (
@@ -100,7 +100,8 @@ def _of_the_arm(
 
     Physics is the same all along a log: of long ones seven minutes are looked at.
     """
-    faults, whole = body_faults(robot), logs
+    body = (_units(robot), _gravity(robot), _inertias(robot))
+    faults, whole = [fault for fault in body if fault], logs
     logs = sketch_of(logs)
     motion = thin_rows(logs)
     faults += enough(logs, motion)
@@ -108,7 +109,7 @@ def _of_the_arm(
         return [*faults, *speeds]
     columns, reading = misread(robot, motion)
     if not any(fault.certain for fault in columns):
-        columns = exchanged(robot, motion) or columns
+        columns = joints_exchanged(robot, motion) or columns
     columns = other_torque(robot, motion, columns) or columns
     columns = columns or other_world(robot, motion) or wrong_robot(robot, motion)
     if any(fault.kind == "wrong_robot" for fault in columns):
@@ -146,7 +147,15 @@ def carried(
         for repair in (r for r in fault.repairs if r.signal == "q" and with_speed):
             own, settled = _for_velocity(repair, turned, order)
             more += own
-            explained |= {f for f in speeds if settled and _settles(repair, f)}
+            # Of the nature of a velocity's fault, the angle's repair settles it.
+            nature = repair.order is None, repair.sign is None
+            if settled:
+                explained |= {
+                    f
+                    for f, r in off
+                    if f.kind == _VELOCITY
+                    and (r.order is None, r.sign is None) == nature
+                }
         out.append(replace(fault, repairs=(*fault.repairs, *more)))
     left = [fault for fault in speeds if fault not in explained]
     return _with_references(out, logs) + left
@@ -168,15 +177,6 @@ def _for_velocity(
     return [replace(repair, signal="qd")], False
 
 
-def _settles(repair: Repair, fault: Fault) -> bool:
-    """Whether a repair of the angle is of the nature of a velocity's fault."""
-    return fault.kind == _VELOCITY and any(
-        (other.order is None) == (repair.order is None)
-        and (other.sign is None) == (repair.sign is None)
-        for other in fault.repairs
-    )
-
-
 def _with_references(faults: Sequence[Fault], logs: Sequence[Recording]) -> list[Fault]:
     """Mend references with their angles, where they are logged alike, all channels."""
     both = [r for r in logs if r.q_ref is not None]
@@ -193,29 +193,23 @@ def _with_references(faults: Sequence[Fault], logs: Sequence[Recording]) -> list
     return out
 
 
-def body_faults(robot: Robot) -> list[Fault]:
-    """Check lengths, masses, inertias and gravity of the robot file."""
-    return [fault for part in (_units, _gravity, _inertias) if (fault := part(robot))]
-
-
 def _units(robot: Robot) -> Fault | None:
     bodies = list(robot.model.inertias)[1:]
     mass, reach = sum(b.mass for b in bodies), joints_length(robot.model)
     density = mass / max(reach, 1e-6) ** 3
     what = f"The arm weighs {mass:.4g} kg and reaches {reach:.4g} m"
-    if reach > CHECK.longest:
-        words, repair = "its lengths look like millimetres", 1e-3
-    elif density > CHECK.densest and reach > 0.05:
-        words, repair = "its masses look like grams", 1e-3
-    elif reach < 0.01 and mass > 1:
-        words, repair = "its lengths look like kilometres", 1e3
-    elif density < CHECK.thinnest:
-        words, repair = "its masses look like tonnes", 1e3
-    else:
-        return None
-    return Fault(
-        "robot_file", (), True, f"{what}: {words}.", (Repair("robot", scale=repair),)
+    units = (
+        (reach > CHECK.longest, "lengths", "millimetres", 1e-3),
+        (density > CHECK.densest and reach > 0.05, "masses", "grams", 1e-3),
+        (reach < 0.01 and mass > 1, "lengths", "kilometres", 1e3),
+        (density < CHECK.thinnest, "masses", "tonnes", 1e3),
     )
+    for there, sizes, unit, scale in units:
+        if there:
+            words = f"{what}: its {sizes} look like {unit}."
+            repairs = (Repair("robot", scale=scale),)
+            return Fault("robot_file", (), True, words, repairs)
+    return None
 
 
 def _gravity(robot: Robot) -> Fault | None:

@@ -40,9 +40,8 @@ def time_unit(robot: Robot, recordings: Sequence[Recording]) -> Fault | None:
         return None
     rate = float(np.median([1 / np.median(np.diff(r.t)) for r in logs]))
     # In steps of twenty samples: seconds are not known yet.
-    strides = [max(1, min(20, len(r.t) // 10)) for r in logs]
     fastest = [
-        usual_speed(r, n, CHECK.clock_share) for r, n in zip(logs, strides, strict=True)
+        usual_speed(r, max(1, min(20, len(r.t) // 10)), CHECK.clock_share) for r in logs
     ]
     speed = float(np.max(fastest / robot.velocity_limit))
     usual = CHECK.slowest_rate <= rate <= CHECK.fastest_rate
@@ -138,17 +137,15 @@ def _order(related: Array, moved: Array) -> tuple[Array, list[Fault]]:
     """Velocities of other joints: each angle finds its own among them."""
     own = np.diag(related)
     order = best_order(np.abs(related) + 0.2 * np.eye(len(own)))
-    joints = joints_of(order != np.arange(len(own)))
+    other = order != np.arange(len(own))
+    joints = joints_of(other)
     best = np.abs(related[np.arange(len(own)), order])
-    if not joints or any(
-        best[j - 1] < CHECK.velocity_same for j in joints if moved[j - 1]
-    ):
+    if not joints or (best < CHECK.velocity_same)[other & moved].any():
         return np.arange(len(own)), []
     words = (
         f"The velocities of joints {listed(joints)} follow the angles of other joints "
-        f"(correlation with their own at most "
-        f"{max(abs(own[j - 1]) for j in joints):.2f}, in the order "
-        f"{listed(order + 1)} at least {min(best[j - 1] for j in joints):.2f})."
+        f"(correlation with their own at most {np.abs(own[other]).max():.2f}, in the "
+        f"order {listed(order + 1)} at least {best[other].min():.2f})."
     )
     repair = Repair("qd", order=tuple(int(i) + 1 for i in order))
     return order, [Fault("velocity_mismatch", joints, True, words, (repair,))]
@@ -157,10 +154,8 @@ def _order(related: Array, moved: Array) -> tuple[Array, list[Fault]]:
 def _slopes(
     change: Array, integral: Array, related: Array, moved: Array
 ) -> list[Fault]:
-    own = np.diag(related)
-    slope = np.sum(change * integral, axis=0) / np.maximum(
-        np.sum(change**2, axis=0), 1e-300
-    )
+    own, power = np.diag(related), np.sum(change**2, axis=0)
+    slope = np.sum(change * integral, axis=0) / np.maximum(power, 1e-300)
     good = moved & (np.abs(own) > CHECK.velocity_same)
     off = good & (np.abs(slope - 1) > CHECK.velocity_off)
     out = []
@@ -212,8 +207,8 @@ def _single(slope: Array, off: Array) -> list[Fault]:
     if scaled:
         sizes = [float(slope[j - 1]) for j in scaled]
         words = (
-            f"The velocity of joints {listed(scaled)} is "
-            f"{listed([f'{s:.4g}' for s in sizes])} times what the angle does."
+            f"The velocity of joints {listed(scaled)} is {listed(sizes, '.4g')} times "
+            "what the angle does."
         )
         repair = Repair("qd", scaled, scale=tuple(1 / s for s in sizes))
         out.append(Fault("velocity_mismatch", scaled, True, words, (repair,)))
@@ -278,13 +273,12 @@ def degrees(robot: Robot, recordings: Sequence[Recording]) -> list[Fault]:
 
 def _speeds(recordings: Sequence[Recording]) -> Array:
     """Usual largest speed of each joint in any log [rad/s]. Shape (dof,)."""
-    steps = [float(np.median(np.diff(r.t))) for r in recordings]
-    strides = [
-        max(1, min(round(CHECK.range_stride / step), len(r.t) // 4))
-        for r, step in zip(recordings, steps, strict=True)
-    ]
-    pairs = zip(recordings, strides, strict=True)
-    return np.max([usual_speed(r, n, CHECK.range_share) for r, n in pairs], axis=0)
+    speeds = []
+    for r in recordings:
+        stride = round(CHECK.range_stride / float(np.median(np.diff(r.t))))
+        stride = max(1, min(stride, len(r.t) // 4))
+        speeds.append(usual_speed(r, stride, CHECK.range_share))
+    return np.max(speeds, axis=0)
 
 
 def zero_explains(

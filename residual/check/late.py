@@ -16,7 +16,7 @@ from residual.recording import Array, Recording
 from residual.robot.dynamics import PER_LINK, regressor
 from residual.robot.robot import Robot
 from residual.signals.logs import power_density
-from residual.signals.track import Filters, motion_of
+from residual.signals.track import Filters, at_times, motion_of
 
 _NOTHING = 1e-16
 _SHIFTS = (-0.08, -0.04, 0.0, 0.04, 0.08)  # s by which the torque is moved
@@ -203,8 +203,7 @@ def _rows(logs: Sequence[Recording], signal: str) -> tuple[Array, Array]:
         t, _, motion = motion_of(replace(log, q=getattr(log, signal)), filters)
         use = np.flatnonzero((t > t[0] + edge) & (t < t[-1] - edge))[::every]
         parts.append(np.stack(motion)[:, use])
-        columns = [np.interp(t[use], log.t, column) for column in log.tau.T]
-        torques.append(np.column_stack(columns))
+        torques.append(at_times(t[use], log.t, log.tau))
     return np.concatenate(parts, axis=1), np.concatenate(torques)
 
 

@@ -89,15 +89,11 @@ def thin_rows(recordings: Sequence[Recording]) -> Motion | None:
     chosen = _chosen(recordings)
     if not chosen:
         return None
-    parts = [
-        (
-            *(x[:: track.step][use] for x in (track.q, track.qd, track.qdd)),
-            track.tau[use],
-            track.moving[use],
-            np.full(len(use), number),
-        )
-        for number, (_, track, use) in enumerate(chosen)
-    ]
+    parts = []
+    for number, (_, track, use) in enumerate(chosen):
+        motion = (x[:: track.step][use] for x in (track.q, track.qd, track.qdd))
+        own = track.tau[use], track.moving[use], np.full(len(use), number)
+        parts.append((*motion, *own))
     *rows, log = (np.concatenate(own) for own in zip(*parts, strict=True))
     seconds = sum(t.inner.sum() * t.step / t.rate for _, t, _ in chosen)
     return Motion(*rows, spread=min(1.0, seconds / CHECK.apart / len(log)), log=log)

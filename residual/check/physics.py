@@ -15,7 +15,7 @@ from residual.check.reading import (
     judge,
     torque_scores,
 )
-from residual.check.result import Fault, Repair
+from residual.check.result import Fault, Repair, joints_of
 from residual.check.rules import CHECK
 from residual.errors import joints_listed, listed
 from residual.recording import Array
@@ -197,10 +197,11 @@ def _order(court: _Court) -> Fault | None:
 
 
 def _angle_sign(court: _Court) -> Fault | None:
-    angles = _turned(court.reading.angle_sign)
+    angles = joints_of(np.less(court.reading.angle_sign, 0))
     if not angles:
         return None
-    both = tuple(j for j in _turned(court.reading.torque_sign) if j in angles)
+    turned = joints_of(np.less(court.reading.torque_sign, 0))
+    both = tuple(j for j in turned if j in angles)
     repairs = [_turn("q", angles)] + ([_turn("tau", both)] if both else [])
     words = f"The angle of {joints_listed(angles)} counts backwards; turned, it fits"
     signs = enumerate(court.reading.torque_sign)
@@ -212,8 +213,8 @@ def _angle_sign(court: _Court) -> Fault | None:
 
 
 def _torque_sign(court: _Court) -> Fault | None:
-    angles = _turned(court.reading.angle_sign)
-    joints = tuple(j for j in _turned(court.reading.torque_sign) if j not in angles)
+    turned = np.less(court.reading.torque_sign, 0)
+    joints = joints_of(turned & np.greater(court.reading.angle_sign, 0))
     if not joints:
         return None
     words = (
@@ -224,10 +225,6 @@ def _torque_sign(court: _Court) -> Fault | None:
     undone = tuple(1 if j + 1 in joints else s for j, s in signs)
     repairs = [_turn("tau", joints)]
     return court.fault("torque_sign", joints, words, repairs, torque_sign=undone)
-
-
-def _turned(signs: tuple[int, ...]) -> Joints:
-    return tuple(j + 1 for j, sign in enumerate(signs) if sign < 0)
 
 
 def _turn(signal: str, joints: Joints) -> Repair:
@@ -352,8 +349,8 @@ _SCALES = np.geomspace(1 / 30, 30, 35)  # factors on one torque that are tried
 def other_world(robot: Robot, motion: Motion) -> list[Fault]:
     """Try other clocks, other directions of gravity, and scales of single torques."""
     given = _total(robot, motion)
-    found = [_clock(robot, motion, given), _gravity(robot, motion, given)]
-    found = [each for each in found if each[0] > CHECK.world]
+    tried = (_clock(robot, motion, given), _gravity(robot, motion, given))
+    found = [each for each in tried if each[0] > CHECK.world]
     found.append(out_of_proportion(robot, motion))
     # One of them explains what the others would have to.
     _, fault = max(found, key=lambda each: each[0])
@@ -392,9 +389,8 @@ def _gravity(robot: Robot, motion: Motion, given: float) -> tuple[float, Fault |
             continue
         model = pin.Model(robot.model)
         model.gravity.linear = direction
-        other = replace(robot, model=model)
-        nats = _total(other, motion) - given
-        tried[tuple(float(x) for x in direction)] = nats
+        nats = _total(replace(robot, model=model), motion) - given
+        tried[tuple(direction.tolist())] = nats
     best = max(tried, key=tried.__getitem__)
     words = (
         f"Gravity points along {listed(now, '.3g')} in the robot file; along "

@@ -8,6 +8,7 @@ other units.
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
+from itertools import combinations
 
 import numpy as np
 from numpy.linalg import eigh
@@ -325,6 +326,13 @@ def _odds(reading: Reading) -> float:
     return CHECK.odds * (turned + sum(moved) + units)
 
 
+def exchanged(order: Sequence[int], a: int, b: int) -> tuple[int, ...]:
+    """Return an order with two of its joints (from 0) exchanged."""
+    out = list(order)
+    out[a], out[b] = out[b], out[a]
+    return tuple(out)
+
+
 def _changed(reading: Reading, geared: bool) -> Iterator[Reading]:
     """Other angles, one change away."""
     order, dof = reading.angle_order, len(reading.angle_order)
@@ -335,20 +343,11 @@ def _changed(reading: Reading, geared: bool) -> Iterator[Reading]:
     # Angles that are turned look like torques that are.
     signs = {tuple(angle * torque for angle, torque in both)} - {reading.angle_sign}
     for j in range(dof):
-        one = tuple(-s if k == j else s for k, s in enumerate(reading.angle_sign))
-        signs.add(one)
+        signs.add(tuple(-s if k == j else s for k, s in enumerate(reading.angle_sign)))
     for sign in sorted(signs):
         yield replace(reading, angle_sign=sign)
-    orders = {
-        reading.torque_order,
-        order[::-1],
-        (*order[1:], order[0]),
-        (order[-1], *order[:-1]),
-    }
-    for a in range(dof):
-        for b in range(a + 1, dof):
-            swapped = list(order)
-            swapped[a], swapped[b] = swapped[b], swapped[a]
-            orders.add(tuple(swapped))
+    shifted = (*order[1:], order[0]), (order[-1], *order[:-1])
+    orders = {reading.torque_order, order[::-1], *shifted}
+    orders |= {exchanged(order, *pair) for pair in combinations(range(dof), 2)}
     for other in sorted(orders - {order}):
         yield replace(reading, angle_order=other)

@@ -15,7 +15,7 @@ import numpy as np
 
 from residual.check.motion import Motion, gravity_of, rms, torque_of_file
 from residual.check.physics import bent, misread, wrong_robot
-from residual.check.reading import Reading, as_given, judge
+from residual.check.reading import Reading, as_given, exchanged, judge
 from residual.check.result import Fault, Repair, joints_of
 from residual.check.rules import CHECK
 from residual.effects import registry
@@ -151,7 +151,14 @@ def other_torque(robot: Robot, motion: Motion, found: Sequence[Fault]) -> list[F
     shares = shares_of(robot, motion)
     light = _weightless(shares)
     if light:
-        return [_no_weight(shares, light)]
+        own = listed((shares.weight[j - 1] for j in light), ".2f")
+        words = (
+            f"Expected the weight that the robot file gives {joints_listed(light)}, "
+            f"got {own} of it, while inertia is there: the driver took gravity out "
+            "before it was logged. Log the torque as measured, or say so in "
+            "robot.toml, [robot]: gravity = [0, 0, 0]."
+        )
+        return [Fault("gravity_removed", (), True, words)]
     scaled = torque_factors(shares)
     if scaled is None or _settled(robot, scaled, found):
         return []
@@ -251,17 +258,6 @@ def _weightless(shares: Shares) -> tuple[int, ...]:
     return joints_of(sure)
 
 
-def _no_weight(shares: Shares, joints: tuple[int, ...]) -> Fault:
-    own = listed((shares.weight[j - 1] for j in joints), ".2f")
-    words = (
-        f"Expected the weight that the robot file gives {joints_listed(joints)}, got "
-        f"{own} of it, while inertia is there: the driver took gravity out before it "
-        "was logged. Log the torque as measured, or say so in robot.toml, [robot]: "
-        "gravity = [0, 0, 0]."
-    )
-    return Fault("gravity_removed", (), True, words)
-
-
 def frictionless(
     robot: Robot, motion: Motion, declared: Sequence[str] | None
 ) -> list[Fault]:
@@ -307,12 +303,11 @@ def _declared_power(
     model = build_nominal(robot, rubs, span, floor, Filters()).model
     state = model.state(1.0, np.arange(len(motion.q), dtype=float), rows)
     drag = sum((term.torque(state) for term in model.terms), np.zeros(motion.q.shape))
-    return np.sum(drag * motion.qd * motion.moving, axis=0) / np.maximum(
-        motion.moving.sum(axis=0), 1
-    )
+    rows = np.maximum(motion.moving.sum(axis=0), 1)
+    return np.sum(drag * motion.qd * motion.moving, axis=0) / rows
 
 
-def exchanged(robot: Robot, motion: Motion) -> list[Fault]:
+def joints_exchanged(robot: Robot, motion: Motion) -> list[Fault]:
     """Find two joints whose angles and torques are those of each other."""
     given = shares_of(robot, motion)
     poor = carries(given) & (given.seen < CHECK.poor)
@@ -321,8 +316,8 @@ def exchanged(robot: Robot, motion: Motion) -> list[Fault]:
     best = max(tried, key=tried.__getitem__, default=None)
     if best is None or tried[best] < CHECK.exchange_worth:
         return []
-    order = _order(robot.dof, best)
     same = as_given(robot.dof)
+    order = exchanged(same.angle_order, *best)
     other = Reading(order, same.angle_sign, 1.0, order, same.torque_sign, 1.0)
     swapped = judge(robot, motion, other)
     more = swapped.nats - judge(robot, motion, same).nats
@@ -343,7 +338,7 @@ def exchanged(robot: Robot, motion: Motion) -> list[Fault]:
 
 def _gain(robot: Robot, motion: Motion, given: Shares, pair: Sequence[int]) -> float:
     """What exchanging two joints (from 0) explains more of their torques [nats]."""
-    order = list(_order(robot.dof, pair))
+    order = list(exchanged(range(robot.dof), *pair))
     turned = motion.with_angles(order, np.ones(robot.dof))
     turned = replace(turned, tau=motion.tau[:, order])
     other, both = shares_of(robot, turned), list(pair)
@@ -356,10 +351,3 @@ def _gain(robot: Robot, motion: Motion, given: Shares, pair: Sequence[int]) -> f
     more = np.log((1 - given.seen) / (1 - other.seen))
     strong = carries(given) | carries(other)
     return float(0.5 * np.sum((rows * more)[strong]))
-
-
-def _order(dof: int, pair: Sequence[int]) -> tuple[int, ...]:
-    order = list(range(dof))
-    a, b = pair
-    order[a], order[b] = b, a
-    return tuple(order)

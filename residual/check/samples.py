@@ -114,8 +114,8 @@ def standing(recording: Recording) -> list[Fault]:
         coarse = _coarse(recording, j)
         # Coarse values stand by themselves.
         if not clipped and not coarse:
-            out += _frozen(recording, "tau", j, _while_torque(recording, j))
-        out += coarse or _frozen(recording, "q", j, _while_angle(recording, j))
+            out += _frozen(recording, "tau", j, *_while_torque(recording, j))
+        out += coarse or _frozen(recording, "q", j, *_while_angle(recording, j))
     return out
 
 
@@ -126,7 +126,7 @@ def _runs(x: Array) -> tuple[Array, Array]:
     return starts, np.diff(np.concatenate([starts, [len(x)]]))
 
 
-def _longest(recording: Recording, x: Array) -> tuple[int, int] | None:
+def _longest(recording: Recording, x: Array) -> slice | None:
     """The longest run, if it is long and unlike the others."""
     starts, lengths = _runs(x)
     if len(starts) < 2:
@@ -137,41 +137,40 @@ def _longest(recording: Recording, x: Array) -> tuple[int, int] | None:
     least = max(CHECK.frozen_time / step, CHECK.frozen_samples)
     if lengths[k] < max(least, CHECK.usual_runs * usual):
         return None
-    return int(starts[k]), int(starts[k] + lengths[k])
+    return slice(int(starts[k]), int(starts[k] + lengths[k]))
 
 
-_Standing = tuple[int, int, str] | None  # first sample, the one behind, what moves
-
-
-def _while_torque(recording: Recording, j: int) -> _Standing:
+def _while_torque(recording: Recording, j: int) -> tuple[slice | None, str]:
+    """Samples in which the torque stands, and what moves meanwhile; "" for nothing."""
     tau, q = recording.tau[:, j], recording.q[:, j]
     found = _longest(recording, tau)
     if np.ptp(tau) == 0 and np.ptp(q) > CHECK.moves:
-        found = (0, len(recording.t))
-    if found is None or np.ptp(q[slice(*found)]) < CHECK.moves:
-        return None
-    return (*found, "its joint moves")
+        found = slice(0, len(recording.t))
+    moves = found is not None and np.ptp(q[found]) >= CHECK.moves
+    return found, "its joint moves" if moves else ""
 
 
-def _while_angle(recording: Recording, j: int) -> _Standing:
+def _while_angle(recording: Recording, j: int) -> tuple[slice | None, str]:
     q, wanted = recording.q[:, j], recording.q_ref
     found = _longest(recording, q)
     if found is None:
-        return None
+        return None, ""
     usual = float(np.quantile(np.abs(np.diff(q)), 0.99))
-    jump = abs(q[min(found[1], len(q) - 1)] - q[found[1] - 1])
-    if wanted is not None and np.ptp(wanted[slice(*found), j]) > CHECK.moves:
-        return (*found, "its reference moves")
-    return (*found, "it then jumps") if jump > max(CHECK.jump, 3 * usual) else None
+    jump = abs(q[min(found.stop, len(q) - 1)] - q[found.stop - 1])
+    if wanted is not None and np.ptp(wanted[found, j]) > CHECK.moves:
+        return found, "its reference moves"
+    return found, "it then jumps" if jump > max(CHECK.jump, 3 * usual) else ""
 
 
-def _frozen(recording: Recording, name: str, j: int, found: _Standing) -> list[Fault]:
-    if found is None:
+def _frozen(
+    recording: Recording, name: str, j: int, found: slice | None, moves: str
+) -> list[Fault]:
+    if found is None or not moves:
         return []
-    first, last = recording.t[found[0]], recording.t[found[1] - 1]
+    first, last = recording.t[found.start], recording.t[found.stop - 1]
     words = (
         f"{name}{j + 1} stands still from t = {first:.6g} to {last:.6g} s, while "
-        f"{found[2]}."
+        f"{moves}."
     )
     return [_suspected("frozen", recording, j, words)]
 

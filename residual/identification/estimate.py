@@ -151,9 +151,9 @@ def solve(blocks: Blocks, weight: Array, start: Start) -> Array:
     Directions that no row speaks of stay where they start.
     """
     size = start.size[start.free]
-    stacked = _stacked(blocks, weight)
-    left = stacked[:, start.free] * size
-    right = stacked[:, -1] - stacked[:, :-1] @ start.value
+    rows = stacked(blocks, weight)
+    left = rows[:, start.free] * size
+    right = rows[:, -1] - rows[:, :-1] @ start.value
     if start.precision is not None:
         left = np.concatenate([left, np.linalg.cholesky(start.prior).T])
         right = np.concatenate([right, np.zeros(len(size))])
@@ -162,7 +162,8 @@ def solve(blocks: Blocks, weight: Array, start: Start) -> Array:
     return theta
 
 
-def _stacked(blocks: Blocks, weight: Array) -> Array:
+def stacked(blocks: Blocks, weight: Array) -> Array:
+    """Return the rows of all joints, by the roots of their weights."""
     pairs = zip(weight, blocks, strict=True)
     return np.concatenate([np.sqrt(w) * block for w, block in pairs])
 
@@ -181,11 +182,11 @@ def gram(blocks: Blocks, weight: Array) -> Array:
 
 def condition(blocks: Blocks, weight: Array, free: Array) -> float:
     """Return the condition number of the weighted, column-normalised rows."""
-    stacked = _stacked(blocks, weight)[:, free]
-    size = np.linalg.norm(stacked, axis=0)
+    rows = stacked(blocks, weight)[:, free]
+    size = np.linalg.norm(rows, axis=0)
     if len(free) == 0 or size.min() == 0:
         return float("inf")
-    return float(np.linalg.cond(stacked / size))
+    return float(np.linalg.cond(rows / size))
 
 
 def residuals(rows: Rows, theta: Array) -> tuple[Array, ...]:
@@ -228,21 +229,17 @@ def estimated(rows: Rows, blocks: Blocks, start: Start, options: Options) -> Est
         means = _loss_means(rows, theta, noise, options.loss)
         weight = 1 / (noise**2 * memory)
         outliers = np.array([np.mean(w < 0.5) if len(w) else 0.0 for w in weights])
+    bread, meat = weight * means[0], weight**2 * means[1] * noise**2 * memory
     return Estimate(
-        theta,
-        _covariance(
-            blocks,
-            start,
-            weight * means[0],
-            weight**2 * means[1] * noise**2 * memory,
-        ),
-        noise,
-        rows.counts / memory,
-        weight,
-        condition(blocks, weight, start.free),
-        outliers,
-        rows.counts,
-        weights,
+        theta=theta,
+        covariance=_covariance(blocks, start, bread, meat),
+        noise=noise,
+        independent=rows.counts / memory,
+        weight=weight,
+        condition=condition(blocks, weight, start.free),
+        outliers=outliers,
+        counts=rows.counts,
+        row_weights=weights,
     )
 
 

@@ -13,7 +13,6 @@ from scipy.special import fdtri
 
 from residual.errors import InputError
 from residual.identification.estimate import (
-    Blocks,
     Estimate,
     Options,
     Start,
@@ -38,7 +37,7 @@ from residual.model.model import Model
 from residual.model.nominal import Logs, begin, prepare_logs, with_standstill
 from residual.recording import Array, Recording
 from residual.robot.base_parameters import BaseParameters, random_states
-from residual.robot.robot import Robot
+from residual.robot.robot import Robot, check_joints
 from residual.signals.track import Filters
 
 _LIMIT = 0.05  # relative sd that every parameter may keep
@@ -172,7 +171,10 @@ def identify(
     Raises:
         InputError: If a log is of another arm, nothing moves, or rows are too few.
     """
-    logs = prepare_logs(robot, _checked(robot, recordings), clock, Filters())
+    if not recordings:
+        raise InputError("No log to identify from: give at least one.")
+    check_joints(robot, recordings)
+    logs = prepare_logs(robot, recordings, clock, Filters())
     nominal = begin(logs, declared)
     base = structure(nominal)
     first = _fitted(nominal, base, logs, options)
@@ -180,18 +182,6 @@ def identify(
     # changes the fit a little, so it is done once more.
     settled = with_standstill(first.model, logs.sketch).standstill
     return _fitted(replace(nominal, standstill=settled), base, logs, options)
-
-
-def _checked(robot: Robot, recordings: Sequence[Recording]) -> Sequence[Recording]:
-    if not recordings:
-        raise InputError("No log to identify from: give at least one.")
-    for recording in recordings:
-        if recording.dof != robot.dof:
-            raise InputError(
-                f"{recording.id} has {recording.dof} joints, {robot.name} has "
-                f"{robot.dof}. Give the log's own robot with --robot."
-            )
-    return recordings
 
 
 def _fitted(
@@ -206,7 +196,11 @@ def _fitted(
     size = np.sqrt(np.diag(base.mapping @ wide @ base.mapping.T))
     blocks = compress(rows)
     start = Start(theta, size, np.arange(len(base)))
-    seen = _with_torque(nominal, base, rows, blocks, start)
+    # What the motion shows, under the noise of a first fit of everything.
+    rough = solve(blocks, np.ones(len(rows.y)), start)
+    weight, _, _ = weights_of(rows, rough, "wls")
+    per_row = np.stack([weight, rows.counts])
+    seen = preflight(nominal, base, gram(blocks, weight), size, per_row)
     start = replace(start, free=seen.free)
     if options.prior is not None:
         # A prior speaks for what the motion does not show: nothing need be held.
@@ -219,30 +213,9 @@ def _fitted(
         essential = reduce(blocks, start, estimate, int(rows.counts.sum()))
         estimate = estimated(rows, blocks, essential.start, options)
     full = base.embed(estimate.theta, nominal.coefficients(), wide)
-    return Identification(
-        options,
-        logs,
-        nominal,
-        nominal.with_coefficients(full),
-        base,
-        estimate,
-        theta,
-        wide,
-        seen,
-        essential,
-        compress(rows, estimate.row_weights),
-    )
-
-
-def _with_torque(
-    nominal: Model, base: BaseParameters, rows: Rows, blocks: Blocks, start: Start
-) -> Preflight:
-    """What the motion shows, under the noise of a first fit of everything."""
-    rough = solve(blocks, np.ones(len(rows.y)), start)
-    weight, _, _ = weights_of(rows, rough, "wls")
-    information = gram(blocks, weight)
-    per_row = np.stack([weight, rows.counts])
-    return preflight(nominal, base, information, start.size, per_row)
+    model, left = nominal.with_coefficients(full), compress(rows, estimate.row_weights)
+    fit = (base, estimate, theta, wide, seen, essential, left)
+    return Identification(options, logs, nominal, model, *fit)
 
 
 def _check_rows(rows: Rows, parameters: int) -> None:
@@ -263,7 +236,7 @@ def _precision(
     nominal: Model, base: BaseParameters, spread: Array, options: Options
 ) -> Array:
     """The prior of the base parameters; values that were never given stay free."""
-    size, scale = len(nominal.inertial), options.prior or 1.0
+    size, scale = len(nominal.inertial), options.prior
     covariance = spread * scale**2
     for i, value in enumerate(nominal.coefficients()[size:], start=size):
         own = scale * abs(value) if value else 10 * np.sqrt(spread[i, i])

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from residual.errors import InputError
-from residual.identification.estimate import Options, squares
+from residual.identification.estimate import Options, squares, stacked
 from residual.identification.identify import Identification, identify
 from residual.model.bodies import bodies_of, least_eigenvalues, nearest
 from residual.model.compare import Errors, compare, prepare_held_out
@@ -68,13 +68,11 @@ def consistent(found: Identification, scale: float = LOOSE) -> Consistent:
     best, root = _unconstrained(found, scale)
     bodies = bodies_of(found.nominal.with_coefficients(best), friction=True)
     model = found.nominal.with_coefficients(nearest(bodies, best, root))
-    return Consistent(
-        model,
-        least_eigenvalues(model),
-        least_mass_matrix(model),
-        POSES,
-        _misfit(found, model),
-    )
+    theta = found.base.mapping @ model.coefficients()
+    both = [squares(found.blocks, t) for t in (found.estimate.theta, theta)]
+    misfit = np.sqrt(np.array(both) / np.maximum(found.estimate.counts, 1))
+    least = least_eigenvalues(model), least_mass_matrix(model)
+    return Consistent(model, *least, POSES, misfit)
 
 
 def _unconstrained(found: Identification, scale: float) -> tuple[Array, Array]:
@@ -84,8 +82,7 @@ def _unconstrained(found: Identification, scale: float) -> tuple[Array, Array]:
     """
     estimate, start = found.estimate, found.nominal.coefficients()
     unit = np.sqrt(np.diag(found.spread))
-    pairs = zip(estimate.weight, found.blocks, strict=True)
-    rows = np.concatenate([np.sqrt(w) * block for w, block in pairs])
+    rows = stacked(found.blocks, estimate.weight)
     left = rows[:, :-1] @ found.base.mapping * unit
     right = rows[:, -1] - rows[:, :-1] @ found.nominal_theta
     correlation = found.spread / np.outer(unit, unit)
@@ -94,15 +91,6 @@ def _unconstrained(found: Identification, scale: float) -> tuple[Array, Array]:
     q, upper = np.linalg.qr(both)
     target = q.T @ np.concatenate([right, np.zeros(len(root))])
     return start + unit * np.linalg.solve(upper, target), upper / unit
-
-
-def _misfit(found: Identification, model: Model) -> Array:
-    theta = found.base.mapping @ model.coefficients()
-    both = [squares(found.blocks, t) for t in (found.estimate.theta, theta)]
-    return np.sqrt(np.array(both) / np.maximum(found.estimate.counts, 1))
-
-
-# Identify a model and prove it on held-out motion: the verb of this folder.
 
 
 SAME_RUN = (

@@ -239,13 +239,11 @@ def preflight(
     expected = np.full(len(size), np.inf)
     expected[free] = _doubt(scaled[np.ix_(free, free)]) if free else []
     remedies = _remedies(model, base, scaled, size, rows, free, [i for i, _ in held])
-    return Preflight(
-        doubt=expected,
-        held=tuple(
-            Unidentified(i, doubt * size[i], remedies[i]) for i, doubt in sorted(held)
-        ),
-        standing=tuple(int(j) + 1 for j in np.flatnonzero(rows[1] == 0)),
+    unseen = (
+        Unidentified(i, doubt * size[i], remedies[i]) for i, doubt in sorted(held)
     )
+    standing = tuple(int(j) + 1 for j in np.flatnonzero(rows[1] == 0))
+    return Preflight(expected, tuple(unseen), standing)
 
 
 def _doubt(scaled: Array) -> Array:
@@ -296,19 +294,11 @@ def _motions(model: Model):
     hard = robot.acceleration_limit
     hard = np.full(robot.dof, 2 * _HARD) if hard is None else hard
     draw = rng.uniform(-0.5, 0.5, (3, _STATES, robot.dof))
-    q, qd, qdd = (
-        (low + high) / 2 + 0.8 * (high - low) * draw[0],
-        speed * draw[1],
-        hard * draw[2],
-    )
-    joints = range(robot.dof)
+    middle, joints = (low + high) / 2, range(robot.dof)
+    q, qd, qdd = middle + 0.8 * (high - low) * draw[0], speed * draw[1], hard * draw[2]
     for some in [*((j,) for j in joints), *combinations(joints, 2), tuple(joints)]:
         keep = np.isin(joints, some)
         named = " and ".join(str(j + 1) for j in some)
-        whole = (
-            "all joints at once"
-            if len(some) == robot.dof
-            else (f"joint{'s' if len(some) > 1 else ''} {named}")
-        )
-        middle = np.where(keep, q, (low + high) / 2)
-        yield f"motion of {whole}", (middle, qd * keep, qdd * keep)
+        words = f"joint{'s' if len(some) > 1 else ''} {named}"
+        words = "all joints at once" if len(some) == robot.dof else words
+        yield f"motion of {words}", (np.where(keep, q, middle), qd * keep, qdd * keep)

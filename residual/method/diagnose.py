@@ -16,10 +16,10 @@ from residual.diagnosis.examine import (
     examine,
 )
 from residual.diagnosis.findings import Named, clouds, folded
-from residual.diagnosis.held_out import Verdicts, three_models, unproven
-from residual.diagnosis.result import PLAIN, Diagnosis, ErrorTables, Verdict
+from residual.diagnosis.held_out import three_models, unproven
+from residual.diagnosis.result import PLAIN, Diagnosis, ErrorTables
 from residual.diagnosis.standing import Standing, stand
-from residual.diagnosis.unexplained import Remains, examine_leftover
+from residual.diagnosis.unexplained import examine_leftover
 from residual.diagnosis.whole import (
     Plain,
     contradictions,
@@ -32,12 +32,10 @@ from residual.diagnosis.whole import (
 )
 from residual.epochs.compare import Asked, compared
 from residual.errors import InputError
-from residual.evidence.embodied import Embodied
 from residual.evidence.fit import Fit
 from residual.evidence.rules import RULES, Rules
 from residual.method.null_record import Null, choose_null, key_of, null_sentences
 from residual.model.compare import (
-    Errors,
     HeldOutLog,
     compare,
     prepare_held_out,
@@ -54,9 +52,9 @@ from residual.model.nominal import (
     start_nominal,
 )
 from residual.planning.promise import promised, settled_by
-from residual.planning.question import Question, open_question, places_of
+from residual.planning.question import open_question, places_of
 from residual.recording import Recording
-from residual.robot.robot import Robot
+from residual.robot.robot import Robot, check_joints
 from residual.signals.logs import hold_out_end, session_clock
 from residual.signals.track import Filters
 
@@ -92,7 +90,7 @@ def diagnose(
             null was made for other logs, or an adopted model comes without its logs.
     """
     tell = progress or (lambda stage, share: None)
-    _check_joints(robot, [*fit, *baseline, *held_out])
+    check_joints(robot, [*fit, *baseline, *held_out])
     same_run = not held_out
     if same_run:
         fit, held_out = hold_out_end(fit)
@@ -126,7 +124,10 @@ def _alone(
     """Diagnose logs by themselves: what they show and the model lacks."""
     clock = session_clock([*asked.fit, *asked.held_out])
     logs = prepare_logs(robot, asked.fit, clock, Filters())
-    nominal = _nominal(logs, start)
+    if isinstance(start, Model):
+        nominal = Nominal(begin(logs, start), (GIVEN,) * len(start.terms))
+    else:
+        nominal = start_nominal(logs, declared_names(logs.robot, start))
     null, rules = choose_null(nulls, key_of(logs, nominal)), RULES
     if null:
         rules = replace(rules, threshold=null.threshold(rules.threshold))
@@ -163,12 +164,6 @@ def _stood(
     return standing.examined, proof, standing
 
 
-def _nominal(logs: Logs, start: Sequence[str] | Model | None) -> Nominal:
-    if isinstance(start, Model):
-        return Nominal(begin(logs, start), (GIVEN,) * len(start.terms))
-    return start_nominal(logs, declared_names(logs.robot, start))
-
-
 @dataclass(frozen=True, eq=False, slots=True)
 class _Wanted:
     """What the proof needs beside what was found."""
@@ -191,12 +186,16 @@ def _concluded(
 ) -> Diagnosis:
     """Say what stands, with the error of every model on the held-out logs."""
     judged = standing.judged
-    models, bodies, left = _models(examined, judged)
+    models, bodies = three_models(examined, judged)
+    left = examine_leftover(examined, judged.fit, models["augmented"])
+    if left.correction is not None:  # tables for the rest are a model too
+        models["plsr"] = left.correction
     listed, usual = folded(standing.named, examined.logs.robot.dof)
     if asked.inside:
         asked.inside(examined, judged.fit, listed)
     errors, proofs = compare(models, proof, examined.logs.filters)
     reference, _ = compare({PLAIN: plain.model}, proof, examined.logs.filters)
+    by_chance, by_rule = null_sentences(asked.null, RULES.threshold)
     case = Case(
         examined=examined,
         named=listed,
@@ -208,7 +207,13 @@ def _concluded(
         held_out=[r.id for r in asked.held_out],
         same_run=asked.same_run,
         left=left.joints,
-        warnings=_warned(standing, asked, errors["augmented"], left),
+        warnings=[
+            *warnings(standing.examined, standing.withdrawn, asked.same_run),
+            *by_chance,
+            *unproven(standing.examined, errors["augmented"]),
+            *asked.said,
+            *left.sentences,
+        ],
         contradictions=(
             *contradictions(examined, judged.fit, errors),
             *bodies.doubts,
@@ -216,72 +221,29 @@ def _concluded(
         p_value=asked.null.p_value if asked.null else None,
     )
     question = open_question(examined, judged.fit, listed)
-    verdict = conclude(case)
+    verdict, places = conclude(case), places_of(judged.fit.members)
+    hint = promised(question)
+    verdict = replace(
+        verdict,
+        next_experiment=None if hint is None else hint.document(),
+        alternatives=settled_by(question, places, verdict.alternatives),
+        bodies=bodies.moved,
+    )
     return Diagnosis(
-        verdict=replace(
-            verdict,
-            next_experiment=_hint(question),
-            alternatives=settled_by(
-                question, places_of(judged.fit.members), verdict.alternatives
-            ),
-            bodies=bodies.moved,
-        ),
+        verdict=verdict,
         models=models,
         proofs=proofs,
         clouds=clouds(examined, judged.fit, listed),
-        notes=(*_noted(standing, asked, models["augmented"]), *bodies.notes),
+        notes=(
+            *signal_notes(standing.examined, asked.fit, models["augmented"]),
+            *noise_notes(standing.checks, [t for t, _ in judged.kept]),
+            *by_rule,
+            *bodies.notes,
+        ),
         left=tuple(one.cloud for one in left.joints),
         sentences=tuple(f.effect.sentence for f in listed),
         known=models["augmented"],
     )
-
-
-def _hint(question: Question) -> dict | None:
-    """Say whether another experiment would decide what is left open."""
-    found = promised(question)
-    return None if found is None else found.document()
-
-
-def _warned(
-    standing: Standing, asked: _Wanted, augmented: Errors, left: Remains
-) -> list[str]:
-    """Sentences that qualify the answer."""
-    by_chance, _ = null_sentences(asked.null, RULES.threshold)
-    return [
-        *warnings(standing.examined, standing.withdrawn, asked.same_run),
-        *by_chance,
-        *unproven(standing.examined, augmented),
-        *asked.said,
-        *left.sentences,
-    ]
-
-
-def _noted(standing: Standing, asked: _Wanted, augmented: Model) -> tuple[str, ...]:
-    """What was understood of the signals."""
-    _, by_rule = null_sentences(asked.null, RULES.threshold)
-    return (
-        *signal_notes(standing.examined, asked.fit, augmented),
-        *noise_notes(standing.checks, [t for t, _ in standing.judged.kept]),
-        *by_rule,
-    )
-
-
-def _models(examined: Examined, judged: Verdicts) -> tuple[dict, Embodied, Remains]:
-    """The models to compare, tables for the rest among them; bodies, what is left."""
-    models, bodies = three_models(examined, judged)
-    left = examine_leftover(examined, judged.fit, models["augmented"])
-    if left.correction is not None:
-        models["plsr"] = left.correction
-    return models, bodies, left
-
-
-def _check_joints(robot: Robot, recordings: Sequence[Recording]) -> None:
-    for recording in recordings:
-        if recording.dof != robot.dof:
-            raise InputError(
-                f"{recording.id} has {recording.dof} joints, {robot.name} has "
-                f"{robot.dof}. Give the log's own robot with --robot."
-            )
 
 
 _FOUND = ("augmented", "plsr")  # models that have what was named, or what remained
@@ -300,18 +262,7 @@ def with_check(found: Diagnosis, report: LogCheck) -> Diagnosis:
     models = {k: m for k, m in found.models.items() if k not in _FOUND}
     if "identified" in models:
         models["augmented"] = models["identified"]
-    return replace(
-        found,
-        verdict=_unnamed(verdict),
-        models=models,
-        proofs=tuple(replace(p, tau_hat=_refit(p.tau_hat)) for p in found.proofs),
-        clouds=(),
-        sentences=(),
-    )
-
-
-def _unnamed(verdict: Verdict) -> Verdict:
-    return replace(
+    unnamed = replace(
         verdict,
         verdict="unknown",
         effects=(),
@@ -320,15 +271,22 @@ def _unnamed(verdict: Verdict) -> Verdict:
         edit=None,
         error=_errors(verdict.error),
     )
+    return replace(
+        found,
+        verdict=unnamed,
+        models=models,
+        proofs=tuple(replace(p, tau_hat=_refit(p.tau_hat)) for p in found.proofs),
+        clouds=(),
+        sentences=(),
+    )
 
 
 def _errors(error: ErrorTables) -> ErrorTables:
     overall = ("overall", "overall_filtered", "overall_moving")
     tables = {
-        name: _refit(getattr(error, name))
+        name: _refit(getattr(error, name)) | {"plsr": None}
         for name in ("held_out", "filtered", "moving", *overall)
     }
-    tables = {k: table | {"plsr": None} for k, table in tables.items()}
     return replace(error, worse=(), **tables)
 
 

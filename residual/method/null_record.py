@@ -12,7 +12,7 @@ from functools import cached_property
 import numpy as np
 
 from residual.effects import registry
-from residual.errors import InputError
+from residual.errors import InputError, listed
 from residual.evidence.priors import TINY
 from residual.evidence.rules import RULES
 from residual.model.nominal import Logs, Nominal
@@ -64,7 +64,7 @@ class Key:
         for name, (factor, words) in factors.items():
             mine, theirs = (np.atleast_1d(getattr(k, name)) for k in (self, other))
             if np.any(np.abs(np.log(mine / theirs)) > np.log(factor) + 1e-9):
-                return f"{words} ({_few(mine)}, here {_few(theirs)})"
+                return f"{words} ({listed(mine, '.3g')}, here {listed(theirs, '.3g')})"
         apart = np.abs(np.subtract(self.moving, other.moving))
         if np.any(apart > RULES.like_share):
             return f"other motion: joint {int(apart.argmax()) + 1} moves more or less"
@@ -77,6 +77,7 @@ def key_of(logs: Logs, nominal: Nominal) -> Key:
     rms = np.sqrt(np.mean(np.concatenate([t.tau for t in tracks]) ** 2, axis=0))
     noise = np.sqrt(np.mean([t.torque_noise**2 for t in tracks], axis=0))
     moving = np.concatenate([t.moving for t in tracks]).mean(axis=0)
+    noise = np.maximum(noise, np.maximum(RULES.noise_floor * rms, TINY))
     return Key(
         robot=logs.robot.content_hash,
         declared=tuple(sorted(nominal.names)),
@@ -84,23 +85,15 @@ def key_of(logs: Logs, nominal: Nominal) -> Key:
         clock=logs.clock is not None,
         cutoff=_short(span.cutoff),
         duration=_short(sum(float(t.t[-1] - t.t[0]) for t in tracks)),
-        noise=_shorts(np.maximum(noise, np.maximum(RULES.noise_floor * rms, TINY))),
-        speed=_shorts(np.maximum(span.speed, 1e-3)),
-        moving=_shorts(moving),
+        noise=tuple(map(_short, noise)),
+        speed=tuple(map(_short, np.maximum(span.speed, 1e-3))),
+        moving=tuple(map(_short, moving)),
     )
 
 
 def _short(value: float) -> float:
     """Three digits: a key is read by people too."""
     return float(f"{value:.3g}")
-
-
-def _shorts(values: np.ndarray) -> tuple[float, ...]:
-    return tuple(_short(float(v)) for v in values)
-
-
-def _few(values: Sequence[float]) -> str:
-    return ", ".join(f"{v:.3g}" for v in values)
 
 
 @dataclass(frozen=True, eq=False)
@@ -264,7 +257,8 @@ def from_record(record: Mapping, id: str) -> Null:
         InputError: If it is no such record.
     """
     try:
-        key = {f.name: _frozen(record["key"][f.name]) for f in fields(Key)}
+        key = {f.name: record["key"][f.name] for f in fields(Key)}
+        key = {k: tuple(v) if isinstance(v, list) else v for k, v in key.items()}
         draws = [tuple(record[name]) for name in ("nats", "net", "named", "block")]
         rest = record["seed"], record["scale"], record.get("method", "")
         null = Null(id, Key(**key), *draws, *rest)
@@ -275,7 +269,3 @@ def from_record(record: Mapping, id: str) -> Null:
     if not null.net or len({len(d) for d in draws}) > 1:
         raise InputError(f"{id} is no null: its lists differ in length, or are empty.")
     return null
-
-
-def _frozen(value):
-    return tuple(value) if isinstance(value, list) else value

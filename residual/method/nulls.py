@@ -88,13 +88,19 @@ def source(
     recordings = sketch_of(recordings)
     logs = prepare_logs(robot, recordings, clock, filters)
     nominal = start_nominal(logs, names)
-    made = examine(logs, nominal, RULES, _quiet)
+    made = examine(logs, nominal, RULES, lambda stage, share: None)
     whole = made.model(made.fit).model
     truth = replace(
         whole,
         terms=whole.terms[: len(nominal.model.terms)],
         standstill=_out_of_sight(whole, logs),
     )
+    design, fitted = made.task.design, made.fit
+    # What the fit leaves of each log, joint by joint, as logged.
+    joints = [
+        design.series(j, design.residual(j, fitted.ids, fitted.theta))
+        for j in range(design.dof)
+    ]
     return Source(
         recordings=tuple(recordings),
         logs=made.logs,
@@ -102,20 +108,11 @@ def source(
         truth=truth,
         scale=made.task.prior.scale,
         widths=made.task.prior.widths,
-        noise=autocovariance(made.task.design, made.fit),
-        left=_left(made.task.design, made.fit),
+        noise=autocovariance(design, fitted),
+        left=tuple(np.column_stack(lines) for lines in zip(*joints, strict=True)),
         encoder=np.array([encoder_noise(r, filters) for r in recordings]),
         key=key_of(asked, nominal),
     )
-
-
-def _left(design: Design, fitted: Fit) -> tuple[Array, ...]:
-    """What a fit leaves of each log, joint by joint, as logged. Each (m, dof)."""
-    joints = []
-    for j in range(design.dof):
-        left = design.residual(j, fitted.ids, fitted.theta)
-        joints.append(design.series(j, left))
-    return tuple(np.column_stack(lines) for lines in zip(*joints, strict=True))
 
 
 def null_recordings(
@@ -172,10 +169,6 @@ def _out_of_sight(model: Model, logs: Logs) -> tuple[Standstill, ...]:
         replace(s, size=min(s.size, float(w))) if s.kind == "bristle" else SMOOTH
         for s, w in zip(shapes, way, strict=True)
     )
-
-
-def _quiet(stage: str, share: float) -> None:
-    """Progress that nobody watches."""
 
 
 LONGEST = 2 * LAGS  # rows over which noise is believed to remember

@@ -64,37 +64,25 @@ def learn(
     samples = [Samples(run.t, run.q, run.tau) for run in recordings]
     begun, window = start(recordings[0].dof), Window(rate)
     runs = [take(begun, own, window)[1] for own in samples]
-    bare = _bare(model, rate, per_hour, rules or Watching())
-    lowest, highest = _range(runs)
-    bare = replace(
-        bare,
-        lowest=lowest,
-        highest=highest,
-        hours=sum(run.duration for run in recordings) / 3600.0,
-    )
-    model = fitted(bare, runs)
-    size = len(model.coefficients())
-    bare = replace(
-        bare,
-        model=model,
-        theta=np.zeros((bare.dof, size)),
-        basis=np.zeros((bare.dof, size, 0)),
-    )
+    bare = _bare(model, rate, rules or Watching(), runs)
+    hours = sum(run.duration for run in recordings) / 3600.0
+    bare = replace(bare, per_hour=per_hour, hours=hours)
+    bare = replace(bare, model=fitted(bare, runs))
     taught = Taught.of(bare, runs)
     known = _with_noise(taught.reference(bare), taught, runs)
     return _with_limits(known, taught, runs)
 
 
-def pointwise(model: Model) -> Model:
-    """Return a model of single states: what remembers or needs a clock is usual."""
+def _bare(
+    model: Model, rate: float, rules: Watching, runs: Sequence[Rows]
+) -> Reference:
+    """A reference that knows of the runs no more than their range.
+
+    Its model is of single states: what remembers or needs a clock is usual.
+    """
     kept = [t for t in model.terms if not (t.effect.remembers or t.effect.needs_clock)]
-    return replace(model, terms=(*kept, *model.tables), tables=()).by_sign()
-
-
-def _bare(model: Model, rate: float, per_hour: float, rules: Watching) -> Reference:
-    """A reference that knows no run yet."""
-    plain, dof = pointwise(model), model.robot.dof
-    size = len(plain.coefficients())
+    plain = replace(model, terms=(*kept, *model.tables), tables=()).by_sign()
+    dof, (lowest, highest) = model.robot.dof, _range(runs)
     ones = np.ones(dof)
     usual = Usual(
         noise=ones,
@@ -107,16 +95,16 @@ def _bare(model: Model, rate: float, per_hour: float, rules: Watching) -> Refere
     return Reference(
         model=plain,
         rate=rate,
-        theta=np.zeros((dof, size)),
-        basis=np.zeros((dof, size, 0)),
+        theta=np.zeros((dof, 0)),
+        basis=np.zeros((dof, 0, 0)),
         friction=np.ones((dof, 3)),
         usual=usual,
         limits=np.empty(0),
         tails=(),
-        per_hour=per_hour,
+        per_hour=0.0,
         hours=0.0,
-        lowest=np.full((3, dof), -np.inf),
-        highest=np.full((3, dof), np.inf),
+        lowest=lowest,
+        highest=highest,
         rules=rules,
     )
 
@@ -276,9 +264,8 @@ class Taught:
         rows = np.maximum(self.rows[used].sum(axis=0), 1.0)[:, None]
         size = np.sqrt(np.einsum("jpp->jp", gram) / rows)
         size = np.maximum(size, 1e-9 * size.max())
-        left = (
-            self.power[used].sum(axis=0) / rows[:, 0] + (MONITOR.floor * self.rms) ** 2
-        )
+        left = self.power[used].sum(axis=0) / rows[:, 0]
+        left = left + (MONITOR.floor * self.rms) ** 2
         held = left / (self.free * self.rms) ** 2
         inner = gram / (size[:, :, None] * size[:, None, :])
         inner = inner + held[:, None, None] * np.eye(gram.shape[-1])
@@ -296,10 +283,8 @@ class Taught:
         rows = np.maximum(self.rows.sum(axis=0), 1.0)[:, None, None]
         outer = size[:, :, None] * size[:, None, :]
         values, vectors = np.linalg.eigh(self.gram.sum(axis=0) / outer / rows)
-        real = (
-            vectors
-            * (values > MONITOR.real * values.max(axis=-1, keepdims=True))[:, None]
-        )
+        least = MONITOR.real * values.max(axis=-1, keepdims=True)
+        real = vectors * (values > least)[:, None]
         seen = real @ np.swapaxes(real, -1, -2)
         values, vectors = np.linalg.eigh(seen @ inverse @ seen)
         most = bare.rules.uncertain
@@ -365,17 +350,14 @@ def _with_noise(known: Reference, taught: Taught, runs: Sequence[Rows]) -> Refer
     pace = [max(autocorrelation_time(np.concatenate(own)), 1.0) for own in lines]
     noise = variance * np.array(pace)
     slow, quick = _between(known.rules, taught, noise, np.array(means), np.array(infos))
-    return replace(
-        known,
-        basis=known.basis * np.sqrt(noise)[:, None, None],
-        usual=replace(
-            known.usual,
-            noise=noise,
-            slow=slow,
-            quick=quick,
-            single=_usual_sizes(known, taught),
-        ),
-    )
+    # Coefficients of changes of usual size on each joint. Shape (dof, 5).
+    size, rms = np.maximum(known.friction, 1e-9), taught.rms
+    all_of_it, dry, viscous = (rms / size[:, i] for i in range(3))
+    single = np.column_stack([all_of_it, rms, np.ones(dof), dry, viscous])
+    own = {"noise": noise, "slow": slow, "quick": quick}
+    usual = replace(known.usual, **own, single=MONITOR.usual * single)
+    basis = known.basis * np.sqrt(noise)[:, None, None]
+    return replace(known, basis=basis, usual=usual)
 
 
 def _between(
@@ -390,23 +372,14 @@ def _between(
     told = chance < 0.25 * np.maximum(means**2, chance.min(axis=0))
     squares = np.where(told, means**2 - chance, np.nan)
     most = np.nansum(squares, axis=0) / np.maximum(told.sum(axis=0), 1)
-    least = np.column_stack(
-        [np.full(len(noise), rules.warmth), rules.offset * taught.rms]
-    )
+    warmth = np.full(len(noise), rules.warmth)
+    least = np.column_stack([warmth, rules.offset * taught.rms])
     # One run of many that is cold makes the tail.
     far = MONITOR.largest * np.abs(np.where(told, means, 0.0)).max(axis=0)
     slow = np.maximum.reduce([np.sqrt(np.maximum(most, 0.0)), far, least])
     steps = np.quantile(np.abs(np.diff(means, axis=0)), 0.8, axis=0) / MONITOR.steps
     own = np.sqrt(np.maximum(steps**2 - np.median(chance, axis=0), 0.0))
     return slow, np.clip(own, rules.quick * slow, slow)
-
-
-def _usual_sizes(known: Reference, taught: Taught) -> Array:
-    """Coefficients of changes of usual size on each joint. Shape (dof, 5)."""
-    size, rms = np.maximum(known.friction, 1e-9), taught.rms
-    all_of_it, dry, viscous = (rms / size[:, i] for i in range(3))
-    each = [all_of_it, rms, np.ones(len(rms)), dry, viscous]
-    return MONITOR.usual * np.column_stack(each)
 
 
 def _with_limits(known: Reference, taught: Taught, runs: Sequence[Rows]) -> Reference:

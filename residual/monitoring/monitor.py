@@ -7,7 +7,7 @@ next. ``calibrate`` learns what is usual of them, ``Monitor.watch`` tells what i
 """
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, fields, replace
+from dataclasses import asdict, dataclass, fields, replace
 
 import numpy as np
 
@@ -17,6 +17,7 @@ from residual.monitoring.rows import LogRows, rows_of
 from residual.monitoring.rules import MONITOR
 from residual.monitoring.scores import Channel, Scale, Scores, blamed, fit, sight_of
 from residual.monitoring.usual import all_scores, limits_of, peaks_of, rest_of, usual
+from residual.quantity import plain
 from residual.recording import Array, Recording
 from residual.signals.track import sample_rate
 
@@ -65,6 +66,16 @@ class _Crossing:
     value: float
     channel: Channel
 
+    @property
+    def explains(self) -> float:
+        """How much a feature explains; all are in the same unit, that of noise.
+
+        An encoder turns the torques of several joints. Where it does no better than
+        one torque sensor alone, it only looks like that sensor.
+        """
+        encoder = self.channel.sensor == "encoder"
+        return self.value / (MONITOR.complex if encoder else 1.0)
+
 
 def events(
     scores: Sequence[Scores],
@@ -79,7 +90,12 @@ def events(
         errors: The block of errors. Shape (n, e).
     """
     known = {s.kind: s for s in scores if s.kind in limits}
-    crossings = [c for s in known.values() for c in _crossings(s, limits[s.kind])]
+    crossings = []
+    for s in known.values():
+        ratio = s.values / limits[s.kind]
+        for i, c in zip(*np.nonzero(ratio > 1.0), strict=True):
+            size = float(ratio[i, c]), float(s.values[i, c])
+            crossings.append(_Crossing(float(s.t[i]), s.kind, *size, s.channels[c]))
     crossings.sort(key=lambda c: c.time)
     out: list[Alarm] = []
     while crossings:
@@ -90,21 +106,6 @@ def events(
         told = (channel.joint, channel.sensor, channel.fault)
         out.append(Alarm(group[0].time, *told, best.kind, best.ratio, group[-1].time))
     return tuple(out)
-
-
-def _crossings(scores: Scores, limits: Array) -> list[_Crossing]:
-    ratio = scores.values / limits
-    rows, columns = np.nonzero(ratio > 1.0)
-    return [
-        _Crossing(
-            float(scores.t[i]),
-            scores.kind,
-            float(ratio[i, c]),
-            float(scores.values[i, c]),
-            scores.channels[c],
-        )
-        for i, c in zip(rows, columns, strict=True)
-    ]
 
 
 def _one(crossings: Sequence[_Crossing]) -> list[_Crossing]:
@@ -123,16 +124,6 @@ def _one(crossings: Sequence[_Crossing]) -> list[_Crossing]:
     return group
 
 
-def _explains(crossing: _Crossing) -> float:
-    """Return how much a feature explains; all are in the same unit, that of noise.
-
-    An encoder turns the torques of several joints. Where it does no better than one
-    torque sensor alone, it only looks like that sensor.
-    """
-    encoder = crossing.channel.sensor == "encoder"
-    return crossing.value / (MONITOR.complex if encoder else 1.0)
-
-
 def _best(group: Sequence[_Crossing]) -> _Crossing:
     """Return the crossing that names an alarm."""
     start = group[0].time
@@ -141,7 +132,7 @@ def _best(group: Sequence[_Crossing]) -> _Crossing:
     sure = [c for kind in _SURE for c in soon if c.kind == kind]
     if sure:
         return max((c for c in sure if c.kind == sure[0].kind), key=lambda c: c.ratio)
-    return max(later or group[:1], key=_explains)
+    return max(later or group[:1], key=lambda c: c.explains)
 
 
 def _channel(
@@ -278,6 +269,14 @@ def calibrate(
         scale = usual(logs, rests, without=i)
         for score in all_scores(run, logs[i], thetas[i], scale)[0]:
             scores.setdefault(score.kind, []).append(peaks_of(score))
+    # The false alarms are shared among the kinds of scores.
+    limits = {
+        kind: MONITOR.wider.get(kind, 1.0) * limits_of(own, per_hour / len(scores))
+        for kind, own in scores.items()
+    }
+    # A reading without noise rests while its joint does, however long that is.
+    still = limits["still"]
+    limits["still"] = np.where(still > MONITOR.still * rate, np.inf, still)
     return Monitor(
         model=model,
         theta=theta,
@@ -285,25 +284,11 @@ def calibrate(
         per_hour=per_hour,
         hours=sum(run.duration for run in runs) / 3600.0,
         scale=usual(logs, rests),
-        limits=_limits(scores, per_hour, rate),
+        limits=limits,
         lowest=states.min(axis=0),
         highest=states.max(axis=0),
         referenced=referenced,
     )
-
-
-def _limits(
-    scores: dict[str, list[Scores]], per_hour: float, rate: float
-) -> dict[str, Array]:
-    """Share the false alarms among the kinds of scores; return the limits of each."""
-    limits = {
-        kind: MONITOR.wider.get(kind, 1.0) * limits_of(runs, per_hour / len(scores))
-        for kind, runs in scores.items()
-    }
-    # A reading without noise rests while its joint does, however long that is.
-    still = limits["still"]
-    limits["still"] = np.where(still > MONITOR.still * rate, np.inf, still)
-    return limits
 
 
 def _states(rows: LogRows) -> Array:
@@ -365,15 +350,14 @@ def to_record(monitor: Monitor) -> dict:
 
     A limit that is never reached is null.
     """
-    scale = {f.name: getattr(monitor.scale, f.name).tolist() for f in fields(Scale)}
     return {
         "form": FORM,
         "robot": monitor.model.robot.name,
         "model": monitor.model.to_record(),
         **{name: getattr(monitor, name) for name in _PLAIN},
         **{name: getattr(monitor, name).tolist() for name in _ARRAYS},
-        "scale": scale,
-        "limits": {kind: _values(limit) for kind, limit in monitor.limits.items()},
+        "scale": {k: x.tolist() for k, x in asdict(monitor.scale).items()},
+        "limits": plain(monitor.limits),
     }
 
 
@@ -389,18 +373,11 @@ def from_record(record: Mapping) -> Monitor:
             "model. Calibrate it again."
         )
     scale = Scale(**{f.name: np.array(record["scale"][f.name]) for f in fields(Scale)})
+    limits = {k: np.array(limit, dtype=float) for k, limit in record["limits"].items()}
     return Monitor(
         model=Model.from_record(record["model"]),
         scale=scale,
-        limits={k: _read(limit) for k, limit in record["limits"].items()},
+        limits={k: np.where(np.isnan(x), np.inf, x) for k, x in limits.items()},
         **{name: record[name] for name in _PLAIN},
         **{name: np.array(record[name]) for name in _ARRAYS},
     )
-
-
-def _values(limit: Array) -> list[float | None]:
-    return [float(x) if np.isfinite(x) else None for x in limit]
-
-
-def _read(limit: list) -> Array:
-    return np.array([np.inf if x is None else x for x in limit])

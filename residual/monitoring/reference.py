@@ -164,10 +164,8 @@ class Reference:
                 "Learn it again from healthy runs."
             )
         try:
-            rules = dict(record["rules"])
-            rules |= {
-                name: tuple(rules[name]) for name in ("windows", "patience", "sure")
-            }
+            rules = record["rules"].items()
+            rules = {k: tuple(v) if isinstance(v, list) else v for k, v in rules}
             return cls(
                 model=Model.from_record(record["model"]),
                 usual=Usual(**unpacked_fields(record["usual"])),

@@ -19,7 +19,7 @@ from residual.errors import InputError
 from residual.monitoring.rules import MONITOR
 from residual.recording import Array, Recording
 from residual.signals.logs import LONG
-from residual.signals.track import Track, sample_rate
+from residual.signals.track import Track, at_times, sample_rate
 
 _AT_ONCE = 1 << 13  # windows: their copies are larger than the samples
 
@@ -184,18 +184,13 @@ def take(tail: Pending, new: Samples, window: Window) -> tuple[Pending, Rows]:
 
 def _in_order(new: Samples, tail: Pending) -> tuple[Samples, Heard]:
     """Leave out what cannot be used, and count it."""
-    heard = tail.heard
     signals = np.column_stack([new.t, new.q, new.tau])
     finite = np.isfinite(signals).all(axis=1)
     good = new[finite]
-    last = tail.kept.t[-1] if len(tail.kept.t) else -np.inf
-    keep = _rising(good.t, last)
-    return good[keep], replace(
-        heard,
-        samples=heard.samples + int(keep.sum()),
-        broken=heard.broken + int((~finite).sum()),
-        late=heard.late + int((~keep).sum()),
-    )
+    keep = _rising(good.t, tail.kept.t[-1] if len(tail.kept.t) else -np.inf)
+    now = {"samples": keep.sum(), "broken": (~finite).sum(), "late": (~keep).sum()}
+    heard = {k: getattr(tail.heard, k) + int(n) for k, n in now.items()}
+    return good[keep], replace(tail.heard, **heard)
 
 
 def _rising(t: Array, last: float) -> Array:
@@ -344,8 +339,7 @@ def period_of(rows: LogRows) -> float | None:
 
 def before(values: Array, rows: LogRows, period: float) -> Array:
     """Return values of a cycle ago; those of the first cycle are its first row."""
-    t = rows.t - period
-    return np.column_stack([np.interp(t, rows.t, column) for column in values.T])
+    return at_times(rows.t - period, rows.t, values)
 
 
 def repeats(rows: LogRows, period: float) -> Array:

@@ -84,7 +84,7 @@ def sight_of(model: Model, recording: Recording) -> Sight:
         state=state,
         terms=tuple(term.regressor(state) for term in model.terms),
         by_angle=torque_by_angle(model.robot.model, rows.q, rows.qd, rows.qdd),
-        slow=_remembered(slow, round(MONITOR.memory * rows.rate)),
+        slow=_trailing(slow, round(MONITOR.memory * rows.rate)) > 0,
         period=period_of(rows),
     )
 
@@ -117,11 +117,6 @@ def fit(model: Model, logs: Sequence[Sight], without: int = -1) -> Array:
     out = theta.copy()
     out[live] += step / scale[live]
     return out
-
-
-def _remembered(flag: Array, count: int) -> Array:
-    """Keep each flag up for a number of rows after it. Shape (m, dof)."""
-    return _trailing(flag, count) > 0
 
 
 @dataclass(frozen=True, slots=True)
@@ -189,18 +184,21 @@ def fast_scores(recording: Recording) -> tuple[Scores, ...]:
     minute = round(pieces.PIECE * (n - 1) / recording.duration)
     pool = max(1, round(MONITOR.step * minute / pieces.PIECE))
     starts = range(0, n, minute - minute % pool)
-    parts = [_pooled(recording, a, min(a + starts.step, n), pool) for a in starts]
-    return tuple(_joined(own) for own in zip(*parts, strict=True))
-
-
-def _pooled(
-    recording: Recording, start: int, stop: int, pool: int
-) -> tuple[Scores, ...]:
-    """Scores of some samples, which know the minute before."""
-    before = max(0, start - (stop - start))
-    part = pieces.rows_of(recording, before, stop)
+    parts = []
+    for start in starts:
+        # Scores of a minute know the minute before.
+        stop = min(start + starts.step, n)
+        part = pieces.rows_of(recording, max(0, 2 * start - stop), stop)
+        parts.append(
+            [_largest(s, recording.t[start], pool) for s in _fast_scores(part)]
+        )
     return tuple(
-        _largest(scores, recording.t[start], pool) for scores in _fast_scores(part)
+        replace(
+            own[0],
+            t=np.concatenate([p.t for p in own]),
+            values=np.concatenate([p.values for p in own]),
+        )
+        for own in zip(*parts, strict=True)
     )
 
 
@@ -212,32 +210,25 @@ def _largest(scores: Scores, start: float, pool: int) -> Scores:
     return replace(scores, t=t[last], values=np.maximum.reduceat(values, first, axis=0))
 
 
-def _joined(parts: Sequence[Scores]) -> Scores:
-    """Scores of one kind, one after the other."""
-    return replace(
-        parts[0],
-        t=np.concatenate([p.t for p in parts]),
-        values=np.concatenate([p.values for p in parts]),
-    )
-
-
 def _fast_scores(recording: Recording) -> tuple[Scores, ...]:
     t, q, tau = recording.t, recording.q, recording.tau
     error = q if recording.q_ref is None else q - recording.q_ref
     bend = np.abs(np.diff(error, 2, axis=0))
     wide = np.lib.stride_tricks.sliding_window_view(tau, 2 * MONITOR.spread + 1, axis=0)
-    spike = np.abs(tau[MONITOR.spread : -MONITOR.spread] - np.median(wide, axis=2))
+    middle = tau[MONITOR.spread : -MONITOR.spread]
+    spike = np.abs(middle - np.median(wide, axis=2))
     count, travel = _standing(q, recording.q_ref)
     whole = np.diff(t) < 1.5 * np.median(np.diff(t))  # nothing is told across gaps
     bend[~(whole[1:] & whole[:-1])] = 0.0
-    dof = recording.dof
-    return (
-        Scores("jump", t[2:], bend, channels(dof, "encoder", "jump")),
-        Scores(
-            "spikes", t[2 * MONITOR.spread :], spike, channels(dof, "torque", "spikes")
-        ),
-        Scores("frozen", t, travel, channels(dof, "encoder", "frozen")),
-        Scores("still", t, count, channels(dof, "encoder", "frozen")),
+    each = (
+        ("jump", bend, "encoder", "jump"),
+        ("spikes", spike, "torque", "spikes"),
+        ("frozen", travel, "encoder", "frozen"),
+        ("still", count, "encoder", "frozen"),
+    )
+    return tuple(
+        Scores(kind, t[len(t) - len(x) :], x, channels(recording.dof, *about))
+        for kind, x, *about in each
     )
 
 

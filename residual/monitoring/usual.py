@@ -106,13 +106,13 @@ def _rms(parts: Sequence[tuple[Array, Array, Array]]) -> Array:
     """Root mean square of values, moving and slow, on usable rows. Shape (2, dof)."""
     x, slow = (np.vstack([part[k] for part in parts]) for k in (0, 1))
     use = np.concatenate([usable for _, _, usable in parts])[:, None]
-    rms = []
-    for chosen in (~slow & use, slow & use):
-        count = np.maximum(chosen.sum(axis=0), 1)
-        rms.append(np.sqrt((x**2 * chosen).sum(axis=0) / count))
-    moving = np.maximum(rms[0], 1e-3 * max(float(rms[0].max()), _TINY))
+    moving, standing = (
+        np.sqrt((x**2 * own).sum(axis=0) / np.maximum(own.sum(axis=0), 1))
+        for own in (~slow & use, slow & use)
+    )
+    moving = np.maximum(moving, 1e-3 * max(float(moving.max()), _TINY))
     # Standing tells less than moving, never more.
-    return np.array([moving, np.maximum(rms[1], moving)])
+    return np.array([moving, np.maximum(standing, moving)])
 
 
 BLOCK = 2.0  # s
@@ -207,12 +207,12 @@ def peaks_of(scores: Scores) -> Scores:
     Its times are those of the first rows of the blocks, and of the last row of all.
     """
     first, last = _blocks(scores), len(scores.t) - 1
-    values = np.maximum.reduceat(scores.values, first, axis=0)
-    if first[-1] == last:
-        return replace(scores, t=scores.t[first], values=values)
-    # No score is below 0: this row says no more than how long the log is.
-    values = np.vstack([values, np.zeros((1, values.shape[1]))])
-    return replace(scores, t=scores.t[np.append(first, last)], values=values)
+    values = block_maxima(scores)
+    if first[-1] != last:
+        # No score is below 0: this row says no more than how long the log is.
+        values = np.vstack([values, np.zeros((1, values.shape[1]))])
+        first = np.append(first, last)
+    return replace(scores, t=scores.t[first], values=values)
 
 
 def block_maxima(scores: Scores) -> Array:

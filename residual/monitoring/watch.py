@@ -161,7 +161,10 @@ def waited(
     slow = reference.is_slow(rows)
     use, since = usable(reference, slow, state.since)
     use &= ~reference.outside(rows)
-    clocks, moving = _clocks(state, rows), ~slow.all(axis=1)
+    # Time of the rows since the stream began, without steps back [s].
+    steps = np.diff(rows.t, prepend=rows.t[0] if np.isnan(state.last) else state.last)
+    clocks = state.clock + np.cumsum(np.where(steps < 0, MONITOR.unknown, steps))
+    moving = ~slow.all(axis=1)
     kept = Rows.joined([state.rows, rows[moving]])
     use = np.concatenate([state.use, use[moving]])
     ticks = np.concatenate([state.clocks, clocks[moving]])
@@ -195,13 +198,6 @@ def usable(reference: Reference, slow: Array, since: Array) -> tuple[Array, Arra
     return moved > memory, np.minimum(moved[-1], memory + 1)
 
 
-def _clocks(state: State, rows: Rows) -> Array:
-    """Time of rows since the stream began, without steps back [s]. Shape (m,)."""
-    first = rows.t[0] if np.isnan(state.last) else state.last
-    steps = np.diff(rows.t, prepend=first)
-    return state.clock + np.cumsum(np.where(steps < 0, MONITOR.unknown, steps))
-
-
 def _alarms(
     reference: Reference, state: State, looks: Looks, times: Array
 ) -> tuple[State, list[Change]]:
@@ -232,13 +228,12 @@ def _patience(rules: Watching, nats: Array) -> int:
     Least where one name leads all others, where evidence is most; and shorter the
     longer the window that was needed.
     """
-    best = int(np.unravel_index(int(nats.argmax()), nats.shape)[0])
+    best = int(nats.max(axis=1).argmax())
     each = np.sort(nats[best])
     least, part = rules.sure
     lead = each[-1] - each[-2] > max(least, part * each[-1])
-    return rules.patience[0 if lead else 1] - rules.patience[0] * (
-        rules.windows[best] > rules.short
-    )
+    shorter = rules.patience[0] * (rules.windows[best] > rules.short)
+    return rules.patience[0 if lead else 1] - shorter
 
 
 def _change(
@@ -247,16 +242,14 @@ def _change(
     """Name an alarm by what has most evidence, in the window where that is most."""
     w, h = np.unravel_index(int(nats[k].argmax()), nats[k].shape)
     each, rules = nats[k, w], reference.rules
-    others = [
-        int(i)
-        for i in np.argsort(-each)
-        if i != h and each[i] > rules.as_well * each[h]
-    ]
-    scores = nats[k].max(axis=0) / reference.limits
+    as_well = (i for i in np.argsort(-each) if each[i] > rules.as_well * each[h])
+    highest = nats[k].max(axis=0)
+    scores = highest / reference.limits
     worst = int(scores.argmax())
     name, joint = reference.watched[h]
     size, std = _size(reference, looks, (k, int(w)), int(h))
     since = int((nats[k, :, h] > rules.enough * nats[k, w, h]).argmax())
+    chance = reference.tails[worst].chance(float(highest[worst]))
     return Change(
         time=time,
         joint=joint,
@@ -266,10 +259,8 @@ def _change(
         unit=UNITS[name],
         motion=rules.windows[since] * rules.rows / reference.window.row_rate,
         score=float(scores[worst]),
-        or_else=tuple(reference.watched[i] for i in others),
-        per_hour=reference.tails[worst].chance(float(nats[k].max(axis=0)[worst]))
-        * 3600.0
-        / BLOCK,
+        or_else=tuple(reference.watched[i] for i in as_well if i != h),
+        per_hour=chance * 3600.0 / BLOCK,
     )
 
 

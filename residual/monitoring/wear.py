@@ -83,21 +83,17 @@ def trends(change: Array, day: Array, session: Array) -> tuple[list[JointTrend],
             f"{MONITOR.least_logs} are needed, of several days, some early and some "
             "late in their session."
         )
-    times = _time_constants(change, day, session)
+    # All time constants that explain the logs about as well as the best, the first.
+    left = np.array([_left(change, day, np.exp(-session / time)) for time in TIMES])
+    order = np.argsort(left, kind="stable")
+    alike = order[left[order] <= left[order[0]] + MONITOR.as_well]
+    times = TIMES[alike].tolist()
     warmths = [np.exp(-session / time) for time in times]
     alpha = MONITOR.alpha / (2 * change.shape[1])
     joints = [
         _joint(j, values, day, warmths, alpha) for j, values in enumerate(change.T)
     ]
     return joints, times[0]
-
-
-def _time_constants(change: Array, day: Array, session: Array) -> list[float]:
-    """All that explain the logs about as well as the best, which is the first."""
-    left = np.array([_left(change, day, np.exp(-session / time)) for time in TIMES])
-    order = np.argsort(left, kind="stable")
-    alike = [i for i in order if left[i] <= left[order[0]] + MONITOR.as_well]
-    return [float(TIMES[i]) for i in alike]
 
 
 def _left(change: Array, day: Array, warmth: Array) -> float:
@@ -144,11 +140,11 @@ def _joint(
     each = [_rates(values, _columns(day, w, days, warms), alpha) for w in warmths]
     # What holds with every time constant that explains the logs as well.
     rates = [
-        Rate(
-            alike[0].value,
-            min(rate.low for rate in alike),
-            max(rate.high for rate in alike),
-            all(rate.real for rate in alike),
+        replace(
+            alike[0],
+            low=min(rate.low for rate in alike),
+            high=max(rate.high for rate in alike),
+            real=all(rate.real for rate in alike),
         )
         for alike in zip(*each, strict=True)
     ]
@@ -169,15 +165,9 @@ def _rates(values: Array, columns: Array, alpha: float) -> list[Rate]:
     variance = max(rest @ rest / free, 1e-12)
     sd = np.sqrt(np.diag(variance * np.linalg.inv(columns.T @ columns)))
     wide, sure = student.ppf(0.975, free), student.ppf(1 - alpha / 2, free)
-    return [
-        Rate(
-            float(theta[i]),
-            float(theta[i] - wide * sd[i]),
-            float(theta[i] + wide * sd[i]),
-            bool(abs(theta[i]) > max(sure * sd[i], MONITOR.small)),
-        )
-        for i in range(1, columns.shape[1])
-    ]
+    real = np.abs(theta) > np.maximum(sure * sd, MONITOR.small)
+    each = (x.tolist() for x in (theta, theta - wide * sd, theta + wide * sd, real))
+    return list(map(Rate, *each))[1:]
 
 
 def sessions(begins: Sequence[float], ends: Sequence[float], pause: float) -> Array:

@@ -4,7 +4,7 @@ import hashlib
 import json
 import re
 import xml.etree.ElementTree as ET
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import lru_cache
 from importlib.resources import files
@@ -15,7 +15,7 @@ import numpy as np
 import pinocchio as pin
 
 from residual.errors import InputError, RobotError, check_name, shortened
-from residual.recording import Array
+from residual.recording import Array, Recording
 from residual.robot.files import (
     Arm,
     Declared,
@@ -31,6 +31,7 @@ __all__ = [
     "Robot",
     "built_in_folder",
     "built_in_robots",
+    "check_joints",
     "load_robot",
     "robot_from_texts",
     "with_known",
@@ -98,6 +99,20 @@ class Robot:
         if self.motor_from_joint is None and self.gear_ratio is not None:
             return np.diag(self.gear_ratio)
         return self.motor_from_joint
+
+
+def check_joints(robot: Robot, recordings: Sequence[Recording]) -> None:
+    """Check that logs are of an arm with as many joints.
+
+    Raises:
+        InputError: If one is not.
+    """
+    for recording in recordings:
+        if recording.dof != robot.dof:
+            raise InputError(
+                f"{recording.id} has {recording.dof} joints, {robot.name} has "
+                f"{robot.dof}. Give the log's own robot with --robot."
+            )
 
 
 def built_in_robots() -> tuple[str, ...]:

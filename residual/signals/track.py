@@ -130,7 +130,7 @@ def prepare(
     if speed_floor is None:
         speed_floor = _standstill_speed(signals(), filters)
     tracks = tuple(
-        (_piece if piece else _track)(r.id, u, m, filters, speed_floor, full_rate)
+        _track(r.id, u, m, filters, speed_floor, full_rate, piece)
         for r, piece, (u, m) in zip(recordings, pieces, signals(), strict=True)
     )
     return tracks, speed_floor
@@ -200,21 +200,22 @@ def _resample(recording: Recording) -> _Uniform:
     rate = sample_rate(recording.t)
     t = np.arange(recording.t[0], recording.t[-1] + 0.5 / rate, 1 / rate)
     t = t[t <= recording.t[-1] + 1e-9]
-
-    def at(x: Array) -> Array:
-        return np.column_stack([np.interp(t, recording.t, c) for c in x.T])
-
     late = (np.diff(recording.t) > 6 / rate).astype(float)
     gap = np.interp(t, recording.t[1:], late) > 0
-    return _Uniform(rate, t, at(recording.q), at(recording.tau), gap)
+    q, tau = (at_times(t, recording.t, x) for x in (recording.q, recording.tau))
+    return _Uniform(rate, t, q, tau, gap)
+
+
+def at_times(times: Array, known: Array, values: Array) -> Array:
+    """Read signals at other times [s], in straight lines between. Shape (m, k)."""
+    return np.column_stack([np.interp(times, known, column) for column in values.T])
 
 
 def _kinematics(u: _Uniform, filters: Filters, step: int) -> tuple[Array, Array, Array]:
     """Filtered angles and their derivatives, every so many samples."""
     cutoff = min(filters.kinematics, 0.12 * u.rate)
     if step > 1:  # no sample is made that is not kept
-        made = (low_pass(u.q, cutoff, u.rate, step, order=k) for k in range(3))
-        q, qd, qdd = made
+        q, qd, qdd = (low_pass(u.q, cutoff, u.rate, step, order=k) for k in range(3))
         return q, qd, qdd
     q = low_pass(u.q, cutoff, u.rate)
     qd = np.gradient(q, 1 / u.rate, axis=0)
@@ -245,23 +246,6 @@ def _thinning(rate: float, filters: Filters) -> int:
     return max(1, round(rate / filters.rate))
 
 
-def _piece(
-    label: str,
-    u: _Uniform,
-    motion: tuple[Array, Array, Array],
-    filters: Filters,
-    speed_floor: Array,
-    full_rate: bool,
-) -> Track:
-    """Prepare a piece of a log; rows beyond its own part of it are those of others."""
-    track = _track(label, u, motion, filters, speed_floor, full_rate)
-    over = overlap(track.cutoff, u.rate)
-    at = (np.arange(len(track.inner)) * track.step / track.rate).round(6)
-    own = (at >= over - 1e-6) & (at < len(u.t) / u.rate - over - 1e-6)
-    inner, moving = track.inner & own, track.moving & own[:, None]
-    return replace(track, inner=inner, moving=moving, whole=False)
-
-
 def _track(
     label: str,
     u: _Uniform,
@@ -269,7 +253,9 @@ def _track(
     filters: Filters,
     speed_floor: Array,
     full_rate: bool,
+    piece: bool,
 ) -> Track:
+    """Prepare a log or a piece of one; rows beyond its part are those of others."""
     first = 1 if full_rate else _thinning(u.rate, filters)
     rate = u.rate / first
     cutoff = filters.cutoff(u.rate)
@@ -282,6 +268,10 @@ def _track(
     inner = ~widened(u.gap, (2 * half + 1) * first // 2)[:: first * step]
     edge = max(2, round(filters.edge * rate / step))
     inner[:edge] = inner[-edge:] = False
+    if piece:
+        over = overlap(cutoff, u.rate)
+        at = (np.arange(len(inner)) * step / rate).round(6)
+        inner &= (at >= over - 1e-6) & (at < len(u.t) / u.rate - over - 1e-6)
     return Track(
         id=label,
         rate=rate,
@@ -295,6 +285,7 @@ def _track(
         inner=inner,
         moving=~still[::step] & inner[:, None],
         torque_noise=_white_noise(u.tau, u.rate, cutoff),
+        whole=not piece,
     )
 
 
@@ -339,7 +330,7 @@ def at_samples(torque: Array, track: Track, recording: Recording) -> Array:
     """Torque on a track's grid, read at the recording's own times. Shape (n, dof)."""
     if torque.shape[0] == len(recording.t) and np.allclose(track.t, recording.t):
         return torque
-    return np.column_stack([np.interp(recording.t, track.t, c) for c in torque.T])
+    return at_times(recording.t, track.t, torque)
 
 
 def smooth(recording: Recording, filters: Filters) -> Array:
@@ -349,7 +340,7 @@ def smooth(recording: Recording, filters: Filters) -> Array:
         Angles [rad]. Shape (n, dof).
     """
     t, _, (q, _, _) = motion_of(recording, filters)
-    return np.column_stack([np.interp(recording.t, t, x) for x in q.T])
+    return at_times(recording.t, t, q)
 
 
 def encoder_noise(recording: Recording, filters: Filters) -> Array:
@@ -376,8 +367,7 @@ def shaken(
     for r, track in zip(recordings, tracks, strict=True):
         noise = encoder_noise(r, filters) * rng.normal(size=r.q.shape)
         thin = round(sample_rate(r.t) / track.rate)
-        *_, motion = motion_of(replace(r, q=r.q + noise), filters, thin)
-        q, qd, qdd = motion
+        _, _, (q, qd, qdd) = motion_of(replace(r, q=r.q + noise), filters, thin)
         out.append(replace(track, q=q, qd=qd, qdd=qdd))
     return tuple(out)
 
