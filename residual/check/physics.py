@@ -1,6 +1,8 @@
 """Faults of the column map that the physics of the motion shows."""
 
+from collections.abc import Iterator
 from dataclasses import dataclass, replace
+from typing import NamedTuple
 
 import numpy as np
 import pinocchio as pin
@@ -35,9 +37,10 @@ def misread(robot: Robot, motion: Motion) -> tuple[list[Fault], Reading]:
     was = judge(robot, motion, given)
     if best.value - was.value < CHECK.gain:
         return [], given
-    court = _Court(robot, motion, best)
-    parts = (_gear, _torque_unit, _angle_unit, _order, _angle_sign, _torque_sign)
-    faults = [fault for part in parts if (fault := part(court))]
+    reading = best.reading
+    mistakes = [*_units(reading, robot.gear_ratio), *_places(reading, given)]
+    judged = (_judged(robot, motion, best, mistake) for mistake in mistakes)
+    faults = [fault for fault in judged if fault]
     if best.value - was.value < CHECK.certain:
         faults = [replace(fault, certain=False) for fault in faults]
     if not faults:
@@ -104,127 +107,108 @@ def bent(judged: Judged) -> float:
     return float(strains.sum() - strains.max())
 
 
-class _Court:
-    """The best reading, and what is lost by undoing a part of it."""
-
-    def __init__(self, robot: Robot, motion: Motion, best: Judged) -> None:
-        self._robot, self._motion, self._best = robot, motion, best
-        self.gears, self.joints = robot.gear_ratio, tuple(range(1, robot.dof + 1))
-        self.reading, self.same = best.reading, as_given(robot.dof)
-
-    def fault(
-        self, kind: str, joints: Joints, words: str, repairs, **undone
-    ) -> Fault | None:
-        """Return the fault if the reading without its repair is worse by enough."""
-        other = judge(self._robot, self._motion, replace(self.reading, **undone))
-        nats = self._best.nats - other.nats
-        # A mistake of the map made all of its joints worse: mended, none may suffer.
-        suffers = max(
-            other.fit(j - 1) - self._best.fit(j - 1) for j in joints or self.joints
-        )
-        # What is said of all joints must be true of each.
-        most = nats / CHECK.suffers
-        most = most if joints else min(most, CHECK.worth)
-        if nats < CHECK.worth or suffers > most:
-            return None
-        evidence = f"{words} better by {nats:.0f} nats."
-        enough = CHECK.certain_angles if kind in _ANGLES else CHECK.certain
-        return Fault(kind, joints, nats > enough, evidence, tuple(repairs))
-
-
-def _torque_unit(court: _Court) -> Fault | None:
-    unit = court.reading.torque_unit
-    if unit in (1.0, CHECK.gear):
+def _judged(
+    robot: Robot, motion: Motion, best: Judged, mistake: "_Mistake"
+) -> Fault | None:
+    """Return the fault if the reading without its repair is worse by enough."""
+    kind, joints, words, repairs, undone = mistake
+    other = judge(robot, motion, replace(best.reading, **undone))
+    nats = best.nats - other.nats
+    # A mistake of the map made all of its joints worse: mended, none may suffer.
+    worse = [j - 1 for j in joints or range(1, robot.dof + 1)]
+    suffers = max(other.fit(j) - best.fit(j) for j in worse)
+    # What is said of all joints must be true of each.
+    most = nats / CHECK.suffers
+    most = most if joints else min(most, CHECK.worth)
+    if nats < CHECK.worth or suffers > most:
         return None
-    words = (
-        f"The torques are about {1 / unit:g} times what this arm takes for this "
-        f"motion; times {unit:g} they fit"
-    )
-    repairs = [Repair("tau", scale=unit)]
-    return court.fault("torque_unit", (), words, repairs, torque_unit=1.0)
+    evidence = f"{words} better by {nats:.0f} nats."
+    enough = CHECK.certain_angles if kind in _ANGLES else CHECK.certain
+    return Fault(kind, joints, nats > enough, evidence, tuple(repairs))
 
 
-def _gear(court: _Court) -> Fault | None:
-    """Signals of the motors: mended where the gears are known."""
-    undone, repairs, words, gears = {}, [], [], court.gears
+class _Mistake(NamedTuple):
+    """What a reading mends, and the fields of it that undo that."""
+
+    kind: str
+    joints: Joints
+    words: str
+    repairs: list[Repair]
+    undone: dict[str, object]
+
+
+def _units(reading: Reading, gears: Array | None) -> Iterator[_Mistake]:
+    """Other units of torques and angles; those of motors are mended by known gears."""
+    unit, angle = reading.torque_unit, reading.angle_unit
+    joints = tuple(range(1, len(reading.angle_order) + 1))
     known = () if gears is None else tuple(float(abs(g)) for g in gears)
-    if court.reading.torque_unit == CHECK.gear:
+    undone, repairs, words = {}, [], []
+    if unit == CHECK.gear:
         undone["torque_unit"] = 1.0
         words.append(
             "The torques are tens to hundreds of times smaller than this arm's"
         )
-        repairs += [Repair("tau", court.joints, scale=known)] if known else []
-    if court.reading.angle_unit == 1 / CHECK.gear:
+        repairs += [Repair("tau", joints, scale=known)] if known else []
+    if angle == 1 / CHECK.gear:
         undone["angle_unit"] = 1.0
         words.append("The angles are tens to hundreds of times larger than this arm's")
-        scale = tuple(1 / gear for gear in known)
-        repairs.append(Repair("q", court.joints, scale=scale))
-    if not undone:
-        return None
-    text = (
-        f"{'. '.join(words)}: they look like those of the motors; by the gears they fit"
-    )
-    return court.fault("gear_ratio", (), text, repairs, **undone)
+        repairs.append(Repair("q", joints, scale=tuple(1 / gear for gear in known)))
+    if undone:
+        text = (
+            f"{'. '.join(words)}: they look like those of the motors; by the gears "
+            "they fit"
+        )
+        yield _Mistake("gear_ratio", (), text, repairs, undone)
+    if unit not in (1.0, CHECK.gear):
+        text = (
+            f"The torques are about {1 / unit:g} times what this arm takes for this "
+            f"motion; times {unit:g} they fit"
+        )
+        repairs = [Repair("tau", scale=unit)]
+        yield _Mistake("torque_unit", (), text, repairs, {"torque_unit": 1.0})
+    if angle not in (1.0, 1 / CHECK.gear):
+        what = "degrees" if angle < 1 else "radians that were taken for degrees"
+        text = f"The angles look like {what}; times {angle:.6g} they fit"
+        repairs = [Repair("q", scale=angle)]
+        yield _Mistake("angle_unit", (), text, repairs, {"angle_unit": 1.0})
 
 
-def _angle_unit(court: _Court) -> Fault | None:
-    unit = court.reading.angle_unit
-    if unit in (1.0, 1 / CHECK.gear):
-        return None
-    what = "degrees" if unit < 1 else "radians that were taken for degrees"
-    words = f"The angles look like {what}; times {unit:.6g} they fit"
-    repairs = [Repair("q", scale=unit)]
-    return court.fault("angle_unit", (), words, repairs, angle_unit=1.0)
-
-
-def _order(court: _Court) -> Fault | None:
-    reading, same = court.reading, court.same.angle_order
+def _places(reading: Reading, same: Reading) -> Iterator[_Mistake]:
+    """Other orders and signs than those of the map as given."""
+    given = same.angle_order
     orders = {"q": reading.angle_order, "tau": reading.torque_order}
     repairs = [
         Repair(signal, order=tuple(i + 1 for i in order))
         for signal, order in orders.items()
-        if order != same
+        if order != given
     ]
-    if not repairs:
-        return None
-    joints = tuple(j + 1 for j in same if any(o[j] != j for o in orders.values()))
-    words = (
-        f"{' and '.join(r.signal for r in repairs)} of {joints_listed(joints)} "
-        f"are those of other joints; in the order {listed(repairs[-1].order)} they fit"
-    )
-    undone = {"angle_order": same, "torque_order": same}
-    return court.fault("joint_order", joints, words, repairs, **undone)
-
-
-def _angle_sign(court: _Court) -> Fault | None:
-    angles = joints_of(np.less(court.reading.angle_sign, 0))
-    if not angles:
-        return None
-    turned = joints_of(np.less(court.reading.torque_sign, 0))
-    both = tuple(j for j in turned if j in angles)
-    repairs = [_turn("q", angles)] + ([_turn("tau", both)] if both else [])
-    words = f"The angle of {joints_listed(angles)} counts backwards; turned, it fits"
-    signs = enumerate(court.reading.torque_sign)
-    undone = {
-        "angle_sign": court.same.angle_sign,
-        "torque_sign": tuple(1 if j + 1 in both else s for j, s in signs),
-    }
-    return court.fault("angle_sign", angles, words, repairs, **undone)
-
-
-def _torque_sign(court: _Court) -> Fault | None:
-    turned = np.less(court.reading.torque_sign, 0)
-    joints = joints_of(turned & np.greater(court.reading.angle_sign, 0))
-    if not joints:
-        return None
-    words = (
-        f"The torque of {joints_listed(joints)} has the wrong sign (friction would "
-        "give power, or weight pull upwards); turned, it fits"
-    )
-    signs = enumerate(court.reading.torque_sign)
-    undone = tuple(1 if j + 1 in joints else s for j, s in signs)
-    repairs = [_turn("tau", joints)]
-    return court.fault("torque_sign", joints, words, repairs, torque_sign=undone)
+    if repairs:
+        joints = tuple(j + 1 for j in given if any(o[j] != j for o in orders.values()))
+        words = (
+            f"{' and '.join(r.signal for r in repairs)} of {joints_listed(joints)} are "
+            f"those of other joints; in the order {listed(repairs[-1].order)} they fit"
+        )
+        undone = {"angle_order": given, "torque_order": given}
+        yield _Mistake("joint_order", joints, words, repairs, undone)
+    angle, torque = (np.array(s) for s in (reading.angle_sign, reading.torque_sign))
+    angles, both = joints_of(angle < 0), joints_of((angle < 0) & (torque < 0))
+    alone = joints_of((angle > 0) & (torque < 0))
+    if angles:
+        words = (
+            f"The angle of {joints_listed(angles)} counts backwards; turned, it fits"
+        )
+        repairs = [_turn("q", angles)] + ([_turn("tau", both)] if both else [])
+        kept = tuple(np.where(angle < 0, 1, torque).tolist())
+        undone = {"angle_sign": same.angle_sign, "torque_sign": kept}
+        yield _Mistake("angle_sign", angles, words, repairs, undone)
+    if alone:
+        words = (
+            f"The torque of {joints_listed(alone)} has the wrong sign (friction would "
+            "give power, or weight pull upwards); turned, it fits"
+        )
+        kept = tuple(np.where(angle > 0, 1, torque).tolist())
+        repairs = [_turn("tau", alone)]
+        yield _Mistake("torque_sign", alone, words, repairs, {"torque_sign": kept})
 
 
 def _turn(signal: str, joints: Joints) -> Repair:

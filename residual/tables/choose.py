@@ -119,9 +119,9 @@ def _named(rest: Rest, chosen: Sequence[Option]) -> _Found | None:
     for j, option in enumerate(chosen):
         used = rest.named[j][: option.count] if option.kind == NAMED else ()
         for pair in used:
-            empty = np.zeros((*pair.table.shape, len(chosen)))
-            table = tables.setdefault(pair.variables, empty)
-            table[..., j] += pair.table
+            empty = np.zeros((*pair.values.shape, len(chosen)))
+            table = tables.setdefault(pair.axes, empty)
+            table[..., j] += pair.values
     return (rest.levels, list(tables.items())) if tables else None
 
 

@@ -162,9 +162,7 @@ def leave_one_out(labels: Array, scheme: str = "run") -> Folds:
 def systematic(rows: int, blocks: int = BLOCKS) -> Folds:
     """Hold out sequential blocks of rows (paper, section 2.5.2)."""
     _check_blocks(rows, blocks)
-    return Folds(
-        "systematic", frozen(np.arange(rows) * blocks // rows), _block_names(blocks)
-    )
+    return _in_blocks("systematic", np.arange(rows) * blocks // rows, blocks)
 
 
 def systematic_repeats(
@@ -187,15 +185,13 @@ def systematic_repeats(
         phase = np.arange(len(rows)) % length
         of_row[rows] = i * each + phase * each // length
     kept, of_row = np.unique(of_row, return_inverse=True)
-    return Folds(
-        "systematic, repeats together", frozen(of_row), _block_names(len(kept))
-    )
+    return _in_blocks("systematic, repeats together", of_row, len(kept))
 
 
 def random_blocks(rows: int, rng: np.random.Generator, blocks: int = BLOCKS) -> Folds:
     """Hold out randomly drawn rows, equally many each time (paper, section 2.5.3)."""
     _check_blocks(rows, blocks)
-    return Folds("random", frozen(rng.permutation(rows) % blocks), _block_names(blocks))
+    return _in_blocks("random", rng.permutation(rows) % blocks, blocks)
 
 
 def fold_power(torque: Array, folds: Folds) -> Array:
@@ -237,5 +233,6 @@ def _check_blocks(rows: int, blocks: int) -> None:
     check_count(blocks, 2, rows, "blocks", remedy)
 
 
-def _block_names(blocks: int) -> tuple[str, ...]:
-    return tuple(f"block {i + 1}" for i in range(blocks))
+def _in_blocks(scheme: str, of_row: Array, blocks: int) -> Folds:
+    names = tuple(f"block {i + 1}" for i in range(blocks))
+    return Folds(scheme, frozen(of_row), names)

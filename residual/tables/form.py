@@ -14,13 +14,13 @@ import numpy as np
 from residual.recording import Array
 from residual.tables.crossval import as_block, as_pair, frozen
 from residual.tables.levels import Levels, quantile_levels
+from residual.tables.lookup import Table
 from residual.tables.main_tables import (
     LEVELS,
     MOST,
     PYRAMID,
     RIDGES,
     MainEffects,
-    NamedPair,
     Normal,
     Pyramid,
     add_pairs,
@@ -242,7 +242,7 @@ class Rest:
     """
 
     levels: Levels
-    named: tuple[tuple[NamedPair, ...], ...]
+    named: tuple[tuple[Table, ...], ...]
     pairs: NominalPls | None
 
     def predict(self, X: Array, form: EffectForm) -> Array:

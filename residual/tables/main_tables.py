@@ -21,6 +21,7 @@ from residual.errors import InputError
 from residual.recording import Array
 from residual.tables.crossval import as_pair, frozen
 from residual.tables.levels import Codes, Levels, merge_rows, quantile_levels
+from residual.tables.lookup import Table
 
 PYRAMID = (5, 10, 20, 40)  # levels, from wide to narrow
 RIDGES = (1.0, 10.0, 100.0, 1000.0)  # per ROWS rows
@@ -216,25 +217,12 @@ def _joint_sums(codes: Codes, Y: Array) -> tuple[Array, Array]:
     return count + upper.T, sums
 
 
-@dataclass(frozen=True, eq=False, slots=True)
-class NamedPair:
-    """One table of two variables, for one response.
-
-    Attributes:
-        variables: Its two variables, from 0.
-        table: Correction by level of both, in units of Y. Shape (k1, k2).
-        gain: Share of the squared rest that it explained on runs left out.
-    """
-
-    variables: tuple[int, int]
-    table: Array
-    gain: float
-
-
 def add_pairs(
     codes: Codes, rest: Array, run: Array, most: int = MOST
-) -> tuple[NamedPair, ...]:
+) -> tuple[Table, ...]:
     """Add tables of one response greedily, each the best on runs left out.
+
+    Their axes are those of the codes, shape (k1, k2).
 
     A cell's correction is its sum over its count plus a ridge. The gain of a table is
     the drop of the squared rest of each run under a table of the other runs. None that
@@ -247,7 +235,7 @@ def add_pairs(
     places = [columns[a] * codes.sizes[b] + columns[b] for a, b in pairs]
     sizes = [codes.sizes[a] * codes.sizes[b] for a, b in pairs]
     counts = [_by_run(p, run, size) for p, size in zip(places, sizes, strict=True)]
-    found: list[NamedPair] = []
+    found: list[Table] = []
     rest, power = rest.copy(), float(rest @ rest)
     ridge = RIDGE * len(rest) / ROWS
     while len(found) < most and power > 0:
@@ -259,18 +247,17 @@ def add_pairs(
             break
         table = sums[best].sum(axis=0) / (counts[best].sum(axis=0) + ridge)
         shape = [codes.sizes[i] for i in pairs[best]]
-        share = gains[best] / float(rest @ rest)
         rest -= table[places[best]]
-        found.append(NamedPair(pairs[best], frozen(table.reshape(shape)), share))
+        found.append(Table(pairs[best], frozen(table.reshape(shape))))
     return tuple(found)
 
 
-def read_pairs(pairs: Sequence[NamedPair], codes: Codes) -> Array:
+def read_pairs(pairs: Sequence[Table], codes: Codes) -> Array:
     """Correction of the first 0, 1, 2 ... tables. Shape (len(pairs) + 1, m)."""
     out = np.zeros((len(pairs) + 1, len(codes.values)))
     for i, pair in enumerate(pairs):
-        a, b = (codes.values[:, v] for v in pair.variables)
-        out[i + 1] = out[i] + pair.table[a, b]
+        a, b = (codes.values[:, axis] for axis in pair.axes)
+        out[i + 1] = out[i] + pair.values[a, b]
     return out
 
 
