@@ -58,9 +58,6 @@ def check_name(name: str, known: Iterable[str], what: str) -> str:
     Args:
         what: What the name stands for, as the message begins: "effect".
 
-    Returns:
-        The same name.
-
     Raises:
         UnknownNameError: If it is not one of them; the message has the nearest.
     """
@@ -152,10 +149,6 @@ LACKING = {
 
 
 def not_installed(module: str) -> InputError:
-    """Return the error for a package that not every machine has.
-
-    Args:
-        module: Name of its module, one of `LACKING`.
-    """
+    """Return the error for a package that not every machine has."""
     what, cure = LACKING[module]
     return InputError(f"This needs {what}; it is not installed here. {cure}.")

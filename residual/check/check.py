@@ -49,9 +49,6 @@ def check_logs(
 
     Args:
         declared: Effects that the nominal model has; None for the usual ones.
-
-    Raises:
-        InputError: If there is no log.
     """
     if not recordings:
         raise InputError("No log to check: expected at least one recording, got none.")

@@ -212,8 +212,7 @@ def _misfit(
 ) -> tuple[float, float]:
     """What a model of the reference leaves of one torque, as a share of its size.
 
-    Returns:
-        That; and how far the same model of the motion itself is off.
+    And how far the same model of the motion itself is off.
     """
     speed = np.abs(wanted[1, :, j])
     use = speed > CHECK.plan_slow * speed.max()

@@ -81,14 +81,9 @@ class Scores:
         return float(self.evidence(channel, np.array([factor]))[0])
 
     def evidence(self, channel: int, factor: Array) -> Array:
-        """Return log evidence that factor * channel is the torque of the joint.
+        """Return log evidence that factor * channel is the torque of the joint. (k,).
 
-        Args:
-            channel: Torque channel from 0.
-            factor: Signs times units. Shape (k,).
-
-        Returns:
-            Nats, up to a constant of the channel. Shape (k,).
+        Nats, up to a constant of the channel; factors are signs times units. (k,).
         """
         return self._table(channel, np.asarray(factor, dtype=float)).max(axis=0)
 
@@ -151,13 +146,9 @@ def torque_scores(robot: Robot, motion: Motion) -> list[Scores]:
 
 
 def best_order(value: Array) -> Array:
-    """Assign a channel to every joint, so that the values are the most in all.
+    """Assign a channel to every joint, so that the values are the most in all. (dof,).
 
-    Args:
-        value: What each channel is worth to each joint. Shape (dof, dof).
-
-    Returns:
-        The channel of each joint. Shape (dof,).
+    Given what each channel is worth to each joint. Shape (dof, dof).
     """
     if np.all(value.argmax(axis=1) == np.arange(len(value))):
         return np.arange(len(value))

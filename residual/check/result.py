@@ -148,11 +148,7 @@ class LogCheck:
 
 
 def from_json(document: Mapping) -> LogCheck:
-    """Return the check of a document.
-
-    Raises:
-        InputError: If it is of another schema, or a key is missing.
-    """
+    """Return the check of a document."""
     if document.get("schema") != SCHEMA:
         raise InputError(
             f"A check of schema {shown(document.get('schema'))}, expected {SCHEMA}."

@@ -287,10 +287,6 @@ def reweighted(
 ) -> tuple[Array, Array, tuple[Array, ...]]:
     """Fit until weights and parameters agree; bisquare starts from Huber.
 
-    Args:
-        theta: Parameters to start from. Shape (b,).
-        memory: Autocorrelation time of each joint. Shape (dof,).
-
     Returns:
         Parameters (b,), noise of each joint [N m] (dof,), weights of rows (m_j,) each.
     """

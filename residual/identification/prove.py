@@ -165,9 +165,6 @@ def identify_and_prove(
         held_out: Logs for the proof; empty for the last quarter of the longest.
         declared: Effects that the model has; None for the robot's own list; or a model
             to start from as it is.
-
-    Raises:
-        InputError: If a log is not usable.
     """
     same_run = not held_out
     if same_run:

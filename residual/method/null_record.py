@@ -127,9 +127,6 @@ class Null:
         """Chance of as much evidence where nothing is missing.
 
         (1 + draws with as much) / (1 + draws)        (Davison & Hinkley 1997, eq. 4.11)
-
-        Args:
-            nats: Evidence of a name, as a verdict has it [nats].
         """
         return float((1 + np.sum(np.array(self.nats) >= nats)) / (1 + len(self.nats)))
 
@@ -151,9 +148,6 @@ class Null:
 
         Fitted to the excess of the largest fifth of the draws, for what lies beyond
         the largest: an extrapolation.
-
-        Args:
-            net: Evidence, price paid [nats].
         """
         values = np.array(self.net)
         start = np.quantile(values, 1 - RULES.null_tail)
@@ -191,11 +185,7 @@ class Null:
         return p, float(low), float(high)
 
     def sentence(self, least: float) -> str:
-        """Which null was used, and the false-alarm rate that it states.
-
-        Args:
-            least: The rule's own threshold [nats].
-        """
+        """Which null was used, and the false-alarm rate that it states."""
         threshold = self.threshold(least)
         p, low, high = self.rate(threshold)
         return (
@@ -208,9 +198,6 @@ class Null:
 
 def choose_null(null: Null | Sequence[Null] | None, key: Key) -> Null | None:
     """The null that holds for some logs.
-
-    Returns:
-        The one that is wanted, or of several the first that holds; None if none does.
 
     Raises:
         InputError: If the one that is wanted was made for something else.
@@ -227,12 +214,7 @@ def choose_null(null: Null | Sequence[Null] | None, key: Key) -> Null | None:
 
 
 def null_sentences(null: Null | None, least: float) -> tuple[list[str], list[str]]:
-    """What a diagnosis says of its null: warnings and notes.
-
-    Args:
-        null: The one that it went by, None for none.
-        least: The rule's own threshold [nats].
-    """
+    """What a diagnosis says of its null: warnings and notes."""
     if null:
         return [null.sentence(least)], []
     constant = (
@@ -251,11 +233,7 @@ def to_record(null: Null) -> dict:
 
 
 def from_record(record: Mapping, id: str) -> Null:
-    """The way back.
-
-    Raises:
-        InputError: If it is no such record.
-    """
+    """The way back."""
     try:
         key = {f.name: record["key"][f.name] for f in fields(Key)}
         key = {k: tuple(v) if isinstance(v, list) else v for k, v in key.items()}

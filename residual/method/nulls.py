@@ -136,9 +136,6 @@ def redrawn(source: Source, rng: np.random.Generator) -> Nominal:
     """The nominal model around the truth, as far off as the logs say.
 
     Coefficients of which nothing is given start from zero, as the user's do.
-
-    Args:
-        source: The truth, and how far off the user's model was.
     """
     nominal, truth = source.nominal, source.truth
     size = len(truth.inertial)
@@ -243,11 +240,7 @@ class Draw:
 
 
 def block(source: Source, seed: int, index: int, count: int) -> tuple[Draw, ...]:
-    """Draws of torque noise and nominal that share one draw of encoder noise.
-
-    Args:
-        index: Number of the block; its own random numbers.
-    """
+    """Draws of torque noise and nominal that share one draw of encoder noise."""
     rng = np.random.default_rng([seed, index])
     logs, hiss = _noisy(source, rng)
     nominal = redrawn(source, rng)

@@ -296,11 +296,7 @@ def _states(rows: LogRows) -> Array:
 
 
 def check_log(recording: Recording, model: Model, rate: float) -> None:
-    """Check that a log is of the robot and rate of a monitor.
-
-    Raises:
-        InputError: If it is not.
-    """
+    """Check that a log is of the robot and rate of a monitor."""
     dof = model.robot.dof
     if recording.dof != dof:
         raise InputError(
@@ -320,10 +316,6 @@ def check_runs(model: Model, runs: Sequence[Recording], per_hour: float) -> floa
 
     Returns:
         The rate of the runs [Hz].
-
-    Raises:
-        InputError: If runs are too few or of several rates or robots, the rate of false
-            alarms is none, or the model was not made from logs.
     """
     if len(runs) < LEAST_RUNS:
         raise InputError(
@@ -362,11 +354,7 @@ def to_record(monitor: Monitor) -> dict:
 
 
 def from_record(record: Mapping) -> Monitor:
-    """Return the monitor of a record.
-
-    Raises:
-        InputError: If it is of another form, or its model is damaged.
-    """
+    """Return the monitor of a record."""
     if record.get("form") != FORM or "model" not in record:
         raise InputError(
             f"A monitor of form {shown(record.get('form'))}, expected {FORM} with its "

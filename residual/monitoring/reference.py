@@ -153,11 +153,7 @@ class Reference:
 
     @classmethod
     def from_record(cls, record: Mapping) -> "Reference":
-        """Return the reference of a record.
-
-        Raises:
-            InputError: If it is of another form, or damaged.
-        """
+        """Return the reference of a record."""
         if record.get("form") != FORM:
             raise InputError(
                 f"A reference of form {shown(record.get('form'))}, expected {FORM}. "

@@ -70,11 +70,7 @@ class Sight:
 
 
 def sight_of(model: Model, recording: Recording) -> Sight:
-    """Return what a model makes of a log.
-
-    Raises:
-        InputError: If the log is too short or too slow.
-    """
+    """Return what a model makes of a log."""
     rows = rows_of(recording)
     state = model.observe(rows.track())
     slow = np.abs(rows.qd) < MONITOR.slow * model.speed_floor
@@ -90,13 +86,10 @@ def sight_of(model: Model, recording: Recording) -> Sight:
 
 
 def fit(model: Model, logs: Sequence[Sight], without: int = -1) -> Array:
-    """Fit the coefficients to logs, but for one of them.
+    """Fit the coefficients to logs, but for one of them. Shape (p,).
 
     Args:
         without: Index of the log to leave out, -1 for none.
-
-    Returns:
-        Coefficients. Shape (p,).
     """
     theta = model.coefficients()
     square = [np.mean(log.rows.tau**2, axis=0) for log in logs]
@@ -284,9 +277,6 @@ def error_scores(errors: Array, rows: LogRows, scale: Scale) -> Scores:
     T2 = sum t_a^2 / lambda_a, t = P'z; SPE = |z - P t|^2     (Jackson & Mudholkar 1979)
 
     Their roots are returned, whose tails decay like those of the other scores.
-
-    Args:
-        errors: Of ``error_block``. Shape (m, e).
     """
     z = (errors - scale.mean) / scale.size
     t = z @ scale.loadings

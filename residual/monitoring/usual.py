@@ -176,11 +176,7 @@ def tail_of(peaks: Array) -> Tail:
 
 
 def tail_limit(peaks: Array, wanted: float) -> float:
-    """Return the value that a block exceeds with the wanted probability at most.
-
-    Args:
-        peaks: Maxima of blocks. Shape (b,).
-    """
+    """Return what a block exceeds with the wanted probability at most. Shape (b,)."""
     least, tail = MONITOR.margin * float(peaks.max()), tail_of(peaks)
     if tail.beta == 0:
         return least
@@ -189,11 +185,7 @@ def tail_limit(peaks: Array, wanted: float) -> float:
 
 
 def next_run_limit(largest: Array, wanted: float) -> float:
-    """Return the value that the next run exceeds with the wanted probability at most.
-
-    Args:
-        largest: Largest value of each run. Shape (runs,).
-    """
+    """Return what the next run exceeds with the wanted probability at most. (runs,)."""
     if len(largest) < 2 or largest.min() <= 0:
         return 0.0
     logs, n = np.log(largest), len(largest)

@@ -299,11 +299,7 @@ def state_to_record(state: State) -> dict:
 
 
 def state_from_record(record: Mapping) -> State:
-    """Return the state of a record.
-
-    Raises:
-        InputError: If it is of another form, or damaged.
-    """
+    """Return the state of a record."""
     if record.get("form") != STATE_FORM:
         raise InputError(
             f"A state of form {shown(record.get('form'))}, expected {STATE_FORM}. "

@@ -108,15 +108,7 @@ class BaseParameters:
         """Standard parameters that have these base parameters, nearest to the nominal.
 
         pi = pi_0 + S K' (K S K')^-1 (theta_b - K pi_0): of all that move the same
-        torque, those that the covariance S makes most likely.
-
-        Args:
-            theta: Base parameters. Shape (b,).
-            nominal: pi_0. Shape (s,).
-            covariance: S, how much each nominal value is doubted. Shape (s, s).
-
-        Returns:
-            Standard parameters. Shape (s,).
+        torque, those that the covariance S of nominal values makes most likely. (s,).
         """
         across = self.mapping @ covariance
         inner = across @ self.mapping.T
@@ -176,9 +168,8 @@ def express(
 ) -> BaseParameters:
     """Write all columns of a regressor as sums of those that are kept.
 
-    Args:
-        rows: The regressor on states of every kind. Shape (rows, s).
-        columns: Columns to keep, independent of one another. Shape (b,).
+    Rows are on states of every kind, the columns independent of one another.
+    Shapes (rows, s), (b,).
     """
     size = np.linalg.norm(rows, axis=0)
     scaled = _scaled(rows)
@@ -194,13 +185,8 @@ def express(
 def further_columns(rows: Array, columns: Array, candidates: Sequence[int]) -> Array:
     """Return those kept, and the candidates that are no sum of them, one by one.
 
-    Args:
-        rows: The regressor on states of every kind. Shape (rows, s).
-        columns: Columns kept already. Shape (b,).
-        candidates: Columns to try, in order.
-
-    Returns:
-        Columns to keep, those of before first. Shape (b + more,).
+    Rows are of the regressor on states of every kind, columns kept already, and those
+    to try, in order. Shapes (rows, s), (b,) to (b + more,).
     """
     size = np.linalg.norm(rows, axis=0)
     basis = np.linalg.qr(rows[:, columns] / size[columns])[0]

@@ -187,13 +187,8 @@ class Chain:
     def origins(self, q: Array) -> Array:
         """Return the origins of base, joints and flange in the base frame [m].
 
-        All postures at once; one axis after the other, by Rodrigues' formula.
-
-        Args:
-            q: Positions [rad]. Shape (n, dof).
-
-        Returns:
-            Shape (n, dof + 2, 3).
+        All postures (n, dof) at once; one axis after the other, by Rodrigues' formula.
+        Shape (n, dof + 2, 3).
         """
         n, dof = q.shape
         out, turned = np.zeros((n, dof + 2, 3)), np.broadcast_to(np.eye(3), (n, 3, 3))

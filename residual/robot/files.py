@@ -300,11 +300,7 @@ class Declared:
 
 
 def parse_toml(text: str, where: str) -> dict:
-    """Parse the text of a robot.toml.
-
-    Raises:
-        RobotError: On text that is not TOML, or nested too deep.
-    """
+    """Parse the text of a robot.toml."""
     try:
         return check_nesting(tomllib.loads(text), where)
     except (RecursionError, InputError) as error:

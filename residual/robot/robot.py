@@ -102,11 +102,7 @@ class Robot:
 
 
 def check_joints(robot: Robot, recordings: Sequence[Recording]) -> None:
-    """Check that logs are of an arm with as many joints.
-
-    Raises:
-        InputError: If one is not.
-    """
+    """Check that logs are of an arm with as many joints."""
     for recording in recordings:
         if recording.dof != robot.dof:
             raise InputError(
@@ -153,11 +149,7 @@ def load_robot(spec: str | Path, effects: Effects | None = None) -> Robot:
 
 @lru_cache(maxsize=16)
 def robot_from_texts(name: str, urdf: str, toml: str) -> Robot:
-    """Build a robot from what a `Robot` keeps: no file is read.
-
-    Raises:
-        RobotError: If the texts are not those of a robot.
-    """
+    """Build a robot from what a `Robot` keeps: no file is read."""
     arm = read_urdf(urdf, name)
     extra = read_robot_toml(json.loads(toml), arm.limits.shape[1], name)
     return _assemble(arm, extra | {"name": name, "toml": toml}, name)
@@ -190,9 +182,6 @@ def with_known(robot: Robot, known: Mapping[str, float]) -> Robot:
 
     Args:
         known: By name, such as "payload.mass" or "coulomb.2.level" [SI].
-
-    Raises:
-        RobotError: If one is no number.
     """
     return _told(robot, "known", known) if known else robot
 

@@ -143,10 +143,7 @@ def coarser(points: Array, faces: Array, most: int) -> tuple[Array, Array]:
     """Return a mesh with fewer triangles: corners in one cell of a grid become one.
 
     Vertex clustering (Rossignac and Borrel 1993, Multi-resolution 3D approximations).
-
-    Args:
-        points: Corners. Shape (n, 3).
-        faces: Corners of the triangles. Shape (m, 3).
+    Corners (n, 3), and those of each triangle (m, 3).
     """
     cells = 256
     while len(faces) > most and cells > 4:

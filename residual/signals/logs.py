@@ -81,9 +81,6 @@ def bristle(q: Array, displacement: float) -> Array:
     Args:
         q: Position [rad]. Shape (n,).
         displacement: Way over which it yields [rad].
-
-    Returns:
-        State, -1 to 1. Shape (n,).
     """
     step = np.diff(q)
     fade = np.exp(-np.abs(step) / displacement)
@@ -341,15 +338,12 @@ def is_cut(seconds: Sequence[float]) -> bool:
 def spread(
     seconds: Sequence[float], most: float | None = None, kept: float | None = None
 ) -> list[int]:
-    """Choose pieces, evenly spread, of long logs; of short ones all.
+    """Choose pieces, evenly spread, of long logs, by number; of short ones all.
 
     Args:
         seconds: Length of each piece [s].
         most: From how many seconds in all on a choice is made; ten minutes where None.
         kept: How many are chosen; seven minutes where None.
-
-    Returns:
-        Their numbers, in order.
     """
     total = float(sum(seconds))
     if total <= (LONG if most is None else most):

@@ -83,11 +83,7 @@ class Track:
     def filter(self, columns: Array) -> Array:
         """Pass feature columns through the identification filter and decimate.
 
-        Args:
-            columns: Values at the feature rate. Shape (n, ...).
-
-        Returns:
-            Values at the rows. Shape (m, ...).
+        From the feature rate to the rows. Shape (n, ...) to (m, ...).
         """
         return low_pass(columns, self.cutoff, self.rate, self.step)
 
@@ -179,10 +175,8 @@ def motion_of(
 def thinned(recording: Recording, filters: Filters) -> Recording:
     """Return a log at the rate of its features: of motion and torque what counts.
 
-    What would alias is taken out, far above the cut-offs; gaps stay gaps.
-
-    Returns:
-        A log of the same name with times, angles and torques alone.
+    What would alias is taken out, far above the cut-offs; gaps stay gaps. It has times,
+    angles and torques alone.
     """
     uniform = _resample(recording)
     first = _thinning(uniform.rate, filters)
@@ -334,11 +328,7 @@ def at_samples(torque: Array, track: Track, recording: Recording) -> Array:
 
 
 def smooth(recording: Recording, filters: Filters) -> Array:
-    """Positions through the filter of the kinematics, at the log's own times.
-
-    Returns:
-        Angles [rad]. Shape (n, dof).
-    """
+    """Positions through the filter of the kinematics, at the log's own times [rad]."""
     t, _, (q, _, _) = motion_of(recording, filters)
     return at_times(recording.t, t, q)
 

@@ -185,11 +185,7 @@ class Lookup:
         )
 
     def predict(self, X: Array) -> Array:
-        """Return the correction of rows, in units of the responses. Shape (m, j).
-
-        Raises:
-            InputError: On another number of columns or a value that is not finite.
-        """
+        """Return the correction of rows, in units of the responses. Shape (m, j)."""
         X = np.ascontiguousarray(as_rows(X, self.names, "the tables are of"))
         out = np.empty((len(X), len(self.joints)))
         kernels.evaluate_rows(X, self.packed, out)
