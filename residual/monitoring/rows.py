@@ -236,46 +236,17 @@ def _of_piece(tail: Pending, piece: Samples, window: Window) -> tuple[Pending, R
 
 
 @dataclass(frozen=True, eq=False, slots=True)
-class LogRows:
-    """A whole log as rows, with what was wanted.
+class LogRows(Track):
+    """A whole log as rows, with what was wanted; those without a gap are inner.
 
     Attributes:
-        id: Label of the recording.
-        rate: Rows per second [Hz].
-        t, q, qd, qdd, tau: As of `Rows`.
         goal: Wanted position there [rad]. Shape (m, dof), or None.
         e_q, e_qd: Measured minus wanted [rad, rad/s]. Shape (m, dof), or None.
-        whole: The window has no gap. Shape (m,), bool.
     """
 
-    id: str
-    rate: float
-    t: Array
-    q: Array
-    qd: Array
-    qdd: Array
-    tau: Array
-    whole: Array
     goal: Array | None = None
     e_q: Array | None = None
     e_qd: Array | None = None
-
-    def track(self) -> Track:
-        """The same as what a model looks at (``Model.observe``)."""
-        return Track(
-            id=self.id,
-            rate=self.rate,
-            t=self.t,
-            q=self.q,
-            qd=self.qd,
-            qdd=self.qdd,
-            cutoff=self.rate / 2,
-            step=1,
-            tau=self.tau,
-            inner=self.whole,
-            moving=np.ones(self.q.shape, dtype=bool),
-            torque_noise=np.zeros(self.q.shape[1]),
-        )
 
 
 def rows_of(recording: Recording) -> LogRows:
@@ -306,9 +277,13 @@ def rows_of(recording: Recording) -> LogRows:
         window.row_rate,
         t[ends],
         *(window.filtered(q, starts, times) for times in range(3)),
+        cutoff=window.row_rate / 2,
+        step=1,
         tau=window.filtered(recording.tau, starts),
         # A gap before the first sample of a window does not spoil it.
-        whole=gone[ends + 1] == gone[starts + 1],
+        inner=gone[ends + 1] == gone[starts + 1],
+        moving=np.ones((len(ends), recording.dof), dtype=bool),
+        torque_noise=np.zeros(recording.dof),
     )
     if recording.q_ref is None:
         return rows
@@ -350,9 +325,9 @@ def repeats(rows: LogRows, period: float) -> Array:
     """
     then = before(rows.goal, rows, period)
     known = rows.t - rows.t[0] >= 2 * period
-    whole = np.interp(rows.t - period, rows.t, rows.whole.astype(float)) == 1.0
+    whole = np.interp(rows.t - period, rows.t, rows.inner.astype(float)) == 1.0
     same = np.abs(rows.goal - then).max(axis=1) < MONITOR.same
-    return known & whole & same & rows.whole
+    return known & whole & same & rows.inner
 
 
 def _gap(goal: Array, lag: int) -> Array:

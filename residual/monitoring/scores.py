@@ -72,7 +72,7 @@ class Sight:
 def sight_of(model: Model, recording: Recording) -> Sight:
     """Return what a model makes of a log."""
     rows = rows_of(recording)
-    state = model.observe(rows.track())
+    state = model.observe(rows)
     slow = np.abs(rows.qd) < MONITOR.slow * model.speed_floor
     return Sight(
         rows=rows,
@@ -96,7 +96,7 @@ def fit(model: Model, logs: Sequence[Sight], without: int = -1) -> Array:
     size = np.maximum(np.sqrt(np.mean(square, axis=0)), _TINY)
     gram, right = np.zeros((len(theta), len(theta))), np.zeros(len(theta))
     for log in (log for i, log in enumerate(logs) if i != without):
-        use = (~log.slow & log.rows.whole[:, None]) / size
+        use = (~log.slow & log.rows.inner[:, None]) / size
         left = (log.rows.tau - log.torque(theta)) * use
         for rows, columns in log.columns():
             weighed = (columns * use[rows][..., None]).reshape(-1, len(theta))
@@ -283,7 +283,7 @@ def error_scores(errors: Array, rows: LogRows, scale: Scale) -> Scores:
     both = np.column_stack(
         [(t**2 / scale.variance).sum(axis=1), ((z - t @ scale.loadings.T) ** 2).sum(1)]
     )
-    both[~rows.whole] = 0.0
+    both[~rows.inner] = 0.0
     named = tuple(Channel(0, "", f"deviation ({name})") for name in ("T2", "SPE"))
     return Scores("errors", rows.t, np.sqrt(both), named)
 

@@ -73,11 +73,11 @@ def usual(logs: Sequence[Sight], rests: Sequence[Rest], without: int = -1) -> Sc
         without: Index of the log to leave out, -1 for none.
     """
     pairs = [p for i, p in enumerate(zip(logs, rests, strict=True)) if i != without]
-    residual = _rms([(r.residual, log.slow, log.rows.whole) for log, r in pairs])
+    residual = _rms([(r.residual, log.slow, log.rows.inner) for log, r in pairs])
     cyclic = [(r.change, log.slow, r.usable) for log, r in pairs if log.period]
     change = _rms(cyclic) if cyclic else np.sqrt(2.0) * residual
     errors = np.vstack(
-        [error_block(r.residual, log.rows)[log.rows.whole] for log, r in pairs]
+        [error_block(r.residual, log.rows)[log.rows.inner] for log, r in pairs]
     )
     mean, size = errors.mean(axis=0), np.maximum(errors.std(axis=0), _TINY)
     _, s, vt = np.linalg.svd((errors - mean) / size, full_matrices=False)
@@ -90,7 +90,7 @@ def usual(logs: Sequence[Sight], rests: Sequence[Rest], without: int = -1) -> Sc
 def all_scores(recording: Recording, log: Sight, theta: Array, scale: Scale):
     """Return all scores of a log, and the block of its errors. Shape (m, e)."""
     rest = rest_of(log, theta)
-    looks = [("model", rest.residual, scale.residual, log.rows.whole)]
+    looks = [("model", rest.residual, scale.residual, log.rows.inner)]
     if rest.change is not None:
         looks.append(("cycle", rest.change, scale.change, rest.usable))
     errors = error_block(rest.residual, log.rows)

@@ -25,11 +25,6 @@ from residual.errors import (
 from residual.recording import Array
 
 ENDLESS = "1e4"  # rad: the range that a continuous joint is written with
-_REFUSED = {
-    "prismatic": "is prismatic",
-    "floating": "is floating",
-    "planar": "is planar",
-}
 
 
 class Arm(NamedTuple):
@@ -135,8 +130,10 @@ def _refuse(joint: ET.Element, where: str) -> None:
         reason = "mimics another joint"
     elif kind in ("revolute", "continuous", "fixed"):
         return
+    elif kind in ("prismatic", "floating", "planar"):
+        reason = f"is {kind}"
     else:
-        reason = _REFUSED.get(kind, f"has the unknown type '{kind}'")
+        reason = f"has the unknown type '{kind}'"
     raise RobotError(
         f"{where}: joint '{name}' {reason}; only revolute, continuous and fixed joints "
         "are supported. Make it fixed or remove it."

@@ -12,9 +12,9 @@ components, then each variable in turn may halve or double its own. The simplest
 within one standard error counts.
 """
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
-from typing import NamedTuple
+from functools import partial
 
 import numpy as np
 
@@ -202,29 +202,25 @@ def choose_levels(
         form: The form; its components are the most that are tried.
     """
     X, Y = as_pair(X, Y)
-    data = _Rows(X, Y, leave_one_out(group), torque)
-    common, count = _common(data, form, levels)
+    errors_of = partial(_level_errors, X, Y, leave_one_out(group), torque)
+    common, count = _common(errors_of, form, levels)
     own = (common,) * X.shape[1]
     if count:
-        own = _own_levels(data, replace(form, levels=own, components=count))
+        own = _own_levels(errors_of, replace(form, levels=own, components=count))
     made = replace(form, levels=own, components=max(count, 1))
     return ChosenLevels(made, count, common)
 
 
-class _Rows(NamedTuple):
-    """What levels are chosen on: variables, responses, folds and torque [N m]."""
-
-    X: Array
-    Y: Array
-    folds: Folds
-    torque: Array
+_Errors = Callable[[NominalForm], HeldOut]
 
 
-def _common(data: _Rows, form: NominalForm, levels: Sequence[int]) -> tuple[int, int]:
+def _common(
+    errors_of: _Errors, form: NominalForm, levels: Sequence[int]
+) -> tuple[int, int]:
     """One number of levels for all variables, and the number of components."""
     choices, miss = [], []
     for one in levels:
-        found = _level_errors(data, replace(form, levels=one))
+        found = errors_of(replace(form, levels=one))
         choices += [(one, count) for count in range(len(found.miss))]
         miss.append(found.miss)
     # From simple to involved: by the numbers that a response is made of.
@@ -235,7 +231,7 @@ def _common(data: _Rows, form: NominalForm, levels: Sequence[int]) -> tuple[int,
     return choices[order[simplest(errors, 0)]]
 
 
-def _own_levels(data: _Rows, form: NominalForm) -> tuple[int, ...]:
+def _own_levels(errors_of: _Errors, form: NominalForm) -> tuple[int, ...]:
     """Half, as many or twice the levels, each variable in turn."""
     own = list(form.levels)
     for variable, now in enumerate(own):
@@ -243,16 +239,17 @@ def _own_levels(data: _Rows, form: NominalForm) -> tuple[int, ...]:
         miss = []
         for count in tried:
             own[variable] = count
-            found = _level_errors(data, replace(form, levels=tuple(own)))
+            found = errors_of(replace(form, levels=tuple(own)))
             miss.append(found.miss[-1])
         errors = HeldOut(found.scheme, np.stack(miss), found.power)
         own[variable] = tried[simplest(errors, 0)]
     return tuple(own)
 
 
-def _level_errors(data: _Rows, form: NominalForm) -> HeldOut:
+def _level_errors(
+    X: Array, Y: Array, folds: Folds, torque: Array, form: NominalForm
+) -> HeldOut:
     """Errors of all joints together, each relative to its torque. (A + 1, F, 1)."""
-    X, Y, folds, torque = data
     bound = component_bound(merge_rows(form.make_levels(X).encode(X)))
     form = replace(form, components=min(form.components, bound))
     (found,) = nominal_errors(X, Y, [folds], torque, form)
