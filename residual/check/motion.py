@@ -39,23 +39,16 @@ def rms(x: Array) -> Array:
 
 @dataclass(frozen=True, eq=False, slots=True)
 class Motion:
-    """Filtered rows of all logs of one column map.
+    """Filtered rows of all logs of one column map."""
 
-    Attributes:
-        q, qd, qdd: Filtered kinematics [rad, rad/s, rad/s^2]. Shape (n, dof).
-        tau: Torque behind the same filter [N m]. Shape (n, dof).
-        moving: Joint moves, beyond what its noise does. Shape (n, dof), bool.
-        spread: Independent rows for each row that is there.
-        log: Number of the log of each row. Shape (n,).
-    """
-
+    # Filtered kinematics [rad, rad/s, rad/s^2], (n, dof).
     q: Array
     qd: Array
     qdd: Array
-    tau: Array
-    moving: Array
-    spread: float
-    log: Array
+    tau: Array  # torque behind the same filter [N m], (n, dof)
+    moving: Array  # joint moves, beyond what its noise does. Shape (n, dof), bool
+    spread: float  # independent rows for each row that is there
+    log: Array  # number of the log of each row, (n,)
 
     @property
     def dof(self) -> int:
@@ -75,9 +68,7 @@ class Motion:
     def with_angles(self, order: Sequence[int], scale: Array) -> "Motion":
         """Return the motion with other angles: channel ``order[j]``, times a factor.
 
-        Args:
-            order: Channel of each joint, from 0.
-            scale: Factor on each joint's angle. Shape (dof,).
+        Channels from 0, and the factor on each joint's angle. Shape (dof,).
         """
         order = list(order)
         parts = {k: getattr(self, k)[:, order] * scale for k in ("q", "qd", "qdd")}
@@ -128,19 +119,12 @@ def _chosen(recordings: Sequence[Recording]) -> list[tuple[Recording, Track, Arr
 
 @dataclass(frozen=True, eq=False, slots=True)
 class Columns:
-    """The columns of one joint, each of the size of its prior, on its moving rows.
+    """The columns of one joint, each of the size of its prior, on its moving rows."""
 
-    Attributes:
-        nominal: Torque of the robot file [N m]. Shape (n,).
-        values: Torque of each coefficient of one [N m]. Shape (n, p).
-        brake: Power that friction takes, per coefficient of one [W]. Shape (p,).
-        rows: Rows that are used. Shape of all rows, bool.
-    """
-
-    nominal: Array
-    values: Array
-    brake: Array
-    rows: Array
+    nominal: Array  # torque of the robot file [N m], (n,)
+    values: Array  # torque of each coefficient of one [N m], (n, p)
+    brake: Array  # power that friction takes, per coefficient of one [W], (p,)
+    rows: Array  # rows that are used. Shape of all rows, bool
 
 
 def torque_of_file(robot: Robot, motion: Motion) -> tuple[Array, Array]:

@@ -30,31 +30,18 @@ _SIGMAS = np.geomspace(0.05, 1.3, 8)
 
 @dataclass(frozen=True, eq=False, slots=True)
 class Scores:
-    """Sums from which the evidence of each channel for one joint follows.
+    """Sums from which the evidence of each channel for one joint follows."""
 
-    Attributes:
-        values: Eigenvalues of the joint's whitened Gram matrix. Shape (p,).
-        channel: Channels in its basis. Shape (p, dof).
-        model: The nominal torque in it. Shape (p,).
-        brake: Power that friction takes, of coefficients of one, in it. Shape (p,).
-        power: Squares of the channels, summed. Shape (dof,).
-        varying: The same about the channel's mean. Shape (dof,).
-        cross: Channel times nominal torque. Shape (dof,).
-        own: Squares of the nominal torque, summed.
-        rows: Independent rows.
-        strongest: Largest mean square of a channel.
-    """
-
-    values: Array
-    channel: Array
-    model: Array
-    brake: Array
-    power: Array
-    varying: Array
-    cross: Array
-    own: float
-    rows: float
-    strongest: float
+    values: Array  # eigenvalues of the joint's whitened Gram matrix, (p,)
+    channel: Array  # channels in its basis, (p, dof)
+    model: Array  # the nominal torque in it, (p,)
+    brake: Array  # power that friction takes, of coefficients of one, in it, (p,)
+    power: Array  # squares of the channels, summed, (dof,)
+    varying: Array  # the same about the channel's mean, (dof,)
+    cross: Array  # channel times nominal torque, (dof,)
+    own: float  # squares of the nominal torque, summed
+    rows: float  # independent rows
+    strongest: float  # largest mean square of a channel
 
     def fit(self, channel: int, factor: float) -> float:
         """Return that evidence over the one of a constant [nats]."""
@@ -162,41 +149,25 @@ ANGLE_UNITS = (np.pi / 180, 180 / np.pi)
 
 @dataclass(frozen=True, slots=True)
 class Reading:
-    """How the columns of a log are read; the map as given is `as_given`.
+    """How the columns of a log are read; the map as given is `as_given`."""
 
-    Attributes:
-        angle_order: Channel of each joint's angle, from 0.
-        angle_sign: Sign of each joint's angle.
-        angle_unit: Factor on all angles; 1 / CHECK.gear for each joint's own gear.
-        torque_order: Channel of each joint's torque, from 0.
-        torque_sign: Sign of each joint's torque.
-        torque_unit: Factor on all torques.
-    """
-
-    angle_order: tuple[int, ...]
-    angle_sign: tuple[int, ...]
-    angle_unit: float
-    torque_order: tuple[int, ...]
-    torque_sign: tuple[int, ...]
-    torque_unit: float
+    angle_order: tuple[int, ...]  # channel of each joint's angle, from 0
+    angle_sign: tuple[int, ...]  # sign of each joint's angle
+    angle_unit: float  # factor on all angles; 1 / CHECK.gear for each joint's own gear
+    torque_order: tuple[int, ...]  # channel of each joint's torque, from 0
+    torque_sign: tuple[int, ...]  # sign of each joint's torque
+    torque_unit: float  # factor on all torques
 
 
 @dataclass(frozen=True, eq=False, slots=True)
 class Judged:
-    """A reading with its evidence.
-
-    Attributes:
-        reading: The reading.
-        nats: Its log evidence.
-        odds: Log odds against what is not as given.
-        scores: Of its angles, to judge other torques by.
-        torques: Channel (from 0) and factor of each joint's torque.
-    """
+    """A reading with its evidence."""
 
     reading: Reading
-    nats: float
-    odds: float
-    scores: list[Scores]
+    nats: float  # its log evidence
+    odds: float  # log odds against what is not as given
+    scores: list[Scores]  # of its angles, to judge other torques by
+    # Channel (from 0) and factor of each joint's torque.
     torques: list[tuple[int, float]]
 
     def fit(self, channel: int) -> float:

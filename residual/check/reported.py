@@ -35,31 +35,25 @@ _SILENT = (np.nan, np.inf, 0.0, np.nan, np.inf, np.nan, 0.0, *2 * (np.nan, np.in
 
 @dataclass(frozen=True, eq=False, slots=True)
 class Shares:
-    """Shares of the model that each torque has; not a number where it does not show.
+    """Shares of the model that each torque has; not a number where it does not show."""
 
-    Attributes:
-        whole, whole_sd: Share of the whole nominal torque, and its deviation. (dof,).
-        seen: What the nominal torque explains of what friction leaves, 0 to 1. (dof,).
-        weight, weight_sd: Share of the nominal weight. Shape (dof,).
-        tilted: Share of the weight that it had along the other axes, the larger of the
-            two, in size. Shape (dof,).
-        load: Size of the nominal torque [N m]. Shape (dof,).
-        inertia, inertia_sd: Share of the nominal inertia. Shape (dof,).
-        friction: Power that friction takes [W]. Shape (dof,).
-        friction_sd: Its deviation [W]. Shape (dof,).
-    """
-
+    # Share of the whole nominal torque, and its deviation, (dof,).
     whole: Array
     whole_sd: Array
+    # What the nominal torque explains of what friction leaves, 0 to 1, (dof,).
     seen: Array
+    # Share of the nominal weight, (dof,).
     weight: Array
     weight_sd: Array
+    # Share of the weight that it had along the other axes, the larger of the two, in
+    # size, (dof,).
     tilted: Array
-    load: Array
+    load: Array  # size of the nominal torque [N m], (dof,)
+    # Share of the nominal inertia, (dof,).
     inertia: Array
     inertia_sd: Array
-    friction: Array
-    friction_sd: Array
+    friction: Array  # power that friction takes [W], (dof,)
+    friction_sd: Array  # its deviation [W], (dof,)
 
 
 def shares_of(robot: Robot, motion: Motion) -> Shares:
@@ -141,9 +135,6 @@ def other_torque(robot: Robot, motion: Motion, found: Sequence[Fault]) -> list[F
 
     Mended, the log must be this arm's in every column. Then what was found before is
     what comes of it.
-
-    Args:
-        found: What was read of columns and units.
 
     Returns:
         The fault; empty where there is none, or ``found`` is nearer to it.
@@ -265,10 +256,6 @@ def frictionless(
 
     Arms with next to none do exist, so nothing is said where none is declared with its
     values, and it is never certain.
-
-    Args:
-        motion: Rows of its logs, whose columns and units are right.
-        declared: Effects that the nominal model has; None for the robot's own list.
     """
     power = _declared_power(robot, motion, declared)
     if not (power > 0).any():

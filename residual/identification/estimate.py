@@ -74,19 +74,12 @@ class Options:
 
 @dataclass(frozen=True, eq=False, slots=True)
 class Start:
-    """Where a fit starts, and what it may move.
+    """Where a fit starts, and what it may move."""
 
-    Attributes:
-        value: theta_0: what stays if the rows tell nothing. Shape (b,).
-        size: What counts as a large change of each. Shape (b,).
-        free: Which may move. Shape (k,).
-        precision: L over all parameters, None for a free fit. Shape (b, b).
-    """
-
-    value: Array
-    size: Array
-    free: Array
-    precision: Array | None = None
+    value: Array  # theta_0: what stays if the rows tell nothing, (b,)
+    size: Array  # what counts as a large change of each, (b,)
+    free: Array  # which may move, (k,)
+    precision: Array | None = None  # l over all parameters, None for a free fit, (b, b)
 
     @property
     def prior(self) -> Array:
@@ -99,29 +92,17 @@ class Start:
 
 @dataclass(frozen=True, eq=False, slots=True)
 class Estimate:
-    """One fit.
+    """One fit."""
 
-    Attributes:
-        theta: Base parameters [SI]. Shape (b,).
-        covariance: Of theta; 0 where held or dropped. Shape (b, b).
-        noise: Standard deviation of each joint's residual [N m]. Shape (dof,).
-        independent: Rows of each joint over their autocorrelation time. Shape (dof,).
-        weight: w_j. Shape (dof,).
-        condition: Condition number of the weighted, column-normalised rows.
-        outliers: Share of each joint's rows that weigh less than half. Shape (dof,).
-        counts: Rows of each joint. Shape (dof,).
-        row_weights: Of irls, else None. Shapes (m_j,).
-    """
-
-    theta: Array
-    covariance: Array
-    noise: Array
-    independent: Array
-    weight: Array
-    condition: float
-    outliers: Array
-    counts: Array
-    row_weights: tuple[Array, ...] | None = None
+    theta: Array  # base parameters [SI], (b,)
+    covariance: Array  # of theta; 0 where held or dropped, (b, b)
+    noise: Array  # standard deviation of each joint's residual [N m], (dof,)
+    independent: Array  # rows of each joint over their autocorrelation time, (dof,)
+    weight: Array  # w_j, (dof,)
+    condition: float  # condition number of the weighted, column-normalised rows
+    outliers: Array  # share of each joint's rows that weigh less than half, (dof,)
+    counts: Array  # rows of each joint, (dof,)
+    row_weights: tuple[Array, ...] | None = None  # of irls, else None, (m_j,)
 
     @property
     def sd(self) -> Array:
@@ -249,7 +230,6 @@ def weights_of(
     """Return weight w_j, noise s_j [N m] and autocorrelation time t_j of each joint.
 
     Args:
-        theta: Parameters whose residual tells the noise. Shape (b,).
         method: "ols" gives all joints one weight.
         parameters: How many were fitted to these rows.
     """

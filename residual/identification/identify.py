@@ -55,19 +55,12 @@ _ROWS_PER_PARAMETER = 3
 
 @dataclass(frozen=True, eq=False, slots=True)
 class Essential:
-    """The outcome of a reduction.
+    """The outcome of a reduction."""
 
-    Attributes:
-        dropped: Parameters set to zero, in the order in which they went.
-        start: Start of the fit of those that remain.
-        f_value: F of all that was dropped together.
-        f_limit: Its 95 % quantile.
-    """
-
-    dropped: tuple[int, ...]
-    start: Start
-    f_value: float
-    f_limit: float
+    dropped: tuple[int, ...]  # parameters set to zero, in the order in which they went
+    start: Start  # start of the fit of those that remain
+    f_value: float  # f of all that was dropped together
+    f_limit: float  # its 95 % quantile
 
 
 def reduce(
@@ -114,33 +107,20 @@ def _relative_sd(
 
 @dataclass(frozen=True, eq=False, slots=True)
 class Identification:
-    """Identified parameters, and all that tells how far to trust them.
+    """Identified parameters, and all that tells how far to trust them."""
 
-    Attributes:
-        options: How it was done.
-        logs: The logs that were fitted.
-        nominal: The model before.
-        model: The model after: full parameters nearest to the nominal ones.
-        base: Base parameters over ``model.coefficients()``.
-        estimate: The fit.
-        nominal_theta: Base parameters before. Shape (b,).
-        spread: How far full parameters may be from the nominal ones at all, as a
-            covariance. Shape (s, s).
-        preflight: What the motion cannot tell.
-        essential: What was dropped, None where nothing was to be.
-        blocks: Compressed rows (``solve``), weighted where the method weighs rows.
-    """
-
-    options: Options
-    logs: Logs
-    nominal: Model
-    model: Model
-    base: BaseParameters
+    options: Options  # how it was done
+    logs: Logs  # the logs that were fitted
+    nominal: Model  # the model before
+    model: Model  # the model after: full parameters nearest to the nominal ones
+    base: BaseParameters  # base parameters over ``model.coefficients()``
     estimate: Estimate
-    nominal_theta: Array
+    nominal_theta: Array  # base parameters before, (b,)
+    # How far full parameters may be from the nominal ones at all: covariance, (s, s).
     spread: Array
-    preflight: Preflight
-    essential: Essential | None
+    preflight: Preflight  # what the motion cannot tell
+    essential: Essential | None  # what was dropped, None where nothing was to be
+    # Compressed rows (``solve``), weighted where the method weighs rows.
     blocks: tuple[Array, ...]
 
     @property

@@ -34,23 +34,16 @@ LOOSE = 1.0  # relative doubt of nominal values that logs may override
 
 @dataclass(frozen=True, eq=False, slots=True)
 class Consistent:
-    """Physically consistent parameters.
+    """Physically consistent parameters."""
 
-    Attributes:
-        model: The model that has them.
-        least_eigenvalue: Smallest eigenvalue of each link's pseudo-inertia over that
-            of its own scale, m and m r^2. Shape (dof,).
-        least_mass_matrix: Smallest eigenvalue of M(q), rotors included, over all
-            poses [kg m^2].
-        poses: Poses at which it was looked at.
-        misfit: Rms of each joint's rows, fitted freely and consistently [N m].
-            Shape (2, dof).
-    """
-
-    model: Model
+    model: Model  # the model that has them
+    # Smallest eigenvalue of each link's pseudo-inertia over that of its own scale, m
+    # and m r^2, (dof,).
     least_eigenvalue: Array
+    # Smallest eigenvalue of M(q), rotors included, over all poses [kg m^2].
     least_mass_matrix: float
-    poses: int
+    poses: int  # poses at which it was looked at
+    # Rms of each joint's rows, fitted freely and consistently [N m], (2, dof).
     misfit: Array
 
 

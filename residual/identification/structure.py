@@ -44,17 +44,11 @@ _LARGEST = 1e9
 
 @dataclass(frozen=True, eq=False, slots=True)
 class Rows:
-    """The rows of each joint that count, filtered: y_j = x_j theta + noise.
+    """The rows of each joint that count, filtered: y_j = x_j theta + noise."""
 
-    Attributes:
-        x: Columns of the base parameters, per joint. Shapes (m_j, b).
-        y: Filtered torque, per joint [N m]. Shapes (m_j,).
-        series: Which log, and which of its rows, each row is. Shapes (m_j, 2).
-    """
-
-    x: tuple[Array, ...]
-    y: tuple[Array, ...]
-    series: tuple[Array, ...]
+    x: tuple[Array, ...]  # columns of the base parameters, per joint, (m_j, b)
+    y: tuple[Array, ...]  # filtered torque, per joint [N m], (m_j,)
+    series: tuple[Array, ...]  # which log, and which of its rows, each row is, (m_j, 2)
 
     @property
     def counts(self) -> Array:
@@ -167,33 +161,23 @@ def load(model: Model) -> Array:
 
 @dataclass(frozen=True, eq=False, slots=True)
 class Unidentified:
-    """A parameter that the motion does not show.
+    """A parameter that the motion does not show."""
 
-    Attributes:
-        index: Which base parameter.
-        sd: Standard deviation that it would have [SI].
-        remedy: Which motion would show it, in words.
-    """
-
-    index: int
-    sd: float
-    remedy: str
+    index: int  # which base parameter
+    sd: float  # standard deviation that it would have [SI]
+    remedy: str  # which motion would show it, in words
 
 
 @dataclass(frozen=True, eq=False, slots=True)
 class Preflight:
-    """What a motion can tell.
+    """What a motion can tell."""
 
-    Attributes:
-        doubt: Expected standard deviation of each parameter over its size, with all
-            that are not held free. Shape (b,).
-        held: Parameters that are better left at their nominal value.
-        standing: Joints that never move, from 1.
-    """
-
+    # Expected standard deviation of each parameter over its size, with all that are not
+    # held free, (b,).
     doubt: Array
+    # Parameters that are better left at their nominal value.
     held: tuple[Unidentified, ...]
-    standing: tuple[int, ...]
+    standing: tuple[int, ...]  # joints that never move, from 1
 
     @property
     def free(self) -> Array:
@@ -225,7 +209,6 @@ def preflight(
 
     Args:
         information: A: weighted x'x of the rows, in SI units. Shape (b, b).
-        size: How far each base parameter may be off at all. Shape (b,).
         rows: Weight w_j of one row of each joint, and how many there are. (2, dof).
     """
     scaled = information * np.outer(size, size)

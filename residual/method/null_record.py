@@ -20,29 +20,18 @@ from residual.model.nominal import Logs, Nominal
 
 @dataclass(frozen=True, slots=True)
 class Key:
-    """What a null was made for.
+    """What a null was made for."""
 
-    Attributes:
-        robot: Hash of the robot's content.
-        declared: Effects that the model has, in alphabetical order.
-        candidates: Effects that were looked for.
-        clock: Whether the order of the logs in time is known.
-        cutoff: Identification cut-off [Hz].
-        duration: Length of all fit logs together [s].
-        noise: Torque noise of each joint, measured above the filter [N m].
-        speed: 95 % quantile of speed of each joint [rad/s].
-        moving: Share of the rows that count, of each joint.
-    """
-
-    robot: str
-    declared: tuple[str, ...]
-    candidates: tuple[str, ...]
-    clock: bool
-    cutoff: float
-    duration: float
+    robot: str  # hash of the robot's content
+    declared: tuple[str, ...]  # effects that the model has, in alphabetical order
+    candidates: tuple[str, ...]  # effects that were looked for
+    clock: bool  # whether the order of the logs in time is known
+    cutoff: float  # identification cut-off [Hz]
+    duration: float  # length of all fit logs together [s]
+    # Torque noise of each joint, measured above the filter [N m].
     noise: tuple[float, ...]
-    speed: tuple[float, ...]
-    moving: tuple[float, ...]
+    speed: tuple[float, ...]  # 95 % quantile of speed of each joint [rad/s]
+    moving: tuple[float, ...]  # share of the rows that count, of each joint
 
     def mismatch(self, other: "Key") -> str | None:
         """Return why a null of this key does not hold for other logs, or None."""
@@ -98,29 +87,18 @@ def _short(value: float) -> float:
 
 @dataclass(frozen=True, eq=False)
 class Null:
-    """A calibrated null.
+    """A calibrated null."""
 
-    Attributes:
-        id: Id of its record, or name of its file.
-        key: What it was made for.
-        nats: Per draw, the largest evidence of any candidate [nats].
-        net: The same less the price of the choice [nats].
-        named: Per draw, whether the whole search and gate named something.
-        block: Per draw, which recording of encoder noise it shares.
-        seed: Seed of the draws.
-        scale: Relative scale by which the nominal model was redrawn.
-        method: Version of the method that searched the draws; empty where the record
-            does not say.
-    """
-
-    id: str
-    key: Key
-    nats: tuple[float, ...]
-    net: tuple[float, ...]
+    id: str  # id of its record, or name of its file
+    key: Key  # what it was made for
+    nats: tuple[float, ...]  # per draw, the largest evidence of any candidate [nats]
+    net: tuple[float, ...]  # the same less the price of the choice [nats]
+    # Per draw, whether the whole search and gate named something.
     named: tuple[bool, ...]
-    block: tuple[int, ...]
-    seed: int
-    scale: float | None
+    block: tuple[int, ...]  # per draw, which recording of encoder noise it shares
+    seed: int  # seed of the draws
+    scale: float | None  # relative scale by which the nominal model was redrawn
+    # Version of the method that searched the draws; "" where the record does not say.
     method: str = ""
 
     def p_value(self, nats: float) -> float:

@@ -42,31 +42,22 @@ HIDDEN = 20.0  # displacements that a mask must be wide for its filter to leak n
 
 @dataclass(frozen=True, eq=False, slots=True)
 class Source:
-    """What null recordings are made after.
+    """What null recordings are made after."""
 
-    Attributes:
-        recordings: The logs; of long ones pieces that are evenly spread.
-        logs: The same, ready.
-        nominal: The user's model.
-        truth: Its structure with the parameters that the logs show.
-        scale: Relative scale of the rigid part that they show.
-        widths: Relative sd that they show of values given, by the effect's name.
-        noise: Autocovariance of the torque's noise at the rows [N^2 m^2]. (lags, dof).
-        left: What the fit left of each log, 0 where masked [N m]. Each (m, dof).
-        encoder: Noise of the angles per log [rad]. Shape (logs, dof).
-        key: What a null of these holds for.
-    """
-
+    # The logs; of long ones pieces that are evenly spread.
     recordings: tuple[Recording, ...]
-    logs: Logs
-    nominal: Nominal
-    truth: Model
-    scale: float
+    logs: Logs  # the same, ready
+    nominal: Nominal  # the user's model
+    truth: Model  # its structure with the parameters that the logs show
+    scale: float  # relative scale of the rigid part that they show
+    # Relative sd that they show of values given, by the effect's name.
     widths: Mapping[str, float] | None
+    # Autocovariance of the torque's noise at the rows [N^2 m^2], (lags, dof).
     noise: Array
+    # What the fit left of each log, 0 where masked [N m]. Each (m, dof).
     left: tuple[Array, ...]
-    encoder: Array
-    key: Key
+    encoder: Array  # noise of the angles per log [rad], (logs, dof)
+    key: Key  # what a null of these holds for
 
 
 def source(
@@ -77,9 +68,6 @@ def source(
     """Measure on logs what null recordings of them need: a diagnosis of them.
 
     What it names is no part of the truth, yet explained, so that it is no noise.
-
-    Args:
-        declared: Effects that the model has; None for the robot's own list.
     """
     names, filters = declared_names(robot, declared), Filters()
     clock = session_clock(recordings)
@@ -191,11 +179,7 @@ def autocovariance(design: Design, fitted: Fit) -> Array:
 
 
 def coloured(acov: Array, rows: int, rng: np.random.Generator) -> Array:
-    """Gaussian noise of a given autocovariance, by circulant embedding. (rows, dof).
-
-    Args:
-        acov: Autocovariance [N^2 m^2]. Shape (lags, dof).
-    """
+    """Gaussian noise of a given autocovariance, by circulant embedding. (rows, dof)."""
     lags, dof = acov.shape
     around = np.zeros((rows + 2 * lags, dof))
     around[:lags], around[-lags + 1 :] = acov, acov[:0:-1]

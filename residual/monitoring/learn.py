@@ -208,27 +208,16 @@ def _logs(bare: Reference, runs: Sequence[Rows]) -> Logs:
 
 @dataclass(frozen=True, eq=False, slots=True)
 class Taught:
-    """Normal equations of each run, joint by joint.
+    """Normal equations of each run, joint by joint."""
 
-    Attributes:
-        use: Where joints of each run count. Shapes (m, dof).
-        gram: Products of the columns. Shape (runs, dof, p, p).
-        cross: Those with what the fit of all leaves. Shape (runs, dof, p).
-        power: Squares of that [N^2 m^2]. Shape (runs, dof).
-        rows: Rows of each joint. Shape (runs, dof).
-        torque: Squares of the torque on them. Shape (runs, dof).
-        size: Squares of friction, its dry part and speed on them. (runs, dof, 3).
-        free: Deviation of torque that a column may have [1]: of rms.
-    """
-
-    use: tuple[Array, ...]
-    gram: Array
-    cross: Array
-    power: Array
-    rows: Array
-    torque: Array
-    size: Array
-    free: float
+    use: tuple[Array, ...]  # where joints of each run count, (m, dof)
+    gram: Array  # products of the columns, (runs, dof, p, p)
+    cross: Array  # those with what the fit of all leaves, (runs, dof, p)
+    power: Array  # squares of that [N^2 m^2], (runs, dof)
+    rows: Array  # rows of each joint, (runs, dof)
+    torque: Array  # squares of the torque on them, (runs, dof)
+    size: Array  # squares of friction, its dry part and speed on them, (runs, dof, 3)
+    free: float  # deviation of torque that a column may have [1]: of rms
 
     @classmethod
     def of(cls, bare: Reference, runs: Sequence[Rows]) -> "Taught":

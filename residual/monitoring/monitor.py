@@ -83,12 +83,7 @@ def events(
     errors: Array,
     scale: Scale,
 ) -> tuple[Alarm, ...]:
-    """Join crossings to alarms, and name them.
-
-    Args:
-        limits: Limit of each column, by kind; a kind without is not watched.
-        errors: The block of errors. Shape (n, e).
-    """
+    """Join crossings to alarms, and name them; a kind without limits is not watched."""
     known = {s.kind: s for s in scores if s.kind in limits}
     crossings = []
     for s in known.values():
@@ -169,36 +164,22 @@ LEAST_RUNS = 3
 
 @dataclass(frozen=True, eq=False, slots=True)
 class Monitor:
-    """What is usual on a robot in good order, and the limits of that.
+    """What is usual on a robot in good order, and the limits of that."""
 
-    Attributes:
-        model: Expects the torque; its coefficients are fitted to the good runs.
-        theta: Those coefficients. Shape (p,).
-        rate: Rate of the logs [Hz].
-        per_hour: False alarms wanted at most, all kinds together.
-        hours: Length of the good runs [h].
-        scale: What is usual of errors.
-        limits: Limit of each score, by kind. Shapes (c,).
-        lowest, highest: Range of q, qd, qdd in the good runs. Shape (3, dof) each.
-        referenced: The wanted position is logged, and looked at.
-    """
-
-    model: Model
-    theta: Array
-    rate: float
-    per_hour: float
-    hours: float
-    scale: Scale
-    limits: dict[str, Array]
+    model: Model  # expects the torque; its coefficients are fitted to the good runs
+    theta: Array  # those coefficients, (p,)
+    rate: float  # rate of the logs [Hz]
+    per_hour: float  # false alarms wanted at most, all kinds together
+    hours: float  # length of the good runs [h]
+    scale: Scale  # what is usual of errors
+    limits: dict[str, Array]  # limit of each score, by kind, (c,)
+    # Range of q, qd, qdd in the good runs, (3, dof) each.
     lowest: Array
     highest: Array
-    referenced: bool = True
+    referenced: bool = True  # the wanted position is logged, and looked at
 
     def watch(self, recording: Recording) -> tuple[Alarm, ...]:
         """Return the alarms of a log, in the order of time.
-
-        Args:
-            recording: A log of the same robot at the same rate.
 
         Raises:
             InputError: If it is of another robot or rate, or too short.

@@ -54,39 +54,28 @@ def unpacked_fields(record: Mapping) -> dict[str, Array]:
 
 @dataclass(frozen=True, eq=False, slots=True)
 class Reference:
-    """What healthy runs of an arm have taught.
+    """What healthy runs of an arm have taught."""
 
-    Attributes:
-        model: Fitted to all of them, with what any arm has a little of.
-        rate: Rate of the samples [Hz].
-        theta: What each joint's own fit adds to its coefficients. Shape (dof, p).
-        basis: Directions in which that is uncertain, one deviation each, most torque
-            first. Shape (dof, p, u).
-        friction: Size of friction, of dry one and of speed on healthy rows [N m, 1,
-            rad/s], that coefficients are told by. Shape (dof, 3).
-        usual: Noise, unrest and priors.
-        limits: Limit of each quantity [nats]: load, then friction, bias, gain of each
-            joint. Shape (h,).
-        tails: How the evidence of healthy runs decays, by quantity.
-        per_hour: False alarms wanted at most [1/h].
-        hours: Length of the healthy runs [h].
-        lowest, highest: Range of q, qd, qdd in the healthy runs. Shape (3, dof) each.
-        rules: Lengths of windows and the like.
-    """
-
-    model: Model
-    rate: float
-    theta: Array
+    model: Model  # fitted to all of them, with what any arm has a little of
+    rate: float  # rate of the samples [Hz]
+    theta: Array  # what each joint's own fit adds to its coefficients, (dof, p)
+    # Directions in which that is uncertain, one deviation each, most torque first,
+    # (dof, p, u).
     basis: Array
+    # Size of friction, of dry one and of speed on healthy rows [N m, 1, rad/s], that
+    # coefficients are told by, (dof, 3).
     friction: Array
-    usual: Usual
+    usual: Usual  # noise, unrest and priors
+    # Limit of each quantity [nats]: load, then friction, bias, gain of each joint,
+    # (h,).
     limits: Array
-    tails: tuple[Tail, ...]
-    per_hour: float
-    hours: float
+    tails: tuple[Tail, ...]  # how the evidence of healthy runs decays, by quantity
+    per_hour: float  # false alarms wanted at most [1/h]
+    hours: float  # length of the healthy runs [h]
+    # Range of q, qd, qdd in the healthy runs, (3, dof) each.
     lowest: Array
     highest: Array
-    rules: Watching = field(default_factory=Watching)
+    rules: Watching = field(default_factory=Watching)  # lengths of windows and the like
 
     @property
     def dof(self) -> int:
@@ -176,23 +165,14 @@ class Reference:
 
 @dataclass(frozen=True, eq=False, slots=True)
 class RowColumns:
-    """What a model makes of rows.
+    """What a model makes of rows."""
 
-    Attributes:
-        x: Torque per coefficient: inertial, then each term's. Shape (m, dof, p).
-        base: The coefficients. Shape (p,).
-        braking: Which of them are friction, 1 or 0. Shape (p,).
-        expected: Torque of the model [N m]. Shape (m, dof).
-        body: Torque per mass and first moments of a load. Shape (m, dof, 4).
-        sign: Direction of motion. Shape (m, dof).
-    """
-
-    x: Array
-    base: Array
-    braking: Array
-    expected: Array
-    body: Array
-    sign: Array
+    x: Array  # torque per coefficient: inertial, then each term's, (m, dof, p)
+    base: Array  # the coefficients, (p,)
+    braking: Array  # which of them are friction, 1 or 0, (p,)
+    expected: Array  # torque of the model [N m], (m, dof)
+    body: Array  # torque per mass and first moments of a load, (m, dof, 4)
+    sign: Array  # direction of motion, (m, dof)
 
 
 def columns_of(model: Model, rows: Rows) -> RowColumns:

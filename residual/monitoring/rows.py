@@ -80,70 +80,44 @@ class _Arrays:
 
 @dataclass(frozen=True, eq=False, slots=True)
 class Samples(_Arrays):
-    """What an arm has logged since the last batch.
+    """What an arm has logged since the last batch."""
 
-    Attributes:
-        t: Times [s]. Shape (n,).
-        q: Positions [rad]. Shape (n, dof).
-        tau: Torques [N m]. Shape (n, dof).
-    """
-
-    t: Array
-    q: Array
-    tau: Array
+    t: Array  # times [s], (n,)
+    q: Array  # positions [rad], (n, dof)
+    tau: Array  # torques [N m], (n, dof)
 
 
 @dataclass(frozen=True, slots=True)
 class Heard:
-    """What there was to say of the samples, counted from the begin of the stream.
+    """What there was to say of the samples, counted from the begin of the stream."""
 
-    Attributes:
-        samples: That were used.
-        broken: Without a number in every column, and left out.
-        late: At a time that had been already, and left out.
-        gaps: Longer than one and a half periods.
-        restarts: Of the clock, by more than a second back.
-    """
-
-    samples: int = 0
-    broken: int = 0
-    late: int = 0
-    gaps: int = 0
-    restarts: int = 0
+    samples: int = 0  # that were used
+    broken: int = 0  # without a number in every column, and left out
+    late: int = 0  # at a time that had been already, and left out
+    gaps: int = 0  # longer than one and a half periods
+    restarts: int = 0  # of the clock, by more than a second back
 
 
 @dataclass(frozen=True, eq=False, slots=True)
 class Pending:
-    """What has to be known of the samples before.
+    """What has to be known of the samples before."""
 
-    Attributes:
-        kept: The last samples of the piece, a window less one at most.
-        count: Samples in the piece so far.
-        heard: What there was to say.
-    """
-
-    kept: Samples
-    count: int = 0
-    heard: Heard = Heard()
+    kept: Samples  # the last samples of the piece, a window less one at most
+    count: int = 0  # samples in the piece so far
+    heard: Heard = Heard()  # what there was to say
 
 
 @dataclass(frozen=True, eq=False, slots=True)
 class Rows(_Arrays):
-    """Filtered motion and torque, stamped with the last sample of each window.
+    """Filtered motion and torque, stamped with the last sample of each window."""
 
-    Attributes:
-        t: Times [s]. Shape (m,).
-        q, qd, qdd: Motion in the middle of the window [rad, ...]. Shape (m, dof).
-        tau: Torque through the same window [N m]. Shape (m, dof).
-        begins: It is the first of a piece. Shape (m,), bool.
-    """
-
-    t: Array
+    t: Array  # times [s], (m,)
+    # Motion in the middle of the window [rad, ...], (m, dof).
     q: Array
     qd: Array
     qdd: Array
-    tau: Array
-    begins: Array
+    tau: Array  # torque through the same window [N m], (m, dof)
+    begins: Array  # it is the first of a piece. Shape (m,), bool
 
     @classmethod
     def none(cls, dof: int) -> Self:
@@ -162,9 +136,6 @@ def take(tail: Pending, new: Samples, window: Window) -> tuple[Pending, Rows]:
 
     Samples without a number, or at a time that was already, are left out. Over a gap,
     and where the clock was set back, nothing is filtered: a new piece begins.
-
-    Args:
-        new: The batch; may be empty, or hold NaN.
 
     Returns:
         What is to be known for the next batch, and the rows, none at all maybe.
@@ -237,14 +208,10 @@ def _of_piece(tail: Pending, piece: Samples, window: Window) -> tuple[Pending, R
 
 @dataclass(frozen=True, eq=False, slots=True)
 class LogRows(Track):
-    """A whole log as rows, with what was wanted; those without a gap are inner.
+    """A whole log as rows, with what was wanted; those without a gap are inner."""
 
-    Attributes:
-        goal: Wanted position there [rad]. Shape (m, dof), or None.
-        e_q, e_qd: Measured minus wanted [rad, rad/s]. Shape (m, dof), or None.
-    """
-
-    goal: Array | None = None
+    goal: Array | None = None  # wanted position there [rad]. Shape (m, dof), or None
+    # Measured minus wanted [rad, rad/s]. Shape (m, dof), or None.
     e_q: Array | None = None
     e_qd: Array | None = None
 

@@ -30,25 +30,18 @@ AT_ONCE = 40_000  # rows: ten minutes
 
 @dataclass(frozen=True, eq=False, slots=True)
 class Sight:
-    """What is known of a log before it is judged.
+    """What is known of a log before it is judged."""
 
-    Attributes:
-        rows: Motion and torque.
-        model: What expects the torque.
-        state: What its effects see.
-        terms: Torque per unit of each coefficient of its effects. Shapes (m, dof, k).
-        by_angle: Change of the torques with the angle of joint j, the last axis
-            [N m/rad]. Shape (m, dof, dof).
-        slow: The joint stands or has just stood. Shape (m, dof), bool.
-        period: Length of a cycle of the program [s], None where nothing repeats.
-    """
-
-    rows: LogRows
-    model: Model
-    state: State
+    rows: LogRows  # motion and torque
+    model: Model  # what expects the torque
+    state: State  # what its effects see
+    # Torque per unit of each coefficient of its effects, (m, dof, k).
     terms: tuple[Array, ...]
+    # Change of the torques with the angle of a joint, the last axis [N m/rad],
+    # (m, dof, dof).
     by_angle: Array
-    slow: Array
+    slow: Array  # the joint stands or has just stood. Shape (m, dof), bool
+    # Length of a cycle of the program [s], None where nothing repeats.
     period: float | None
 
     def torque(self, theta: Array) -> Array:
@@ -86,11 +79,7 @@ def sight_of(model: Model, recording: Recording) -> Sight:
 
 
 def fit(model: Model, logs: Sequence[Sight], without: int = -1) -> Array:
-    """Fit the coefficients to logs, but for one of them. Shape (p,).
-
-    Args:
-        without: Index of the log to leave out, -1 for none.
-    """
+    """Fit the coefficients to logs, but for one of them; -1 for none. Shape (p,)."""
     theta = model.coefficients()
     square = [np.mean(log.rows.tau**2, axis=0) for log in logs]
     size = np.maximum(np.sqrt(np.mean(square, axis=0)), _TINY)
@@ -114,55 +103,35 @@ def fit(model: Model, logs: Sequence[Sight], without: int = -1) -> Array:
 
 @dataclass(frozen=True, slots=True)
 class Channel:
-    """Where a score points to.
+    """Where a score points to."""
 
-    Attributes:
-        joint: Joint from 1; 0 where the score is of all together.
-        sensor: "encoder", "torque", or "" for all.
-        fault: Name of the fault that it looks for.
-    """
-
-    joint: int
-    sensor: str
-    fault: str
+    joint: int  # joint from 1; 0 where the score is of all together
+    sensor: str  # "encoder", "torque", or "" for all
+    fault: str  # name of the fault that it looks for
 
 
 @dataclass(frozen=True, eq=False, slots=True)
 class Scores:
-    """Scores of one kind.
+    """Scores of one kind."""
 
-    Attributes:
-        kind: jump, spikes, frozen, still, model, cycle or errors.
-        t: Times [s]. Shape (m,).
-        values: At least 0; larger is worse. Shape (m, c).
-        channels: What each column points to.
-    """
-
-    kind: str
-    t: Array
-    values: Array
-    channels: tuple[Channel, ...]
+    kind: str  # jump, spikes, frozen, still, model, cycle or errors
+    t: Array  # times [s], (m,)
+    values: Array  # at least 0; larger is worse, (m, c)
+    channels: tuple[Channel, ...]  # what each column points to
 
 
 @dataclass(frozen=True, eq=False, slots=True)
 class Scale:
-    """What is usual of errors, learnt from good runs.
+    """What is usual of errors, learnt from good runs."""
 
-    Attributes:
-        residual: Root mean square of the torque residual, moving and slow [N m].
-            Shape (2, dof).
-        change: The same of its difference from the cycle before. Shape (2, dof).
-        mean, size: Of the columns of the errors. Shape (e,).
-        loadings: Of the components kept. Shape (e, a).
-        variance: Of the scores on them. Shape (a,).
-    """
-
+    # Root mean square of the torque residual, moving and slow [N m], (2, dof).
     residual: Array
-    change: Array
+    change: Array  # the same of its difference from the cycle before, (2, dof)
+    # Of the columns of the errors, (e,).
     mean: Array
     size: Array
-    loadings: Array
-    variance: Array
+    loadings: Array  # of the components kept, (e, a)
+    variance: Array  # of the scores on them, (a,)
 
 
 def fast_scores(recording: Recording) -> tuple[Scores, ...]:
@@ -241,10 +210,8 @@ def matched_scores(
 
     Args:
         kind: "model", or "cycle" for the difference from the cycle before.
-        rest: What is left, r [N m]. Shape (m, dof).
         tau: Torque that is expected [N m]. Shape (m, dof).
         size: What is usual of what is left, moving and slow [N m]. Shape (2, dof).
-        usable: LogRows to look at. Shape (m,), bool.
     """
     weight = usable[:, None] / np.where(log.slow, size[1], size[0]) ** 2
     turn, dof = log.by_angle, rest.shape[1]

@@ -40,18 +40,12 @@ _TINY = 1e-9
 
 @dataclass(frozen=True, eq=False, slots=True)
 class Rest:
-    """What a model leaves of the torque of a log.
+    """What a model leaves of the torque of a log."""
 
-    Attributes:
-        tau: Torque that is expected [N m]. Shape (m, dof).
-        residual: Measured minus expected [N m]. Shape (m, dof).
-        change: The same minus that of a cycle ago, or None. Shape (m, dof).
-        usable: Where there is a cycle before, or None. Shape (m,), bool.
-    """
-
-    tau: Array
-    residual: Array
-    change: Array | None = None
+    tau: Array  # torque that is expected [N m], (m, dof)
+    residual: Array  # measured minus expected [N m], (m, dof)
+    change: Array | None = None  # the same minus that of a cycle ago, or None, (m, dof)
+    # Where there is a cycle before, or None. Shape (m,), bool.
     usable: Array | None = None
 
 
@@ -70,7 +64,6 @@ def usual(logs: Sequence[Sight], rests: Sequence[Rest], without: int = -1) -> Sc
 
     Args:
         rests: What is left of their torque, by coefficients that did not see them.
-        without: Index of the log to leave out, -1 for none.
     """
     pairs = [p for i, p in enumerate(zip(logs, rests, strict=True)) if i != without]
     residual = _rms([(r.residual, log.slow, log.rows.inner) for log, r in pairs])
@@ -146,17 +139,11 @@ def limits_of(runs: Sequence[Scores], per_hour: float) -> Array:
 
 @dataclass(frozen=True, slots=True)
 class Tail:
-    """How maxima of blocks decay: P(M > u + x) = share exp(-x / beta).
+    """How maxima of blocks decay: P(M > u + x) = share exp(-x / beta)."""
 
-    Attributes:
-        threshold: u.
-        beta: Its upper end; 0 where nothing is over the threshold.
-        share: Of the blocks that are over it.
-    """
-
-    threshold: float
-    beta: float
-    share: float
+    threshold: float  # u
+    beta: float  # its upper end; 0 where nothing is over the threshold
+    share: float  # of the blocks that are over it
 
     def chance(self, value: float) -> float:
         """Return the probability that a block exceeds a value."""

@@ -37,35 +37,21 @@ _PLAIN = ("clock", "last", "left", "waited", "moved", "alarms")
 
 @dataclass(frozen=True, eq=False, slots=True)
 class State:
-    """A stream at one moment.
+    """A stream at one moment."""
 
-    Attributes:
-        tail: Of the samples.
-        rows: Rows in which a joint moves, of the bin that is not full yet.
-        use: Where each joint of them counts. Shape (k, dof), bool.
-        clocks: Time of each, gaps counted [s]. Shape (k,).
-        since: Rows since each joint stood. Shape (dof,).
-        past: Sums of the bins before.
-        clock: Time of the last row, gaps counted [s].
-        last: The same on the clock of the stream; NaN before the first [s].
-        left: Bins of motion until the last alarm is over.
-        waited: Bins that an alarm waits for its name.
-        moved: Rows of motion so far.
-        alarms: How many there were.
-    """
-
-    tail: Pending
-    rows: Rows
-    use: Array
-    clocks: Array
-    since: Array
-    past: Past
-    clock: float = 0.0
+    tail: Pending  # of the samples
+    rows: Rows  # rows in which a joint moves, of the bin that is not full yet
+    use: Array  # where each joint of them counts. Shape (k, dof), bool
+    clocks: Array  # time of each, gaps counted [s], (k,)
+    since: Array  # rows since each joint stood, (dof,)
+    past: Past  # sums of the bins before
+    clock: float = 0.0  # time of the last row, gaps counted [s]
+    # The same on the clock of the stream; NaN before the first [s].
     last: float = float("nan")
-    left: int = 0
-    waited: int = 0
-    moved: int = 0
-    alarms: int = 0
+    left: int = 0  # bins of motion until the last alarm is over
+    waited: int = 0  # bins that an alarm waits for its name
+    moved: int = 0  # rows of motion so far
+    alarms: int = 0  # how many there were
 
 
 @dataclass(frozen=True, slots=True)

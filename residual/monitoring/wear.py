@@ -28,37 +28,24 @@ TIMES = np.geomspace(60.0, 7200.0, 25)  # s: time constants that are tried
 
 @dataclass(frozen=True, slots=True)
 class Rate:
-    """A change and its interval.
+    """A change and its interval."""
 
-    Attributes:
-        value: Relative change: of wear per 30 days, of warming from cold to warm.
-        low, high: Ends of the interval that holds it with 95 %.
-        real: It is told from none, at one in a hundred over all joints.
-    """
-
-    value: float
+    value: float  # relative change: of wear per 30 days, of warming from cold to warm
+    # Ends of the interval that holds it with 95 %.
     low: float
     high: float
-    real: bool
+    real: bool  # it is told from none, at one in a hundred over all joints
 
 
 @dataclass(frozen=True, slots=True)
 class JointTrend:
-    """What the friction of one joint does.
+    """What the friction of one joint does."""
 
-    Attributes:
-        joint: Joint number from 1.
-        logs: Logs that tell something of it.
-        wear: Per 30 days; None where the logs cannot tell.
-        warming: From cold to warm; None where the logs cannot tell.
-        why: Why not, empty where both are told.
-    """
-
-    joint: int
-    logs: int
-    wear: Rate | None
-    warming: Rate | None
-    why: str = ""
+    joint: int  # joint number from 1
+    logs: int  # logs that tell something of it
+    wear: Rate | None  # per 30 days; None where the logs cannot tell
+    warming: Rate | None  # from cold to warm; None where the logs cannot tell
+    why: str = ""  # why not, empty where both are told
 
 
 def trends(change: Array, day: Array, session: Array) -> tuple[list[JointTrend], float]:
@@ -187,18 +174,13 @@ def sessions(begins: Sequence[float], ends: Sequence[float], pause: float) -> Ar
 
 @dataclass(frozen=True, eq=False, slots=True)
 class LogFriction:
-    """Friction of one log, relative to the model's.
+    """Friction of one log, relative to the model's."""
 
-    Attributes:
-        id: Label of the recording.
-        change: Relative change of each joint's friction torque; NaN where the joint
-            did not move or has no friction in the model. Shape (dof,).
-        sd: Standard deviation of the change by the noise of the log. Shape (dof,).
-    """
-
-    id: str
+    id: str  # label of the recording
+    # Relative change of each joint's friction torque; NaN where the joint did not move
+    # or has no friction in the model, (dof,).
     change: Array
-    sd: Array
+    sd: Array  # standard deviation of the change by the noise of the log, (dof,)
 
 
 def friction_of_each(

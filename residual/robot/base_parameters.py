@@ -45,34 +45,22 @@ _KINDS = (
 
 @dataclass(frozen=True, slots=True)
 class Standard:
-    """One parameter of the full, redundant description.
+    """One parameter of the full, redundant description."""
 
-    Attributes:
-        name: In words: "mass of link 3", "coulomb level of joint 2".
-        unit: SI unit, empty where it is not known.
-        joint: Joint it belongs to, from 1.
-    """
-
-    name: str
-    unit: str
-    joint: int
+    name: str  # in words: "mass of link 3", "coulomb level of joint 2"
+    unit: str  # SI unit, empty where it is not known
+    joint: int  # joint it belongs to, from 1
 
 
 @dataclass(frozen=True, eq=False, slots=True)
 class BaseParameters:
-    """Base parameters and how they are made of the standard ones.
+    """Base parameters and how they are made of the standard ones."""
 
-    Attributes:
-        standard: The s standard parameters, in order.
-        columns: Standard parameters that lead a base parameter, increasing. (b,).
-        mapping: K, base from standard parameters; 1 at the leading one. (b, s).
-        gap: Smallest singular value that counts over the largest that does not, of
-            the column-normalised regressor: far above 1 where the rank is certain.
-    """
-
-    standard: tuple[Standard, ...]
-    columns: Array
-    mapping: Array
+    standard: tuple[Standard, ...]  # the s standard parameters, in order
+    columns: Array  # standard parameters that lead a base parameter, increasing, (b,)
+    mapping: Array  # k, base from standard parameters; 1 at the leading one, (b, s)
+    # Smallest singular value that counts over the largest that does not, of the column-
+    # normalised regressor: far above 1 where the rank is certain.
     gap: float
 
     def __post_init__(self) -> None:

@@ -38,11 +38,6 @@ def inverse_dynamics(model: pin.Model, q: Array, qd: Array, qdd: Array) -> Array
     """Return the joint torques of the rigid body [N m]. Shape (n, dof).
 
     tau = M(q) qdd + C(q, qd) qd + g(q)    (paper eq. 3 without F)
-
-    Args:
-        q: Positions [rad]. Shape (n, dof).
-        qd: Velocities [rad/s]. Shape (n, dof).
-        qdd: Accelerations [rad/s^2]. Shape (n, dof).
     """
     return _over((model.nv,), pin.rnea, model, q, qd, qdd)
 
@@ -66,10 +61,8 @@ def mass_matrix(model: pin.Model, q: Array) -> Array:
 def gravity_torque(model: pin.Model, q: Array, direction: Array) -> Array:
     """Return the torques that hold the arm in a field of gravity [N m]. (n, dof).
 
-    Linear in the direction; model.gravity.linear gives the g(q) of the model itself.
-
-    Args:
-        direction: Acceleration of gravity in the base frame [m/s^2]. Shape (3,).
+    Linear in the direction, in the base frame [m/s^2]; model.gravity.linear gives the
+    g(q) of the model itself.
     """
     tilted = pin.Model(model)
     tilted.gravity.linear = np.asarray(direction, dtype=float)
@@ -152,10 +145,8 @@ def inertial_parameters(model: pin.Model) -> Array:
 def with_inertial_parameters(model: pin.Model, parameters: Array) -> pin.Model:
     """Return a copy of the model with other inertial parameters.
 
-    Values that no body can have (negative mass or inertia) are taken as they are.
-
-    Args:
-        parameters: Ten per moving body, in SI units. Shape (10 * dof,).
+    Ten per moving body, in SI units. Values that no body can have (negative mass or
+    inertia) are taken as they are.
     """
     changed = pin.Model(model)
     for i, body in enumerate(np.reshape(parameters, (-1, PER_LINK)), start=1):
@@ -168,21 +159,13 @@ def with_inertial_parameters(model: pin.Model, parameters: Array) -> pin.Model:
 
 @dataclass(frozen=True, eq=False, slots=True)
 class Chain:
-    """Kinematics of a serial arm of revolute joints.
+    """Kinematics of a serial arm of revolute joints."""
 
-    Attributes:
-        rotation: Frame of each joint in the one before, at angle zero. (dof, 3, 3).
-        place: Its origin in the one before [m]. Shape (dof, 3).
-        axis: Unit vector that it turns about, in its own frame. Shape (dof, 3).
-        flange: Origin of the flange in the frame of the last joint [m]. Shape (3,).
-        flange_rotation: Its axes in that frame. Shape (3, 3).
-    """
-
-    rotation: Array
-    place: Array
-    axis: Array
-    flange: Array
-    flange_rotation: Array
+    rotation: Array  # frame of each joint in the one before, at angle zero, (dof, 3, 3)
+    place: Array  # its origin in the one before [m], (dof, 3)
+    axis: Array  # unit vector that it turns about, in its own frame, (dof, 3)
+    flange: Array  # origin of the flange in the frame of the last joint [m], (3,)
+    flange_rotation: Array  # its axes in that frame, (3, 3)
 
     def origins(self, q: Array) -> Array:
         """Return the origins of base, joints and flange in the base frame [m].
@@ -230,14 +213,10 @@ class LazyRegressor:
     look at the same motion, link by link: no link loads a joint that it is before, so
     that 210 are enough. Of one that is too large for that only what is asked for is
     made.
-
-    Attributes:
-        robot: The arm.
-        motion: q, qd and qdd [rad, rad/s, rad/s^2]. Shapes (n, dof).
     """
 
-    robot: Robot
-    motion: tuple[Array, Array, Array]
+    robot: Robot  # the arm
+    motion: tuple[Array, Array, Array]  # q, qd and qdd [rad, rad/s, rad/s^2], (n, dof)
 
     def __array__(self, dtype=None, copy=None) -> Array:
         n, dof = self.motion[0].shape

@@ -282,18 +282,13 @@ _TABLES = {
 
 @dataclass(frozen=True, eq=False, slots=True)
 class Declared:
-    """An effect that the nominal model has.
+    """An effect that the nominal model has."""
 
-    Attributes:
-        values: Its parameters by key, SI units. Shapes (dof,). Empty
-            where the effect is declared without values.
-        assumed: Whether the values are an assumption, not a measurement.
-        source: Where the values are from.
-    """
-
+    # Its parameters by key, SI units. Shapes (dof,). Empty where the effect is declared
+    # without values.
     values: Mapping[str, Array]
-    assumed: bool = False
-    source: str = ""
+    assumed: bool = False  # whether the values are an assumption, not a measurement
+    source: str = ""  # where the values are from
 
 
 def parse_toml(text: str, where: str) -> dict:

@@ -161,9 +161,6 @@ def with_serial(robot: Robot, serial: str | None) -> Robot:
     It is the robot that `serial` in its robot.toml would make: another one, with
     another hash, than its kind without a number.
 
-    Args:
-        serial: The serial number; None leaves the robot as it is.
-
     Raises:
         RobotError: If it has another serial number, or this one is not usable.
     """

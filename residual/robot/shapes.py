@@ -25,42 +25,28 @@ _SHORTEST = 1e-3  # m
 
 @dataclass(frozen=True, eq=False, slots=True)
 class Body:
-    """One rigid shape.
+    """One rigid shape."""
 
-    Attributes:
-        joint: Joint from 1 that it moves with; 0 for the base.
-        kind: "mesh", "box", "cylinder" or "sphere"; a cylinder lies along its z.
-        place: Its pose in the frame of that joint. Shape (4, 4).
-        size: Box: its edges; cylinder: radius and length; sphere: radius [m].
-        points: Corners of a mesh [m]. Shape (n, 3).
-        faces: Corners of its triangles. Shape (m, 3).
-    """
-
-    joint: int
-    kind: str
-    place: Array
+    joint: int  # joint from 1 that it moves with; 0 for the base
+    kind: str  # "mesh", "box", "cylinder" or "sphere"; a cylinder lies along its z
+    place: Array  # its pose in the frame of that joint, (4, 4)
+    # Box: its edges; cylinder: radius and length; sphere: radius [m].
     size: tuple[float, ...] = ()
+    # Corners of a mesh [m], (n, 3).
     points: Array = field(default_factory=lambda: np.zeros((0, 3)))
+    # Corners of its triangles, (m, 3).
     faces: Array = field(default_factory=lambda: np.zeros((0, 3), int))
 
 
 @dataclass(frozen=True, eq=False, slots=True)
 class Look:
-    """An arm to be drawn.
+    """An arm to be drawn."""
 
-    Attributes:
-        places: Pose of each joint in the frame of the one before. Shape (dof, 4, 4).
-        axes: Axis of each joint in its own frame. Shape (dof, 3).
-        bodies: Its shapes.
-        size: Length of the arm when it is stretched [m].
-        lacking: Files of meshes that were not found.
-    """
-
-    places: Array
-    axes: Array
-    bodies: tuple[Body, ...]
-    size: float
-    lacking: tuple[str, ...] = ()
+    places: Array  # pose of each joint in the frame of the one before, (dof, 4, 4)
+    axes: Array  # axis of each joint in its own frame, (dof, 3)
+    bodies: tuple[Body, ...]  # its shapes
+    size: float  # length of the arm when it is stretched [m]
+    lacking: tuple[str, ...] = ()  # files of meshes that were not found
 
 
 def look_of(robot: Robot, folder: Path | None = None) -> Look:

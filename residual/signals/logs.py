@@ -20,20 +20,14 @@ from residual.recording import Array, Recording
 
 @dataclass(frozen=True, slots=True)
 class Standstill:
-    """How the direction of motion passes through zero.
+    """How the direction of motion passes through zero."""
 
-    Attributes:
-        kind: "smooth": tanh(qd / (size · floor)). "bristle": Dahl's state of that
-            displacement [rad] (Dahl 1968), where 0 is the plain sign of velocity.
-        size: Number of its kind.
-        hold: Share of it that remains while the joint stands, 0 to 1.
-        reach: Speed up to which it counts as standing here, in floors.
-    """
-
+    # "smooth": tanh(qd / (size · floor)). "bristle": Dahl's state of that displacement
+    # [rad] (Dahl 1968), where 0 is the plain sign of velocity.
     kind: Literal["smooth", "bristle"] = "smooth"
-    size: float = 0.25
-    hold: float = 1.0
-    reach: float = 1.0
+    size: float = 0.25  # number of its kind
+    hold: float = 1.0  # share of it that remains while the joint stands, 0 to 1
+    reach: float = 1.0  # speed up to which it counts as standing here, in floors
 
 
 SMOOTH = Standstill()
@@ -50,15 +44,10 @@ CHOICES = (
 
 
 def direction(q: Array, qd: Array, floor: float, shape: Standstill) -> Array:
-    """Direction of motion of one joint, with its behaviour at standstill.
+    """Direction of motion of one joint, -1 to 1, with its behaviour at standstill.
 
     Args:
-        q: Position [rad]. Shape (n,).
-        qd: Velocity [rad/s]. Shape (n,).
         floor: Speed under which the joint counts as standing [rad/s].
-
-    Returns:
-        Values in [-1, 1]. Shape (n,).
     """
     if shape.kind == "smooth":
         out = np.tanh(qd / (shape.size * floor))
@@ -76,11 +65,7 @@ def bristle(q: Array, displacement: float) -> Array:
 
     Each step is z -> fade z + (1 - fade) goal. Two such steps in a row make one of the
     same kind, so after log2(n) rounds of joining each with those before it every
-    sample has its whole past.
-
-    Args:
-        q: Position [rad]. Shape (n,).
-        displacement: Way over which it yields [rad].
+    sample has its whole past. From -1 to 1; it yields over the displacement [rad].
     """
     step = np.diff(q)
     fade = np.exp(-np.abs(step) / displacement)
@@ -247,9 +232,6 @@ def in_pieces(
     recordings: Sequence[Recording], cutoff: float = CUTOFF
 ) -> tuple[Recording, ...]:
     """Cut the logs, where they are long.
-
-    Args:
-        cutoff: Cut-off of the identification filter [Hz]; lower for slow logs.
 
     Returns:
         The logs, or in place of each of two minutes or more its pieces, in order.

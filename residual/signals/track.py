@@ -20,22 +20,16 @@ SEED = 0  # of the redrawn noise: a diagnosis says the same twice
 
 @dataclass(frozen=True, slots=True)
 class Filters:
-    """Cut-offs and margins of the signal path.
+    """Cut-offs and margins of the signal path."""
 
-    Attributes:
-        kinematics: Low-pass on positions [Hz].
-        torque: Low-pass on torque and regressor, the identification filter [Hz].
-        rate: Rate at which features are built [Hz].
-        edge: Time dropped at both ends of a log [s].
-        margin: Mask half-width around standstill, in periods of the torque filter.
-        speed: Standstill threshold, as a share of the 95 % quantile of speed.
-    """
-
-    kinematics: float = 12.0
+    kinematics: float = 12.0  # Low-pass on positions [Hz]
+    # Low-pass on torque and regressor, the identification filter [Hz].
     torque: float = 8.0
-    rate: float = 110.0
-    edge: float = 0.5
+    rate: float = 110.0  # rate at which features are built [Hz]
+    edge: float = 0.5  # time dropped at both ends of a log [s]
+    # Mask half-width around standstill, in periods of the torque filter.
     margin: float = 0.8
+    # Standstill threshold, as a share of the 95 % quantile of speed.
     speed: float = 0.02
 
     def cutoff(self, rate: float) -> float:
@@ -45,35 +39,22 @@ class Filters:
 
 @dataclass(frozen=True, eq=False, slots=True)
 class Track:
-    """One log on a uniform grid, ready for features.
+    """One log on a uniform grid, ready for features."""
 
-    Attributes:
-        id: Label of the recording.
-        rate: Sample rate of the kinematics [Hz].
-        t: Times on the log's own clock [s]. Shape (n,).
-        q, qd, qdd: Filtered kinematics [rad, rad/s, rad/s^2]. Shape (n, dof).
-        cutoff: Cut-off of the identification filter [Hz].
-        step: Decimation from features to rows.
-        tau: Filtered torque of each row [N m]. Shape (m, dof).
-        inner: Row lies outside the edges and gaps. Shape (m,), bool.
-        moving: Row is used for that joint. Shape (m, dof), bool.
-        torque_noise: White-noise level of torque behind the filter [N m]. (dof,)
-        whole: It is no piece of a longer log.
-    """
-
-    id: str
-    rate: float
-    t: Array
+    id: str  # label of the recording
+    rate: float  # sample rate of the kinematics [Hz]
+    t: Array  # times on the log's own clock [s], (n,)
+    # Filtered kinematics [rad, rad/s, rad/s^2], (n, dof).
     q: Array
     qd: Array
     qdd: Array
-    cutoff: float
-    step: int
-    tau: Array
-    inner: Array
-    moving: Array
-    torque_noise: Array
-    whole: bool = True
+    cutoff: float  # Cut-off of the identification filter [Hz]
+    step: int  # decimation from features to rows
+    tau: Array  # filtered torque of each row [N m], (m, dof)
+    inner: Array  # row lies outside the edges and gaps. Shape (m,), bool
+    moving: Array  # row is used for that joint. Shape (m, dof), bool
+    torque_noise: Array  # White-noise level of torque behind the filter [N m], (dof,)
+    whole: bool = True  # it is no piece of a longer log
 
     @property
     def seconds(self) -> float:
@@ -160,9 +141,6 @@ def motion_of(
     recording: Recording, filters: Filters, step: int = 1
 ) -> tuple[Array, Array, tuple[Array, Array, Array]]:
     """Return times, angles and filtered kinematics of a log, evenly spaced.
-
-    Args:
-        step: Samples per one that is returned.
 
     Returns:
         Shapes (n,), (n, dof), and (n, dof) each of q, qd and qdd.

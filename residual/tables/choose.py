@@ -142,16 +142,12 @@ def _all_pairs(rest: Rest, chosen: Sequence[Option], offset: Array) -> _Found | 
 
 @dataclass(frozen=True, eq=False, slots=True)
 class EffectModel:
-    """The default form, fitted to all rows.
+    """The default form, fitted to all rows."""
 
-    Attributes:
-        lookup: The correction; loads are variables of it only where a joint takes them.
-        chosen: Option of each joint.
-        base, rest: The fits behind the tables.
-    """
-
+    # The correction; loads are variables of it only where a joint takes them.
     lookup: Lookup
-    chosen: tuple[Option, ...]
+    chosen: tuple[Option, ...]  # option of each joint
+    # The fits behind the tables.
     base: Base
     rest: Rest
 
@@ -170,7 +166,6 @@ def fit_effect_tables(
         Y: What the nominal model leaves: the residual [N m]. Shape (n, j).
         run: Run of each row. Shape (n,).
         torque: Measured torque, which errors are relative to [N m]. Shape (n, j).
-        form: What may be chosen from.
 
     Raises:
         InputError: On a single run, a constant column, or blocks that do not fit.

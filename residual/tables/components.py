@@ -40,24 +40,16 @@ _QUANTILE = 0.95  # of the surrogates, that chance may not exceed
 
 @dataclass(frozen=True, eq=False, slots=True)
 class Pls:
-    """A fitted regression; any number of leading components is a model of its own.
+    """A fitted regression; any number of leading components is a model of its own."""
 
-    Attributes:
-        names: Variables of X.
-        x_mean, x_scale: Mean and standard deviation of X (paper, eq. 18). Shape (k,).
-        y_mean: Mean of Y. Shape (j,).
-        T: Orthogonal scores of scaled X (eq. 14). Shape (n, A).
-        V: Weights that give scores from scaled X itself (eq. 19). Shape (k, A).
-        Q: Loadings of Y (eq. 16). Shape (j, A).
-    """
-
-    names: tuple[str, ...]
+    names: tuple[str, ...]  # variables of X
+    # Mean and standard deviation of X (paper, eq. 18), (k,).
     x_mean: Array
     x_scale: Array
-    y_mean: Array
-    T: Array
-    V: Array
-    Q: Array
+    y_mean: Array  # mean of Y, (j,)
+    T: Array  # orthogonal scores of scaled X (eq. 14), (n, A)
+    V: Array  # weights that give scores from scaled X itself (eq. 19), (k, A)
+    Q: Array  # loadings of Y (eq. 16), (j, A)
 
     def transform(self, X: Array) -> Array:
         """Scores of new rows, t = (x - xbar) V (eq. 21). Shape (m, A)."""
@@ -117,17 +109,11 @@ def fit_pls(
 
 @dataclass(frozen=True, eq=False, slots=True)
 class Pca:
-    """Principal components of centred, scaled columns (paper, eq. 12).
-
-    Attributes:
-        names: The variables.
-        loadings: Orthonormal loadings P. Shape (k, a).
-        eigenvalues: Variance of each component; they add up to k. Shape (a,).
-    """
+    """Principal components of centred, scaled columns (paper, eq. 12)."""
 
     names: tuple[str, ...]
-    loadings: Array
-    eigenvalues: Array
+    loadings: Array  # orthonormal loadings P, (k, a)
+    eigenvalues: Array  # variance of each component; they add up to k, (a,)
 
     @property
     def explained(self) -> Array:
@@ -172,17 +158,11 @@ def state_names(joints: Sequence[int]) -> tuple[str, ...]:
 
 @dataclass(frozen=True, eq=False, slots=True)
 class RealComponents:
-    """Numbers of components that stand out of chance.
+    """Numbers of components that stand out of chance."""
 
-    Attributes:
-        count: Against phase-randomised surrogates: the number to use.
-        permuted: Against permuted rows, which forget that rows are autocorrelated.
-        phase_limit: Quantile of the surrogates' eigenvalues. Shape (k,).
-    """
-
-    count: int
-    permuted: int
-    phase_limit: Array
+    count: int  # against phase-randomised surrogates: the number to use
+    permuted: int  # against permuted rows, which forget that rows are autocorrelated
+    phase_limit: Array  # quantile of the surrogates' eigenvalues, (k,)
 
 
 def real_components(

@@ -104,17 +104,11 @@ TRIFLE = 0.02  # of the squared error: 1 % of the error is no reason for more ta
 
 @dataclass(frozen=True, eq=False, slots=True)
 class Folds:
-    """One scheme: which rows are held out together.
+    """One scheme: which rows are held out together."""
 
-    Attributes:
-        scheme: Name of the scheme.
-        of_row: Fold of each row. Shape (n,).
-        names: Name of each fold, such as the run left out.
-    """
-
-    scheme: str
-    of_row: Array
-    names: tuple[str, ...]
+    scheme: str  # name of the scheme
+    of_row: Array  # fold of each row, (n,)
+    names: tuple[str, ...]  # name of each fold, such as the run left out
 
     @property
     def count(self) -> int:
@@ -124,17 +118,11 @@ class Folds:
 
 @dataclass(frozen=True, eq=False, slots=True)
 class HeldOut:
-    """Squared errors on held-out rows, of every choice in every fold.
+    """Squared errors on held-out rows, of every choice in every fold."""
 
-    Attributes:
-        scheme: Name of the scheme.
-        miss: Squared errors, summed [N^2 m^2]. Shape (choices, folds, j).
-        power: Squared measured torque of each fold [N^2 m^2]. Shape (folds, j).
-    """
-
-    scheme: str
-    miss: Array
-    power: Array
+    scheme: str  # name of the scheme
+    miss: Array  # squared errors, summed [N^2 m^2], (choices, folds, j)
+    power: Array  # squared measured torque of each fold [N^2 m^2], (folds, j)
 
     def pooled(self) -> Array:
         """RMSEV ||Y* - Yhat|| / ||Y*|| over all held-out rows [%]. (choices, j).

@@ -31,9 +31,7 @@ MAD = 1.4826  # of a normal distribution: its sd per median absolute deviation
 def table_importance(lookup: Lookup, X: Array) -> dict[str, Array]:
     """Return the size of each term's contribution about its mean on rows X (n, d).
 
-    Returns:
-        Variables in order, then every pair that has a table, as "q2 * qd3": [N m],
-        shapes (j,).
+    Variables in order, then every pair that has a table, as "q2 * qd3": [N m], (j,).
     """
     X = as_block(X, "X")
     level = [a.edges.searchsorted(X[:, a.variable], side="right") for a in lookup.axes]
@@ -81,17 +79,11 @@ def split_pair(table: Table, first: Array, second: Array) -> tuple[Array, ...]:
 
 @dataclass(frozen=True, eq=False, slots=True)
 class Jackknife:
-    """Fitted numbers with their jack-knife standard errors.
+    """Fitted numbers with their jack-knife standard errors."""
 
-    Attributes:
-        values: Fit to all rows. Any shape.
-        errors: Standard errors, in the same units. Same shape.
-        groups: Groups left out, one at a time.
-    """
-
-    values: Array
-    errors: Array
-    groups: int
+    values: Array  # fit to all rows. Any shape
+    errors: Array  # standard errors, in the same units. Same shape
+    groups: int  # groups left out, one at a time
 
     @property
     def significant(self) -> Array:
@@ -114,21 +106,16 @@ def jackknife(left_out: Array, full: Array) -> Jackknife:
 
 @dataclass(frozen=True, eq=False, slots=True)
 class Distances:
-    """Distances of rows with their limits.
+    """Distances of rows with their limits."""
 
-    Attributes:
-        t2, spe: Shapes (n,). Dimensionless.
-        t2_limit, spe_limit: What 99 % of the calibration rows would keep.
-        y: Miss of each response in robust standard deviations. Shape (n, j).
-        y_limit: What 99 % of normal rows would keep.
-    """
-
+    # Shapes (n,). Dimensionless.
     t2: Array
     spe: Array
+    # What 99 % of the calibration rows would keep.
     t2_limit: float
     spe_limit: float
-    y: Array
-    y_limit: float
+    y: Array  # miss of each response in robust standard deviations, (n, j)
+    y_limit: float  # what 99 % of normal rows would keep
 
     @property
     def x_outliers(self) -> Array:

@@ -53,17 +53,12 @@ LOADED, NAMED, PAIRS = "main effects and load", "named pairs", "all pairs"
 
 @dataclass(frozen=True, eq=False, slots=True)
 class Loaded:
-    """Main effects and each joint's table of speed and load, for one ridge.
+    """Main effects and each joint's table of speed and load, for one ridge."""
 
-    Attributes:
-        main: The main effects; other ones than without the tables.
-        levels: Levels of the speeds and the loads, in pairs, joint by joint.
-        tables: Correction by level of speed and of load, of zero mean over the
-            calibration rows [N m]. One of shape (k1, k2) per joint.
-    """
-
-    main: MainEffects
-    levels: Levels
+    main: MainEffects  # the main effects; other ones than without the tables
+    levels: Levels  # levels of the speeds and the loads, in pairs, joint by joint
+    # Correction by level of speed and of load, of zero mean over the calibration rows
+    # [N m]. One of shape (k1, k2) per joint.
     tables: tuple[Array, ...]
 
     def predict(self, X: Array, speeds_and_loads: Array) -> Array:
@@ -123,9 +118,7 @@ def _solve(
 ) -> list[tuple]:
     """Coefficients of the main effects and a table of one joint, by ridge.
 
-    Args:
-        cell: Number of each row's cell. Shape (n,).
-        root: Of the penalty on cells. Shape (cells, k).
+    Given each row's cell, and the root of the penalty on cells. (n,), (cells, k).
     """
     n = len(y)
     count = np.bincount(cell, minlength=len(root))
@@ -152,26 +145,20 @@ PAIR_FORM = NominalForm(22, 15, "quantile", scale_y=True, sparsity=0.5)
 
 @dataclass(frozen=True, slots=True)
 class EffectForm:
-    """What may be chosen from.
+    """What may be chosen from."""
 
-    Attributes:
-        velocities: Columns that hold velocities: their levels part at standstill.
-        names: Names of the variables.
-        loads: Column of each joint's speed and of its load, which is the model's torque
-            [N m]. The columns of loads are the last; they have no table of their own.
-        pyramid: Levels of the main effects, from wide to narrow.
-        ridges: Ridges of the main effects per 20 000 rows.
-        named: Named pair tables at most.
-        pairs: All pair tables by PLS, with the most components tried and the
-            velocities above; None for none.
-    """
-
+    # Columns that hold velocities: their levels part at standstill.
     velocities: tuple[int, ...] = ()
-    names: tuple[str, ...] | None = None
+    names: tuple[str, ...] | None = None  # names of the variables
+    # Column of each joint's speed and of its load, which is the model's torque [N m].
+    # The columns of loads are the last; they have no table of their own.
     loads: tuple[tuple[int, int], ...] = ()
+    # Levels of the main effects, from wide to narrow.
     pyramid: tuple[int, ...] = PYRAMID
-    ridges: tuple[float, ...] = RIDGES
-    named: int = MOST
+    ridges: tuple[float, ...] = RIDGES  # ridges of the main effects per 20 000 rows
+    named: int = MOST  # named pair tables at most
+    # All pair tables by PLS, with the most components tried and the velocities above;
+    # None for none.
     pairs: NominalForm | None = PAIR_FORM
 
     def states(self, X: Array) -> Array:
@@ -189,32 +176,22 @@ class EffectForm:
 
 @dataclass(frozen=True, slots=True)
 class Option:
-    """One choice for one joint.
+    """One choice for one joint."""
 
-    Attributes:
-        kind: One of the seven constants of this module.
-        ridge: Ridge of the main effects, where there are any.
-        count: Named pair tables, or components: of all pair tables, of PLSR.
-    """
-
-    kind: str
-    ridge: float | None = None
-    count: int = 0
+    kind: str  # one of the seven constants of this module
+    ridge: float | None = None  # ridge of the main effects, where there are any
+    count: int = 0  # named pair tables, or components: of all pair tables, of PLSR
 
 
 @dataclass(frozen=True, eq=False, slots=True)
 class Base:
-    """What needs no choice before it: least squares, and main effects by ridge.
+    """What needs no choice before it: least squares, and main effects by ridge."""
 
-    Attributes:
-        linear: Least squares with a constant, the LS of the paper's table 1: constant
-            (j,), and coefficients in units of Y per unit of X (d, j).
-        main: Main effects, one fit per ridge of the form.
-        loaded: The same with tables of speed and load; none where there are no loads.
-    """
-
+    # Least squares with a constant, the LS of the paper's table 1: constant (j,), and
+    # coefficients in units of Y per unit of X (d, j).
     linear: tuple[Array, Array]
-    main: tuple[MainEffects, ...]
+    main: tuple[MainEffects, ...]  # main effects, one fit per ridge of the form
+    # The same with tables of speed and load; none where there are no loads.
     loaded: tuple[Loaded, ...]
 
     def predict(self, X: Array, form: EffectForm) -> tuple[Array, Array, Array]:
@@ -233,16 +210,12 @@ class Base:
 
 @dataclass(frozen=True, eq=False, slots=True)
 class Rest:
-    """Pair tables on what main effects leave, each joint by its own ridge.
+    """Pair tables on what main effects leave, each joint by its own ridge."""
 
-    Attributes:
-        levels: Levels of the named tables.
-        named: Named tables of each joint, in the order they were found.
-        pairs: All pair tables by PLS, None where the form leaves them out.
-    """
-
-    levels: Levels
+    levels: Levels  # levels of the named tables
+    # Named tables of each joint, in the order they were found.
     named: tuple[tuple[Table, ...], ...]
+    # All pair tables by PLS, None where the form leaves them out.
     pairs: NominalPls | None
 
     def predict(self, X: Array, form: EffectForm) -> Array:

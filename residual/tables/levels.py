@@ -32,17 +32,13 @@ DWELL = 1e-3  # rad/s: a joint slower than this stands still
 
 @dataclass(frozen=True, eq=False, slots=True)
 class Levels:
-    """Intervals of each variable, with the range that they were made for.
-
-    Attributes:
-        names: The variables.
-        edges: Inner edges of each variable, increasing; a value at an edge belongs
-            above it. One shape (levels - 1,) per variable.
-        low, high: Calibrated range. Shape (d,).
-    """
+    """Intervals of each variable, with the range that they were made for."""
 
     names: tuple[str, ...]
+    # Inner edges of each variable, increasing; a value at an edge belongs above it. One
+    # shape (levels - 1,) per variable.
     edges: tuple[Array, ...]
+    # Calibrated range, (d,).
     low: Array
     high: Array
 
@@ -156,19 +152,12 @@ def _around_zero(x: Array, count: int) -> Array:
 
 @dataclass(frozen=True, eq=False, slots=True)
 class Cells:
-    """Distinct combinations of levels.
+    """Distinct combinations of levels."""
 
-    Attributes:
-        codes: Levels of each cell, in ascending order of rows; uint16. Shape (c, d).
-        sizes: Number of levels of each variable. Shape (d,).
-        count: Rows in each cell. Shape (c,).
-        of_row: Cell of each row. Shape (n,).
-    """
-
-    codes: Array
-    sizes: Array
-    count: Array
-    of_row: Array
+    codes: Array  # levels of each cell, in ascending order of rows; uint16, (c, d)
+    sizes: Array  # number of levels of each variable, (d,)
+    count: Array  # rows in each cell, (c,)
+    of_row: Array  # cell of each row, (n,)
 
     @property
     def pair_columns(self) -> int:

@@ -33,28 +33,18 @@ FORM = 1  # of the exported files; raised when they change
 
 @dataclass(frozen=True, eq=False, slots=True)
 class Axis:
-    """Levels of one variable.
+    """Levels of one variable."""
 
-    Attributes:
-        variable: Column of X, from 0.
-        edges: Inner edges, increasing; a value at one belongs above. Shape (k - 1,).
-    """
-
-    variable: int
-    edges: Array
+    variable: int  # column of X, from 0
+    edges: Array  # inner edges, increasing; a value at one belongs above, (k - 1,)
 
 
 @dataclass(frozen=True, eq=False, slots=True)
 class Table:
-    """Corrections by the levels of one axis or two.
+    """Corrections by the levels of one axis or two."""
 
-    Attributes:
-        axes: Numbers of its axes.
-        values: Shape (k, j) or (k1, k2, j), in units of the responses.
-    """
-
-    axes: tuple[int, ...]
-    values: Array
+    axes: tuple[int, ...]  # numbers of its axes
+    values: Array  # shape (k, j) or (k1, k2, j), in units of the responses
 
 
 Pieces = tuple[Array, Array]
@@ -158,23 +148,16 @@ kernels = Lazy("residual.tables.kernels")
 # No slots: the packed form is made once and kept in the instance.
 @dataclass(frozen=True, eq=False, repr=False)
 class Lookup:
-    """y = offset + x slope + the sum of all tables at the levels of x.
+    """y = offset + x slope + the sum of all tables at the levels of x."""
 
-    Attributes:
-        names: Variables, in the order of X's columns.
-        joints: Names of the responses.
-        axes, tables: Levels, and corrections on them.
-        offset: Shape (j,).
-        slope: Shape (d, j); zero where nothing is linear.
-        low, high: Calibrated range. Shape (d,).
-    """
-
-    names: tuple[str, ...]
-    joints: tuple[str, ...]
+    names: tuple[str, ...]  # variables, in the order of X's columns
+    joints: tuple[str, ...]  # names of the responses
+    # Levels, and corrections on them.
     axes: tuple[Axis, ...]
     tables: tuple[Table, ...]
-    offset: Array
-    slope: Array
+    offset: Array  # , (j,)
+    slope: Array  # shape (d, j); zero where nothing is linear
+    # Calibrated range, (d,).
     low: Array
     high: Array
 

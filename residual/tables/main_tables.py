@@ -35,34 +35,24 @@ MOST = 3
 
 @dataclass(frozen=True, eq=False, slots=True)
 class Pyramid:
-    """Levels of several widths over the same variables.
+    """Levels of several widths over the same variables."""
 
-    Attributes:
-        levels: The union of all edges; tables are on these.
-        roots: One matrix per variable whose product with its transpose counts in how
-            many widths two levels fall together. Shapes (k, r).
-    """
-
-    levels: Levels
+    levels: Levels  # the union of all edges; tables are on these
+    # One matrix per variable whose product with its transpose counts in how many widths
+    # two levels fall together, (k, r).
     roots: tuple[Array, ...]
 
 
 @dataclass(frozen=True, eq=False, slots=True)
 class MainEffects:
-    """One table per variable and response.
+    """One table per variable and response."""
 
-    Attributes:
-        levels: Levels of the variables.
-        offset: Mean of the responses. Shape (j,).
-        tables: Correction by level, of zero mean over the calibration rows. One of
-            shape (k, j) per variable, in units of Y.
-        ridge: Ridge per 20 000 rows.
-    """
-
-    levels: Levels
-    offset: Array
+    levels: Levels  # levels of the variables
+    offset: Array  # mean of the responses, (j,)
+    # Correction by level, of zero mean over the calibration rows. One of shape (k, j)
+    # per variable, in units of Y.
     tables: tuple[Array, ...]
-    ridge: float
+    ridge: float  # ridge per 20 000 rows
 
     def predict(self, X: Array) -> Array:
         """Return offset + the sum of all tables, in units of Y. Shape (m, j)."""
@@ -78,23 +68,14 @@ class MainEffects:
 
 @dataclass(frozen=True, eq=False, slots=True)
 class Normal:
-    """Centred normal equations of the main effects, in their principal directions.
+    """Centred normal equations of the main effects, in their principal directions."""
 
-    Attributes:
-        codes: Levels of the rows.
-        share: Share of the rows in each level, variable after variable. Shape (k,).
-        values: Eigenvalues, at least 0. Shape (r,).
-        back: From directions to levels. Shape (k, r).
-        right: Right sides. Shape (r, j).
-        y_mean: Mean of the responses. Shape (j,).
-    """
-
-    codes: Codes
-    share: Array
-    values: Array
-    back: Array
-    right: Array
-    y_mean: Array
+    codes: Codes  # levels of the rows
+    share: Array  # share of the rows in each level, variable after variable, (k,)
+    values: Array  # eigenvalues, at least 0, (r,)
+    back: Array  # from directions to levels, (k, r)
+    right: Array  # right sides, (r, j)
+    y_mean: Array  # mean of the responses, (j,)
 
     def scaled(self, ridge: float) -> float:
         """A ridge per 20 000 rows as it is for so many rows."""

@@ -173,16 +173,11 @@ def _squared(held: _Held, predicted: Array, width: int) -> Array:
 
 @dataclass(frozen=True, slots=True)
 class ChosenLevels:
-    """The form that was chosen, and what it was chosen from.
+    """The form that was chosen, and what it was chosen from."""
 
-    Attributes:
-        form: Levels of each variable, and components.
-        components: Components, 0 where none is better than the mean.
-        common: Number of levels of all variables that was best before each had its own.
-    """
-
-    form: NominalForm
-    components: int
+    form: NominalForm  # levels of each variable, and components
+    components: int  # components, 0 where none is better than the mean
+    # Number of levels of all variables that was best before each had its own.
     common: int
 
 
@@ -198,7 +193,6 @@ def choose_levels(
 
     Args:
         group: Run of each row, or block where runs are few. Shape (n,).
-        torque: Measured torque, which errors are relative to [N m]. Shape (n, j).
         form: The form; its components are the most that are tried.
     """
     X, Y = as_pair(X, Y)

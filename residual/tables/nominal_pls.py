@@ -29,23 +29,16 @@ kernels = Lazy("residual.tables.kernels")
 
 @dataclass(frozen=True, slots=True)
 class NominalForm:
-    """How variables become tables.
+    """How variables become tables."""
 
-    Attributes:
-        levels: Levels of all variables, or of each; the paper's figure 12 chose 22.
-        components: Components A; the paper does not say, 15 is a budget.
-        spacing: "equal" (paper) or "quantile".
-        velocities: Columns with velocities, for quantile levels.
-        scale_y: Scale the responses, so that none dominates by its size.
-        sparsity: Share of a component's largest weight under which weights are zero:
-            sparse PLSR (Chun and Keles 2010, section 3); 0 keeps all.
-    """
-
+    # Levels of all variables, or of each; the paper's figure 12 chose 22.
     levels: int | tuple[int, ...] = 22
-    components: int = 15
-    spacing: str = "equal"
-    velocities: tuple[int, ...] = ()
-    scale_y: bool = False
+    components: int = 15  # components A; the paper does not say, 15 is a budget
+    spacing: str = "equal"  # "equal" (paper) or "quantile"
+    velocities: tuple[int, ...] = ()  # columns with velocities, for quantile levels
+    scale_y: bool = False  # scale the responses, so that none dominates by its size
+    # Share of a component's largest weight under which weights are zero: sparse PLSR
+    # (Chun and Keles 2010, section 3); 0 keeps all.
     sparsity: float = 0.0
 
     def make_levels(self, X: Array, names: tuple[str, ...] | None = None) -> Levels:
@@ -62,26 +55,19 @@ class NominalPls:
     """A fitted model; any number of leading components is a model of its own.
 
     The p columns are the pairs of levels in the order of eq. 30.
-
-    Attributes:
-        levels: Levels of the variables.
-        x_mean: Share of rows in each column. Shape (p,).
-        y_mean, y_scale: Mean and scale of the responses. Shape (j,).
-        V, P: Weights for X itself, and loadings, by row. Shape (A, p).
-        Q: Loadings of the scaled responses, by row. Shape (A, j).
-        energy: Squared length of each score, t't. Shape (A,).
-        rows: Calibration rows.
     """
 
-    levels: Levels
-    x_mean: Array
+    levels: Levels  # levels of the variables
+    x_mean: Array  # share of rows in each column, (p,)
+    # Mean and scale of the responses, (j,).
     y_mean: Array
     y_scale: Array
+    # Weights for X itself, and loadings, by row, (A, p).
     V: Array
     P: Array
-    Q: Array
-    energy: Array
-    rows: int
+    Q: Array  # loadings of the scaled responses, by row, (A, j)
+    energy: Array  # squared length of each score, t't, (A,)
+    rows: int  # calibration rows
 
     @property
     def components(self) -> int:
@@ -146,7 +132,6 @@ def fit_nominal_pls(
 
     Args:
         X: Variables, such as q, qd, qdd of joints 1 to 3. Shape (n, d), d at least 2.
-        Y: Responses, such as torque errors [N m]. Shape (n, j).
         form: Levels and components; the paper's form if None.
         levels: Levels to use in place of those that the form makes of X.
         fewer: Whether to take fewer components where the rows bear no more.
