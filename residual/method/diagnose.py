@@ -19,7 +19,7 @@ from residual.diagnosis.findings import Named, clouds, folded
 from residual.diagnosis.held_out import three_models, unproven
 from residual.diagnosis.result import PLAIN, Diagnosis, ErrorTables
 from residual.diagnosis.standing import Standing, stand
-from residual.diagnosis.unexplained import examine_leftover
+from residual.diagnosis.unexplained import Remains, examine_leftover
 from residual.diagnosis.whole import (
     Plain,
     contradictions,
@@ -36,6 +36,7 @@ from residual.evidence.fit import Fit
 from residual.evidence.rules import RULES, Rules
 from residual.method.null_record import Null, choose_null, key_of, null_sentences
 from residual.model.compare import (
+    Errors,
     HeldOutLog,
     compare,
     prepare_held_out,
@@ -195,7 +196,7 @@ def _concluded(
         asked.inside(examined, judged.fit, listed)
     errors, proofs = compare(models, proof, examined.logs.filters)
     reference, _ = compare({PLAIN: plain.model}, proof, examined.logs.filters)
-    by_chance, by_rule = null_sentences(asked.null, RULES.threshold)
+    warned, noted = _said(standing, asked, models, errors, left)
     case = Case(
         examined=examined,
         named=listed,
@@ -207,13 +208,7 @@ def _concluded(
         held_out=[r.id for r in asked.held_out],
         same_run=asked.same_run,
         left=left.joints,
-        warnings=[
-            *warnings(standing.examined, standing.withdrawn, asked.same_run),
-            *by_chance,
-            *unproven(standing.examined, errors["augmented"]),
-            *asked.said,
-            *left.sentences,
-        ],
+        warnings=warned,
         contradictions=(
             *contradictions(examined, judged.fit, errors),
             *bodies.doubts,
@@ -234,16 +229,35 @@ def _concluded(
         models=models,
         proofs=proofs,
         clouds=clouds(examined, judged.fit, listed),
-        notes=(
-            *signal_notes(standing.examined, asked.fit, models["augmented"]),
-            *noise_notes(standing.checks, [t for t, _ in judged.kept]),
-            *by_rule,
-            *bodies.notes,
-        ),
+        notes=(*noted, *bodies.notes),
         left=tuple(one.cloud for one in left.joints),
         sentences=tuple(f.effect.sentence for f in listed),
         known=models["augmented"],
     )
+
+
+def _said(
+    standing: Standing,
+    asked: _Wanted,
+    models: Mapping[str, Model],
+    errors: Mapping[str, Errors],
+    left: Remains,
+) -> tuple[list[str], list[str]]:
+    """Sentences that qualify the answer, and what was understood of the signals."""
+    by_chance, by_rule = null_sentences(asked.null, RULES.threshold)
+    warned = [
+        *warnings(standing.examined, standing.withdrawn, asked.same_run),
+        *by_chance,
+        *unproven(standing.examined, errors["augmented"]),
+        *asked.said,
+        *left.sentences,
+    ]
+    noted = [
+        *signal_notes(standing.examined, asked.fit, models["augmented"]),
+        *noise_notes(standing.checks, [t for t, _ in standing.judged.kept]),
+        *by_rule,
+    ]
+    return warned, noted
 
 
 _FOUND = ("augmented", "plsr")  # models that have what was named, or what remained
