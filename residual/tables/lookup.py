@@ -216,6 +216,7 @@ class Lookup:
             arrays = (held[k] for k in ("offset", "slope", "low", "high"))
             return cls(names, joints, axes, tables, *arrays)
 
+
 def export_lookup(lookup: Lookup) -> dict[str, bytes]:
     """Return the files of an export by name; the same bytes for the same tables.
 
