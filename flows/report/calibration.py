@@ -7,10 +7,18 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from flows.report.document import Chart, Document, Section, Strong, Table, Tile
-from flows.report.page import render_document
+from flows.report.document import (
+    Callout,
+    Chart,
+    Document,
+    Section,
+    Strong,
+    Table,
+    Tile,
+)
+from flows.report.page import render as render_page
 from flows.report.words.calibration import plane_words, sentences
-from flows.report.words.phrases import sentence_case
+from flows.report.words.phrases import sentence_case, texts
 from flows.steps.calibrate import Calibrated
 from residual.calibration.calibrate import Calibration
 from residual.calibration.methods import (
@@ -29,6 +37,8 @@ from residual.lazy import Lazy
 from residual.tables.form import NAMED, PAIRS
 from residual.tables.form import PLSR as LINES
 
+_TEXT = texts()["calibration"]
+
 # Who wants no page need not wait for a plotting library.
 figures = Lazy("flows.report.figures.paper")
 
@@ -38,76 +48,6 @@ _TILES = (
     (RUN, LS, "LS, unseen runs"),
     (RUN, DEFAULT, "Default form, unseen runs"),
 )
-
-
-_NEWNESS = (
-    "Where a run or a family is left out, the motion is new; the other schemes hold "
-    "out rows whose neighbours in time, or whose repetition, are in the training set."
-)
-_FLATTERS = (
-    "Number A of components of PLSR and of the paper forms: the best of each scheme on "
-    "the very rows it is judged on, as in the paper, which flatters them; the choices "
-    "of the default form are made without the run or family left out."
-)
-_TIME = (
-    "A run that no model was fitted to: what the model leaves of it, and the torque of "
-    "each correction beside it. What is far above is cut."
-)
-_PLANE = (
-    "PLSR is linear in the states: it sees a friction step as a slope of the speed. A "
-    "variable on the circle is all in this plane. Variables and residuals in one "
-    "direction go together."
-)
-_PCA = (
-    "Explained variance of the input, of the error and of white noise. Dashed: what "
-    "surrogates with the same spectra but random phases reach in 95 of 100 draws; rows "
-    "of a log depend on each other, so that slow signals correlate by chance."
-)
-_CURVES = (
-    "RMSEV over the number of components. Solid: leave one run out. Dashed: random "
-    "rows."
-)
-_LEVELS = (
-    "The paper form with the best number of components at each number of levels. Time "
-    "and memory are those of all folds of both schemes, without the compiler's first "
-    "run."
-)
-_MATTER = (
-    "Size of each contribution over all rows: a variable's main effect, and of a pair "
-    "only what both say together. Lines: one standard error by leaving out a run at a "
-    "time. Grey: not significant at 5 %."
-)
-_OUTLIERS = (
-    "x-outliers lie beyond the 99 % limit of T² or of the squared prediction error of "
-    "the paper form; y-outliers are missed by more than 2.6 robust standard deviations "
-    "of their joint and speed class on some joint; beside them the share of single "
-    "values in each class: standing is under 2 % of a joint's usual top speed, slow "
-    "under 30 %. A cell that no other run visited adds nothing: the correction is "
-    "missing there."
-)
-_TERMS = {
-    "RMSEC, RMSEV": (
-        "100 · ‖τ − τ̂‖ / ‖τ‖ with τ the measured torque and τ̂ the torque of the model "
-        "plus the correction (the paper's eq. 29), on rows fitted and on rows held out."
-    ),
-    "LS, PLSR": "Linear in the states. With all components PLSR is LS.",
-    "Paper form": (
-        "Nominal-level PLSR with interactions (eq. 30): each variable cut into 22 "
-        "equal levels, a table for every pair of variables. Sparse: of weights of a "
-        "component those under half of the largest are zero."
-    ),
-    "Default form": (
-        "One table per variable on levels of several widths; PLSR, LS, pair tables, or "
-        "nothing at all, where what was left out says so."
-    ),
-    "Schemes": (
-        "Run, family: a whole motion is left out. Block, of fewer than four runs: a "
-        "quarter of a run, and what is within 0.25 s of it; the rest of the run is of "
-        "the same motion. Systematic: blocks of rows in time; repeats together: with "
-        "all repetitions of the block. Random: rows drawn by chance; each has "
-        "neighbours in the training set."
-    ),
-}
 
 
 def told(outcome: Calibrated) -> list[str | Table]:
@@ -203,7 +143,7 @@ def level_words(made: Calibration) -> str | None:
 
 def render(made: Calibration, warnings: Sequence[str] = ()) -> str:
     """Return the page of a calibration."""
-    return render_document(_document(made, warnings))
+    return render_page(_document(made, warnings))
 
 
 def _document(made: Calibration, warnings: Sequence[str]) -> Document:
@@ -215,7 +155,7 @@ def _document(made: Calibration, warnings: Sequence[str]) -> Document:
         lead=words[1:],
         tiles=_tiles(made.scores),
         setting=f"{about_rows(made)} Logs: {', '.join(made.rows.labels)}.",
-        warnings=warnings,
+        callouts=[Callout("Warnings", warnings)],
         sections=(
             _every_model(made),
             Section(
@@ -224,17 +164,25 @@ def _document(made: Calibration, warnings: Sequence[str]) -> Document:
                 [_schemes(made), *_bars(made)],
             ),
             Section(
-                "time", "Corrections over time (figure 9)", _over_time(made), _TIME
+                "time",
+                "Corrections over time (figure 9)",
+                _over_time(made),
+                _TEXT["time"],
             ),
             _plane(made),
             _components(made),
-            Section("curves", "Components (figure 8)", _grid(_curves(made)), _CURVES),
-            Section("levels", "Levels (figure 12)", _sweep(made), _LEVELS),
             Section(
-                "importance", "Which tables matter", _grid(_importance(made)), _MATTER
+                "curves", "Components (figure 8)", _grid(_curves(made)), _TEXT["curves"]
+            ),
+            Section("levels", "Levels (figure 12)", _sweep(made), _TEXT["levels"]),
+            Section(
+                "importance",
+                "Which tables matter",
+                _grid(_importance(made)),
+                _TEXT["matter"],
             ),
             _oddities(made),
-            Section("read", "How to read this page", [_TERMS]),
+            Section("read", "How to read this page", [texts()["read_calibration"]]),
             Section("notes", "Notes", [made.notes] if made.notes else []),
         ),
     )
@@ -247,12 +195,12 @@ def _every_model(made: Calibration) -> Section:
     )
     if made.rows.mode == PAPER:
         note += "; the paper's mean over subsets beside it"
-    below = f"{sentence_case(chosen_words(made))} {_FLATTERS}"
+    below = f"{sentence_case(chosen_words(made))} {_TEXT['flatters']}"
     return Section(
         "table",
         "Every model under every scheme",
         [_errors(made)],
-        f"{note}. {_NEWNESS}",
+        f"{note}. {_TEXT['newness']}",
         below,
     )
 
@@ -296,7 +244,7 @@ def _plane(made: Calibration) -> Section:
         return Section("plane", heading, ())
     words = plane_words(made.plane)
     chart = Chart(figures.plane_figure(made.plane, made.rows.labels), " ".join(words))
-    return Section("plane", heading, (*words, chart), below=_PLANE)
+    return Section("plane", heading, (*words, chart), below=_TEXT["plane"])
 
 
 def _bars(made: Calibration) -> list[Chart]:
@@ -343,7 +291,7 @@ def _components(made: Calibration) -> Section:
     ]
     heads = ("Motion", "Block", "Real components", "by permuted rows")
     table = Table((*heads, "Largest loadings of the first"), rows, left=(0, 1, 4))
-    return Section("pca", heading, ([chart], table), _PCA)
+    return Section("pca", heading, ([chart], table), _TEXT["pca"])
 
 
 def _sweep(made: Calibration) -> list[Chart]:
@@ -375,4 +323,4 @@ def _oddities(made: Calibration) -> Section:
     heads = ("Run", "x-outliers, %", "y-outliers, %", "standing", "slow", "fast")
     heads += ("cells unvisited by the other runs, %", "rows outside their range, %")
     table = Table(heads, list(zip(odd.labels, *percents, strict=True)))
-    return Section("outliers", heading, [table], below=_OUTLIERS)
+    return Section("outliers", heading, [table], below=_TEXT["outliers"])

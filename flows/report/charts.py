@@ -1,7 +1,6 @@
 """Which figures the page gets, each with a caption and words for who cannot see it."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass
 
 import numpy as np
 
@@ -11,13 +10,10 @@ from flows.report.words.phrases import effect_named, listing, noun
 from flows.report.words.rows import (
     METRICS,
     ErrorRow,
-    FindingRow,
     error_rows,
-    explained_share,
-    findings,
     has,
 )
-from residual.diagnosis.result import STAGES, Diagnosis
+from residual.diagnosis.result import STAGES, Diagnosis, Finding
 from residual.model.compare import Cloud, LogProof
 from residual.quantity import bare_percent, fraction, known, percent
 
@@ -25,23 +21,6 @@ from residual.quantity import bare_percent, fraction, known, percent
 _POINTS = 80_000
 _MOST_POINTS = 2400
 MOST_LOGS = 6
-
-
-@dataclass(frozen=True, eq=False, slots=True)
-class Motion:
-    """The figures of one held-out log.
-
-    Attributes:
-        title: In words: "Held-out motion 1".
-        id: Its label.
-        focus: Joints that the findings concern.
-        others: All other joints.
-    """
-
-    title: str
-    id: str
-    focus: tuple[Chart, ...]
-    others: tuple[Chart, ...]
 
 
 def error_charts(found: Diagnosis) -> list[Chart]:
@@ -61,12 +40,11 @@ def error_charts(found: Diagnosis) -> list[Chart]:
     return charts
 
 
-def finding_charts(found: Diagnosis) -> list[tuple[FindingRow, list[Chart]]]:
-    """Return each finding with its figures: measured over what explains it."""
+def finding_charts(found: Diagnosis) -> list[list[Chart]]:
+    """Return the figures of each finding: measured over what explains it."""
     usable = [c for c in found.clouds if len(c.x) > 1]
-    most = max(1, len(usable))
-    charts = [_cloud_chart(c, most) for c in usable]
-    return [(finding, clouds_of(charts, finding)) for finding in findings(found)]
+    charts = [_cloud_chart(c, len(usable)) for c in usable]
+    return [_clouds_of(charts, effect) for effect in found.effects]
 
 
 def left_charts(found: Diagnosis) -> list[Chart]:
@@ -75,41 +53,41 @@ def left_charts(found: Diagnosis) -> list[Chart]:
     return [_left_chart(c, len(usable)) for c in usable]
 
 
-def motions(found: Diagnosis) -> tuple[list[Motion], int]:
-    """Return (figures by held-out log, number of logs that are not drawn).
+def motions(found: Diagnosis) -> tuple[list[tuple[str, list[Chart]]], int]:
+    """Return (label and figures of held-out logs, number of logs not drawn).
 
-    Of many logs those that the model predicts worst.
+    The joints that the findings concern come first. Of many logs those that the model
+    predicts worst.
     """
     usable = [p for p in found.proofs if len(p.t) > 1]
     kept = sorted(usable, key=_miss, reverse=True)[:MOST_LOGS]
     kept = [p for p in usable if p in kept]
-    focus, dof = concerned(found), found.verdict.dof
-    others = [j for j in range(1, dof + 1) if j not in focus]
-    stages = _stages(found)
-    curves = max(1, len(kept) * dof * 2 * len(stages))
+    stages, joints = _stages(found), _in_order(found)
+    curves = max(1, len(kept) * len(joints) * 2 * len(stages))
     most = min(_MOST_POINTS, _POINTS // curves)
-    out = []
-    for number, proof in enumerate(kept, 1):
-        mine, rest = (
-            tuple(_curve_chart(proof, j, stages, most) for j in joints if j <= dof)
-            for joints in (focus, others)
-        )
-        many = f" {number}" if len(kept) > 1 else ""
-        out.append(Motion(f"Held-out motion{many}", proof.id, mine, rest))
-    return out, len(usable) - len(kept)
+    drawn = [
+        (proof.id, [_curve_chart(proof, j, stages, most) for j in joints])
+        for proof in kept
+    ]
+    return drawn, len(usable) - len(kept)
+
+
+def _in_order(found: Diagnosis) -> list[int]:
+    """All joints, those that are concerned first."""
+    dof = found.verdict.dof
+    focus = [j for j in concerned(found) if j <= dof]
+    return [*focus, *(j for j in range(1, dof + 1) if j not in focus)]
 
 
 def spectrum_charts(found: Diagnosis) -> tuple[list[Chart], list[Chart]]:
     """Return spectra of the residual (of the joints concerned, of the others)."""
     focus = concerned(found)
-    others = [j for j in range(1, found.verdict.dof + 1) if j not in focus]
     usable = [p for p in found.proofs if len(p.t) > 1]
     stages = [s for s in _stages(found) if s not in ("nominal", "plsr")]
-    drawn = []
-    for joints in (focus, others):
-        charts = [_spectrum_chart(usable, j, stages) for j in joints]
-        drawn.append([chart for chart in charts if chart])
-    return drawn[0], drawn[1]
+    drawn = [_spectrum_chart(usable, j, stages) for j in _in_order(found)]
+    charts = [chart for chart in drawn if chart]
+    first = [chart for chart in charts if chart.joint in focus]
+    return first, [chart for chart in charts if chart.joint not in focus]
 
 
 def concerned(found: Diagnosis) -> list[int]:
@@ -118,7 +96,7 @@ def concerned(found: Diagnosis) -> list[int]:
     Those of the findings; of an effect on the whole arm, the two it changes most;
     then those that stay unexplained; failing all that the worst one.
     """
-    named = findings(found)
+    named = found.effects
     whole = [f for f in named if effect_named(f.name).scope == "flange" or not f.joints]
     joints = [j for f in named if f not in whole for j in f.joints]
     joints += _most_changed(found) if whole else []
@@ -126,7 +104,7 @@ def concerned(found: Diagnosis) -> list[int]:
     return list(dict.fromkeys(joints)) or _worst(found)
 
 
-def clouds_of(charts: Sequence[Chart], finding: FindingRow) -> list[Chart]:
+def _clouds_of(charts: Sequence[Chart], finding: Finding) -> list[Chart]:
     """Return the charts of one finding; two of one name differ by their joints."""
     mine = [chart for chart in charts if chart.name == finding.name]
     if effect_named(finding.name).variable is None:
@@ -180,7 +158,7 @@ def _bars_alt(rows: Sequence[ErrorRow], metric: str, stages: Sequence[str]) -> s
 
 def _cloud_chart(shown: Cloud, many: int) -> Chart:
     logs = len(set(shown.log.tolist()))
-    share = fraction(explained_share(shown))
+    share = fraction(_explained_share(shown))
     said = f"It explains {share} of what was measured there."
     alt = (
         f"Residual torque of joint {shown.joint} over {shown.variable}, "
@@ -199,6 +177,15 @@ def _left_chart(shown: Cloud, many: int) -> Chart:
     )
     plot = plots.cloud_plot(shown, many)
     return Chart("", alt, "", shown.joint, None, plot, plots.CLOUD_HEIGHT)
+
+
+def _explained_share(cloud: Cloud) -> float | None:
+    """Return the part of a residual's mean square that an effect explains."""
+    whole = float(np.mean(cloud.residual**2))
+    if not whole:
+        return None
+    left = float(np.mean((cloud.residual - cloud.fitted) ** 2))
+    return max(0.0, 1 - left / whole)
 
 
 def _span(values: np.ndarray) -> str:

@@ -4,10 +4,27 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
+from markupsafe import Markup
+
 from flows.blind.score import Name, Said, matched, members
-from flows.report.document import Tile
-from flows.report.page import environment
-from flows.report.words.phrases import FORMS, effect_named, listing, phrase
+from flows.report.document import (
+    Document,
+    Note,
+    Section,
+    Table,
+    Tile,
+    tag,
+    words_table,
+)
+from flows.report.page import render as render_page
+from flows.report.words.phrases import (
+    FORMS,
+    effect_named,
+    listing,
+    phrase,
+    sentence_case,
+    texts,
+)
 from flows.steps.closing.close import Closed
 from flows.steps.closing.rule import ADOPT, DIAGNOSE, DRIVE, NOTHING, STOP
 from residual.diagnosis.result import Place, Verdict
@@ -15,6 +32,8 @@ from residual.quantity import MISSING, measured
 from warehouse.commit import commit_record
 from warehouse.ids import record_folder
 from warehouse.numbered import Decision
+
+_TEXT = texts()["close"]
 
 RIGHT, CLASS, MISSED, FALSE = (
     "right",
@@ -148,32 +167,62 @@ def _adopted(said: Said | None) -> tuple[str, str]:
 
 
 KIND = "close"
-_COLUMNS = ("model", "effects", "error", "path")  # of the table of models
 _WHAT = {DIAGNOSE: "diagnose", ADOPT: "adopt", DRIVE: "drive", STOP: "stop"}
 
 
 def render(done: Closed, verdict: Verdict | None) -> str:
     """Return the page of a loop: one HTML document that needs nothing else."""
     found = pairs(done.hidden, verdict)
-    robot = done.arm.robot
-    return (
-        environment()
-        .get_template("close.html")
-        .render(
-            robot=f"{robot.name} {robot.serial}",
+    robot = f"{done.arm.robot.name} {done.arm.robot.serial}"
+    return render_page(
+        Document(
+            title=f"modelgap close: {robot}",
+            about=Markup("modelgap close, simulated arm <b>{}</b>").format(robot),
             headline=headline(done, found),
-            lead=ended(done),
+            lead=[ended(done)],
             tiles=_tiles(done, found),
-            truth=found,
-            alike=alike(verdict),
-            forms=FORMS if verdict else "",
-            steps=[_row(d) for d in done.decisions],
-            errors=[
-                dict(zip(_COLUMNS, map(_arrow, row), strict=True))
-                for row in versions(done)
-            ],
-            commands=_commands(done),
+            sections=(
+                _truth(found, verdict),
+                _decisions(done),
+                _models(done),
+                Section("again", "Look closer", [Note(_commands(done), "lines")]),
+            ),
         )
+    )
+
+
+def _truth(found: Sequence[Pair], verdict: Verdict | None) -> Section:
+    rows = [
+        (
+            sentence_case(one.hidden),
+            one.values,
+            sentence_case(one.adopted),
+            one.found,
+            tag("span", one.judged, "yes" if one.right else "no"),
+        )
+        for one in found
+    ]
+    heads = ("Hidden", "Its values", "Adopted", "Estimated values", "Judged")
+    table = words_table(heads, rows, "The seal was opened after the last decision")
+    same = [Note(sentence_case(line), "callout") for line in alike(verdict)]
+    heading = "What the arm hid, and what was adopted"
+    forms = FORMS if verdict else ""
+    return Section("truth", heading, [table, *same], below=forms)
+
+
+def _decisions(done: Closed) -> Section:
+    heads = ("No.", "What", "Why", "What came of it", "Motion so far", "Record")
+    rows = [_row(decision) for decision in done.decisions]
+    table = Table(heads, rows, left=(1, 2, 3, 5), look="steps")
+    return Section("steps", "Every decision, with its reason", [_TEXT["steps"], table])
+
+
+def _models(done: Closed) -> Section:
+    heads = ("Model", "Its effects", "Error on held-out motion", "Off its path (rms)")
+    rows = [[*map(_arrow, row)] for row in versions(done)]
+    table = [Table(heads, rows, left=(0, 1))] if rows else ()
+    return Section(
+        "errors", "Each model that the arm had", table, below=_TEXT["models"]
     )
 
 
@@ -207,28 +256,27 @@ def _arrow(error: str) -> str:
     return error.replace("->", "→")
 
 
-def _row(decision: Decision) -> dict:
+def _row(decision: Decision) -> tuple[str, ...]:
     what = _WHAT.get(decision.action)
     if what is None:
         held_out = decision.result["role"] != "fit"
         designed = decision.result["designed"]
         kind = "held-out" if held_out else "designed" if designed else "standard"
         what = f"{kind} experiment"
-    return {
-        "number": decision.number,
-        "what": what,
-        "why": decision.reason,
-        "outcome": _arrow(decision.outcome) or MISSING,
-        "seconds": f"{decision.seconds:.0f} s",
-        "made": decision.made and decision.made[:8],
-    }
+    return (
+        str(decision.number),
+        what,
+        sentence_case(decision.reason),
+        sentence_case(_arrow(decision.outcome) or MISSING),
+        f"{decision.seconds:.0f} s",
+        tag("kbd", decision.made[:8]) if decision.made else "",
+    )
 
 
-def _commands(done: Closed) -> list[str]:
+def _commands(done: Closed) -> str:
     made = [d.made for d in done.decisions if d.action == DIAGNOSE]
-    return [
-        "modelgap models",
-        f"modelgap show {made[-1][:8]}",
+    return (
+        f"modelgap models\nmodelgap show {made[-1][:8]}\n"
         'modelgap sql "SELECT number, action, reason, outcome FROM decisions '
-        f"WHERE loop = '{done.loop}' ORDER BY number\"",
-    ]
+        f"WHERE loop = '{done.loop}' ORDER BY number\""
+    )

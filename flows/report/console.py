@@ -1,12 +1,14 @@
 """Documents in the terminal: 80 columns, no colour and no Unicode are enough."""
 
+from collections.abc import Sequence
+
 from rich.box import SIMPLE_HEAD
 from rich.console import Console
 from rich.table import Table as Drawn
 from rich.text import Text
 
 from flows.outputs import say
-from flows.report.document import Strong, Table
+from flows.report.document import Document, Heading, Note, Strong, Table
 from residual.errors import plain
 
 # What a terminal without Unicode shows instead.
@@ -14,7 +16,9 @@ _PLAIN = str.maketrans({"→": ">", "±": "+", "–": "-", "²": "2", "³": "3",
 _WIDE = 200
 
 
-def show(console: Console, *parts: str | Table, wrapped: bool = False) -> None:
+def show(
+    console: Console, *parts: str | Table | Note | Heading, wrapped: bool = False
+) -> None:
     """Print sentences and tables, one after the other.
 
     Args:
@@ -24,10 +28,33 @@ def show(console: Console, *parts: str | Table, wrapped: bool = False) -> None:
     for part in parts:
         if isinstance(part, Table):
             _print_table(console, part)
+        elif isinstance(part, Heading):
+            line(console, f"\n{part.text}", "bold")
         elif wrapped:
-            line(console, part)
+            line(console, getattr(part, "text", part))
         else:
-            say(console, part)
+            say(console, getattr(part, "text", part))
+
+
+def print_document(
+    console: Console, told: Document, order: Sequence[str], last: Sequence[str] = ()
+) -> None:
+    """Print what a terminal has of a document.
+
+    Args:
+        order: Ids of its sections.
+        last: Those that stand after what it warns of.
+    """
+    line(console, "")
+    line(console, " ".join([told.headline, *told.lead]), "bold")
+    sections = {section.id: section for section in told.sections}
+    for id in order:
+        show(console, *sections[id].brief, wrapped=True)
+    warnings = [words for part in told.callouts for words in part.lines]
+    for number, words in enumerate(warnings):
+        line(console, f"{'' if number else chr(10)}Warning: {words}", "yellow")
+    for id in last:
+        show(console, *sections[id].brief, wrapped=True)
 
 
 def line(console: Console, text: str, style: str = "") -> None:
@@ -58,8 +85,7 @@ def _print_table(console: Console, table: Table) -> None:
             drawn.add_section()
         drawn.add_row(*(_readable(console, _cell(cell)) for cell in row))
     if table.title:
-        line(console, "")
-        line(console, table.title, "bold")
+        show(console, Heading(table.title))
     console.print(drawn)
 
 

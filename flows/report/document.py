@@ -1,16 +1,37 @@
 """What reports are made of: sentences, tables, charts, and figures at the head.
 
-Each subject (a diagnosis, a calibration, a watched run) is told in these, a function a
-section. `console.show` prints them in the terminal, the templates draw them on a page.
+Each subject (a diagnosis, a calibration, a night) is told in these, a function a
+section. `console` prints them in the terminal, `page` draws them. Any text may be
+`Markup`: a page takes it as it is, the terminal without its tags.
 """
 
 from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, field
+from datetime import datetime
+from itertools import accumulate
 from typing import Any, NamedTuple
+
+from markupsafe import Markup
 
 
 class Strong(str):
     """A cell that stands out; of several lines the first one does."""
+
+
+def tag(name: str, text: object, look: str = "") -> Markup:
+    """Return text within a tag of a page, such as kbd for what is typed."""
+    start = Markup('<{} class="{}">').format(name, look) if look else f"<{name}>"
+    return Markup("{}{}</{}>").format(Markup(start), text, name)
+
+
+def link(address: str, text: object) -> Markup:
+    """Return text that leads to an address."""
+    return Markup('<a href="{}">{}</a>').format(address, text)
+
+
+def when(time: datetime) -> Markup:
+    """Return a time to the minute, never broken."""
+    return tag("time", f"{time:%Y-%m-%d %H:%M}")
 
 
 @dataclass(frozen=True, slots=True)
@@ -25,6 +46,9 @@ class Table:
         least: Columns that may not get narrower, and their width in characters.
         most: Columns that break their words at a width, and it.
         sections: Rows, from 0, before which a new part of it begins.
+        groups: Words over columns that belong together, and how many those are.
+        named: Column that says what a row is of.
+        look: Its class in the style sheet.
     """
 
     heads: Sequence[str]
@@ -34,11 +58,21 @@ class Table:
     least: Mapping[int, int] = field(default_factory=dict)
     most: Mapping[int, int] = field(default_factory=dict)
     sections: Collection[int] = ()
+    groups: Sequence[tuple[str, int]] = ()
+    named: int = 0
+    look: str = "tight"
+
+    @property
+    def starts(self) -> Collection[int]:
+        """Columns at which a group begins."""
+        return [*accumulate(columns for _, columns in self.groups)][:-1]
 
 
-def words_table(heads: Sequence[str], rows: Sequence[Sequence[str]]) -> Table:
+def words_table(
+    heads: Sequence[str], rows: Sequence[Sequence[str]], title: str = ""
+) -> Table:
     """Return a table all of whose columns are words."""
-    return Table(heads, rows, left=range(len(heads)))
+    return Table(heads, rows, title, left=range(len(heads)))
 
 
 class Tile(NamedTuple):
@@ -61,6 +95,7 @@ class Chart:
         name: Effect it shows, None where it shows none.
         plot: What the page draws it from, as plotly's schema has it.
         height: Of what the page draws [CSS px].
+        svg: The picture as a part of the page.
     """
 
     uri: str
@@ -70,10 +105,85 @@ class Chart:
     name: str | None = None
     plot: Mapping[str, Any] | None = None
     height: int = 0
+    svg: str = ""
 
 
-# Sentences, a table, a chart, charts side by side, a list, words and what they mean.
-Part = str | Table | Chart | Sequence[Chart] | Sequence[str] | Mapping[str, str]
+@dataclass(frozen=True, slots=True)
+class Note:
+    """A sentence that looks otherwise: soft, callout, command, or as a page says."""
+
+    text: str
+    look: str = "soft"
+
+
+@dataclass(frozen=True, slots=True)
+class Heading:
+    """What the parts after it are of, within a section."""
+
+    text: str
+
+
+@dataclass(frozen=True, slots=True)
+class Steps:
+    """What is to be done, one after the other."""
+
+    steps: Sequence[str]
+
+
+@dataclass(frozen=True, slots=True)
+class Callout:
+    """Lines that are to be seen before all else, such as warnings."""
+
+    heading: str
+    lines: Sequence[str]
+    warn: bool = True
+
+
+@dataclass(frozen=True, slots=True)
+class Facts:
+    """What something is of or from: words and values."""
+
+    pairs: Sequence[tuple[str, str]]
+
+
+@dataclass(frozen=True, slots=True)
+class Fold:
+    """Parts that a page opens at a click."""
+
+    title: str
+    parts: Sequence["Part"]
+    open: bool = False
+
+
+@dataclass(frozen=True, slots=True)
+class Beside:
+    """Columns of parts, side by side where there is room."""
+
+    columns: Sequence[Sequence["Part"]]
+
+
+@dataclass(frozen=True, slots=True)
+class Card:
+    """One of many things of a kind: its state, as a class and in words; what it is."""
+
+    state: str
+    word: str
+    heading: str
+    parts: Sequence["Part"]
+
+
+@dataclass(frozen=True, eq=False, slots=True)
+class Scene:
+    """An arm that a page moves, and what it is drawn from."""
+
+    alt: str
+    data: Mapping[str, Any]
+
+
+# Also a list, charts or cards side by side, words and what they mean.
+Part = (
+    str | Table | Chart | Note | Heading | Steps | Callout | Facts | Fold | Beside
+) | (Scene | Sequence[Chart] | Sequence[Card] | Sequence[str] | Mapping[str, str])
 
 
 @dataclass(frozen=True, slots=True)
@@ -84,6 +194,9 @@ class Section:
         id: What links to it say.
         note: How it is meant, in small letters below the heading.
         below: More of that, at its end.
+        open: Whether it is unfolded at first; None for what cannot be folded.
+        shown: Whether its heading is seen, and not only read out.
+        brief: What the terminal has of it.
     """
 
     id: str
@@ -91,6 +204,9 @@ class Section:
     parts: Sequence[Part]
     note: str = ""
     below: str = ""
+    open: bool | None = None
+    shown: bool = True
+    brief: Sequence[str | Table | Heading] = ()
 
 
 @dataclass(frozen=True, slots=True)
@@ -102,7 +218,9 @@ class Document:
         about: What it is of, above the headline.
         lead: Sentences after the headline.
         setting: What it was made of and how.
-        warned: Heading of the warnings.
+        callouts: What is to be seen before the sections.
+        links: To other pages.
+        foot: Where it is from.
     """
 
     title: str
@@ -112,5 +230,6 @@ class Document:
     lead: Sequence[str] = ()
     tiles: Sequence[Tile] = ()
     setting: str = ""
-    warnings: Sequence[str] = ()
-    warned: str = "Warnings"
+    callouts: Sequence[Callout] = ()
+    links: Sequence[str] = ()
+    foot: Sequence[tuple[str, str]] = ()

@@ -6,10 +6,11 @@ from collections.abc import Mapping
 import numpy as np
 from matplotlib.axes import Axes
 
-from flows.report.document import Document, Section, Strong, Table
+from flows.report.document import Callout, Document, Section, Strong, Table
 from flows.report.figures.look import JOINTS
 from flows.report.figures.paper import SOFT, blank, figure_style, rule
-from flows.report.page import render_document
+from flows.report.page import render
+from flows.report.words.phrases import texts
 from flows.steps.models import NOMINAL
 from flows.steps.track import LOOP, Gain, Tracked
 from flows.steps.validate import Validation
@@ -17,6 +18,8 @@ from residual.robot.robot import Robot
 from sim.engine.records import Reference, TrajectorySpec
 from sim.trajectories.excitation import Usage
 from sim.trajectories.limits import largest_torque
+
+_TEXT = texts()["validation"]
 
 # The 2 x 2 design and computed torque: what stands in a row, and its name.
 _CELLS = {
@@ -26,11 +29,6 @@ _CELLS = {
     "+ both": "",
     "computed torque": LOOP,
 }
-_BOTH = (
-    "Torque of the logged motion (τ), acceleration of the logged torque (q̈), each as "
-    "per cent of what was measured where the joint moves; M(q) is the mass matrix, its "
-    "least eigenvalue over random poses of the workspace (G2017, section 1.3)."
-)
 _UNITS = {
     "rms": (1e3, "mrad"),
     "peak": (1e3, "mrad"),
@@ -111,22 +109,21 @@ def validation_page(
         driven: Drives by a model, where there were some.
     """
     sections = [
-        Section(f"run-{run}", f"Run {run[:8]}", _both_parts(each), _BOTH)
+        Section(f"run-{run}", f"Run {run[:8]}", _both_parts(each), _TEXT["both"])
         for run, each in made.items()
     ]
     if driven is not None:
         sections.append(Section("driven", "Driven by the model", tracking(driven)))
     first, *more = (meaning(each) for each in made.values())
     notes = dict.fromkeys(note for each in made.values() for note in each.notes)
-    return render_document(
+    return render(
         Document(
             title="modelgap validation",
             about="modelgap validation",
             headline=first,
             lead=more,
             sections=sections,
-            warnings=tuple(notes),
-            warned="To be known",
+            callouts=[Callout("To be known", tuple(notes))],
         )
     )
 

@@ -5,7 +5,8 @@ from collections.abc import Sequence
 import numpy as np
 
 from flows.report.document import Document, Section, Table, words_table
-from flows.report.page import Made, render_document
+from flows.report.page import Made, render
+from flows.report.words.phrases import texts
 from flows.report.words.verdict import sentences
 from flows.steps.adopt import Judged, Listed, Proposal
 from residual.diagnosis.result import ErrorTables
@@ -13,6 +14,8 @@ from residual.errors import joints_listed
 from residual.identification.prove import Identified
 from residual.model.compare import EDITED, WHOLE
 from residual.quantity import bare_percent, known, percent
+
+_TEXT = texts()["proposal"]
 
 _KINDS = (("raw", "as logged"), ("filtered", "filtered"), ("moving", "moving"))
 _PREDICTED = (("held_out", "as logged"), ("filtered", "filtered"), ("moving", "moving"))
@@ -215,18 +218,14 @@ def proposal_page(proposal: Proposal, made: Made | None = None) -> str:
             Section("two", "Side by side", [words_table(heads, rows)]),
             Section("gate", "What the gate saw", [seen_lines(proposal.judged)]),
             Section(
-                "answer", "How to answer", [_ANSWER, f"modelgap adopt {diagnosis}"]
+                "answer",
+                "How to answer",
+                [_TEXT["answer"], f"modelgap adopt {diagnosis}"],
             ),
         ),
+        foot=made.facts if made else (),
     )
-    return render_document(page, made)
-
-
-_ANSWER = (
-    "In the page of Prefect: the flow run propose waits, suspended; Resume asks "
-    "whether to adopt it. Nothing waits for the answer: the nights go on with the "
-    "model that the robot has. Or at any time:"
-)
+    return render(page)
 
 
 def proposal_markdown(proposal: Proposal) -> str:

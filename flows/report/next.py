@@ -1,21 +1,21 @@
 """The next experiment as a page for who runs it, and its motion as a picture."""
 
-from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
+from markupsafe import Markup
 
 from flows.report import diagnosis
-from flows.report.document import Chart, Table, Tile
+from flows.report.document import Chart, Document, Section, Steps, Table, Tile
 from flows.report.figures import look
-from flows.report.page import Origin, environment
+from flows.report.page import Pairs, render
 from flows.report.words.outlook import (
     case_words,
     from_one_another,
     in_words,
     same_words,
 )
-from flows.report.words.phrases import joint_words
+from flows.report.words.phrases import joint_words, sentence_case, texts
 from flows.steps.planning.ask import Asked
 from flows.steps.planning.design import Design, apart_by_no_motion
 from residual.diagnosis.result import Diagnosis
@@ -26,6 +26,8 @@ from sim.engine.records import Reference, TrajectorySpec
 from sim.trajectories import make_reference
 from sim.trajectories.excitation import usage
 from sim.trajectories.limits import plan_limits
+
+_TEXT = texts()["next"]
 
 _RATE = 50.0  # Hz, of what is drawn
 _MOST_POINTS, _HEIGHT = 1200, 300
@@ -50,7 +52,7 @@ class Sheet:
     command: str
 
 
-def page_with_motion(found: Diagnosis, origin: Origin | None = None) -> str:
+def page_with_motion(found: Diagnosis, origin: Pairs = ()) -> str:
     """Return the page of a diagnosis, with the motion that it proposes drawn."""
     motion = motion_chart(found)
     return diagnosis.render(found, found.verdict.robot, motion=motion, origin=origin)
@@ -89,63 +91,101 @@ def angles_chart(reference: Reference) -> Chart:
 
 def render_sheet(sheet: Sheet) -> str:
     """Return the page: what the motion settles, how to run it, and what to do then."""
-    page = environment().get_template("next.html")
-    return page.render(_context(sheet))
-
-
-def _context(sheet: Sheet) -> dict:
     made, robot = sheet.made, sheet.asked.robot
+    rivals = from_one_another(made.rivals)
+    whole = f"that all {number(made.best.spec.duration)} s of it settle the question"
+    return render(
+        Document(
+            title=f"modelgap: next experiment of {robot.name}",
+            about=Markup("modelgap next experiment of <b>{}</b>").format(robot.name),
+            headline=f"{made.best.spec.duration:g} s of motion to tell {rivals}",
+            tiles=[
+                Tile(
+                    "Settled after",
+                    _seconds(made.best.after),
+                    f"chance {probability(SURE)}",
+                ),
+                Tile("Chance", probability(made.best.sure.chance), whole),
+            ],
+            sections=(
+                Section(
+                    "motion",
+                    "The motion",
+                    [angles_chart(sheet.reference), limits(robot, sheet.reference)],
+                ),
+                Section("run", "How to run it", [_how_to_run(sheet)]),
+                _others(made),
+                _apart(made),
+            ),
+        )
+    )
+
+
+def _how_to_run(sheet: Sheet) -> Steps:
+    t, start = sheet.reference.t, np.degrees(sheet.reference.q[0])
+    posture = ", ".join(f"J{j} {q:.2f}°" for j, q in enumerate(start, 1))
+    load = "Write the program with <kbd>--out</kbd> and load it"
+    if sheet.program:
+        load = Markup("Load <kbd>{}</kbd>").format(sheet.program)
+    return Steps(
+        [
+            _TEXT["clear"],
+            f"Move the arm slowly to its first posture: {posture}.",
+            _TEXT["program"].format(Markup(load), number(1 / (t[1] - t[0]))),
+            "Run it once at a tenth of the speed, with a hand on the stop. Then run it "
+            "at full speed: slower, it tells less.",
+            "Log time, angles and torques as in the logs before: same load, same rate, "
+            "same channels.",
+            Markup(
+                "Diagnose the new log together with the others: <kbd>{}</kbd>"
+            ).format(sheet.command),
+        ]
+    )
+
+
+def _others(made: Design) -> Section:
+    rows = [(sentence_case(name), *rest) for name, *rest in comparison(made).rows[1:]]
+    heads = ("Motion", "Settled after", "Chance by all of it")
+    table = Table(heads, rows, "Of the same length and within the same limits")
+    heading = "What other motions would do"
+    return Section("compared", heading, [table] if rows else ())
+
+
+def _apart(made: Design) -> Section:
+    said = [*map(sentence_case, _inseparable(made))]
+    return Section("apart", "What no motion tells", [said] if said else ())
+
+
+def _inseparable(made: Design) -> list[str]:
     same, cases = apart_by_no_motion(made.search.question, made.search.twins)
-    told = from_one_another(made.rivals)
-    return {
-        "robot": robot.name,
-        "headline": f"{made.best.spec.duration:g} s of motion to tell {told}",
-        "tiles": _tiles(made),
-        "chart": angles_chart(sheet.reference),
-        "program": sheet.program,
-        "rate": number(1 / (sheet.reference.t[1] - sheet.reference.t[0])),
-        "start": [f"{x:.2f}" for x in np.degrees(sheet.reference.q[0])],
-        "limits": limit_rows(robot, sheet.reference),
-        "compared": comparison(made).rows[1:],
-        "apart": [*same_words(same), *case_words(cases)],
-        "command": sheet.command,
-    }
+    return [*same_words(same), *case_words(cases)]
 
 
-def _tiles(made: Design) -> list[Tile]:
-    best = made.best
-    whole = f"that all {number(best.spec.duration)} s of it settle the question"
-    return [
-        Tile("Settled after", _seconds(best.after), f"chance {probability(SURE)}"),
-        Tile("Chance", probability(best.sure.chance), whole),
-    ]
-
-
-def limit_rows(robot: Robot, reference: Reference) -> Sequence[tuple[str, ...]]:
+def limits(robot: Robot, reference: Reference) -> Table:
     """Return joint, angles [deg], and shares of the robot's limits in words."""
-    used, limits = usage(robot, reference), plan_limits(robot)
+    used, known = usage(robot, reference), plan_limits(robot)
     rows = []
     for j in range(robot.dof):
         low, high = np.degrees([reference.q[:, j].min(), reference.q[:, j].max()])
-        ends = np.degrees([limits.lower[j], limits.upper[j]])
+        ends = np.degrees([known.lower[j], known.upper[j]])
         shares = (used.speed[j], used.acceleration[j], used.torque[j])
         told = ["no limit" if np.isnan(x) else f"{100 * x:.0f} %" for x in shares]
         span = f"{low:.1f} to {high:.1f} ({ends[0]:.0f} to {ends[1]:.0f})"
         rows.append((str(j + 1), span, *told))
-    return rows
+    heads = ("Joint", "Angles [deg]", "Speed", "Acceleration", "Torque")
+    about = "What it uses of the limits; in brackets the range that is kept to"
+    return Table(heads, rows, about, left=(0, 1))
 
 
 def told(made: Design) -> list[str]:
     """Return what a motion settles and how surely, a sentence each."""
     best, spec = made.best, made.best.spec
-    same, cases = apart_by_no_motion(made.search.question, made.search.twins)
     words = sure_words(spec.duration, best.after, best.sure.chance)
     return [
         f"next experiment: {spec.duration:g} s of {spec.kind} motion in {spec.periods} "
         f"periods, to tell {from_one_another(made.rivals)}",
         f"the question is {words}",
-        *same_words(same),
-        *case_words(cases),
+        *_inseparable(made),
         "range, speed, acceleration, torque, floor and self-collision checked between "
         "samples too",
     ]
@@ -184,12 +224,10 @@ def nothing_open(asked: Asked, made: Design | None) -> list[str]:
             "nothing is open: no finding has an equivalent, and no joint keeps more "
             "than noise. With --want you can ask for an effect of a given size."
         ]
-    same, cases = apart_by_no_motion(question, made.search.twins)
     every = [r.place for c in question.contests for r in c.rivals]
     names = ", ".join(dict.fromkeys(map(in_words, every)))
     return [
-        *same_words(same),
-        *case_words(cases),
+        *_inseparable(made),
         f"no motion within the limits tells {names} from one another: the best one "
         f"brings {fraction(made.best.seen.share)} of the evidence that is needed. "
         "Another load, or a value that is known for sure, may.",

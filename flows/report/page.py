@@ -1,7 +1,6 @@
-"""A page: where its record comes from, templates, filters, the figures at its head.
+"""A page: where its record comes from, its template and scripts.
 
-Every page fills the blocks title, style, header, main and footer of base.html; the
-list of contents is made of the headings ``<h2 id="...">`` of its main part.
+The list of contents is made of the headings ``<h2 id="...">`` of its main part.
 """
 
 import base64
@@ -9,7 +8,7 @@ import hashlib
 import json
 import re
 import shlex
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import cache
 from importlib.util import find_spec
@@ -18,10 +17,9 @@ from pathlib import Path
 from jinja2 import Environment, FileSystemLoader, StrictUndefined
 from markupsafe import Markup
 
-from flows.report.document import Chart, Document, Strong, Table
+from flows.report.document import Document, Part, Strong, tag
 from flows.report.words.phrases import sentence_case
 from flows.requests import Diagnose
-from residual import quantity
 from residual.errors import InputError
 from warehouse.files import read_parquet
 from warehouse.layout import find
@@ -29,7 +27,9 @@ from warehouse.provenance import version_text
 
 # Where a record and a page about it come from, and what makes them again.
 
+_AGAIN = "To make this page again"
 _SHORT = 12  # digits of a commit that people read
+Pairs = Sequence[tuple[str, str]]
 
 
 @dataclass(frozen=True, slots=True)
@@ -38,7 +38,6 @@ class Made:
 
     Attributes:
         what: Its kind in the singular, such as "diagnosis".
-        id: Its id.
         created: When it was committed, ISO 8601 to the second, UTC.
         version: Version of the program that made it; None where it was not noted.
         commit: Commit in git of that program, its beginning; None for no checkout.
@@ -56,6 +55,21 @@ class Made:
     data: Mapping[str, tuple[str, ...]]
     command: str
 
+    @property
+    def facts(self) -> Pairs:
+        """All of that, as the foot of a page has it."""
+        program = self.version or "of a version that was not noted"
+        program += f", commit {self.commit}" if self.commit else ""
+        changes = " with changes that were not committed"
+        program += changes if self.commit and self.changed else ""
+        return [
+            (sentence_case(self.what), tag("code", self.id)),
+            ("Stored", f"{self.created} UTC"),
+            ("By modelgap", program),
+            *((sentence_case(role), _ids(ids)) for role, ids in self.data.items()),
+            ("Again", tag("kbd", self.command)),
+        ]
+
 
 _KINDS = {
     "runs": "run",
@@ -65,6 +79,10 @@ _KINDS = {
     "reports": "report",
     "adoptions": "adoption",
 }
+
+
+def _ids(ids: Sequence[str]) -> Markup:
+    return Markup(" ").join(tag("code", id) for id in ids)
 
 
 def made_of(store: Path, id: str) -> Made:
@@ -96,50 +114,27 @@ def made_of(store: Path, id: str) -> Made:
     )
 
 
-Fact = tuple[str, tuple[str, ...]]
-
-
-@dataclass(frozen=True, slots=True)
-class Origin:
-    """Where a page comes from.
-
-    Attributes:
-        facts: What it is, and its values: ids and names of files.
-        program: Version and commit of the program.
-        command: What makes the page again; empty where nothing does.
-    """
-
-    facts: tuple[Fact, ...]
-    program: str
-    command: str
-
-
-def of_request(request: Diagnose, page: str = "report.html") -> Origin:
+def of_request(request: Diagnose, page: str = "report.html") -> Pairs:
     """Return the origin of a diagnosis that was just made."""
-    facts: list[Fact] = [("Robot", (request.robot,)), ("Logs", request.logs)]
-    facts += [("Baseline", request.baseline)] if request.baseline else []
-    facts += [("Held out", request.held_out)] if request.held_out else []
-    model = request.model or "as the robot is described"
-    facts.append(("Nominal model", (model,)))
-    return Origin(tuple(facts), version_text(), command(request, page))
+    given = {
+        "Robot": (request.robot,),
+        "Logs": request.logs,
+        "Baseline": request.baseline,
+        "Held out": request.held_out,
+        "Nominal model": (request.model or "as the robot is described",),
+        "Program": (version_text(),),
+    }
+    facts = [(what, _ids(values)) for what, values in given.items() if values]
+    return [*facts, (_AGAIN, tag("kbd", command(request, page)))]
 
 
-def of_record(made: Made, record: Mapping) -> Origin:
+def of_record(made: Made, record: Mapping) -> Pairs:
     """Return the origin of a diagnosis in the store."""
-    facts: list[Fact] = [
-        ("Diagnosis", (made.id,)),
-        ("Stored", (f"{made.created} UTC",)),
-    ]
-    facts += [(role.capitalize(), ids) for role, ids in made.data.items()]
-    program = " ".join(["modelgap", made.version or ""]).strip()
-    if made.commit:
-        program += f", commit {made.commit}"
-        program += " with changes that were not committed" if made.changed else ""
     asked = record.get("request")
-    again = made.command
-    if asked:
-        again = command(Diagnose.from_record(asked, None), "report.html")
-    return Origin(tuple(facts), program, again)
+    if not asked:
+        return made.facts
+    again = command(Diagnose.from_record(asked, None), "report.html")
+    return [*made.facts[:-1], (_AGAIN, tag("kbd", again))]
 
 
 def command(request: Diagnose, page: str) -> str:
@@ -164,7 +159,8 @@ def command(request: Diagnose, page: str) -> str:
     return shlex.join([*words, "--report", page])
 
 
-_OWN = Path(__file__).parent / "templates" / "page.js"
+_TEMPLATES = Path(__file__).parent / "templates"
+_HEADING = re.compile(r'<h2 id="([^"]+)">(.*?)</h2>', re.DOTALL)
 
 
 @cache
@@ -188,11 +184,6 @@ def scene_library() -> str:
     return _packaged("meshcat", "viewer", "dist", "main.min.js")
 
 
-def of_template(name: str) -> str:
-    """Return a script of ours that stands beside the templates."""
-    return (_OWN.parent / name).read_text(encoding="utf-8").strip()
-
-
 def _packaged(package: str, *parts: str) -> str:
     # Found and not imported: only its file is needed, and importing it takes longer.
     (folder,) = find_spec(package).submodule_search_locations
@@ -200,17 +191,20 @@ def _packaged(package: str, *parts: str) -> str:
 
 
 @cache
-def own() -> str:
-    """Return our script, which draws what a page has the data of."""
-    return _OWN.read_text(encoding="utf-8").strip()
+def own(name: str = "page.js") -> str:
+    """Return a script of ours: page.js draws what a page has the data of."""
+    return (_TEMPLATES / name).read_text(encoding="utf-8").strip()
+
+
+def scripts(body: str) -> list[str]:
+    """Return the scripts that a page runs; none where it has nothing to draw."""
+    if 'class="plot"' not in body:
+        return []
+    moving = 'class="stage"' in body
+    return [library(), own(), *([scene_library(), own("view.js")] if moving else [])]
 
 
 @cache
-def hashes() -> tuple[str, ...]:
-    """Return the scripts as a content policy names them: 'sha256-...'."""
-    return tuple(hash_of(text) for text in (library(), own()))
-
-
 def hash_of(script: str) -> str:
     """Return a script as a content policy names it (CSP level 3, section 2.3.1)."""
     code = hashlib.sha256(script.encode()).digest()
@@ -230,8 +224,9 @@ def as_data(value: object) -> Markup:
     return Markup(text)
 
 
-_TEMPLATES = Path(__file__).parent / "templates"
-_HEADING = re.compile(r'<h2 id="([^"]+)">(.*?)</h2>', re.DOTALL)
+def headings(body: str) -> list[tuple[str, Markup]]:
+    """Return id and text of each section of a page, in order."""
+    return [(id, Markup(text).striptags()) for id, text in _HEADING.findall(str(body))]
 
 
 @cache
@@ -246,39 +241,21 @@ def environment() -> Environment:
         lstrip_blocks=True,
     )
     found.filters |= {
-        "percent": quantity.percent,
-        "bare": quantity.bare_percent,
-        "probability": quantity.probability,
-        "number": quantity.number,
-        "sentence": sentence_case,
-        "headings": headings,
         "as_data": as_data,
+        "headings": headings,
+        "kind": lambda part: type(part).__name__,
         "script_hash": hash_of,
+        "scripts": scripts,
     }
-    found.globals |= {
-        "library": library,
-        "own_script": own,
-        "script_hashes": hashes,
-    }
-    found.tests |= {
-        "known": quantity.known,
-        "strong": lambda cell: isinstance(cell, Strong),
-        "table": lambda part: isinstance(part, Table),
-        "chart": lambda part: isinstance(part, Chart),
-    }
+    found.tests["strong"] = lambda cell: isinstance(cell, Strong)
     return found
 
 
-def render_document(page: Document, made: Made | None = None) -> str:
-    """Return a document as one HTML page that needs nothing else.
-
-    Args:
-        made: Where its record comes from, for its foot; None where nothing is stored.
-    """
-    template = environment().get_template("document.html")
-    return template.render(page=page, made=made)
+def render(page: Document) -> str:
+    """Return a document as one HTML page that needs nothing else."""
+    return environment().get_template("document.html").render(page=page)
 
 
-def headings(body: str) -> list[tuple[str, Markup]]:
-    """Return id and text of each section of a page, in order."""
-    return [(id, Markup(text).striptags()) for id, text in _HEADING.findall(str(body))]
+def fragment(parts: Sequence[Part]) -> str:
+    """Return parts of a page by themselves, for pages of others."""
+    return str(environment().get_template("parts.html").module.draw(parts))

@@ -12,6 +12,7 @@ from flows.blind.draw import StudyRequest
 from flows.blind.run import Study
 from flows.blind.score import CLASS, NOTHING, PAIR, RIGHT, SINGLE, UNKNOWN, Name
 from flows.report.document import (
+    Callout,
     Chart,
     Document,
     Section,
@@ -20,10 +21,14 @@ from flows.report.document import (
     words_table,
 )
 from flows.report.figures import look
-from flows.report.page import Made, made_of, render_document
+from flows.report.page import Made, made_of
+from flows.report.page import render as render_page
+from flows.report.words.phrases import texts
 from residual.quantity import MISSING
 from warehouse.commit import commit_record
 from warehouse.ids import record_folder
+
+_TEXT = texts()["study"]
 
 _RATES = {
     "singles_clear_right": "One effect, three times detectable or more: rightly named",
@@ -49,37 +54,6 @@ _TILES = {
     "false_alarms": "False alarms",
     "unknown_flagged": "Unknown ones flagged",
     "coverage": "Within 2 σ",
-}
-_SETTING = (
-    "An arm in a physics engine hides what was drawn. Its runs are stored with the "
-    "truth sealed, diagnosed from the store, and the seal is opened only when the "
-    "verdict is committed. Study {id}."
-)
-_CONFUSION = (
-    "Rows: the truth. Columns: the first name, or none and unknown (a flag without a "
-    "name). Blue is right, amber says nothing of what is there, red is a false name. A "
-    "truth in the class of the first name counts as named. Pairs are not in it."
-)
-_TERMS = {
-    "Minimum detectable size": (
-        "What the diagnosis itself says of an arm with nothing hidden in the same "
-        "motions and noise: from that size on it would probably have named the effect. "
-        "It is the unit of all sizes here; effects that have no size in proportion to "
-        "their torque (presliding, saturation, all unknown ones) have a usual one."
-    ),
-    "Right, class, part": (
-        "Right: named as it is, with its joint. Class: the truth is among the "
-        "equivalents of the name. Part: one of a pair named, the other not."
-    ),
-    "Wrong, nothing, flagged": (
-        "Wrong: the first name is none of what is there. Nothing: something is there "
-        "and nothing was said. Flagged: no name, but joints with something "
-        "unexplained, which is the right answer to what has no name."
-    ),
-    "Oracle": (
-        "The true effects on their true joints, fitted by the same machinery to the "
-        "same logs. The values are not told."
-    ),
 }
 _BLUE, _AMBER, _RED = look.AFTER, "#e69f00", look.BEFORE
 _FAR = 4.0  # standard deviations that the curve of coverage is drawn to
@@ -132,26 +106,26 @@ def render(
         about=f"modelgap blind study of {of}, {about['n']} cases",
         headline=headline(summary),
         tiles=_tiles(summary),
-        setting=_SETTING.format(id=about["id"]),
-        warnings=about["failed"],
-        warned="Not run to the end",
+        setting=_TEXT["setting"].format(id=about["id"]),
+        callouts=[Callout("Not run to the end", about["failed"])],
+        foot=made.facts if made else (),
         sections=(
             Section("figures", "Figures", [Table(heads, lines(summary), left=(0, 2))]),
             Section(
                 "confusion",
                 "What was hidden, and what was named first",
                 [confusion] if confusion else [],
-                _CONFUSION,
+                _TEXT["confusion"],
             ),
             Section(
                 "outcomes", "Kinds of cases and how they came out", [_outcomes(summary)]
             ),
             Section("curves", "How small, how sure, how good", _curves(rows, summary)),
             Section("cases", "Every case that is not plainly right", _cases(rows)),
-            Section("read", "How to read this page", [_TERMS]),
+            Section("read", "How to read this page", [texts()["read_study"]]),
         ),
     )
-    return render_document(page, made)
+    return render_page(page)
 
 
 def lines(summary: Mapping) -> list[tuple[str, str, str]]:

@@ -3,16 +3,28 @@
 from typing import Any
 
 import numpy as np
+from markupsafe import Markup
 
-from flows.report.document import Chart
+from flows.report.document import (
+    Beside,
+    Chart,
+    Document,
+    Note,
+    Scene,
+    Section,
+    Table,
+    tag,
+)
 from flows.report.figures import look
-from flows.report.page import environment, of_template, scene_library
-from flows.report.words.phrases import phrase
+from flows.report.page import render as render_page
+from flows.report.words.phrases import phrase, texts
 from flows.report.words.verdict import sentences
 from flows.steps.predict import Viewed
-from residual.quantity import percent
+from residual.quantity import MISSING, percent
 from residual.recording import Array, Recording
 from residual.robot.shapes import Body, Look
+
+_TEXT = texts()["view"]
 
 _RATE = 40.0  # poses per second that an eye tells apart
 _MOST_POSES = 6000
@@ -66,26 +78,43 @@ def render(found: Viewed) -> str:
     Raises:
         InputError: If the package that draws in 3-D is not installed.
     """
-    page = environment().get_template("view.html")
-    after = _last(found)
-    return page.render(
-        robot=found.robot.name,
-        headline=sentences(found.verdict)[0] if found.verdict else "",
-        log=found.log.id,
-        seconds=float(found.log.t[-1] - found.log.t[0]),
-        model="with the findings" if found.effects else "before any finding",
-        joints=[
-            (j, name, _error(found, after, j))
-            for j, name in enumerate(tuple(found.robot.model.names)[1:], 1)
-        ],
-        charts=_charts(found),
-        scene={
-            "arm": arm_data(found.look),
-            "motion": _motion(found, after),
-            "first": _most_changed(found),
-        },
-        scripts=[scene_library(), of_template("view.js")],
+    robot, after = found.robot.name, _last(found)
+    seconds = float(found.log.t[-1] - found.log.t[0])
+    about = Markup("modelgap view of <b>{}</b>, log {}, {:.1f} s")
+    headline = "The arm as it moved, and the torque of its joints"
+    if found.verdict:
+        headline = sentences(found.verdict)[0]
+    scene = {
+        "arm": arm_data(found.look),
+        "motion": _motion(found, after),
+        "first": _most_changed(found),
+    }
+    model = "with the findings" if found.effects else "before any finding"
+    arm = [Scene(_TEXT["alt"].format(robot), scene), Note(_TEXT["how"])]
+    now = [Note(_TEXT["now"].format(model)), _values(found, after)]
+    return render_page(
+        Document(
+            title=f"modelgap view: {robot}",
+            about=about.format(robot, tag("code", found.log.id), seconds),
+            headline=headline,
+            sections=(
+                Section("arm", "The arm", [Beside((arm, now))], shown=False),
+                Section("sheet", "Curves", _charts(found), shown=False),
+            ),
+        )
     )
+
+
+def _values(found: Viewed, after: str) -> Table:
+    """What the script fills in for the time that is shown."""
+    button = Markup('<button type="button" aria-label="{}">J{}</button> {}')
+    bar, rows = Markup('<span class="bar"></span>'), []
+    for j, name in enumerate(tuple(found.robot.model.names)[1:], 1):
+        first = button.format(f"Draw joint {j}, {name}", j, tag("span", name, "soft"))
+        rows.append((first, *[MISSING] * 3, _error(found, after, j), bar))
+    heads = ("Joint", "Angle (deg)", "Measured (N m)", "Predicted (N m)")
+    heads += ("Error, all the log", "Residual")
+    return Table(heads, rows, left=(0, 5), look="bars")
 
 
 def _last(found: Viewed) -> str:

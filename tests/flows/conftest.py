@@ -84,8 +84,8 @@ def calls(monkeypatch):
     def print_diagnosis(found, console, verbose=False):
         console.print(f"verdict {found.verdict.verdict}")
 
-    def render(outcome, robot_name, motion=None, origin=None):
-        return f"<html>{robot_name} {outcome.notes} {origin.command}</html>"
+    def render(outcome, robot_name, motion=None, origin=()):
+        return f"<html>{robot_name} {outcome.notes} {origin[-1][1]}</html>"
 
     monkeypatch.setattr("residual.method.diagnose.diagnose", diagnose)
     monkeypatch.setattr("flows.steps.check.check_logs", lambda *_: LogCheck(()))

@@ -129,7 +129,7 @@ def test_the_slider_moves_arm_values_and_line_together(tab, tmp_path):
             f"(() => {{ const s = document.getElementById('time'); s.value = {time};"
             "s.dispatchEvent(new Event('input')); })()"
         )
-        angle = tab.run("document.querySelector('#rows td').textContent")
+        angle = tab.run("document.querySelector('.bars td').textContent")
         line = tab.run("parseFloat(document.querySelector('.now').style.left)")
         clock = tab.run("document.getElementById('clock').value")
         seen.append((float(angle), line, clock))
@@ -139,6 +139,6 @@ def test_the_slider_moves_arm_values_and_line_together(tab, tmp_path):
         assert angle == pytest.approx(log.q[row, 0] * 57.29578, abs=0.2)
         assert clock.startswith(f"{time:.2f} of ")
     assert seen[1][1] > seen[0][1] > 0
-    tab.run("document.querySelectorAll('#rows tr')[2].click()")
+    tab.run("document.querySelectorAll('.bars tbody tr')[2].click()")
     shown_now = "[...document.querySelectorAll('#sheet figure')].map((f) => !f.hidden)"
     assert tab.run(shown_now) == [j == 2 for j in range(6)]

@@ -89,7 +89,8 @@ def test_many_long_logs_do_not_make_a_large_page() -> None:
 
 def test_every_finding_is_drawn_on_all_its_joints() -> None:
     drawn = charts.finding_charts(made.several())
-    joints = {row.name: [chart.joint for chart in own] for row, own in drawn}
+    names = [effect.name for effect in made.several().effects]
+    joints = {n: [c.joint for c in own] for n, own in zip(names, drawn, strict=True)}
     assert joints == {
         "coulomb": [1, 2, 3, 4, 5, 6],
         "balancer": [2],
@@ -108,8 +109,8 @@ def test_what_has_inertia_is_drawn_over_its_own_torque_on_every_joint() -> None:
         for at in [np.full(500, "A")]
     )
     found = replace(outcome, clouds=clouds + outcome.clouds)
-    (payload, shown), _ = charts.finding_charts(found)
+    shown, _ = charts.finding_charts(found)
     assert [chart.joint for chart in shown] == [2, 3, 5]
     assert "over torque that it explains [N m]" in shown[0].alt
     assert shown[0].caption == "It explains 100 % of what was measured there."
-    assert "off by up to 9 N m on joint" in means(found, payload)
+    assert "off by up to 9 N m on joint" in means(found, found.effects[0])

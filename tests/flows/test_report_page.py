@@ -13,7 +13,6 @@ from rich.console import Console
 from flows.report import charts
 from flows.report import page as base
 from flows.report.diagnosis import print_diagnosis, render
-from flows.report.page import environment
 from residual.diagnosis.result import Diagnosis
 from residual.diagnosis.verdict import from_json, to_json
 from residual.model.compare import Cloud, LogProof
@@ -36,7 +35,7 @@ def quick(monkeypatch: pytest.MonkeyPatch) -> None:
     for name in ("cloud_plot", "torque_plot", "bars_plot"):
         monkeypatch.setattr(charts.plots, name, lambda *_: {"data": []})
     monkeypatch.setattr(charts, "spectrum_charts", lambda _: ([], []))
-    monkeypatch.setitem(environment().globals, "library", lambda: "")
+    monkeypatch.setattr(base, "library", lambda: "")
 
 
 def printed(outcome: Diagnosis, width: int = 80, encoding: str = "utf-8") -> str:

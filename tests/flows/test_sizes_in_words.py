@@ -4,7 +4,14 @@ import numpy as np
 import pytest
 
 from flows.report.diagnosis import tiles_of
-from flows.report.words.rows import findings, named_joints, size_of, sizes, tells
+from flows.report.words.rows import (
+    frame_words,
+    named_joints,
+    size_of,
+    sizes,
+    tells,
+    title,
+)
 from residual.diagnosis.result import Diagnosis, Frames
 from residual.effects import registry
 from tests.verdict_documents import typed
@@ -44,7 +51,7 @@ def change(name, joint, parameter, nominal, identified):
 def tile(said):
     """The first tile of its report: label, value, and of what."""
     found = Diagnosis(said)
-    return tiles_of(found, findings(found))[0]
+    return tiles_of(found)[0]
 
 
 def test_a_balancer_is_an_amplitude_and_where_it_is_largest():
@@ -101,9 +108,10 @@ def test_a_link_is_heavier_by_per_cent():
 
 def test_the_frame_of_a_load_is_named():
     numbers = {"mass": (2.8, 0.1, "kg"), "com_x": (0.1, 0.02, "m")}
-    (row,) = findings(Diagnosis(verdict("payload", (6,), **numbers)))
-    assert row.frame.startswith("in the axes of tool0, from its origin")
-    assert row.title == "a payload at the flange (wrist_roll)"
+    said = verdict("payload", (6,), **numbers)
+    frame = frame_words(said.effects[0], said.frames)
+    assert frame.startswith("in the axes of tool0, from its origin")
+    assert title(said.effects[0], said) == "a payload at the flange (wrist_roll)"
 
 
 def test_what_is_not_determined_stays_open():

@@ -126,7 +126,7 @@ def test_the_page_has_the_motion_and_runs_only_known_scripts():
     assert len(page.scripts) == 4
     policy = page.all("meta")[2]["content"]
     assert [base.hash_of(text) for text in page.scripts] == policy.split()[-4:]
-    scene = page.plots[-1]
+    scene = page.plots[0]
     rows = frames_of(found.log)
     assert np.allclose(numbers(scene["motion"]["t"]), found.log.t[rows], atol=1e-5)
     q = numbers(scene["motion"]["q"]).reshape(-1, 6)
@@ -164,9 +164,9 @@ def test_a_file_is_shown_with_the_model_as_described(tmp_path, monkeypatch, caps
     assert "wrote a.html" in capsys.readouterr().out
     page = Page(Path("a.html").read_text(encoding="utf-8"))
     assert "The arm as it moved" in page.text
-    names = [trace["name"] for trace in page.plots[0]["data"]]
+    names = [trace["name"] for trace in page.plots[1]["data"]]
     assert names == ["measured", "nominal (as given)", "nominal (as given)"]
-    assert json.dumps(page.plots[-1]["first"]) == "0"
+    assert json.dumps(page.plots[0]["first"]) == "0"
 
 
 def test_a_joint_has_the_name_of_the_urdf():

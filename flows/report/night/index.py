@@ -1,14 +1,40 @@
 """The index of all reports: nights, diagnoses, decisions, studies, models."""
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections import Counter
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from datetime import datetime
 from pathlib import Path
 
-from flows.report.night.look import KINDS, Look, Place, ask, span_of
+from markupsafe import Markup
+
+from flows.report.document import (
+    Callout,
+    Document,
+    Fold,
+    Note,
+    Part,
+    Section,
+    Table,
+    link,
+    tag,
+    when,
+)
+from flows.report.night.look import (
+    KINDS,
+    Look,
+    Place,
+    Rows,
+    ask,
+    coloured,
+    night_of,
+    span_of,
+)
 from flows.report.page import Made, made_of
 from flows.report.records import record_lines
+from flows.report.words.phrases import sentence_case
 from residual.errors import InputError, shortened
+from residual.quantity import number
 from warehouse.layout import find, read_record
 from warehouse.query.store import Store
 from warehouse.runs import tombstone
@@ -51,63 +77,81 @@ def entries(look: Look, place: Place) -> list[Entry]:
     return sorted(found, key=lambda e: (e.created, e.title), reverse=True)
 
 
-def narrowed(found: list[Entry], robot: str | None, kind: str) -> list[Entry]:
-    """Return the entries of one robot and one kind; None and "any" are all."""
-    return [
-        e
-        for e in found
-        if (robot is None or e.robot == robot) and kind in ("any", e.kind)
-    ]
-
-
-def parts(count: int) -> int:
-    """Return on how many pages so many entries are."""
-    return max(1, -(-count // PART))
-
-
-def context(
+def document(
     look: Look, place: Place, robot: str | None = None, kind: str = "any", part: int = 1
-) -> dict:
-    """Return what the template `index.html` is filled with.
+) -> Document | None:
+    """Return a page of the index; None where there is no such page.
 
     Args:
         robot: Name of the robot to which it is narrowed; None for all.
         part: Which page of it, from 1.
     """
-    everything = entries(look, place)
-    of_robot = narrowed(everything, robot, "any")
-    found = narrowed(of_robot, None, kind)
+    everything = [e for e in entries(look, place) if robot in (None, e.robot)]
+    found = [e for e in everything if kind in ("any", e.kind)]
+    last = max(1, -(-len(found) // PART))
+    if part > last:
+        return None
     shown = found[PART * (part - 1) : PART * part]
-    counts = {k: len(narrowed(of_robot, None, k)) for k in KINDS}
-    return {
-        "title": f"modelgap: {robot or 'all'} reports",
-        "robot": robot,
-        "kind": kind,
-        "kinds": [(k, words, counts[k]) for k, words in KINDS.items() if counts[k]],
-        "count": len(found),
-        "part": part,
-        "last": parts(len(found)),
-        "rows": [(e, _words(look, e)) for e in shown],
-    }
+    counts = Counter(e.kind for e in everything) + Counter(any=len(everything))
+    robots = {None: "all robots"} | {name: name for name in look.robots}
+    kinds = {k: f"{words} ({counts[k]})" for k, words in KINDS.items() if counts[k]}
+    parts: list[Part] = [
+        _chips(
+            (place.index(r, kind), words, r == robot) for r, words in robots.items()
+        ),
+        _chips((place.index(robot, k), words, k == kind) for k, words in kinds.items()),
+    ]
+    if robot:
+        parts.append(link(place.robot(robot), f"The page of {robot}"))
+    parts += [_table(look, shown)] if shown else [_nothing(look)]
+    parts += _turn(place, robot, kind, part, last)
+    return Document(
+        title=f"modelgap: {robot or 'all'} reports",
+        about=Markup("Store <b>{}</b>").format(look.opened.path.name),
+        headline=f"All reports of {robot}" if robot else "All reports",
+        sections=(Section("all", "Reports", parts, shown=False),),
+    )
 
 
-def _words(look: Look, entry: Entry) -> str:
-    if entry.diagnosis is None:
-        return ""
-    return ", ".join(filter(None, look.words(entry.diagnosis)))
+def _chips(choices: Iterable[tuple[str, str, bool]]) -> Note:
+    """What it can be narrowed to, and what it is."""
+    words = [tag("b", w) if own else link(to, w) for to, w, own in choices]
+    return Note(Markup(" ").join(words), "chips")
+
+
+def _nothing(look: Look) -> Note:
+    words = Markup("Nothing of that is in the store.")
+    more = Markup(" <kbd>modelgap demo</kbd> or <kbd>modelgap up</kbd> make something.")
+    return Note(words if look.robots else words + more, "calm")
+
+
+def _table(look: Look, shown: Sequence[Entry]) -> Table:
+    rows = []
+    for e in shown:
+        words = coloured(e.kind, look.sentence(e.diagnosis)) if e.diagnosis else ""
+        rows.append((when(e.created), e.what, link(e.href, e.title), words))
+    heads = ("When (UTC)", "What", "Report", "Verdict")
+    return Table(heads, rows, left=range(4), named=2, look="list")
+
+
+def _turn(
+    place: Place, robot: str | None, kind: str, part: int, last: int
+) -> list[Markup]:
+    """Where it goes on."""
+    words = [f"Page {part} of {last}"]
+    if part > 1:
+        words.append(link(place.index(robot, kind, part - 1), "later ones"))
+    if part < last:
+        words.append(link(place.index(robot, kind, part + 1), "earlier ones"))
+    return [Markup(" · ").join(words)] if last > 1 else []
 
 
 def _nights(look: Look, place: Place) -> Iterator[Entry]:
     for night in look.nights:
-        inside = [d for d in look.diagnoses if _inside(d.created, night)]
-        at = max((d.created for d in inside), default=span_of(night)[0])
+        inside = [d.created for d in look.diagnoses if night_of(d.created) == night]
+        at = max(inside, default=span_of(night)[0])
         title = f"night to {night:%Y-%m-%d}"
         yield Entry(at, "night", None, "night", title, place.night(night))
-
-
-def _inside(when: datetime, night) -> bool:
-    begin, end = span_of(night)
-    return begin <= when < end
 
 
 def _diagnoses(look: Look, place: Place) -> Iterator[Entry]:
@@ -118,7 +162,7 @@ def _diagnoses(look: Look, place: Place) -> Iterator[Entry]:
             each.robot,
             "diagnosis",
             each.title,
-            place.report(each.report, each.id),
+            place.diagnosis(each),
             each.id,
         )
 
@@ -152,65 +196,85 @@ _ERRORS = """
 """
 
 
-def record_context(opened: Store, id: str, place: Place) -> dict:
-    """Return what the template `record.html` is filled with.
+def record(opened: Store, id: str, place: Place) -> Document:
+    """Return the page of any record.
 
     Raises:
         InputError: If there is no such record, or it is damaged.
     """
     made = made_of(opened.path, id)
     content = read_record(opened.path, made.id)
-    lines = record_lines(content)
-    return {
-        "title": f"modelgap: {made.what} {made.id}",
-        "made": made,
-        "about": _about(content),
-        "lines": [shortened(line) for line in lines[:_RECORD_LINES]],
-        "lines_left": len(lines) - _RECORD_LINES,
-        "errors": _table(ask(opened, _ERRORS, id=made.id)),
-        "parents": _linked(ask(opened, _PARENTS, id=made.id), opened.path),
-        "children": _linked(ask(opened, _CHILDREN, id=made.id), opened.path),
-        "pages": _pages(opened.path, made, place),
-        "quarantined": tombstone(opened.path, made.id) if made.what == "run" else None,
-    }
+    what = sentence_case(made.what)
+    gone = tombstone(opened.path, made.id) if made.what == "run" else None
+    return Document(
+        title=f"modelgap: {made.what} {made.id}",
+        about=f"{what} of {made.created} UTC",
+        headline=f"{what} {made.id}",
+        lead=[_about(content)],
+        callouts=[Callout("In quarantine", [gone] if gone else [])],
+        sections=(
+            Section("pages", "Pages", _pages(opened.path, made, place), shown=False),
+            _errors(ask(opened, _ERRORS, id=made.id)),
+            _linked("from", "Made from", _PARENTS, opened, made, place),
+            _linked("to", "Made from it", _CHILDREN, opened, made, place),
+            _content(content, made),
+        ),
+        foot=made.facts,
+    )
 
 
-def _pages(store: Path, made: Made, place: Place) -> list[str]:
-    """Return the addresses of the pages that a report has."""
-    if made.what != "report":
-        return []
-    names = other_files(find(store, made.id))
-    return [
-        place.report(made.id, made.id, name) for name in names if name.endswith(".html")
-    ]
+def _pages(store: Path, made: Made, place: Place) -> list[Markup]:
+    """The pages that a report has."""
+    names = other_files(find(store, made.id)) if made.what == "report" else ()
+    pages = [name for name in names if name.endswith(".html")]
+    to = (place.report(made.id, made.id, name) for name in pages)
+    return [link(address, "Open its page") for address in to]
 
 
-def _about(content: Mapping) -> list[tuple[str, str]]:
-    """Return the plain values of a record that say what it is."""
+def _about(content: Mapping) -> Markup:
+    """The plain values of a record that say what it is."""
     keys = ("robot", "serial", "kind", "stage", "verdict", "source", "seed", "note")
     told = [(key, content.get(key)) for key in keys]
-    return [(key, shortened(v)) for key, v in told if isinstance(v, str | int)]
+    words = [
+        Markup("{}: <b>{}</b>").format(key, shortened(value))
+        for key, value in told
+        if isinstance(value, str | int)
+    ]
+    return Markup(", ").join(words)
 
 
-def _table(rows: Sequence[Mapping]) -> dict | None:
-    """Return errors as a table: a row per metric and stage, a column per joint."""
+def _errors(rows: Rows) -> Section:
+    """Errors: a row per metric and stage, a column per joint."""
     joints = sorted({row["joint"] for row in rows if row["joint"]})
-    if not rows:
-        return None
     cells: dict[tuple[str, str], dict] = {}
     for row in rows:
         cells.setdefault((row["metric"], row["stage"]), {})[row["joint"]] = row["value"]
     lines = [
-        (*key, [values.get(joint) for joint in (*joints, None)])
+        (*key, *(number(values.get(joint)) for joint in (*joints, None)))
         for key, values in cells.items()
     ]
-    return {"joints": joints, "lines": lines}
+    heads = ("Metric", "Model", *(f"J{joint}" for joint in joints), "all")
+    table = [Table(heads, lines, left=(0, 1), look="")] if rows else []
+    units = Markup("Units by metric: <kbd>modelgap sql --schema</kbd>")
+    return Section("errors", "Errors", table, below=units)
 
 
-def _linked(rows: Sequence[Mapping], store: Path) -> dict:
-    """Return relatives, and which of them this store has."""
-    shown = [(row["id"], row["role"], _is_here(store, row["id"])) for row in rows]
-    return {"rows": shown[:_MOST], "left": len(shown) - _MOST}
+def _linked(
+    id: str, heading: str, query: str, opened: Store, made: Made, place: Place
+) -> Section:
+    """Relatives, and which of them this store has."""
+    rows, own = ask(opened, query, id=made.id), opened.path
+    lines = [_relative(row["id"], row["role"], own, place) for row in rows[:_MOST]]
+    more = Markup("and {} more: <kbd>modelgap show {}</kbd>")
+    below = more.format(len(rows) - _MOST, made.id) if len(rows) > _MOST else ""
+    parts = [lines] if lines else [Note("nothing", "calm")]
+    return Section(id, heading, parts, below=below)
+
+
+def _relative(id: str, role: str, store: Path, place: Place) -> Markup:
+    name, words = tag("kbd", id), Markup("{}: {}")
+    here = link(place.record(id), name) if _is_here(store, id) else None
+    return words.format(role.replace("_", " "), here or name + " (not in this store)")
 
 
 def _is_here(store: Path, id: str) -> bool:
@@ -218,3 +282,13 @@ def _is_here(store: Path, id: str) -> bool:
         return bool(find(store, id))
     except InputError:
         return False
+
+
+def _content(content: Mapping, made: Made) -> Section:
+    lines = record_lines(content)
+    shown = [shortened(line) for line in lines[:_RECORD_LINES]]
+    cut = len(lines) > len(shown)
+    title = f"{len(shown)} lines" + (f", of {len(lines)}" if cut else "")
+    rest = Note(Markup("All of it: <kbd>modelgap show {}</kbd>").format(made.id))
+    parts = [Note("\n".join(shown), "lines"), *([rest] if cut else [])]
+    return Section("all", "What it says", [Fold(title, parts)])

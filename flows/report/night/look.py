@@ -8,6 +8,9 @@ from datetime import date, datetime, time, timedelta
 from functools import lru_cache
 from pathlib import Path
 
+from markupsafe import Markup
+
+from flows.report.document import tag
 from flows.report.night import questions
 from flows.report.words.verdict import VALUES_OFF, errors, finding
 from flows.storage.diagnosis import read_verdict
@@ -93,6 +96,10 @@ class Look:
     def words(self, diagnosis: str) -> tuple[str, str]:
         """Return what a diagnosis names, and its errors, in words."""
         return _words(self.opened.path, diagnosis)
+
+    def sentence(self, diagnosis: str) -> str:
+        """Return both together."""
+        return ", ".join(filter(None, self.words(diagnosis)))
 
     def state(self, each: Diagnosed) -> str:
         """Return the verdict of a diagnosis; "values" where only values were off."""
@@ -274,6 +281,10 @@ class Place:
             return f"{self.up}report/{id}/{file}"
         return self.record(otherwise)
 
+    def diagnosis(self, each: Diagnosed) -> str:
+        """Return the address of the report of a diagnosis."""
+        return self.report(each.report, each.id)
+
     def index(self, robot: str | None = None, kind: str = "any", part: int = 1) -> str:
         """Return the address of the index of all reports, or a part of it."""
         if (robot, kind, part) == (None, "any", 1):
@@ -284,3 +295,13 @@ class Place:
     def flow_run(self, id: str) -> str | None:
         """Return the address of a flow run at Prefect; None without a server."""
         return f"{self.prefect}runs/flow-run/{id}" if self.prefect else None
+
+
+def many(count: int, noun: str) -> str:
+    """Return how many there are: '1 run', '2 runs'."""
+    return f"{count} {noun}{'' if count == 1 else 's'}"
+
+
+def coloured(state: str, words: str) -> Markup:
+    """Return words in the colour of a verdict."""
+    return tag("span", words, f"of {state}")

@@ -5,12 +5,13 @@ of hex digits, and a file name that a record of the store has.
 """
 
 import re
-from collections.abc import Iterator, Mapping
-from dataclasses import dataclass, field
+from collections.abc import Iterator
+from dataclasses import dataclass, field, replace
 from datetime import UTC, date, datetime
 from pathlib import Path
 from threading import Lock
 
+from flows.report.document import Document, link, tag
 from flows.report.night import index, night, robot
 from flows.report.night.look import (
     ALL,
@@ -24,7 +25,7 @@ from flows.report.night.look import (
     span_of,
     unknown,
 )
-from flows.report.page import environment
+from flows.report.page import render
 from residual.errors import InputError
 from warehouse.files import check_file
 from warehouse.ids import ID_DIGITS, record_folder
@@ -43,6 +44,7 @@ _INDEX = re.compile(
     rf"reports/([a-z0-9_-]{{1,40}})/({'|'.join(KINDS)})(?:-([1-9]\d{{0,5}}))?\.html"
 )
 _STORED = re.compile(rf"report/([0-9a-f]{{{ID_DIGITS}}})/([\w-][\w.-]{{0,60}})")
+_LINKED = 8  # robots that every page leads to
 _TYPES = {
     ".html": "text/html; charset=utf-8",
     ".json": "application/json",
@@ -135,8 +137,7 @@ class Site:
     def _page(self, address: str, seen: Look | None) -> Answer | None:
         place = Place("../" * address.count("/"), self.prefect, self._has_report)
         if match := _RECORD.fullmatch(address):
-            context = index.record_context(self._open(), match[1], place)
-            return self._filled("record.html", context, place, seen)
+            return self._made(index.record(self._open(), match[1], place), place, seen)
         for pattern, make in (
             (_FIRST, self._first),
             (_NIGHT, self._night),
@@ -144,25 +145,22 @@ class Site:
             (_INDEX, self._index),
         ):
             if match := pattern.fullmatch(address):
-                return make(match, seen or look(self._open()), place)
+                seen = seen or look(self._open())
+                page = make(match, seen, place)
+                return page and self._made(page, place, seen)
         return None
 
-    def _first(self, _: re.Match, seen: Look, place: Place) -> Answer:
-        return self._filled("index.html", index.context(seen, place), place, seen)
+    def _first(self, _: re.Match, seen: Look, place: Place) -> Document | None:
+        return index.document(seen, place)
 
-    def _robot(self, match: re.Match, seen: Look, place: Place) -> Answer:
-        context = robot.context(seen, _named(seen, match[1]), place)
-        return self._filled("robot.html", context, place, seen)
+    def _robot(self, match: re.Match, seen: Look, place: Place) -> Document:
+        return robot.document(seen, _named(seen, match[1]), place)
 
-    def _index(self, match: re.Match, seen: Look, place: Place) -> Answer | None:
+    def _index(self, match: re.Match, seen: Look, place: Place) -> Document | None:
         name = None if match[1] == ALL else _named(seen, match[1])
-        part = int(match[3] or 1)
-        context = index.context(seen, place, name, match[2], part)
-        if part > context["last"]:
-            return None
-        return self._filled("index.html", context, place, seen)
+        return index.document(seen, place, name, match[2], int(match[3] or 1))
 
-    def _night(self, match: re.Match, seen: Look, place: Place) -> Answer | None:
+    def _night(self, match: re.Match, seen: Look, place: Place) -> Document | None:
         word = match[1]
         try:
             last = seen.nights[0] if seen.nights else datetime.now(UTC).date()
@@ -170,21 +168,25 @@ class Site:
             told = self.past(*span_of(which))
         except (ValueError, OverflowError):  # no day of any calendar
             return None
-        context = night.context(seen, which, told, place)
-        return self._filled("night.html", context, place, seen)
+        return night.document(seen, which, told, place)
 
-    def _filled(
-        self, template: str, context: Mapping, place: Place, seen: Look | None
-    ) -> Answer:
-        page = environment().get_template(template)
-        shared = {
-            "place": place,
-            "robots": seen.robots if seen else (),
-            "store": self.store.name,
-            "read": f"{datetime.now(UTC):%Y-%m-%d %H:%M:%S}",
-            "version": version_text(),
-        }
-        return Answer(page.render(shared | context).encode())
+    def _made(self, page: Document, place: Place, seen: Look | None) -> Answer:
+        """Return a page with the links that all have, and where it is from."""
+        robots = seen.robots[:_LINKED] if seen else ()
+        links = [
+            link(place.night(), "last night"),
+            link(place.index(), "all reports"),
+            *(link(place.robot(name), name) for name in robots),
+            *([link(place.prefect, "flows")] if place.prefect else []),
+        ]
+        read = f"{datetime.now(UTC):%Y-%m-%d %H:%M:%S} UTC by modelgap {version_text()}"
+        foot = [
+            ("Store", self.store.name),
+            ("Read", read),
+            ("Again", tag("kbd", "modelgap pages --out DIR")),
+        ]
+        page = replace(page, links=links, foot=page.foot or foot)
+        return Answer(render(page).encode())
 
     def _has_report(self, id: str, file: str) -> bool:
         # Of a bucket no file is asked for before somebody opens it.

@@ -21,7 +21,7 @@
   function build() {
     const test = document.createElement("canvas");
     if (!test.getContext("webgl2") && !test.getContext("webgl")) return null;
-    const stage = document.getElementById("stage");
+    const stage = document.querySelector(".stage");
     stage.textContent = "";
     const viewer = new MeshCat.Viewer(stage);
     const three = MeshCat.THREE;
@@ -90,7 +90,7 @@
   const slider = document.getElementById("time");
   const clock = document.getElementById("clock");
   const play = document.getElementById("play");
-  const rows = [...document.querySelectorAll("#rows tr")];
+  const rows = [...document.querySelectorAll(".bars tbody tr")];
   const sheets = [...document.querySelectorAll("#sheet figure")];
   const line = document.createElement("div");
   line.className = "now";

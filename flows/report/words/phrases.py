@@ -1,9 +1,14 @@
 """Effects, joints and lists in words, and what only experiments of our own show."""
 
 import base64
+import tomllib
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
+from functools import cache
 from itertools import pairwise
+from pathlib import Path
+
+from markupsafe import Markup
 
 from residual.diagnosis.result import Detectable, Edit, Finding, Place, Verdict
 from residual.effects import registry
@@ -16,6 +21,14 @@ At = Place | Finding | Detectable  # what has a name and joints
 
 _NUMBERS = ("zero", "one", "two", "three", "four", "five", "six", "seven", "eight")
 _UNKNOWN = Effect("", "", {}, columns=lambda state, joints, shape: state.tau_model)
+
+
+@cache
+def texts() -> dict[str, dict[str, Markup]]:
+    """Return what pages say that hangs on no figure, page by page."""
+    file = Path(__file__).parents[1] / "templates" / "words.toml"
+    parts = tomllib.loads(file.read_text(encoding="utf-8"))
+    return {part: {k: Markup(v) for k, v in own.items()} for part, own in parts.items()}
 
 
 def count(value: int) -> str:

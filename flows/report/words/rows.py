@@ -8,80 +8,40 @@ from textwrap import wrap
 from typing import NamedTuple
 
 import numpy as np
+from markupsafe import Markup
 
+from flows.report.document import Strong, Table, tag
 from flows.report.words.phrases import (
     alternatives,
     effect_named,
     listing,
-    noun,
     phrase,
-    place,
     sentence_case,
 )
-from flows.report.words.verdict import held_out_words, is_wrong_value
+from flows.report.words.verdict import is_wrong_value
 from residual.diagnosis.result import (
+    PLAIN,
+    STAGES,
     Change,
     Diagnosis,
     Finding,
     Frames,
     Number,
     PerJoint,
-    Splits,
     Verdict,
 )
-from residual.effects import registry
-from residual.model.compare import Cloud
-from residual.quantity import MISSING, fraction, known, measured, number, unit_text
+from residual.quantity import (
+    MISSING,
+    bare_percent,
+    fraction,
+    known,
+    measured,
+    number,
+    probability,
+    unit_text,
+)
 
 METRICS = {"moving": "moving", "filtered": "filtered", "held_out": "as logged"}
-
-
-@dataclass(frozen=True, slots=True)
-class ParameterRow:
-    """One parameter of a finding as text; joint is None where it has only one."""
-
-    name: str
-    joint: int | None
-    text: str
-
-
-@dataclass(frozen=True, slots=True)
-class FindingRow:
-    """One finding, ready to be printed."""
-
-    name: str
-    order: str
-    title: str
-    noun: str
-    place: str
-    joints: tuple[int, ...]
-    sentence: str
-    parameters: tuple[ParameterRow, ...]
-    frame: str
-    probability: Number
-    nats: str
-    by: str
-    verdict: str
-    held_out: str
-    gain: str
-    p_value: str
-    splits: str
-    alternatives: tuple[str, ...]
-
-    @property
-    def table(self) -> tuple[list[str], list[list[str]]]:
-        """Parameters as (heading, rows): a row per joint, or per parameter."""
-        joints = dict.fromkeys(p.joint for p in self.parameters if p.joint is not None)
-        if not joints:
-            rows = [[p.name, p.text] for p in self.parameters]
-            return ["Parameter", "Value"], rows
-        names = list(dict.fromkeys(p.name for p in self.parameters))
-        found = {(p.name, p.joint): p.text for p in self.parameters}
-        rows = [
-            [f"Joint {j}", *(found.get((name, j), MISSING) for name in names)]
-            for j in joints
-        ]
-        return ["On", *map(sentence_case, names)], rows
 
 
 @dataclass(frozen=True, slots=True)
@@ -93,15 +53,6 @@ class ErrorRow:
     values: Mapping[str, Mapping[str, float | None]]
     unexplained: float | None
     flagged: bool
-
-
-def findings(found: Diagnosis) -> list[FindingRow]:
-    """Return the findings, most important first."""
-    said = dict(enumerate(found.sentences))
-    return [
-        _finding(effect, said.get(i, ""), found.verdict)
-        for i, effect in enumerate(found.effects)
-    ]
 
 
 def error_rows(found: Diagnosis) -> list[ErrorRow]:
@@ -129,62 +80,53 @@ def has(rows: Sequence[ErrorRow], metric: str, stage: str) -> bool:
     return any(known(row.values[metric].get(stage)) for row in rows)
 
 
-def parameter_lines(finding: FindingRow, width: int) -> list[str]:
-    """Return the parameters as lines: a name, then its value or one per joint."""
+def title(effect: Finding, verdict: Verdict) -> str:
+    """Return a finding with its place, and what the URDF calls its joints."""
+    called = named_joints(effect.joints, verdict.frames)
+    return phrase(effect, verdict.dof) + (f" ({called})" if called else "")
+
+
+def parameters(effect: Finding, verdict: Verdict) -> list[tuple[str, int | None, str]]:
+    """Return name, joint and text of each size; joint None where it has only one."""
+    rows = [(o.name, o.joint, o.text) for o in sizes(effect, verdict)]
+    return [*rows, *((name, None, str(p)) for name, p in effect.combinations.items())]
+
+
+def parameter_table(effect: Finding, verdict: Verdict) -> Table:
+    """Return the sizes of a finding: a row per joint, or per parameter."""
+    rows, about = parameters(effect, verdict), "Size, ± one standard deviation"
+    joints = dict.fromkeys(joint for _, joint, _ in rows if joint is not None)
+    if not joints:
+        cells = [(name, text) for name, _, text in rows]
+        return Table(("Parameter", "Value"), cells, about)
+    names = list(dict.fromkeys(name for name, _, _ in rows))
+    found = {(name, joint): text for name, joint, text in rows}
+    cells = [
+        (f"Joint {j}", *(found.get((name, j), MISSING) for name in names))
+        for j in joints
+    ]
+    return Table(("On", *map(sentence_case, names)), cells, about)
+
+
+def parameter_lines(effect: Finding, verdict: Verdict, width: int) -> list[str]:
+    """Return the same as lines: a name, then its value or one per joint."""
     lines: list[str] = []
-    for name in dict.fromkeys(p.name for p in finding.parameters):
-        mine = [p for p in finding.parameters if p.name == name]
-        single = f"{name} {mine[0].text}"
-        if mine[0].joint is None and len(single) <= width:
-            lines.append(single)
+    rows = parameters(effect, verdict)
+    for name in dict.fromkeys(name for name, _, _ in rows):
+        mine = [(joint, text) for own, joint, text in rows if own == name]
+        joint, text = mine[0]
+        if joint is None and len(f"{name} {text}") <= width:
+            lines.append(f"{name} {text}")
             continue
         lines.append(name)
-        for one in mine:
-            joint = "" if one.joint is None else f"J{one.joint} "
-            lines.append(f"  {joint}{one.text}")
-    return [*lines, *wrap(finding.frame, width)]
+        lines += [f"  {f'J{j} ' if j is not None else ''}{text}" for j, text in mine]
+    return [*lines, *wrap(frame_words(effect, verdict.frames), width)]
 
 
-def _finding(effect: Finding, sentence: str, verdict: Verdict) -> FindingRow:
-    evidence, dof, frames = effect.evidence, verdict.dof, verdict.frames
-    called = named_joints(effect.joints, frames)
-    return FindingRow(
-        name=effect.name,
-        order=str(effect.order),
-        title=phrase(effect, dof) + (f" ({called})" if called else ""),
-        noun=noun(effect.name),
-        place=place(effect, dof),
-        joints=effect.joints,
-        sentence=_full_stop(sentence),
-        parameters=tuple(_parameters(effect, verdict)),
-        frame=frame_words(effect, frames),
-        probability=effect.probability,
-        nats=number(evidence.nats),
-        by=evidence.by or "",
-        verdict=evidence.held_out or "not tried",
-        held_out=held_out_words(evidence.held_out),
-        gain=fraction(evidence.held_out_gain),
-        p_value=number(evidence.p_value),
-        splits=_splits(evidence.splits),
-        alternatives=tuple(alternatives(effect, dof)),
-    )
-
-
-def _splits(splits: Splits | None) -> str:
+def found_again(effect: Finding) -> str:
     """How often a name came back without a part of the data: '3 of 3'."""
+    splits = effect.evidence.splits
     return f"{splits.found} of {splits.of}" if splits and splits.of else ""
-
-
-def _full_stop(sentence: str) -> str:
-    text = sentence_case(sentence.strip())
-    return text if not text or text[-1] in ".!?" else f"{text}."
-
-
-def _parameters(effect: Finding, verdict: Verdict) -> list[ParameterRow]:
-    rows = [ParameterRow(o.name, o.joint, o.text) for o in sizes(effect, verdict)]
-    for formula, parameter in effect.combinations.items():
-        rows.append(ParameterRow(formula, None, str(parameter)))
-    return rows
 
 
 def _at(stages: PerJoint, joint: int) -> dict[str, Number]:
@@ -196,26 +138,18 @@ _CERTAIN = (0.999, 0.99)
 
 
 class Missing(NamedTuple):
-    """Torque of an effect on one joint.
-
-    Attributes:
-        joint: Joint from 1.
-        peak: The most of it on the logs of the fit [N m].
-        share: That, of the largest torque measured there on held-out motion; None
-            where that is not known.
-    """
+    """The most torque of an effect on a joint [N m], and its share of the largest."""
 
     joint: int
     peak: float
     share: float | None
 
 
-def missing_torque(found: Diagnosis, row: FindingRow) -> list[Missing]:
+def missing_torque(found: Diagnosis, effect: Finding) -> list[Missing]:
     """Return what the torque lacks without a finding, the largest share first."""
-    effect = registry().get(row.name)
-    mine = [c for c in found.clouds if c.name == row.name and len(c.x)]
-    if effect is not None and effect.variable is not None and row.joints:
-        mine = [c for c in mine if c.joint in row.joints] or mine
+    mine = [c for c in found.clouds if c.name == effect.name and len(c.x)]
+    if effect_named(effect.name).variable is not None and effect.joints:
+        mine = [c for c in mine if c.joint in effect.joints] or mine
     out = []
     for cloud in mine:
         peak = float(np.abs(cloud.fitted).max())
@@ -224,9 +158,9 @@ def missing_torque(found: Diagnosis, row: FindingRow) -> list[Missing]:
     return sorted(out, key=lambda one: -(one.share or 0.0))
 
 
-def means(found: Diagnosis, row: FindingRow) -> str:
+def means(found: Diagnosis, effect: Finding) -> str:
     """Return in one sentence what a model without it gets wrong; empty if unknown."""
-    lacking = missing_torque(found, row)[:2]
+    lacking = missing_torque(found, effect)[:2]
     if not lacking:
         return ""
     parts = [
@@ -247,15 +181,6 @@ def sure(probability: float | None) -> str:
     if probability < 0.01:
         return "probability < 0.01"
     return f"probability = {probability:.2f}"
-
-
-def explained_share(cloud: Cloud) -> float | None:
-    """Return the part of a residual's mean square that an effect explains."""
-    whole = float(np.mean(cloud.residual**2))
-    if not whole:
-        return None
-    left = float(np.mean((cloud.residual - cloud.fitted) ** 2))
-    return max(0.0, 1 - left / whole)
 
 
 def _largest(found: Diagnosis, joint: int) -> float | None:
@@ -409,3 +334,163 @@ def _changed(one: Size, key: str | None, effect: Finding, verdict: Verdict) -> S
 
 def _is_of(change: Change, name: str, joints: Sequence[int]) -> bool:
     return change.name == name and tuple(change.joints) == tuple(joints)
+
+
+# Tables of findings and of errors.
+
+
+def others(effect: Finding, found: Diagnosis, between: str = " or ") -> str:
+    """What an effect cannot be told from."""
+    return between.join(alternatives(effect, found.verdict.dof))
+
+
+_NARROW = 26  # characters of a size in the terminal
+
+
+def findings_table(found: Diagnosis) -> list[Table]:
+    """Return what was found as a terminal has it; none where nothing was."""
+    verdict = found.verdict
+    if not found.effects:
+        return []
+    sizes = [parameter_lines(e, verdict, _NARROW) for e in found.effects]
+    rows = [
+        (str(e.order), _effect_cell(e, found), "\n".join(size), _evidence_cell(e))
+        for e, size in zip(found.effects, sizes, strict=True)
+    ]
+    # Short cells keep their width, so that no verdict is cut at 80 columns.
+    widths = [len(line) for size in sizes for line in size]
+    least = {2: max(widths, default=0), 3: len("held-out: confirmed")}
+    heads = ("", "effect", "parameters", "evidence")
+    return [Table(heads, rows, "What is missing", left=range(4), least=least)]
+
+
+def _effect_cell(effect: Finding, found: Diagnosis) -> str:
+    same = others(effect, found)
+    tail = f"\nor {same}: these data cannot tell" if same else ""
+    return Strong(title(effect, found.verdict) + tail)
+
+
+def _evidence_cell(effect: Finding) -> str:
+    evidence, again = effect.evidence, found_again(effect)
+    lines = [f"{number(evidence.nats)} nats"]
+    if evidence.by:
+        lines.append(f"by {evidence.by}")
+    if known(effect.probability):
+        lines.append(f"this name: {probability(effect.probability)}")
+    lines.append(f"held-out: {evidence.held_out or 'not tried'}")
+    if again:
+        lines.append(f"found again: {again}")
+    return "\n".join(lines)
+
+
+def error_table(lines: Sequence[ErrorRow]) -> Table | None:
+    """All errors: by metric, then by model."""
+    groups = [
+        (metric, [s for s in _shown(metric) if has(lines, metric, s)])
+        for metric in METRICS
+    ]
+    groups = [(metric, stages) for metric, stages in groups if stages]
+    if not groups:
+        return None
+    columns = [(metric, stage) for metric, stages in groups for stage in stages]
+    share = any(known(line.unexplained) for line in lines)
+    rows = []
+    for row in lines:
+        cells = [_error(row, metric, stage) for metric, stage in columns]
+        flag = tag("span", "flagged", "tag refuted") + " " if row.flagged else ""
+        rest = [flag + bare_percent(row.unexplained)] if share else []
+        rows.append((sentence_case(row.label), *cells, *rest))
+    over = [(sentence_case(METRICS[metric]), len(own)) for metric, own in groups]
+    heads = [stage.replace("_", " ") for _, stage in columns]
+    return Table(
+        ("Joint", *heads, *(["Unexplained"] if share else [])),
+        rows,
+        "Held-out error, % of the measured torque",
+        sections=(len(rows) - 1,),
+        groups=[("", 1), *over, *([("", 1)] if share else [])],
+        look="tight errors",
+    )
+
+
+def _shown(metric: str) -> tuple[str, ...]:
+    """Models of a table's columns; the reference stands beside the leading one."""
+    return (*STAGES, PLAIN) if metric == next(iter(METRICS)) else STAGES
+
+
+# Broken by hand, so that eighty columns hold all of them.
+_HEADS = {"identified": "identi-\nfied", "augmented": "aug-\nmented"}
+
+
+_HEADS[PLAIN] = "least\nsquares"
+
+
+_PAIR = 12  # characters of an error before and after
+
+
+def brief_errors(found: Diagnosis, lines: Sequence[ErrorRow]) -> list[str | Table]:
+    """As many errors as eighty columns hold; the page and the JSON have all."""
+    refit = ("nominal", "identified")
+    metrics = [m for m in METRICS if any(has(lines, m, s) for s in refit)]
+    if not metrics:
+        return []
+    # Models in full for the first metric known, of the second before and after.
+    first, second = metrics[0], metrics[1:2]
+    stages = [s for s in (*STAGES, PLAIN) if has(lines, first, s)]
+    share = any(known(row.unexplained) for row in lines)
+    rows = []
+    for row in lines:
+        cells = [_error(row, first, stage) for stage in stages]
+        cells += [_both_errors(row, metric) for metric in second]
+        flag = " !" if row.flagged else "  "
+        rest = [bare_percent(row.unexplained) + flag] if share else []
+        rows.append((row.label, *cells, *rest))
+    where = f" on {', '.join(found.errors.logs)}" if found.errors.logs else ""
+    weak = " (the same run: a weak proof)" if found.errors.same_run else ""
+    heads = ["joint", *(_HEADS.get(s, s) for s in stages)]
+    heads += [*(METRICS[m] for m in second), *(["unex-\nplained"] if share else [])]
+    pairs = [len(stages) + 1] if second else []
+    title = f"Held-out error{where}{weak}, {METRICS[first]}, % of torque"
+    about = "Arrows: identified (refit without the findings) → augmented."
+    table = Table(heads, rows, title, least=dict.fromkeys(pairs, _PAIR))
+    return [table, *([about] if pairs else [])]
+
+
+def _error(row: ErrorRow, metric: str, stage: str) -> str:
+    kind = Strong if stage == "augmented" else str
+    return kind(bare_percent(row.values[metric].get(stage)))
+
+
+def _both_errors(row: ErrorRow, metric: str) -> str:
+    values = [row.values[metric].get(stage) for stage in ("identified", "augmented")]
+    before, after = map(bare_percent, values)
+    return f"{before} → {after:>5}" if any(map(known, values)) else ""
+
+
+def evidence_table(found: Diagnosis) -> Table:
+    """Return how sure each finding is."""
+    named = found.effects
+    again = any(map(found_again, named))
+    chance = any(known(e.evidence.p_value) for e in named)
+    heads = ["Effect", "Probability", "Evidence, nats", "By", "Held-out motion", "Gain"]
+    heads += ["Found again"] * again + ["p"] * chance
+    rows = []
+    for effect in named:
+        evidence = effect.evidence
+        row = [_class_cell(effect, found), probability(effect.probability)]
+        row += [number(evidence.nats), evidence.by or MISSING, _tag(evidence.held_out)]
+        row += [fraction(evidence.held_out_gain)]
+        row += [found_again(effect) or MISSING] * again
+        rows.append([*row, *[number(evidence.p_value)] * chance])
+    return Table(heads, rows, left=(0, 3, 4))
+
+
+def _class_cell(effect: Finding, found: Diagnosis) -> str:
+    name = sentence_case(title(effect, found.verdict))
+    other = tag("span", f"or {others(effect, found)}", "soft")
+    return Markup("{}<br>{}").format(name, other) if effect.equivalent else name
+
+
+def _tag(word: str | None) -> Markup:
+    kinds = ("confirmed", "refuted")
+    look = f"tag {word if word in kinds else 'neutral'}"
+    return tag("span", word or "not tried", look)

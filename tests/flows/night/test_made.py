@@ -2,7 +2,7 @@
 
 import pytest
 
-from flows.report.page import environment, made_of
+from flows.report.page import made_of
 from residual.errors import InputError
 from warehouse.commit import commit_record
 
@@ -24,9 +24,9 @@ def test_it_says_id_time_version_commit_data_and_what_makes_it_again(
     assert made.data == {"fit": (RUN, "bc" * 10), "held out": (HELD,)}
     assert made.command == f"modelgap rerun {diagnosis}"
     assert made.created.startswith("20")
-    page = environment().get_template("made.html").render(made=made)
+    foot = " ".join(value for _, value in made.facts)
     for word in (diagnosis, RUN, HELD, made.created, made.version, made.command):
-        assert word in page
+        assert word in foot
 
 
 def test_a_report_is_shown_and_not_made_again(tmp_path, diagnosis):
@@ -35,8 +35,6 @@ def test_a_report_is_shown_and_not_made_again(tmp_path, diagnosis):
     assert made_of(tmp_path, id).command == f"modelgap show {id}"
 
 
-def test_what_is_not_stored_has_no_such_foot_and_what_is_none_is_refused(tmp_path):
-    foot = environment().get_template("made.html")
-    assert foot.render().strip() == foot.render(made=None).strip() == ""
+def test_what_is_none_is_refused(tmp_path):
     with pytest.raises(InputError):
         made_of(tmp_path, "../../etc")
