@@ -4,15 +4,16 @@ from collections.abc import Sequence
 
 import numpy as np
 
+from flows.report import plots
 from flows.report.document import Chart
-from flows.report.figures import look, plots
-from flows.report.words.phrases import effect_named, listing, noun
-from flows.report.words.rows import (
+from flows.report.figures import look
+from flows.report.tables import (
     METRICS,
     ErrorRow,
     error_rows,
     has,
 )
+from flows.report.words.phrases import effect_named, listing, noun
 from residual.diagnosis.result import STAGES, Diagnosis, Finding
 from residual.model.compare import Cloud, LogProof
 from residual.quantity import bare_percent, fraction, known, percent

@@ -8,7 +8,7 @@ from collections.abc import Iterable, Sequence
 from markupsafe import Markup
 from rich.console import Console
 
-from flows.report import charts
+from flows.report import charts, tables
 from flows.report.console import line, print_document, show
 from flows.report.document import (
     Beside,
@@ -28,8 +28,8 @@ from flows.report.document import (
 )
 from flows.report.page import Pairs, fragment
 from flows.report.page import render as render_page
+from flows.report.tables import sure
 from flows.report.words import outlook
-from flows.report.words import rows as tables
 from flows.report.words import verdict as words
 from flows.report.words.phrases import (
     Staged,
@@ -39,7 +39,6 @@ from flows.report.words.phrases import (
     sentence_case,
     texts,
 )
-from flows.report.words.rows import sure
 from flows.report.words.verdict import held_out_words, rising
 from residual.diagnosis.result import Diagnosis, Finding, Verdict
 from residual.quantity import (

@@ -10,7 +10,7 @@ from plotly import graph_objects
 from flows.report import charts
 from flows.report import page as base
 from flows.report.diagnosis import render
-from flows.report.words.rows import means
+from flows.report.tables import means
 from residual.effects import registry as vocabulary
 from residual.model.compare import Cloud
 from tests.flows import report_outcomes as made

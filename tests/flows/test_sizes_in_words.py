@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from flows.report.diagnosis import tiles_of
-from flows.report.words.rows import (
+from flows.report.tables import (
     frame_words,
     named_joints,
     size_of,

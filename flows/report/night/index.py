@@ -1,7 +1,7 @@
 """The index of all reports: nights, diagnoses, decisions, studies, models."""
 
 from collections import Counter
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from datetime import datetime
 from pathlib import Path
@@ -96,10 +96,8 @@ def document(
     robots = {None: "all robots"} | {name: name for name in look.robots}
     kinds = {k: f"{words} ({counts[k]})" for k, words in KINDS.items() if counts[k]}
     parts: list[Part] = [
-        _chips(
-            (place.index(r, kind), words, r == robot) for r, words in robots.items()
-        ),
-        _chips((place.index(robot, k), words, k == kind) for k, words in kinds.items()),
+        _chips({w: place.index(r, kind) for r, w in robots.items()}, robots[robot]),
+        _chips({w: place.index(robot, k) for k, w in kinds.items()}, kinds.get(kind)),
     ]
     if robot:
         parts.append(link(place.robot(robot), f"The page of {robot}"))
@@ -113,9 +111,9 @@ def document(
     )
 
 
-def _chips(choices: Iterable[tuple[str, str, bool]]) -> Note:
-    """What it can be narrowed to, and what it is."""
-    words = [tag("b", w) if own else link(to, w) for to, w, own in choices]
+def _chips(choices: Mapping[str, str], chosen: str | None) -> Note:
+    """What it can be narrowed to, words and addresses; and what it is."""
+    words = [tag("b", w) if w == chosen else link(to, w) for w, to in choices.items()]
     return Note(Markup(" ").join(words), "chips")
 
 
@@ -148,7 +146,9 @@ def _turn(
 
 def _nights(look: Look, place: Place) -> Iterator[Entry]:
     for night in look.nights:
-        inside = [d.created for d in look.diagnoses if night_of(d.created) == night]
+        inside = [
+            d["created"] for d in look.diagnoses if night_of(d["created"]) == night
+        ]
         at = max(inside, default=span_of(night)[0])
         title = f"night to {night:%Y-%m-%d}"
         yield Entry(at, "night", None, "night", title, place.night(night))
@@ -157,18 +157,18 @@ def _nights(look: Look, place: Place) -> Iterator[Entry]:
 def _diagnoses(look: Look, place: Place) -> Iterator[Entry]:
     for each in look.diagnoses:
         yield Entry(
-            each.created,
-            each.verdict,
-            each.robot,
+            each["created"],
+            each["verdict"],
+            each["robot"],
             "diagnosis",
-            each.title,
+            each["title"],
             place.diagnosis(each),
-            each.id,
+            each["id"],
         )
 
 
 def _others(look: Look, place: Place) -> Iterator[Entry]:
-    titles = {each.id: each.title for each in look.diagnoses}
+    titles = {each["id"]: each["title"] for each in look.diagnoses}
     for row in look.proposals:
         whose = titles.get(row["id"], row["robot"])
         title = f"{whose}: {'waits' if row['waits'] else 'answered'}"

@@ -3,7 +3,7 @@
 import hashlib
 import re
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 from datetime import date, datetime, time, timedelta
 from functools import lru_cache
 from pathlib import Path
@@ -21,56 +21,12 @@ _HALF_A_DAY = timedelta(hours=12)
 Rows = Sequence[Mapping]
 
 
-@dataclass(frozen=True, slots=True)
-class Diagnosed:
-    """One diagnosis in a list.
-
-    Attributes:
-        id: Its id.
-        robot: Name of its robot.
-        number: Its number among the diagnoses of that robot, from 1.
-        created: When it was stored, UTC.
-        verdict: effects, none or unknown.
-        before: Held-out error of the model that the robot had, all joints [%].
-        after: The same with what was found [%].
-        report: Id of its report; None where none was stored.
-        model: Number of the adoption that it went by; None for the nominal model.
-    """
-
-    id: str
-    robot: str
-    number: int
-    created: datetime
-    verdict: str
-    before: float | None
-    after: float | None
-    report: str | None
-    model: int | None
-
-    @property
-    def title(self) -> str:
-        """Robot and number, as in the names of flow runs."""
-        return f"{self.robot} #{self.number}"
-
-
 @dataclass(frozen=True, eq=False, slots=True)
 class Look:
-    """All that the pages need of a store, read when they are asked for.
-
-    Attributes:
-        opened: The store.
-        diagnoses: Latest first, as all lists.
-        proposals: Keys as in `questions.PROPOSALS`.
-        watched: Monitorings with the number of their alarms.
-        refused: Logs that an inbox refused, and why.
-        adoptions: Which robot got which model.
-        studies: Reports of blind studies.
-        models: Models that were identified, calibrated or adopted.
-        runs: All runs.
-    """
+    """All that the pages need of a store, as the rows of `questions`, latest first."""
 
     opened: Store
-    diagnoses: tuple[Diagnosed, ...]
+    diagnoses: Rows
     proposals: Rows
     watched: Rows
     refused: Rows
@@ -83,15 +39,14 @@ class Look:
     def robots(self) -> tuple[str, ...]:
         """Names of all robots that anything is stored of."""
         kept = (*self.runs, *self.models, *self.adoptions, *self.watched)
-        names = {row["robot"] for row in kept} | {d.robot for d in self.diagnoses}
+        names = {row["robot"] for row in (*kept, *self.diagnoses)}
         return tuple(sorted(name for name in names if name))
 
     @property
     def nights(self) -> tuple[date, ...]:
         """Every night with a diagnosis, a watch or a refused log, latest first."""
-        ended = [d.created for d in self.diagnoses]
-        ended += [row["created"] for row in (*self.watched, *self.refused)]
-        return tuple(sorted({night_of(when) for when in ended}, reverse=True))
+        ended = (*self.diagnoses, *self.watched, *self.refused)
+        return tuple(sorted({night_of(row["created"]) for row in ended}, reverse=True))
 
     def words(self, diagnosis: str) -> tuple[str, str]:
         """Return what a diagnosis names, and its errors, in words."""
@@ -101,10 +56,10 @@ class Look:
         """Return both together."""
         return ", ".join(filter(None, self.words(diagnosis)))
 
-    def state(self, each: Diagnosed) -> str:
+    def state(self, each: Mapping) -> str:
         """Return the verdict of a diagnosis; "values" where only values were off."""
-        off = each.verdict == "none" and self.words(each.id)[0] == VALUES_OFF
-        return "values" if off else each.verdict
+        off = each["verdict"] == "none" and self.words(each["id"])[0] == VALUES_OFF
+        return "values" if off else each["verdict"]
 
     def runs_of(self, diagnosis: str) -> frozenset[str]:
         """Return the ids of the runs that a diagnosis speaks of."""
@@ -118,19 +73,11 @@ class Look:
 
 def look(opened: Store) -> Look:
     """Read what a store holds; what is damaged is left out."""
-    names = ("proposals", "watched", "refused")
-    names += ("adoptions", "studies", "models", "runs")
+    names = [field.name for field in fields(Look) if field.name != "opened"]
+    rows = {name: ask(opened, getattr(questions, name.upper())) for name in names}
     # A record without a time, of a bundle that an earlier version took, is no news.
-    rows = {
-        name: [
-            row
-            for row in ask(opened, getattr(questions, name.upper()))
-            if row["created"]
-        ]
-        for name in names
-    }
-    found = [row for row in ask(opened, questions.DIAGNOSES) if row["created"]]
-    return Look(opened, tuple(map(_diagnosed, found)), **rows)
+    dated = {name: [r for r in own if r["created"]] for name, own in rows.items()}
+    return Look(opened, **dated)
 
 
 def ask(opened: Store, query: str, **values: object) -> list[dict]:
@@ -158,13 +105,6 @@ def span_of(night: date) -> tuple[datetime, datetime]:
     """Return from when to when a night goes, UTC."""
     noon = datetime.combine(night, time(12))
     return noon - timedelta(days=1), noon
-
-
-def _diagnosed(row: Mapping) -> Diagnosed:
-    kept = {k: v for k, v in row.items() if k not in ("report_id", "adoption")}
-    model = int(row["adoption"]) if row["adoption"] else None
-    kept["robot"] = row["robot"] or "?"
-    return Diagnosed(**kept, report=row["report_id"], model=model)
 
 
 # A record never changes, and reading one takes longer than making a page of it.
@@ -281,9 +221,9 @@ class Place:
             return f"{self.up}report/{id}/{file}"
         return self.record(otherwise)
 
-    def diagnosis(self, each: Diagnosed) -> str:
+    def diagnosis(self, each: Mapping) -> str:
         """Return the address of the report of a diagnosis."""
-        return self.report(each.report, each.id)
+        return self.report(each["report_id"], each["id"])
 
     def index(self, robot: str | None = None, kind: str = "any", part: int = 1) -> str:
         """Return the address of the index of all reports, or a part of it."""

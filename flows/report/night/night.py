@@ -21,7 +21,6 @@ from flows.report.document import (
     when,
 )
 from flows.report.night.look import (
-    Diagnosed,
     FlowRun,
     History,
     Look,
@@ -77,7 +76,7 @@ class Report:
     runs: int
     href: str | None
     warned: tuple[str, ...] = ()
-    earlier: tuple[Diagnosed, ...] = ()
+    earlier: tuple[Mapping, ...] = ()
 
 
 def document(look: Look, night: date, past: History | None, place: Place) -> Document:
@@ -171,25 +170,25 @@ class _Night:
 
     def reports(self) -> list[Report]:
         """Return what is said of each robot, worst first."""
-        found: dict[str, list[Diagnosed]] = {}
+        found: dict[str, list[Mapping]] = {}
         for each in self.look.diagnoses:
-            if night_of(each.created) == self.night:
-                found.setdefault(each.robot, []).append(each)
+            if night_of(each["created"]) == self.night:
+                found.setdefault(each["robot"], []).append(each)
         names = {row["robot"] for row in self.rows(self.look.watched)}
         names |= {row["robot"] for row in self.rows(self.look.runs)}
         every = [self._report(name, found.get(name, [])) for name in {*found, *names}]
         order = [*STATES]
         return sorted(every, key=lambda one: (order.index(one.state), one.robot))
 
-    def _report(self, robot: str, found: Sequence[Diagnosed]) -> Report:
+    def _report(self, robot: str, found: Sequence[Mapping]) -> Report:
         last = found[0] if found else None
-        words, errors = self.look.words(last.id) if last else ("", "")
+        words, errors = self.look.words(last["id"]) if last else ("", "")
         state = self.look.state(last) if last else "other"
         # Those whose models wait stand among what waits.
         asked = {row["id"] for row in self.look.proposals if row["waits"]}
         return Report(
             robot=robot,
-            title=last.title if last else robot,
+            title=last["title"] if last else robot,
             state=state if state in STATES else "other",
             words=words or "new runs, no diagnosis",
             errors=errors,
@@ -198,15 +197,15 @@ class _Night:
             runs=sum(row["robot"] == robot for row in self.rows(self.look.runs)),
             href=self.place.diagnosis(last) if last else None,
             warned=self._warned(last) if last else (),
-            earlier=tuple(each for each in found[1:] if each.id not in asked),
+            earlier=tuple(each for each in found[1:] if each["id"] not in asked),
         )
 
-    def _warned(self, last: Diagnosed) -> tuple[str, ...]:
+    def _warned(self, last: Mapping) -> tuple[str, ...]:
         # The name of its flow run begins with its title.
-        own = f"{last.title}: "
+        own = f"{last['title']}: "
         return tuple(words for name, words in self.warnings if name.startswith(own))
 
-    def _alarms(self, robot: str, last: Diagnosed | None) -> str:
+    def _alarms(self, robot: str, last: Mapping | None) -> str:
         """Return the alarms of a robot in one line, whatever their number.
 
         Those of runs that a verdict with findings speaks of have their cause in it.
@@ -214,8 +213,8 @@ class _Night:
         rows = [r for r in self.rows(self.look.watched) if r["robot"] == robot]
         if not any(row["alarms"] for row in rows):
             return "no alarm" if rows else "not watched"
-        named = last is not None and last.verdict == "effects"
-        known = self.look.runs_of(last.id) if named else frozenset()
+        named = last is not None and last["verdict"] == "effects"
+        known = self.look.runs_of(last["id"]) if named else frozenset()
         alarmed = {run for row in rows for run in row["alarmed"] or ()}
         told = f"alarms in {many(len(alarmed), 'run')}"
         if alarmed <= known:
@@ -228,17 +227,17 @@ class _Night:
         rest = f" ({explained} of them this verdict explains)"
         return f"{told}{rest if alarmed & known else ''}: {some}"
 
-    def _model(self, robot: str, last: Diagnosed | None) -> str:
+    def _model(self, robot: str, last: Mapping | None) -> str:
         new = [r for r in self.rows(self.look.adoptions) if r["robot"] == robot]
         if new:
             return f"{new[0]['action']} (no. {int(new[0]['id'])})"
         waits = [p for p in self.look.proposals if p["robot"] == robot and p["waits"]]
         if waits:
-            own = last is not None and waits[0]["id"] == last.id
+            own = last is not None and waits[0]["id"] == last["id"]
             other = f"the model of {_title(self.look, waits[0])}"
             return f"{'its model' if own else other} waits for a decision"
-        if last and last.model:
-            return f"judged by its adopted model (no. {last.model})"
+        if last and last["model"]:
+            return f"judged by its adopted model (no. {last['model']})"
         return "judged by the nominal model" if last else ""
 
 
@@ -269,7 +268,7 @@ def _question(
 
 def _title(look: Look, row: Mapping) -> str:
     """Return robot and number of the diagnosis that a proposal is of."""
-    titles = (each.title for each in look.diagnoses if each.id == row["id"])
+    titles = (d["title"] for d in look.diagnoses if d["id"] == row["id"])
     return next(titles, row["robot"])
 
 
@@ -345,7 +344,7 @@ def _card(each: Report, look: Look, place: Place) -> Card:
     parts.append(Markup(" · ").join(links))
     if each.earlier:
         lines = [
-            link(place.diagnosis(one), one.title) + f": {look.sentence(one.id)}"
+            link(place.diagnosis(one), one["title"]) + f": {look.sentence(one['id'])}"
             for one in each.earlier[:_EARLIER]
         ]
         rest = len(each.earlier) - _EARLIER

@@ -29,11 +29,13 @@ DIAGNOSES = f"""
         SELECT diagnosis_id AS parent, min(adoption_id) AS adoption
         FROM adoptions WHERE action <> 'rolled back' GROUP BY ALL
     )
-    SELECT d.diagnosis_id AS id, {_ROBOT.format("d")} AS robot, d.created,
-           d.verdict, before, after, report_id, adoption,
+    SELECT d.diagnosis_id AS id,
+           coalesce(nullif({_ROBOT.format("d")}, ''), '?') AS robot,
+           d.created, d.verdict, before, after, report_id, adoption::INT AS model,
            row_number() OVER (PARTITION BY d.robot, d.serial ORDER BY d.created,
                                   d.diagnosis_id)
-               AS number
+               AS number,
+           concat(robot, ' #', number) AS title
     FROM diagnoses d
     LEFT JOIN proof ON source_id = d.diagnosis_id
     LEFT JOIN page ON page.diagnosis_id = d.diagnosis_id

@@ -19,7 +19,7 @@ from flows.report.document import (
 )
 from flows.report.night import questions
 from flows.report.night.charts import Series, trend
-from flows.report.night.look import Diagnosed, Look, Place, Rows, coloured, many
+from flows.report.night.look import Look, Place, Rows, coloured, many
 from flows.report.words.phrases import joint_words, texts
 from residual.quantity import MISSING, bare_percent, known, number, percent
 
@@ -32,14 +32,14 @@ _SMALL = 300.0  # width of one of them
 
 def document(look: Look, robot: str, place: Place) -> Document:
     """Return the page of a robot."""
-    found = [d for d in look.diagnoses if d.robot == robot]
+    found = [d for d in look.diagnoses if d["robot"] == robot]
     own = {
         name: [row for row in getattr(look, name) if row["robot"] == robot]
         for name in ("watched", "adoptions", "runs")
     }
     headline = f"{robot} has not been diagnosed yet."
     if found:
-        headline = f"{found[0].title}: {look.words(found[0].id)[0]}"
+        headline = f"{found[0]['title']}: {look.words(found[0]['id'])[0]}"
     about = Markup("Robot <b>{}</b> · {}")
     return Document(
         title=f"modelgap: {robot}",
@@ -61,14 +61,14 @@ def _calm(words: str) -> list[Part]:
     return [Note(words, "calm")]
 
 
-def _tiles(found: Sequence[Diagnosed], own: Mapping) -> list[Tile]:
+def _tiles(found: Rows, own: Mapping) -> list[Tile]:
     last = own["adoptions"][0] if own["adoptions"] else None
     back = last is not None and last["diagnosis_id"] is None
     model = "nominal" if last is None or back else f"no. {int(last['id'])}"
     since = f"since {last['created']:%Y-%m-%d}" if last else "as it was described"
     alarms = sum(bool(row["alarms"]) for row in own["watched"])
     times = len(own["watched"])
-    latest = f"last {found[0].created:%Y-%m-%d %H:%M} UTC" if found else "none yet"
+    latest = f"last {found[0]['created']:%Y-%m-%d %H:%M} UTC" if found else "none yet"
     tiles = [
         Tile("Model", model, since),
         Tile("Diagnoses", str(len(found)), latest),
@@ -79,17 +79,17 @@ def _tiles(found: Sequence[Diagnosed], own: Mapping) -> list[Tile]:
         ),
         Tile("Runs", str(len(own["runs"])), "stored"),
     ]
-    if found and known(found[0].before):
-        fall = f"{bare_percent(found[0].before)} → {percent(found[0].after)}"
-        end = "with the findings" if found[0].verdict == "effects" else "refitted"
+    if found and known(found[0]["before"]):
+        fall = f"{bare_percent(found[0]['before'])} → {percent(found[0]['after'])}"
+        end = "with the findings" if found[0]["verdict"] == "effects" else "refitted"
         tiles.insert(1, Tile("Held-out error", fall, f"its model → {end}"))
     return tiles
 
 
-def _errors(found: Sequence[Diagnosed], adoptions: Rows) -> Section:
+def _errors(found: Rows, adoptions: Rows) -> Section:
     oldest_first = found[::-1]
-    before = [(d.created, d.before) for d in oldest_first]
-    after = [(d.created, d.after) for d in oldest_first]
+    before = [(d["created"], d["before"]) for d in oldest_first]
+    after = [(d["created"], d["after"]) for d in oldest_first]
     lines = (
         Series("model that it had", "before", before),
         Series("with the findings", "after", after),
@@ -104,14 +104,14 @@ def _errors(found: Sequence[Diagnosed], adoptions: Rows) -> Section:
     )
 
 
-def _versions(found: Sequence[Diagnosed]) -> Table:
+def _versions(found: Rows) -> Table:
     """Errors of each model that the robot had, the first one first."""
-    groups: dict[int, list[Diagnosed]] = defaultdict(list)
+    groups: dict[int, list[Mapping]] = defaultdict(list)
     for each in found:
-        groups[each.model or 0].append(each)
+        groups[each["model"] or 0].append(each)
     rows = []
     for model, those in sorted(groups.items()):
-        values = [d.before for d in those if known(d.before)]
+        values = [d["before"] for d in those if known(d["before"])]
         mean = percent(sum(values) / len(values)) if values else MISSING
         ends = (min(values), max(values)) if values else (None, None)
         spread = f"{bare_percent(ends[0])} – {percent(ends[1])}"
@@ -121,18 +121,16 @@ def _versions(found: Sequence[Diagnosed]) -> Table:
     return Table(("Model", "Diagnoses", "Mean error", "From – to"), rows, about)
 
 
-def _verdicts(
-    found: Sequence[Diagnosed], robot: str, look: Look, place: Place
-) -> Section:
+def _verdicts(found: Rows, robot: str, look: Look, place: Place) -> Section:
     named = _named(look.ask(questions.EFFECTS, robot=robot), found)
     rows = [
         (
-            link(place.diagnosis(d), f"#{d.number}"),
-            when(d.created),
-            link(place.diagnosis(d), coloured(look.state(d), look.words(d.id)[0])),
-            f"no. {d.model}" if d.model else "nominal",
-            percent(d.before),
-            percent(d.after),
+            link(place.diagnosis(d), f"#{d['number']}"),
+            when(d["created"]),
+            link(place.diagnosis(d), coloured(look.state(d), look.words(d["id"])[0])),
+            f"no. {d['model']}" if d["model"] else "nominal",
+            percent(d["before"]),
+            percent(d["after"]),
         )
         for d in found[:_ROWS]
     ]
@@ -144,7 +142,7 @@ def _verdicts(
     return Section("verdicts", "Verdicts", parts)
 
 
-def _named(rows: Rows, found: Sequence[Diagnosed]) -> list[Part]:
+def _named(rows: Rows, found: Rows) -> list[Part]:
     """Which effect was named when: a row each, a dot per diagnosis, oldest first."""
     order = found[: 2 * _ROWS][::-1]
     seen: dict[str, set[str]] = defaultdict(set)
@@ -154,8 +152,8 @@ def _named(rows: Rows, found: Sequence[Diagnosed]) -> list[Part]:
         seen[f"{name}{f' on {where}' if where else ''}"].add(row["id"])
     cells = []
     for name, ids in sorted(seen.items(), key=lambda one: -len(one[1])):
-        dots = [_dot(d, d.id in ids) for d in order]
-        first = min((d.number for d in found if d.id in ids), default=0)
+        dots = [_dot(d, d["id"] in ids) for d in order]
+        first = min((d["number"] for d in found if d["id"] in ids), default=0)
         told = f"{len(ids)} of {len(order)}, first in #{first}"
         cells.append((name, tag("span", Markup("").join(dots), "dots"), told))
     about = "What was named when, oldest on the left"
@@ -163,8 +161,8 @@ def _named(rows: Rows, found: Sequence[Diagnosed]) -> list[Part]:
     return [Table(heads, cells, about, left=(0, 1))] if cells and len(found) > 1 else []
 
 
-def _dot(diagnosed: Diagnosed, there: bool) -> Markup:
-    words = f"#{diagnosed.number}: {'named' if there else 'not named'}"
+def _dot(diagnosed: Mapping, there: bool) -> Markup:
+    words = f"#{diagnosed['number']}: {'named' if there else 'not named'}"
     return Markup('<span title="{}">{}</span>').format(words, "●" if there else "·")
 
 

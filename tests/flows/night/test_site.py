@@ -214,7 +214,7 @@ def test_diagnoses_are_counted_by_robot(nights):
     assert title_of(nights.store, nights.missing) == "two_link #1"
     assert title_of(nights.store, nights.nothing) == f"{EVIL} #1"
     with open_store(nights.store) as opened:
-        assert {d.number for d in look(opened).diagnoses} == {1}
+        assert {d["number"] for d in look(opened).diagnoses} == {1}
 
 
 def test_the_pages_are_written_without_a_server(nights, tmp_path, capsys):

@@ -6,7 +6,7 @@ import numpy as np
 from scipy.signal import welch
 
 from flows.report.figures import look
-from flows.report.words.rows import METRICS, ErrorRow
+from flows.report.tables import METRICS, ErrorRow
 from residual.model.compare import Cloud, LogProof
 from residual.quantity import bare_percent, known
 
