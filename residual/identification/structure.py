@@ -172,18 +172,10 @@ class Unidentified:
 class Preflight:
     """What a motion can tell."""
 
-    # Expected standard deviation of each parameter over its size, with all that are not
-    # held free, (b,).
-    doubt: Array
+    free: Array  # parameters that the motion shows, (k,)
     # Parameters that are better left at their nominal value.
     held: tuple[Unidentified, ...]
     standing: tuple[int, ...]  # joints that never move, from 1
-
-    @property
-    def free(self) -> Array:
-        """Parameters that the motion shows. Shape (k,)."""
-        held = [u.index for u in self.held]
-        return np.setdiff1d(np.arange(len(self.doubt)), held)
 
     def lines(self, base: BaseParameters) -> list[str]:
         """Say it in words, a line each."""
@@ -219,14 +211,12 @@ def preflight(
         if doubts[worst] <= _LIMIT:
             break
         held.append((free.pop(worst), float(doubts[worst])))
-    expected = np.full(len(size), np.inf)
-    expected[free] = _doubt(scaled[np.ix_(free, free)]) if free else []
     remedies = _remedies(model, base, scaled, size, rows, free, [i for i, _ in held])
     unseen = (
         Unidentified(i, doubt * size[i], remedies[i]) for i, doubt in sorted(held)
     )
     standing = tuple(int(j) + 1 for j in np.flatnonzero(rows[1] == 0))
-    return Preflight(expected, tuple(unseen), standing)
+    return Preflight(np.array(free, dtype=int), tuple(unseen), standing)
 
 
 def _doubt(scaled: Array) -> Array:

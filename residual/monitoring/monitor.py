@@ -157,8 +157,6 @@ def _channel(
     return short[same[int(explained.argmax())]]
 
 
-__all__ = ["Alarm", "Monitor", "calibrate"]
-
 LEAST_RUNS = 3
 
 

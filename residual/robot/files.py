@@ -146,7 +146,7 @@ def _check_mass(root: ET.Element, joints: list[ET.Element], where: str) -> None:
     for link in root.findall("link"):
         name = link.get("name")
         what = f"{where}: mass of link '{name}'"
-        mass[name] = _number(link.find("inertial/mass"), "value", 0.0, what)
+        mass[name] = _number(link.find("inertial/mass"), "value", what)
         if mass[name] < 0:
             raise RobotError(
                 f"{where}: link '{name}' has mass {mass[name]:g}, expected >= 0."
@@ -174,12 +174,12 @@ def _limits(joint: ET.Element, where: str) -> tuple[float, float, float, float]:
     if axis is not None and not any(c in "123456789" for c in axis.get("xyz", "1")):
         raise RobotError(f"{where}: joint '{name}' has an axis of length zero.")
     what = f"{where}: limit of joint '{name}'"
-    speed = _number(node, "velocity", 0.0, what) or np.inf
-    effort = _number(node, "effort", 0.0, what) or np.inf
+    speed = _number(node, "velocity", what) or np.inf
+    effort = _number(node, "effort", what) or np.inf
     if joint.get("type") == "continuous":
         return -np.inf, np.inf, speed, effort
-    lower = _number(node, "lower", 0.0, what)
-    upper = _number(node, "upper", 0.0, what)
+    lower = _number(node, "lower", what)
+    upper = _number(node, "upper", what)
     if upper == -lower == float(ENDLESS):
         return -np.inf, np.inf, speed, effort
     if lower >= upper:
@@ -190,8 +190,8 @@ def _limits(joint: ET.Element, where: str) -> tuple[float, float, float, float]:
     return lower, upper, speed, effort
 
 
-def _number(node: ET.Element | None, key: str, default: float, what: str) -> float:
-    text = default if node is None else node.get(key, default)
+def _number(node: ET.Element | None, key: str, what: str) -> float:
+    text = "0" if node is None else node.get(key, "0")
     try:
         value = float(text)
     except ValueError:

@@ -26,18 +26,6 @@ from residual.robot.files import (
     read_urdf,
 )
 
-__all__ = [
-    "Declared",
-    "Robot",
-    "built_in_folder",
-    "built_in_robots",
-    "check_joints",
-    "load_robot",
-    "robot_from_texts",
-    "with_known",
-    "with_serial",
-]
-
 
 @dataclass(frozen=True, eq=False, slots=True, repr=False)
 class Robot:

@@ -180,12 +180,16 @@ def fit_effect_tables(
     miss = _all_options(X, Y, folds, bases, form, ridge)
     errors = HeldOut(folds.scheme, miss, power)
     options = list_options(form)
-    proven = folds.count >= PROVEN
-    picked = [_pick(errors, j, options, proven) for j in range(Y.shape[1])]
+    if folds.count >= PROVEN:
+        picked = [simplest(errors, j) for j in range(Y.shape[1])]
+    else:  # on two runs only what helps both of them
+        picked = np.where((miss[2] < miss[0]).all(axis=0), 2, 0)
     base = fit_base(X, Y, form)
     rest = fit_rest(X, Y - _main(base, X, ridge, form), np.asarray(run), form)
-    pairs = zip(picked, ridge, strict=True)
-    chosen = tuple(_named_option(options[p], form, r) for p, r in pairs)
+    chosen = tuple(
+        replace(options[p], ridge=form.ridges[r] if options[p].tabled else None)
+        for p, r in zip(picked, ridge, strict=True)
+    )
     lookup = build_lookup(base, rest, chosen, form)
     return EffectModel(lookup, chosen, base, rest)
 
@@ -250,16 +254,3 @@ def _main(base: Base, X: Array, ridge: list[int], form: EffectForm) -> Array:
 def of_joints(by_ridge: Array, ridge: list[int]) -> Array:
     """Each joint's column from the fit of its own ridge. (ridges, m, j) to (m, j)."""
     return np.stack([by_ridge[r, :, j] for j, r in enumerate(ridge)], axis=1)
-
-
-def _pick(errors: HeldOut, joint: int, options, proven: bool) -> int:
-    """Number of the option of a joint; on two runs only what helps both of them."""
-    if proven:
-        return simplest(errors, joint)
-    none, main = errors.miss[0, :, joint], errors.miss[2, :, joint]
-    return 2 if (main < none).all() else 0
-
-
-def _named_option(option: Option, form: EffectForm, ridge: int) -> Option:
-    tables = option.kind in (MAIN, LOADED, NAMED, PAIRS)
-    return Option(option.kind, form.ridges[ridge] if tables else None, option.count)

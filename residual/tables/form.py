@@ -182,6 +182,11 @@ class Option:
     ridge: float | None = None  # ridge of the main effects, where there are any
     count: int = 0  # named pair tables, or components: of all pair tables, of PLSR
 
+    @property
+    def tabled(self) -> bool:
+        """Whether it has main effects."""
+        return self.kind in (MAIN, LOADED, NAMED, PAIRS)
+
 
 @dataclass(frozen=True, eq=False, slots=True)
 class Base:
