@@ -27,7 +27,7 @@ from residual.model.model import Model, Term
 from residual.model.nominal import Logs, Nominal
 from residual.monitoring.monitor import check_runs
 from residual.monitoring.reference import Reference, body_sd, columns_of
-from residual.monitoring.rows import Rows, Samples, Window, start, take
+from residual.monitoring.rows import Rows, Samples, Window, start, states_of, take
 from residual.monitoring.rules import MONITOR
 from residual.monitoring.usual import BLOCK, Tail, tail_limit, tail_of
 from residual.monitoring.watch import begin, usable, waited
@@ -114,8 +114,7 @@ def _range(runs: Sequence[Rows], without: int | None = None) -> tuple[Array, Arr
 
     Of all runs but one what one has: so no state is watched that none was left out of.
     """
-    used = [r for i, r in enumerate(runs) if i != without]
-    states = [np.stack([r.q, r.qd, r.qdd], axis=1) for r in used]
+    states = [states_of(r) for i, r in enumerate(runs) if i != without]
     k = 1 if without is None else 0
     lowest = np.sort([x.min(axis=0) for x in states], axis=0)[k]
     return lowest, np.sort([x.max(axis=0) for x in states], axis=0)[-1 - k]

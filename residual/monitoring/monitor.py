@@ -13,7 +13,7 @@ import numpy as np
 
 from residual.errors import InputError, shown
 from residual.model.model import Model
-from residual.monitoring.rows import LogRows, rows_of
+from residual.monitoring.rows import beyond, rows_of, states_of
 from residual.monitoring.rules import MONITOR
 from residual.monitoring.scores import Channel, Scale, Scores, blamed, fit, sight_of
 from residual.monitoring.usual import all_scores, limits_of, peaks_of, rest_of, usual
@@ -197,10 +197,8 @@ class Monitor:
             Share of the rows with position, speed or acceleration of the joint outside
             of what was calibrated. Shape (dof,).
         """
-        state = _states(rows_of(self._matched(recording)))
-        room = MONITOR.outside * (self.highest - self.lowest)
-        outside = (state < self.lowest - room) | (state > self.highest + room)
-        return outside.any(axis=1).mean(axis=0)
+        rows = rows_of(self._matched(recording))
+        return beyond(rows, self.lowest, self.highest, MONITOR.outside).mean(axis=0)
 
     def _scores(self, recording: Recording) -> tuple[list[Scores], Array]:
         recording = self._matched(recording)
@@ -239,7 +237,7 @@ def calibrate(
     referenced = all(run.q_ref is not None for run in recordings)
     runs = [r if referenced else replace(r, q_ref=None) for r in recordings]
     logs = [sight_of(model, run) for run in runs]
-    states = np.concatenate([_states(log.rows) for log in logs])
+    states = np.concatenate([states_of(log.rows) for log in logs])
     theta = fit(model, logs)
     thetas = [fit(model, logs, without=i) for i in range(len(logs))]
     rests = [rest_of(log, own) for log, own in zip(logs, thetas, strict=True)]
@@ -268,10 +266,6 @@ def calibrate(
         highest=states.max(axis=0),
         referenced=referenced,
     )
-
-
-def _states(rows: LogRows) -> Array:
-    return np.stack([rows.q, rows.qd, rows.qdd], axis=1)
 
 
 def check_log(recording: Recording, model: Model, rate: float) -> None:

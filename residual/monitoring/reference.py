@@ -16,7 +16,7 @@ from residual.epochs.rules import Watching
 from residual.epochs.window import BODY, Usual
 from residual.errors import InputError, shown
 from residual.model.model import Model, with_slots
-from residual.monitoring.rows import Rows, Window
+from residual.monitoring.rows import Rows, Window, beyond
 from residual.monitoring.rules import MONITOR
 from residual.monitoring.usual import Tail
 from residual.recording import Array
@@ -102,10 +102,7 @@ class Reference:
 
         What the model is worth there nobody knows. Shape (m, dof), bool.
         """
-        motion = np.stack([rows.q, rows.qd, rows.qdd], axis=1)
-        room = MONITOR.room * (self.highest - self.lowest)
-        apart = (motion < self.lowest - room) | (motion > self.highest + room)
-        return apart.any(axis=1)
+        return beyond(rows, self.lowest, self.highest, MONITOR.room)
 
     def columns(self, rows: Rows, use: Array) -> Array:
         """Return the columns of rows (``epochs.window.products``). Shape (m, dof, f).

@@ -259,6 +259,20 @@ def rows_of(recording: Recording) -> LogRows:
     return replace(rows, goal=recording.q_ref[starts + half], e_q=e_q, e_qd=e_qd)
 
 
+def states_of(rows: Rows | LogRows) -> Array:
+    """Return q, qd and qdd side by side. Shape (m, 3, dof)."""
+    return np.stack([rows.q, rows.qd, rows.qdd], axis=1)
+
+
+def beyond(rows: Rows | LogRows, lowest: Array, highest: Array, share: float) -> Array:
+    """Where a state is outside of a range by more than a share of it. (m, dof), bool.
+
+    The range is of q, qd and qdd. Shape (3, dof).
+    """
+    state, room = states_of(rows), share * (highest - lowest)
+    return ((state < lowest - room) | (state > highest + room)).any(axis=1)
+
+
 def period_of(rows: LogRows) -> float | None:
     """Return the length of a cycle of the wanted motion [s], None if none repeats.
 

@@ -176,8 +176,17 @@ def fit_effect_tables(
     _check_runs(X, folds, form)
     power = fold_power(torque, folds)
     bases = [fit_base(X[k], Y[k], form) for k in _training(folds)]
-    ridge = _choose_ridge(X, Y, folds, bases, form, power)
-    miss = _all_options(X, Y, folds, bases, form, ridge)
+    pairs = zip(_training(folds), bases, strict=True)
+    seen = [base.predict(X[~keep], form) for keep, base in pairs]
+    # The stiffest ridge is the simplest.
+    order = np.argsort(form.ridges)[::-1]
+    gaps = [
+        ((Y[~keep] - main[order]) ** 2).sum(axis=1)
+        for keep, (_, main, _) in zip(_training(folds), seen, strict=True)
+    ]
+    errors = HeldOut(folds.scheme, np.stack(gaps, axis=1), power)
+    ridge = [int(order[simplest(errors, j)]) for j in range(Y.shape[1])]
+    miss = _all_options(X, Y, folds, bases, seen, form, ridge)
     errors = HeldOut(folds.scheme, miss, power)
     options = list_options(form)
     if folds.count >= PROVEN:
@@ -220,25 +229,15 @@ def _training(folds: Folds) -> list[Array]:
     return [folds.of_row != fold for fold in range(folds.count)]
 
 
-def _choose_ridge(X, Y, folds, bases, form, power) -> list[int]:
-    """Number of each joint's ridge; the stiffest is the simplest."""
-    order = np.argsort(form.ridges)[::-1]
-    miss = []
-    for keep, base in zip(_training(folds), bases, strict=True):
-        gap = Y[~keep] - base.predict(X[~keep], form)[1][order]
-        miss.append((gap**2).sum(axis=1))
-    errors = HeldOut(folds.scheme, np.stack(miss, axis=1), power)
-    return [int(order[simplest(errors, j)]) for j in range(Y.shape[1])]
-
-
-def _all_options(X, Y, folds, bases, form, ridge) -> Array:
+def _all_options(X, Y, folds, bases, seen, form, ridge) -> Array:
     """Squared errors of every option in every fold. Shape (options, folds, j)."""
     run = folds.of_row
     miss = []
-    for keep, base in zip(_training(folds), bases, strict=True):
+    for keep, base, (linear, by_ridge, with_loads) in zip(
+        _training(folds), bases, seen, strict=True
+    ):
         left = Y[keep] - _main(base, X[keep], ridge, form)
         rest = fit_rest(X[keep], left, run[keep], form)
-        linear, by_ridge, with_loads = base.predict(X[~keep], form)
         main = of_joints(by_ridge, ridge)
         loaded = [of_joints(with_loads, ridge)] if form.loads else []
         more = main + rest.predict(X[~keep], form)

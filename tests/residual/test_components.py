@@ -9,8 +9,6 @@ from residual.tables.components import (
     fit_pls,
     randomise_phases,
     real_components,
-    state_block,
-    state_names,
 )
 
 
@@ -84,12 +82,6 @@ def test_components_are_eigenvectors_of_the_correlations(rng):
     assert (pca.loadings[largest, range(4)] > 0).all()
     names = [name for name, _ in pca.strongest(0, 4)]
     assert names == [f"x{i + 1}" for i in np.argsort(-np.abs(pca.loadings[:, 0]))]
-
-
-def test_state_columns_are_named_in_order():
-    q = np.zeros((2, 2))
-    assert state_block(q, q + 1, q + 2)[0].tolist() == [0, 0, 1, 1, 2, 2]
-    assert state_names((1, 2)) == ("q1", "q2", "qd1", "qd2", "qdd1", "qdd2")
 
 
 @pytest.mark.parametrize("rows", [16, 17])

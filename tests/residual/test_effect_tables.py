@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from residual.errors import InputError
-from residual.tables.choose import fit_effect_tables, list_options
+from residual.tables.choose import fit_effect_tables
 from residual.tables.crossval import leave_one_out
 from residual.tables.figures import table_importance
 from residual.tables.form import (
@@ -201,15 +201,6 @@ def test_a_joint_that_carries_nothing_has_no_table_of_load_and_is_no_error(rng):
     model = fit_effect_tables(X, Y, run, torque, LOADS)
     assert [o.kind for o in model.chosen[:2]] == [LOADED] * 2
     assert np.isfinite(model.lookup.predict(X)).all()
-
-
-def test_options_go_from_simple_to_involved():
-    kinds = [o.kind for o in list_options(FORM)]
-    assert kinds == [NONE, LEAST_SQUARES, MAIN, *[NAMED] * 3, *[PAIRS] * 4]
-    kinds = [o.kind for o in list_options(LOADS)]
-    assert kinds[:4] == [NONE, LEAST_SQUARES, MAIN, LOADED]
-    bare = EffectForm(named=0, pairs=None)
-    assert [o.kind for o in list_options(bare)] == [NONE, LEAST_SQUARES, MAIN]
 
 
 def test_two_runs_prove_nothing_and_allow_only_what_helps_both(rng):

@@ -16,7 +16,7 @@ from residual.model.compare import compare, prepare_held_out
 from residual.model.forward import acceleration_error
 from residual.model.nominal import prepare_logs, start_nominal
 from residual.monitoring import scores as monitoring
-from residual.monitoring.usual import block_maxima, peaks_of
+from residual.monitoring.usual import block_maxima
 from residual.recording import Recording
 from residual.robot import dynamics as lazy
 from residual.robot.dynamics import LazyRegressor, inertial_parameters, regressor
@@ -250,14 +250,6 @@ def test_scores_of_a_long_log_are_the_largest_of_every_16_ms(log, monkeypatch):
         assert_allclose(mine.values.max(axis=0), theirs.values.max(axis=0))
         levels = (np.quantile(block_maxima(s), 0.9, axis=0) for s in (mine, theirs))
         assert_allclose(*levels, rtol=0.05)
-
-
-def test_peaks_make_the_limits_that_the_scores_make(log):
-    for scores in monitoring.fast_scores(log):
-        peaks = peaks_of(scores)
-        assert_allclose(block_maxima(peaks), block_maxima(scores))
-        assert peaks.t[-1] == scores.t[-1]
-        assert len(peaks.t) < 0.05 * len(scores.t)
 
 
 def test_a_recording_copies_what_somebody_can_still_write_to():

@@ -15,13 +15,9 @@ from residual.monitoring.scores import Scores, channels, fast_scores
 from residual.monitoring.usual import (
     BLOCK,
     limits_of,
-    next_run_limit,
-    tail_limit,
 )
 from tests.residual.monitored import (
     PERIOD,
-    RATE,
-    STEP,
     good_runs,
     healthy,
     model_of,
@@ -136,14 +132,6 @@ def test_a_spike_is_no_step_and_a_step_no_spike():
     assert spikes.values[:, 1].max() == 10.0
 
 
-def test_a_frozen_reading_is_counted_with_what_was_wanted_meanwhile():
-    log = spoilt(healthy(206), "frozen", 2, 6.0)
-    scores = {s.kind: s for s in fast_scores(log)}
-    travel = np.abs(log.q_ref[-1, 1] - log.q_ref[749, 1])
-    assert scores["still"].values[-1, 1] == len(log.t) - 750
-    assert scores["frozen"].values[-1, 1] == pytest.approx(travel, abs=2 * STEP)
-
-
 def test_the_cycle_of_a_program_is_found():
     rows = rows_of(healthy(207))
     period = period_of(rows)
@@ -213,12 +201,6 @@ def test_a_record_of_another_form_or_a_damaged_one_is_refused():
         from_record(record | {"form": 0})
 
 
-def test_the_rate_of_the_rows_is_told():
-    rows = rows_of(healthy(211))
-    assert rows.rate == pytest.approx(RATE / 2)
-    assert np.diff(rows.t) == pytest.approx(1 / rows.rate)
-
-
 ROWS = 25.0
 
 
@@ -245,20 +227,3 @@ def test_limits_scale_with_the_scores():
     by = np.array([3.0, 100.0])
     larger = [Scores("model", r.t, r.values * by, r.channels) for r in runs]
     np.testing.assert_allclose(limits_of(larger, 1.0), by * limits_of(runs, 1.0))
-
-
-def test_no_limit_is_below_what_good_runs_showed():
-    runs = [noise(i, 20.0) for i in range(5)]
-    runs[2].values[100, 1] = 50.0
-    assert limits_of(runs, 1000.0)[1] > 50.0
-
-
-def test_runs_that_differ_make_wider_limits_and_few_runs_too():
-    alike, apart = np.full(8, 1.0), np.exp(np.linspace(-0.5, 0.5, 8))
-    assert next_run_limit(alike, 1e-3) == pytest.approx(1.0)
-    assert next_run_limit(apart, 1e-3) > 3.0
-    assert next_run_limit(apart[::3], 1e-3) > next_run_limit(apart, 1e-3)
-
-
-def test_a_tail_that_ends_is_not_made_longer_than_its_margin():
-    assert tail_limit(np.full(20, 2.0), 1e-6) == pytest.approx(3.0)

@@ -205,18 +205,6 @@ def test_the_threshold_rises_with_the_noise_of_the_encoder():
     assert noisy > 3 * quiet
 
 
-def test_shapes_of_a_track_agree():
-    t = clock(5.123, 250)
-    for full_rate in (False, True):
-        track, _ = one(log(t, np.sin(np.outer(t, (1, 2)))), full_rate=full_rate)
-        rows = len(track.t[:: track.step])
-        assert track.tau.shape == track.moving.shape == (rows, 2)
-        assert track.inner.shape == (rows,)
-        assert track.filter(track.q).shape == (rows, 2)
-        assert track.q.shape == track.qd.shape == track.qdd.shape == (len(track.t), 2)
-    assert len(track.t) == len(t)
-
-
 # -- noise of the torque channel ---------------------------------------------------
 
 

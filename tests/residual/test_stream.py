@@ -87,14 +87,6 @@ def test_any_cut_into_batches_gives_the_same_state_and_alarms(cuts):
     np.testing.assert_allclose(*sizes, rtol=1e-6)
 
 
-def test_one_sample_at_a_time_is_no_other_cut():
-    state, together = begin(reference()), begin(reference())
-    together, _ = step(reference(), together, stream()[:300])
-    for k in range(300):
-        state, _ = step(reference(), state, stream()[k : k + 1])
-    np.testing.assert_allclose(flat(state), flat(together), rtol=1e-7, atol=1e-7)
-
-
 def test_what_was_wrong_with_the_samples_is_counted():
     heard = whole()[0].tail.heard
     assert (heard.broken, heard.late, heard.restarts) == (3, 1, 1)

@@ -8,7 +8,7 @@ import pinocchio as pin
 import pytest
 
 from residual.check.check import check_logs
-from residual.check.late import delay_of, long_late
+from residual.check.late import delay_of
 from residual.check.motion import thin_rows
 from residual.check.physics import out_of_proportion
 from residual.check.result import Repair
@@ -226,11 +226,6 @@ def test_a_block_that_was_dropped_on_the_way_is_doubted_and_not_certain():
     (fault,) = check_logs(robot, [without(log, 0.3) for log in clean]).faults
     assert (fault.kind, fault.certain) == ("wrong_robot", False)
     assert "parts of the logs fit" in fault.evidence
-
-
-def test_logs_in_step_are_not_moved():
-    robot, clean = logs()
-    assert long_late(robot, thin_rows(clean), clean) == []
 
 
 @pytest.mark.skipif(not UR10.exists(), reason="measured robots are not beside it")
