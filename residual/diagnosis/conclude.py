@@ -31,6 +31,7 @@ from residual.diagnosis.result import (
 )
 from residual.diagnosis.unexplained import Leftover, depends_on
 from residual.effects import registry
+from residual.evidence.embodied import Embodied
 from residual.evidence.priors import Space, inertial_precision
 from residual.evidence.rules import RULES
 from residual.model.compare import Errors
@@ -55,6 +56,7 @@ class Case:
         left: What is known of each unexplained joint.
         warnings: Sentences.
         splits: For the id of each tested member, how often it was found again.
+        bodies: The augmented model, and what of it no body could be.
         contradictions: What of the fit no arm can be, in sentences.
         p_value: Chance of so many nats where nothing is missing; None without a null.
         worse: Joints from 1 that the findings make worse beyond chance.
@@ -69,6 +71,7 @@ class Case:
     left: Sequence[Leftover]
     warnings: Sequence[str]
     splits: Mapping[int, Splits]
+    bodies: Embodied
     contradictions: Sequence[str] = ()
     p_value: Callable[[float], float] | None = None
     worse: Sequence[int] = ()
@@ -88,7 +91,10 @@ def conclude(case: Case) -> Verdict:
         robot=examined.logs.robot.name,
         declared=tuple(examined.nominal.names),
         verdict="effects" if case.named else nothing,
-        effects=tuple(_finding(f, i, case) for i, f in enumerate(case.named, 1)),
+        effects=tuple(
+            as_embodied(_finding(f, i, case), case.bodies)
+            for i, f in enumerate(case.named, 1)
+        ),
         minimum_detectable=tuple(least),
         unexplained=_unexplained(case),
         error=_errors(case),
@@ -100,6 +106,7 @@ def conclude(case: Case) -> Verdict:
         changes=changes(examined, case.judged.fit),
         alternatives=_alternatives(case, least),
         background=tuple(_finding(f, i, case) for i, f in enumerate(case.folded, 1)),
+        bodies=case.bodies.moved,
     )
 
 
@@ -163,6 +170,35 @@ def _finding(named: Named, order: int, case: Case) -> Finding:
                 (case.splits[id(t)] for t in named.tested), key=lambda s: s.found
             ),
         ),
+    )
+
+
+def as_embodied(found: Finding, made: Embodied) -> Finding:
+    """A finding with the values of the model, where no body could be as fitted freely.
+
+    The deviations stay: the true body is one that can be, and the nearest of those is
+    no farther from it than the fit was.
+    """
+    effect, joints = registry()[found.name], tuple(j - 1 for j in found.joints)
+    if made.moved is None or effect.portable.bodies is None:
+        return found
+    terms = made.model.terms  # what was found stands behind what the model had
+    place = found.name, joints
+    (*_, own) = (t for t in terms if (t.effect.name, t.joints) == place)
+    robot = made.model.robot
+    values = effect.values(own.theta, own.shape, robot)
+    known = dict(zip(effect.parameters, values, strict=True))
+    if effect.combined is not None:
+        sums = effect.combined(own.theta, robot)
+        known |= {key: value for key, (value, _) in sums.items()}
+
+    def moved(told: Mapping[str, Parameter]) -> dict[str, Parameter]:
+        return {k: replace(p, value=plain(known[k])) for k, p in told.items()}
+
+    return replace(
+        found,
+        parameters=moved(found.parameters),
+        combinations=moved(found.combinations),
     )
 
 

@@ -10,7 +10,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from residual.diagnosis.changes import baseline_edits, dense_fit
-from residual.diagnosis.conclude import error_tables
+from residual.diagnosis.conclude import as_embodied, error_tables
 from residual.diagnosis.result import PLAIN, STAGES, Diagnosis, Verdict
 from residual.epochs.conclude import Judged, clouds, conclude
 from residual.epochs.models import Epoch, augmented, fit_epoch
@@ -119,7 +119,12 @@ def compared(asked: Asked, tell: Progress) -> Diagnosis:
 
 def _with_bodies(verdict: Verdict, made: Embodied) -> Verdict:
     """The verdict with what of the model no body can be; then it is never "none"."""
-    out = replace(verdict, bodies=made.moved, contradictions=made.doubts)
+    out = replace(
+        verdict,
+        effects=tuple(as_embodied(f, made) for f in verdict.effects),
+        bodies=made.moved,
+        contradictions=made.doubts,
+    )
     unsure = made.doubts and verdict.verdict == "none"
     return replace(out, verdict="unknown") if unsure else out
 

@@ -209,6 +209,7 @@ def _concluded(
         same_run=asked.same_run,
         left=left.joints,
         warnings=warned,
+        bodies=bodies,
         contradictions=(
             *contradictions(examined, judged.fit, errors),
             *bodies.doubts,
@@ -222,7 +223,6 @@ def _concluded(
         verdict,
         next_experiment=None if hint is None else hint.document(),
         alternatives=settled_by(question, places, verdict.alternatives),
-        bodies=bodies.moved,
     )
     return Diagnosis(
         verdict=verdict,

@@ -6,7 +6,8 @@ import numpy as np
 import pytest
 
 from benchmarks.export_parts.bodies import cases, diagnosed, refusals
-from residual.diagnosis.result import Diagnosis
+from residual.diagnosis.conclude import as_embodied
+from residual.diagnosis.result import Diagnosis, Finding, Parameter
 from residual.diagnosis.verdict import from_json, to_json
 from residual.effects import registry
 from residual.evidence.embodied import Embodied
@@ -145,6 +146,35 @@ def test_what_was_moved_and_its_price_are_said():
         if moved:
             assert max(moved.price) < 5e-4
             assert not found.verdict.contradictions
+            assert_says_its_model(found)
+
+
+def assert_says_its_model(found: Diagnosis) -> None:
+    model = found.models["augmented"]
+    for one in found.effects:
+        effect, place = registry()[one.name], tuple(j - 1 for j in one.joints)
+        if effect.portable.bodies is not None:
+            own = [t for t in model.terms if (t.effect, t.joints) == (effect, place)]
+            values = effect.values(own[-1].theta, own[-1].shape, model.robot)
+            known = dict(zip(effect.parameters, values, strict=True))
+            for key, told in one.parameters.items():
+                assert told.value == pytest.approx(known[key], rel=1e-9)
+
+
+def test_a_finding_of_a_body_says_what_the_model_has():
+    """Only where bodies were moved; deviations and other names stay as they were."""
+    robot = bare_irb140()
+    model = bare(robot, load(robot, 2.0, (0.01, 0, 0, 0.01, 0, 0.01)))
+    told = {"mass": Parameter(2.2, 0.1, "kg"), "com_z": Parameter(0.1, 0.02, "m")}
+    one = Finding("payload", (6,), 1.0, 1, (), told, None, {})
+    made = Embodied(model, Moved(("the load",), (0.0,), 0.5))
+    said = as_embodied(one, made).parameters
+    assert said["mass"].value == pytest.approx(2.0)
+    assert said["com_z"].value == pytest.approx(0.08)
+    assert said["mass"].std == 0.1
+    assert as_embodied(one, replace(made, moved=None)) is one
+    other = replace(one, name="spring", joints=(1,))
+    assert as_embodied(other, made) is other
 
 
 @pytest.mark.long
