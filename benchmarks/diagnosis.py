@@ -45,7 +45,7 @@ from flows.workers.pool import Pool
 from residual.robot.robot import load_robot
 
 _SEEDS, _QUICK_SEEDS = "110101:110106", "1:1"
-_CASES = ("singles", "nulls", "unknown", "pairs", "forms", "detection")
+_CASES = ("singles", "nulls", "unknown", "pairs", "forms", "detection", "known")
 _GROUPS = (*_CASES, "cost", "measured")
 # What draws and judges, besides the product.
 _PLAN = ("benchmarks/diagnosis_parts", "flows/blind/draw.py")

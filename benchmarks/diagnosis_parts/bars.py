@@ -5,7 +5,7 @@ from collections.abc import Callable, Mapping
 import numpy as np
 
 from benchmarks.harness.cases import crash_figures, group_figures
-from benchmarks.harness.figures import NO_BAR, Figures, figure, undecided
+from benchmarks.harness.figures import NO_BAR, Figures, figure, missing, undecided
 from benchmarks.harness.rates import (
     Hit,
     Rows,
@@ -62,6 +62,7 @@ def case_figures(rows: Mapping[str, Rows], deciding: bool) -> Figures:
         "unknown": _unknown,
         "pairs": _pairs,
         "forms": _forms,
+        "known": _known,
     }
     figures = group_figures(rows, makers) | _powers(rows)
     figures |= _across(rows) | crash_figures(rows)
@@ -135,7 +136,7 @@ def _unknown(rows: Rows) -> Figures:
 def _pairs(rows: Rows) -> Figures:
     clear = [r for r in rows if both_clear(r)]
     return {
-        "pairs_both_named": _least(clear, lambda r: r["found"] == 2, 0.80),
+        "pairs_both_named": _least(clear, lambda r: r["found"] == 2, 0.85),
         "pairs_false_third": _most(rows, lambda r: r["extra"] > 0, 0.03),
         "pairs_with_a_small_one": figure(
             len(rows) - len(clear), None, len(rows), why=NO_BAR
@@ -147,6 +148,16 @@ def _forms(rows: Rows) -> Figures:
     each = counts(rows, is_right, "what")
     shares = {form: round(hits / n, 3) for form, (hits, n) in each.items()}
     return {"forms_right": _least(rows, is_right, 0.90) | {"per_form": shares}}
+
+
+def _known(rows: Rows) -> Figures:
+    """What a load's known mass makes of the deviation of its centre."""
+    if not rows:
+        return {"known_over_unknown": missing(0.5, "the full run decides")}
+    # A load that is named in one of the two only is no narrower.
+    parts = [1.0 if r["narrowed"] is None else r["narrowed"] for r in rows]
+    entry = figure(max(parts), 0.5, len(rows), all=rounded(parts))
+    return {"known_over_unknown": entry}
 
 
 def _powers(rows: Mapping[str, Rows]) -> Figures:
@@ -165,6 +176,10 @@ def _powers(rows: Mapping[str, Rows]) -> Figures:
         for family in (*FAMILIES, "other")
     }
     groups["found_of_seen_forms"] = list(rows.get("forms", ())), is_right
+    groups["found_of_seen_pairs"] = (
+        list(rows.get("pairs", ())),
+        lambda r: r["found"] == 2,
+    )
     groups["flagged_of_seen"] = list(rows.get("unknown", ())), _flagged
     for name, (all_of, hit) in groups.items():
         told = [r for r in all_of if "oracle_sees" in r]
@@ -175,7 +190,26 @@ def _powers(rows: Mapping[str, Rows]) -> Figures:
                 "per_effect": counts(seen, hit, by),
                 "seen": counts(told, lambda r: r["oracle_sees"], by),
             }
+    for name, (group, effects, hit, bar) in _HARD.items():
+        some = [r for r in rows.get(group, ()) if r.get("effect") in effects]
+        if seen := [r for r in some if r.get("oracle_sees")]:
+            out[name] = _least(seen, hit, bar)
+        elif some:
+            out[name] = missing(bar, f"of {len(some)} cases none can be seen")
     return out
+
+
+# What is hard to find, where one who is told form and shape would find it.
+_HARD: Mapping[str, tuple[str, tuple[str, ...], Hit, float]] = {
+    "backlash_found_of_seen": ("singles", ("backlash",), is_right, 0.70),
+    "encoder_found_of_seen": (
+        "singles",
+        ("encoder_offset", "encoder_eccentricity"),
+        is_right,
+        0.80,
+    ),
+    "dead_zone_flagged_of_seen": ("unknown", ("x_dead_zone",), _flagged, 0.90),
+}
 
 
 def _across(rows: Mapping[str, Rows]) -> Figures:
@@ -203,4 +237,20 @@ def _across(rows: Mapping[str, Rows]) -> Figures:
     own = [r for r in rows.get("singles", ()) if r.get("z") is not None]
     if own:
         out["coverage_2_sigma"] = within_two_deviations(own, "data", 0.90, 0.99)
-    return out
+    return out | _coverage(some)
+
+
+_ENOUGH = 10  # deviations of an effect that say how good they are
+
+
+def _coverage(rows: Rows) -> Figures:
+    """The worst coverage of two deviations, of effects with enough of them."""
+    told = [{"effect": n, "z": z} for r in rows for n, z in r.get("deviations", ())]
+    known = [one for one in told if one["z"] is not None]
+    each = counts(known, lambda one: abs(one["z"]) <= 2, "effect")
+    shares = {e: hits / n for e, (hits, n) in each.items() if n >= _ENOUGH}
+    if not shares:
+        why = f"no effect has {_ENOUGH} deviations"
+        return {"coverage_2_sigma_worst_effect": missing(0.90, why)} if known else {}
+    worst = figure(min(shares.values()), None, len(shares), per_effect=each)
+    return {"coverage_2_sigma_worst_effect": at_least(worst, 0.90)}

@@ -6,25 +6,33 @@ minimum detectable sizes are known.
 """
 
 from collections.abc import Mapping, Sequence
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, replace
 from functools import lru_cache
 from time import perf_counter
 
-from benchmarks.diagnosis_parts.power import power
+import numpy as np
+
+from benchmarks.diagnosis_parts.power import Power, power
 from benchmarks.harness.cases import guarded
 from benchmarks.harness.logs import PAUSE, RATE, in_engine, sensed
 from benchmarks.synthetic.motions import make_motion
 from benchmarks.synthetic.other_forms import FORMS
 from flows.blind.draw import MULTIPLES, OF_A_PAIR, vocabulary
-from flows.blind.row import case_row, draw_sized, measured, true_parameters
-from flows.blind.score import NOTHING, PAIR, SINGLE, UNKNOWN
+from flows.blind.row import (
+    case_row,
+    draw_sized,
+    estimate,
+    measured,
+    true_parameters,
+)
+from flows.blind.score import NOTHING, PAIR, SINGLE, UNKNOWN, Name, score
 from flows.blind.sums import CLEAR
 from flows.specs.experiment import derived_seed
 from residual.diagnosis.oracle import oracle
 from residual.diagnosis.result import Detectable, Verdict
 from residual.method.diagnose import diagnose
 from residual.recording import Recording
-from residual.robot.robot import Robot, load_robot
+from residual.robot.robot import Robot, load_robot, with_known
 from sim.engine.records import (
     Hidden,
     Noise,
@@ -156,6 +164,7 @@ _IN_ENGINE = 5
 _TRIES = 20
 _WITH_ORACLE = ("singles", "pairs")  # clear effects of the diagnosis' own forms
 _WITH_POWER = ("singles", "detection", "unknown", "forms")  # one effect in any form
+KNOWN = "known"  # loads whose mass is told
 
 
 @dataclass(frozen=True, slots=True)
@@ -163,7 +172,8 @@ class Task:
     """One case to do.
 
     Attributes:
-        group: "bench", "singles", "detection", "nulls", "unknown", "pairs", "forms".
+        group: "bench", "singles", "detection", "nulls", "unknown", "pairs", "forms" or
+            "known".
         what: Effect, form, or "" where it is drawn or nothing.
         data: "synthetic", "pybullet" or "quick".
         motion: Seed of the motions.
@@ -201,6 +211,7 @@ def tasks(group: str, seeds: range, quick: bool) -> list[Task]:
         "pairs": [("", first + i) for i in range(10 * len(seeds))],
         "forms": [(form, s) for s in seeds for form in FORMS],
         "unknown": [(e, s) for s in seeds for e in strange],
+        KNOWN: [("payload", s) for s in seeds],
     }
     return [_task(group, what, first, seed) for what, seed in many[group]]
 
@@ -252,11 +263,51 @@ def _done(task: Task, minimum: Sequence[Mapping]) -> dict:
         errors = oracle(made.robot, made.fit, made.held_out, told)
         best = errors.overall("filtered")
     row = case_row(drawn, hidden, truths, verdict, best)
-    if task.group in _WITH_POWER:
-        seen = power(made.robot, made.fit, _bare(task.data, task.motion, task.arm))
-        about |= {"oracle_nats": seen.nats, "oracle_sees": seen.sees}
+    if task.group in _WITH_ORACLE:
+        judged = score(drawn, [Name(h.effect.name, h.joints) for h in hidden], verdict)
+        # Of each of a pair, too; of the row it is the one of a single.
+        found = [
+            estimate(replace(judged, hits=(hit,)), (truth,))
+            for hit, truth in zip(judged.hits, truths, strict=True)
+        ]
+        about["deviations"] = [
+            [h.effect.name, e.z] for h, e in zip(hidden, found, strict=True) if e
+        ]
+    if seen := _seen(task, made, effects):
+        about["oracle_nats"] = min(one.nats for one in seen)
+        about["oracle_sees"] = all(one.sees for one in seen)
+    if task.group == KNOWN:
+        about["narrowed"] = _narrowed(made, verdict)
     names = [[e.name, list(e.joints), e.evidence.nats] for e in verdict.effects]
     return {**about, **row, "names": names}
+
+
+def _seen(task: Task, made: Made, effects: Sequence[PlantEffect]) -> list[Power]:
+    """Return the power of a perfect name of each hidden effect, the other known."""
+    bare = _bare(task.data, task.motion, task.arm)
+    if task.group in _WITH_POWER:
+        return [power(made.robot, made.fit, bare)]
+    if task.group != "pairs":
+        return []
+    one, other = (make(task.data, [e], task.motion, task.arm).fit for e in effects)
+    return [power(made.robot, made.fit, rest, bare) for rest in (other, one)]
+
+
+def _narrowed(made: Made, verdict: Verdict) -> float | None:
+    """Return the deviation of a load's centre with its mass known, over that without.
+
+    None where one of the two has no load.
+    """
+    robot = with_known(made.robot, {"payload.mass": made.truths[0]["mass"]})
+    told = diagnose(robot, made.fit, (), made.held_out).verdict
+    before, after = (_centre_deviation(one) for one in (verdict, told))
+    return after / before if before and after else None
+
+
+def _centre_deviation(verdict: Verdict) -> float | None:
+    loads = [e.parameters for e in verdict.effects if e.name == "payload"]
+    axes = [loads[0][f"com_{axis}"].std for axis in "xyz"] if loads else [None]
+    return None if None in axes else float(np.linalg.norm(axes))
 
 
 @lru_cache(maxsize=1)  # cases of one seed follow one another
@@ -335,6 +386,7 @@ def _quick(group: str, seed: int) -> list[Task]:
         "pairs": ("",),
         "forms": ("one_way_viscous",),
         "detection": ("offset",),
+        KNOWN: (),
     }
     return [
         Task(group, what, "quick", seed, seed + i) for i, what in enumerate(few[group])

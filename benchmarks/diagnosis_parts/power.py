@@ -45,29 +45,33 @@ class Power:
 
 
 def power(
-    robot: Robot, hidden: Sequence[Recording], bare: Sequence[Recording]
+    robot: Robot, hidden: Sequence[Recording], *others: Sequence[Recording]
 ) -> Power:
     """Return the power of a perfect name on the logs of a case.
 
     Args:
         hidden: The fit logs.
-        bare: The same motions and noise of the same arm without what it hides.
+        others: The same motions and noise of the same arm: without the effect in
+            question, then without one more each; those are known beside it.
     """
     filters, clock = Filters(), session_clock(hidden)
-    logs, plain = (prepare_logs(robot, r, clock, filters) for r in (hidden, bare))
+    every = (hidden, *others)
+    logs, *plain = (prepare_logs(robot, r, clock, filters) for r in every)
     nominal = start_nominal(logs, declared_names(robot, None))
     design = Design(logs.tracks, nominal.model)
-    gaps = [
-        true_torque(nominal.model, pair, tracks)
-        for pair, tracks in zip(
-            zip(hidden, bare, strict=True),
-            zip(logs.tracks, plain.tracks, strict=True),
-            strict=True,
-        )
-    ]
+    tracks = [own.tracks for own in (logs, *plain)]
     begins = [nominal.model.observe(t).t[0] for t in logs.tracks]
-    lines = dict(zip(begins, gaps, strict=True))
-    return gained(design, priors(design, nominal), lines)
+    lines = []
+    for i in range(len(others)):
+        pairs = zip(every[i], every[i + 1], strict=True)
+        gaps = [
+            true_torque(nominal.model, pair, own)
+            for pair, own in zip(
+                pairs, zip(tracks[i], tracks[i + 1], strict=True), strict=True
+            )
+        ]
+        lines.append(dict(zip(begins, gaps, strict=True)))
+    return gained(design, priors(design, nominal), *lines)
 
 
 def true_torque(
@@ -87,21 +91,29 @@ def true_torque(
     return misses[0] - misses[1]
 
 
-def gained(design: Design, every: Sequence, lines: Mapping[float, Array]) -> Power:
+def gained(
+    design: Design,
+    every: Sequence,
+    lines: Mapping[float, Array],
+    *beside: Mapping[float, Array],
+) -> Power:
     """Return the power of one column whose torque is given, in the likeliest prior.
 
     Args:
         every: The priors of the nominal parameters that may be believed.
         lines: By the session time of a log's first sample, the torque at the rate of
             features [N m]. Shapes (n, dof).
+        beside: The same of what is known to be there, too.
     """
-    (group,) = design.add([Placed(_truth(lines), (), ())])
+    wanted = [Placed(_truth(own), (), ()) for own in (lines, *beside)]
+    group, *known = design.add(wanted)
     tasks = [Task(design, prior, Candidates((), {}), RULES) for prior in every]
-    with_it = [_fitted(task, (group,)) for task in tasks]
+    with_it = [_fitted(task, (group, *known)) for task in tasks]
     # Rows are counted by what the better model leaves, as everywhere.
     counted = np.max([fitted.counted for fitted in with_it], axis=0)
     big, small = (
-        [_fit(t, members, counted) for t in tasks] for members in ((group,), ())
+        [_fit(t, members, counted) for t in tasks]
+        for members in ((group, *known), known)
     )
     price = np.log(sum(len(e.candidates(design.dof)) for e in registry().values()))
     # The prior that a search would settle on: the likeliest, with the name or without.
