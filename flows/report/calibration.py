@@ -7,28 +7,13 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from flows.report.document import (
-    Callout,
-    Chart,
-    Document,
-    Section,
-    Strong,
-    Table,
-    Tile,
-)
+from flows.report.document import Callout, Chart, Document, Section, Strong, Table, Tile
 from flows.report.page import render as render_page
 from flows.report.words.calibration import plane_words, sentences
 from flows.report.words.phrases import sentence_case, texts
 from flows.steps.calibrate import Calibrated
 from residual.calibration.calibrate import Calibration
-from residual.calibration.methods import (
-    DEFAULT,
-    LS,
-    NONE,
-    PAPER_FORM,
-    PLSR,
-    SPARSE,
-)
+from residual.calibration.methods import DEFAULT, LS, NONE, PAPER_FORM, PLSR, SPARSE
 from residual.calibration.methods import WORDS as MODELS
 from residual.calibration.rows import PAPER
 from residual.calibration.scores import RANDOM, RUN, Score, find

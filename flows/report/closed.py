@@ -1,21 +1,13 @@
 """The page of a loop that closed itself: every decision, and the seal opened last."""
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
 from pathlib import Path
+from typing import NamedTuple
 
 from markupsafe import Markup
 
 from flows.blind.score import Name, Said, matched, members
-from flows.report.document import (
-    Document,
-    Note,
-    Section,
-    Table,
-    Tile,
-    tag,
-    words_table,
-)
+from flows.report.document import Document, Note, Section, Table, Tile, tag, words_table
 from flows.report.page import render as render_page
 from flows.report.words.phrases import (
     FORMS,
@@ -43,17 +35,8 @@ RIGHT, CLASS, MISSED, FALSE = (
 )
 
 
-@dataclass(frozen=True, slots=True)
-class Pair:
-    """One effect that was hidden, or adopted, or both.
-
-    Attributes:
-        hidden: What was hidden, in words; "–" for nothing.
-        values: Its values.
-        adopted: What was adopted for it; "–" for nothing.
-        found: The estimated values.
-        judged: How they compare.
-    """
+class Pair(NamedTuple):
+    """One effect that was hidden, or adopted, or both, in words; "–" for nothing."""
 
     hidden: str
     values: str
@@ -104,12 +87,6 @@ def ended(done: Closed) -> str:
     if last.result["why"] == NOTHING:
         return f"It stopped after {seconds}: {last.reason}."
     return f"It stopped after {seconds}, with questions left: {last.reason}."
-
-
-def path_driven(done: Closed) -> tuple[float, float] | None:
-    """Return how far it is off its path by the nominal and the last model [mrad]."""
-    last = [d for d in done.decisions if d.action == DRIVE and d.made]
-    return (last[-1].result["before"], last[-1].result["after"]) if last else None
 
 
 def versions(done: Closed) -> list[tuple[str, str, str, str]]:
@@ -239,9 +216,11 @@ def keep_page(done: Closed, store: Path, page: str) -> Path:
 
 
 def _tiles(done: Closed, found: Sequence[Pair]) -> list[Tile]:
-    driven, rows = path_driven(done), versions(done)
+    driven = [d.result for d in done.decisions if d.action == DRIVE and d.made]
+    rows, path = versions(done), MISSING
+    if driven:
+        path = f"{driven[-1]['before']:.2g} → {driven[-1]['after']:.2g} mrad"
     wrong = sum(p.judged == FALSE for p in found)
-    path = "–" if driven is None else f"{driven[0]:.2g} → {driven[1]:.2g} mrad"
     right = f"{sum(p.right for p in found)} of {len(done.hidden)}"
     motion = f"{done.seconds:.0f} s of motion"
     return [

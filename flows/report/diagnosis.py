@@ -35,20 +35,14 @@ from flows.report.words.phrases import (
     Staged,
     baseline_sentences,
     joint_words,
+    many,
     noun,
     sentence_case,
     texts,
 )
 from flows.report.words.verdict import held_out_words, rising
 from residual.diagnosis.result import Diagnosis, Finding, Verdict
-from residual.quantity import (
-    MISSING,
-    fraction,
-    known,
-    number,
-    percent,
-    probability,
-)
+from residual.quantity import MISSING, fraction, known, number, percent, probability
 
 _TEXT = texts()["diagnosis"]
 
@@ -217,9 +211,8 @@ def _unexplained(found: Diagnosis) -> list[Tile]:
 
 def _folded(figures: Sequence[Chart], title: str, grid: bool = True) -> list[Fold]:
     """More figures, which open at a click; in a grid where they are small."""
-    many = f"{len(figures)} figure{'' if len(figures) == 1 else 's'}"
-    parts = [figures] if grid else figures
-    return [Fold(f"{title} ({many})", parts)] if figures else []
+    shown = f"{title} ({many(len(figures), 'figure')})"
+    return [Fold(shown, [figures] if grid else figures)] if figures else []
 
 
 def _listed(lines: Sequence[str]) -> list[Sequence[str]]:

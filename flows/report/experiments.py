@@ -109,7 +109,12 @@ def validation_page(
         driven: Drives by a model, where there were some.
     """
     sections = [
-        Section(f"run-{run}", f"Run {run[:8]}", _both_parts(each), _TEXT["both"])
+        Section(
+            f"run-{run}",
+            f"Run {run[:8]}",
+            [both_ways(each), validation(each)],
+            _TEXT["both"],
+        )
         for run, each in made.items()
     ]
     if driven is not None:
@@ -126,10 +131,6 @@ def validation_page(
             callouts=[Callout("To be known", tuple(notes))],
         )
     )
-
-
-def _both_parts(made: Validation) -> list[Table]:
-    return [both_ways(made), validation(made)]
 
 
 def tracking(made: Tracked) -> list[str | Table]:

@@ -4,6 +4,7 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 
 from flows.report.document import Table, words_table
+from flows.report.words.phrases import many
 from flows.steps.monitor import Watched
 from flows.steps.null import Made
 from flows.steps.watch.session import Session
@@ -25,9 +26,9 @@ _NOUN = {
 def meaning(found: Watched) -> str:
     """Return what was found in watched runs, in one sentence."""
     alarms = [alarm for each in found.alarms.values() for alarm in each]
-    where = f"{found.seconds:.4g} s of {_many(len(found.alarms), 'run')}"
+    where = f"{found.seconds:.4g} s of {many(len(found.alarms), 'run')}"
     basis = (
-        f"limits from {_many(len(found.calibration), 'healthy run')} of "
+        f"limits from {many(len(found.calibration), 'healthy run')} of "
         f"{60 * found.monitor.hours:.3g} min, false alarms at most "
         f"{found.monitor.per_hour:g} an hour"
     )
@@ -35,11 +36,7 @@ def meaning(found: Watched) -> str:
         return f"No alarm in {where}: every sensor is as in the healthy runs ({basis})."
     joints = sorted({(a.sensor, a.joint) for a in alarms})
     which = ", ".join(f"{sensor} of joint {joint}" for sensor, joint in joints)
-    return f"{_many(len(alarms), 'alarm')} in {where}: {which} ({basis})."
-
-
-def _many(count: int, word: str) -> str:
-    return f"{count} {word}" if count == 1 else f"{count} {word}s"
+    return f"{many(len(alarms), 'alarm')} in {where}: {which} ({basis})."
 
 
 def alarm_table(found: Watched, watched: Mapping[str, Recording]) -> Table:
@@ -86,7 +83,7 @@ def end_line(session: Session) -> str:
     minutes = state.moved / session.reference.window.row_rate / 60
     return (
         f"read to the end: {heard.samples} samples, {minutes:.3g} min of motion, "
-        f"{_many(state.alarms, 'alarm')} in all"
+        f"{many(state.alarms, 'alarm')} in all"
     )
 
 

@@ -92,6 +92,7 @@ def angles_chart(reference: Reference) -> Chart:
 def render_sheet(sheet: Sheet) -> str:
     """Return the page: what the motion settles, how to run it, and what to do then."""
     made, robot = sheet.made, sheet.asked.robot
+    apart = [*map(sentence_case, _inseparable(made))]
     rivals = from_one_another(made.rivals)
     whole = f"that all {number(made.best.spec.duration)} s of it settle the question"
     return render(
@@ -114,8 +115,8 @@ def render_sheet(sheet: Sheet) -> str:
                     [angles_chart(sheet.reference), limits(robot, sheet.reference)],
                 ),
                 Section("run", "How to run it", [_how_to_run(sheet)]),
-                _others(made),
-                _apart(made),
+                Section("compared", "What other motions would do", [comparison(made)]),
+                Section("apart", "What no motion tells", [apart] if apart else ()),
             ),
         )
     )
@@ -141,19 +142,6 @@ def _how_to_run(sheet: Sheet) -> Steps:
             ).format(sheet.command),
         ]
     )
-
-
-def _others(made: Design) -> Section:
-    rows = [(sentence_case(name), *rest) for name, *rest in comparison(made).rows[1:]]
-    heads = ("Motion", "Settled after", "Chance by all of it")
-    table = Table(heads, rows, "Of the same length and within the same limits")
-    heading = "What other motions would do"
-    return Section("compared", heading, [table] if rows else ())
-
-
-def _apart(made: Design) -> Section:
-    said = [*map(sentence_case, _inseparable(made))]
-    return Section("apart", "What no motion tells", [said] if said else ())
 
 
 def _inseparable(made: Design) -> list[str]:

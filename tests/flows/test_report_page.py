@@ -33,7 +33,7 @@ def several_page() -> str:
 def quick(monkeypatch: pytest.MonkeyPatch) -> None:
     """Leave out the drawing, for tests of what stands around the figures."""
     for name in ("cloud_plot", "torque_plot", "bars_plot"):
-        monkeypatch.setattr(charts.plots, name, lambda *_: {"data": []})
+        monkeypatch.setattr(charts, name, lambda *_: {"data": []})
     monkeypatch.setattr(charts, "spectrum_charts", lambda _: ([], []))
     monkeypatch.setattr(base, "library", lambda: "")
 

@@ -4,14 +4,7 @@ import numpy as np
 import pytest
 
 from flows.report.diagnosis import tiles_of
-from flows.report.tables import (
-    frame_words,
-    named_joints,
-    size_of,
-    sizes,
-    tells,
-    title,
-)
+from flows.report.tables import frame_words, named_joints, size_of, sizes, tells, title
 from residual.diagnosis.result import Diagnosis, Frames
 from residual.effects import registry
 from tests.verdict_documents import typed

@@ -2,9 +2,9 @@
 
 from collections import Counter
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass
 from datetime import datetime
 from pathlib import Path
+from typing import NamedTuple
 
 from markupsafe import Markup
 
@@ -48,18 +48,10 @@ _STUDIES = {
 }
 
 
-@dataclass(frozen=True, slots=True)
-class Entry:
-    """One line of the index.
+class Entry(NamedTuple):
+    """One line of the index: a diagnosis, whose words stand beside it, or another.
 
-    Attributes:
-        created: When, UTC.
-        kind: One of `place.KINDS`; a diagnosis is of the kind of its verdict.
-        robot: Name of the robot; None where it is of several.
-        what: What it is, such as "diagnosis".
-        title: What the link says.
-        href: Its address.
-        diagnosis: Id of the diagnosis whose words stand beside it, None for none.
+    Its kind is one of `look.KINDS`, of a diagnosis that of its verdict.
     """
 
     created: datetime

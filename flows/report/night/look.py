@@ -237,11 +237,6 @@ class Place:
         return f"{self.prefect}runs/flow-run/{id}" if self.prefect else None
 
 
-def many(count: int, noun: str) -> str:
-    """Return how many there are: '1 run', '2 runs'."""
-    return f"{count} {noun}{'' if count == 1 else 's'}"
-
-
 def coloured(state: str, words: str) -> Markup:
     """Return words in the colour of a verdict."""
     return tag("span", words, f"of {state}")

@@ -26,11 +26,10 @@ from flows.report.night.look import (
     Look,
     Place,
     coloured,
-    many,
     night_of,
     span_of,
 )
-from flows.report.words.phrases import listing, sentence_case, texts
+from flows.report.words.phrases import listing, many, sentence_case, texts
 from residual.quantity import MISSING, bare_percent, percent
 
 _TEXT = texts()["night"]

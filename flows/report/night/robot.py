@@ -19,8 +19,8 @@ from flows.report.document import (
 )
 from flows.report.night import questions
 from flows.report.night.charts import Series, trend
-from flows.report.night.look import Look, Place, Rows, coloured, many
-from flows.report.words.phrases import joint_words, texts
+from flows.report.night.look import Look, Place, Rows, coloured
+from flows.report.words.phrases import joint_words, many, texts
 from residual.quantity import MISSING, bare_percent, known, number, percent
 
 _TEXT = texts()["robot"]

@@ -138,30 +138,23 @@ class Site:
         place = Place("../" * address.count("/"), self.prefect, self._has_report)
         if match := _RECORD.fullmatch(address):
             return self._made(index.record(self._open(), match[1], place), place, seen)
-        for pattern, make in (
-            (_FIRST, self._first),
-            (_NIGHT, self._night),
-            (_ROBOT, self._robot),
-            (_INDEX, self._index),
-        ):
-            if match := pattern.fullmatch(address):
-                seen = seen or look(self._open())
-                page = make(match, seen, place)
-                return page and self._made(page, place, seen)
+        seen = seen or look(self._open())
+        page = self._document(address, seen, place)
+        return page and self._made(page, place, seen)
+
+    def _document(self, address: str, seen: Look, place: Place) -> Document | None:
+        if _FIRST.fullmatch(address):
+            return index.document(seen, place)
+        if match := _ROBOT.fullmatch(address):
+            return robot.document(seen, _named(seen, match[1]), place)
+        if match := _INDEX.fullmatch(address):
+            name = None if match[1] == ALL else _named(seen, match[1])
+            return index.document(seen, place, name, match[2], int(match[3] or 1))
+        if match := _NIGHT.fullmatch(address):
+            return self._night(match[1], seen, place)
         return None
 
-    def _first(self, _: re.Match, seen: Look, place: Place) -> Document | None:
-        return index.document(seen, place)
-
-    def _robot(self, match: re.Match, seen: Look, place: Place) -> Document:
-        return robot.document(seen, _named(seen, match[1]), place)
-
-    def _index(self, match: re.Match, seen: Look, place: Place) -> Document | None:
-        name = None if match[1] == ALL else _named(seen, match[1])
-        return index.document(seen, place, name, match[2], int(match[3] or 1))
-
-    def _night(self, match: re.Match, seen: Look, place: Place) -> Document | None:
-        word = match[1]
+    def _night(self, word: str, seen: Look, place: Place) -> Document | None:
         try:
             last = seen.nights[0] if seen.nights else datetime.now(UTC).date()
             which = last if word == LATEST else date.fromisoformat(word)

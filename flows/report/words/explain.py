@@ -5,7 +5,6 @@ Effects explain themselves (`residual/effects/`).
 """
 
 import sys
-from collections.abc import Mapping
 from difflib import get_close_matches
 from inspect import getdoc
 
@@ -79,13 +78,17 @@ def overview() -> str:
 
 def effect_page(effect: Effect) -> str:
     """Return the page of one effect, from its own file and nothing else."""
+    units = "\n".join(f"- `{key}` [{unit}]" for key, unit in effect.parameters.items())
+    # The text at the top of the file that the effect stands in.
+    about = getdoc(sys.modules[f"residual.effects.{effect.name}"]) or effect.sentence
+    wrong = texts()["effects"]["wrong_value"] if effect.is_parameter else ""
     parts = [
         f"# {sentence_case(effect.noun or effect.name.replace('_', ' '))}",
         f"`{effect.name}`: {effect.sentence}.",
         f"## Equation\n\n{equation(effect)}",
-        f"## Parameters\n\n{_parameters(effect.parameters)}",
-        f"It acts on {_WHERE[effect.scope]}.{_wrong_value(effect)}",
-        f"## What it is\n\n{_about(effect)}",
+        f"## Parameters\n\n{units}",
+        f"It acts on {_WHERE[effect.scope]}.{wrong}",
+        f"## What it is\n\n{about}",
         *_confused(effect),
         *(
             [f"Where held-out motion refutes it: {effect.if_refuted}"]
@@ -98,27 +101,7 @@ def effect_page(effect: Effect) -> str:
 
 def equation(effect: Effect) -> str:
     """Return its law as a block of Markdown, one line per part."""
-    lines = [f"    {line.strip()}" for line in effect.law.split(";")]
-    return "\n".join(lines)
-
-
-def _parameters(parameters: Mapping[str, str]) -> str:
-    rows = [f"- `{key}` [{unit}]" for key, unit in parameters.items()]
-    return "\n".join(rows)
-
-
-def _wrong_value(effect: Effect) -> str:
-    if not effect.is_parameter:
-        return ""
-    return (
-        " Where the model has it already, a verdict means that its value is wrong, and "
-        "the number is the change to it."
-    )
-
-
-def _about(effect: Effect) -> str:
-    """The text at the top of the file that the effect stands in."""
-    return getdoc(sys.modules[f"residual.effects.{effect.name}"]) or effect.sentence
+    return "\n".join(f"    {line.strip()}" for line in effect.law.split(";"))
 
 
 def _confused(effect: Effect) -> list[str]:

@@ -26,14 +26,7 @@ from residual.diagnosis.result import (
 from residual.errors import joints_listed
 from residual.planning.promise import sure_words
 from residual.planning.question import NOTHING, TOGETHER
-from residual.quantity import (
-    MISSING,
-    fraction,
-    known,
-    measured,
-    number,
-    unit_text,
-)
+from residual.quantity import MISSING, fraction, known, measured, number, unit_text
 
 NEVER = "n.d."  # not detectable here: it would take more than an arm can have
 _ELSEWHERE = 10**6  # column of what does not sit on one joint: after every joint

@@ -36,6 +36,11 @@ def count(value: int) -> str:
     return _NUMBERS[value] if 0 <= value < len(_NUMBERS) else str(value)
 
 
+def many(count: int, noun: str) -> str:
+    """Return how many there are: '1 run', '2 runs'."""
+    return f"{count} {noun}{'' if count == 1 else 's'}"
+
+
 def listing(items: Sequence[str]) -> str:
     """Return 'a', 'a and b' or 'a, b and c'."""
     if len(items) < 2:

@@ -15,6 +15,7 @@ from flows.report.words.phrases import (
     phrase,
     place,
     sentence_case,
+    texts,
 )
 from residual.check.result import Fault, LogCheck
 from residual.diagnosis.result import ErrorTables, Finding, Number, Verdict
@@ -23,34 +24,7 @@ from residual.quantity import bare_percent, known, percent
 CLEAN = "The logs are what they say they are: no fault was found."
 
 # What each kind of fault means; docs/check.md has more.
-MEANING = dict(
-    torque_sign="torque counts the other way round",
-    angle_sign="angles count the other way round",
-    joint_order="joints are in another order",
-    torque_unit="torque is in another unit",
-    angle_unit="angles are in another unit",
-    time_unit="time is in another unit",
-    gear_ratio="a gear ratio is missing or wrong",
-    torque_scale="torque is too large or too small",
-    gravity_removed="the arm's weight was taken out of the torque",
-    friction_removed="friction was taken out of the torque",
-    commanded="torque is a command, not a measurement",
-    clock="the clock cannot be right",
-    spike="single samples cannot be right",
-    frozen="a signal stands still",
-    constant="an angle never changes",
-    quantised="a signal comes in coarse steps",
-    saturated="torque stays at a limit",
-    delay="torque and angles are not of the same time",
-    filtered="torque was smoothed before it was logged",
-    velocity_mismatch="velocity is not the derivative of the angle",
-    out_of_range="the arm cannot be there, or go so fast",
-    lockstep="joints move only together",
-    too_short="the log is too short",
-    no_reversal="a joint never turns back",
-    robot_file="the robot file cannot be right",
-    wrong_robot="the log is of another robot",
-)
+MEANING = texts()["faults"]
 
 # The motion that would help, most wanted first.
 _MORE = {
