@@ -151,7 +151,10 @@ def true_torque(
         more = added(own, rubbing)
         total, gain = total + more.torque, gain * (1.0 + own.gain)
     tau = reported(total * gain, motion.t, hidden)
-    return Torque(rigid, base, tuple(parts), tau, _reading(hidden, drives), more)
+    # What the encoders read of the angles of the motors.
+    shift, cos, sin = encoder_errors(hidden, plant.robot.dof)
+    reading = drives - (shift + cos * np.cos(drives) + sin * np.sin(drives))
+    return Torque(rigid, base, tuple(parts), tau, reading, more)
 
 
 def _drives(
@@ -209,9 +212,3 @@ def _gain(hidden: Sequence[Acting], dof: int) -> Array:
         if what.gain:
             gain[list(joints)] += what.gain(p)
     return gain
-
-
-def _reading(hidden: Sequence[Acting], angle: Array) -> Array:
-    """Return what the encoders read of the motors' angles [rad]. Shape (n, dof)."""
-    shift, cos, sin = encoder_errors(hidden, angle.shape[1])
-    return angle - (shift + cos * np.cos(angle) + sin * np.sin(angle))

@@ -120,7 +120,8 @@ def write_bundle(store: Path, id: str, out: Path, with_seal: bool = True) -> Bun
                 f"{each.kind} {each.id} is damaged, it goes into no bundle: {wrong[0]}."
             )
     files = {p for each in found for p in _files(store, each)}
-    seals = {p for each in found for p in _seal(store, each)}
+    runs = [each.id for each in found if each.kind == "runs"]
+    seals = {p for id in runs for p in _plain_files(seal_folder(store, id))}
     paths = sorted(files | (seals if with_seal else set()))
     if len(paths) >= MOST:
         raise InputError(f"{about.id} needs {len(paths)} files, at most {MOST} go in.")
@@ -159,20 +160,15 @@ def _files(store: Path, found: Found) -> Iterator[Path]:
         yield from files_of(store, json.loads(read_row(found)["provenance"] or "{}"))
         hash = (read_record(store, found.id).get("request") or {}).get("robot_hash")
     # A robot that is built in, or was not kept, has no folder.
-    with suppress(InputError, FileNotFoundError):
-        yield from _plain_files(robot_folder(store, hash or ""))
-
-
-def _seal(store: Path, found: Found) -> Iterator[Path]:
-    if found.kind == "runs":
-        folder = seal_folder(store, found.id)
-        yield from (_plain_files(folder) if is_there(folder) else ())
+    if hash:
+        with suppress(InputError):
+            yield from _plain_files(robot_folder(store, hash))
 
 
 def _plain_files(folder: Path) -> list[Path]:
-    """Files of a folder but for their sums: a bundle has its own."""
-    brought(folder)
-    return sorted(p for p in folder.iterdir() if p.is_file() and p.name != SUMS)
+    """Files of a folder, if there is one, but for their sums: a bundle has its own."""
+    paths = folder.iterdir() if brought(folder) else ()
+    return sorted(p for p in paths if p.is_file() and p.name != SUMS)
 
 
 def _write(store: Path, out: Path, contents: dict) -> None:

@@ -17,6 +17,7 @@ from warehouse import ids
 from warehouse.catalogue import remember
 from warehouse.files import (
     publish,
+    read_cell,
     read_parquet,
     staged,
     sync,
@@ -369,7 +370,11 @@ def store_rows(store: Path, rows: Rows, runs: Mapping[str, Sequence[str]]) -> st
         The id of the diagnosis; the same one on the same runs has the same.
     """
     roles = {role: list(ids) for role, ids in runs.items() if ids}
-    motions = {id: _trajectory(store, id) for ids in roles.values() for id in ids}
+    motions = {
+        id: read_cell(find_run(store, id).row, "trajectory")
+        for ids in roles.values()
+        for id in ids
+    }
     model = {"robot": rows.record["robot"], "stage": "augmented", **rows.model}
     before = {"nominal": [rows.nominal]} if rows.nominal else {}
     fitted = {role: ids for role, ids in roles.items() if role != "held_out"} | before
@@ -383,11 +388,6 @@ def store_rows(store: Path, rows: Rows, runs: Mapping[str, Sequence[str]]) -> st
     record = {**rows.record, "model_id": model_id}
     parents = {**roles, **before, "model": [model_id]}
     return commit_record(store, "diagnoses", record, tables, parents)
-
-
-def _trajectory(store: Path, id: str) -> str | None:
-    row = read_parquet(find_run(store, id).row, ["trajectory"])
-    return row.column("trajectory")[0].as_py()
 
 
 def _placed(

@@ -173,7 +173,7 @@ def read_parquet(path: Path, columns: list[str] | None = None) -> pa.Table:
         raise damaged(path, error) from error
 
 
-def read_cell(row: Path, column: str) -> str:
+def read_cell(row: Path, column: str) -> str | None:
     """Return a text of a record's one catalogue row."""
     return read_parquet(row, [column]).column(column)[0].as_py()
 

@@ -2,7 +2,6 @@
 
 import io
 import xml.etree.ElementTree as ET
-from pathlib import Path
 
 import numpy as np
 import pinocchio as pin
@@ -22,16 +21,11 @@ _STICK = 0.7  # radius of links that have no shape, in radii of the capsules
 _COLOUR = "1 0.43 0.1 1"
 
 
-def animate(
-    robot: Robot, reference: Reference, path: Path | None = None, frames: int = 60
-) -> bytes:
+def animate(robot: Robot, reference: Reference, frames: int = 60) -> bytes:
     """Return a GIF of the arm along a reference, one period of it where it repeats."""
     shown = reference.period or _LONGEST
     rows = reference.t <= shown + 1e-9
-    picture = gif_of(robot, reference.t[rows], reference.q[rows], frames)
-    if path is not None:
-        path.write_bytes(picture)
-    return picture
+    return gif_of(robot, reference.t[rows], reference.q[rows], frames)
 
 
 def gif_of(robot: Robot, t: Array, q: Array, frames: int = 60) -> bytes:
@@ -46,9 +40,12 @@ def gif_of(robot: Robot, t: Array, q: Array, frames: int = 60) -> bytes:
     length, stands = arm.radius / 0.07, bool(arm.low)
     with Camera(urdf_to_see(robot), length, stands, _SIZE) as camera:
         shots = [(camera.shot(q[row]), t[row] - t[0]) for row in rows]
-    pictures = [
-        _titled(pixels, f"{robot.name}  {time:4.1f} s") for pixels, time in shots
-    ]
+    pictures = []
+    for pixels, time in shots:
+        picture = Image.fromarray(pixels)
+        title = f"{robot.name}  {time:4.1f} s"
+        ImageDraw.Draw(picture).text((8, 6), title, fill=(60, 60, 60))
+        pictures.append(picture)
     # One palette for all: what does not move then costs nothing.
     palette = pictures[0].quantize(_COLOURS, dither=Image.Dither.NONE)
     pictures = [p.quantize(palette=palette, dither=Image.Dither.NONE) for p in pictures]
@@ -108,9 +105,3 @@ def _add_rod(link: ET.Element, joint: ET.Element, radius: float) -> None:
 
 def _words(values: Array) -> str:
     return " ".join(f"{value:.6g}" for value in values)
-
-
-def _titled(pixels: Array, text: str) -> Image.Image:
-    picture = Image.fromarray(pixels)
-    ImageDraw.Draw(picture).text((8, 6), text, fill=(60, 60, 60))
-    return picture

@@ -132,7 +132,9 @@ def warmth_after(background: Background, worked: float) -> Array:
     return 1.0 - np.exp(-worked / np.array([background.oil, background.housing]))
 
 
-def warmths(start: Array, power: Array, times: Array, growth: Array) -> Array:
+# One file with all it calls: numba keeps a function until its own file changes.
+@njit(cache=True)
+def _warmths(start, power, times, growth):
     """Return the warmth of oil and housing at every sample. Shape (2, n, dof).
 
     The friction that heats is itself what has become less by the heat.
@@ -143,12 +145,6 @@ def warmths(start: Array, power: Array, times: Array, growth: Array) -> Array:
         times: Time constants of oil and housing in samples. Shape (2, dof).
         growth: Cold friction over warm one, less one. Shape (dof,).
     """
-    return _warmths(start, np.ascontiguousarray(power), times, growth)
-
-
-# One file with all it calls: numba keeps a function until its own file changes.
-@njit(cache=True)
-def _warmths(start, power, times, growth):
     n, dof = power.shape
     out = np.empty((2, n, dof))
     out[:, 0] = start
@@ -228,5 +224,6 @@ def _factor(b: Background, arm: Rubbing, power: Array) -> Array:
     start = warmth_after(b, arm.worked)
     usual = usual_power(arm.coulomb, arm.viscous, arm.usual)
     times = np.array([b.oil, b.housing]) / (arm.t[1] - arm.t[0])
-    warm = laws.warmth(*warmths(start, power / usual, times, b.growth))
+    share = np.ascontiguousarray(power / usual)
+    warm = laws.warmth(*_warmths(start, share, times, b.growth))
     return laws.thinned(warm, b.growth)

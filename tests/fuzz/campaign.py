@@ -22,15 +22,10 @@ SHRINKING = 40.0  # seconds beyond the budget in which a finding is made smaller
 
 @dataclass(frozen=True, slots=True)
 class Told:
-    """What came of fuzzing one reader.
+    """What came of fuzzing one reader."""
 
-    Attributes:
-        examples: How many inputs it was given.
-        findings: What was found, in a line each.
-    """
-
-    examples: int
-    findings: tuple[str, ...]
+    examples: int  # how many inputs it was given
+    findings: tuple[str, ...]  # what was found, in a line each
 
 
 def fuzz(reader: Reader, seconds: float, first: int, corpus: Path = CORPUS) -> Told:

@@ -21,33 +21,23 @@ WORDS = 5_000  # characters of a message that somebody can still read
 
 @dataclass(frozen=True, slots=True)
 class Reader:
-    """One reader of the product.
+    """One reader of the product."""
 
-    Attributes:
-        name: What it reads; also its folder of the corpus.
-        inputs: Gives the strategy of its inputs; called once, before the first.
-        seeds: Gives valid inputs.
-        read: Reads an input, with a folder that is empty before; fails an assertion
-            where the answer is wrong.
-    """
-
-    name: str
+    name: str  # what it reads; also its folder of the corpus
+    # Gives the strategy of its inputs; called once, before the first.
     inputs: Callable[[], SearchStrategy[bytes]]
-    seeds: Callable[[], list[bytes]]
+    seeds: Callable[[], list[bytes]]  # gives valid inputs
+    # Reads an input, with a folder that is empty before; fails an assertion where the
+    # answer is wrong.
     read: Callable[[bytes, Path], None]
 
 
 @dataclass(frozen=True, eq=False, slots=True)
 class Finding:
-    """Something else than a right answer or a clear error.
+    """Something else than a right answer or a clear error."""
 
-    Attributes:
-        name: Kind and place of it, as its file in the corpus is called.
-        error: What was raised.
-    """
-
-    name: str
-    error: BaseException
+    name: str  # kind and place of it, as its file in the corpus is called
+    error: BaseException  # what was raised
 
     def __str__(self) -> str:
         return f"{self.name}: {' '.join(str(self.error).split())[:150]}"

@@ -15,6 +15,7 @@ from sim.plant.sizes import sizes, usual_limits
 from sim.quasi_static import Plant, background_of, true_friction, true_torque
 
 ROBOT = load_robot("irb140")
+MOTION = make_motion("fourier", usual_limits(ROBOT), 6.0, 250.0, stream(1, "motion"))
 SEEDS = range(1, 13)
 SCALE = {"workshop": 1.0, "worn": 2.0}
 PLAN = (LogPlan("fit_1", "fit", "cyclic", 6.0),)
@@ -118,12 +119,9 @@ def test_ripple_is_a_part_of_the_torque_range_and_no_single_wave(seed, word):
 
 @pytest.mark.parametrize("word", SCALE)
 def test_drives_report_more_or_less_than_they_give(word):
-    motion = make_motion(
-        "fourier", usual_limits(ROBOT), 6.0, 250.0, stream(1, "motion")
-    )
     for seed in SEEDS:
         plant = Plant(ROBOT, (), seed, word)
-        told = true_torque(plant, motion, "log")
+        told = true_torque(plant, MOTION, "log")
         given = told.rigid + told.base + told.background.torque
         gain = (told.tau / given).mean(axis=0) - 1
         assert np.all(np.abs(gain) <= SCALE[word] * 0.04 + 1e-9)
@@ -131,13 +129,10 @@ def test_drives_report_more_or_less_than_they_give(word):
 
 
 def test_gears_twist_with_their_load_and_harden():
-    motion = make_motion(
-        "fourier", usual_limits(ROBOT), 6.0, 250.0, stream(1, "motion")
-    )
     for seed in SEEDS:
-        told = true_torque(Plant(ROBOT, (), seed, "workshop"), motion, "log")
+        told = true_torque(Plant(ROBOT, (), seed, "workshop"), MOTION, "log")
         load = told.rigid / sizes(ROBOT).torque
-        lead = told.reading - motion.q
+        lead = told.reading - MOTION.q
         for j in range(5):  # the last one carries next to nothing
             felt = np.abs(load[:, j]) > 1e-4
             twist = lead[felt, j] / load[felt, j]

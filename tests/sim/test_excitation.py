@@ -14,10 +14,6 @@ ROBOT = load_robot("irb140")
 RNG = np.random.default_rng(0)
 
 
-def test_the_built_in_arm_has_36_base_parameters():
-    assert len(base_columns(ROBOT.model)) == 36
-
-
 def test_rounded_angles_of_a_description_make_no_base_parameters_of_their_own():
     model = ROBOT.model.copy()
     for joint in range(1, 7):

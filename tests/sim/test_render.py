@@ -20,10 +20,8 @@ def _sweep(robot, n=40):
     return Reference("move_stop_move", t, q, q * 0, q * 0, None)
 
 
-def test_an_animation_is_a_small_gif_that_shows_an_arm_moving(tmp_path):
-    path = tmp_path / "arm.gif"
-    data = animate(ROBOT, _sweep(ROBOT), path, frames=12)
-    assert path.read_bytes() == data
+def test_an_animation_is_a_small_gif_that_shows_an_arm_moving():
+    data = animate(ROBOT, _sweep(ROBOT), frames=12)
     picture = Image.open(io.BytesIO(data))
     assert (picture.format, picture.n_frames) == ("GIF", 12)
     assert len(data) < 1_000_000

@@ -143,12 +143,6 @@ def test_the_flange_points_away_from_the_wrist():
     np.testing.assert_allclose(outward(ROBOT.model), [1, 0, 0], atol=1e-9)
 
 
-def test_sizes_of_a_draw_depend_on_the_seed_alone():
-    one, two = (draw(ROBOT, "stribeck", stream(9, "draw")) for _ in range(2))
-    assert one.joints == two.joints
-    assert one.parameters == two.parameters
-
-
 @pytest.mark.parametrize(("name", "joint"), [("magic", None), ("stribeck", 7)])
 def test_what_cannot_be_drawn_is_refused(name, joint):
     with pytest.raises(InputError, match=name):

@@ -18,7 +18,7 @@ import pytest
 from residual.errors import InputError
 from tests.warehouse import store_samples as made
 from warehouse import ids, schema
-from warehouse.commit import Sealed, commit_record, commit_run, sealed_hash
+from warehouse.commit import commit_record, commit_run, sealed_hash
 from warehouse.files import write_sums
 from warehouse.layout import find, find_run, read_record
 from warehouse.provenance import plant_code_hash
@@ -154,13 +154,6 @@ def test_the_same_run_twice_is_one_run_and_the_first_stays(tmp_path):
     assert made.commit(tmp_path, timings={"plant_s": 9}) == first
     assert {p.name: p.stat().st_mtime_ns for p in folder.iterdir()} == before
     assert "timings" not in read_manifest(tmp_path, first)
-
-
-def test_other_halves_are_other_runs(tmp_path):
-    assert made.commit(tmp_path, 1) != made.commit(tmp_path, 2)
-    log, told = made.recording(), made.manifest()
-    plants = [Sealed({"salt": "a"}), Sealed({"salt": "b"}), None]
-    assert len({commit_run(tmp_path, log, told, plant) for plant in plants}) == 3
 
 
 def test_a_measured_run_is_known_by_its_values_and_its_robot(tmp_path):

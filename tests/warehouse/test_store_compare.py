@@ -8,11 +8,9 @@ import pytest
 from residual.errors import InputError
 from tests.warehouse import store_samples as made
 from warehouse.compare import compare, differing, values_apart
-from warehouse.files import read_parquet, write_parquet, write_sums
 from warehouse.layout import find, needed
 from warehouse.query.lineage import tree
 from warehouse.query.store import open_store
-from warehouse.verify import faults
 
 T = np.arange(100) / 50
 
@@ -103,32 +101,3 @@ def test_a_lost_parent_is_named(store, tmp_path):
     with open_store(folder) as opened:
         kinds = {each.kind for each in tree(opened, id).relatives}
     assert None in kinds
-
-
-def test_a_good_record_has_no_fault(store):
-    folder, _runs, id = store
-    assert [faults(f) for f in needed(folder, id)] == [()] * 4
-
-
-def test_a_changed_record_is_found(store):
-    folder, _runs, id = store
-    found = find(folder, id)
-    table = read_parquet(found.row)
-    text = table.column("record")[0].as_py().replace('"mass"', '"Mass"')
-    at = table.column_names.index("record")
-    write_parquet(found.row, table.set_column(at, "record", [[text]]))
-    assert "its bytes are not those" in faults(found)[0]
-    write_sums(found.folder)
-    assert "not the one that its id is the hash of" in faults(found)[0]
-
-
-def test_a_changed_sample_is_found(store):
-    folder, runs, _ = store
-    path = find(folder, runs[0]).folder / "part-0.parquet"
-    table = read_parquet(path)
-    values = table.column("tau1").to_numpy().copy()
-    values[7] = np.nextafter(values[7], 1)
-    at = table.column_names.index("tau1")
-    write_parquet(path, table.set_column(at, table.schema.field(at), [values]))
-    write_sums(path.parent)
-    assert "not those that were committed" in faults(find(folder, runs[0]))[0]

@@ -3,7 +3,7 @@
 import re
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
-from datetime import datetime
+from datetime import datetime, timedelta
 from pathlib import Path
 from tempfile import TemporaryFile
 from typing import Any
@@ -33,7 +33,6 @@ from warehouse.logs.tables import (
     LogFile,
     ParquetLog,
     from_seconds,
-    later,
 )
 from warehouse.logs.window import (
     Doubt,
@@ -369,7 +368,7 @@ def _moment(log: LogFile, first: float, recording: Recording) -> datetime | None
     """When the first sample that is kept was taken: the file says, or its own clock."""
     if log.recorded_at is None:
         return from_seconds(recording.t[0])
-    return later(log.recorded_at, recording.t[0] - first)
+    return log.recorded_at + timedelta(seconds=float(recording.t[0] - first))
 
 
 def _samples(

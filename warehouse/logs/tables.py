@@ -11,7 +11,7 @@ import re
 from abc import ABC, abstractmethod
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
-from datetime import UTC, datetime, timedelta
+from datetime import UTC, datetime
 from pathlib import Path
 
 import numpy as np
@@ -61,11 +61,6 @@ def parse(text: str, what: str) -> datetime:
             "2026-11-20T14:03:00+01:00, or with Z for UTC."
         )
     return moment
-
-
-def later(moment: datetime, seconds: float) -> datetime:
-    """Return the moment some seconds later."""
-    return moment + timedelta(seconds=float(seconds))
 
 
 def iso(moment: datetime | None) -> str | None:
@@ -403,8 +398,10 @@ class ParquetLog(LogFile):
         try:
             # Batch by batch: a table of all of it would stand beside the values.
             for batch in self._file.iter_batches(BATCH, columns=list(columns)):
+                rows = slice(done, done + len(batch))
                 for c in columns:
-                    values[c][done : done + len(batch)] = _floats(batch.column(c))
+                    column = batch.column(c).cast(pa.float64())
+                    values[c][rows] = column.to_numpy(zero_copy_only=False)
                 done += len(batch)
         except (pa.ArrowException, OSError) as error:
             raise InputError(_broken(self.name)) from error
@@ -418,10 +415,6 @@ def openable(path: Path) -> Path | pa.BufferReader:
     except UnicodeEncodeError:
         return pa.BufferReader(path.read_bytes())
     return path
-
-
-def _floats(column: pa.Array) -> Array:
-    return column.cast(pa.float64()).to_numpy(zero_copy_only=False)
 
 
 def _broken(name: str) -> str:

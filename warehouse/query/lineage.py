@@ -106,7 +106,10 @@ def old_runs(
     with open_store(store) as opened:
         found = opened.sql(_QUERY, asked | {"looked_at": list(LOOKED_AT)})
     folders = [find_run(store, id) for id in found.column(0).to_pylist()]
-    return [Old(run.id, run.folder, _size(run.folder)) for run in folders]
+    return [
+        Old(run.id, run.folder, sum(p.stat().st_size for p in run.folder.iterdir()))
+        for run in folders
+    ]
 
 
 def move_away(store: Path, old: Old, to: Path) -> Path:
@@ -136,7 +139,3 @@ def move_away(store: Path, old: Old, to: Path) -> Path:
         with staged(store, "moved") as folder:
             os.replace(part, folder / part.name)
     return to / old.folder.relative_to(store)
-
-
-def _size(folder: Path) -> int:
-    return sum(file.stat().st_size for file in folder.rglob("*") if file.is_file())

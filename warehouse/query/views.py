@@ -51,11 +51,14 @@ _UNIT = """
 
 def catalogue_views() -> dict[str, str]:
     """Return the query behind each view that is made of catalogue rows, by name."""
-    views = {name: _flat(name) for name in KINDS if name != "runs"}
-    runs = ", ".join(_quoted(c) for c in VIEWS["runs"][:-1])
+    views = {
+        name: f"SELECT {_listed(VIEWS[name])} FROM catalogue.{name}"
+        for name in KINDS
+        if name != "runs"
+    }
     views["runs"] = (
-        f"SELECT {runs}, run_id IN (FROM catalogue.quarantine) AS quarantined "
-        "FROM catalogue.runs"
+        f"SELECT {_listed(VIEWS['runs'][:-1])}, "
+        "run_id IN (FROM catalogue.quarantine) AS quarantined FROM catalogue.runs"
     )
     views["channels"] = _channels()
     views["adopted"] = _adopted()
@@ -128,14 +131,13 @@ def _nothing(columns: Sequence[Column]) -> str:
     return f"SELECT {', '.join(typed)} WHERE false"
 
 
-def _flat(kind: str) -> str:
-    columns = ", ".join(_quoted(c) for c in VIEWS[kind])
-    return f"SELECT {columns} FROM catalogue.{kind}"
+def _listed(columns: Iterable[Column]) -> str:
+    return ", ".join(f'"{column.name}"' for column in columns)
 
 
 def _unnested(view: str, kind: str, key: str) -> str:
     own, *rest = VIEWS[view]
-    columns = ", ".join(f"item.{_quoted(c)} AS {_quoted(c)}" for c in rest)
+    columns = ", ".join(f'item."{c.name}" AS "{c.name}"' for c in rest)
     return (
         f"SELECT {key} AS {own.name}, {columns} "
         f"FROM (SELECT {key}, unnest({view}) AS item FROM catalogue.{kind})"
@@ -179,15 +181,10 @@ def _verdicts() -> str:
 
 def _adopted() -> str:
     # The number decides, not the clock of who wrote it.
-    columns = ", ".join(_quoted(c) for c in VIEWS["adopted"])
     return (
-        f"SELECT {columns} FROM catalogue.adoptions QUALIFY row_number() OVER "
-        "(PARTITION BY robot, serial ORDER BY adoption_id DESC) = 1"
+        f"SELECT {_listed(VIEWS['adopted'])} FROM catalogue.adoptions QUALIFY "
+        "row_number() OVER (PARTITION BY robot, serial ORDER BY adoption_id DESC) = 1"
     )
-
-
-def _quoted(column: Column) -> str:
-    return f'"{column.name}"'
 
 
 def signal_rows() -> pa.Table:
