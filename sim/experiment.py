@@ -21,13 +21,7 @@ from sim.plant.arm import Arm
 from sim.plant.background import logged
 from sim.plant.catalogue import acting
 from sim.plant.controller import Law
-from sim.plant.sensors import (
-    WHITE_TORQUE,
-    encoder,
-    hold_frozen,
-    reported,
-    torque_noise,
-)
+from sim.plant.sensors import WHITE_TORQUE, encoder, hold_frozen, reported, torque_noise
 from sim.plant.sizes import sizes
 from sim.plant.stepping import Trace, drive
 from sim.twin import twin_errors, twin_of

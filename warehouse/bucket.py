@@ -23,7 +23,6 @@ _BUCKET = re.compile(r"[a-z0-9][a-z0-9.-]{1,61}[a-z0-9]")
 # No sign that a URL, a key or a pattern of file names takes for something else.
 _PART = re.compile(r"[A-Za-z0-9_=.-]{1,100}")
 
-
 _SCALE = "Object storage needs the extra: pip install '.[scale]' in the checkout."
 # A profile may renew its keys; they are asked for again after this time.
 _FRESH = timedelta(minutes=10)

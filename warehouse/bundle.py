@@ -47,7 +47,6 @@ _OTHER = (
     r"[A-Za-z0-9][A-Za-z0-9_-]{0,60}\.(parquet|json|html|gif|png|csv|py|toml|urdf|txt)"
 )
 
-
 _DOCUMENTS = ("manifest", "record", "provenance")  # columns that hold JSON
 _READERS = (ValueError, KeyError, TypeError, OSError, RecursionError)
 # Of the disk and not of the bundle.

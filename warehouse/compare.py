@@ -9,7 +9,6 @@ from warehouse.schema import SIGNALS, channel_names
 
 Array = np.ndarray
 
-
 _GONE = object()
 
 

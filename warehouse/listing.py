@@ -51,7 +51,6 @@ _NOTE = re.compile(
 )
 _FILE = re.compile(r"[a-z]+-[0-9a-f]{1,40}")
 
-
 # So many files of one size are joined; sizes grow by this factor.
 _FAN = 8
 _SMALLEST = 64

@@ -52,7 +52,6 @@ _AT_ONCE = 8
 # A writer that slept for so long writes its note again: it may have been cleared away.
 _LONG = 3600.0
 
-
 CACHE = "MODELGAP_CACHE"
 SUMS = "_sums.json"
 PRIVATE = 0o700

@@ -29,7 +29,6 @@ WATCHED = (*PACKAGES, "pyproject.toml", "requirements.lock", "requirements-dev.l
 LARGEST = 1_000_000  # bytes of a patch that is still kept
 _NAMED = 20  # files that are named; the others are counted
 
-
 # Named in the manifest; all others are in the hash of the environment.
 _TOLD = (
     "modelgap",

@@ -12,7 +12,6 @@ TEXT, NUMBER, WHOLE, FLAG = pa.string(), pa.float64(), pa.int64(), pa.bool_()
 TIME = pa.timestamp("us")
 JOINT = pa.int32()
 
-
 # The view samples has columns for at least as many joints, null where there are fewer.
 DEFAULT_DOF = 6
 STAGING, INDEX, SEALED, QUARANTINE = "_staging", "_index", "sealed", "quarantine"
@@ -286,7 +285,6 @@ VIEWS: dict[str, tuple[Column, ...]] = {
         Column("role", TEXT, "what the parent was to it, such as fit or held_out"),
     ),
 }
-
 
 # Columns that are computed, and stored nowhere; behind those of `VIEWS`.
 COMPUTED = {"errors": (Column("unit", TEXT, "unit of the value; null if unknown"),)}

@@ -21,14 +21,7 @@ from warehouse import ids
 from warehouse.files import file_faults, read_parquet, staged, table_hash, to_arrays
 from warehouse.layout import Found, list_folders
 from warehouse.listing import all_records, read_listing
-from warehouse.mirror import (
-    SUMS,
-    brought,
-    bucket_of,
-    names_in,
-    object_key,
-    sums_in,
-)
+from warehouse.mirror import SUMS, brought, bucket_of, names_in, object_key, sums_in
 from warehouse.provenance import MADE_WITH, check_kept
 from warehouse.runs import ROBOTS, open_seal
 from warehouse.schema import (
@@ -42,15 +35,7 @@ from warehouse.schema import (
 )
 
 _OPEN_TO_OTHERS = 0o077
-_OTHER_FORM = (
-    KeyError,
-    TypeError,
-    ValueError,
-    AttributeError,
-    IndexError,
-    RecursionError,
-)
-
+_OTHER_FORM = (LookupError, TypeError, ValueError, AttributeError, RecursionError)
 
 # Columns of the records with a number for an id, which must be those of the record.
 _SAME = {

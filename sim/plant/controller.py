@@ -21,7 +21,6 @@ from sim.plant.tables import compiled
 KP, KD = 900.0, 60.0  # 1/s^2, 1/s
 _SOFT = 0.05  # rad/s: over which the controller turns its dry friction
 
-
 # From step, read position and read speed to the torque commanded [N m]. Shapes (dof,).
 Controller = Callable[[int, Array, Array], Array]
 # From step, position, speed and the acceleration that reference and feedback want

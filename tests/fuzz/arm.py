@@ -2,6 +2,7 @@
 
 import csv
 import io
+import tempfile
 from collections.abc import Iterable, Mapping, Sequence
 from functools import cache
 from pathlib import Path
@@ -19,8 +20,6 @@ Array = np.ndarray
 @cache
 def arm() -> Robot:
     """The arm of the tests of the store, gears and currents known."""
-    import tempfile
-
     with tempfile.TemporaryDirectory() as place:
         folder = Path(place)
         (folder / "arm.urdf").write_text(URDF)

@@ -64,7 +64,11 @@ def write_bag(path, topics, version=2, storage="sqlite3"):
 def write_mcap(path, topics, encoding="cdr"):
     """Write joint states by topic as an MCAP file, as ROS 2 or as JSON."""
     with path.open("wb") as file:
-        (_write_cdr if encoding == "cdr" else _write_json)(file, topics)
+        if encoding == "cdr":
+            _write_cdr(file, topics)
+        else:
+            told = {t: [(m["recorded"], _plain(m)) for m in topics[t]] for t in topics}
+            write_json(file, told)
     return str(path)
 
 
@@ -95,15 +99,15 @@ def _write_cdr(file, topics):
     writer.finish()
 
 
-def _write_json(file, topics):
+def write_json(file, topics, **how):
+    """Write documents as messages: pairs of the time of recording and one of them."""
     from mcap.writer import Writer
 
-    writer = Writer(file)
+    writer = Writer(file, **how)
     writer.start()
     schema = writer.register_schema("sensor_msgs/msg/JointState", "jsonschema", b"{}")
     for topic, listed in topics.items():
         channel = writer.register_channel(topic, "json", schema)
-        for told in listed:
-            data = json.dumps(_plain(told)).encode()
-            writer.add_message(channel, told["recorded"], data, told["recorded"])
+        for at, told in listed:
+            writer.add_message(channel, at, json.dumps(told).encode(), at)
     writer.finish()

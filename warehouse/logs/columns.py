@@ -38,7 +38,6 @@ UNITS: Mapping[str, Mapping[str, float]] = {
 _Numbers = tuple[Annotated[float, Field(strict=True, allow_inf_nan=False)], ...]
 _TABLE = ConfigDict(extra="forbid")
 
-
 MOST_FOUND = 8000  # letters: every column of an arm, not a million of a broken file
 _NEEDED = ("q", "tau")
 _JOINT_COLUMN = re.compile(r"(q|tau|qd|qdd|q_ref)(\d+)")
@@ -251,9 +250,9 @@ def select(
         signals[name] = signal
     chosen = Selection(column_map.time, signals, ())
     _check_there(chosen.used, columns, where)
-    _check_beyond(set(columns) - set(chosen.used), dof, where)
     ignored = tuple(c for c in columns if c not in chosen.used and c)
-    return Selection(column_map.time, signals, ignored)
+    _check_beyond(ignored, dof, where)
+    return replace(chosen, ignored=ignored)
 
 
 def check_units(
@@ -300,7 +299,7 @@ def _check_there(used: tuple[str, ...], columns: tuple[str, ...], where: str) ->
             )
 
 
-def _check_beyond(rest: set[str], dof: int, where: str) -> None:
+def _check_beyond(rest: Iterable[str], dof: int, where: str) -> None:
     for column in sorted(rest):
         match = _JOINT_COLUMN.fullmatch(column)
         # Python reads no number of thousands of digits.

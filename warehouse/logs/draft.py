@@ -304,18 +304,15 @@ class _Drafter:
             return "deg/s"
         if name in ("q", "q_ref"):
             return self._angle(name, family)
-        if (
-            name == "tau"
-            and CURRENTS & {*family.words}
-            and "torque" not in family.words
-        ):
-            self._doubt(
-                "tau", "a current by its name: robot.toml needs torque_per_unit"
-            )
+        usual = next(iter(UNITS[name]))
+        if name != "tau":
+            return usual
+        if CURRENTS & {*family.words} and "torque" not in family.words:
+            words = "a current by its name: robot.toml needs torque_per_unit"
+            self._doubt("tau", words)
             return "A"
-        if name == "tau":
-            self._doubt("tau", "no unit is stated; taken for N m at the link")
-        return next(iter(UNITS[name]))
+        self._doubt("tau", "no unit is stated; taken for N m at the link")
+        return usual
 
     def _angle(self, name: str, family: Family) -> str:
         """Return the unit of angles by what the joints of the robot can reach."""
@@ -323,36 +320,29 @@ class _Drafter:
         if q is None:
             self._doubt(name, "no unit is stated, and its numbers cannot be read")
             return self.preset.angle or "rad"
-        if self._reach(q) <= LIMIT_SLACK:
+        low, high = np.nanmin(q, axis=0), np.nanmax(q, axis=0)
+        if self._reach(low, high) <= LIMIT_SLACK:
             if self.preset.angle:
                 self._doubt(name, f"{self.preset.angle} by the format; radians fit too")
-            elif name == "q" and self._span(q) < LIMIT_SLACK:
+            elif name == "q" and (high - low).max() < LIMIT_SLACK:
                 self._doubt(name, "radians? It hardly moves, and degrees would fit too")
             return self.preset.angle or "rad"
         if name == "q":
-            far = f"up to {np.nanmax(np.abs(q)):.4g}"
-            sure = self._reach(np.deg2rad(q)) <= LIMIT_SLACK
+            sure = self._reach(np.deg2rad(low), np.deg2rad(high)) <= LIMIT_SLACK
             why = "inside" if sure else "still beyond"
             self._doubt(
                 name,
-                f"no unit is stated; {far} is beyond the joints' limits in rad, {why} "
-                "them in degrees",
+                f"no unit is stated; up to {max(-low.min(), high.max()):.4g} is beyond "
+                f"the joints' limits in rad, {why} them in degrees",
             )
         return "deg"
 
-    def _reach(self, q: Array) -> float:
+    def _reach(self, low: Array, high: Array) -> float:
         """How far angles lie beyond the limits of the joints, at the most [rad]."""
-        low, high = (
-            self.robot.lower - np.nanmin(q, axis=0),
-            np.nanmax(q, axis=0) - self.robot.upper,
-        )
-        turns = np.where(
-            np.isfinite(self.robot.upper), 0, np.nanmax(np.abs(q), axis=0) - TURNS
-        )
-        return float(max(low.max(), high.max(), turns.max()))
-
-    def _span(self, q: Array) -> float:
-        return float(np.max(np.nanmax(q, axis=0) - np.nanmin(q, axis=0)))
+        beyond = np.maximum(self.robot.lower - low, high - self.robot.upper)
+        free = ~np.isfinite(self.robot.upper)
+        turns = np.where(free, np.maximum(-low, high) - TURNS, 0)
+        return float(max(beyond.max(), turns.max()))
 
     def _radians(self, signal: SignalMap | None) -> Array | None:
         q = self._read(signal.columns) if signal else None

@@ -27,13 +27,7 @@ from warehouse.logs.columns import (
     to_link_side,
 )
 from warehouse.logs.ros import open_bag, open_mcap
-from warehouse.logs.tables import (
-    HEAD,
-    CsvLog,
-    LogFile,
-    ParquetLog,
-    from_seconds,
-)
+from warehouse.logs.tables import HEAD, CsvLog, LogFile, ParquetLog, from_seconds
 from warehouse.logs.window import (
     Doubt,
     Window,
@@ -46,11 +40,10 @@ from warehouse.logs.window import (
 Array = np.ndarray
 
 LARGEST = 1e30  # in any SI unit: no sensor measures more, and sums of squares overflow
-
-
 LARGE = 1 << 26  # bytes of one signal: some twenty minutes at 1 kHz
-_SQLITE = b"SQLite format 3\0"
-_ROS1 = b"#ROSBAG V"
+# What the files of each format begin with; all others are text.
+_SQLITE, _ROS1 = b"SQLite format 3\0", b"#ROSBAG V"
+_MCAP, _PARQUET = b"\x89MCAP", b"PAR1"
 _BINARY = re.compile(rb"[\x00-\x08\x0b\x0e-\x1f]")  # control characters
 
 
@@ -119,41 +112,30 @@ Reader = Callable[[Path, bytes, ColumnMap, Sequence[str]], LogFile | None]
 
 
 def open_log(path: Path, columns: ColumnMap, joints: Sequence[str]) -> LogFile:
-    """Open a log by the first reader that knows what is in it.
+    """Open a log by the first reader that knows what is in it: plug-ins, then ours.
+
+    Each takes the file, its first bytes (none of a folder), the map and the names of
+    the joints, and returns None for what is none of its own.
 
     Args:
         path: An existing file, or the folder of a ROS 2 bag.
         joints: Names of the robot's joints in the URDF, joint 1 first.
     """
     head = b"" if path.is_dir() else _head(path)
-    opened = (reader(path, head, columns, joints) for reader in readers())
+    readers: list[Reader] = [*plugins("modelgap.readers").values(), _open_ours]
+    opened = (reader(path, head, columns, joints) for reader in readers)
     return next(log for log in opened if log is not None)
 
 
-def readers() -> tuple[Reader, ...]:
-    """Return the readers in the order in which they are asked: plug-ins, then ours.
-
-    Each takes the file, its first bytes (none of a folder), the map and the names of
-    the joints, and returns None for what is none of its own; the last takes all.
-    """
-    return (*plugins("modelgap.readers").values(), _bag, _mcap, _parquet, _text)
-
-
-def _bag(path: Path, head: bytes, columns: ColumnMap, joints: Sequence[str]):
-    known = path.is_dir() or head.startswith((_SQLITE, _ROS1))
-    return open_bag(path, joints, columns.bag) if known else None
-
-
-def _mcap(path: Path, head: bytes, columns: ColumnMap, joints: Sequence[str]):
-    known = head.startswith(b"\x89MCAP")
-    return open_mcap(path, joints, columns.bag) if known else None
-
-
-def _parquet(path: Path, head: bytes, columns: ColumnMap, joints: Sequence[str]):
-    return ParquetLog(path) if head.startswith(b"PAR1") else None
-
-
-def _text(path: Path, head: bytes, columns: ColumnMap, joints: Sequence[str]):
+def _open_ours(
+    path: Path, head: bytes, columns: ColumnMap, joints: Sequence[str]
+) -> LogFile:
+    if path.is_dir() or head.startswith((_SQLITE, _ROS1)):
+        return open_bag(path, joints, columns.bag)
+    if head.startswith(_MCAP):
+        return open_mcap(path, joints, columns.bag)
+    if head.startswith(_PARQUET):
+        return ParquetLog(path)
     if _BINARY.search(head):
         raise InputError(
             f"{path.name} is binary but not Parquet, a ROS bag or MCAP, expected one "

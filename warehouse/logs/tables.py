@@ -103,7 +103,6 @@ class LogFile(ABC):
 HEAD = 1 << 16  # bytes in which the names of a file's columns must end
 _SEPARATORS = ";\t,|"
 
-
 # What a map calls a unit, and how it is written.
 _WRITTEN = {
     "s": ("s", "sec"),

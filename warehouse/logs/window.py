@@ -17,7 +17,6 @@ from residual.robot.robot import Robot
 _EDGE = r"(\d+(?:\.\d*)?|\.\d+)(%?)"
 _WINDOW = re.compile(f"(?:{_EDGE})?:(?:{_EDGE})?")
 
-
 # So many equal samples in a row are no coincidence, however coarse the sensors.
 RUN = 5
 BLOCK = 1 << 17  # samples that are looked at together

@@ -61,7 +61,6 @@ _LINE = 600  # characters of what is wrong with one
 _DEEP = "The query is nested too deep. Ask with fewer subqueries and brackets."
 _ONLY = "Only one SELECT, or EXPLAIN of one, runs here"
 
-
 # Outside of these no query reads anything: not the sealed halves, not the machine.
 READABLE = ("samples", "models", "diagnoses", "validations", INDEX)
 # Shares of the memory that a query may take, and its answer on top of that.

@@ -38,7 +38,6 @@ _READS = """
 # One core hashes about as fast as two decode; more would take them from other work.
 _THREADS = 2
 
-
 # A run of up to this size is read faster from a copy beside others [bytes].
 SMALL = 1_000_000
 _BATCH = 100_000  # samples that are fetched at once

@@ -35,7 +35,6 @@ from warehouse.schema import (
 # Arrow names of types, as DuckDB has them.
 _TYPES = {"string": "VARCHAR", "double": "DOUBLE", "int32": "INTEGER"}
 
-
 # Metrics are named after what they are of; a calibration's after their scheme.
 _UNIT = """
     CASE WHEN metric IN ('held_out', 'filtered', 'moving') THEN '%'
