@@ -107,7 +107,9 @@ def chosen_words(made: Calibration) -> str:
         elif option.kind == PAIRS:
             what = f"main effects and all pairs, {option.count} component(s)"
         elif option.kind == LINES:
-            what = f"PLSR, {option.count} component(s)"
+            what = "a constant"
+            if option.count:
+                what = f"PLSR, {option.count} component(s)"
         taken.append(f"J{joint} {what}")
     where = "runs" if made.proven else "blocks of the runs, which are fewer than four,"
     return f"default form, chosen on {where} left out: {'; '.join(taken)}."

@@ -1,11 +1,11 @@
 """Which correction each joint gets: what leaves least on runs or blocks left out.
 
 `residual/tables/choose.py` proposes tables of several variables. Here its proposal
-stands beside what anyone would try first: nothing, PLSR of the states with every number
-of components, least squares, main effects by ridge, the same with load. Each is fitted
-to the other runs and judged on the one left out, with a nominal model that has not seen
-it: what a model leaves on runs that it was identified from is smaller, and of another
-shape, than what it leaves on others.
+stands beside what anyone would try first: nothing, a constant, PLSR of the states with
+every number of components, least squares, main effects by ridge, the same with load.
+Each is fitted to the other runs and judged on the one left out, with a nominal model
+that has not seen it: what a model leaves on runs that it was identified from is
+smaller, and of another shape, than what it leaves on others.
 """
 
 from collections.abc import Callable, Collection, Sequence
@@ -105,7 +105,8 @@ def chosen_model(
 ) -> tuple[EffectModel, tuple[Option, ...]]:
     """The default form with the options that leave least on what was left out.
 
-    The best must be better than nothing beyond chance, by blocks of two seconds.
+    Least squares must be better than nothing, and all else than that, beyond chance, by
+    blocks of two seconds.
 
     Of fewer than four runs blocks are left out instead, of which the other blocks of
     the run are fitted: one run, or two, do not span what a third one does. Blocks do
@@ -114,9 +115,10 @@ def chosen_model(
     X, runs = training.loaded if form.loads else training.X, _runs(training)
     model = fit_effect_tables(X, training.Y, runs, training.tau, form)
     tried = _candidates(model.chosen, form, training.X.shape[1])
+    line = [one.kind for one, *_ in tried].index(LEAST_SQUARES)
     miss = _held_out(training, choice_groups(training), form, tried)
     joints = range(len(model.chosen))
-    return model, tuple(tried[_best(miss[..., j])][j] for j in joints)
+    return model, tuple(tried[_best(miss[..., j], line)][j] for j in joints)
 
 
 def choice_groups(training: Training) -> Array:
@@ -137,21 +139,29 @@ def _candidates(
     """What is tried, each with an option per joint: nothing is the first."""
     tables = [Option(MAIN, r) for r in form.ridges]
     tables += [Option(LOADED, r) for r in form.ridges if form.loads]
-    lines = [Option(PLSR, count=a) for a in range(1, variables)]
+    lines = [Option(PLSR, count=a) for a in range(variables)]  # of none: a constant
     every = [Option(NONE), *tables, *lines, Option(LEAST_SQUARES)]
     out = [(one,) * len(proposed) for one in every]
     # The others are among these already.
     return out + [tuple(proposed)] * any(o.kind in (NAMED, PAIRS) for o in proposed)
 
 
-def _best(miss: Array) -> int:
-    """Number of the best candidate; the first, nothing, where that may be chance.
+def _best(miss: Array, line: int) -> int:
+    """Number of the best candidate that is no matter of chance.
+
+    Least squares must be better than nothing, the first candidate, and the best of all
+    than what then stands. Lines reach beyond where they were fitted, tables do not: a
+    sum of errors that one stretch decides is no reason for either.
 
     Args:
         miss: Squared errors per second. Shape (candidates, seconds).
+        line: Number of least squares.
     """
-    best = int(np.argmin(miss.sum(axis=1)))
-    return best if is_sure(miss[0], miss[best], LIKELY) else 0
+    standing = 0
+    for number in (line, int(np.argmin(miss.sum(axis=1)))):
+        if is_sure(miss[standing], miss[number], LIKELY):
+            standing = number
+    return standing
 
 
 def _held_out(
