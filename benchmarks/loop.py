@@ -30,8 +30,13 @@ GROUPS = {
 _CLOSING = ("flows/steps/closing", "flows/steps/planning")
 # Those of many drawn cases; the figures that a quick run leaves to the full one.
 _SEEDED = {
-    "next": {"next_settled": 0.80},
-    "close": {"close_both_adopted": 0.85, "close_false_adopted": 0.03},
+    "next": {
+        "next_settled": 0.80,
+        "next_random_over_designed": 2.5,
+        "next_nats_within_two": 0.80,
+        "next_beyond_limits": 0,
+    },
+    "close": {"close_both_adopted": 0.90, "close_false_adopted": 0.0},
 }
 
 

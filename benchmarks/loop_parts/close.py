@@ -21,7 +21,7 @@ from flows.steps.closing.rule import ADOPT, DIAGNOSE
 
 SEEDS = range(117101, 117131)  # of the deciding run
 ROBOT, BUDGET, EFFECTS = "irb140", 6, 2
-BOTH, FALSE, QUIET = 0.85, 0.03, 0.95
+BOTH, FALSE, QUIET = 0.90, 0.0, 0.95
 WAYS = {"designed": True, "fixed": False}
 
 

@@ -93,10 +93,11 @@ def _ratio(rows: Sequence[Mapping], name: str, bar: float | None) -> dict:
     told = [r["seconds"] for r in rows if r["seconds"][DESIGNED] is not None]
     if not told:
         return figure(None, bar, 0, why="no case whose truth is a rival")
-    ours, theirs = (float(np.median([s[n] for s in told])) for n in (DESIGNED, name))
-    value = theirs / ours
+    both = [[s[n] for s in told] for n in (DESIGNED, name)]
+    medians, sums = ([float(of(s)) for s in both] for of in (np.median, np.sum))
+    value = medians[1] / medians[0]
     never = sum(s[name] >= SECONDS for s in told)
-    entry = figure(value, bar, len(told), medians=[ours, theirs], never=never)
+    entry = figure(value, bar, len(told), medians=medians, sums=sums, never=never)
     return at_least(entry, bar)
 
 

@@ -263,6 +263,9 @@ def _judged(rows: list, quick: bool) -> Figures:
     figures = {
         "tracking_not_halved": figure(missed if count else None, 0, count),
         "tracking_over_true": figure(float((augmented / true).max()), NEAR, len(rows)),
+        "tracking_median_over_true": figure(
+            float(np.median(augmented / true)), None, len(rows)
+        ),
         "tracking_over_nominal": figure(float(augmented.max()), NO_HARM, len(rows)),
         "tracking_median_augmented": figure(
             float(np.median(augmented)), HALF, len(rows)
