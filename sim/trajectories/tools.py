@@ -77,7 +77,7 @@ _LEAN = 0.3  # rad by which a torch leans at most
 _LIFT = 0.06  # of the stretched arm, above the piece between seams
 _LENGTH = 0.7  # least length of a seam, in half widths of the piece
 
-Attempt = Callable[["Cell", "Piece"], Plan | LimitError | None]
+Attempt = Callable[["Piece"], Plan | LimitError | None]
 
 
 @dataclass(frozen=True, eq=False, slots=True)
@@ -146,7 +146,7 @@ def plan_cyclic(
     """
     space = cell(robot, "cyclic", (duration - RAMP) / periods)
 
-    def painted(space: Cell, piece: Piece) -> Plan | LimitError | None:
+    def painted(piece: Piece) -> Plan | LimitError | None:
         return largest(robot, _paintings(space, piece, duration))
 
     return _on_a_piece("cyclic", space, rng, painted, too_fast=4)
@@ -162,7 +162,7 @@ def plan_welding(
     """
     space = cell(robot, "welding", duration / periods)
 
-    def welded(space: Cell, piece: Piece) -> Plan | LimitError | None:
+    def welded(piece: Piece) -> Plan | LimitError | None:
         seams = [_draw_seam(piece, rng) for _ in range(_MOST)]
         if _routes(space, piece, seams) is None:
             return None
@@ -188,7 +188,7 @@ def _on_a_piece(
     errors: list[LimitError] = []
     for _ in range(_PIECES):
         piece = draw_piece(space, rng)
-        found = None if piece is None else attempt(space, piece)
+        found = None if piece is None else attempt(piece)
         if isinstance(found, Plan):
             return found
         errors += [found] if found else []

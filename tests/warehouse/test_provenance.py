@@ -128,10 +128,12 @@ def test_without_a_checkout_the_changes_are_unknown(tmp_path):
 def test_the_patch_puts_every_change_back(root):
     (root / "sim/plant.py").write_text("a = 1\nb = 3")
     (root / "sim/new.py").write_bytes("ä = 'ü'\r\nlast line".encode())
+    (root / "sim/a shape.stl").write_bytes(bytes(range(256)))
     (root / "flows").mkdir()
     (root / "flows/__init__.py").write_text("")
     found = captured(root)
-    assert set(found.files) == {"sim/plant.py", "sim/new.py", "flows/__init__.py"}
+    new = {"sim/new.py", "sim/a shape.stl", "flows/__init__.py"}
+    assert set(found.files) == {"sim/plant.py", *new}
     before = {name: (root / name).read_bytes() for name in found.files}
     git(root, "stash", "-q", "-u")
     assert not (root / "sim/new.py").exists()
