@@ -136,13 +136,13 @@ def case_row(
 
 def estimate(judged: Score, truths: Sequence[Mapping[str, float]]) -> Estimate | None:
     """Return the main parameter of what was rightly named first, beside its truth."""
-    for said, truth in zip(judged.hits, truths, strict=True):
-        if said is None:
+    for claim, truth in zip(judged.hits, truths, strict=True):
+        if claim is None:
             continue
-        key = main_parameter(said.name.effect, truth)
-        known = said.finding.parameters.get(key)
+        key = main_parameter(claim.name.effect, truth)
+        known = claim.finding.parameters.get(key)
         if known is not None:
-            value, std = known.pairs[said.place or 0]
+            value, std = known.pairs[claim.place or 0]
             if value is not None and std is not None:
                 return Estimate(str(key), value, std, float(truth[str(key)]))
     return None

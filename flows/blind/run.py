@@ -84,8 +84,8 @@ def run_study(
         with Pool(workers or cores()) as own:
             return run_study(request, store, tell, own)
     every = drafts(request)
-    wanted = {d.excitation.index: (request, d.excitation) for d in every}
-    minima, lost = null_sizes(list(wanted.values()), store, tell, pool)
+    excitations = {d.excitation.index: (request, d.excitation) for d in every}
+    minima, lost = null_sizes(list(excitations.values()), store, tell, pool)
     cases = [
         make_case(request, draft, minima[draft.excitation.index])
         for draft in every
@@ -101,7 +101,7 @@ def run_study(
 
 
 def null_sizes(
-    wanted: Sequence[tuple[StudyRequest, Excitation]],
+    excitations: Sequence[tuple[StudyRequest, Excitation]],
     store: Path,
     tell: Progress | None,
     pool: Runs,
@@ -111,13 +111,13 @@ def null_sizes(
     Returns:
         The sizes, and what failed: without sizes an excitation has no cases.
     """
-    keys = {e.index: key_of(null_specs(own, e)) for own, e in wanted}
+    keys = {e.index: key_of(null_specs(own, e)) for own, e in excitations}
     jobs = {
         keys[e.index]: (
             f"excitation {e.index} and its cases",
             partial(run_null, own, e, keys[e.index], store),
         )
-        for own, e in wanted
+        for own, e in excitations
     }
     ids, failed = _completed(jobs, NULL, store, tell, pool)
     minima = {
@@ -366,9 +366,9 @@ def _oracle(
     """Return the held-out error of the true effects, fitted [%]."""
     robot = load(request.robot)
     fit, held_out = ([read_run(store, i) for i in runs[k]] for k in ("fit", "held_out"))
-    told = [
+    names = [
         (h.effect.name, reported_joints(h.effect.name, h.joints, robot.dof))
         for h in hidden
     ]
-    error = oracle(robot, fit, held_out, told).overall("filtered")
+    error = oracle(robot, fit, held_out, names).overall("filtered")
     return float(error) if np.isfinite(error) else None

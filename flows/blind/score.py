@@ -69,16 +69,16 @@ def score(drawn: str, truths: Sequence[Name], verdict: Verdict) -> Score:
         truths: What is there: one effect, two of a pair, none. Out of the vocabulary
             ("x_...") no name can be right.
     """
-    said = members(verdict)
+    claims = members(verdict)
     flagged = set(verdict.unexplained.joints)
-    hits, classes, free = matched(truths if drawn != UNKNOWN else (), said)
+    hits, classes, free = matched(truths if drawn != UNKNOWN else (), claims)
     # One finding may be on several joints, and their order says nothing.
-    first = [s for s in said if s.finding is said[0].finding]
+    first = [s for s in claims if s.finding is claims[0].finding]
     right = [s for s in first if all(s is not f for f in free)]
     found = sum(h is not None for h in (*hits, *classes))
     state = (found == len(hits), any(c is not None for c in classes))
     return Score(
-        outcome=_outcome(drawn, bool(said), bool(right), state, bool(flagged)),
+        outcome=_outcome(drawn, bool(claims), bool(right), state, bool(flagged)),
         first=(right or first)[0].name if first else None,
         found=found,
         extra=sum(s.name not in _parts(truths, hits) for s in free),
@@ -120,14 +120,14 @@ def _one_each(found: Finding) -> bool:
     return any(isinstance(p.value, tuple) for p in found.parameters.values())
 
 
-def matched(truths: Sequence[Name], said: Sequence[Said]) -> tuple:
+def matched(truths: Sequence[Name], claims: Sequence[Said]) -> tuple:
     """Give every truth a name of its own: the same first, then one of its class.
 
     Returns:
         By its very name and by class, an entry a truth, None for none; and the names
         that are no truth's.
     """
-    free = list(said)
+    free = list(claims)
     hits: list[Said | None] = []
     for truth in truths:
         hits.append(next((s for s in free if s.name == truth), None))
@@ -141,9 +141,9 @@ def matched(truths: Sequence[Name], said: Sequence[Said]) -> tuple:
 
 
 def _outcome(
-    drawn: str, said: bool, right_first: bool, state: tuple[bool, bool], flagged: bool
+    drawn: str, named: bool, right_first: bool, state: tuple[bool, bool], flagged: bool
 ) -> str:
-    if not said:
+    if not named:
         quiet = RIGHT if drawn == NOTHING else SILENT
         return FLAGGED if flagged else quiet
     if drawn in (NOTHING, UNKNOWN) or not right_first:

@@ -219,18 +219,18 @@ def _register() -> None:
             inner["--help"].group = "Options"
             app.command(inner)
         for number, (name, (place, usage)) in enumerate(commands.items()):
-            told = {"sort_key": number, "help": _described(place)}
-            told |= {"help_format": "markdown"}
+            meaning = {"sort_key": number, "help": _described(place)}
+            meaning |= {"help_format": "markdown"}
             own = {"group": group, "show": not word}
-            _add(app, name, place, usage, told | own)
+            _add(app, name, place, usage, meaning | own)
             if word:
-                _add(inner, _SHORTER.get(name, name), place, usage, told)
+                _add(inner, _SHORTER.get(name, name), place, usage, meaning)
 
 
-def _add(to: App, name: str, place: str, usage: str | None, told: dict) -> None:
+def _add(to: App, name: str, place: str, usage: str | None, meaning: dict) -> None:
     program = " ".join(["modelgap", *to.name[: to is not app]])
     usage = usage and f"Usage: {program} {name} {usage} [OPTIONS]"
-    to.command(f"flows.cli.{place}", name=name, usage=usage, **told)
+    to.command(f"flows.cli.{place}", name=name, usage=usage, **meaning)
 
 
 _register()

@@ -84,7 +84,7 @@ def _go_on(request: Close, out: Outputs) -> None:
     out.say(f"the simulated arm {arm}, at most {request.budget} experiments")
     out.say(f"into {loop.store}, loop {loop.id}")
     for decision in loop.history:
-        out.say(*told(decision))
+        out.say(*lines_of(decision))
     if loop.history:
         out.say("(that far it was done before)")
     while True:
@@ -92,10 +92,10 @@ def _go_on(request: Close, out: Outputs) -> None:
             decision = decided(begun(request), tell)
         if decision is None:
             return
-        out.say(*told(decision))
+        out.say(*lines_of(decision))
 
 
-def told(decision: Decision) -> list[str]:
+def lines_of(decision: Decision) -> list[str]:
     """Return a decision as lines: what and why, then what came of it."""
     lines = [f"{decision.number:3}  {decision.action}: {decision.reason}"]
     if decision.outcome:

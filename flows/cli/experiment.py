@@ -71,11 +71,8 @@ def experiment(spec: str, *, store: Store = None, dry_run: DryRun = False) -> No
     """
     place, console = store_folder(store), Console()
     (planned,) = steps.plan([(spec, load_spec(spec))], place)
-    if dry_run:
-        _rehearse([planned], console)
-        return
-    _list([planned], console)
-    if not planned.stored:
+    _list([planned], console, dry_run)
+    if not (dry_run or planned.stored):
         steps.run(planned.spec, place)
         say(console, f"stored in {shown(place)}: modelgap show {planned.run_id}")
 
@@ -109,7 +106,7 @@ def campaign(
     place, console = store_folder(store), Console()
     where = chosen_runner(runner, trust_network)
     planned = steps.plan(((e.label, e.spec) for e in load_campaign(spec)), place)
-    failing = _rehearse(planned, console) if dry_run else 0
+    failing = _list(planned, console, True) if dry_run else 0
     missing = sum(not p.stored for p in planned)
     known = f"{missing} to run, {len(planned) - missing} in {shown(place)}"
     say(console, f"{known}; {failing} will fail" if failing else known)
@@ -127,15 +124,16 @@ def campaign(
         )
 
 
-def _rehearse(planned: list[steps.Planned], console: Console) -> int:
-    """List experiments with their motions planned; returns how many will fail."""
+def _list(planned: list[steps.Planned], console: Console, rehearsed: bool) -> int:
+    """List experiments, with their motions planned; returns how many will fail."""
     failing = 0
     with progress_bar() as tell:
         for number, each in enumerate(planned):
-            if tell:
+            why = None
+            if rehearsed and not each.stored:
                 tell(f"planning {each.label}", number / len(planned))
-            why = None if each.stored else refusal_of(each)
-            word = "is there" if each.stored else "to run" if why is None else "fails"
+                why = refusal_of(each)
+            word = "is there" if each.stored else "fails" if why else "to run"
             say(console, f"{each.run_id}  {word:8}  {each.label}")
             if why:
                 failing += 1
@@ -182,8 +180,8 @@ def fleet(
     for why in failed:
         say(console, f"failed: {why}")
     for label, (id, why) in done.items():
-        told = id and headline(read_verdict(place, id))
-        say(console, f"{label}: {told or 'failed: ' + why}")
+        words = id and headline(read_verdict(place, id))
+        say(console, f"{label}: {words or 'failed: ' + why}")
         if id:
             say(console, f"  modelgap show {id[:8]}")
     wrong = sum(not id for id, _ in done.values())
@@ -191,12 +189,6 @@ def fleet(
         raise RunError(
             f"{wrong} of {len(done)} diagnoses and {len(failed)} experiments failed."
         )
-
-
-def _list(planned: list[steps.Planned], console: Console) -> None:
-    for each in planned:
-        word = "is there" if each.stored else "to run"
-        say(console, f"{each.run_id}  {word:8}  {each.label}")
 
 
 def validate(

@@ -76,16 +76,16 @@ def lineage(
         down: Only what was made from it.
         format: How to print it.
     """
-    wanted = {"made from": up or not down, "gave": down or not up}
+    directions = {"made from": up or not down, "gave": down or not up}
     with open_store(store_folder(store)) as opened:
         trees = {
             words: tree(opened, id, words == "gave")
-            for words, asked in wanted.items()
+            for words, asked in directions.items()
             if asked
         }
     if format == "json":
-        told = {words: asdict(root) for words, root in trees.items()}
-        print(json.dumps(told, indent=2))
+        document = {words: asdict(root) for words, root in trees.items()}
+        print(json.dumps(document, indent=2))
         return
     for words, root in trees.items():
         print_tree(root, words, wide(Console(), 1000))

@@ -89,8 +89,8 @@ def next_(
         )
     outputs.say(*opened.lines)
     if not opened.same:
-        said = sentences(opened.found.verdict)[0]
-        outputs.say(f"Warning: these logs say another thing than {verdict}: {said}")
+        headline = sentences(opened.found.verdict)[0]
+        outputs.say(f"Warning: these logs say another thing than {verdict}: {headline}")
     if made is None or made.best.seen.hopeless:
         outputs.say(*nothing_open(opened, made))
         return

@@ -103,8 +103,8 @@ def _round(project: Project, of: tuple[Inbox, ...], import_only: bool) -> Counte
     sums: Counter = Counter()
     for place, resting in look_twice(of).items():
         inbox = of[place]
-        told = (lambda _: None) if import_only else _watcher(project, inbox)
-        for number, taken in enumerate(take_all(inbox, resting, told), 1):
+        tell = (lambda _: None) if import_only else _watcher(project, inbox)
+        for number, taken in enumerate(take_all(inbox, resting, tell), 1):
             sums[taken.what] += 1
             _say(f"{number}/{len(resting)} {_words(taken)}")
             if taken.what == REFUSED:
@@ -130,7 +130,7 @@ def _words(taken: Taken) -> str:
 def _watcher(project: Project, inbox: Inbox):
     robot = inbox.table.robot
 
-    def told(runs: list[str]) -> None:
+    def tell(runs: list[str]) -> None:
         try:
             found = watch_new(runs, project.store, tag=project.robot(robot).healthy)
         except InputError as error:
@@ -141,7 +141,7 @@ def _watcher(project: Project, inbox: Inbox):
             _say(title)
             _tell(project, Notice("alarm", robot, title, ids=found.alarmed))
 
-    return told
+    return tell
 
 
 def _diagnose(project: Project, robot: str) -> None:

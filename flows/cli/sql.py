@@ -194,11 +194,11 @@ def _asked(
 def _values(name: str, given: Sequence[str]) -> dict[str, str]:
     pairs = [word.partition("=") for word in given]
     values = {key: value for key, _, value in pairs}
-    wanted = values_of(name)
-    if set(values) != set(wanted) or len(values) < len(given) or "" in values.values():
-        told = " ".join(f"--with {key}=... ({about})" for key, about in wanted.items())
+    takes = values_of(name)
+    if set(values) != set(takes) or len(values) < len(given) or "" in values.values():
+        words = " ".join(f"--with {key}=... ({about})" for key, about in takes.items())
         raise InputError(
-            f"'{name}' takes {told or 'no --with'}, got {', '.join(given) or 'none'}."
+            f"'{name}' takes {words or 'no --with'}, got {', '.join(given) or 'none'}."
         )
     return values
 

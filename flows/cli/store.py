@@ -163,10 +163,10 @@ def quarantine(id: str, /, *, reason: str, store: Store = None) -> None:
         found = find(opened.path, id).id
         known = tombstone(opened.path, found)
         set_aside(opened.path, found, reason)
-    told = (
+    text = (
         f"was in quarantine already: {known}" if known else f"in quarantine: {reason}"
     )
-    print(f"{found} {told}")
+    print(f"{found} {text}")
 
 
 def show(

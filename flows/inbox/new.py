@@ -8,7 +8,7 @@ record the same runs are diagnosed again, to the same id.
 import fcntl
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
@@ -47,21 +47,18 @@ class Batch:
 
     # All runs that no diagnosis has taken, in the order of their time.
     runs: tuple[str, ...]
-    # Those that are fitted: all, or as many as are taken, spread over them.
-    fit: tuple[str, ...]
-    held_out: tuple[str, ...] = ()  # the one for the proof, where there are enough
-    baseline: tuple[str, ...] = ()  # healthy runs of the arm, the latest
-    # Id of the diagnosis whose model the robot has, None for none.
-    model: str | None = None
+    # All of them, or as many as are taken, spread over them; one is held out where
+    # there are enough. Against the model that the robot has, else its healthy runs.
+    request: Diagnose
     unwatched: tuple[str, ...] = ()  # those of them that no monitoring has seen
 
     @property
     def against(self) -> str:
         """What they are diagnosed against, in words."""
-        if self.model:
-            return f"the adopted model, of diagnosis {self.model[:8]}"
-        if self.baseline:
-            return f"{len(self.baseline)} healthy runs"
+        if self.request.model:
+            return f"the adopted model, of diagnosis {self.request.model[:8]}"
+        if self.request.baseline:
+            return f"{len(self.request.baseline)} healthy runs"
         return "the model as described"
 
 
@@ -88,14 +85,13 @@ def new_runs(store: Path, arm: Robot, table: RobotTable) -> Batch | None:
     chosen = spread(runs, table.most)
     proof = chosen[-1:] if len(chosen) >= _PROOF else []
     model = in_force(chosen, store).diagnosis
-    return Batch(
-        runs=tuple(runs),
-        fit=tuple(run for run in chosen if run not in proof),
-        held_out=tuple(proof),
-        baseline=() if model else tuple(healthy[-table.most :]),
-        model=model,
-        unwatched=tuple(row["run_id"] for row in new if not row["watched"]),
-    )
+    roles = {
+        "fit": [run for run in chosen if run not in proof],
+        "held_out": proof,
+        "baseline": () if model else healthy[-table.most :],
+    }
+    unwatched = tuple(row["run_id"] for row in new if not row["watched"])
+    return Batch(tuple(runs), request_of(roles, store, model), unwatched)
 
 
 def spread(runs: Sequence[str], most: int) -> list[str]:
@@ -120,7 +116,7 @@ def diagnose_new(
         batch = new_runs(store, arm, table)
         if batch is None:
             return None
-        ids = diagnose_runs(_request(batch, store), progress)
+        ids = diagnose_runs(batch.request, progress)
         record = {"robot": arm.name, "serial": arm.serial, "kind": KIND}
         parents = {"diagnosis": [ids[0]], ROLE: list(batch.runs)}
         commit_record(store, "validations", record | {"project": name}, parents=parents)
@@ -149,8 +145,3 @@ def robot_of_runs(project: Project, runs: Sequence[str]) -> RobotTable | None:
         if rows == [{"robot": arm.name, "serial": arm.serial, "source": "imported"}]:
             return table
     return None
-
-
-def _request(batch: Batch, store: Path) -> Diagnose:
-    roles = {"fit": batch.fit, "held_out": batch.held_out, "baseline": batch.baseline}
-    return replace(request_of(roles, store), model=batch.model)

@@ -71,8 +71,8 @@ def state_of(path: Path) -> State:
 
 
 def _one(path: Path) -> tuple[int, int, int]:
-    told = path.stat()
-    return told.st_size, told.st_mtime_ns, told.st_ino
+    stat = path.stat()
+    return stat.st_size, stat.st_mtime_ns, stat.st_ino
 
 
 def at_rest(before: Mapping[str, State], now: Mapping[str, State]) -> dict[str, State]:
@@ -299,14 +299,14 @@ class Inbox:
             name = table.name
         why = taken.why
         why = why if why.startswith(taken.name) else f"{taken.name}: {why}"
-        told = taken.path.stat()
+        stat = taken.path.stat()
         record = {
             "robot": name,
             "serial": table.serial or None,
             "kind": REFUSED,
             "log": taken.name,
             "inbox": self.table.folder,
-            "state": [told.st_size, told.st_mtime_ns],
+            "state": [stat.st_size, stat.st_mtime_ns],
             "verdict": why,
         }
         return commit_record(self.project.store, "validations", record)
@@ -333,7 +333,7 @@ def look_twice(of: Sequence[Inbox]) -> dict[int, Mapping[str, State]]:
     }
 
 
-def take_all(inbox: Inbox, resting: Mapping[str, State], told: Told) -> Iterator[Taken]:
+def take_all(inbox: Inbox, resting: Mapping[str, State], tell: Told) -> Iterator[Taken]:
     """Take what rests in an inbox, a few logs at a time.
 
     Yields:
@@ -354,7 +354,7 @@ def take_all(inbox: Inbox, resting: Mapping[str, State], told: Told) -> Iterator
         for chunk in _taken(jobs):
             runs = [taken.run for taken in chunk if taken.run]
             if runs:
-                told(runs)
+                tell(runs)
             for taken in chunk:
                 yield _archived(inbox, taken)
 
@@ -377,8 +377,8 @@ def _archived(inbox: Inbox, taken: Taken) -> Taken:
             inbox.remember(taken)
         archive(taken)
     except (OSError, InputError) as error:
-        said = getattr(error, "strerror", None) or error
-        why = f"{taken.why or taken.what}; it cannot be moved: {said}"
+        reason = getattr(error, "strerror", None) or error
+        why = f"{taken.why or taken.what}; it cannot be moved: {reason}"
         return replace(taken, what=WAITING, why=why)
     return taken
 

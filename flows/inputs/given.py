@@ -70,19 +70,19 @@ def in_short(lines: Sequence[str]) -> tuple[str, ...]:
     for line in lines:
         about, *parts = line.split("; ")
         groups.setdefault(tuple(parts), []).append(about)
-    first, told = next(iter(groups), ()), []
+    first, out = next(iter(groups), ()), []
     for parts, abouts in groups.items():
         new = [part for part in parts if part not in first]
         # What is neither the same nor said in its place, such as another unit of q.
         kinds = {part.partition(" ")[0] for part in new}
         gone = [p for p in first if p not in parts and p.partition(" ")[0] not in kinds]
-        if told and len(new) + len(gone) < len(parts):
+        if out and len(new) + len(gone) < len(parts):
             name = groups[first][0].partition(": ")[0]
             new = [f"else as {name}", *new, *(f"without: {part}" for part in gone)]
         else:
             new = list(parts)
-        told.append("; ".join([_sizes(abouts), *new]))
-    return tuple(told)
+        out.append("; ".join([_sizes(abouts), *new]))
+    return tuple(out)
 
 
 def _sizes(abouts: Sequence[str]) -> str:
@@ -93,12 +93,12 @@ def _sizes(abouts: Sequence[str]) -> str:
     common = [next(iter(each)) for each in same if len(each) == 1]
     if len({len(size) for size in sizes}) > 1:
         common = []
-    told = []
+    listed = []
     for (name, _, _), size in zip(named[:_NAMED], sizes, strict=False):
         own = ", ".join(part for part in size if part not in common)
-        told.append(f"{name} ({own})" if own and len(named) > 1 else name)
-    more = len(named) - len(told)
-    names = ", ".join(told) + (f" and {more} more" if more else "")
+        listed.append(f"{name} ({own})" if own and len(named) > 1 else name)
+    more = len(named) - len(listed)
+    names = ", ".join(listed) + (f" and {more} more" if more else "")
     shown = ", ".join(common)
     return f"{names}: {shown}" if shown else names
 

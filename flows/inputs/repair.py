@@ -206,8 +206,8 @@ def drafted(draft: "Draft", log: str, robot: Robot) -> str:
     ]
 
     def line(name: str, text: str) -> None:
-        told = draft.doubts.get(name, ())
-        lines.extend(f"# ? {name}: {printable(words)}" for words in told)
+        doubts = draft.doubts.get(name, ())
+        lines.extend(f"# ? {name}: {printable(words)}" for words in doubts)
         lines.append(text)
 
     if columns.csv.decimal != ".":

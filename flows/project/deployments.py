@@ -72,8 +72,8 @@ def _own(project: Project) -> Iterator[dict]:
             schedules=_cron(project.table.poll, "UTC", "poll"),
         )
     if project.notify.command or project.notify.file:
-        told = {"alarm": (ALARM, "run_ids"), "finding": (PROPOSED, "diagnosis")}
-        for kind, (event, field) in told.items():
+        events = {"alarm": (ALARM, "run_ids"), "finding": (PROPOSED, "diagnosis")}
+        for kind, (event, field) in events.items():
             value = {"ids": _payload(field)}
             yield _deployment(
                 kind,

@@ -78,8 +78,8 @@ def _run(project: Project, command: list[str], notice: Notice) -> list[str]:
     except (OSError, ValueError, subprocess.SubprocessError) as error:
         return [f"notify.command {command[0]}: {error}"]
     if done.returncode:
-        said = " ".join(done.stderr.split())[:200]
-        return [f"notify.command {command[0]} ended with {done.returncode}: {said}"]
+        output = " ".join(done.stderr.split())[:200]
+        return [f"notify.command {command[0]} ended with {done.returncode}: {output}"]
     return []
 
 

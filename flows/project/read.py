@@ -278,25 +278,25 @@ class Start:
     simulated: bool = False  # whether that one is simulated
 
 
-def start(wanted: Start) -> Project:
+def start(request: Start) -> Project:
     """Make a project.
 
     Args:
         wanted: What it begins with. A robot's files that lie elsewhere are copied into
             its folder.
     """
-    folder = Path(wanted.folder).resolve()
+    folder = Path(request.folder).resolve()
     file = folder / PROJECT
     if file.exists():
         raise InputError(
             f"{file} is there already, and is left as it is. Edit it, or give another "
             "folder: modelgap init DIR."
         )
-    word = wanted.robot or "irb140"
+    word = request.robot or "irb140"
     name = load(word).name
     folder.mkdir(parents=True, exist_ok=True)
     urdf = _beside(folder, word, name)
-    text = _filled(name, urdf, wanted.simulated or wanted.robot is None)
+    text = _filled(name, urdf, request.simulated or request.robot is None)
     write_all({file: text})
     project = read_project(folder)
     for inbox in project.table.inbox:

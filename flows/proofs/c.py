@@ -20,6 +20,7 @@ from residual.export.fmu import SOURCE, fmu_parts, to_fmu
 from residual.recording import Array
 
 SIGNALS = ("q", "qd", "qdd")  # inputs of an FMU
+NONE_HERE = "no C compiler here (cc, gcc or $CC)"
 KINDS = ("model exchange", "co-simulation")  # of an FMU
 FLAGS = ("-std=c99", "-O2", "-Wall", "-Wextra", "-pedantic", "-shared", "-fPIC")
 AROUND = """\
@@ -45,7 +46,7 @@ def compiler() -> str | None:
 def prove_c99(made: Exported) -> Proof:
     """Compile the header and run it along a motion; its time per call is a note."""
     if compiler() is None:
-        return Proof("no C compiler here (cc, gcc or $CC)", 0, None, 0.0)
+        return Proof(NONE_HERE, 0, None, 0.0)
     motion = exciting(body_of(made.whole).robot)
     with compiled(made) as along:
         got = along(motion)
@@ -99,8 +100,7 @@ def make_fmu(whole: Whole) -> Exported:
 def prove_fmu(made: Exported) -> Proof:
     """Let FMPy check the FMU and play it along a motion."""
     if compiler() is None:
-        why = "no C compiler here (cc, gcc or $CC): the FMU has sources alone"
-        return Proof(why, 0, None, 0.0)
+        return Proof(f"{NONE_HERE}: the FMU has sources alone", 0, None, 0.0)
     fmpy, motion = extra("fmpy"), exciting(body_of(made.whole).robot)
     (content,) = made.files.values()
     with unpacked({"model.fmu": content}) as place:
@@ -174,7 +174,7 @@ def prove_mujoco(made: Exported) -> Proof:
     """Let MuJoCo find the torque along a motion, with what the module beside adds."""
     mujoco, model = extra("mujoco"), body_of(made.carried)
     if compiler() is None:
-        return Proof("no C compiler here (cc, gcc or $CC)", 0, None, 0.0)
+        return Proof(NONE_HERE, 0, None, 0.0)
     motion = exciting(model.robot)
     got = np.empty_like(motion.q)
     with passive(made) as simulated:

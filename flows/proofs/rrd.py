@@ -89,8 +89,8 @@ def _of_log(whole: Whole, log: Recording) -> Shown:
     track: Track = tracks[0]
     parts = dict(_parts(whole, model.observe(track)))
     measured = np.column_stack([np.interp(track.t, log.t, c) for c in log.tau.T])
-    told = {"measured": measured, "residual": measured - parts["model"]}
-    return Shown(track.t, track.q, parts | told)
+    beside = {"measured": measured, "residual": measured - parts["model"]}
+    return Shown(track.t, track.q, parts | beside)
 
 
 def _parts(whole: Whole, state) -> Iterator[tuple[str, Array]]:

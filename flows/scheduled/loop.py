@@ -143,10 +143,10 @@ def report(asked: Close) -> str:
     store, done = Path(asked.store), closed(asked)
     verdict = adopted_verdict(store, done.known.adopted)
     page = keep_page(done, store, render(done, verdict))
-    came = headline(done, pairs(done.hidden, verdict))
-    words = f"{came} {ended(done)}"
+    answer = headline(done, pairs(done.hidden, verdict))
+    words = f"{answer} {ended(done)}"
     get_run_logger().info(words)
-    artifacts.verdict(f"{asked.robot}, seed {asked.seed}: {came}", page, words)
+    artifacts.verdict(f"{asked.robot}, seed {asked.seed}: {answer}", page, words)
     return str(page)
 
 
@@ -183,8 +183,8 @@ def settle(id: str, request: Next) -> list[str]:
     asked = ask.ask(request)
     if not asked.question.contests:
         raise InputError(f"Diagnosis {id} leaves nothing open.")
-    wanted = Search(asked.question, asked.robot, request.seconds, request.seed)
-    made = design(with_twins(wanted))
+    search = Search(asked.question, asked.robot, request.seconds, request.seed)
+    made = design(with_twins(search))
     if made.best.seen.hopeless:
         raise InputError(f"No motion tells apart what diagnosis {id} leaves open.")
     run = execute.execute(asked.request, made.best.spec)

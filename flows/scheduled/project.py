@@ -48,9 +48,9 @@ def take(folder: str) -> dict:
         robot = of[place].table.robot
         for taken in take_all(of[place], resting, artifacts.runs_committed):
             sums[taken.what] += 1
-            told = taken.run or taken.why
-            log.info(f"{taken.name}: {taken.what}: {told}")
-            rows.append({"log": taken.name, "what": taken.what, "run": told})
+            outcome = taken.run or taken.why
+            log.info(f"{taken.name}: {taken.what}: {outcome}")
+            rows.append({"log": taken.name, "what": taken.what, "run": outcome})
             if taken.run:
                 fed.add(robot)
             if taken.what == REFUSED:

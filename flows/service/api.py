@@ -62,8 +62,8 @@ def ask(
             if error.code >= 500 and left > 1:
                 sleep(1)
                 continue
-            said = " ".join(error.read().decode(errors="replace").split())[:300]
-            words = f"The server refused {path} ({error.code}): {said}"
+            reason = " ".join(error.read().decode(errors="replace").split())[:300]
+            words = f"The server refused {path} ({error.code}): {reason}"
             raise RunError(words) from error
         except (OSError, ValueError) as error:
             words = f"The server at {api.url} does not answer: {error}"
@@ -157,9 +157,9 @@ def deployments(api: Api) -> list[Mapping]:
     return sorted(found, key=lambda d: d["name"])
 
 
-def keep_deployments(api: Api, wanted: Sequence[Mapping]) -> None:
+def keep_deployments(api: Api, deployed: Sequence[Mapping]) -> None:
     """Remove deployments of ours that are not wanted any more."""
-    ours = {(each["name"], each["entrypoint"]) for each in wanted}
+    ours = {(each["name"], each["entrypoint"]) for each in deployed}
     for each in ask(api, "/deployments/filter", {}):
         named = (each["name"], each["entrypoint"])
         if POOL in (each["tags"] or ()) and named not in ours:
@@ -230,13 +230,13 @@ def past_of(to: Api) -> Past:
         }
         try:
             found = _runs_between(to, span)
-            told = ask(to, "/logs/filter", logs, wait=_PAGE_WAIT)
+            warned = ask(to, "/logs/filter", logs, wait=_PAGE_WAIT)
         except RunError:
             return None
         names = {run["id"]: run["name"] for run in found}
         lines = [
             (names[line["flow_run_id"]], " ".join(line["message"].split())[:_LONGEST])
-            for line in told
+            for line in warned
             if line["flow_run_id"] in names
         ]
         return History(tuple(map(_flow_run, found)), tuple(dict.fromkeys(lines)))
@@ -265,19 +265,19 @@ def _runs_between(to: Api, span: Mapping) -> list[Mapping]:
     return sorted(found.values(), key=_begun, reverse=True)
 
 
-def _begun(told: Mapping) -> datetime:
-    when = datetime.fromisoformat(told["start_time"] or told["expected_start_time"])
+def _begun(run: Mapping) -> datetime:
+    when = datetime.fromisoformat(run["start_time"] or run["expected_start_time"])
     return when.astimezone(UTC).replace(tzinfo=None)
 
 
-def _flow_run(told: Mapping) -> FlowRun:
+def _flow_run(run: Mapping) -> FlowRun:
     return FlowRun(
-        id=told["id"],
-        name=told["name"],
-        state=told["state_type"],
-        begun=_begun(told),
-        seconds=told["total_run_time"],
-        message=(told["state"] or {}).get("message") or "",
+        id=run["id"],
+        name=run["name"],
+        state=run["state_type"],
+        begun=_begun(run),
+        seconds=run["total_run_time"],
+        message=(run["state"] or {}).get("message") or "",
     )
 
 

@@ -96,8 +96,8 @@ class Rules:
         if len(text) > LARGEST:
             return False
         try:
-            told = json.loads(text)
-            given = told["token"] if told["type"] == "auth" else ""
+            message = json.loads(text)
+            given = message["token"] if message["type"] == "auth" else ""
             shown = given.encode()  # of half a character there are no bytes
         except (ValueError, KeyError, TypeError, AttributeError, RecursionError):
             return False
@@ -205,20 +205,20 @@ class Guard:
 
 async def _small(receive: Receive) -> list[Message] | None:
     """Return the messages of a whole body; None for one that is too large."""
-    told, size, more = [], 0, True
+    messages, size, more = [], 0, True
     while more:
         message = await receive()
-        told.append(message)
+        messages.append(message)
         size += len(message.get("body", b""))
         if size > LARGEST:
             return None
         more = message.get("more_body", False)
-    return told
+    return messages
 
 
-def _again(told: Sequence[Message], receive: Receive) -> Receive:
+def _again(messages: Sequence[Message], receive: Receive) -> Receive:
     """Give messages that were read once more, then what comes after them."""
-    left = list(told)
+    left = list(messages)
 
     async def given() -> Message:
         return left.pop(0) if left else await receive()

@@ -179,10 +179,10 @@ def _before(app: ASGIApp, routes: Sequence[Route]) -> ASGIApp:
 
 async def _ticket(request: Request) -> object:
     try:
-        told = json.loads(await request.body())
+        body = json.loads(await request.body())
     except (ValueError, RecursionError):
         return None
-    return told.get("ticket") if isinstance(told, dict) else None
+    return body.get("ticket") if isinstance(body, dict) else None
 
 
 def _answered(found: Answer | None) -> Response:

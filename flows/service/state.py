@@ -57,12 +57,12 @@ def start(
         log: Where it writes what it has to say, after what is there.
         umask: Rights that its files do not get; -1 for those of ours.
     """
-    with log.open("ab") as said:
+    with log.open("ab") as output:
         process = subprocess.Popen(
             command,
             stdin=subprocess.DEVNULL,
-            stdout=said,
-            stderr=said,
+            stdout=output,
+            stderr=output,
             env=dict(env),
             cwd=log.parent,
             start_new_session=True,

@@ -231,9 +231,9 @@ def _deployed(
         file.write_bytes(_content(request))
         command = [sys.executable, "-m", "prefect", "--no-prompt", "deploy", "--all"]
         command += ["--prefect-file", str(file)]
-        with log.open("wb") as said:
+        with log.open("wb") as output:
             done = subprocess.run(
-                command, cwd=ROOT, env=env, stdout=said, stderr=said, check=False
+                command, cwd=ROOT, env=env, stdout=output, stderr=output, check=False
             )
         if done.returncode:
             raise RunError(f"The deployments were refused; see {log}.")
@@ -373,11 +373,11 @@ def down(home: Path, wait: float, say: Say) -> Running | None:
 def _finish_runs(running: Running, to: api.Api, wait: float, say: Say) -> None:
     """Give out no new work, wait for what runs, end and mark what is left."""
     api.open_pool(to, paused=True)
-    until, told = monotonic() + wait, False
+    until, announced = monotonic() + wait, False
     while (active := _active(to)) and monotonic() < until:
-        if not told:
+        if not announced:
             say(f"waiting up to {wait:g} s for {len(active)} flow run(s) to end")
-            told = True
+            announced = True
         sleep(0.5)
     # Workers first, or they would report the end of their flows in words of their own.
     stop(running.workers)

@@ -221,11 +221,11 @@ def list_adoptions(
         word: A robot, or its name, to list alone; None for all.
     """
     place = store_folder(store)
-    wanted = None if word is None else _named(place, word)
+    keys = None if word is None else _named(place, word)
     out = []
     for id in list_folders(place, ADOPTIONS):
         made = read_adoption(place, id)
-        if wanted is None or (made.robot, made.serial) in wanted:
+        if keys is None or (made.robot, made.serial) in keys:
             out.append(Listed(id, made, _created(place, id)))
     return out
 

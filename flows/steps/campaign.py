@@ -101,17 +101,19 @@ def run_campaign(
     request: Campaign, tell: Progress | None = None
 ) -> tuple[Runs, Summary]:
     """Run what is not in the store; returns ids by role, and what became of all."""
-    wanted = planned(request)
+    experiments = planned(request)
     runner = chosen_runner(request.runner, request.trust_network)
-    with workers_of(runner, sum(not p.stored for p in wanted)) as pool:
-        summary = run_all(wanted, store_folder(request.store), tell, pool)
-    return by_role(request, wanted, summary), summary
+    with workers_of(runner, sum(not p.stored for p in experiments)) as pool:
+        summary = run_all(experiments, store_folder(request.store), tell, pool)
+    return by_role(request, experiments, summary), summary
 
 
-def by_role(request: Campaign, wanted: Sequence[Planned], summary: Summary) -> Runs:
+def by_role(
+    request: Campaign, experiments: Sequence[Planned], summary: Summary
+) -> Runs:
     """Return the stored runs by role: fit and held_out."""
     runs: Runs = {"fit": [], "held_out": []}
-    for each in wanted:
+    for each in experiments:
         if each.run_id in summary.stored:
             kind = each.spec.trajectory.kind
             role = "held_out" if kind == request.held_out else "fit"
@@ -162,11 +164,11 @@ def arms_of(
     requests = {
         w: Campaign(w, held_out, store=store) for w in words if Path(w).is_file()
     }
-    wanted = {word: planned(campaign) for word, campaign in requests.items()}
-    every = {each.run_id: each for found in wanted.values() for each in found}
+    planned_of = {word: planned(campaign) for word, campaign in requests.items()}
+    every = {each.run_id: each for found in planned_of.values() for each in found}
     summary = run_all(list(every.values()), store, tell, pool)
     arms = {
-        word: by_role(requests[word], wanted[word], summary)
+        word: by_role(requests[word], planned_of[word], summary)
         if word in requests
         else _named(word, store)
         for word in words
@@ -187,8 +189,8 @@ def diagnose_arms(
     for count, (index, id, why) in enumerate(outcomes(pool, jobs), start=1):
         found[labels[index]] = id, why
         if tell:
-            told = f"diagnosed {count} of {len(arms)}: {labels[index]}"
-            tell(told, count / len(arms))
+            stage = f"diagnosed {count} of {len(arms)}: {labels[index]}"
+            tell(stage, count / len(arms))
     return {label: found[label] for label in labels}
 
 

@@ -113,7 +113,7 @@ def _merged(faults: Sequence[Fault]) -> Fault:
 
 
 def _told(faults: Sequence[Fault], logs: LogSets) -> LogCheck:
-    told = (
+    listed = (
         Fault(
             kind=fault.kind,
             joints=tuple(int(joint) for joint in fault.joints),
@@ -123,7 +123,7 @@ def _told(faults: Sequence[Fault], logs: LogSets) -> LogCheck:
         )
         for fault in faults
     )
-    return LogCheck(tuple(told))
+    return LogCheck(tuple(listed))
 
 
 def _repair(fault: Fault, faults: Sequence[Fault], logs: LogSets) -> str | None:

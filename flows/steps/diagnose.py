@@ -148,10 +148,10 @@ def _behind(diagnosis: str, logs: LogSets, store: Path) -> tuple[Recording, ...]
     now = {known.get(log.id, log.id) for log in (*logs.fit, *logs.held_out)}
     ids = kept.read_runs(store, diagnosis, ("fit", "held_out"))
     ids = [id for id in ids if id not in now]
-    told = f"what changed since the model of diagnosis {diagnosis[:8]}"
+    subject = f"what changed since the model of diagnosis {diagnosis[:8]}"
     if not ids:
         raise InputError(
-            f"To say {told}, runs behind it are needed that are not diagnosed now: "
+            f"To say {subject}, runs behind it are needed that are not diagnosed now: "
             "expected one at least, got none. Diagnose later runs, or give --model "
             "nominal."
         )
@@ -163,7 +163,7 @@ def _behind(diagnosis: str, logs: LogSets, store: Path) -> tuple[Recording, ...]
         if motion:
             return motion
         raise InputError(
-            f"To say {told}, the runs behind it are needed: expected "
+            f"To say {subject}, the runs behind it are needed: expected "
             f"{', '.join(id[:8] for id in ids)} in {store}. Got: {error} Import them "
             "into this store, or give logs of that time with --baseline."
         ) from error

@@ -50,13 +50,13 @@ def diff(one: str, two: str, store: Path) -> Diff:
 
 
 def _runs(store: Path, *found: Found) -> tuple[dict, tuple[Channel, ...]]:
-    told = [read_manifest(store, each.id) for each in found]
-    known = [each["provenance"] for each in told]
+    manifests = [read_manifest(store, each.id) for each in found]
+    known = [each["provenance"] for each in manifests]
     spec = [
         {**(each.get("spec") or {}), "sealed": each.get("sealed_sha256")}
-        for each in told
+        for each in manifests
     ]
-    rest = [{k: v for k, v in each.items() if k not in _APART} for each in told]
+    rest = [{k: v for k, v in each.items() if k not in _APART} for each in manifests]
     tables = {
         "spec": _pairs(*spec),
         **_made_with(store, *known),
@@ -127,8 +127,8 @@ def verify(place: Path) -> Iterator[str]:
         damaged += bool(each.faults)
         for line in each.faults:
             yield f"DAMAGED  {each.kind} {each.id}: {line}"
-    told = ", ".join(f"{count} {kind}" for kind, count in counts.items())
-    yield f"verified {told or 'an empty store'}"
+    summary = ", ".join(f"{count} {kind}" for kind, count in counts.items())
+    yield f"verified {summary or 'an empty store'}"
     if unsummed:
         yield (
             f"{unsummed} of them have no sums of their files, being of an earlier "

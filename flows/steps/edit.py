@@ -41,19 +41,19 @@ def sealed_edits(
     verdict = read_verdict(store, diagnosis)
     manifest = read_manifest(store, runs["held_out"][0])
     dof = load(manifest["robot"]).dof
-    wanted = [
+    named = [
         (effect, place)
         for effect in plant.effects
         for place in [Place(effect.name, _joints(effect, dof))]
         if is_named(place, verdict)
     ]
-    if not wanted:
+    if not named:
         return ()
     models = {k: m for k, m in read_models(store, diagnosis).items() if k != "plsr"}
     fit = [read_run(store, id) for id in runs["fit"]]
     out = []
     models["dense"] = dense_model(models["nominal"], fit)
-    for effect, place in wanted:
+    for effect, place in named:
         others = tuple(e for e in plant.effects if e is not effect)
         arm = replace(plant, effects=others)
         models["oracle"] = truth_of(manifest, arm, models["augmented"])
@@ -129,8 +129,8 @@ def truth_of(manifest: Mapping, plant: PlantSpec, like: Model) -> Model:
 def _simulated(manifest: Mapping, plant: PlantSpec) -> Recording:
     robot, spec = load(manifest["robot"]), manifest["spec"]
     rates = Rates(**spec["rates"])
-    wanted = TrajectorySpec.from_record(spec["trajectory"])
-    reference = reference_of(robot, wanted, rates.control)
+    motion = TrajectorySpec.from_record(spec["trajectory"])
+    reference = reference_of(robot, motion, rates.control)
     return run_experiment(robot, reference, plant, rates, spec["start"]).log
 
 

@@ -195,8 +195,8 @@ def _about(known: Understood, columns: ColumnMap | None) -> dict:
         "window": known.window,
         "map": columns,
         "channels": [
-            dict(zip(("channel", "column", "unit", "done"), told, strict=True))
-            for told in known.channels
+            dict(zip(("channel", "column", "unit", "done"), channel, strict=True))
+            for channel in known.channels
         ],
         "ignored": known.ignored,
         "notes": known.notes,

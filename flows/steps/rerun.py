@@ -132,8 +132,8 @@ def environment_apart(
 def _code(then: Mapping, now: Mapping, key: str) -> str:
     what = "the plant's code" if key == "code_hash" else "the program's code"
     commits = [(side.get("commit") or "unknown")[:12] for side in (then, now)]
-    told = f"{what} was {_short(then.get(key))} (commit {commits[0]}"
-    return f"{told}), is {_short(now[key])} (commit {commits[1]})"
+    text = f"{what} was {_short(then.get(key))} (commit {commits[0]}"
+    return f"{text}), is {_short(now[key])} (commit {commits[1]})"
 
 
 def _short(hash: str | None) -> str:

@@ -150,7 +150,9 @@ def _counterpart(own: Path, found: Found, before: set[str]) -> Found:
 def _robots(store: Path, request: Mapping, before: Sequence[Found]) -> dict[str, str]:
     """Return where to load each robot from, such that it is the one that was used."""
     runs = [read_manifest(store, each.id) for each in before if each.kind == "runs"]
-    known = [(told.get("robot"), told.get("robot_hash")) for told in (*runs, request)]
+    known = [
+        (record.get("robot"), record.get("robot_hash")) for record in (*runs, request)
+    ]
     return {word: robot_word(store, word, hash) for word, hash in known if word}
 
 

@@ -258,9 +258,9 @@ def store_outcome(
         beside={} if motion is None else {STATES: motion},
     )
     diagnosis_id = store_rows(store, rows, runs)
-    told, curves = to_record(found)
+    proof, curves = to_record(found)
     about = {"robot": verdict.robot, "kind": "held_out", "diagnosis": diagnosis_id}
-    record = told | asked | about
+    record = proof | asked | about
     parents = {
         "diagnosis": [diagnosis_id],
         "held_out": runs.get("held_out", []),

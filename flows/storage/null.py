@@ -134,10 +134,10 @@ def of_this_version(
     good = tuple(n for n in nulls if n.method == now)
     if not old or any(n.key.robot == robot.content_hash for n in good):
         return good, ()
-    said = old[0].method or "which it does not name"
+    other = old[0].method or "which it does not name"
     return good, (
         f"null {old[0].id} is not used: it was calibrated with another version of the "
-        f"method ({said}, this is {now}); make it again with modelgap calibrate-null",
+        f"method ({other}, this is {now}); make it again with modelgap calibrate-null",
     )
 
 

@@ -75,17 +75,17 @@ def write_case(job: Job) -> dict:
         write_csv(place / f"{name}.csv", {"t": log.t, "q": log.q, "tau": log.tau})
     for name, log in (held | after).items():
         write_csv(place / f"{name}.csv", {"t": log.t, "q": log.q})
-    told = _told(job, effects)
-    if told is not None:
-        _seal(job, told, list(fit.values()), (held, after))
+    names = _told(job, effects)
+    if names is not None:
+        _seal(job, names, list(fit.values()), (held, after))
     known = {"fit": list(fit), "held_out": list(held), "after": list(after)}
-    gone = _missing(told or ())
+    gone = _missing(names or ())
     return {
         "open": {"robot": load(job.request.robot).name, **known},
         "sealed": {
             "kind": job.draft.drawn,
             "effects": [_truth(job, effect) for effect in effects],
-            "held_out": [] if told is None else list(held),
+            "held_out": [] if names is None else list(held),
             "after": dict(zip(after, gone, strict=True)),
         },
     }
@@ -124,9 +124,9 @@ def _numbered(name: str, count: int) -> list[str]:
     return [f"{name}{i}" for i in range(1, count + 1)]
 
 
-def _missing(told: Sequence) -> list[int | None]:
+def _missing(names: Sequence) -> list[int | None]:
     """Which effect the arm has no more in each log after; None where it has all."""
-    return [min(i, len(told) - 1) if told else None for i in range(len(AFTER))]
+    return [min(i, len(names) - 1) if names else None for i in range(len(AFTER))]
 
 
 def _after(job: Job, effects: Sequence[PlantEffect]) -> list[ExperimentSpec]:
@@ -156,18 +156,18 @@ def _told(job: Job, effects: Sequence[PlantEffect]) -> list | None:
 @one_blas_thread
 def _seal(
     job: Job,
-    told: Sequence,
+    names: Sequence,
     fit: Sequence[Recording],
     logs: tuple[Mapping[str, Recording], Mapping[str, Recording]],
 ) -> None:
     """Write measured torque beside that of who is told the names, logs as given."""
     robot, (held, after) = load(job.request.robot), logs
-    model = oracle_model(robot, fit, list(held.values()), told)
+    model = oracle_model(robot, fit, list(held.values()), names)
     for name, log in held.items():
         _keep(job, name, log, model)
-    for (name, log), number in zip(after.items(), _missing(told), strict=True):
+    for (name, log), number in zip(after.items(), _missing(names), strict=True):
         if number is not None:
-            effect, joints = told[number]
+            effect, joints = names[number]
             _keep(job, name, log, model.without(effect, joints or None))
 
 

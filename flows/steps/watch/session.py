@@ -263,9 +263,9 @@ def _learnt_from(session: Session) -> str:
 
 
 def _going_on(session: Session) -> str:
-    heard = session.state.tail.heard
+    counts = session.state.tail.heard
     minutes = session.state.moved / session.reference.window.row_rate / 60
     return (
-        f"going on after {heard.samples} samples, {minutes:.3g} min of motion and "
+        f"going on after {counts.samples} samples, {minutes:.3g} min of motion and "
         f"{session.state.alarms} alarms"
     )

@@ -162,7 +162,7 @@ def test_what_an_alarm_and_a_schedule_diagnose_is_one(project, morning):
     assert diagnosis_of((*loads, healthy[0]), project.store) is None
     new = measured(project, 9)
     batch = new_runs(project.store, project.arm(table), table)
-    assert (batch.runs, sorted(batch.baseline)) == ((new,), sorted(healthy))
+    assert (batch.runs, sorted(batch.request.baseline)) == ((new,), sorted(healthy))
     assert robot_of_runs(project, [made.commit(project.store, 3)]) is None
 
 

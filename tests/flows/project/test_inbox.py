@@ -193,11 +193,8 @@ def test_what_a_diagnosis_took_is_not_taken_again(place, csv):
         (place / f"in/{number}.csv").write_text(text)
     runs = [t.run for t in take_all(inbox, look(place / "in"), lambda runs: None)]
     batch = new_runs(project.store, arm, robot)
-    assert (sorted(batch.runs), batch.held_out, batch.baseline) == (
-        sorted(runs),
-        (),
-        (),
-    )
+    assert sorted(batch.runs) == sorted(runs)
+    assert (batch.request.held_out, batch.request.baseline) == ((), ())
     about = {"robot": arm.name, "kind": "batch"}
     commit_record(project.store, "validations", about, parents={"batch": runs[:1]})
     assert new_runs(project.store, arm, robot).runs == tuple(runs[1:])
