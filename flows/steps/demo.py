@@ -18,7 +18,7 @@ from flows.specs.experiment import ExperimentSpec, derived_seed
 from flows.steps.campaign import run_all
 from flows.steps.edit import sealed_edits
 from flows.steps.experiment import plan, plant_of
-from flows.workers.pool import Here, Pool
+from flows.workers.pool import Runs as Workers
 from residual.effects import reported_joints
 from residual.errors import InputError, RunError, check_name
 from residual.quantity import plain
@@ -95,7 +95,7 @@ def specs(request: Demo) -> list[tuple[str, ExperimentSpec]]:
 
 
 def run_experiments(
-    request: Demo, progress: Progress | None = None, pool: Pool | Here | None = None
+    request: Demo, progress: Progress | None = None, pool: Workers | None = None
 ) -> Runs:
     """Run the experiments that are not in the store."""
     store = store_folder(request.store)
