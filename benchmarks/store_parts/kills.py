@@ -97,7 +97,7 @@ def _campaign(spec: Path, store: Path, started=None) -> None:
     experiment._simulate = _stand_in
     if started is not None:
         started.set()
-    planned = experiment.plan(((e.label, e.spec) for e in load_campaign(spec)), store)
+    planned = experiment.plan(load_campaign(spec), store)
     summary = run_all(planned, store, None, Here())
     for why in summary.failed.values():
         raise RuntimeError(why)

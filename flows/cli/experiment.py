@@ -105,7 +105,7 @@ def campaign(
     """
     place, console = store_folder(store), Console()
     where = chosen_runner(runner, trust_network)
-    planned = steps.plan(((e.label, e.spec) for e in load_campaign(spec)), place)
+    planned = steps.plan(load_campaign(spec), place)
     failing = _list(planned, console, True) if dry_run else 0
     missing = sum(not p.stored for p in planned)
     known = f"{missing} to run, {len(planned) - missing} in {shown(place)}"

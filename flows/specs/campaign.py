@@ -3,11 +3,10 @@
 import re
 from collections.abc import Iterator
 from copy import deepcopy
-from dataclasses import dataclass
 from itertools import product
 from math import exp, log, prod
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -20,8 +19,7 @@ _RANGE = ("low", "high", "log")
 _LARGEST = 2**62  # of a bound; NaN is none
 
 
-@dataclass(frozen=True, slots=True)
-class Entry:
+class Entry(NamedTuple):
     """One experiment of a campaign."""
 
     label: str  # what makes it differ from the others, for people

@@ -91,10 +91,8 @@ def planned(request: Campaign) -> list[Planned]:
     robots = {entry.spec.robot for entry in entries}
     if len(robots) > 1:
         raise InputError(f"{request.path} has {len(robots)} robots; expected one.")
-    labelled = ((e.label, e.spec) for e in entries)
-    name = Path(request.path).stem
-    known = plan(labelled, store_folder(request.store))
-    return [replace(each, campaign=name) for each in known]
+    known = plan(entries, store_folder(request.store))
+    return [replace(each, campaign=Path(request.path).stem) for each in known]
 
 
 def run_campaign(

@@ -317,21 +317,6 @@ def test_bad_words_end_with_two_and_at_most_two_lines(run, tmp_path, words):
     assert list(tmp_path.iterdir()) == []
 
 
-def test_a_damaged_file_is_told_and_the_rest_is_answered(run, tmp_path):
-    store = tmp_path / "torn"
-    for seed in range(2):
-        made.commit(store, seed)
-    path = sorted(store.glob("samples/*/*/part-0.parquet"))[1]
-    path.write_bytes(b"PAR1")
-    words = ("sql", "SELECT count(*) AS n FROM samples", "--store", str(store))
-    assert run(*words)[0] == 2
-    code, out, err = run(*words, "--format", "csv", "--without-damaged")
-    assert (code, out) == (0, "n\n50\n")
-    assert err.startswith("modelgap: left out: ")
-    assert str(path) in err
-    assert err.count("\n") == 1
-
-
 def test_the_list_of_commands_loads_no_database_and_no_numerics():
     code = (
         "import sys; from flows.cli import main; main(['store', '--help'])\n"
