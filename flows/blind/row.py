@@ -87,21 +87,6 @@ def measured(
 _LEAST_GAP = 0.02
 
 
-@dataclass(frozen=True, slots=True)
-class Estimate:
-    """A parameter beside its truth."""
-
-    key: str
-    value: float
-    std: float
-    truth: float
-
-    @property
-    def z(self) -> float | None:
-        """Deviation in standard deviations."""
-        return (self.value - self.truth) / self.std if self.std > 0 else None
-
-
 def case_row(
     drawn: str,
     hidden: Sequence[Hidden],
@@ -124,28 +109,23 @@ def case_row(
         **_of_verdict(verdict, judged),
         **_of_errors(verdict, oracle),
     }
-    found = estimate(judged, truths) if drawn == SINGLE else None
-    return row | {
-        "parameter": found and found.key,
-        "value": found and found.value,
-        "std": found and found.std,
-        "truth": found and found.truth,
-        "z": found and found.z,
-    }
+    return row | estimate(judged, truths if drawn == SINGLE else ())
 
 
-def estimate(judged: Score, truths: Sequence[Mapping[str, float]]) -> Estimate | None:
+def estimate(judged: Score, truths: Sequence[Mapping[str, float]]) -> dict:
     """Return the main parameter of what was rightly named first, beside its truth."""
-    for claim, truth in zip(judged.hits, truths, strict=True):
+    for claim, true in zip(judged.hits, truths, strict=False):
         if claim is None:
             continue
-        key = main_parameter(claim.name.effect, truth)
+        key = main_parameter(claim.name.effect, true)
         known = claim.finding.parameters.get(key)
-        if known is not None:
-            value, std = known.pairs[claim.place or 0]
-            if value is not None and std is not None:
-                return Estimate(str(key), value, std, float(truth[str(key)]))
-    return None
+        value, std = (None, None) if known is None else known.pairs[claim.place or 0]
+        if value is not None and std is not None:
+            truth = float(true[str(key)])
+            z = (value - truth) / std if std > 0 else None  # in standard deviations
+            own = {"parameter": str(key), "value": value, "std": std}
+            return own | {"truth": truth, "z": z}
+    return dict.fromkeys(("parameter", "value", "std", "truth", "z"))
 
 
 def true_parameters(robot: Robot, plant: PlantSpec) -> list[dict[str, float]]:

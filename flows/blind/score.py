@@ -106,18 +106,15 @@ def members(verdict: Verdict) -> list[Said]:
     out = []
     for found in verdict.effects:
         alike = [Name.of(e) for e in found.equivalent]
-        if len(found.joints) < 2 or not _one_each(found):
+        # With a value per joint it is one thing on each.
+        one_each = any(isinstance(p.value, tuple) for p in found.parameters.values())
+        if len(found.joints) < 2 or not one_each:
             out.append(Said(Name.of(found), tuple(alike), found))
             continue
         for place, joint in enumerate(found.joints):
             near = tuple(Name(a.effect, (joint,)) for a in alike)
             out.append(Said(Name(found.name, (joint,)), near, found, place))
     return out
-
-
-def _one_each(found: Finding) -> bool:
-    """Whether a finding has a value per joint, so that it is one thing on each."""
-    return any(isinstance(p.value, tuple) for p in found.parameters.values())
 
 
 def matched(truths: Sequence[Name], claims: Sequence[Said]) -> tuple:

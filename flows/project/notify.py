@@ -68,7 +68,8 @@ def _run(project: Project, command: list[str], notice: Notice) -> list[str]:
         done = subprocess.run(
             command,
             cwd=project.folder,
-            env=_environment(),
+            # Ours without the key of the server, which is nobody else's.
+            env={k: v for k, v in os.environ.items() if not k.startswith("PREFECT")},
             input=f"{notice.title}\n\n{notice.text}\n",
             capture_output=True,
             text=True,
@@ -81,8 +82,3 @@ def _run(project: Project, command: list[str], notice: Notice) -> list[str]:
         output = " ".join(done.stderr.split())[:200]
         return [f"notify.command {command[0]} ended with {done.returncode}: {output}"]
     return []
-
-
-def _environment() -> dict[str, str]:
-    """Ours without the key of the server, which is nobody else's."""
-    return {k: v for k, v in os.environ.items() if not k.startswith("PREFECT")}

@@ -203,8 +203,10 @@ def _with_workers(
     env = worker_environment(running, request.store, home)
     taken = {p.name for p in running.workers}
     free = [n for n in (f"worker-{i}" for i in range(1, count + 1)) if n not in taken]
+    command = [sys.executable, "-m", "prefect", "worker", "start", "--type", "process"]
+    command += ["--pool", api.POOL, "--name"]
     made = [
-        start(name, _worker_command(name), env, home / f"{name}.log")
+        start(name, [*command, worker_name(name)], env, home / f"{name}.log")
         for name in free[: count - len(taken)]
     ]
     server = running.server
@@ -212,11 +214,6 @@ def _with_workers(
     running = replace(running, processes=kept)
     write_running(home, running)
     return running
-
-
-def _worker_command(name: str) -> list[str]:
-    command = [sys.executable, "-m", "prefect", "worker", "start", "--pool", api.POOL]
-    return [*command, "--type", "process", "--name", worker_name(name)]
 
 
 def _deployed(
@@ -269,8 +266,8 @@ def close_stale(to: api.Api) -> list[str]:
     Those of workers on other machines are left to `watch_for_stale`, which needs no
     look at processes.
     """
-    alive, closed = flow_processes(), []
-    if _elsewhere(to):
+    alive, closed, here = flow_processes(), [], worker_name("")
+    if any(not name.endswith(here) for name in api.workers_online(to)):
         return closed
     for run in api.active_runs(to):
         if run["id"] not in alive:
@@ -319,11 +316,6 @@ def stale_rule() -> dict:
     about = "A killed process cannot say that it has ended."
     rule = {"name": _WATCH, "enabled": True, "description": about}
     return rule | {"trigger": trigger, "actions": [action]}
-
-
-def _elsewhere(to: api.Api) -> bool:
-    here = worker_name("")
-    return any(not name.endswith(here) for name in api.workers_online(to))
 
 
 def _online(running: Running, to: api.Api) -> bool:

@@ -233,8 +233,7 @@ def list_adoptions(
 def _gone_back_to(store: Path, robot: str, serial: str | None) -> Adoption | None:
     """The version under the one in force: what was rolled back is off the pile."""
     pile: list[Adoption] = []
-    for id in list_folders(store, ADOPTIONS):
-        made = read_adoption(store, id)
+    for _, made, _ in list_adoptions(store):
         if (made.robot, made.serial) != (robot, serial):
             continue
         if made.action == ROLLED_BACK:

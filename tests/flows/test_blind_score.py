@@ -132,7 +132,7 @@ def test_a_finding_on_two_joints_is_two_names_and_a_pair_of_gears_is_one():
     judged = score("single", [STRIBECK], verdict(merged))
     assert (judged.outcome, judged.extra) == ("right", 1)
     found = estimate(judged, [{"level": 2.1}])
-    assert (found.value, found.std) == (2.0, 0.2)
+    assert (found["value"], found["std"]) == (2.0, 0.2)
 
 
 def test_a_row_has_size_parameter_and_the_share_of_the_gap():
