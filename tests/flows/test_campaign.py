@@ -73,22 +73,23 @@ def test_the_same_experiment_twice_is_planned_once(tmp_path):
     assert len(plan(specs(2) + specs(2), tmp_path)) == 2
 
 
-# Of a family that needs no search.
 MOTIONS = """
-trajectory.kind = "move_stop_move"
+trajectory.kind = "fourier"
+trajectory.duration = 4.0
 [grid]
-trajectory.duration = [5.0, 6.0]
+trajectory.periods = [1, 60]
 """
 
 
-def test_a_dry_run_says_what_would_run_and_stores_nothing(tmp_path, capsys):
+def test_a_dry_run_plans_the_motions_and_says_which_break_a_limit(tmp_path, capsys):
     (tmp_path / "C.toml").write_text(MOTIONS)
     store = tmp_path / "store"
     words = ["campaign", str(tmp_path / "C.toml"), "--store", str(store), "--dry-run"]
     assert main(words) == 0
     shown = capsys.readouterr().out
-    assert "to run    trajectory.duration=5\n" in shown
-    assert f"2 to run, 0 in {store}" in shown
+    assert "to run    trajectory.periods=1\n" in shown
+    assert "fails     trajectory.periods=60\n" in shown
+    assert f"2 to run, 0 in {store}; 1 will fail" in shown
     assert not store.exists()
 
 

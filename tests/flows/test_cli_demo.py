@@ -13,7 +13,7 @@ import pytest
 
 from flows.cli import main
 from flows.inputs.given import load
-from flows.outputs import progress_bar
+from flows.outputs import PAUSE, plain_lines, progress_bar
 from flows.report.diagnosis import print_truth
 from flows.report.words.phrases import Hidden, Staged, baseline_sentences, judge
 from flows.steps import demo as steps
@@ -208,3 +208,14 @@ def test_the_bar_leaves_standard_output_alone(monkeypatch, capsys):
     shown = capsys.readouterr()
     assert shown.out == "verdict\n"
     assert "search [1 of 3]" in shown.err
+
+
+def test_progress_off_a_terminal_is_a_line_now_and_then():
+    now, said = [0.0], []
+    tell = plain_lines(said.append, lambda: now[0])
+    tell("reading", 0.1)
+    assert said == []
+    now[0] = PAUSE
+    tell("fitting", 0.25)
+    tell("fitting", 0.26)
+    assert said == [" 25% fitting"]
