@@ -10,6 +10,7 @@ from shutil import copytree
 import numpy as np
 import pytest
 
+from flows.cli import main
 from residual.calibration import calibrate as core
 from residual.check.result import LogCheck
 from residual.diagnosis.result import Diagnosis
@@ -59,6 +60,18 @@ def arm_nights(nights_made, tmp_path_factory):
     store = tmp_path_factory.mktemp("nights") / "store"
     copytree(nights_made.store, store)
     return replace(nights_made, store=store)
+
+
+@pytest.fixture
+def command(capsys):
+    """Return what runs a command: to its exit code, output and complaints."""
+
+    def run(*words):
+        code = main(words[0].split() if len(words) == 1 else words)
+        shown = capsys.readouterr()
+        return code, shown.out, shown.err
+
+    return run
 
 
 @pytest.fixture

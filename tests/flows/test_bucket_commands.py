@@ -4,8 +4,6 @@ import json
 
 import pytest
 
-from flows.cli import main
-
 SPEC = """
 schema = 1
 robot = "irb140"
@@ -18,18 +16,12 @@ periods = 1
 
 
 @pytest.fixture
-def run(bucket_store, tmp_path, monkeypatch, capsys):
+def run(bucket_store, tmp_path, monkeypatch, command):
     """Run a command; returns code, output and complaints."""
     monkeypatch.setenv("MODELGAP_STORE", bucket_store)
     (tmp_path / "work").mkdir()
     monkeypatch.chdir(tmp_path / "work")
-
-    def run(*words):
-        code = main(words)
-        shown = capsys.readouterr()
-        return code, shown.out, shown.err
-
-    return run
+    return command
 
 
 @pytest.mark.slow

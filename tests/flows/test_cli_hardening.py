@@ -13,7 +13,6 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 import pytest
 
-from flows.cli import main
 from flows.cli.app import app
 from residual.errors import DEEPEST, InputError, check_nesting
 from residual.model.record import load_model
@@ -36,16 +35,10 @@ def store(tmp_path):
 
 
 @pytest.fixture
-def run(store, tmp_path, monkeypatch, capsys):
+def run(store, tmp_path, monkeypatch, command):
     monkeypatch.chdir(tmp_path)
     monkeypatch.setenv("MODELGAP_STORE", str(store[0]))
-
-    def run(*words):
-        code = main(words)
-        shown = capsys.readouterr()
-        return code, shown.out, shown.err
-
-    return run
+    return command
 
 
 @pytest.mark.parametrize("query", [LONG, "FROM range(1000000000000)"])

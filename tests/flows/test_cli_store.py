@@ -11,7 +11,6 @@ from pathlib import Path
 import pyarrow.parquet as pq
 import pytest
 
-from flows.cli import main
 from flows.cli import sql as sql_command
 from tests.warehouse import store_samples as made
 from warehouse.query.named import NAMED
@@ -34,18 +33,12 @@ def ids(tmp_path_factory):
 
 
 @pytest.fixture
-def run(ids, tmp_path, monkeypatch, capsys):
+def run(ids, tmp_path, monkeypatch, command):
     """Run a command in a folder of its own; returns code, output and complaints."""
     monkeypatch.chdir(tmp_path)
     monkeypatch.setenv("MODELGAP_STORE", ids["store"])
     monkeypatch.setattr("sys.stdin", io.StringIO())
-
-    def run(*words):
-        code = main(words)
-        shown = capsys.readouterr()
-        return code, shown.out, shown.err
-
-    return run
+    return command
 
 
 def answer(run, *words):

@@ -9,7 +9,6 @@ import numpy as np
 import pytest
 
 import warehouse
-from flows.cli import main
 from flows.inputs.given import load, robot_of
 from residual.errors import InputError
 from residual.robot.robot import with_serial
@@ -31,13 +30,8 @@ def place(tmp_path, monkeypatch):
 
 
 @pytest.fixture
-def run(place, capsys):
-    def run(words):
-        code = main(words.split())
-        shown = capsys.readouterr()
-        return code, shown.out, shown.err
-
-    return run
+def run(place, command):
+    return command
 
 
 def ask(query):
