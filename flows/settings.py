@@ -116,6 +116,8 @@ def prefect_home(store: Path) -> Path:
 def quiet_prefect(home: Path) -> dict[str, str]:
     """Return the settings under which Prefect calls nobody and stays in its folder.
 
+    They must be in the environment before Prefect is imported.
+
     Args:
         home: Where its files go; nothing of it lies about anywhere else.
     """
@@ -130,8 +132,3 @@ def quiet_prefect(home: Path) -> dict[str, str]:
         "PREFECT_PROFILES_PATH": str(home / "profiles.toml"),
         "PREFECT_HOME": str(home),
     }
-
-
-def prepare_prefect(home: Path) -> None:
-    """Set Prefect up for a flow of ours; to be called before Prefect is imported."""
-    os.environ.update(quiet_prefect(home))

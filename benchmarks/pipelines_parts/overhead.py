@@ -1,6 +1,7 @@
 """The same campaign bare and as a flow: its wall times [s] as JSON on the last line."""
 
 import json
+import os
 import sys
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
@@ -19,11 +20,11 @@ def main(folder: Path, count: int) -> None:
     The experiments sleep for a second instead of simulating, so that the difference is
     not in the noise of other programs; everything around them is as always.
     """
-    from flows.settings import prefect_home, prepare_prefect
+    from flows.settings import prefect_home, quiet_prefect
 
     campaign = folder / "c.toml"
     campaign.write_text(f"[grid]\nseed = {list(range(1, count + 1))}\n")
-    prepare_prefect(prefect_home(folder / "flow"))
+    os.environ.update(quiet_prefect(prefect_home(folder / "flow")))
     from flows.requests import Campaign
     from flows.scheduled.flows import campaign as flow
     from flows.steps import campaign as steps

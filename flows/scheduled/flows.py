@@ -1,6 +1,6 @@
 """All Prefect flows: their order of tasks, and nothing else.
 
-To be imported after `flows.settings.prepare_prefect`; prefect.yaml says when each is
+To be imported under `flows.settings.quiet_prefect`; prefect.yaml says when each is
 started.
 """
 

@@ -1,6 +1,6 @@
 """What closes the loop: models in force and proposed, motions designed, arms closed.
 
-To be imported after `flows.settings.prepare_prefect`.
+To be imported under `flows.settings.quiet_prefect`.
 """
 
 from pathlib import Path

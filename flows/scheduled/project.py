@@ -1,6 +1,6 @@
 """Flows of a project: its inboxes, the nights of its real robots, who is told.
 
-To be imported after `flows.settings.prepare_prefect`; `flows.project.deployments` says
+To be imported under `flows.settings.quiet_prefect`; `flows.project.deployments` says
 when each is started.
 """
 

@@ -1,6 +1,6 @@
 """All Prefect tasks: plain steps with a name, a time limit, and retries where due.
 
-To be imported after `flows.settings.prepare_prefect`. Ids and paths go in and out; what
+To be imported under `flows.settings.quiet_prefect`. Ids and paths go in and out; what
 people want to see becomes an artifact. Prefect caches nothing: the ids of the store are
 the cache.
 """

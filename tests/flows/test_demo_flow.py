@@ -214,8 +214,8 @@ def _bare() -> dict[str, str]:
 
 def test_prefect_is_prepared_to_be_quiet_and_at_home_in_the_store(tmp_path):
     code = (
-        "import sys; from pathlib import Path; from flows.settings import "
-        f"prepare_prefect; prepare_prefect(Path({str(tmp_path)!r})); "
+        "import os, sys; from pathlib import Path; from flows.settings import "
+        f"quiet_prefect; os.environ.update(quiet_prefect(Path({str(tmp_path)!r}))); "
         "assert 'prefect' not in sys.modules; import prefect.settings as s; "
         "c = s.get_current_settings(); print(c.home, c.api.url, "
         "c.server.analytics_enabled, c.results.default_serializer)"
