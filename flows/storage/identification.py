@@ -115,31 +115,31 @@ def store_identification(
     Returns:
         The id of the model; the same model of the same runs has the same.
     """
-    record = document(outcome)
+    figures = document(outcome)
     record = {
         "robot": outcome.robot.name,
         "stage": STAGE,
         "request": request,
-        "document": record,
+        "document": figures,
         "model": to_record(outcome.found.model),
     }
     held_out = runs.get("held_out") or runs.get("fit") or ()
     one = held_out[0] if len(held_out) == 1 and not outcome.same_run else None
     tables = {
-        "parameters": rows_table("parameters", _parameters(record)),
-        "errors": rows_table("errors", _errors(record, one)),
+        "parameters": rows_table("parameters", _parameters(figures)),
+        "errors": rows_table("errors", _errors(figures, one)),
     }
     return commit_record(store, "models", record, tables, runs)
 
 
-def _parameters(record: Mapping) -> list[dict]:
-    return [{**one, "std": one["sd"]} for one in record["parameters"]]
+def _parameters(figures: Mapping) -> list[dict]:
+    return [{**one, "std": one["sd"]} for one in figures["parameters"]]
 
 
-def _errors(record: Mapping, run_id: str | None) -> Iterator[dict]:
+def _errors(figures: Mapping, run_id: str | None) -> Iterator[dict]:
     same = {"run_id": run_id, "trajectory": None}
     for kind in KINDS:
-        for stage, error in record["error"][kind].items():
+        for stage, error in figures["error"][kind].items():
             row = {**same, "stage": stage, "metric": _METRICS[kind]}
             values = enumerate(error["joints"], 1)
             for joint, value in (*values, (None, error["overall"])):
