@@ -30,6 +30,7 @@ from flows.settings import store_folder
 from flows.steps import diagnose as diagnosis
 from flows.steps import monitor as monitoring
 from flows.steps.models import chosen_to_watch
+from flows.steps.monitor import Wear, follow
 from flows.steps.watch.run import (
     Shell,
     keep_alarm,
@@ -39,7 +40,6 @@ from flows.steps.watch.run import (
 )
 from flows.steps.watch.run import watch as run
 from flows.steps.watch.session import Session, Watch, start
-from flows.steps.wear import Wear, follow
 from flows.storage.diagnosis import read_verdict
 from residual.errors import ModelgapError, RunError
 from residual.monitoring.rows import Samples

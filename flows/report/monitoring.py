@@ -5,10 +5,9 @@ from pathlib import Path
 
 from flows.report.document import Table, words_table
 from flows.report.words.phrases import many
-from flows.steps.monitor import Watched
+from flows.steps.monitor import Watched, Wear
 from flows.steps.null import Made
 from flows.steps.watch.session import Session
-from flows.steps.wear import Wear
 from residual.evidence.rules import RULES
 from residual.monitoring.watch import Change
 from residual.monitoring.wear import JointTrend, Rate
