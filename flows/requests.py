@@ -409,7 +409,7 @@ class Campaign(Request):
         path: The campaign file.
         held_out: Kind of motion of the runs that are held out; "" for none.
         seed: Replaces the seed of the file; None for that one.
-        runner: Where it is computed; None for the usual place (`flows.workers.runner`).
+        runner: Where it is computed; None for the usual place (`flows.workers.pool`).
         trust_network: Whether that may be on other machines.
     """
 

@@ -58,7 +58,7 @@ LATE = {
     "warehouse/logs/ros.py": {"mcap", "mcap_ros2", "rosbags"},
     # It has no wheel but for one Python on one system.
     "sim/engine/bullet.py": {"pybullet"},
-    "flows/workers/runner.py": {"distributed"},
+    "flows/workers/pool.py": {"distributed"},
     "warehouse/bucket.py": {"botocore", "obstore"},
     # Its library is a slow import, and of no use to a store in a folder.
     "warehouse/query/store.py": {"warehouse"},

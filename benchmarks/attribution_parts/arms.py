@@ -14,7 +14,7 @@ import numpy as np
 from benchmarks.harness.logs import PAUSE, RATE, sensed
 from benchmarks.synthetic.motions import make_motion
 from flows.blind.row import draw_sized, measured, smallest
-from flows.blind.sums import CLEAR
+from flows.blind.score import CLEAR
 from residual.diagnosis.result import Detectable
 from residual.effects import reported_joints
 from residual.recording import Recording

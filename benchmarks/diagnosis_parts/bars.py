@@ -17,8 +17,7 @@ from benchmarks.harness.rates import (
     rounded,
     within_two_deviations,
 )
-from flows.blind.score import WRONG
-from flows.blind.sums import both_clear, is_clear, is_right
+from flows.blind.score import WRONG, both_clear, is_clear, is_right
 
 # Families that detection is pooled over; a new effect is in "other" until it is here.
 FAMILIES = {

@@ -26,7 +26,7 @@ from flows.blind.row import (
     true_parameters,
 )
 from flows.blind.score import NOTHING, PAIR, SINGLE, UNKNOWN, Name, score
-from flows.blind.sums import CLEAR
+from flows.blind.score import CLEAR
 from flows.specs.experiment import derived_seed
 from residual.diagnosis.oracle import oracle
 from residual.diagnosis.result import Detectable, Verdict
@@ -271,7 +271,9 @@ def _done(task: Task, minimum: Sequence[Mapping]) -> dict:
             for hit, truth in zip(judged.hits, truths, strict=True)
         ]
         about["deviations"] = [
-            [h.effect.name, e.z] for h, e in zip(hidden, found, strict=True) if e
+            [h.effect.name, one["z"]]
+            for h, one in zip(hidden, found, strict=True)
+            if one["parameter"]
         ]
     if seen := _seen(task, made, effects):
         about["oracle_nats"] = min(one.nats for one in seen)

@@ -12,8 +12,7 @@ import numpy as np
 
 from benchmarks.harness.figures import Figures, figure, missing
 from benchmarks.measured_parts.arms import data_folder
-from flows.blind.score import Name, Said, members
-from flows.blind.sums import wilson
+from flows.blind.score import Name, Said, members, wilson
 from residual.diagnosis.examine import examine
 from residual.evidence.fit import as_model
 from residual.evidence.rules import Rules

@@ -22,8 +22,7 @@ from benchmarks.export_parts.models import (
     term,
 )
 from benchmarks.harness.figures import Figures, figure, missing
-from flows.proofs.c import build, compiler, passive
-from flows.proofs.proof import extra
+from flows.proofs.proof import build, compiler, extra, passive
 from residual.effects import registry
 from residual.export.c99 import prefix_of, to_c99
 from residual.export.exported import Exported, Motion, exciting

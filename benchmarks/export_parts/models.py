@@ -13,9 +13,10 @@ from time import process_time
 import numpy as np
 
 from benchmarks.harness.figures import Figures, figure, missing, partial
-from flows.proofs.c import compiled, compiler
 from flows.proofs.proof import (
     CREEP,
+    compiled,
+    compiler,
     exported_names,
     extra,
     inverse,

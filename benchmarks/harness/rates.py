@@ -10,7 +10,7 @@ from time import perf_counter, process_time
 import numpy as np
 
 from benchmarks.harness.figures import NO_BAR, figure
-from flows.blind.sums import wilson
+from flows.blind.score import wilson
 
 Rows = Sequence[Mapping]
 Hit = Callable[[Mapping], bool]

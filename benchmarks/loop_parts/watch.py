@@ -39,7 +39,7 @@ from benchmarks.harness.figures import (
 from benchmarks.measured_parts.arms import UR10E, absent
 from benchmarks.measured_parts.arms import robot_of as measured_robot
 from benchmarks.synthetic.motions import FAMILIES, make_motion
-from flows.blind.sums import wilson
+from flows.blind.score import wilson
 from flows.settings import cores
 from flows.workers.pool import Pool
 from residual.model.nominal import declared_names, prepare_logs, start_nominal

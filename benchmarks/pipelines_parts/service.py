@@ -22,8 +22,7 @@ from flows.service.state import flow_processes, read_running, stop, store_key
 from flows.specs.experiment import experiment_of
 from flows.steps.campaign import run_all
 from flows.steps.experiment import load_engine, plan
-from flows.workers.pool import Pool
-from flows.workers.runner import chosen_runner, workers_of
+from flows.workers.pool import Pool, chosen_runner, workers_of
 from warehouse.query.store import open_store
 
 _PATIENCE = 170.0  # s

@@ -17,8 +17,7 @@ import numpy as np
 
 from flows.blind.draw import Draft, Excitation, StudyRequest, arm_of, drafts, motions
 from flows.blind.row import Hidden, case_row, draw_sized, measured, true_parameters
-from flows.blind.score import UNKNOWN
-from flows.blind.sums import summary
+from flows.blind.score import UNKNOWN, summary
 from flows.inputs.given import load
 from flows.outputs import Progress
 from flows.settings import cores

@@ -32,7 +32,7 @@ from flows.steps.experiment import as_csv, refusal_of
 from flows.steps.models import calibration_of, chosen_to_drive
 from flows.steps.track import Track, track
 from flows.storage.diagnosis import read_verdict
-from flows.workers.runner import chosen_runner, workers_of
+from flows.workers.pool import chosen_runner, workers_of
 from residual.errors import InputError, RunError
 from residual.model.control import AS_MEASURED
 from sim.engine.records import TrajectorySpec

@@ -17,11 +17,10 @@ from flows.report.document import Table, words_table
 from flows.report.night.look import unknown
 from flows.report.night.site import Site
 from flows.requests import Flag, Store
-from flows.service.api import Api, answers, opening_address, past_of
+from flows.service.api import Api, Status, answers, opening_address, past_of
+from flows.service.api import status as state_of
 from flows.service.request import DATABASE, ServiceRequest, checked
 from flows.service.state import read_running, store_key
-from flows.service.status import Status
-from flows.service.status import status as state_of
 from flows.service.up import down as stop
 from flows.service.up import stay
 from flows.service.up import up as bring_up

@@ -25,7 +25,7 @@ from flows.report.monitoring import (
 )
 from flows.report.words.verdict import headline
 from flows.requests import Columns, Diagnose, Flag, Json, Monitor, Store
-from flows.service.status import start_diagnosis
+from flows.service.api import start_diagnosis
 from flows.settings import store_folder
 from flows.steps import diagnose as diagnosis
 from flows.steps import monitor as monitoring

@@ -32,7 +32,7 @@ from flows.steps import identify as identification
 from flows.steps import monitor as monitoring
 from flows.steps import rerun as reruns
 from flows.steps import validate as validation
-from flows.workers.runner import ClusterLostError
+from flows.workers.pool import ClusterLostError
 from sim.engine.records import CLEAN, BackgroundWord
 
 HOUR = 3600.0  # s

@@ -20,9 +20,8 @@ from flows.steps import experiment
 from flows.steps.diagnose import diagnose_runs, request_of
 from flows.steps.experiment import Planned, plan
 from flows.steps.models import in_force
-from flows.workers.pool import Pool, outcomes
+from flows.workers.pool import Pool, chosen_runner, outcomes, workers_of
 from flows.workers.pool import Runs as Workers
-from flows.workers.runner import chosen_runner, workers_of
 from residual.errors import InputError, RunError
 from warehouse.layout import find_run
 from warehouse.mirror import shown

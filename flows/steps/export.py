@@ -5,12 +5,15 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from flows.inputs.given import read_sets
-from flows.proofs.c import make_fmu, prove_c99, prove_fmu, prove_mujoco
 from flows.proofs.proof import (
     Proof,
     Prove,
+    make_fmu,
+    prove_c99,
+    prove_fmu,
     prove_json,
     prove_mjcf,
+    prove_mujoco,
     prove_numpy,
     prove_table,
     prove_urdf,

@@ -6,8 +6,7 @@ import pytest
 
 from flows.blind.draw import StudyRequest, drafts
 from flows.blind.row import Hidden, case_row, draw_sized, estimate, measured
-from flows.blind.score import Name, members, score
-from flows.blind.sums import summary, wilson
+from flows.blind.score import Name, members, score, summary, wilson
 from residual.diagnosis.result import Detectable
 from residual.effects import registry
 from residual.errors import InputError

@@ -5,7 +5,7 @@ import pytest
 from flows.blind import draw as blind_draw
 from flows.blind import run as blind_run
 from flows.blind.draw import Draft, Excitation, StudyRequest, Wish
-from flows.blind.sums import summary
+from flows.blind.score import summary
 from flows.report import study as blind_report
 from flows.report.study import render
 from flows.workers.pool import Here

@@ -15,7 +15,7 @@ from flows.specs.experiment import experiment_of
 from flows.steps import campaign, experiment
 from flows.steps.campaign import run_all
 from flows.steps.experiment import plan
-from flows.workers import runner
+from flows.workers import pool as runner
 from flows.workers.pool import Done, Here, Pool
 from residual.errors import InputError
 from tests.waiting import PATIENCE, until

@@ -12,8 +12,16 @@ from benchmarks.export_parts.loops import loops_apart, with_effect
 from benchmarks.export_parts.models import ARMS, NAMES, model_with, robot_of
 from flows.cli import main
 from flows.proofs import proof as proofs
-from flows.proofs.c import KINDS, compiled, compiler, make_fmu, passive, played
-from flows.proofs.proof import CREEP, inverse
+from flows.proofs.proof import (
+    CREEP,
+    KINDS,
+    compiled,
+    compiler,
+    inverse,
+    make_fmu,
+    passive,
+    played,
+)
 from flows.steps.export import TARGETS, export_model
 from flows.steps.models import read_model
 from residual.errors import InputError, UnknownNameError
@@ -217,7 +225,7 @@ def test_a_missing_extra_says_what_to_install(tmp_path, monkeypatch):
 
 
 def test_without_a_compiler_the_header_is_written_and_the_proof_says_so(monkeypatch):
-    monkeypatch.setattr("flows.proofs.c.compiler", lambda: None)
+    monkeypatch.setattr("flows.proofs.proof.compiler", lambda: None)
     made = export_model(model_with(robot_of("irb140"), "viscous"), "c99")
     assert made.proof.difference is None
     assert "no C compiler" in str(made.proof)

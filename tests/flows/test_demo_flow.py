@@ -122,7 +122,7 @@ def test_a_night_leaves_few_artifacts_and_all_say_what_they_are(
 def test_the_flow_of_a_blind_study_runs_it_and_links_its_page(
     flows, monkeypatch, tmp_path
 ):
-    from flows.blind.sums import summary
+    from flows.blind.score import summary
     from flows.scheduled import tasks
 
     asked = []
@@ -197,7 +197,7 @@ def test_only_what_lies_outside_is_tried_again(server):
     from prefect.states import Failed
 
     from flows.scheduled import tasks
-    from flows.workers.runner import ClusterLostError
+    from flows.workers.pool import ClusterLostError
     from residual.errors import InputError
 
     again = {

@@ -13,9 +13,8 @@ from flows.specs.experiment import experiment_of
 from flows.steps import campaign
 from flows.steps.campaign import arms_of, diagnose_arms, run_all
 from flows.steps.experiment import plan
-from flows.workers import runner as module
-from flows.workers.pool import Here
-from flows.workers.runner import Cluster
+from flows.workers import pool as module
+from flows.workers.pool import Cluster, Here
 from residual.errors import InputError
 from tests import s3
 from tests.waiting import PATIENCE

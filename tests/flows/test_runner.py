@@ -12,7 +12,7 @@ from pathlib import Path
 
 import pytest
 
-from flows.workers.runner import (
+from flows.workers.pool import (
     RUNNER,
     Cluster,
     ClusterLostError,
@@ -71,7 +71,7 @@ def _free_port() -> int:
 
 
 def test_a_cluster_that_is_not_there_says_how_to_start_one(monkeypatch):
-    from flows.workers import runner
+    from flows.workers import pool as runner
 
     monkeypatch.setattr(runner, "_PATIENCE", 1)
     with pytest.raises(ClusterLostError, match="dask worker with --nthreads 1"):
@@ -103,7 +103,7 @@ def cluster(tmp_path_factory):
 def test_a_cluster_answers_like_a_pool_and_a_lost_worker_costs_no_job(
     cluster, monkeypatch
 ):
-    from flows.workers import runner as module
+    from flows.workers import pool as module
 
     monkeypatch.setattr(module, "_PATIENCE", PATIENCE)
     address, workers = cluster

@@ -12,8 +12,8 @@ from flows.inbox.take import REFUSED, in_an_inbox, inboxes, look, take_all
 from flows.project.deployments import deployments
 from flows.project.read import read_project
 from flows.report.night.site import Site
+from flows.service.api import _refused
 from flows.service.pages import Tickets, with_pages
-from flows.service.status import _refused
 from flows.service.up import stale_rule
 from flows.steps.monitor import diagnosis_of, healthy_runs
 from flows.storage.diagnosis import store_report

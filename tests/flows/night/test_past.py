@@ -5,8 +5,8 @@ from datetime import datetime
 import pytest
 
 from flows.service import api
+from flows.service.api import Status
 from flows.service.state import Process, Running
-from flows.service.status import Status
 from residual.errors import RunError
 
 TO = api.Api("http://127.0.0.1:1/api", "modelgap:key")
