@@ -63,7 +63,7 @@ def arm_nights(nights_made, tmp_path_factory):
 
 
 @pytest.fixture
-def command(capsys):
+def cli(capsys):
     """Return what runs a command: to its exit code, output and complaints."""
 
     def run(*words):

@@ -35,10 +35,10 @@ def store(tmp_path):
 
 
 @pytest.fixture
-def run(store, tmp_path, monkeypatch, command):
+def run(store, tmp_path, monkeypatch, cli):
     monkeypatch.chdir(tmp_path)
     monkeypatch.setenv("MODELGAP_STORE", str(store[0]))
-    return command
+    return cli
 
 
 @pytest.mark.parametrize("query", [LONG, "FROM range(1000000000000)"])

@@ -33,12 +33,12 @@ def ids(tmp_path_factory):
 
 
 @pytest.fixture
-def run(ids, tmp_path, monkeypatch, command):
+def run(ids, tmp_path, monkeypatch, cli):
     """Run a command in a folder of its own; returns code, output and complaints."""
     monkeypatch.chdir(tmp_path)
     monkeypatch.setenv("MODELGAP_STORE", ids["store"])
     monkeypatch.setattr("sys.stdin", io.StringIO())
-    return command
+    return cli
 
 
 def answer(run, *words):

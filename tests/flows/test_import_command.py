@@ -30,8 +30,8 @@ def place(tmp_path, monkeypatch):
 
 
 @pytest.fixture
-def run(place, command):
-    return command
+def run(place, cli):
+    return cli
 
 
 def ask(query):
