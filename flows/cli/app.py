@@ -135,7 +135,7 @@ _WORDS = {
     "ROBOT": "robot",
     "LOG": "baseline holdout log",
     "RUN": "calibrate",
-    "ID": "verdict",
+    "ID": "verdict calibration",
     "MODEL": "model",
     "EFFECT": "declared effect without",
     "EFFECT=VALUE": "known",
