@@ -25,8 +25,7 @@ from flows.blind.row import (
     measured,
     true_parameters,
 )
-from flows.blind.score import NOTHING, PAIR, SINGLE, UNKNOWN, Name, score
-from flows.blind.score import CLEAR
+from flows.blind.score import CLEAR, NOTHING, PAIR, SINGLE, UNKNOWN, Name, score
 from flows.specs.experiment import derived_seed
 from residual.diagnosis.oracle import oracle
 from residual.diagnosis.result import Detectable, Verdict
