@@ -15,7 +15,7 @@ from benchmarks.harness.figures import run_groups
 
 GROUPS = {
     "targets": "export_parts.models:target_figures",
-    "mujoco": "export_parts.models:mujoco_figures",
+    "mujoco": "export_parts.loops:mujoco_figures",
     "bodies": "export_parts.bodies:body_figures",
     "callback": "export_parts.loops:loop_figures",
     "speed": "export_parts.models:speed_figures",

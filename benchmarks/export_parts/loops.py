@@ -1,9 +1,10 @@
-"""Closed loops in MuJoCo with the callback, against the same model integrated here.
+"""Closed loops in MuJoCo, against the same model integrated here; friction that creeps.
 
 Both have the same drive: torque of the rigid body along three sines, which knows none
 of the effects, and feedback, held for a millisecond. Ours is the exported header alone
 (which has the model's torque to rounding): M(q) and the rest by its torque at unit
-accelerations, semi-implicit steps. MuJoCo has its own bodies and its own integrator.
+accelerations, semi-implicit steps. MuJoCo has its own bodies and its own integrator,
+and of the effects what MJCF has words for, or the callback.
 """
 
 import ctypes
@@ -14,26 +15,39 @@ import numpy as np
 
 from benchmarks.export_parts.models import (
     ARMS,
-    DAMPED,
     NAMES,
-    STIFF,
+    driven,
     model_with,
     robot_of,
     term,
 )
 from benchmarks.harness.figures import Figures, figure, missing
-from flows.proofs.proof import build, compiler, extra, passive
+from flows.proofs.proof import (
+    CREEP,
+    build,
+    compiler,
+    extra,
+    inverse,
+    mujoco_model,
+    passive,
+    text_of,
+)
 from residual.effects import registry
 from residual.export.c99 import prefix_of, to_c99
 from residual.export.exported import Exported, Motion, exciting
 from residual.export.mujoco import to_mujoco
+from residual.export.simulators import STEP as PERIOD
+from residual.export.simulators import to_mjcf
 from residual.model.model import Model
-from residual.robot.dynamics import inertial_parameters, inverse_dynamics
+from residual.robot.dynamics import inverse_dynamics, mass_matrix
 
 HELD, SECONDS, STEP = 1e-3, 10.0, 1e-4  # s
+STIFF, DAMPED = 400.0, 40.0  # 1/s^2, 1/s of the loop
 SHOULDER = 1
 FEW = ("stribeck", "load_friction", "ripple")  # of a quick run
 BAR = 100.0  # microradians
+SHORT = 1e-3  # of its value: what friction may lack where the joint creeps
+MJCF_SECONDS, SUBSTEPS = 2.0, 5  # s; steps of ours per step of MuJoCo
 OURS = """
 #include <string.h>
 #include "{header}"
@@ -94,7 +108,7 @@ void go(int n, int steps, double held, double stiff, double damped,
 
 
 def loop_figures(quick: bool) -> Figures:
-    """Measure how far the two loops part, an effect at a time."""
+    """Measure how far the two loops part with the callback, an effect at a time."""
     what = "mujoco_loop_apart"
     if compiler() is None:
         return {what: missing(BAR, "no C compiler here")}
@@ -110,52 +124,87 @@ def loop_figures(quick: bool) -> Figures:
     return {what: figure(apart[worst], BAR, len(apart), what=told)}
 
 
+def mujoco_figures(quick: bool) -> Figures:
+    """Friction at 1e-3 rad/s, and how far the two loops part without a callback."""
+    arms = ARMS[:1] if quick else ARMS
+    short = max(_short(arm) for arm in arms)
+    out = {"mjcf_friction_short": figure(short, SHORT, 2 * len(arms))}
+    if compiler() is None:
+        return out | {"mjcf_loop_apart": missing(None, "no C compiler here")}
+    loops = {arm: _mjcf_loop(arm) for arm in arms}
+    apart = max(a for a, _ in loops.values())
+    told = {arm: f"{1e6 * t:.3g}" for arm, (_, t) in loops.items()}
+    return out | {
+        "mjcf_loop_apart": figure(
+            1e6 * apart, None, len(arms), what=f"error of the loop itself {told} µrad"
+        )
+    }
+
+
+def _short(arm: str) -> float:
+    """By how much dry friction falls short of its value, as a share of it."""
+    robot = robot_of(arm)
+    whole = model_with(robot, "coulomb", speed_floor=np.full(robot.dof, 1e-5))
+    (own,) = whole.terms
+    (j,), zero = own.joints, np.zeros((2, robot.dof))
+    qd = CREEP * np.array([[1.0], [-1.0]]) * np.ones(robot.dof)
+    states = Motion(np.arange(2.0), zero, qd, zero)
+    up, down = inverse(text_of(to_mjcf(whole)), states)[:, j]
+    return float(1 - (up - down) / 2 / own.theta[0])
+
+
+def _mjcf_loop(arm: str) -> tuple[float, float]:
+    """Largest distance of the loops, and of ours from its reference [rad]."""
+    robot = robot_of(arm)
+    more = term(robot, "payload"), term(robot, "spring", 1)
+    model = driven(robot, *more, floor=1e-3)
+    motion = exciting(robot, MJCF_SECONDS, 1 / PERIOD)
+    scale = np.diag(mass_matrix(robot.model, motion.q[:1])[0]) + 0.6
+    drive = inverse_dynamics(robot.model, *motion.parts), scale
+    simulated = mujoco_model(text_of(to_mjcf(model)))
+    theirs = _theirs(simulated, motion, drive, 1)
+    ours = _ours(model, motion, drive, SUBSTEPS)
+    return float(np.abs(theirs - ours).max()), float(np.abs(ours - motion.q).max())
+
+
 def with_effect(arm: str, name: str) -> Model:
     """Rotors and viscous friction of all joints, and one effect."""
-    robot = robot_of(arm)
-    always = ("viscous", "rotor_inertia")
-    terms = [term(robot, n, j) for n in always for j in range(robot.dof)]
-    effect = registry()[name]
+    robot, always = robot_of(arm), ("viscous", "rotor_inertia")
     # On the joint that bears most, where it has a joint of its own.
-    place = SHOULDER if effect.scope == "local" else None
-    terms += [term(robot, name, place)] if name not in always else []
-    floor = np.full(robot.dof, 0.01)
-    model = model_with(robot)
-    return Model(
-        robot, inertial_parameters(robot.model), tuple(terms), floor, model.standstill
-    )
+    place = SHOULDER if registry()[name].scope == "local" else None
+    more = () if name in always else (term(robot, name, place),)
+    return driven(robot, *more, names=always)
 
 
 def loops_apart(made: Exported, seconds: float, step: float = STEP) -> float:
     """Return the largest distance of MuJoCo's loop from ours [rad]."""
     robot = made.carried.robot
-    motion = exciting(robot, seconds, 1 / HELD)
-    forward = inverse_dynamics(robot.model, *motion.parts)
-    scale = np.full(robot.dof, 1.0)
-    ours = _ours(made, motion, (forward, scale), round(HELD / step))
-    return float(np.abs(_theirs(made, motion, (forward, scale), step) - ours).max())
+    motion, times = exciting(robot, seconds, 1 / HELD), round(HELD / step)
+    drive = inverse_dynamics(robot.model, *motion.parts), np.ones(robot.dof)
+    with passive(made, step) as simulated:
+        theirs = _theirs(simulated, motion, drive, times)
+    return float(np.abs(theirs - _ours(made.carried, motion, drive, times)).max())
 
 
-def _theirs(made: Exported, motion: Motion, drive: tuple, step: float) -> np.ndarray:
+def _theirs(model, motion: Motion, drive: tuple, times: int) -> np.ndarray:
     mujoco, (forward, scale) = extra("mujoco"), drive
-    out, times = np.empty_like(motion.q), round(HELD / step)
-    with passive(made, step) as model:
-        model.actuator_ctrllimited[:] = 0
-        model.jnt_limited[:] = 0
-        data = mujoco.MjData(model)
-        data.qpos[:], data.qvel[:] = motion.q[0], motion.qd[0]
-        for k in range(len(out)):
-            out[k] = data.qpos
-            back = STIFF * (motion.q[k] - data.qpos)
-            back += DAMPED * (motion.qd[k] - data.qvel)
-            data.ctrl[:] = forward[k] + scale * back
-            for _ in range(times):
-                mujoco.mj_step(model, data)
+    out = np.empty_like(motion.q)
+    model.actuator_ctrllimited[:] = 0
+    model.jnt_limited[:] = 0
+    data = mujoco.MjData(model)
+    data.qpos[:], data.qvel[:] = motion.q[0], motion.qd[0]
+    for k in range(len(out)):
+        out[k] = data.qpos
+        back = STIFF * (motion.q[k] - data.qpos)
+        back += DAMPED * (motion.qd[k] - data.qvel)
+        data.ctrl[:] = forward[k] + scale * back
+        for _ in range(times):
+            mujoco.mj_step(model, data)
     return out
 
 
-def _ours(made: Exported, motion: Motion, drive: tuple, times: int) -> np.ndarray:
-    whole = to_c99(made.carried)
+def _ours(model: Model, motion: Motion, drive: tuple, times: int) -> np.ndarray:
+    whole = to_c99(model)
     ((name, text),) = whole.files.items()
     p, dof = prefix_of(name.removesuffix(".h")), motion.q.shape[1]
     with tempfile.TemporaryDirectory() as folder:

@@ -1,7 +1,6 @@
 """Models with one effect each, through each target and back, on two arms.
 
-Beside them dry friction and a closed loop in MuJoCo, and the time of a call: the model
-of an IRB140 with the tables of a calibration.
+Beside them the time of a call: the model of an IRB140 with the tables of a calibration.
 """
 
 import io
@@ -14,24 +13,18 @@ import numpy as np
 
 from benchmarks.harness.figures import Figures, figure, missing, partial
 from flows.proofs.proof import (
-    CREEP,
     compiled,
     compiler,
     exported_names,
-    extra,
-    inverse,
-    mujoco_model,
-    text_of,
 )
 from flows.steps.export import Made, export_model
 from residual.effects import registry
 from residual.export.c99 import to_c99
 from residual.export.exported import Motion, exciting
 from residual.export.numpy_file import to_numpy
-from residual.export.simulators import STEP, to_mjcf
 from residual.model.corrected import NEAREST, Corrected, Tables
 from residual.model.model import Model, Term
-from residual.robot.dynamics import inertial_parameters, inverse_dynamics, mass_matrix
+from residual.robot.dynamics import inertial_parameters
 from residual.robot.robot import Robot, load_robot, robot_from_texts
 from residual.tables.evaluate import by_row, predict
 from residual.tables.form import MAIN
@@ -40,6 +33,7 @@ from residual.tables.lookup import Axis, Lookup, Table, export_lookup
 LENGTH = 0.35  # m
 NAMES = sorted(registry())
 ARMS = ("irb140", "seven")
+DRIVES = ("viscous", "coulomb", "rotor_inertia")
 # Coefficients, and numbers of the shape, that an arm may have: sizes, not units.
 SIZES = {
     "backlash": ([1e-3], (1e-3,)),
@@ -124,6 +118,15 @@ def model_with(robot: Robot, *names: str, **changes) -> Model:
     return Model(robot, inertial_parameters(robot.model), terms, **given)
 
 
+def driven(
+    robot: Robot, *more: Term, names: Sequence[str] = DRIVES, floor: float = 0.01
+) -> Model:
+    """The rigid body with these effects on every joint, and more terms."""
+    terms = [term(robot, n, j) for n in names for j in range(robot.dof)]
+    body, floors = inertial_parameters(robot.model), np.full(robot.dof, floor)
+    return Model(robot, body, (*terms, *more), floors)
+
+
 # Bars of what a target carries [N m]; those of c99 and numpy are per N m of torque.
 BARS = {
     "json": 0.0,
@@ -195,93 +198,6 @@ def _carried(names: Sequence[str], made: dict) -> dict:
 def _terms(each: Made):
     carried = each.export.carried
     return getattr(carried, "model", carried).terms
-
-
-SHORT = 1e-3  # of its value: what friction may lack where the joint creeps
-SECONDS = 2.0
-SUBSTEPS = 5  # of ours per step of MuJoCo
-STIFF, DAMPED = 400.0, 40.0  # 1/s^2, 1/s of the loop
-
-
-def mujoco_figures(quick: bool) -> Figures:
-    """Friction at 1e-3 rad/s, and how far the two loops part."""
-    arms = ARMS[:1] if quick else ARMS
-    short = max(_short(arm) for arm in arms)
-    loops = {arm: _loop(arm) for arm in arms}
-    apart = max(a for a, _ in loops.values())
-    told = {arm: f"{1e6 * t:.3g}" for arm, (_, t) in loops.items()}
-    return {
-        "mjcf_friction_short": figure(short, SHORT, 2 * len(arms)),
-        "mjcf_loop_apart": figure(
-            1e6 * apart, None, len(arms), what=f"error of the loop itself {told} µrad"
-        ),
-    }
-
-
-def _short(arm: str) -> float:
-    """By how much dry friction falls short of its value, as a share of it."""
-    robot = robot_of(arm)
-    whole = model_with(robot, "coulomb", speed_floor=np.full(robot.dof, 1e-5))
-    (own,) = whole.terms
-    (j,), zero = own.joints, np.zeros((2, robot.dof))
-    qd = CREEP * np.array([[1.0], [-1.0]]) * np.ones(robot.dof)
-    states = Motion(np.arange(2.0), zero, qd, zero)
-    up, down = inverse(text_of(to_mjcf(whole)), states)[:, j]
-    return float(1 - (up - down) / 2 / own.theta[0])
-
-
-def _model(arm: str) -> Model:
-    robot = robot_of(arm)
-    names = ("viscous", "coulomb", "rotor_inertia")
-    terms = [term(robot, n, j) for n in names for j in range(robot.dof)]
-    terms += [term(robot, "payload"), term(robot, "spring", 1)]
-    floor = np.full(robot.dof, 1e-3)
-    return Model(robot, inertial_parameters(robot.model), tuple(terms), floor)
-
-
-def _loop(arm: str) -> tuple[float, float]:
-    """Largest distance of the loops, and of ours from its reference [rad]."""
-    model = _model(arm)
-    motion = exciting(model.robot, SECONDS, 1 / STEP)
-    # Both drives know the rigid body as described and nothing else.
-    forward = inverse_dynamics(model.robot.model, *motion.parts)
-    scale = np.diag(mass_matrix(model.robot.model, motion.q[:1])[0]) + 0.6
-    theirs = _in_mujoco(text_of(to_mjcf(model)), motion, forward, scale)
-    ours = _ours(model, motion, forward, scale)
-    return float(np.abs(theirs - ours).max()), float(np.abs(ours - motion.q).max())
-
-
-def _drive(motion: Motion, k: int, q, qd, scale):
-    return scale * (STIFF * (motion.q[k] - q) + DAMPED * (motion.qd[k] - qd))
-
-
-def _in_mujoco(text: str, motion: Motion, forward, scale) -> np.ndarray:
-    mujoco, model = extra("mujoco"), mujoco_model(text)
-    model.actuator_ctrllimited[:] = 0
-    data, out = mujoco.MjData(model), np.empty_like(motion.q)
-    data.qpos[:], data.qvel[:] = motion.q[0], motion.qd[0]
-    for k in range(len(out)):
-        out[k] = data.qpos
-        data.ctrl[:] = forward[k] + _drive(motion, k, data.qpos, data.qvel, scale)
-        mujoco.mj_step(model, data)
-    return out
-
-
-def _ours(model: Model, motion: Motion, forward, scale) -> np.ndarray:
-    """The model of ours by its own torque, semi-implicit steps of 0.2 ms."""
-    q, qd, h = motion.q[0].copy(), motion.qd[0].copy(), STEP / SUBSTEPS
-    dof, out = model.robot.dof, np.empty_like(motion.q)
-    for k in range(len(out)):
-        out[k] = q
-        drive = forward[k] + _drive(motion, k, q, qd, scale)
-        for _ in range(SUBSTEPS):
-            # Torque is linear in acceleration: a row for each joint gives M and h.
-            rows = np.vstack([np.zeros(dof), np.eye(dof)])
-            torque = model.torque(*(np.tile(x, (dof + 1, 1)) for x in (q, qd)), rows)
-            mass = (torque[1:] - torque[0]).T
-            qd = qd + h * np.linalg.solve(mass, drive - torque[0])
-            q = q + h * qd
-    return out
 
 
 NUMPY_BAR, C_BAR = 5.0, 2.0  # microseconds a row
@@ -356,10 +272,7 @@ def _each(run) -> tuple[float, np.ndarray]:
 def _whole() -> Corrected:
     """A model with one table per variable on each joint, as of a calibration."""
     robot, rng = robot_of("irb140"), np.random.default_rng(0)
-    names = ("viscous", "coulomb", "rotor_inertia")
-    terms = [term(robot, n, j) for n in names for j in range(robot.dof)]
-    model = model_with(robot)
-    model = Model(robot, model.inertial, tuple(terms), model.speed_floor)
+    model = driven(robot)
     columns = tuple((on, (j,), "") for on in SIGNALS for j in range(robot.dof))
     axes = [
         Axis(k, np.sort(rng.uniform(-2, 2, LEVELS - 1))) for k in range(len(columns))
