@@ -52,7 +52,10 @@ def found_on(robot, logs):
     return examined_on(robot, logs)[1]
 
 
-@pytest.mark.parametrize(("name", "joint"), [("viscous", 3), ("rotor_inertia", 1)])
+@pytest.mark.parametrize(
+    ("name", "joint"),
+    [("viscous", 3), pytest.param("rotor_inertia", 1, marks=pytest.mark.long)],
+)
 def test_the_one_value_that_is_far_off_is_named(logs, name, joint):
     factors = np.ones(6)
     factors[joint - 1] = 0.5

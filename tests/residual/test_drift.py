@@ -33,7 +33,11 @@ def found(factors, seed):
 COLDER = (0.85, 0.8, 0.9, 0.83)
 
 
-@pytest.mark.parametrize("factors", [COLDER, (1.2, 1.15, 1.25, 1.2)])
+@pytest.mark.parametrize(
+    "factors",
+    [COLDER, pytest.param((1.2, 1.15, 1.25, 1.2), marks=pytest.mark.long)],
+    ids=["colder", "warmer"],
+)
 def test_a_warmer_or_colder_arm_is_told_as_drift_and_as_nothing_else(factors):
     verdict = found(factors, seed=80)
     assert names(verdict) == []

@@ -122,7 +122,11 @@ def test_an_unchanged_arm_has_no_name():
     assert diagnosis.verdict.verdict == "none"
 
 
-@pytest.mark.parametrize("name", CHANGED)
+# Of the joint and of the whole arm; the third is as the first.
+ASKED = ("offset", "payload", pytest.param("torque_gain", marks=pytest.mark.long))
+
+
+@pytest.mark.parametrize("name", ASKED)
 def test_a_change_is_named_with_its_size(name):
     joints, parameters = CHANGED[name]
     key = next(iter(parameters))
@@ -172,6 +176,7 @@ def ur10e():
     return robot, log
 
 
+@pytest.mark.long
 def test_other_days_of_a_measured_arm_are_no_change(ur10e):
     robot, log = ur10e
     days = [log("feb05"), log("feb06")], [log("feb12")]

@@ -104,7 +104,9 @@ def test_without_a_reference_redrawn_noise_frees_a_parameter_too(monkeypatch):
     assert abs(value - ROTOR) < abs(plain.theta[slots] - ROTOR) / 3
 
 
-@pytest.mark.parametrize("reference", [True, False])
+@pytest.mark.parametrize(
+    "reference", [True, pytest.param(False, marks=pytest.mark.long)]
+)
 def test_noise_of_the_angles_is_not_a_residual_to_explain(reference):
     verdict = diagnosed(COARSE, reference, rotor=0.0).verdict
     assert verdict.verdict == "none"

@@ -107,6 +107,7 @@ def test_nothing_is_named_where_the_residual_is_out_of_order():
     assert told(diagnosis) == ()
 
 
+@pytest.mark.long
 def test_nothing_new_is_named_where_the_residual_is_out_of_order():
     """The same on KR300, whose inertia would be beyond belief without its balancer."""
     logs = ["run_A.csv", "run_B.csv"]
@@ -164,6 +165,7 @@ def test_friction_by_load_is_named_on_a_ur10e_and_halves_what_is_left():
     assert verdict.error.worse == ()
 
 
+@pytest.mark.long
 def test_what_was_reached_on_a_ur10_is_reached():
     fit, held_out = (log("ur10", f"run.csv@{part}") for part in (":60%", "60%:"))
     verdict = diagnose(robot("ur10"), [fit], held_out=[held_out]).verdict

@@ -1,11 +1,8 @@
-"""Oracles that share no code with the regressor, and sums that must agree with it."""
+"""The books of power: an oracle that shares no code with the regressor."""
 
 import numpy as np
-import pytest
 
 from benchmarks.identification_parts.recovery import energy, power, power_miss
-from benchmarks.identification_parts.speed import normal_equations
-from residual.errors import InputError
 from residual.robot import dynamics
 from residual.robot.robot import load_robot
 
@@ -30,20 +27,3 @@ def test_a_body_that_falls_keeps_its_energy():
     free = np.linalg.solve(dynamics.mass_matrix(MODEL, q), -rest[:, :, None])[:, :, 0]
     scale = np.abs(energy(MODEL, q, qd)).max()
     np.testing.assert_allclose(power(MODEL, q, qd, free) / scale, 0, atol=1e-7)
-
-
-def test_normal_equations_are_those_of_the_whole_regressor():
-    tau = np.random.default_rng(0).normal(size=(600, 6))
-    made = normal_equations(MODEL, MOTION, tau)
-    whole = dynamics.regressor(MODEL, *MOTION)
-    gram = np.einsum("njp,njq->jpq", whole, whole)
-    cross = np.einsum("njp,nj->jp", whole, tau)
-    np.testing.assert_allclose(made.gram, gram, atol=1e-9 * np.abs(gram).max())
-    np.testing.assert_allclose(made.cross, cross, atol=1e-9 * np.abs(cross).max())
-    np.testing.assert_allclose(made.power, (tau**2).sum(axis=0))
-    assert made.samples == 600
-
-
-def test_normal_equations_refuse_torque_of_another_shape():
-    with pytest.raises(InputError, match=r"tau has shape \(600, 5\), expected"):
-        normal_equations(MODEL, MOTION, np.zeros((600, 5)))
