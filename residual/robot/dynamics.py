@@ -21,8 +21,22 @@ _LEAST_MASS = 1e-6
 AT_ONCE = 1 << 11  # rows of a regressor
 LARGEST = 1 << 26  # bytes of one that is remembered: 40 000 rows for six joints
 KEPT = 1 << 27  # bytes of all of them: thirteen minutes for six joints
-_Known = OrderedDict[tuple, tuple[tuple, tuple[Array, ...]]]
-_KNOWN: _Known = OrderedDict()
+
+
+class _Remembered(OrderedDict[tuple, tuple[tuple, tuple[Array, ...]]]):
+    """Columns by the motion that they are of; what was not asked for longest goes."""
+
+    bytes = 0  # of all: to add them up again at each look would cost more than a look
+
+    def keep(self, known: tuple[object, ...], blocks: tuple[Array, ...]) -> None:
+        self[tuple(map(id, known))] = known, blocks
+        self.bytes += sum(x.nbytes for x in blocks)
+        while len(self) > 1 and self.bytes > KEPT:
+            _, (_, blocks) = self.popitem(last=False)
+            self.bytes -= sum(x.nbytes for x in blocks)
+
+
+_KNOWN = _Remembered()
 
 
 def _over(shape: tuple[int, ...], one: Callable, model: pin.Model, *motion) -> Array:
@@ -282,13 +296,10 @@ class LazyRegressor:
         # They are kept with the result, so that nothing else can get these ids.
         known = self.robot, *self.motion
         key = tuple(map(id, known))
-        if key not in _KNOWN:
-            _KNOWN[key] = known, self._by_link()
-        _KNOWN.move_to_end(key)
-        size = sum(x.nbytes for _, blocks in _KNOWN.values() for x in blocks)
-        while len(_KNOWN) > 1 and size > KEPT:
-            _, (_, blocks) = _KNOWN.popitem(last=False)
-            size -= sum(x.nbytes for x in blocks)
+        if key in _KNOWN:
+            _KNOWN.move_to_end(key)
+        else:
+            _KNOWN.keep(known, self._by_link())
         return _KNOWN[key][1]
 
 

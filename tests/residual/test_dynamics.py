@@ -124,3 +124,20 @@ def test_flange_jacobian_is_the_derivative_of_the_flange_position():
 def test_flange_of_irb140_is_the_published_length_from_the_wrist():
     placement = dynamics.flange_placement(MODEL)
     assert placement.translation == pytest.approx([0.065, 0, 0])
+
+
+def test_of_the_motions_that_are_remembered_the_latest_fit_into_what_is_kept(
+    monkeypatch,
+):
+    robot, own = load_robot("irb140"), dynamics._Remembered()
+    monkeypatch.setattr(dynamics, "_KNOWN", own)
+    monkeypatch.setattr(dynamics, "KEPT", 60_000)
+    made = [dynamics.LazyRegressor(robot, tuple(states(k, 10))) for k in range(6)]
+    blocks = [one.links() for one in made]
+    size = sum(x.nbytes for x in blocks[0])
+    assert own.bytes == size * len(own) <= 60_000 < size * (len(own) + 1)
+    assert made[-1].links() is blocks[-1]
+    again = made[0].links()
+    assert again is not blocks[0]
+    np.testing.assert_array_equal(again[3], blocks[0][3])
+    assert own.bytes == size * len(own)
