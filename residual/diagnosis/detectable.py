@@ -174,7 +174,7 @@ def _least(bench: Bench, groups: Sequence[Group]) -> _Least | None:
         shapes = np.abs([g.shape[0] for g in groups])
         i = int(np.argmin(np.abs(np.log(sizes / shapes))))
         return _known(sizes[i], sizes[i], bench, groups[i])
-    size, middle = _hardest(bench, groups)
+    size, middle = _middle(bench, groups)
     if len(middle.ids) > 1 or not np.isfinite(size):
         return _known(size, size, bench, middle)
     robot = bench.task.design.states[0].robot
@@ -182,18 +182,17 @@ def _least(bench: Bench, groups: Sequence[Group]) -> _Least | None:
     return _known(abs(told[0]), size, bench, middle)
 
 
-def _hardest(bench: Bench, groups: Sequence[Group]) -> tuple[float, Group]:
+def _middle(bench: Bench, groups: Sequence[Group]) -> tuple[float, Group]:
     """Smallest coefficient that is found, and the shape that it is of.
 
-    The usual shape, or of those that an effect may hide in the one that shows least:
-    friction that fades below the speed at which rows count is found by its tail alone.
+    The usual shape, or the middle of those that an effect may hide in: friction that
+    fades below the speed at which rows count is found by its tail alone.
     """
     effect, joints = groups[0].effect, groups[0].joints
     shapes = [Placed(effect, joints, shape) for shape in effect.least_seen]
     made = bench.task.design.add(shapes) or [groups[len(groups) // 2]]
     sizes = [_smallest(bench, group) for group in made]
-    worst = int(np.argmax(sizes))
-    return sizes[worst], made[worst]
+    return float(np.median(sizes)), made[int(np.argsort(sizes)[len(sizes) // 2])]
 
 
 def _known(value: float, size: float, bench: Bench, group: Group) -> _Least | None:

@@ -248,9 +248,9 @@ class Effect:
         outermost: How many of the last joints it is not tried on.
         groupable: It is also tried on all joints at once.
         in_any_arm: (span, joint) -> shapes in which every arm in use has a little.
-        least_seen: Shapes, SI, in which arms have it too and logs show it least, as
-            what lives nearer to standstill than rows count: what would be found in each
-            of them is found in any. None where its usual shape says it.
+        least_seen: Shapes, SI, in which arms have it and logs show it less than in its
+            usual one, as what lives nearer to standstill than rows count: the smallest
+            size is the middle of theirs. None where its usual shape says it.
         variable: (state, joint) -> what the report draws it against, with label; None
             where no one variable explains it, as with all that has inertia: then what
             was measured of it is drawn against what it explains, joint by joint.
