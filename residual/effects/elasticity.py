@@ -36,7 +36,8 @@ EFFECT = Effect(
     prior_sd=lambda robot: np.array([2e-4]),
     possible=lambda theta, shape, limits: bool(1 / HARD < theta[0] < 1 / SOFT),
     family="geometry",
-    inexact=0.2,
+    # Its column ends at 5 Hz and the torque does not: it comes out 10 to 35 % too soft.
+    inexact=0.3,
     variable=against_load,
     portable=Portable(why_not=FUTURE),
 )

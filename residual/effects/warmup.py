@@ -27,6 +27,8 @@ EFFECT = Effect(
     shapes=_shapes,
     refine=Refinement("ratio", 0.6),
     needs_clock=True,
+    # One over time and two time constants: 7 to 34 % from this level at the start.
+    inexact=0.15,
     variable=lambda state, j: (state.t, "session time [s]"),
     possible=dissipates,
     brakes=True,
