@@ -25,10 +25,10 @@ from residual.errors import CONTROL, InputError, ModelgapError
 from warehouse.commit import SPEC, TRUTH
 from warehouse.files import SUMS, publish, replace_file, staged
 from warehouse.ids import ID_DIGITS, seal_folder
-from warehouse.layout import Found, find, needed, read_record
+from warehouse.layout import Found, find, needed
 from warehouse.mirror import brought, ensure_local, is_there
 from warehouse.provenance import MADE_WITH, check_kept, files_of
-from warehouse.runs import ROBOTS, open_seal, read_manifest, robot_folder
+from warehouse.runs import ROBOTS, open_seal, robot_folder
 from warehouse.schema import KINDS, SAMPLES_FILE, SEALED
 from warehouse.verify import check_robot, faults, read_row
 
@@ -151,17 +151,18 @@ def _check_name(out: Path) -> None:
 
 def _files(store: Path, found: Found) -> Iterator[Path]:
     yield from _plain_files(found.folder)
+    row = read_row(found)
     if found.kind == "runs":
-        told = read_manifest(store, found.id)
-        yield from files_of(store, told["provenance"])
-        hash = told.get("robot_hash")
+        asked = json.loads(row["manifest"])
+        made_with = asked["provenance"]
     else:
-        yield from files_of(store, json.loads(read_row(found)["provenance"] or "{}"))
-        hash = (read_record(store, found.id).get("request") or {}).get("robot_hash")
+        asked = (json.loads(row["record"]) or {}).get("request") or {}
+        made_with = json.loads(row["provenance"] or "{}")
+    yield from files_of(store, made_with)
     # A robot that is built in, or was not kept, has no folder.
-    if hash:
+    if asked.get("robot_hash"):
         with suppress(InputError):
-            yield from _plain_files(robot_folder(store, hash))
+            yield from _plain_files(robot_folder(store, asked["robot_hash"]))
 
 
 def _plain_files(folder: Path) -> list[Path]:

@@ -90,7 +90,7 @@ def commit_run(
             "truth_hash": sealed and ids.data_hash(sealed.truth),
             "units": units,
         }
-        id = _run_id(full)
+        id = manifest_id(full)
         target = record_folder(store, "runs", id, recording.robot)
         if not _is_there(target, "runs"):
             row = _run_row(id, recording, full, arrays)
@@ -257,7 +257,8 @@ def _write_samples(folder: Path, arrays: Mapping, units: Mapping, flush: bool) -
         sync(path)
 
 
-def _run_id(full: Mapping) -> str:
+def manifest_id(full: Mapping) -> str:
+    """Return the id of the run that a whole manifest is of."""
     if full.get("spec") is not None:
         code_hash = full["provenance"]["code_hash"]
         return ids.run_id(full["spec"], full["sealed_sha256"], code_hash)

@@ -18,6 +18,7 @@ import pyarrow as pa
 from residual.errors import InputError, ModelgapError
 from residual.robot.robot import load_robot
 from warehouse import ids
+from warehouse.commit import manifest_id
 from warehouse.files import file_faults, read_parquet, staged, table_hash, to_arrays
 from warehouse.layout import Found, list_folders
 from warehouse.listing import all_records, read_listing
@@ -120,12 +121,7 @@ def _faults_of_run(found: Found, row: Mapping) -> Iterator[str]:
         yield f"{found.row.name} is of {row['robot']}, its folder of another robot"
     if set(other_files(found)) != {SAMPLES_FILE}:
         yield f"{found.folder.name} has files that are none of a run"
-    if manifest.get("spec") is not None:
-        code = manifest["provenance"]["code_hash"]
-        id = ids.run_id(manifest["spec"], manifest["sealed_sha256"], code)
-    else:
-        id = ids.imported_id(manifest["data_hash"], manifest["robot_hash"])
-    if id != found.id:
+    if manifest_id(manifest) != found.id:
         yield f"{found.row.name}: its spec is not the one that its id is the hash of"
 
 
@@ -139,8 +135,9 @@ def _faults_of_record(found: Found, row: Mapping) -> Iterator[str]:
     # An empty list was either not given or given as a table without rows.
     full = {view: table_hash(t) for view, t in lists.items() if len(t)}
     empty = {view: table_hash(t) for view, t in lists.items() if not len(t)}
-    for given in _subsets(empty):
-        told = sums | full | given
+    sizes = range(len(empty), -1, -1)
+    for names in chain.from_iterable(combinations(empty, size) for size in sizes):
+        told = sums | full | {name: empty[name] for name in names}
         if ids.digest(found.kind, record, lineage, told)[: ids.ID_DIGITS] == found.id:
             return
     yield f"{found.folder.name}: its content is not the one that its id is the hash of"
@@ -157,12 +154,6 @@ def _faults_of_numbered(found: Found, row: Mapping) -> Iterator[str]:
 
 
 _CHECKS = {"runs": _faults_of_run, **dict.fromkeys(_SAME, _faults_of_numbered)}
-
-
-def _subsets(items: Mapping[str, str]) -> Iterator[dict[str, str]]:
-    sizes = range(len(items), -1, -1)
-    for names in chain.from_iterable(combinations(items, size) for size in sizes):
-        yield {name: items[name] for name in names}
 
 
 def _sum(path: Path) -> str:

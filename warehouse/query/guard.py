@@ -18,7 +18,7 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from itertools import pairwise
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import duckdb
 import pyarrow as pa
@@ -67,32 +67,27 @@ READABLE = ("samples", "models", "diagnoses", "validations", INDEX)
 WORKING, LARGEST = 0.5, 0.25
 
 
-def check_reads_only(connection: duckdb.DuckDBPyConnection, query: str) -> str:
-    """Return the text of a query if all it can do is read."""
+class Reading(NamedTuple):
+    """A query that can do nothing but read."""
+
+    text: str
+    tables: frozenset[str]  # and views that it names, in small letters
+
+
+def check_reads_only(connection: duckdb.DuckDBPyConnection, query: str) -> Reading:
+    """Return a query if all it can do is read."""
     if len(query) > LONGEST:
         raise InputError(
             f"The query has {len(query)} characters, at most {LONGEST} are taken."
         )
     kind, text = _one_statement(connection, query)
-    if kind == "EXPLAIN":
-        inner = _explained(text)
-        if _one_statement(connection, inner)[0] != "SELECT":
-            raise InputError(f"{_ONLY}, got EXPLAIN of something else.")
-        _check_tree(connection, inner)
-    elif kind == "SELECT":
-        _check_tree(connection, text)
-    else:
+    select = _explained(text) if kind == "EXPLAIN" else text
+    if kind not in ("SELECT", "EXPLAIN"):
         hint = " (a PIVOT needs its values: ON x IN (...))" if kind == "MULTI" else ""
         raise InputError(f"{_ONLY}, got {kind}{hint}. SQL reads the store, no more.")
-    return text
-
-
-def table_names(connection: duckdb.DuckDBPyConnection, query: str) -> frozenset[str]:
-    """Return the names of tables and views in a query, in small letters."""
-    kind, text = _one_statement(connection, query)
-    nodes = _nodes(_tree(connection, _explained(text) if kind == "EXPLAIN" else text))
-    named = (node for node in nodes if node.get("type") == "BASE_TABLE")
-    return frozenset(str(node.get("table_name")).lower() for node in named)
+    if kind == "EXPLAIN" and _one_statement(connection, select)[0] != "SELECT":
+        raise InputError(f"{_ONLY}, got EXPLAIN of something else.")
+    return Reading(text, _tables(connection, select))
 
 
 def _one_statement(
@@ -126,9 +121,13 @@ def _explained(text: str) -> str:
     return data[starts[skip] :].decode() if skip < len(starts) else ""
 
 
-def _check_tree(connection: duckdb.DuckDBPyConnection, text: str) -> None:
+def _tables(connection: duckdb.DuckDBPyConnection, text: str) -> frozenset[str]:
+    """Return the tables and views of a SELECT in which nothing can write."""
+    named = set()
     for node in _nodes(_tree(connection, text)):
         kind = str(node.get("type", ""))
+        if kind == "BASE_TABLE":
+            named.add(str(node.get("table_name")).lower())
         if kind.endswith("_NODE") and kind not in _QUERIES:
             what = kind.removesuffix("_NODE").removesuffix("_QUERY")
             raise InputError(f"{_ONLY}, got one that contains {what}.")
@@ -139,6 +138,7 @@ def _check_tree(connection: duckdb.DuckDBPyConnection, text: str) -> None:
                     f"SQL reads the views of the store, not '{name}()'. "
                     "See modelgap sql --schema."
                 )
+    return frozenset(named)
 
 
 def _tree(connection: duckdb.DuckDBPyConnection, text: str) -> list:

@@ -3,7 +3,7 @@
 import json
 import os
 from collections import defaultdict
-from collections.abc import Iterable, Mapping
+from collections.abc import Collection, Iterable, Mapping
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import suppress
 from pathlib import Path
@@ -24,7 +24,6 @@ from warehouse.query.guard import (
     limited,
     lock,
     reads_only,
-    table_names,
 )
 from warehouse.query.packs import Pack, Packed, read_packs, write_packs
 from warehouse.query.views import Held, catalogue_views, samples_view, signal_rows
@@ -207,12 +206,12 @@ class Store:
         reading = check_reads_only(self._connection, query)
         self.refresh()
         if self._remote and not self._shown:
-            self._make_samples("samples" in table_names(self._connection, reading))
+            self._make_samples("samples" in reading.tables)
         if not without_damaged:
-            self._need_whole(reading)
+            self._need_whole(reading.tables)
         with limited(self._connection, timeout):
             while True:
-                answer = self._tried(reading, values)
+                answer = self._tried(reading.text, values)
                 if answer is not None:
                     return answer
                 self._make_samples()
@@ -276,11 +275,8 @@ class Store:
             with suppress(duckdb.Error):
                 self._connection.execute("ROLLBACK")
 
-    def _need_whole(self, query: str) -> None:
-        """Refuse a query over a view from which something damaged is missing."""
-        if not self.damaged:
-            return
-        names = table_names(self._connection, query)
+    def _need_whole(self, names: Collection[str]) -> None:
+        """Refuse a query over views from which something damaged is missing."""
         kinds = {kind for name in names for kind in FED_BY.get(name, ())}
         told = [line for k in sorted(kinds) for line in self._catalogue.damaged[k]]
         told += self._left_out.values() if "samples" in names else ()
