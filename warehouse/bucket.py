@@ -218,11 +218,12 @@ class Bucket:
             ]
         return sorted(found, key=lambda each: each.key)
 
-    def folders(self, prefix: str) -> list[str]:
+    def names(self, prefix: str) -> list[str]:
         """Return the names that stand after a folder's name in keys, each once."""
         with self._told("list"):
             found = self._obstore.list_with_delimiter(self._store, prefix)
-        return sorted(each.rpartition("/")[2] for each in found["common_prefixes"])
+        files = (each["path"] for each in found["objects"])
+        return sorted(p.rpartition("/")[2] for p in (*found["common_prefixes"], *files))
 
     def delete(self, keys: Sequence[str]) -> None:
         """Remove objects; one that is gone already is no error."""

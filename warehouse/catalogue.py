@@ -143,9 +143,10 @@ def _of_bucket(store: Path, places: Places, known: Rows) -> tuple[Catalogue, Row
     """Return the catalogue, and those of its rows that were read from records."""
     folders, rows, new, damaged = _folders(store, places), {}, {}, {}
     for name, kind in KINDS.items():
-        missing = folders[name].keys() - set(known[name].column(kind.key).to_pylist())
+        once = _once(known[name], kind, folders[name])
+        missing = folders[name].keys() - set(once.column(kind.key).to_pylist())
         bring_rows([Path(folders[name][id], kind.row) for id in missing])
-        read = _filled(known[name], kind, folders[name])
+        read = _filled(once, kind, folders[name])
         rows[name], new[name], damaged[name] = read
     return Catalogue(folders, rows, damaged), new
 

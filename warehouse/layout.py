@@ -10,7 +10,7 @@ from residual.errors import InputError
 from warehouse.files import read_cell, read_parquet
 from warehouse.ids import ID_DIGITS, check_id
 from warehouse.listing import listed_ids
-from warehouse.mirror import SUMS, bucket_of, is_there, shown
+from warehouse.mirror import SUMS, bucket_of, is_there, names_in, shown
 from warehouse.schema import KINDS
 
 RERUN_OF = "rerun of"  # what a record is to the one it was made again from
@@ -141,9 +141,9 @@ def _matches(store: Path, kind: str, id: str) -> list[tuple[str, str]]:
     if len(id) < ID_DIGITS:
         return [e for e in list_folders(store, kind).items() if e[0].startswith(id)]
     # A whole id needs no listing: its path is known but for the robot.
-    known, bucket, bases = KINDS[kind], bucket_of(store), _bases(store, kind)
-    if kind == "runs" and bucket:
-        robots = bucket.folders(known.folder)
+    known, bases = KINDS[kind], _bases(store, kind)
+    if kind == "runs" and bucket_of(store):
+        robots = names_in(store, known.folder)
         bases = [str(store / known.folder / robot) for robot in robots]
     paths = [os.path.join(base, f"{known.key}={id}") for base in bases]
     return [(id, path) for path in paths if is_there(Path(path))]

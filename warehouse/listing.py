@@ -130,15 +130,10 @@ def _put_head(store: Path, head: Head, rows: Mapping[str, pa.Table]) -> bool:
 
 
 def read_rows(store: Path, head: Head, kind: Kind) -> pa.Table:
-    """Return the catalogue rows of a kind, each record once."""
+    """Return the catalogue rows of a kind, those of another version left out."""
     tables = [_table(store, name) for name, _ in head.files.get(kind.name, ())]
     tables = [table for table in tables if table.schema.equals(kind.fields)]
-    rows = pa.concat_tables([kind.fields.empty_table(), *tables])
-    ids = rows.column(kind.key).to_pylist()
-    if len(set(ids)) == len(ids):
-        return rows
-    first = {id: place for place, id in reversed(list(enumerate(ids)))}
-    return rows.take(pa.array(sorted(first.values())))
+    return pa.concat_tables([kind.fields.empty_table(), *tables])
 
 
 def bring_rows(paths: Sequence[Path]) -> None:

@@ -202,12 +202,10 @@ def is_there(folder: Path) -> bool:
 
 def names_in(store: Path, folder: str) -> list[str]:
     """Return the names in a folder of a store, in order; it need not be there."""
-    bucket = bucket_of(store)
-    if bucket is None:
-        place = store / folder
-        return sorted(os.listdir(place)) if place.is_dir() else []
-    keys = (each.key for each in bucket.objects(folder))
-    return sorted({key.removeprefix(f"{folder}/").split("/")[0] for key in keys})
+    if bucket := bucket_of(store):
+        return bucket.names(folder)
+    place = store / folder
+    return sorted(os.listdir(place)) if place.is_dir() else []
 
 
 def sums_in(folder: Path) -> Mapping[str, Mapping]:

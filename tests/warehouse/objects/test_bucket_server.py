@@ -34,7 +34,8 @@ def test_what_a_store_asks_of_it(bucket_store):
         ("a/x/1", 10),
         ("a/y/2", 0),
     ]
-    assert bucket.folders("a") == ["x", "y"]
+    assert bucket.names("a") == ["x", "y"]
+    assert bucket.names("a/x") == ["1"]
     bucket.delete(["a/y/2", "a/none"])
     assert bucket.get("a/y/2") is None
     with pytest.raises(BucketError, match="should be there is not"):
