@@ -5,7 +5,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from warehouse.schema import SIGNALS, channel_names
+from warehouse.schema import SIGNALS
 
 Array = np.ndarray
 
@@ -110,13 +110,7 @@ def _columns(name: str, values: Array | None) -> dict[str, Array]:
     values = np.asarray(values, dtype=float)
     if values.ndim == 1:
         return {name: values}
-    count = values.shape[1]
-    names = (
-        channel_names(name, count)
-        if name in SIGNALS
-        else tuple(f"{name}{k}" for k in range(1, count + 1))
-    )
-    return {channel: values[:, k] for k, channel in enumerate(names)}
+    return {f"{name}{k}": column for k, column in enumerate(values.T, 1)}
 
 
 def _channel(

@@ -28,9 +28,8 @@ import pyarrow.parquet as pq
 
 from residual.errors import InputError
 from warehouse.bucket import Bucket
-from warehouse.ids import check_id, check_slug
+from warehouse.ids import check_id, check_slug, record_folder
 from warehouse.mirror import (
-    NOBODY,
     SUMS,
     TAIL,
     bucket_of,
@@ -207,10 +206,8 @@ def _named(note: str) -> tuple[str, str, str] | None:
     found = _NOTE.fullmatch(note)
     if found is None:
         return None
-    name, robot, id = found.groups()
-    kind = KINDS[name]
-    base = kind.folder if robot == NOBODY else f"{kind.folder}/robot={robot}"
-    return name, id, f"{base}/{kind.key}={id}"
+    kind, robot, id = found.groups()
+    return kind, id, record_folder(Path(), kind, id, robot).as_posix()
 
 
 def append(store: Path, rows: Mapping[str, pa.Table]) -> bool:

@@ -278,12 +278,12 @@ def read_packages(store: Path, known: Mapping | None) -> dict[str, str] | None:
     path = store / MADE_WITH / _list(known)
     ensure_local(path)
     try:
-        text = path.read_text(encoding="utf-8")
-    except (OSError, UnicodeDecodeError):
+        content = path.read_bytes()
+        check_kept(path.name, content)
+        lines = content.decode().splitlines()
+    except (OSError, UnicodeDecodeError, InputError):
         return None
-    if hashlib.sha256(text.encode()).hexdigest() != (known or {})["environment_hash"]:
-        return None
-    return dict(line.split("==", 1) for line in text.splitlines() if "==" in line)
+    return dict(line.split("==", 1) for line in lines if "==" in line)
 
 
 def check_kept(name: str, content: bytes) -> None:

@@ -1,6 +1,7 @@
 """From a specification to the motion that a controller is given."""
 
 from collections.abc import Callable
+from functools import partial
 
 import numpy as np
 
@@ -59,13 +60,14 @@ def make_plan(robot: Robot, spec: TrajectorySpec, optimised: bool = True) -> Pla
     rng = stream(spec.seed, f"trajectory/{spec.kind}")
     # One thread: sums in another order would end the search elsewhere.
     if spec.kind == "fourier":
-        return _plan_fourier(robot, spec, rng, optimised)
-    if spec.coefficients:
-        return _checked_plan(
-            robot,
-            given_places(robot, spec.duration, spec.periods, spec.coefficients),
-        )
-    return _PLANNERS[spec.kind](robot, spec.duration, spec.periods, rng)
+        plan = _fourier(robot, spec, rng, optimised)
+    elif spec.coefficients:
+        rows = spec.coefficients
+        plan = given_places(robot, spec.duration, spec.periods, rows)
+    else:
+        return _PLANNERS[spec.kind](robot, spec.duration, spec.periods, rng)
+    check(robot, plan)
+    return plan
 
 
 @one_blas_thread
@@ -76,7 +78,7 @@ def sample(plan: Plan, rate: float) -> Reference:
     return Reference(plan.kind, t, q, qd, qdd, plan.period)
 
 
-def _plan_fourier(
+def _fourier(
     robot: Robot, spec: TrajectorySpec, rng: np.random.Generator, optimised: bool
 ) -> Plan:
     period = spec.duration / spec.periods
@@ -85,13 +87,7 @@ def _plan_fourier(
         series = given(spec.coefficients, robot.dof, period)
     else:
         series = optimise(place, rng) if optimised else draw(place, rng)
-    plan = Plan("fourier", lambda t: sampled(series, t), spec.duration, period, period)
-    return _checked_plan(robot, plan)
-
-
-def _checked_plan(robot: Robot, plan: Plan) -> Plan:
-    check(robot, plan)
-    return plan
+    return Plan("fourier", partial(sampled, series), spec.duration, period, period)
 
 
 def _check_spec(spec: TrajectorySpec) -> None:
