@@ -49,12 +49,12 @@ def print_document(
     line(console, " ".join([told.headline, *told.lead]), "bold")
     sections = {section.id: section for section in told.sections}
     for id in order:
-        show(console, *sections[id].brief, wrapped=True)
+        show(console, *filter(None, sections[id].brief), wrapped=True)
     warnings = [words for part in told.callouts for words in part.lines]
     for number, words in enumerate(warnings):
         line(console, f"{'' if number else chr(10)}Warning: {words}", "yellow")
     for id in last:
-        show(console, *sections[id].brief, wrapped=True)
+        show(console, *filter(None, sections[id].brief), wrapped=True)
 
 
 def line(console: Console, text: str, style: str = "") -> None:

@@ -3,7 +3,7 @@
 Each section is a function; what the terminal has of it is its ``brief``.
 """
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Sequence
 
 from markupsafe import Markup
 from rich.console import Console
@@ -113,9 +113,7 @@ def document(
         _left(verdict, charts.left_charts(found) if drawn else ()),
         _sizes(verdict),
         _spectra(verdict, *(charts.spectrum_charts(found) if drawn else ((), ()))),
-        Section(
-            "notes", "What was understood of the logs", _listed(found.notes), open=False
-        ),
+        Section("notes", "What was understood of the logs", [found.notes], open=False),
         _origin(verdict, origin),
         _read(verdict),
     )
@@ -130,93 +128,79 @@ def document(
     )
 
 
-def tiles_of(found: Diagnosis) -> list[Tile]:
+def tiles_of(found: Diagnosis) -> tuple[Tile | None, ...]:
     """Return up to five figures that say what is missing, and what naming it gains."""
-    return [
-        *(_one_size(found) if len(found.effects) == 1 else _count(found.effects)),
-        *_torque(found),
-        *_fall(found),
-        *_sure(found),
-        *_unexplained(found),
-    ]
+    return _size(found), _torque(found), _fall(found), _sure(found), _rest(found)
 
 
-def _one_size(found: Diagnosis) -> list[Tile]:
-    effect = found.effects[0]
-    name, value = tables.size_of(effect, found.verdict)
-    of = f"of {tables.title(effect, found.verdict)}"
-    return [Tile(sentence_case(name), value, of)] if name else []
-
-
-def _count(named: Sequence[Finding]) -> list[Tile]:
-    if not named:
-        return []
+def _size(found: Diagnosis) -> Tile | None:
+    """The size of one finding; of several, how many there are."""
+    named = found.effects
+    if len(named) == 1:
+        name, value = tables.size_of(named[0], found.verdict)
+        of = f"of {tables.title(named[0], found.verdict)}"
+        return Tile(sentence_case(name), value, of) if name else None
     confirmed = sum(one.evidence.held_out == "confirmed" for one in named)
     note = f"{confirmed} of them confirmed on unseen motion"
-    return [Tile("Effects found", str(len(named)), note)]
+    return Tile("Effects found", str(len(named)), note) if named else None
 
 
-def _torque(found: Diagnosis) -> list[Tile]:
+def _torque(found: Diagnosis) -> Tile | None:
     """What the robot's controller does not know: the most that a model lacks."""
     named = found.effects
     lacking = [(m, one) for one in named for m in tables.missing_torque(found, one)]
     if not lacking:
-        return []
+        return None
     most, effect = max(lacking, key=lambda pair: pair[0].share or 0.0)
     note = joint_words([most.joint])
     if most.share:
         note += f": {fraction(most.share)} of the largest torque there"
     if len(named) > 1:
         note += f", from {noun(effect.name)}"
-    return [Tile("Torque that the model lacks", f"up to {number(most.peak)} N m", note)]
+    return Tile("Torque that the model lacks", f"up to {number(most.peak)} N m", note)
 
 
-def _fall(found: Diagnosis) -> list[Tile]:
+def _fall(found: Diagnosis) -> Tile | None:
     label = "Error on unseen motion"
     change = words.change(found.verdict) if found.effects else None
     if change:
         fall = f"{change.before:.1f} → {percent(change.after)}"
         where = change.where.removesuffix(",")
-        return [Tile(label, fall, f"of the torque {where}, before → after")]
-    if found.effects:
-        return []
+        return Tile(label, fall, f"of the torque {where}, before → after")
     level, where = words.level(found.errors)
-    return [Tile(label, percent(level), f"of the torque {where}, refitted")]
+    note = f"of the torque {where}, refitted"
+    return None if found.effects else Tile(label, percent(level), note)
 
 
-def _sure(found: Diagnosis) -> list[Tile]:
+def _sure(found: Diagnosis) -> Tile | None:
     named = found.effects
     if not named:
-        return []
+        return None
     if len(named) == 1:
         (one,) = named
         other = f", or {tables.others(one, found)}" if one.equivalent else ""
         note = f"that it is {noun(one.name)}{other}; "
         note += held_out_words(one.evidence.held_out)
-        return [Tile("How sure", sure(one.probability), note)]
+        return Tile("How sure", sure(one.probability), note)
     likely = [one.probability for one in named if known(one.probability)]
     weakest = sure(min(likely, default=None))
-    return [Tile("How sure", weakest, "of the least certain name, against all others")]
+    return Tile("How sure", weakest, "of the least certain name, against all others")
 
 
-def _unexplained(found: Diagnosis) -> list[Tile]:
+def _rest(found: Diagnosis) -> Tile | None:
     left = found.unexplained
     if not known(left.fraction):
-        return []
+        return None
     note = "of the torque"
     if known(left.noise_floor):
         note += f"; noise alone is {fraction(left.noise_floor)}"
-    return [Tile("Still unexplained", fraction(left.fraction), note)]
+    return Tile("Still unexplained", fraction(left.fraction), note)
 
 
-def _folded(figures: Sequence[Chart], title: str, grid: bool = True) -> list[Fold]:
+def _folded(figures: Sequence[Chart], title: str, grid: bool = True) -> Fold | None:
     """More figures, which open at a click; in a grid where they are small."""
     shown = f"{title} ({many(len(figures), 'figure')})"
-    return [Fold(shown, [figures] if grid else figures)] if figures else []
-
-
-def _listed(lines: Sequence[str]) -> list[Sequence[str]]:
-    return [lines] if lines else []
+    return Fold(shown, [figures] if grid else figures) if figures else None
 
 
 def truth(staged: Staged) -> list[Part]:
@@ -256,27 +240,21 @@ def _finding(found: Diagnosis, at: int, figures: Sequence[Chart]) -> list[Part]:
     """One finding: what it does, its size, and what was measured of it."""
     effect, verdict = found.effects[at], found.verdict
     title = sentence_case(tables.title(effect, verdict))
-    text: list[Part] = [*_said(found, at)]
+    said = sentence_case("".join(found.sentences[at : at + 1]).strip())
+    said += "." if said and said[-1] not in ".!?" else ""
+    text: list[Part | None] = [said, tables.means(found, effect)]
     if effect.equivalent:
         text.append(Note(_cannot_tell(effect, found), "callout"))
     if effect.parameters or effect.combinations:
-        text.append(tables.parameter_table(effect, verdict))
         frame = tables.frame_words(effect, verdict.frames)
-        text += [Note(f"Vectors are {frame}.")] if frame else []
+        text.append(tables.parameter_table(effect, verdict))
+        text.append(Note(f"Vectors are {frame}.") if frame else None)
     heading = Heading(f"{effect.order}. {title}")
     if len(figures) == 1:
         return [heading, Beside((text, figures))]
     shown = _OPEN if at == 0 else 0
     more = "The other joints" if shown else "What it explains, joint by joint"
-    seen = _listed(figures[:shown])
-    return [heading, *text, *seen, *_folded(figures[shown:], more)]
-
-
-def _said(found: Diagnosis, at: int) -> Iterable[str]:
-    """What a finding is and what a model without it gets wrong."""
-    said = sentence_case("".join(found.sentences[at : at + 1]).strip())
-    said += "." if said and said[-1] not in ".!?" else ""
-    return filter(None, (said, tables.means(found, found.effects[at])))
+    return [heading, *text, figures[:shown], _folded(figures[shown:], more)]
 
 
 def _cannot_tell(effect: Finding, found: Diagnosis) -> Markup:
@@ -287,94 +265,75 @@ def _cannot_tell(effect: Finding, found: Diagnosis) -> Markup:
 
 
 def _proof(found: Diagnosis, bars: Sequence[Chart]) -> Section:
-    parts: list[Part] = []
-    if bars:
-        after = (
-            _TEXT["after"]
-            if found.effects
-            else "Nothing was added, so there is no after."
-        )
-        parts = [Note(_TEXT["stages"].format(after)), bars[0]]
-        parts += _folded(bars[1:], "The same over all samples, standstill too", False)
-    lines = tables.error_rows(found)
-    table = tables.error_table(lines)
-    few = len(found.effects) < _MANY
-    parts += [Fold("The errors of each joint", [table], few)] if table else []
-    worse = _worse(found.verdict)
-    if parts and worse:
-        parts.append(Note(worse, "callout"))
-    brief = [*tables.brief_errors(found, lines), *([worse] if worse else [])]
+    lines, worse = tables.error_rows(found), "; ".join(rising(found.verdict))
+    worse = worse and f"Worse with the findings by more than 2 % (moving): {worse}."
+    table, few = tables.error_table(lines), len(found.effects) < _MANY
+    parts: list[Part | None] = [
+        *bars[:1],
+        _folded(bars[1:], "The same over all samples, standstill too", False),
+        Fold("The errors of each joint", [table], few) if table else None,
+    ]
+    parts += [Note(worse, "callout")] if worse and any(parts) else []
+    after = _TEXT["after" if found.effects else "no_after"]
+    note = _TEXT["stages"].format(after) if bars else ""
     heading = "Before and after, on unseen motion"
-    return Section("proof", heading, parts, brief=brief)
-
-
-def _worse(verdict: Verdict) -> str:
-    worse = "; ".join(rising(verdict))
-    return f"Worse with the findings by more than 2 % (moving): {worse}." * bool(worse)
+    brief = [*tables.brief_errors(found, lines), worse]
+    return Section("proof", heading, parts, note, brief=brief)
 
 
 def _curves(
     found: Diagnosis, motions: Sequence[tuple[str, list[Chart]]], undrawn: int
 ) -> Section:
-    note, parts = _TEXT["curves"], []
+    note, parts, count = _TEXT["curves"], [], len(motions)
     if undrawn:
-        many = len(motions)
-        note += f" The {many} held-out logs with the largest error are drawn; the table"
-        note += f" above is of all {many + undrawn}."
+        note += _TEXT["undrawn"].format(count, count + undrawn)
     for at, (label, figures) in enumerate(motions, 1):
-        many = f" {at}" if len(motions) > 1 else ""
-        title = Markup("Held-out motion{} {}").format(many, tag("code", label))
+        number_of = f" {at}" if count > 1 else ""
+        title = Markup("Held-out motion{} {}").format(number_of, tag("code", label))
         first = 1 if at == 1 else 0
         rest = "The other joints" if first else "All joints"
         parts += [Heading(title), *figures[:first]]
-        parts += _folded(figures[first:], rest, False)
+        parts.append(_folded(figures[first:], rest, False))
     few = len(found.effects) < _MANY - 1
     return Section("curves", "Measured and predicted torque", parts, note, open=few)
 
 
 def _else(found: Diagnosis, motion: Chart | None) -> Section:
-    sets, plan = outlook.other_sets(found.verdict), outlook.next_words(found.verdict)
-    none = "No other set of effects explains these logs as well."
-    parts: list[Part] = _listed(sets)
+    parts: list[Part | None] = [outlook.other_sets(found.verdict)]
+    plan, brief = outlook.next_words(found.verdict), []
     if plan:
-        parts += [none] if found.effects and not sets else []
-        parts += [Heading("The next experiment"), [*map(sentence_case, plan)]]
-        parts += [motion] if motion else []
-    brief = [Heading("Next experiment:"), *(f"  {line}" for line in plan)]
+        none = "No other set of effects explains these logs as well."
+        parts += [none if found.effects and not parts[0] else None]
+        parts += [Heading("The next experiment"), [*map(sentence_case, plan)], motion]
+        brief = [Heading("Next experiment:"), *(f"  {line}" for line in plan)]
     heading = "What else it could be, and what would settle it"
-    return Section("else", heading, parts, brief=brief if plan else ())
+    return Section("else", heading, parts, brief=brief)
 
 
 def _evidence(found: Diagnosis) -> Section:
-    heading, named = "How sure that is", found.effects
-    if not named:
-        return Section("evidence", heading, ())
-    parts: list[Part] = [tables.evidence_table(found)]
+    parts: list[Part] = [tables.evidence_table(found)] if found.effects else []
     edits = baseline_sentences(found.verdict)
-    if edits:
+    if parts and edits:
         parts += [Heading("The edit test"), Note(_TEXT["edits"]), edits]
-    return Section("evidence", heading, parts, open=len(named) < _MANY)
+    few = len(found.effects) < _MANY
+    return Section("evidence", "How sure that is", parts, open=few)
 
 
 def _given(verdict: Verdict) -> Section:
     off, every = outlook.off_rows(verdict), outlook.all_rows(verdict)
     more = outlook.hidden_rows(verdict)
-    heading = "Given values that the logs do not bear out"
-    parts: list[Part] = [
-        "None of them is off beyond chance and by more than 5 %, other than what is "
-        "named above."
-    ]
-    if off:
-        parts = [Note(_TEXT["given"]), _values(off)]
-        rest = f"And {more} more, in the list of all values."
-        parts += [Note(rest, "soft spaced")] if more else []
     title = f"All {len(every)} values, as given and as these logs have them"
-    parts = [*parts, Fold(title, [_values(every)])] if every else []
-    shown = heading if off else "The values that the model was given"
+    folded = Fold(title, [_values(every)])
+    if not off:
+        parts = [_TEXT["none_off"], folded] if every else ()
+        return Section("given", "The values that the model was given", parts)
+    heading = "Given values that the logs do not bear out"
+    rest = f"And {more} more, in the list of all values."
+    parts = [_values(off), Note(rest, "soft spaced") if more else None, folded]
     heads = ("value", "as given", "as the logs have it", "")
-    rest = [f"and {more} more: 'changes' in the JSON has all of them."] if more else []
-    brief = [words_table(heads, off, heading), *rest] if off else ()
-    return Section("given", shown, parts, brief=brief)
+    rest = f"and {more} more: 'changes' in the JSON has all of them."
+    brief = [words_table(heads, off, heading), rest if more else ""]
+    return Section("given", heading, parts, _TEXT["given"], brief=brief)
 
 
 def _values(rows: Sequence[tuple[str, ...]]) -> Table:
@@ -384,10 +343,10 @@ def _values(rows: Sequence[tuple[str, ...]]) -> Table:
 
 def _left(verdict: Verdict, figures: Sequence[Chart]) -> Section:
     said = " ".join(outlook.unexplained_words(verdict))
-    parts = [said, *([Note(_TEXT["left"], "soft spaced"), figures] if figures else [])]
-    heading = "What stays unexplained"
-    brief = [f"\n{said}"]
-    return Section("left", heading, parts if said else (), brief=brief if said else ())
+    about = Note(_TEXT["left"], "soft spaced") if figures else None
+    brief = [f"\n{said}" if said else ""]
+    parts = [said, about, figures] if said else ()
+    return Section("left", "What stays unexplained", parts, brief=brief)
 
 
 def _sizes(verdict: Verdict) -> Section:
@@ -395,20 +354,20 @@ def _sizes(verdict: Verdict) -> Section:
     heading, nothing = "What would have been found", not verdict.effects
     if not rows:
         return Section("sizes", heading, ())
-    never = any(outlook.NEVER in row for row in rows)
+    never = _NEVER if any(outlook.NEVER in row for row in rows) else ""
     told = [(sentence_case(name), *rest) for name, *rest in rows]
-    parts: list[Part] = [Table(heads, told, left=(0, 1), look="tight sizes")]
-    parts += [Note(_NEVER, "soft spaced")] if never else []
     alike = outlook.confusable_words(verdict)
-    pairs = outlook.confusable_pairs(verdict)
-    parts += [Fold(alike, [pairs])] if alike else []
+    parts = [
+        Table(heads, told, left=(0, 1), look="tight sizes"),
+        Note(never, "soft spaced") if never else None,
+        Fold(alike, [outlook.confusable_pairs(verdict)]) if alike else None,
+    ]
     heads, rows = outlook.detectable_rows(verdict, short=True)
     # The longest word of a name, so that none is broken.
     least = max(len(word) for row in rows for word in row[0].split())
     title = "Smallest size that would have been found"
-    brief = [Table(heads, rows, title, left=(0, 1), least={0: least})]
-    brief += [*([_NEVER] if never else [])]
-    brief += [f"{alike} --verbose lists them."] if alike else []
+    table = Table(heads, rows, title, left=(0, 1), least={0: least})
+    brief = [table, never, alike and f"{alike} --verbose lists them."]
     brief = brief if nothing else ()
     return Section("sizes", heading, parts, _TEXT["sizes"], open=nothing, brief=brief)
 
@@ -417,30 +376,23 @@ def _spectra(
     verdict: Verdict, first: Sequence[Chart], others: Sequence[Chart]
 ) -> Section:
     cutoff = number(verdict.error.cutoff_hz)
-    note = (
-        "How much the models leave at each frequency, on all held-out motion together "
-        "(Welch's method). "
-    )
-    if cutoff != MISSING:
-        note += f"Both sides are low-passed at {cutoff} Hz, so beyond that nothing is "
-        note += "left to see. "
-    note += "A line that stays at one frequency points to something that turns or "
-    note += "swings."
-    parts = [first, *_folded(others, "The other joints")] if first else ()
+    filtered = "" if cutoff == MISSING else _TEXT["filtered"].format(cutoff)
+    note = _TEXT["spectra"].format(filtered)
+    parts = [first, _folded(others, "The other joints")] if first else ()
     return Section("spectra", "Spectrum of the residual", parts, note, open=False)
 
 
 def _origin(verdict: Verdict, origin: Pairs) -> Section:
     """Under which assumptions, on which logs, and by what it was made."""
-    declared = ", ".join(verdict.declared)
-    said = [f"Declared in the model: {declared or 'rigid body only'}."]
-    if verdict.error.logs:
-        said.append(f"Held out: {', '.join(verdict.error.logs)}.")
+    declared, logs = ", ".join(verdict.declared), ", ".join(verdict.error.logs)
+    note = f"Declared in the model: {declared or 'rigid body only'}."
+    note += f" Held out: {logs}." if logs else ""
     if known(verdict.nominal_scale):
         scale = f"{100 * verdict.nominal_scale:.3g} %"
-        said.append(f"Assumed spread of the nominal parameters: {scale}.")
-    parts = [Note(" ".join(said)), *([Facts(origin)] if origin else [])]
-    return Section("origin", "Where this page comes from", parts, open=False)
+        note += f" Assumed spread of the nominal parameters: {scale}."
+    facts = Facts(origin) if origin else None
+    heading = "Where this page comes from"
+    return Section("origin", heading, [Note(note), facts], open=False)
 
 
 def _read(verdict: Verdict) -> Section:

@@ -188,7 +188,7 @@ Part = (
 
 @dataclass(frozen=True, slots=True)
 class Section:
-    """A part of a page; one without parts is left out.
+    """A part of a page; what is None or empty is left out, and one without parts.
 
     Attributes:
         id: What links to it say.
@@ -201,12 +201,12 @@ class Section:
 
     id: str
     heading: str
-    parts: Sequence[Part]
+    parts: Sequence[Part | None]
     note: str = ""
     below: str = ""
     open: bool | None = None
     shown: bool = True
-    brief: Sequence[str | Table | Heading] = ()
+    brief: Sequence[str | Table | Heading | None] = ()
 
 
 @dataclass(frozen=True, slots=True)
@@ -228,7 +228,7 @@ class Document:
     headline: str
     sections: Sequence[Section]
     lead: Sequence[str] = ()
-    tiles: Sequence[Tile] = ()
+    tiles: Sequence[Tile | None] = ()
     setting: str = ""
     callouts: Sequence[Callout] = ()
     links: Sequence[str] = ()

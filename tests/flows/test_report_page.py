@@ -157,15 +157,12 @@ def test_a_verdict_of_which_all_is_unknown_is_told() -> None:
 
 
 def test_degenerate_curves_are_drawn() -> None:
-    outcome = made.one_effect()
-    t = np.array([0.0, 0.004])
-    zeros = np.zeros((2, made.DOF))
-    hats = dict.fromkeys(made.STAGES, zeros)
-    proof = LogProof("C", t, zeros, hats, zeros > 0)
+    t, zeros = np.array([0.0, 0.004]), np.zeros((2, made.DOF))
+    proof = LogProof("C", t, zeros, dict.fromkeys(made.STAGES, zeros), zeros > 0)
     one = np.ones(3)
     flat = Cloud("balancer", 2, "q2 [rad]", one, 0 * one, 0 * one, np.full(3, "A"))
-    html = render(replace(outcome, proofs=(proof,), clouds=(flat,)), "kr300")
-    page = Page(html)
+    found = replace(made.one_effect(), proofs=(proof,), clouds=(flat,))
+    page = Page(render(found, "kr300"))
     assert len(page.figures) == len(page.plots) > made.DOF
 
 
