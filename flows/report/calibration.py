@@ -159,18 +159,18 @@ def _document(made: Calibration, warnings: Sequence[str]) -> Document:
             _plane(made),
             _components(made),
             Section(
-                "curves", "Components (figure 8)", _grid(_curves(made)), _TEXT["curves"]
+                "curves", "Components (figure 8)", [_curves(made)], _TEXT["curves"]
             ),
             Section("levels", "Levels (figure 12)", _sweep(made), _TEXT["levels"]),
             Section(
                 "importance",
                 "Which tables matter",
-                _grid(_importance(made)),
+                [_importance(made)],
                 _TEXT["matter"],
             ),
             _oddities(made),
             Section("read", "How to read this page", [texts()["read_calibration"]]),
-            Section("notes", "Notes", [made.notes] if made.notes else []),
+            Section("notes", "Notes", [made.notes]),
         ),
     )
 
@@ -190,10 +190,6 @@ def _every_model(made: Calibration) -> Section:
         f"{note}. {_TEXT['newness']}",
         below,
     )
-
-
-def _grid(charts: Sequence[Chart]) -> list[Sequence[Chart]]:
-    return [charts] if charts else []
 
 
 def _tiles(scores: Sequence[Score]) -> list[Tile]:

@@ -197,7 +197,7 @@ def _decisions(done: Closed) -> Section:
 def _models(done: Closed) -> Section:
     heads = ("Model", "Its effects", "Error on held-out motion", "Off its path (rms)")
     rows = [[*map(_arrow, row)] for row in versions(done)]
-    table = [Table(heads, rows, left=(0, 1))] if rows else ()
+    table = [Table(heads, rows, left=(0, 1)) if rows else None]
     return Section(
         "errors", "Each model that the arm had", table, below=_TEXT["models"]
     )

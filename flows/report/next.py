@@ -116,7 +116,7 @@ def render_sheet(sheet: Sheet) -> str:
                 ),
                 Section("run", "How to run it", [_how_to_run(sheet)]),
                 Section("compared", "What other motions would do", [comparison(made)]),
-                Section("apart", "What no motion tells", [apart] if apart else ()),
+                Section("apart", "What no motion tells", [apart]),
             ),
         )
     )

@@ -100,7 +100,6 @@ def render(
     """
     of = f"{about['robot']}, seed {about['seed']}"
     heads = ("What", "Value", "Cases (95 % Wilson interval)")
-    confusion = _confusion(summary["confusion"])
     page = Document(
         title=f"modelgap blind study: {of}",
         about=f"modelgap blind study of {of}, {about['n']} cases",
@@ -114,14 +113,16 @@ def render(
             Section(
                 "confusion",
                 "What was hidden, and what was named first",
-                [confusion] if confusion else [],
+                [_confusion(summary["confusion"])],
                 _TEXT["confusion"],
             ),
             Section(
                 "outcomes", "Kinds of cases and how they came out", [_outcomes(summary)]
             ),
-            Section("curves", "How small, how sure, how good", _curves(rows, summary)),
-            Section("cases", "Every case that is not plainly right", _cases(rows)),
+            Section(
+                "curves", "How small, how sure, how good", [_curves(rows, summary)]
+            ),
+            Section("cases", "Every case that is not plainly right", [_cases(rows)]),
             Section("read", "How to read this page", [texts()["read_study"]]),
         ),
     )
@@ -252,7 +253,7 @@ def _word(name: str) -> str:
     return name.replace("_", " ")
 
 
-def _curves(rows: Sequence[Mapping], summary: Mapping) -> list[list[Chart]]:
+def _curves(rows: Sequence[Mapping], summary: Mapping) -> list[Chart]:
     errors = [r for r in rows if r["drawn"] in (SINGLE, PAIR) and r["error_oracle"]]
     z = [r["z"] for r in rows if r["z"] is not None]
     charts = []
@@ -262,7 +263,7 @@ def _curves(rows: Sequence[Mapping], summary: Mapping) -> list[list[Chart]]:
         charts.append(_coverage(z, summary["coverage"]))
     if errors:
         charts.append(_errors(errors, summary["errors"]))
-    return [charts] if charts else []
+    return charts
 
 
 def _chart(title: str, alt: str, caption: str, data: list, x: dict, y: dict) -> Chart:
@@ -353,10 +354,12 @@ def _errors(rows: Sequence[Mapping], medians: Mapping) -> Chart:
     return _chart("", f"Median errors: {told}.", caption, data, x, y)
 
 
-def _cases(rows: Sequence[Mapping]) -> list[Table]:
+def _cases(rows: Sequence[Mapping]) -> Table | None:
     heads = ("Case", "Hidden (times detectable)", "Named first", "Outcome")
     cases = [_case(r) for r in rows if r["outcome"] not in (RIGHT, CLASS)]
-    return [words_table((*heads, "Flagged joints", "Diagnosis"), cases)] * bool(cases)
+    return (
+        words_table((*heads, "Flagged joints", "Diagnosis"), cases) if cases else None
+    )
 
 
 def _case(row: Mapping) -> tuple[str, ...]:

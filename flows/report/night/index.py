@@ -93,8 +93,8 @@ def document(
     ]
     if robot:
         parts.append(link(place.robot(robot), f"The page of {robot}"))
-    parts += [_table(look, shown)] if shown else [_nothing(look)]
-    parts += _turn(place, robot, kind, part, last)
+    parts.append(_table(look, shown) if shown else _nothing(look))
+    parts.append(_turn(place, robot, kind, part, last))
     return Document(
         title=f"modelgap: {robot or 'all'} reports",
         about=Markup("Store <b>{}</b>").format(look.opened.path.name),
@@ -126,14 +126,14 @@ def _table(look: Look, shown: Sequence[Entry]) -> Table:
 
 def _turn(
     place: Place, robot: str | None, kind: str, part: int, last: int
-) -> list[Markup]:
+) -> Markup | None:
     """Where it goes on."""
     words = [f"Page {part} of {last}"]
     if part > 1:
         words.append(link(place.index(robot, kind, part - 1), "later ones"))
     if part < last:
         words.append(link(place.index(robot, kind, part + 1), "earlier ones"))
-    return [Markup(" · ").join(words)] if last > 1 else []
+    return Markup(" · ").join(words) if last > 1 else None
 
 
 def _nights(look: Look, place: Place) -> Iterator[Entry]:
@@ -203,7 +203,7 @@ def record(opened: Store, id: str, place: Place) -> Document:
         about=f"{what} of {made.created} UTC",
         headline=f"{what} {made.id}",
         lead=[_about(content)],
-        callouts=[Callout("In quarantine", [gone] if gone else [])],
+        callouts=[Callout("In quarantine", [gone])] if gone else (),
         sections=(
             Section("pages", "Pages", _pages(opened.path, made, place), shown=False),
             _errors(ask(opened, _ERRORS, id=made.id)),
@@ -246,7 +246,7 @@ def _errors(rows: Rows) -> Section:
         for key, values in cells.items()
     ]
     heads = ("Metric", "Model", *(f"J{joint}" for joint in joints), "all")
-    table = [Table(heads, lines, left=(0, 1), look="")] if rows else []
+    table = [Table(heads, lines, left=(0, 1), look="") if rows else None]
     units = Markup("Units by metric: <kbd>modelgap sql --schema</kbd>")
     return Section("errors", "Errors", table, below=units)
 
@@ -282,5 +282,5 @@ def _content(content: Mapping, made: Made) -> Section:
     cut = len(lines) > len(shown)
     title = f"{len(shown)} lines" + (f", of {len(lines)}" if cut else "")
     rest = Note(Markup("All of it: <kbd>modelgap show {}</kbd>").format(made.id))
-    parts = [Note("\n".join(shown), "lines"), *([rest] if cut else [])]
+    parts = [Note("\n".join(shown), "lines"), rest if cut else None]
     return Section("all", "What it says", [Fold(title, parts)])

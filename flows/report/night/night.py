@@ -336,7 +336,7 @@ def _card(each: Report, look: Look, place: Place) -> Card:
         about = f"held-out error: {pair}" if "→" in each.errors else "held-out error"
         parts += [Note(each.errors, "figure"), Note(about, "calm")]
     parts.append(f"{sentence_case(each.alarms)}. {many(each.runs, 'new run')}.")
-    parts += [f"{sentence_case(each.model)}."] if each.model else []
+    parts.append(f"{sentence_case(each.model)}." if each.model else None)
     parts += [Note(sentence_case(words)) for words in each.warned]
     links = [link(each.href, "Report")] if each.href else []
     links.append(link(place.robot(each.robot), f"All of {each.robot}"))
@@ -361,7 +361,7 @@ def _adopted(inside: _Night) -> Section:
         if row["before"] is not None and row["after"] is not None:
             words += f", {bare_percent(row['before'])} → {percent(row['after'])}"
         lines.append(number + words + (f": {row['note']}" if row["note"] else ""))
-    return Section("adopted", "Models that changed", [lines] if lines else ())
+    return Section("adopted", "Models that changed", [lines])
 
 
 def _flows(past: History | None, warned: set[str], place: Place) -> Section:

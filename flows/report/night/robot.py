@@ -136,13 +136,13 @@ def _verdicts(found: Rows, robot: str, look: Look, place: Place) -> Section:
     ]
     heads = ("No.", "When (UTC)", "Verdict", "Model before", "Error before", "after")
     table = Table(heads, rows, left=(1, 2, 3), named=2, look="")
-    parts = [*named, table] if found else _calm("None yet.")
     more = len(found) - _ROWS
-    parts += [link(place.index(robot), f"{more} earlier ones")] if more > 0 else []
+    earlier = link(place.index(robot), f"{more} earlier ones") if more > 0 else None
+    parts = [named, table, earlier] if found else _calm("None yet.")
     return Section("verdicts", "Verdicts", parts)
 
 
-def _named(rows: Rows, found: Rows) -> list[Part]:
+def _named(rows: Rows, found: Rows) -> Table | None:
     """Which effect was named when: a row each, a dot per diagnosis, oldest first."""
     order = found[: 2 * _ROWS][::-1]
     seen: dict[str, set[str]] = defaultdict(set)
@@ -158,7 +158,8 @@ def _named(rows: Rows, found: Rows) -> list[Part]:
         cells.append((name, tag("span", Markup("").join(dots), "dots"), told))
     about = "What was named when, oldest on the left"
     heads = ("Effect", "Diagnoses", "Named in")
-    return [Table(heads, cells, about, left=(0, 1))] if cells and len(found) > 1 else []
+    several = cells and len(found) > 1
+    return Table(heads, cells, about, left=(0, 1)) if several else None
 
 
 def _dot(diagnosed: Mapping, there: bool) -> Markup:
@@ -267,5 +268,5 @@ def _runs(rows: Rows, place: Place) -> Section:
     heads = ("Run", "Log", "Tags", "Stored (UTC)", "Motion", "Source")
     table = Table((*heads, "Length [s]", "Seed"), cells, left=range(6))
     more, left = len(rows) - _ROWS, Markup("{} earlier ones: <kbd>modelgap runs</kbd>")
-    parts = [table, *([Note(left.format(more))] if more > 0 else [])]
+    parts = [table, Note(left.format(more)) if more > 0 else None]
     return Section("runs", "Runs", parts if rows else _calm("None."))
