@@ -158,10 +158,9 @@ def test_a_diagnosis_is_a_line_in_a_terminal_and_a_short_page_in_a_notebook():
         "held-out 31.3 % -> 2.0 %)"
     )
     html = found._repr_html_()
-    assert (
-        "<td>payload on joint 1</td><td>mass 3.96 ± 0.35 kg</td><td>97 %</td>" in html
-    )
-    assert "<td>identified</td><td>31.3 %</td><td>31.3 %</td>" in html
+    named, row = '<th scope="row">{}</th>', "<td>mass 3.96 ± 0.35 kg</td><td>97 %</td>"
+    assert named.format("payload on joint 1") + row in html
+    assert named.format("identified") + 2 * '<td class="num">31.3 %</td>' in html
     assert "plsr" not in html
     assert "(&lt;script&gt;)" in html
     assert "Warning: &lt;&amp;&gt;" in html
