@@ -9,6 +9,34 @@ from residual.errors import InputError, joints_listed, shown
 
 SCHEMA = 1
 DELAY = "delay"
+KINDS: tuple[str, ...] = (
+    "torque_sign",
+    "angle_sign",
+    "joint_order",
+    "torque_unit",
+    "angle_unit",
+    "time_unit",
+    "gear_ratio",
+    "torque_scale",
+    "gravity_removed",
+    "friction_removed",
+    "commanded",
+    "clock",
+    "spike",
+    "frozen",
+    "constant",
+    "quantised",
+    "saturated",
+    DELAY,
+    "filtered",
+    "velocity_mismatch",
+    "out_of_range",
+    "lockstep",
+    "too_short",
+    "no_reversal",
+    "robot_file",
+    "wrong_robot",
+)
 
 
 @dataclass(frozen=True, slots=True)
@@ -37,7 +65,7 @@ class Fault:
     """One thing that is wrong with a log or with the robot file.
 
     Attributes:
-        kind: One of those of docs/check.md.
+        kind: One of KINDS (docs/check.md).
         joints: Its joints, from 1; () for all.
         certain: Whether the reading given is excluded; else it is a warning.
         evidence: One or two sentences, with numbers.

@@ -33,7 +33,7 @@ from residual.identification.structure import (
     state_at,
     structure,
 )
-from residual.model.model import Model
+from residual.model.model import Model, torque_columns
 from residual.model.nominal import Logs, begin, prepare_logs, with_standstill
 from residual.recording import Array, Recording
 from residual.robot.base_parameters import BaseParameters, random_states
@@ -170,7 +170,8 @@ def _fitted(
     rows = rows_of(nominal, logs.tracks, base)
     _check_rows(rows, len(base))
     states = random_states(nominal.robot.model)
-    spread = doubt(nominal, rows.rms, nominal.columns(state_at(nominal, *states)))
+    columns = torque_columns(nominal, state_at(nominal, *states))
+    spread = doubt(nominal, rows.rms, columns)
     theta = base.mapping @ nominal.coefficients()
     wide = spread + np.diag(load(nominal) ** 2)
     size = np.sqrt(np.diag(base.mapping @ wide @ base.mapping.T))

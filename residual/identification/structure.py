@@ -19,7 +19,7 @@ import numpy as np
 
 from residual.effects.base import State
 from residual.evidence.priors import inertial_precision
-from residual.model.model import Model, Term
+from residual.model.model import Model, Term, torque_columns
 from residual.recording import Array
 from residual.robot import dynamics
 from residual.robot.base_parameters import (
@@ -64,7 +64,7 @@ class Rows:
 def structure(model: Model) -> BaseParameters:
     """Return the base parameters of a model, effects included."""
     states = random_states(model.robot.model)
-    columns = model.columns(state_at(model, *states))
+    columns = torque_columns(model, state_at(model, *states))
     rows = columns.reshape(-1, columns.shape[2])
     rigid = base_parameters(model.robot.model).columns
     effects = range(len(model.inertial), rows.shape[1])
@@ -113,7 +113,7 @@ def rows_of(model: Model, tracks: tuple[Track, ...], base: BaseParameters) -> Ro
     dof = model.robot.dof
     made: list[list[tuple]] = [[] for _ in range(dof)]
     for number, track in enumerate(tracks):
-        columns = model.columns(model.observe(track))
+        columns = torque_columns(model, model.observe(track))
         for j in range(dof):
             use = np.flatnonzero(track.moving[:, j] & (np.ptp(track.tau[:, j]) > 0))
             own = columns[:, j, base.columns]
@@ -242,7 +242,7 @@ def _remedies(
     # As many rows as the logs have, so that it is the motion that counts, not time.
     per_row = rows[0] * max(rows[1].max(), 1.0) / _STATES
     for words, states in _motions(model):
-        columns = model.columns(state_at(model, *states))[:, :, base.columns]
+        columns = torque_columns(model, state_at(model, *states))[:, :, base.columns]
         columns = columns * size * np.sqrt(per_row)[None, :, None]
         flat = columns.reshape(-1, len(size))
         richer = scaled + flat.T @ flat

@@ -249,14 +249,9 @@ class Model:
             [N m per SI unit of theta]. Shape (n, dof, p).
         """
         (track,), _ = prepare([recording], self.filters, self.speed_floor, True)
-        flat = self.columns(self.observe(track)).reshape(len(track.t), -1)
+        flat = torque_columns(self, self.observe(track)).reshape(len(track.t), -1)
         n, dof = len(recording.t), self.robot.dof
         return at_samples(flat, track, recording).reshape(n, dof, -1)
-
-    def columns(self, state: State) -> Array:
-        """Torque per parameter at the samples of a state. Shape (n, dof, p)."""
-        parts = (term.regressor(state) for term in self.terms)
-        return np.concatenate([np.asarray(state.regressor), *parts], axis=2)
 
     def torque(self, q: Array, qd: Array, qdd: Array) -> Array:
         """Torque at single states, each by itself.
@@ -484,3 +479,9 @@ class Model:
     def save(self, path: str | Path) -> None:
         """Write the model into a JSON file, which ``load_model`` reads."""
         Path(path).write_text(json.dumps(self.to_record(), allow_nan=False) + "\n")
+
+
+def torque_columns(model: Model, state: State) -> Array:
+    """Torque per parameter at the samples of a state. Shape (n, dof, p)."""
+    parts = (term.regressor(state) for term in model.terms)
+    return np.concatenate([np.asarray(state.regressor), *parts], axis=2)

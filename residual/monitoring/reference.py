@@ -15,7 +15,7 @@ from residual.effects import registry
 from residual.epochs.rules import Watching
 from residual.epochs.window import BODY, Usual
 from residual.errors import InputError, shown
-from residual.model.model import Model, with_slots
+from residual.model.model import Model, torque_columns, with_slots
 from residual.monitoring.rows import Rows, Window, beyond
 from residual.monitoring.rules import MONITOR
 from residual.monitoring.usual import Tail
@@ -176,7 +176,11 @@ def columns_of(model: Model, rows: Rows) -> RowColumns:
     """Return torque per coefficient, each row by itself."""
     still = np.zeros(len(rows.t))
     state = model.state(1.0, still, (rows.q, rows.qd, rows.qdd))
-    x, base, size = model.columns(state), model.coefficients(), len(model.inertial)
+    x, base, size = (
+        torque_columns(model, state),
+        model.coefficients(),
+        len(model.inertial),
+    )
     braking = np.zeros(len(base))
     for term, own in with_slots(model.terms, size):
         braking[own] = term.effect.brakes
