@@ -6,7 +6,7 @@ from pathlib import Path
 from flows.report.document import Table, words_table
 from flows.report.words.phrases import many
 from flows.steps.monitor import Watched, Wear
-from flows.steps.null import Made
+from flows.steps.null import CalibratedNull
 from flows.steps.watch.session import Session
 from residual.evidence.rules import RULES
 from residual.monitoring.watch import Change
@@ -135,7 +135,7 @@ def _spell(seconds: float) -> str:
     return f"{seconds:.0f} s" if seconds < 120 else f"{seconds / 60:.0f} min"
 
 
-def null_lines(made: Made, draws: int, store: Path) -> list[str]:
+def null_lines(made: CalibratedNull, draws: int, store: Path) -> list[str]:
     """Return what a null says, a sentence each."""
     null, least = made.null, RULES.threshold
     threshold = null.threshold(least)

@@ -58,7 +58,7 @@ class Planned:
 
 
 @dataclass(frozen=True, eq=False, slots=True)
-class Made:
+class Simulated:
     """An experiment that was run and is not stored yet."""
 
     log: Recording  # what the arm logged
@@ -109,7 +109,7 @@ def run(spec: ExperimentSpec, store: Path, campaign: str | None = None) -> str:
     return keep(made, store)
 
 
-def make(spec: ExperimentSpec, store: Path | None = None) -> Made:
+def make(spec: ExperimentSpec, store: Path | None = None) -> Simulated:
     """Run one experiment, whether or not it is stored; nothing is written.
 
     Args:
@@ -126,10 +126,10 @@ def make(spec: ExperimentSpec, store: Path | None = None) -> Made:
         "timings": timings,
         "parents": {} if model == NOMINAL else {"controller": [model]},
     }
-    return Made(made.log, made.twin, made.truth, manifest, sealed_half(spec))
+    return Simulated(made.log, made.twin, made.truth, manifest, sealed_half(spec))
 
 
-def keep(made: Made, store: Path, parents: Mapping | None = None) -> str:
+def keep(made: Simulated, store: Path, parents: Mapping | None = None) -> str:
     """Store an experiment that was run."""
     lineage = {**made.manifest.get("parents", {}), **(parents or {})}
     manifest = {**made.manifest, "parents": lineage}

@@ -26,7 +26,7 @@ OF_A_BLOCK = 4  # draws that share their encoder noise
 
 
 @dataclass(frozen=True, eq=False, slots=True)
-class Made:
+class CalibratedNull:
     """A null and where it is kept."""
 
     null: Null
@@ -39,7 +39,7 @@ def calibrate_null(
     progress: Progress | None = None,
     pool: Runs | None = None,
     workers: int | None = None,
-) -> Made:
+) -> CalibratedNull:
     """Make the draws that are not in the store, and keep the null there.
 
     Interrupted, it keeps what is finished and returns that, marked incomplete.
@@ -65,7 +65,9 @@ def calibrate_null(
         complete = False
         if not done:
             raise
-    return Made(_keep(request, done, tuple(sets.runs.values())), known, complete)
+    return CalibratedNull(
+        _keep(request, done, tuple(sets.runs.values())), known, complete
+    )
 
 
 def _begun(request: Request) -> dict[int, dict]:

@@ -8,7 +8,7 @@ from pathlib import Path
 from flows.specs.experiment import ExperimentSpec
 from flows.steps import experiment, rerun_records
 from flows.steps.experiment import (
-    Made,
+    Simulated,
     checked_robot,
     make,
     open_half,
@@ -32,7 +32,7 @@ _OTHER = (
 )
 
 
-def again(store: Path, run_id: str, manifest: Mapping) -> Made:
+def again(store: Path, run_id: str, manifest: Mapping) -> Simulated:
     """Run the experiment of a run once more; nothing is written."""
     hidden = open_seal(store, run_id).spec
     word = robot_word(store, manifest["robot"], manifest.get("robot_hash"))
