@@ -18,7 +18,7 @@ from flows.inbox.take import (
 )
 from flows.outputs import progress_bar
 from flows.project.notify import Notice, tell
-from flows.project.read import Project, Start, read_project, start
+from flows.project.read import Project, read_project, start
 from flows.report.words.verdict import headline
 from flows.requests import Flag
 from flows.settings import PROJECT
@@ -50,7 +50,7 @@ def init(
             given.
         simulated: Let the nights run a campaign on a simulated arm of it.
     """
-    project = start(Start(folder, robot, simulated))
+    project = start(folder, robot, simulated)
     print(f"wrote {project.folder / PROJECT}")
     for inbox in project.table.inbox:
         print(f"logs of {inbox.robot} go into {project.path(inbox.folder)}")

@@ -267,36 +267,28 @@ _PORTS = range(4200, 4300)
 INBOX = "inbox"
 
 
-@dataclass(frozen=True, slots=True)
-class Start:
-    """What a new project begins with."""
-
-    folder: str | Path = "."  # where it is made
-    # URDF file, folder or built-in name of its first robot; None for the built-in
-    # IRB140.
-    robot: str | None = None
-    simulated: bool = False  # whether that one is simulated
-
-
-def start(request: Start) -> Project:
+def start(
+    folder: str | Path = ".", robot: str | None = None, simulated: bool = False
+) -> Project:
     """Make a project.
 
     Args:
-        wanted: What it begins with. A robot's files that lie elsewhere are copied into
-            its folder.
+        folder: Where it is made.
+        robot: URDF file, folder or built-in name of its first robot, whose files are
+            copied into the folder; None for the built-in IRB140, simulated.
     """
-    folder = Path(request.folder).resolve()
+    folder = Path(folder).resolve()
     file = folder / PROJECT
     if file.exists():
         raise InputError(
             f"{file} is there already, and is left as it is. Edit it, or give another "
             "folder: modelgap init DIR."
         )
-    word = request.robot or "irb140"
+    word = robot or "irb140"
     name = load(word).name
     folder.mkdir(parents=True, exist_ok=True)
     urdf = _beside(folder, word, name)
-    text = _filled(name, urdf, request.simulated or request.robot is None)
+    text = _filled(name, urdf, simulated or robot is None)
     write_all({file: text})
     project = read_project(folder)
     for inbox in project.table.inbox:

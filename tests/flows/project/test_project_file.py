@@ -10,7 +10,7 @@ import pytest
 from flows.cli import main
 from flows.project import read as tables
 from flows.project.notify import Notice, tell
-from flows.project.read import _TEMPLATE, Start, read_project, start
+from flows.project.read import _TEMPLATE, read_project, start
 from flows.settings import store_folder
 from residual.errors import InputError
 from tests.residual.arms import urdf_text
@@ -44,13 +44,13 @@ def test_init_writes_a_project_that_is_usable_at_once(place, capsys):
 
 
 def test_a_robot_from_elsewhere_is_copied_beside_the_file(place):
-    project = start(Start(place / "cell", str(place / "arm.urdf")))
+    project = start(place / "cell", str(place / "arm.urdf"))
     assert (place / "cell/arm.urdf").is_file()
     assert project.arm(project.table.robot[0]).name == "small_arm"
 
 
 def test_a_simulated_robot_has_a_campaign_and_no_inbox(place):
-    project = start(Start(place / "trial"))
+    project = start(place / "trial")
     (robot,) = project.table.robot
     assert (robot.urdf, robot.simulated) == ("irb140", True)
     assert project.table.inbox == ()
