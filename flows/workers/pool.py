@@ -248,20 +248,15 @@ class Cluster:
             send(1)
 
 
-@dataclass(frozen=True, slots=True)
-class Runner:
-    """Where to compute."""
+def chosen_runner(word: str | None = None, trust_network: bool = False) -> str | None:
+    """Return the address of the Dask scheduler, tcp://host:port; None for "threads".
 
-    kind: str = THREADS  # "threads" or "dask"
-    # Of the Dask scheduler, as tcp://host:port; None for the other.
-    address: str | None = None
-
-
-def chosen_runner(word: str | None = None, trust_network: bool = False) -> Runner:
-    """Return the runner that a word, else $MODELGAP_RUNNER, else the default names."""
+    Args:
+        word: What was asked for; without it $MODELGAP_RUNNER, else "threads".
+    """
     word = word or os.environ.get(RUNNER) or THREADS
     if word == THREADS:
-        return Runner()
+        return None
     try:
         parts = urlsplit(word)
         host, port = parts.hostname, parts.port
@@ -275,19 +270,19 @@ def chosen_runner(word: str | None = None, trust_network: bool = False) -> Runne
             "it, unencrypted. If that network is trusted: --trust-network."
         )
     place = f"[{host}]" if ":" in host else host
-    return Runner(DASK, f"tcp://{place}:{port}")
+    return f"tcp://{place}:{port}"
 
 
 @contextmanager
-def workers_of(runner: Runner, jobs: int) -> Iterator[Runs | None]:
+def workers_of(address: str | None, jobs: int) -> Iterator[Runs | None]:
     """Give what runs jobs: processes of ours, or a cluster that somebody else keeps.
 
     "threads" are processes too: every experiment needs one of its own.
     """
     if jobs == 0:
         yield None
-    elif runner.address:
-        with Cluster(runner.address) as cluster:
+    elif address:
+        with Cluster(address) as cluster:
             yield cluster
     else:
         with Pool(min(cores(), jobs)) as pool:
