@@ -1,7 +1,7 @@
 """What changed, exactly: is the whole set of changes named, and nothing else?
 
     python benchmarks/attribution.py --quick                     under 50 s on two cores
-    python benchmarks/attribution.py --seeds 1:2 --arms seven --off 10     to look at
+    python benchmarks/attribution.py --seeds 1:2 --groups sets      to look at
     python benchmarks/attribution.py --full-json benchmarks/results/attribution.json
 
 A load, links 8 to 25 % off and friction on an arm of seven joints whose given values
@@ -17,80 +17,54 @@ last line is one JSON object; exit code 1 for a missed bar.
 
 import argparse
 import sys
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
+from functools import partial
 from pathlib import Path
 
 sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
 
 from benchmarks.attribution_parts import bars, cases
 from benchmarks.harness.cases import (
-    Kept,
     kept_file,
     read_options,
+    run_kept,
     save_rows,
     seed_range,
-    seeded_options,
 )
-from benchmarks.harness.figures import Figures, finish, one_blas_thread
+from benchmarks.harness.figures import finish, one_blas_thread
 from flows.workers.pool import Pool
 
-_SEEDS, _QUICK_SEEDS = "113101:113113", "1:1"
+_SEEDS = "113101:113113"
 
 
 def main() -> int:
     """Run the groups and return the exit code."""
-    args = _arguments()
+    args = read_options(__doc__, _SEEDS, cases.GROUPS)
     # For the pool: its processes load NumPy after this.
     one_blas_thread()
-    deciding = args.seeds == _SEEDS and not args.quick and not (args.arms or args.off)
-    place = args.keep or kept_file("attribution", "benchmarks/attribution_parts")
-    with Kept(place, cases.words) as known, Pool(args.workers) as pool:
-        rows = _run(args, known, pool)
-    figures: Figures = bars.case_figures(rows, deciding)
+    place = kept_file("attribution", "benchmarks/attribution_parts")
+    with Pool(2) as pool:
+        rows = _run(args, partial(run_kept, place, cases.words, pool, cases.run))
+    figures = bars.case_figures(rows, args.deciding)
     save_rows(args, figures, cases=rows)
     return finish(figures)
 
 
-def _arguments() -> argparse.Namespace:
-    parser = seeded_options(__doc__, _SEEDS, cases.GROUPS)
-    parser.add_argument("--arms", nargs="*", choices=cases.KINDS, help="not all")
-    text = "per cent that given values are off, where not all: 0, 1, 3, 10"
-    parser.add_argument("--off", nargs="*", type=int, help=text)
-    parser.add_argument("--counts", nargs="*", type=int, help="of changes, not all")
-    parser.add_argument("--workers", type=int, default=2, help="processes")
-    return read_options(parser, _QUICK_SEEDS)
-
-
-def _wanted(args: argparse.Namespace, group: str) -> list[cases.Task]:
-    return [
-        task
-        for task in cases.tasks(group, seed_range(args.seeds), args.quick)
-        if (not args.arms or task.arm in args.arms)
-        and (not args.off or task.off in args.off)
-        and (not args.counts or task.count in (0, *args.counts))
-    ]
-
-
-def _run(args: argparse.Namespace, known: Kept, pool: Pool) -> Mapping[str, Sequence]:
+def _run(args: argparse.Namespace, run_all: Callable) -> Mapping[str, Sequence]:
     """Run the cases of all groups; the unchanged arms, which say the sizes, first."""
-    wanted = {g: _wanted(args, g) for g in cases.GROUPS if g in args.groups}
+    seeds = seed_range(args.seeds)
+    groups = [group for group in cases.GROUPS if group in args.groups]
+    wanted = {group: cases.tasks(group, seeds, args.quick) for group in groups}
     changed = wanted.get(cases.CHANGED, [])
     first = [*wanted.get(cases.UNCHANGED, []), *cases.benches(changed)]
-    still = known.run(pool, cases.run, {t.name: (t, ()) for t in first})
-    sizes = {name: row["minimum"] for name, row in still.items() if "minimum" in row}
+    rows = run_all({t.name: (t, ()) for t in first})
+    sizes = {name: row["minimum"] for name, row in rows.items() if "minimum" in row}
     jobs = {t.name: (t, sizes[t.bench]) for t in changed if t.bench in sizes}
     # Sized by what they do to the torque, not by what the diagnosis would see.
     jobs |= {t.name: (t, ()) for t in wanted.get(cases.SETS, [])}
-    rows = known.run(pool, cases.run, jobs)
     lost = {"error": "no sizes known: its unchanged arm crashed"}
-    out = {}
-    if cases.UNCHANGED in wanted:
-        out[cases.UNCHANGED] = [still[t.name] for t in wanted[cases.UNCHANGED]]
-    if cases.CHANGED in wanted:
-        out[cases.CHANGED] = [rows.get(t.name, lost) for t in changed]
-    if cases.SETS in wanted:
-        out[cases.SETS] = [rows[t.name] for t in wanted[cases.SETS]]
-    return out
+    rows |= dict.fromkeys((t.name for t in changed), lost) | run_all(jobs)
+    return {group: [rows[t.name] for t in own] for group, own in wanted.items()}
 
 
 if __name__ == "__main__":

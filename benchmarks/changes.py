@@ -18,6 +18,7 @@ for a missed bar.
 import argparse
 import sys
 from collections.abc import Mapping, Sequence
+from functools import partial
 from pathlib import Path
 
 sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
@@ -35,55 +36,39 @@ from benchmarks.changes_parts.ask import (
 )
 from benchmarks.changes_parts.case import EDGE, GROUPS, MEASURED, Case
 from benchmarks.harness.cases import (
-    Kept,
     kept_file,
     read_options,
+    run_kept,
     save_rows,
     seed_range,
-    seeded_options,
 )
 from benchmarks.harness.figures import Figures, finish, one_blas_thread
 from benchmarks.harness.origin import ROOT
 from benchmarks.measured_parts.arms import absent
 from flows.workers.pool import Pool
 
-_QUICK_SEEDS = "1:1"
 _QUICK_GROUPS = ("unchanged", "change", "measured_change")
-_BOTH = "both"
 
 
 def main() -> int:
     """Run the groups and return the exit code."""
-    args = _arguments()
+    quick, text = "a handful of short logs, under 50 s", "only write the deciding list"
+    args = read_options(__doc__, cases.DECIDING, GROUPS, quick, list=text)
+    if args.quick and args.groups == list(GROUPS):
+        args.groups = list(_QUICK_GROUPS)
     # For the pool: its processes load NumPy after this.
     one_blas_thread()
-    with Pool(args.workers) as pool:
+    with Pool(2) as pool:
         if args.list:
             many = cases.write_list(cases.DECIDING, pool)
             print(f"{many} cases in {cases.LIST.relative_to(ROOT)}")
             return 0
-        listed = _listed(args, pool)
-        rows = _rows(args, listed, pool)
-    deciding = args.seeds == cases.DECIDING and not args.quick
-    figures = bars.all_figures(rows, deciding) | _absent(args)
+        if args.deciding and not cases.LIST.exists():
+            raise SystemExit("The deciding cases are not listed: --list, then commit.")
+        rows = _rows(_listed(args, pool), pool)
+    figures = bars.all_figures(rows, args.deciding) | _absent(args)
     save_rows(args, figures, cases=rows)
     return finish(figures)
-
-
-def _arguments() -> argparse.Namespace:
-    quick = "a handful of short logs, under 50 s"
-    parser = seeded_options(__doc__, cases.DECIDING, GROUPS, quick)
-    text = "what answers; the peer finds one thing at a time"
-    parser.add_argument("--method", choices=(*METHODS, _BOTH), default=_BOTH, help=text)
-    parser.add_argument("--workers", type=int, default=2, help="processes")
-    text = "only write the list of the seeds that decide"
-    parser.add_argument("--list", action="store_true", help=text)
-    args = read_options(parser, _QUICK_SEEDS)
-    if args.quick and args.groups == list(GROUPS):
-        args.groups = list(_QUICK_GROUPS)
-    if not args.list and args.seeds == cases.DECIDING and not cases.LIST.exists():
-        parser.error("the cases that decide are not listed: --list, then commit it")
-    return args
 
 
 def _listed(args: argparse.Namespace, pool: Pool) -> list[Case]:
@@ -97,37 +82,24 @@ def _listed(args: argparse.Namespace, pool: Pool) -> list[Case]:
     ]
 
 
-def _rows(
-    args: argparse.Namespace, listed: Sequence[Case], pool: Pool
-) -> list[Mapping]:
+def _rows(listed: Sequence[Case], pool: Pool) -> list[Mapping]:
     """Return a row of each case by each method, ours and the peer's."""
-    methods = METHODS if args.method == _BOTH else (args.method,)
     rows: list[Mapping] = []
-    for method in methods:
-        with Kept(args.keep or _kept(method), words) as known:
-            minimum = {}
-            # What the program says of an arm is nothing to the peer.
-            own = [c for c in listed if method == PRODUCT or c.group != EDGE]
-            if method == PRODUCT:
-                minimum = _minimum([c for c in own if c.group == EDGE], known, pool)
-            jobs = [Job(c, method, minimum.get(c.name, ())) for c in own]
-            done = known.run(pool, run, {job.name: job for job in jobs})
-            # What a process took with it has no row of its own: it said nothing.
-            rows += [{**nothing(job), **done[job.name]} for job in jobs]
+    for method in METHODS:
+        run_all = partial(run_kept, _kept(method), words, pool, run)
+        minimum: dict[str, Sequence] = {}
+        # What the program says of an arm is nothing to the peer.
+        own = [c for c in listed if method == PRODUCT or c.group != EDGE]
+        if method == PRODUCT:
+            edge = [Job(c, BENCH) for c in own if c.group == EDGE]
+            benches = {job.name: job for job in edge}
+            for name, row in run_all(benches).items():
+                minimum[benches[name].case.name] = row.get("minimum", ())
+        jobs = [Job(c, method, minimum.get(c.name, ())) for c in own]
+        done = run_all({job.name: job for job in jobs})
+        # What a process took with it has no row of its own: it said nothing.
+        rows += [{**nothing(job), **done[job.name]} for job in jobs]
     return rows
-
-
-def _minimum(edge: Sequence[Case], known: Kept, pool: Pool) -> dict[str, tuple]:
-    """Return what the program would see of the arm of each case, unchanged."""
-    jobs = {job.name: job for job in (Job(case, BENCH) for case in edge)}
-    rows = known.run(pool, run, jobs)
-    return {
-        job.case.name: tuple(
-            ((place, tuple(joints)), value)
-            for (place, joints), value in rows[name].get("minimum", ())
-        )
-        for name, job in jobs.items()
-    }
 
 
 def _kept(method: str) -> Path:

@@ -15,7 +15,6 @@ Finished jobs are kept in store/benchmarks, by a hash of the code. The last line
 JSON object; exit code 1 for a missed bar.
 """
 
-import argparse
 import sys
 from collections import Counter
 from pathlib import Path
@@ -24,49 +23,35 @@ sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
 
 from benchmarks.check_parts import bars, cases
 from benchmarks.harness.cases import (
-    Kept,
     kept_file,
     read_options,
+    run_kept,
     save_rows,
     seed_range,
-    seeded_options,
 )
 from benchmarks.harness.figures import finish, one_blas_thread
 from flows.workers.pool import Pool
 
-_SEEDS, _QUICK_SEEDS = "112101:112106", "1:1"
+_SEEDS = "112101:112106"
 _GROUPS = ("faults", "clean", "effects", "trusted")
 
 
 def main() -> int:
     """Run the jobs and return the exit code."""
-    args = _arguments()
+    args = read_options(__doc__, _SEEDS, _GROUPS)
     wanted = cases.tasks(seed_range(args.seeds), args.quick)
-    jobs = {t.name: t for t in wanted if t.group in args.groups and _on(args, t)}
+    jobs = {t.name: t for t in wanted if t.group in args.groups}
     one_blas_thread()
-    parts = ("benchmarks/check_parts", "flows/inputs", "flows/steps")
-    place = args.keep or kept_file("check", *parts)
-    with Kept(place, lambda result: "done") as known, Pool(2) as pool:
-        done = known.run(pool, cases.run, jobs)
+    place = kept_file("check", "benchmarks/check_parts", "flows/inputs", "flows/steps")
+    with Pool(2) as pool:
+        done = run_kept(place, lambda result: "done", pool, cases.run, jobs)
     rows = [row for result in done.values() for row in result.get("rows", ())]
     lost = [{"error": r["error"], "group": n} for n, r in done.items() if "error" in r]
     absent = sorted({r["absent"] for r in done.values() if "absent" in r})
-    deciding = args.seeds == _SEEDS and not args.quick and not args.hosts
-    deciding = deciding and set(args.groups) == set(_GROUPS)
-    figures = bars.figures([*rows, *lost], absent, deciding)
+    figures = bars.figures([*rows, *lost], absent, args.whole)
     _show(rows)
     save_rows(args, figures, cases=rows)
     return finish(figures)
-
-
-def _arguments() -> argparse.Namespace:
-    parser = seeded_options(__doc__, _SEEDS, _GROUPS)
-    parser.add_argument("--hosts", nargs="*", help="some arms, or effects, only")
-    return read_options(parser, _QUICK_SEEDS)
-
-
-def _on(args: argparse.Namespace, task: cases.Task) -> bool:
-    return not args.hosts or task.host in args.hosts
 
 
 def _show(rows: list[dict]) -> None:

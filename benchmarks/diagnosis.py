@@ -14,7 +14,8 @@ exit code 1 for a missed bar.
 import argparse
 import sys
 import tempfile
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping, Sequence
+from functools import partial
 from pathlib import Path
 
 sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
@@ -23,12 +24,11 @@ import numpy as np
 
 from benchmarks.diagnosis_parts import bars, cases, measured
 from benchmarks.harness.cases import (
-    Kept,
     kept_file,
     read_options,
+    run_kept,
     save_rows,
     seed_range,
-    seeded_options,
 )
 from benchmarks.harness.figures import (
     Figures,
@@ -44,7 +44,7 @@ from benchmarks.synthetic.logs import standard_case
 from flows.workers.pool import Pool
 from residual.robot.robot import load_robot
 
-_SEEDS, _QUICK_SEEDS = "110101:110106", "1:1"
+_SEEDS = "110101:110106"
 _CASES = ("singles", "nulls", "unknown", "pairs", "forms", "detection", "known")
 _GROUPS = (*_CASES, "cost", "measured")
 # What draws and judges, besides the product.
@@ -54,49 +54,43 @@ _COSTS = {"seconds": 10.0, "peak_gb": 1.0}
 
 def main() -> int:
     """Run the groups and return the exit code."""
-    args = read_options(seeded_options(__doc__, _SEEDS, _GROUPS), _QUICK_SEEDS)
+    args = read_options(__doc__, _SEEDS, _GROUPS)
     figures: Figures = {}
     if "cost" in args.groups:
         figures |= _cost(args.quick)
     # For the pool: its processes load NumPy after this.
     one_blas_thread()
     wanted = [g for g in _CASES if g in args.groups]
-    place = args.keep or kept_file("diagnosis", *_PLAN)
-    with Kept(place, cases.words) as known, Pool(2) as pool:
-        rows = _run_cases(args, wanted, known, pool)
-        results = _run_measured(args, known, pool)
+    with Pool(2) as pool:
+        run_all = partial(run_kept, kept_file("diagnosis", *_PLAN), cases.words, pool)
+        rows = _run_cases(args, wanted, partial(run_all, cases.run))
+        jobs = measured.jobs(args.quick) if "measured" in args.groups else []
+        named = {f"measured {' '.join(job)}": job for job in jobs}
+        results = list(run_all(measured.run, named).values())
     if wanted:
-        deciding = args.seeds == _SEEDS and not args.quick
-        figures |= bars.case_figures(rows, deciding)
+        figures |= bars.case_figures(rows, args.deciding)
     if "measured" in args.groups:
         figures |= measured.measured_figures(results)
     save_rows(args, figures, cases=rows, measured=results)
     return finish(figures)
 
 
-def _run_cases(args: argparse.Namespace, groups, known, pool) -> Mapping[str, list]:
+def _run_cases(
+    args: argparse.Namespace, groups: Sequence[str], run_all: Callable
+) -> Mapping[str, list]:
     """Run the cases of all groups, those that say sizes first."""
     seeds = seed_range(args.seeds)
     wanted = {group: cases.tasks(group, seeds, args.quick) for group in groups}
     every = [task for tasks in wanted.values() for task in tasks]
-    sizes = {}
-    benches = cases.benches(every)
-    still = known.run(pool, cases.run, {task.name: (task, ()) for task in benches})
+    benches, sizes = cases.benches(every), {}
+    still = run_all({task.name: (task, ()) for task in benches})
     for task in benches:
         if "error" in still[task.name]:
             why = still[task.name]["error"]
             raise SystemExit(f"{task.name} failed: no sizes known. {why}")
         sizes[task.data, task.motion] = still[task.name]["minimum"]
-    jobs = {t.name: (t, sizes.get((t.data, t.motion), ())) for t in every}
-    rows = known.run(pool, cases.run, jobs)
+    rows = run_all({t.name: (t, sizes.get((t.data, t.motion), ())) for t in every})
     return {group: [rows[t.name] for t in tasks] for group, tasks in wanted.items()}
-
-
-def _run_measured(args: argparse.Namespace, known, pool) -> list[dict]:
-    jobs = measured.jobs(args.quick) if "measured" in args.groups else []
-    named = {f"measured {' '.join(job)}": job for job in jobs}
-    done = known.run(pool, measured.run, named)
-    return [done[name] for name in named]
 
 
 def _cost(quick: bool) -> Figures:

@@ -8,8 +8,7 @@
 The groups next and close have seeds of their own that decide (116101:116116 and
 117101:117130) and are used for nothing else; 1 to 99 are for development. Their
 finished cases are kept in store/benchmarks, by a hash of the code: an interrupted run
-goes on where it was, and `--known` shows the figures of what is finished. The last line
-is one JSON object; exit code 1 for a missed bar.
+goes on where it was. The last line is one JSON object; exit code 1 for a missed bar.
 """
 
 import argparse
@@ -20,7 +19,7 @@ from pathlib import Path
 
 sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
 
-from benchmarks.harness.cases import Kept, kept_file, seed_range
+from benchmarks.harness.cases import kept_file, run_kept, seed_range
 from benchmarks.harness.figures import Figures, all_missing, function_of, run_groups
 from flows.workers.pool import Pool
 
@@ -42,37 +41,25 @@ _SEEDED = {
 
 def main() -> int:
     """Run the groups and return the exit code."""
-    own = _options()
-    args, _ = own.parse_known_args()
-    return run_groups(__doc__, GROUPS, partial(_measure, args), own)
-
-
-def _options() -> argparse.ArgumentParser:
     own = argparse.ArgumentParser(add_help=False)
     text = "of next and close, both included; without it those that decide"
     own.add_argument("--seeds", metavar="A:B", help=text)
-    own.add_argument("--workers", type=int, default=2, help="processes")
-    text = "run nothing: the figures of the cases that are finished"
-    own.add_argument("--known", action="store_true", help=text)
-    return own
+    args, _ = own.parse_known_args()
+    return run_groups(__doc__, GROUPS, partial(_measure, args.seeds), own)
 
 
-def _measure(args: argparse.Namespace, name: str, quick: bool) -> Figures:
+def _measure(asked: str | None, name: str, quick: bool) -> Figures:
     if name not in _SEEDED:
         return function_of(GROUPS[name])(quick)
     if quick:
         why = "minutes for each case; the full run measures it"
         return all_missing(_SEEDED[name], why)
     part = import_module(f"benchmarks.loop_parts.{name}")
-    seeds = seed_range(args.seeds) if args.seeds else part.SEEDS
-    jobs = part.jobs(seeds)
+    seeds = seed_range(asked) if asked else part.SEEDS
     place = kept_file(f"loop-{name}", f"benchmarks/loop_parts/{name}.py", *_CLOSING)
-    with Kept(place, part.words) as known, Pool(args.workers) as pool:
-        if args.known:
-            jobs = {n: job for n, job in jobs.items() if n in known}
-        rows = known.run(pool, part.run, jobs)
-    deciding = seeds == part.SEEDS and len(rows) == len(part.jobs(seeds))
-    return part.figures_of(list(rows.values()), deciding)
+    with Pool(2) as pool:
+        rows = run_kept(place, part.words, pool, part.run, part.jobs(seeds))
+    return part.figures_of(list(rows.values()), seeds == part.SEEDS)
 
 
 if __name__ == "__main__":

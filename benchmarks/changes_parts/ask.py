@@ -5,7 +5,7 @@ or if the answer itself says that the logs cannot tell the two apart.
 """
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import asdict, dataclass, field, replace
 from functools import lru_cache
 from time import process_time
 
@@ -15,13 +15,13 @@ from benchmarks.changes_parts import arms, peer, real
 from benchmarks.changes_parts.case import DRIFT, EDGE, LOAD, MEASURED, Case, Made, Truth
 from benchmarks.changes_parts.plant import as_effect, times
 from benchmarks.harness.cases import guarded
+from flows.blind.row import smallest
 from flows.blind.score import Name, matched, members
 from flows.blind.score import Said as Member
+from residual.diagnosis.result import Detectable, Verdict
 from residual.errors import ModelgapError
 from residual.method.diagnose import diagnose
 from sim.plant.catalogue import amount, main_parameter, stated
-
-Place = tuple[str, tuple[int, ...]]
 
 # Effects whose parameters no log tells by themselves, so that no size is judged.
 _NO_SIZE = ("presliding", "warmup")
@@ -54,7 +54,6 @@ class Answer:
         nats: Evidence of the first name; None without one.
         factor: Friction of all joints against the first epoch's, with its standard
             deviation; None where it says nothing of that.
-        minimum: Smallest size that it would see, by place: value, None where none.
     """
 
     said: tuple[Said, ...]
@@ -62,7 +61,6 @@ class Answer:
     seconds: float
     nats: float | None = None
     factor: tuple[float, float] | None = None
-    minimum: tuple[tuple[Place, float | None], ...] = ()
 
 
 def judged(truths: Sequence[Truth], answer: Answer) -> dict:
@@ -201,12 +199,12 @@ class Job:
         case: The case.
         method: One of METHODS, or BENCH: what the product would see of that arm,
             unchanged.
-        minimum: Of a case of EDGE what the bench said, by place.
+        minimum: Of a case of EDGE what the bench said would be seen.
     """
 
     case: Case
     method: str
-    minimum: tuple[tuple[Place, float | None], ...] = ()
+    minimum: Sequence[Mapping] = ()
 
     @property
     def name(self) -> str:
@@ -242,8 +240,8 @@ def _row(job: Job) -> dict:
     case = job.case
     if job.method == BENCH:
         case = replace(case, planted=(), noise=(case.noise + 1) % 2**31)
-        answer = ask_product(make(case))
-        return {"minimum": [[list(p), v] for p, v in answer.minimum]}
+        sizes = _diagnosed(make(case)).minimum_detectable
+        return {"minimum": [asdict(size) for size in sizes]}
     if case.group == EDGE:
         sized = _at_the_edge(case, job.minimum)
         if sized is None:
@@ -261,24 +259,23 @@ def _row(job: Job) -> dict:
     return row | {"planted": planted, "true_factor": made.factor}
 
 
+def _diagnosed(made: Made) -> Verdict:
+    return diagnose(
+        made.robot, made.second, baseline=made.first, held_out=made.held_out
+    ).verdict
+
+
 def ask_product(made: Made) -> Answer:
     """Ask this program."""
     begun = process_time()
-    found = diagnose(
-        made.robot, made.second, baseline=made.first, held_out=made.held_out
-    )
-    seconds, verdict = process_time() - begun, found.verdict
-    drift = verdict.drift
+    verdict = _diagnosed(made)
+    seconds, drift = process_time() - begun, verdict.drift
     return Answer(
         said=tuple(Said(s.name, s.alike, _values(s)) for s in members(verdict)),
         flagged=tuple(verdict.unexplained.joints),
         seconds=seconds,
         nats=verdict.effects[0].evidence.nats if verdict.effects else None,
         factor=None if drift is None else (float(drift.factor), float(drift.std)),
-        minimum=tuple(
-            ((d.name, tuple(sorted(d.joints))), d.value)
-            for d in verdict.minimum_detectable
-        ),
     )
 
 
@@ -319,21 +316,18 @@ def _truths(case: Case) -> tuple[Truth, ...]:
     )
 
 
-def _at_the_edge(
-    case: Case, minimum: Sequence[tuple[Place, float | None]]
-) -> Case | None:
+def _at_the_edge(case: Case, minimum: Sequence[Mapping]) -> Case | None:
     """Return a case whose change is as large as half would be seen of.
 
     None where the program says no size of it.
     """
     one = case.planted[0]
-    place = (one.name, tuple(sorted(one.joints)))
-    least = next((v for p, v in minimum if p == place and v is not None), None)
+    least = smallest([Detectable(**m) for m in minimum], one.name, one.joints)
     values = dict(one.parameters)
     usual = amount(one.name, values)
     if least is None or not usual:
         return None
-    factor = stated(one.name, float(least)) / usual
+    factor = stated(one.name, float(least.value)) / usual
     many = tuple(sorted(times(one.name, values, factor).items()))
     return replace(case, planted=(replace(one, parameters=many),))
 

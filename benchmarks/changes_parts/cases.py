@@ -31,7 +31,7 @@ from benchmarks.changes_parts.case import (
     Part,
     from_json,
 )
-from benchmarks.harness.cases import Kept, kept_file, seed_range
+from benchmarks.harness.cases import kept_file, run_kept, seed_range
 from benchmarks.measured_parts.arms import absent
 from flows.workers.pool import Here
 from sim.engine.records import stream
@@ -106,9 +106,8 @@ def listed(
     known = _committed() if committed else {}
     if all(slot.name in known for slot in wanted):
         return [from_json(known[slot.name]) for slot in wanted]
-    with Kept(_path(), _words) as kept:
-        jobs = {slot.name: slot for slot in wanted}
-        found = kept.run(pool or Here(), drawn, jobs)
+    jobs = {slot.name: slot for slot in wanted}
+    found = run_kept(_path(), _words, pool or Here(), drawn, jobs)
     broken = [
         f"{name}: {row['error']}" for name, row in found.items() if "error" in row
     ]

@@ -15,15 +15,26 @@ from benchmarks.harness.origin import ROOT, circumstances, code_hash, save
 
 Rows = Sequence[Mapping]
 STORE = ROOT / "store" / "benchmarks"
+QUICK_SEEDS = "1:1"
 
 
-def seeded_options(
-    about: str, seeds: str, groups: Sequence[str], quick: str = "a part, under 50 s"
-) -> argparse.ArgumentParser:
-    """Return the options that all of them have.
+def read_options(
+    about: str,
+    seeds: str,
+    groups: Sequence[str],
+    quick: str = "a part, under 50 s",
+    **flags: str,
+) -> argparse.Namespace:
+    """Read the command line of a benchmark over drawn cases.
 
     Args:
-        seeds: The seeds that decide, as A:B.
+        seeds: The seeds that decide, as A:B; a quick run has seeds of its own.
+        quick: What a quick run is.
+        flags: Further options by name, with what each is.
+
+    Returns:
+        The options; whether seeds and counts are those that bars are for (`deciding`),
+        and whether all groups are run with these (`whole`).
     """
     parser = argparse.ArgumentParser(
         description=about, formatter_class=argparse.RawDescriptionHelpFormatter
@@ -32,26 +43,13 @@ def seeded_options(
     parser.add_argument("--seeds", default=seeds, metavar="A:B", help="both included")
     parser.add_argument("--groups", nargs="*", default=list(groups), choices=groups)
     parser.add_argument("--full-json", type=Path, metavar="FILE")
-    text = "where finished cases are kept instead"
-    parser.add_argument("--keep", type=Path, metavar="FILE.jsonl", help=text)
-    return parser
-
-
-def read_options(
-    parser: argparse.ArgumentParser, quick_seeds: str
-) -> argparse.Namespace:
-    """Read the command line; a quick run has seeds of its own.
-
-    Returns:
-        The options, and whether they are those of the run that decides (`whole`).
-    """
+    for name, text in flags.items():
+        parser.add_argument(f"--{name}", action="store_true", help=text)
     args = parser.parse_args()
-    asked = (args.seeds, list(args.groups))
-    args.whole = not args.quick and asked == tuple(
-        parser.get_default(name) for name in ("seeds", "groups")
-    )
+    args.deciding = args.seeds == seeds and not args.quick
+    args.whole = args.deciding and args.groups == list(groups)
     if args.quick:
-        args.seeds = quick_seeds
+        args.seeds = QUICK_SEEDS
     return args
 
 
@@ -127,55 +125,48 @@ def _python_in(path: Path) -> list[Path]:
     return sorted(path.rglob("*.py")) if path.is_dir() else [path]
 
 
-class Kept:
-    """A file with one line per finished case; a context manager.
+def run_kept(
+    path: Path,
+    words: Callable[[Mapping], str],
+    pool: Any,
+    work: Callable[[Any], dict],
+    jobs: Mapping[str, Any],
+) -> dict[str, dict]:
+    """Do what is not finished yet, and return the results of all jobs, by name.
 
     Args:
-        path: The file (`kept_file`).
+        path: The file with a line for each finished case (`kept_file`).
         words: From a row to what is printed of it.
     """
-
-    def __init__(self, path: Path, words: Callable[[Mapping], str]) -> None:
-        self._path, self._say = path, words
-        self._path.parent.mkdir(parents=True, exist_ok=True)
-        self._known: dict[str, dict] = {}
-
-    def __enter__(self) -> "Kept":
-        if self._path.exists():
-            for line in self._path.read_text(encoding="utf-8").splitlines():
-                try:
-                    self._known.update(json.loads(line))
-                except ValueError:
-                    continue  # the line that an interruption cut off
-        self._file = self._path.open("a", encoding="utf-8")
+    path.parent.mkdir(parents=True, exist_ok=True)
+    known = _read_kept(path)
+    todo = [name for name in jobs if name not in known]
+    if len(todo) < len(jobs):
+        print(f"{len(jobs) - len(todo)} of {len(jobs)} known already", flush=True)
+    with path.open("a", encoding="utf-8") as file:
         # A line of its own for what comes now, whatever the last one looks like.
-        self._file.write("\n" if self._path.stat().st_size else "")
-        return self
-
-    def __exit__(self, *_: object) -> None:
-        self._file.close()
-
-    def __contains__(self, name: str) -> bool:
-        """Whether a case is finished."""
-        return name in self._known
-
-    def run(
-        self, pool: Any, work: Callable[[Any], dict], jobs: Mapping[str, Any]
-    ) -> dict[str, dict]:
-        """Do what is not known yet; return the results of all, by name."""
-        todo = [name for name in jobs if name not in self._known]
-        if len(todo) < len(jobs):
-            print(f"{len(jobs) - len(todo)} of {len(jobs)} known already", flush=True)
+        file.write("\n" if path.stat().st_size else "")
         done = pool.run(work, [jobs[name] for name in todo])
         for count, one in enumerate(done, start=1):
             name, value = todo[one.index], one.value
             if one.error is not None:
                 value = {"error": str(one.error)}
-            self._known[name] = json.loads(json.dumps(value))
+            known[name] = json.loads(json.dumps(value))
             # A process that died may live another day: only results are kept.
             if one.error is None:
-                self._file.write(json.dumps({name: value}) + "\n")
-                self._file.flush()
-            said = f"crash: {value['error']}" if "error" in value else self._say(value)
+                file.write(json.dumps({name: value}) + "\n")
+                file.flush()
+            said = f"crash: {value['error']}" if "error" in value else words(value)
             print(f"[{count}/{len(todo)}] {name}: {said}", flush=True)
-        return {name: self._known[name] for name in jobs}
+    return {name: known[name] for name in jobs}
+
+
+def _read_kept(path: Path) -> dict[str, dict]:
+    known: dict[str, dict] = {}
+    if path.exists():
+        for line in path.read_text(encoding="utf-8").splitlines():
+            try:
+                known.update(json.loads(line))
+            except ValueError:
+                continue  # the line that an interruption cut off
+    return known

@@ -1,6 +1,6 @@
 """A stream is watched: how soon is a change alarmed, and how often is nothing?
 
-    python -m benchmarks.loop_parts.watch --seeds 1:8 --keep FILE.jsonl
+    python -m benchmarks.loop_parts.watch --seeds 1:8
 
 One case is an arm in use. It is learnt from healthy runs of all families of motion,
 cold and warm; then it runs on unchanged from a cold start, family after family, in
@@ -14,20 +14,18 @@ from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
 from itertools import count
-from pathlib import Path
 
 import numpy as np
 
 from benchmarks.changes_parts import arms, real
 from benchmarks.changes_parts.case import Case
 from benchmarks.harness.cases import (
-    Kept,
     guarded,
     kept_file,
     read_options,
+    run_kept,
     save_rows,
     seed_range,
-    seeded_options,
 )
 from benchmarks.harness.figures import (
     Figures,
@@ -203,23 +201,19 @@ _BATCH = round(RATE)  # samples
 
 def main() -> int:
     """Run the cases of any seeds."""
-    args = read_options(seeded_options(__doc__, SEEDS, ("watch",)), "1:1")
+    args = read_options(__doc__, SEEDS, ("watch",))
     one_blas_thread()
     if args.quick:
         rows = [watch_arm(1, quick=True)]
     else:
-        rows = _rows(seed_range(args.seeds), args.keep)
+        jobs = {"days": DAYS} | {f"arm {s}": s for s in seed_range(args.seeds)}
+        place = kept_file("watch", "benchmarks/loop_parts/watch.py")
+        with Pool(cores()) as pool:
+            rows = list(run_kept(place, _words, pool, watch_arm, jobs).values())
     made = _figures(rows)
     figures = made if args.whole else undecided(made)
     save_rows(args, figures, rows=rows)
     return finish(figures)
-
-
-def _rows(seeds: Sequence[int], keep: Path | None) -> list[dict]:
-    place = keep or kept_file("watch", "benchmarks/loop_parts/watch.py")
-    jobs = {"days": DAYS} | {f"arm {seed}": seed for seed in seeds}
-    with Pool(cores()) as pool, Kept(place, _words) as known:
-        return list(known.run(pool, watch_arm, jobs).values())
 
 
 def watch_arm(seed: int, quick: bool = False) -> dict:

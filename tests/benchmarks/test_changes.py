@@ -127,11 +127,20 @@ def test_the_edge_is_what_the_program_says_of_the_same_arm():
     one = Planted("elasticity", (2,), (("stiffness", 4e4),))
     plain = from_json(cases.drawn(cases.Slot("edge", 1, 0, 0.0, "six")))
     case = replace(plain, planted=(one,))
-    minimum = ((("elasticity", (1,)), 9e9), (("elasticity", (2,)), 1.5e4))
+
+    def least(joint, value):
+        return {
+            "name": "elasticity",
+            "joints": [joint],
+            "value": value,
+            "unit": "N m/rad",
+        }
+
+    minimum = [least(1, 9e9), least(2, 1.5e4)]
     sized = ask._at_the_edge(case, minimum)
     assert dict(sized.planted[0].parameters)["stiffness"] == pytest.approx(1.5e4)
     assert sized.name == case.name
-    assert ask._at_the_edge(case, ((("elasticity", (2,)), None),)) is None
+    assert ask._at_the_edge(case, [least(2, None)]) is None
 
 
 def _row(answer, index=0, truth=TRUTH, **other):

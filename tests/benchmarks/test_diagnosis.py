@@ -1,7 +1,7 @@
 """Bars of the diagnosis benchmark, and results that outlive a kill."""
 
 from benchmarks.diagnosis_parts import bars, measured
-from benchmarks.harness.cases import Kept
+from benchmarks.harness.cases import run_kept
 from flows.blind.score import Name, Said
 from flows.workers.pool import Here
 
@@ -115,17 +115,14 @@ def test_results_are_kept_line_by_line_and_a_torn_one_is_done_again(tmp_path, ca
         return {"number": number}
 
     jobs = {"one": 1, "two": 2, "three": 3}
-    with Kept(path, str) as known:
-        first = known.run(Here(), work, jobs)
+    first = run_kept(path, str, Here(), work, jobs)
     assert first["three"] == {"error": "no"}
     path.write_text(path.read_text()[:-9])  # killed within the last line
     asked.clear()
-    with Kept(path, str) as known:
-        again = known.run(Here(), work, jobs)
+    again = run_kept(path, str, Here(), work, jobs)
     assert asked == [2, 3]
     assert again["one"] == {"number": 1}
-    with Kept(path, str) as known:
-        known.run(Here(), work, {"one": 1, "two": 2})
+    run_kept(path, str, Here(), work, {"one": 1, "two": 2})
     assert asked == [2, 3]
 
 

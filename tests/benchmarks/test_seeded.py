@@ -7,7 +7,6 @@ from benchmarks.harness.cases import (
     guarded,
     read_options,
     seed_range,
-    seeded_options,
 )
 from benchmarks.harness.figures import undecided
 
@@ -19,11 +18,18 @@ def test_both_ends_of_the_seeds_are_included():
 def test_a_quick_run_takes_seeds_of_its_own(monkeypatch):
     def read(*words):
         monkeypatch.setattr("sys.argv", ["benchmark", *words])
-        return read_options(seeded_options("about", "8:9", ("a", "b")), "1:1")
+        return read_options("about", "8:9", ("a", "b"), more="also")
 
     assert read().seeds == "8:9"
     assert read("--quick").seeds == "1:1"
     assert read("--groups", "b").groups == ["b"]
+    assert read("--more").more
+    assert [(read(*w).deciding, read(*w).whole) for w in ((), ("--groups", "b"))] == [
+        (True, True),
+        (True, False),
+    ]
+    assert not read("--seeds", "8:8").deciding
+    assert not read("--quick").deciding
     with pytest.raises(SystemExit):
         read("--groups", "c")
 
