@@ -6,8 +6,7 @@ from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 
-from flows.steps.rerun import environment_apart
-from flows.steps.rerun_records import apart
+from flows.steps.rerun import apart, environment_apart
 from residual.errors import InputError, RunError
 from warehouse.compare import Channel, compare, values_apart
 from warehouse.layout import Found, find

@@ -16,7 +16,8 @@ from flows.steps import experiment
 from flows.steps import rerun as reruns
 from flows.steps.experiment import settled, torque_of
 from flows.steps.models import TABLES, calibration_of, tables_to_drive
-from flows.steps.rerun_records import again, apart
+from flows.steps.rerun import apart
+from flows.steps.rerun import made_again as again
 from flows.steps.track import LOOP, MODEL, NOMINAL, Motion, Track, track, tracked
 from flows.steps.validate import validate
 from residual.calibration.calibrate import with_tables
