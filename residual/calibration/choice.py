@@ -105,8 +105,7 @@ def chosen_model(
 ) -> tuple[EffectModel, tuple[Option, ...]]:
     """The default form with the options that leave least on what was left out.
 
-    Least squares must be better than nothing, and all else than that, beyond chance, by
-    blocks of two seconds.
+    The best must be better than nothing beyond chance, by blocks of two seconds.
 
     Of fewer than four runs blocks are left out instead, of which the other blocks of
     the run are fitted: one run, or two, do not span what a third one does. Blocks do
@@ -115,10 +114,9 @@ def chosen_model(
     X, runs = training.loaded if form.loads else training.X, _runs(training)
     model = fit_effect_tables(X, training.Y, runs, training.tau, form)
     tried = _candidates(model.chosen, form, training.X.shape[1])
-    line = [one.kind for one, *_ in tried].index(LEAST_SQUARES)
     miss = _held_out(training, choice_groups(training), form, tried)
     joints = range(len(model.chosen))
-    return model, tuple(tried[_best(miss[..., j], line)][j] for j in joints)
+    return model, tuple(tried[_best(miss[..., j])][j] for j in joints)
 
 
 def choice_groups(training: Training) -> Array:
@@ -146,22 +144,14 @@ def _candidates(
     return out + [tuple(proposed)] * any(o.kind in (NAMED, PAIRS) for o in proposed)
 
 
-def _best(miss: Array, line: int) -> int:
-    """Number of the best candidate that is no matter of chance.
-
-    Least squares must be better than nothing, the first candidate, and the best of all
-    than what then stands. Lines reach beyond where they were fitted, tables do not: a
-    sum of errors that one stretch decides is no reason for either.
+def _best(miss: Array) -> int:
+    """Number of the best candidate; the first, nothing, where that may be chance.
 
     Args:
         miss: Squared errors per second. Shape (candidates, seconds).
-        line: Number of least squares.
     """
-    standing = 0
-    for number in (line, int(np.argmin(miss.sum(axis=1)))):
-        if is_sure(miss[standing], miss[number], LIKELY):
-            standing = number
-    return standing
+    best = int(np.argmin(miss.sum(axis=1)))
+    return best if is_sure(miss[0], miss[best], LIKELY) else 0
 
 
 def _held_out(

@@ -339,28 +339,6 @@ def test_the_best_of_what_anyone_would_try_is_taken_unless_by_chance():
         assert (left["ours"] <= 1.02**2 * np.minimum(left["none"], left["line"])).all()
 
 
-def test_a_table_that_one_stretch_alone_prefers_does_not_take_the_place_of_a_line():
-    """Two seconds beyond the range of the others decide a sum, and prove nothing."""
-    data, rng = training(4, rows=600), np.random.default_rng(7)
-    X, noise = data.X.copy(), 0.1 * rng.normal(size=data.Y.shape)
-    line = 2 * X[:, :1] + noise
-    X[-40:, 0] = 5 + 0.2 * rng.normal(size=40)
-    bent = np.where(np.arange(len(X))[:, None] < len(X) - 40, line, 4.4)
-    own = replace(data, X=X, Y=bent, tau=bent)
-    lines, left = {"least squares", "plsr"}, dict.fromkeys(("line", "table"), 0.0)
-    for run in range(4):
-        kept, new = own.rows(own.run != run), own.rows(own.run == run)
-        for name, option in (("line", "least squares"), ("table", MAIN)):
-            options = (Option(option, 1.0 if option == MAIN else None),) * 2
-            guess = fixed_lookup(kept, FORM, options).predict(new.X)
-            left[name] += ((new.Y - guess) ** 2).sum()
-    assert left["table"] < 0.5 * left["line"]
-    assert {o.kind for o in chosen_model(own, FORM)[1]} <= lines
-    # A step that is there in every run is a table's, though the line is good.
-    step = replace(data, Y=line + np.sign(data.X[:, 2:3]), tau=line)
-    assert not {o.kind for o in chosen_model(step, FORM)[1]} & {"none", *lines}
-
-
 def test_plsr_of_given_components_is_that_of_its_scores():
     data = training()
     options = (Option(PLSR_OPTION, count=2), Option("none"))
