@@ -125,15 +125,6 @@ def test_fewer_counted_rows_mean_less_certainty_by_that_much(problem):
     np.testing.assert_allclose(quarter, 4 * all_rows, rtol=1e-6)
 
 
-def test_members_find_their_own_coefficients(problem):
-    members = problem.design.add(SETS["several"])
-    fitted = every_row_counts(problem, members, SIGMA2)
-    parts = np.concatenate([fitted.of(g) for g in members])
-    np.testing.assert_array_equal(parts, fitted.theta[NOMINAL:])
-    with pytest.raises(KeyError):
-        fitted.slots(problem.design.add([(LINE, (0,), ())])[0])
-
-
 def test_the_order_of_members_does_not_matter(problem):
     members = problem.design.add(SETS["several"])
     one = every_row_counts(problem, members, rounds=5)
@@ -218,12 +209,6 @@ def exact_gain(problem, base, group):
         out += quadratic_gain(problem, replace(base, members=tuple(members)), part)
         members.append(part)
     return out
-
-
-def test_a_screen_of_nothing_is_empty(problem):
-    base = every_row_counts(problem, [])
-    own = System.of(problem.design, problem.prior, base.members)
-    assert screen(problem.design, base, [], own).shape == (0,)
 
 
 # -- the design --------------------------------------------------------------------

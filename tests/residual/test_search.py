@@ -17,7 +17,6 @@ from residual.diagnosis.search import (
     admissible,
     best,
     collect,
-    least,
     lowers_error,
     refined,
     search,
@@ -215,31 +214,6 @@ def test_plausibility_needs_30_nats_2_per_cent_and_a_bent_nominal(imitated):
     ):
         strict = replace(task, rules=rules)
         assert not spares_model(strict, twin, value, big, base)
-
-
-def test_torque_share_is_the_rms_of_the_members_torque(rng):
-    problem = Problem.draw(rng, [(PLANE, (0,), [2.0, 1.0])], masked=0.3)
-    task, fitted = found(problem)
-    (member,) = fitted.members
-    x, y, joint = problem.stacked([member])
-    torque = (x[:, -2:] @ fitted.of(member))[joint == 0]
-    expected = np.sqrt(np.mean(torque**2) / np.mean(y[joint == 0] ** 2))
-    np.testing.assert_allclose(
-        torque_share(task.design, fitted, member), [expected, 0], atol=1e-9
-    )
-
-
-@pytest.mark.parametrize(
-    ("joints", "fellows", "expected"),
-    [([0], 1, 10.0), ([0, 1], 1, 10.0), ([0], 2, 10.0), ([0, 1], 2, 0.0)],
-)
-def test_of_joints_that_came_together_each_may_be_weak_while_half_have_the_name(
-    rng, joints, fellows, expected
-):
-    problem = Problem.draw(rng)
-    groups = problem.design.add([(LINE, (j,), ()) for j in joints])
-    groups = [replace(g, fellows=fellows) for g in groups]
-    assert least(problem.task(groups), groups, groups[0]) == expected
 
 
 # -- the gate ----------------------------------------------------------------------
@@ -536,21 +510,6 @@ def test_what_rides_on_another_of_its_size_is_named_before_it(rng, yields, first
 )
 def test_the_word_for_a_gain(gain, word):
     assert holdout.judgement(gain) == word
-
-
-def test_every_name_ends_among_the_kept_the_refuted_or_the_dropped(monkeypatch):
-    """Name 0 is refuted; name 1 then no longer stands."""
-    tested = [SimpleNamespace(name=i) for i in range(3)]
-    diagnosis = SimpleNamespace(tested=tuple(tested), fit=None)
-    monkeypatch.setattr(holdout, "refit", lambda diagnosis, names: None)
-    monkeypatch.setattr(
-        holdout, "_gains", lambda d, f, tested, h: [t.name - 0.5 for t in tested]
-    )
-    monkeypatch.setattr(holdout, "_stands", lambda d, f, one: one.name != 1)
-    said = holdout.judge_held_out(diagnosis, ())
-    assert [t.name for t, _ in said.kept] == [2]
-    assert [t.name for t, _ in said.refuted] == [0]
-    assert [t.name for t in said.dropped] == [1]
 
 
 def test_a_design_without_a_single_row_is_no_crash():
