@@ -30,31 +30,6 @@ from warehouse.ids import record_folder
 
 _TEXT = texts()["study"]
 
-_RATES = {
-    "singles_clear_right": "One effect, three times detectable or more: rightly named",
-    "singles_of_usual_size_right": "One effect without such a unit, of usual size",
-    "singles_right": "One effect of any size: rightly named",
-    "singles_by_name": "One effect of any size: by its very name, not its class",
-    "joint_right": "One effect: the first name is on the right joint",
-    "named_right": "Something named: the first name is right",
-    "names_none_false": "Something named: no name is false",
-    "false_alarms": "Nothing hidden: something named",
-    "nulls_flagged": "Nothing hidden: a joint flagged, nothing named",
-    "unknown_flagged": "Out of the vocabulary: flagged",
-    "unknown_joint": "Out of the vocabulary and flagged: on its joint",
-    "unknown_named": "Out of the vocabulary: falsely named",
-    "pairs_clear_both": "Two effects, both clear: both named",
-    "pairs_both": "Two effects: both named",
-    "pairs_false_third": "Two effects: a false name beside them",
-    "coverage": "Truth within two standard deviations",
-}
-_TILES = {
-    "singles_clear_right": "Clear effects named",
-    "names_none_false": "Verdicts without a false name",
-    "false_alarms": "False alarms",
-    "unknown_flagged": "Unknown ones flagged",
-    "coverage": "Within 2 σ",
-}
 _BLUE, _AMBER, _RED = look.AFTER, "#e69f00", look.BEFORE
 _FAR = 4.0  # standard deviations that the curve of coverage is drawn to
 _HEIGHT = 320
@@ -132,23 +107,21 @@ def render(
 def lines(summary: Mapping) -> list[tuple[str, str, str]]:
     """Return the figures in words: what, the rate, its count and interval."""
     out = []
-    for key, words in _RATES.items():
+    for key, words in texts()["rates"].items():
         one = summary[key]
         if one["n"]:
             value, count, interval = _rate(one)
             out.append((words, value, f"{count} ({interval})"))
     errors, off = summary["errors"], summary["parameter_error"]
-    if errors["over_oracle"] is not None:
-        many = f"median of {errors['n']}"
-        words = "Held-out error over that of the true effects fitted"
-        out.append((words, f"{errors['over_oracle']:.3g}", many))
-    if errors["gap_closed"] is not None:
-        words = "Share closed of the gap from a refit to the true effects"
-        many = f"median of {errors['gaps']}"
-        out.append((words, f"{100 * errors['gap_closed']:.0f} %", many))
-    if off["median"] is not None:
-        words, many = "Main parameter off by", f"median of {off['n']}"
-        out.append((words, f"{100 * off['median']:.1f} %", many))
+    medians = {
+        "over_oracle": (errors["over_oracle"], "{:.3g}", errors["n"]),
+        "gap_closed": (errors["gap_closed"], "{:.0%}", errors["gaps"]),
+        "off_by": (off["median"], "{:.1%}", off["n"]),
+    }
+    for key, (value, form, n) in medians.items():
+        if value is not None:
+            shown = form.format(value).replace("%", " %")
+            out.append((_TEXT[key], shown, f"median of {n}"))
     return out
 
 
@@ -166,7 +139,7 @@ def headline(summary: Mapping) -> str:
 
 def _tiles(summary: Mapping) -> list[Tile]:
     out = []
-    for key, label in _TILES.items():
+    for key, label in texts()["rate_tiles"].items():
         one = summary[key]
         if one["n"]:
             value, count, interval = _rate(one)

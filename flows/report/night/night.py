@@ -50,15 +50,13 @@ _EARLIER = 20  # diagnoses of one robot in one night
 
 @dataclass(frozen=True, slots=True)
 class Report:
-    """What a night says of one robot.
+    """What a night says of one robot, in words.
 
     Attributes:
         title: Its name, and the number of its last diagnosis.
         state: One of STATES.
-        words: What is missing.
-        errors: Held-out error before and after, in words.
+        errors: Held-out error before and after.
         model: What became of its model.
-        alarms: Alarms of its sensors, in words.
         runs: Number of runs that were stored.
         href: Address of the report of the last diagnosis, None for none.
         warned: What the flow of the last diagnosis warned of.
