@@ -12,6 +12,7 @@ from time import monotonic
 from typing import Any
 from urllib.request import urlopen
 
+import pytest
 from websockets.sync.client import connect
 
 from tests.waiting import until
@@ -142,3 +143,15 @@ def browser(folder: Path, *options: str) -> Iterator[Tab]:
     finally:
         process.terminate()
         process.wait(30)
+
+
+@contextmanager
+def alone(folder: Path, rule: str, *options: str) -> Iterator[Tab]:
+    """Start one for which names lead nowhere but by a rule; none skips the test."""
+    if PROGRAM is None:
+        pytest.skip("no chromium on this machine (Debian: apt-get install chromium)")
+    folder.mkdir(exist_ok=True)
+    with browser(
+        folder, f"--host-resolver-rules=MAP * ~NOTFOUND{rule}", *options
+    ) as tab:
+        yield tab

@@ -7,7 +7,7 @@ import pytest
 from flows.report.diagnosis import render
 from flows.report.view import render as render_view
 from tests.flows import report_outcomes as made
-from tests.flows.browser import PROGRAM, browser
+from tests.flows.browser import alone
 from tests.flows.test_view import shown
 
 pytestmark = pytest.mark.long
@@ -73,12 +73,8 @@ WORDLESS = """[...document.querySelectorAll(
 
 @pytest.fixture
 def tab(tmp_path):
-    if PROGRAM is None:
-        pytest.skip("no chromium on this machine (Debian: apt-get install chromium)")
     software = ("--use-angle=swiftshader", "--enable-unsafe-swiftshader")
-    rules = "--host-resolver-rules=MAP * ~NOTFOUND"
-    (tmp_path / "browser").mkdir()
-    with browser(tmp_path / "browser", rules, *software) as tab:
+    with alone(tmp_path / "browser", "", *software) as tab:
         yield tab
 
 
@@ -122,7 +118,7 @@ def test_the_slider_moves_arm_values_and_line_together(tab, tmp_path):
     tab.open(page.as_uri())
     drawn = "document.querySelector('#sheet .plot')?._fullLayout?.xaxis && true"
     tab.wait(drawn, "the curves are drawn")
-    tab.wait("!!document.querySelector('#stage canvas')", "the arm is drawn")
+    tab.wait("!!document.querySelector('.stage canvas')", "the arm is drawn")
     seen = []
     for time in (0.5, 3.0):
         tab.run(

@@ -8,7 +8,7 @@ import pytest
 from flows.service import api
 from flows.service.state import store_key
 from flows.settings import prefect_home
-from tests.flows.browser import PROGRAM, browser
+from tests.flows.browser import alone
 from tests.flows.night.stores import fill
 from tests.flows.prefect_server import served as serving
 
@@ -41,11 +41,7 @@ def served(tmp_path_factory):
 
 @pytest.fixture
 def tab(tmp_path):
-    """A browser to which every name but this machine's leads nowhere."""
-    if PROGRAM is None:
-        pytest.skip("no chromium on this machine (Debian: apt-get install chromium)")
-    rules = "--host-resolver-rules=MAP * ~NOTFOUND, EXCLUDE 127.0.0.1"
-    with browser(tmp_path, rules) as tab:
+    with alone(tmp_path, ", EXCLUDE 127.0.0.1") as tab:
         yield tab
 
 

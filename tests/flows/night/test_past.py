@@ -61,7 +61,6 @@ def test_the_past_has_what_failed_and_what_was_warned_of(monkeypatch):
     runs = [run("a", "FAILED", "why", "2026-11-22T03:00:00+01:00"), run("b", "PAUSED")]
     server = Server([*runs, run("c", "CANCELLED"), run("d", "SCHEDULED")], logs)
     monkeypatch.setattr(api, "ask", server)
-    monkeypatch.setattr(api, "ask", server)
     told = api.past_of(TO)(BEGIN, END)
     assert [r.id for r in told.runs] == ["a", "b"]
     assert [r.failed for r in told.runs] == [True, False]
@@ -77,7 +76,6 @@ def test_the_past_has_what_failed_and_what_was_warned_of(monkeypatch):
 def test_a_log_that_an_inbox_refused_is_seen(monkeypatch):
     refused = run("i", "COMPLETED") | {"name": "inbox: 3 stored, 1 refused"}
     monkeypatch.setattr(api, "ask", Server([refused]))
-    monkeypatch.setattr(api, "ask", Server([refused]))
     assert [r.name for r in api.past_of(TO)(BEGIN, END).runs] == [refused["name"]]
 
 
@@ -85,7 +83,6 @@ def test_of_a_server_that_does_not_answer_there_is_no_past(monkeypatch):
     def ask(*_, **__):
         raise RunError("it does not answer")
 
-    monkeypatch.setattr(api, "ask", ask)
     monkeypatch.setattr(api, "ask", ask)
     assert api.past_of(TO)(BEGIN, END) is None
 

@@ -150,7 +150,6 @@ def test_a_record_says_where_it_is_from(nights):
     text = page(nights, f"record/{nights.missing}.html")
     assert f"modelgap rerun {nights.missing}" in text
     assert f"record/{nights.runs[0]}.html" in text
-    assert f"record/{nights.runs[0]}.html" in text
 
 
 @pytest.mark.parametrize(
