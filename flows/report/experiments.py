@@ -182,11 +182,9 @@ def _cells(made: Tracked) -> Table:
 
 def _joints(made: Tracked) -> Table:
     """Root mean square and peak per joint, all of each model fed forward."""
-    columns = [
-        1e3 * _joined(made.values(name, what), what)
-        for what in ("rms", "peak")
-        for name in made.names
-    ]
+    rms = [(made.values(name, "rms") ** 2).mean(axis=0) ** 0.5 for name in made.names]
+    peak = [made.values(name, "peak").max(axis=0) for name in made.names]
+    columns = [1e3 * values for values in (*rms, *peak)]
     rows = [
         (str(joint), *(f"{value:.2f}" for value in row))
         for joint, row in enumerate(zip(*columns, strict=True), 1)
@@ -215,10 +213,6 @@ def _mean(made: Tracked, cell: str, what: str) -> float:
     if what in ("peak", "step"):
         return float(values.max())
     return float((values**2).sum(axis=1).mean() ** 0.5)
-
-
-def _joined(values, what: str):
-    return values.max(axis=0) if what == "peak" else (values**2).mean(axis=0) ** 0.5
 
 
 _NEAR = 0.95  # of a limit, which stands out

@@ -102,9 +102,10 @@ WEAR_KEY = "in brackets: where it lies with 95 %; * told from none"
 
 def wear_sentence(wear: Wear) -> str:
     """Return what was found of wear, in a sentence."""
+    spell = f"{wear.time:.0f} s" if wear.time < 120 else f"{wear.time / 60:.0f} min"
     said = [
         *_real(wear.joints, "wear", "wear per 30 days on"),
-        *_real(wear.joints, "warming", f"warming up (in {_spell(wear.time)}) on"),
+        *_real(wear.joints, "warming", f"warming up (in {spell}) on"),
     ]
     if said:
         return f"{wear.robot}: " + "; ".join(said)
@@ -129,10 +130,6 @@ def _rate(rate: Rate | None) -> str:
     low, high = 100 * rate.low, 100 * rate.high
     mark = " *" if rate.real else ""
     return f"{100 * rate.value:+.1f} % ({low:+.1f} to {high:+.1f}){mark}"
-
-
-def _spell(seconds: float) -> str:
-    return f"{seconds:.0f} s" if seconds < 120 else f"{seconds / 60:.0f} min"
 
 
 def null_lines(made: CalibratedNull, draws: int, store: Path) -> list[str]:

@@ -22,12 +22,10 @@ from flows.report.words.verdict import is_wrong_value
 from residual.diagnosis.result import (
     PLAIN,
     STAGES,
-    Change,
     Diagnosis,
     Finding,
     Frames,
     Number,
-    PerJoint,
     Verdict,
 )
 from residual.quantity import (
@@ -60,7 +58,10 @@ def error_rows(found: Diagnosis) -> list[ErrorRow]:
     left, error = found.unexplained, found.errors
     rows = []
     for joint, share in enumerate(left.per_joint, start=1):
-        values = {metric: _at(getattr(error, metric), joint) for metric in METRICS}
+        values = {
+            metric: {k: v[joint - 1] for k, v in getattr(error, metric).items() if v}
+            for metric in METRICS
+        }
         flagged = joint in left.joints
         rows.append(ErrorRow(str(joint), joint, values, _percent(share), flagged))
     overall = {
@@ -127,11 +128,6 @@ def found_again(effect: Finding) -> str:
     """How often a name came back without a part of the data: '3 of 3'."""
     splits = effect.evidence.splits
     return f"{splits.found} of {splits.of}" if splits and splits.of else ""
-
-
-def _at(stages: PerJoint, joint: int) -> dict[str, Number]:
-    """Return the error of one joint by model, where it is known."""
-    return {k: v[joint - 1] for k, v in stages.items() if v is not None}
 
 
 _CERTAIN = (0.999, 0.99)
@@ -327,13 +323,10 @@ def _changed(one: Size, key: str | None, effect: Finding, verdict: Verdict) -> S
     before = None
     on = effect.joints if one.joint is None else (one.joint,)
     for change in verdict.changes if key else ():
-        if _is_of(change, effect.name, on) and change.parameter == key:
+        given = change.name, tuple(change.joints), change.parameter
+        if given == (effect.name, tuple(on), key):
             before = change.nominal if known(change.nominal) else None
     return Size(one.name, one.joint, one.value, one.std, one.unit, before, True)
-
-
-def _is_of(change: Change, name: str, joints: Sequence[int]) -> bool:
-    return change.name == name and tuple(change.joints) == tuple(joints)
 
 
 # Tables of findings and of errors.

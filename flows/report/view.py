@@ -78,7 +78,9 @@ def render(found: Viewed) -> str:
     Raises:
         InputError: If the package that draws in 3-D is not installed.
     """
-    robot, after = found.robot.name, _last(found)
+    robot = found.robot.name
+    # The best model there is.
+    after = "augmented" if "augmented" in found.torque else "nominal"
     seconds = float(found.log.t[-1] - found.log.t[0])
     about = Markup("modelgap view of <b>{}</b>, log {}, {:.1f} s")
     headline = "The arm as it moved, and the torque of its joints"
@@ -115,11 +117,6 @@ def _values(found: Viewed, after: str) -> Table:
     heads = ("Joint", "Angle (deg)", "Measured (N m)", "Predicted (N m)")
     heads += ("Error, all the log", "Residual")
     return Table(heads, rows, left=(0, 5), look="bars")
-
-
-def _last(found: Viewed) -> str:
-    """The best model there is."""
-    return "augmented" if "augmented" in found.torque else "nominal"
 
 
 def _most_changed(found: Viewed) -> int:

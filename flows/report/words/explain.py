@@ -63,7 +63,12 @@ def explain(word: str) -> str:
 def overview() -> str:
     """Return all words that can be explained, one line each, as Markdown."""
     effects = [f"- **{each.name}**: {each.sentence}" for each in registry().values()]
-    verdicts = [f"- **{name}**: {_first(text)}" for name, text in VERDICTS.items()]
+    # Of each its first sentence.
+    first = {
+        name: text.removeprefix("The verdict: ").split(". ")[0].split(": these")[0]
+        for name, text in VERDICTS.items()
+    }
+    verdicts = [f"- **{name}**: {text}." for name, text in first.items()]
     return "\n".join(
         [
             "## Effects that a model may lack\n",
@@ -124,7 +129,3 @@ def _key(word: str) -> str:
     for article in ("a ", "an ", "the "):
         small = small.removeprefix(article)
     return small
-
-
-def _first(text: str) -> str:
-    return text.removeprefix("The verdict: ").split(". ")[0].split(": these")[0] + "."

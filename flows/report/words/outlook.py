@@ -157,7 +157,8 @@ def other_sets(verdict: Verdict) -> list[str]:
         for a in verdict.alternatives
         if a.separated_by != LOAD and frozenset(map(_key, a.set)) not in known
     ]
-    lines = [f"As likely: {_set(a, verdict)}." for a in others[:_SHOWN]]
+    sets = [[phrase(p, verdict.dof) for p in a.set] for a in others[:_SHOWN]]
+    lines = [f"As likely: {listing(words) or 'nothing'}." for words in sets]
     if len(others) > _SHOWN:
         more = len(others) - _SHOWN
         words = f"{count(more)} more {'set' if more == 1 else 'sets'}"
@@ -205,11 +206,6 @@ def _mixed(loads: list[Alternative], verdict: Verdict) -> list[str]:
 
 def _key(place: Place) -> Key:
     return place.name, place.joints
-
-
-def _set(alternative: Alternative, verdict: Verdict) -> str:
-    words = [phrase(place, verdict.dof) for place in alternative.set]
-    return listing(words) or "nothing"
 
 
 _ROWS = 12
@@ -327,7 +323,8 @@ def next_words(verdict: Verdict) -> list[str]:
     if not plan:
         alike = any(finding.equivalent for finding in verdict.effects)
         return [_OFFER] if alike else []
-    apart = from_one_another([_place(p) for p in plan["rivals"]])
+    rivals = [Place(p["name"], tuple(p["joints"])) for p in plan["rivals"]]
+    apart = from_one_another(rivals)
     if plan["family"] is None:
         return [_promise(plan, apart)]
     periods = plan["parameters"].get("periods")
@@ -354,10 +351,6 @@ def _promise(plan: Mapping, apart: str) -> str:
 
 def _sure(plan: Mapping) -> str:
     return sure_words(plan["seconds"], plan.get("sure_after"), plan["chance"])
-
-
-def _place(entry: Mapping) -> Place:
-    return Place(entry["name"], tuple(entry["joints"]))
 
 
 def from_one_another(rivals: Sequence[Place]) -> str:
