@@ -26,10 +26,10 @@ from boto3 import client
 import warehouse
 from benchmarks.harness.figures import Figures, figure, missing, partial
 from benchmarks.harness.rates import wall
-from benchmarks.store_parts.made import small, synthetic
+from benchmarks.store_parts.made import run, synthetic
 from warehouse import catalogue
 from warehouse.bucket import Bucket
-from warehouse.commit import Sealed, commit_run
+from warehouse.commit import commit_run
 from warehouse.files import to_table, write_parquet
 from warehouse.layout import list_folders
 from warehouse.mirror import CACHE, bucket_of, forget, mirror_of
@@ -101,7 +101,7 @@ def _usual_commit(address: str) -> float:
     store, times = mirror_of(address), []
     for seed in range(6):
         start = perf_counter()
-        _commit(store, 10**6 + seed)
+        run(store, 10**6 + seed)
         times.append(perf_counter() - start)
     return median(times)
 
@@ -176,7 +176,7 @@ def _write_all(address: str, seeds: range) -> list[str]:
     warehouse.commit.remember = remember
     try:
         for seed in seeds:
-            _commit(store, seed)
+            run(store, seed)
         catalogue.flush()
     finally:
         warehouse.commit.remember = catalogue_remember
@@ -187,14 +187,8 @@ def _write_until_killed(address: str, first: int, started) -> None:
     own_copies()
     store = mirror_of(address)
     for seed in range(first, first + 1000):
-        _commit(store, seed)
+        run(store, seed)
         started.set()
-
-
-def _commit(store: Path, seed: int) -> str:
-    log, manifest, twin = small(seed)
-    sealed = Sealed({"effects": [], "salt": f"s{seed}"}, {"q": log.q})
-    return commit_run(store, log, manifest, sealed, twin)
 
 
 def _size(bucket: Bucket) -> int:

@@ -9,10 +9,8 @@ from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
 from time import perf_counter, sleep
-from types import SimpleNamespace
 from unittest.mock import patch
 
-import numpy as np
 import pyarrow as pa
 
 from benchmarks.harness.figures import Figures, figure, partial
@@ -26,6 +24,7 @@ from benchmarks.store_parts.made import (
     records,
     run,
     small,
+    stand_in,
 )
 from flows.specs.experiment import ExperimentSpec
 from flows.steps import experiment
@@ -69,20 +68,11 @@ def rerun_old(store: Path) -> None:
 
 
 def _arm(changed: bool) -> Callable:
-    """In place of the simulated arm: arrays that the spec decides."""
-
-    def simulate(spec: ExperimentSpec, robot) -> tuple:
+    def seeds(spec: ExperimentSpec) -> list[int]:
         seed = spec.plant_spec().seed
-        rng = np.random.default_rng([seed, int(changed and seed % 2)])
-        q, tau, e_q, e_tau = rng.normal(size=(4, _ROWS, robot.dof))
-        made = SimpleNamespace(
-            log=Recording("", robot.name, np.arange(_ROWS) / 100, q, tau),
-            twin={"e_q": e_q, "e_tau": e_tau},
-            truth={"q": q},
-        )
-        return made, {}
+        return [seed, int(changed and seed % 2)]
 
-    return simulate
+    return stand_in(seeds, _ROWS)
 
 
 FULL = 200

@@ -9,18 +9,14 @@ import multiprocessing
 import random
 from pathlib import Path
 from time import perf_counter, sleep
-from types import SimpleNamespace
-
-import numpy as np
 
 import warehouse
 from benchmarks.harness.figures import Figures, all_partial, figure
-from benchmarks.store_parts.made import folder
+from benchmarks.store_parts.made import folder, stand_in
 from flows.specs.campaign import load_campaign
 from flows.steps import experiment
 from flows.steps.campaign import run_all
 from flows.workers.pool import Here
-from residual.recording import Recording
 from warehouse.layout import list_folders
 from warehouse.provenance import provenance
 from warehouse.runs import open_seal, read_run
@@ -94,24 +90,13 @@ def _kill(context, arguments: tuple, after: float) -> None:
 
 
 def _campaign(spec: Path, store: Path, started=None) -> None:
-    experiment._simulate = _stand_in
+    experiment._simulate = stand_in(lambda spec: spec.seed, ROWS)
     if started is not None:
         started.set()
     planned = experiment.plan(load_campaign(spec), store)
     summary = run_all(planned, store, None, Here())
     for why in summary.failed.values():
         raise RuntimeError(why)
-
-
-def _stand_in(spec, robot) -> tuple:
-    rng = np.random.default_rng(spec.seed)
-    q, tau, e_q, e_tau = rng.normal(size=(4, ROWS, robot.dof))
-    made = SimpleNamespace(
-        log=Recording("", robot.name, np.arange(ROWS) / 100, q, tau),
-        twin={"e_q": e_q, "e_tau": e_tau},
-        truth={"q": q},
-    )
-    return made, {}
 
 
 def _check(store: Path) -> tuple[int, list[str]]:

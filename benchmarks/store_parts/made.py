@@ -2,15 +2,18 @@
 
 import shutil
 import tempfile
-from collections.abc import Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
 from pathlib import Path
+from types import SimpleNamespace
+from typing import Any
 
 import numpy as np
 import pyarrow as pa
 
 import warehouse
 from residual.recording import Recording
+from residual.robot.robot import Robot
 from warehouse.commit import Sealed, commit_record, commit_run
 from warehouse.schema import KINDS, SEALED, all_views
 from warehouse.verify import verify_all
@@ -61,6 +64,22 @@ def synthetic(seed: int, rows: int) -> tuple[Recording, dict[str, Array]]:
         "e_tau": noisy(q_ref, 0.02),
     }
     return log, twin
+
+
+def stand_in(seeds: Callable[[Any], Any], rows: int = 400) -> Callable:
+    """Return what stands in for the simulated arm: arrays that its spec decides."""
+
+    def simulate(spec: Any, robot: Robot, *_: object) -> tuple:
+        rng = np.random.default_rng(seeds(spec))
+        q, tau, e_q, e_tau = rng.normal(size=(4, rows, robot.dof))
+        made = SimpleNamespace(
+            log=Recording("", robot.name, np.arange(rows) / 100, q, tau),
+            twin={"e_q": e_q, "e_tau": e_tau},
+            truth={"q": q},
+        )
+        return made, {}
+
+    return simulate
 
 
 def run(store: Path, seed: int) -> str:
