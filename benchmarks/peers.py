@@ -27,7 +27,7 @@ from benchmarks.harness.cases import (
 )
 from benchmarks.harness.figures import finish, one_blas_thread
 from benchmarks.peers_parts import bars, cases
-from flows.blind.draw import Asked
+from flows.blind.draw import StudyRequest
 from flows.blind.export.write import export_study
 from flows.workers.pool import Pool
 from sim.engine.records import CLEAN
@@ -70,7 +70,7 @@ def _exported(quick: bool, seed: int, place: Path, pool: Pool) -> Path:
     if not folder.is_dir():
         place.mkdir(parents=True, exist_ok=True)
         count, seconds = _QUICK if quick else _FULL
-        asked = Asked(count, seed, duration=seconds, background=CLEAN)
+        asked = StudyRequest(count, seed, duration=seconds, background=CLEAN)
         arm = (seed + 1) % 2  # the built-in one is 0
         export_study(asked, (arm,), folder, place / "store", pool, _tell)
     return folder

@@ -1,6 +1,19 @@
-"""A results file whose groups were measured one by one."""
+"""A results file whose groups were measured one by one, and what measures them."""
 
-from benchmarks.harness.figures import figure, finish, merged, missing, partial
+from importlib import import_module
+from pathlib import Path
+
+import pytest
+
+from benchmarks.bench import PLAN
+from benchmarks.harness.figures import (
+    figure,
+    finish,
+    function_of,
+    merged,
+    missing,
+    partial,
+)
 
 GROUPS = ("one", "two", "three")
 
@@ -46,3 +59,13 @@ def test_the_exit_code_is_one_for_a_missed_bar_only(capsys):
     assert finish({"a": small}) == 0
     assert finish({"a": partial(figure(3.0, 1.0, 2), "too few")}) == 1
     assert capsys.readouterr().out.strip().splitlines()[-1].startswith("{")
+
+
+@pytest.mark.long
+@pytest.mark.parametrize("name", PLAN)
+def test_what_a_run_of_all_starts_can_be_loaded(name):
+    """What it imports of the program, groups that are loaded late among it."""
+    path = PLAN[name][-1] if PLAN[name][0] == "-m" else Path(PLAN[name][0]).stem
+    module = import_module(path if "." in path else f"benchmarks.{path}")
+    for place in getattr(module, "GROUPS", {}).values():
+        assert callable(function_of(place))

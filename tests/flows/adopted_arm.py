@@ -12,7 +12,7 @@ ROBOT = "irb140"
 SPRING = {"name": "spring", "joints": [2], "stiffness": 60.0}
 # Of families that need no search: they are planned at once.
 FIT, HELD_OUT = ("cyclic", "move_stop_move", "cyclic"), ("welding",)
-SECONDS = 8.0
+SECONDS = 5.0
 
 
 def spec(kind, night, number, effects=(SPRING,)):

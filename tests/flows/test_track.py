@@ -105,7 +105,10 @@ def test_effects_and_acceleration_each_earn_their_place(driven):
     assert driven.gain(f"{NOMINAL}, neither", f"{MODEL}, neither").ratio == 1.0
 
 
-@pytest.mark.parametrize(("joint", "stiffness"), [(2, -60.0), (3, 60.0), (2, 180.0)])
+@pytest.mark.parametrize(
+    ("joint", "stiffness"),
+    [(2, -60.0), (3, 60.0), pytest.param(2, 180.0, marks=pytest.mark.long)],
+)
 def test_a_wrong_correction_makes_it_worse(motions, driven, joint, stiffness):
     wrong = tracked(ROBOT, {MODEL: corrected(joint, stiffness)}, motions[:1])
     good = driven.values(NOMINAL, "rms")[0]

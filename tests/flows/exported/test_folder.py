@@ -29,7 +29,7 @@ def test_every_effect_has_a_class_and_three_are_bodies():
 # -- a whole export, of motions that need no search -----------------------------------
 
 SHORT = Excitation(0, ("cyclic",), ("cyclic",), 0.005, 1e-4)
-ASKED = StudyRequest(2, 3, duration=5.0)
+ASKED = StudyRequest(2, 3, duration=4.0)
 DRAFTS = [
     Draft(0, "single", (Wish("torque_gain", 10.0),), SHORT),
     Draft(1, "unknown", (Wish("x_square_wave", None),), SHORT),
