@@ -179,7 +179,6 @@ class Body:
     """What one arm's own logs say of it: a plain least-squares fit.
 
     Attributes:
-        robot: The arm.
         theta: Inertial parameters, ten a link. Shape (10 dof,).
         coulomb: Dry friction [N m]. Shape (dof,).
         viscous: Viscous friction [N m s/rad]. Shape (dof,).
@@ -202,13 +201,11 @@ class State:
     """One log at its own samples, what is differentiated low-pass filtered.
 
     Attributes:
-        log: The log.
         q: Angles [rad], as all others of shape (n, dof).
         qd: Speeds [rad/s].
         qdd: Accelerations [rad/s^2].
         tau: Torque [N m].
         load: Torque of the rigid body [N m].
-        body: The arm.
     """
 
     log: Recording

@@ -65,8 +65,6 @@ class Truly:
     """What an arm truly is, without what changed.
 
     Attributes:
-        model: Its rigid body.
-        drives: Its friction and rotors.
         background: What all its joints have undeclared, None if it is clean.
         reported: Reported torque over real torque. Shape (dof,).
     """

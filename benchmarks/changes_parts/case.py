@@ -58,18 +58,10 @@ class Case:
     """One arm in two epochs, as the list has it.
 
     Attributes:
-        group: One of GROUPS.
-        seed: Seed of the draw.
-        index: Its number among the cases of this seed, group and size.
-        arm: Which arm (`arms.ARMS`, `real.ARMS`).
         background: How dirty it is; "" of a measured arm.
         plant: Seed of what makes this arm differ from its description.
-        noise: Seed of the noise.
         worked: Usual work before each session [s].
-        first: Logs of the first epoch.
-        second: Logs of the second epoch.
         held_out: A further log of the second epoch; none of a measured arm.
-        planted: What changed.
         target: Size asked for; 0 where none was.
     """
 
@@ -103,9 +95,8 @@ class Truth:
     """What changed, as a verdict ought to say it.
 
     Attributes:
-        name: Effect.
         joints: Its joints from 1, in order; of a load the last, () for the whole arm.
-        parameters: Its parameters, in the torque that the drives report.
+        parameters: In the torque that the drives report.
         size: RMS of its torque over RMS of the joint's.
     """
 
@@ -121,10 +112,7 @@ class Made:
 
     Attributes:
         robot: The arm as its description has it.
-        first: Logs of the first epoch, the baseline.
-        second: Logs of the second epoch.
         held_out: A further log of the second epoch; () to let the method cut one.
-        truth: What changed, one entry a change.
         factor: Friction of the second epoch over that of the first, by warmth alone,
             over all joints; None where nothing warms or nobody knows.
     """

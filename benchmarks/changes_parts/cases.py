@@ -63,9 +63,6 @@ class Slot:
     """A place in the list, before anything is drawn for it.
 
     Attributes:
-        group: One of GROUPS.
-        seed: Seed of the draw.
-        index: Its number among those of this seed, group and size.
         target: Size asked for; 0 where none is.
         kind: Kind of arm, "" where it is drawn.
     """

@@ -44,7 +44,6 @@ class Change:
 
     Attributes:
         evidence: How much likelier the logs are with it [nats].
-        name: Effect.
         joint: Its joint from 1; 0 for one of the whole arm.
         estimate: Its coefficients. Shape (k,).
         deviation: Their standard deviations. Shape (k,), of a load fewer.
@@ -97,7 +96,6 @@ class _Joint:
         shared: Its part of those of the whole arm. Each of shape (m, k).
         second: Whether a row is of the second epoch. Shape (m,).
         log, block: Number of its log and of its block. Shapes (m,).
-        rms: RMS of its torque.
     """
 
     common: Array
@@ -147,11 +145,7 @@ class _Test:
 def changes(
     model: pin.Model, first: Sequence[Recording], second: Sequence[Recording]
 ) -> tuple[tuple[Change, ...], Array]:
-    """Return all candidates, best first, and the factor of each joint's variance.
-
-    Args:
-        second: Logs of the second epoch.
-    """
+    """Return all candidates, best first, and the factor of each joint's variance."""
     logs = [_log(model, log) for log in (*first, *second)]
     later = np.arange(len(logs)) >= len(first)
     joints = [_joint(logs, later, j) for j in range(model.nv)]

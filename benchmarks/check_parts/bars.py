@@ -39,7 +39,6 @@ def figures(rows: Rows, absent: Sequence[str], deciding: bool) -> Figures:
     """Return all figures.
 
     Args:
-        absent: Measured arms whose logs are not there.
         deciding: Whether these are the seeds and counts that the bars are for.
     """
     by_group = defaultdict(list)

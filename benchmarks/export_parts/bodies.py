@@ -28,12 +28,7 @@ CLOSE = {"mjcf": 1e-8, "urdf": 1e-8}  # N m: MuJoCo's and Pinocchio's torque and
 
 @dataclass(frozen=True, slots=True)
 class Case:
-    """One arm, and what it hides.
-
-    Attributes:
-        arm: The arm and its noise.
-        names: Effects of the plant.
-    """
+    """One arm, and what it hides."""
 
     arm: Arm
     names: tuple[str, ...]

@@ -36,15 +36,10 @@ class Input:
     """One hostile input.
 
     Attributes:
-        kind: What it claims to be.
-        name: What is wrong with it.
-        words: The command that reads it.
-        file: Name of its file in the working folder.
         content: Content of the file; None for no file.
         judge: How an answer is judged: "refuse" for none is right, "answer" for only
             one is, "samples", "bundle", "inbox" for the log beside it is stored, or
             None where nobody can say.
-        answer: What a right answer has in it.
         request: What is asked of the guard of a server, in place of a command.
         beside: Other files by name; None for a link to itself.
     """

@@ -66,14 +66,7 @@ PROGRAMS: Mapping[str, Callable[[Case], Answer]] = {
 
 @dataclass(frozen=True, slots=True)
 class Task:
-    """One case for one program.
-
-    Attributes:
-        program: One of PROGRAMS.
-        seed: Seed of the study.
-        case: Name of the case.
-        folder: The exported study.
-    """
+    """One case for one program."""
 
     program: str
     seed: int

@@ -36,12 +36,7 @@ class Log:
 
 @dataclass(frozen=True)
 class Case:
-    """One case of an exported study; nothing under ``sealed`` is read.
-
-    Attributes:
-        folder: The folder ``open``.
-        name: Name of the case.
-    """
+    """One case of an exported study; nothing under ``sealed`` is read."""
 
     folder: Path
     name: str
@@ -86,7 +81,6 @@ class Answer:
     """What a program says of one case.
 
     Attributes:
-        findings: As README.md of the export has them.
         unknown: Whether, or on which joints, something is left that has no name.
         predictions: Torque by name of the file [N m]. Shapes (n, dof).
     """
@@ -134,11 +128,7 @@ class Rows:
 
 @dataclass(frozen=True)
 class Arm:
-    """The given model: ten parameters of each body, three of each drive, a force.
-
-    Attributes:
-        case: A case of the arm.
-    """
+    """The given model: ten parameters of each body, three of each drive, a force."""
 
     case: Case
 

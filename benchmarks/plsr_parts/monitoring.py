@@ -139,13 +139,10 @@ class Plan:
     """How much is measured.
 
     Attributes:
-        arms: Seeds of the arms.
         good: Runs to calibrate on, of each family and arm.
         healthy: Runs without a fault, of each family and arm.
         faulty: Runs of each fault, family and arm.
         duration: Length of a run [s].
-        families: Kinds of motion.
-        faults: What fails.
     """
 
     arms: tuple[int, ...]
@@ -173,10 +170,8 @@ class Seen:
     """What a monitor said of one run.
 
     Attributes:
-        case: The run.
         joint: Joint with the fault, from 1; 0 for none.
         onset: When it began, on the clock of the log [s].
-        alarms: All alarms.
     """
 
     case: Case

@@ -29,9 +29,7 @@ class LogPlan:
     """One log to record.
 
     Attributes:
-        name: Its id, unique in the plan.
         part: "baseline" (without hidden effects), "fit" or "held_out".
-        family: Motion family.
         duration: Length [s].
         rate: Samples per second [Hz].
     """
@@ -49,8 +47,6 @@ class Case:
 
     Attributes:
         robot: The robot as the diagnosis may know it.
-        fit: Logs to fit.
-        held_out: Logs to prove it on.
         baseline: Logs before the effect came; empty without a baseline.
         declared: What to give as declared effects; None for the default.
         truth: The hidden effect, None in a null case. One that is not declared at all
@@ -87,7 +83,6 @@ def make(plant: Plant, plan: tuple[LogPlan, ...], seed: int) -> list[Recording]:
     (warm-up) begins with the first log that is not baseline.
 
     Args:
-        plan: What to record, in that order.
         seed: Seed of motions, pauses and noise; each has its own streams.
 
     Returns:
