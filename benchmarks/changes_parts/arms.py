@@ -13,7 +13,7 @@ import pinocchio as pin
 
 from benchmarks.changes_parts.case import Case, Part
 from benchmarks.check_parts.arms import others, seven
-from benchmarks.harness.logs import CONTROL, PAUSE, RATE, sensed
+from benchmarks.harness.logs import CONTROL, PAUSE, RATE, reference, sensed
 from benchmarks.synthetic.motions import make_motion
 from residual.recording import Recording
 from residual.robot.robot import Robot, load_robot
@@ -25,7 +25,6 @@ from sim.engine.records import (
     PlantEffect,
     PlantSpec,
     Rates,
-    Reference,
     TrajectorySpec,
     stream,
 )
@@ -43,7 +42,6 @@ from sim.quasi_static import (
     true_model,
     true_torque,
 )
-from sim.trajectories import make_reference
 
 Array = np.ndarray
 Effects = Sequence[PlantEffect]
@@ -159,11 +157,11 @@ def _in_engine(
 ) -> tuple[Recording, Array | None]:
     """As `sim.experiment.run_experiment`, without the twin that nobody asks for."""
     robot, rates = robot_of(case.arm), Rates(CONTROL, RATE)
-    reference = _reference(TrajectorySpec(part.what, part.duration, 2, part.seed))
+    motion = reference(TrajectorySpec(part.what, part.duration, 2, part.seed))
     start += _SHIFT * (case.noise % 1000) + (0.0 if label.startswith(FIRST) else 1.0)
     spec = _spec(case, effects, _worked(case, label), exact)
-    trace = drive(robot, reference, spec, start)
-    log, own = log_of(trace, reference, spec, rates, start), trace.arm.own
+    trace = drive(robot, motion, spec, start)
+    log, own = log_of(trace, motion, spec, rates, start), trace.arm.own
     if own is None:
         return log, None
     every = round(CONTROL / RATE)
@@ -184,11 +182,6 @@ def _spec(case: Case, effects: Effects, worked: float, exact: bool) -> PlantSpec
 
 def _worked(case: Case, label: str) -> float:
     return case.worked[0 if label.startswith(FIRST) else 1]
-
-
-@lru_cache(maxsize=32)
-def _reference(spec: TrajectorySpec) -> Reference:
-    return make_reference(robot_of(ENGINE), spec, CONTROL)
 
 
 def _where_it_moves(factor: Array, qd: Array) -> Array:
