@@ -46,24 +46,17 @@ LEAST = 1e-3  # of its variance: what a difference is never known better than
 
 @dataclass(frozen=True, eq=False, slots=True)
 class Checked:
-    """A fit, held against the noise of the angles.
+    """A fit, held against the noise of the angles."""
 
-    Attributes:
-        how: "instruments" or "effective variance".
-        fit: The fit that was checked.
-        theta: Coefficients by instruments; without them the fit's own, rid of what
-            the noise took. Shape (m,).
-        covariance: Of ``theta``. Shape (m, m).
-        spread: By how much it exceeds that of the fit. (m, m).
-        share: Part of each joint's residual variance that the angles' noise makes; NaN
-            with instruments. Shape (dof,).
-    """
-
-    how: str
-    fit: Fit
+    how: str  # "instruments" or "effective variance"
+    fit: Fit  # the fit that was checked
+    # Coefficients by instruments; without them the fit's own, rid of what the noise
+    # took, (m,).
     theta: Array
-    covariance: Array
-    spread: Array
+    covariance: Array  # of ``theta``, (m, m)
+    spread: Array  # by how much it exceeds that of the fit, (m, m)
+    # Part of each joint's residual variance that the angles' noise makes; NaN with
+    # instruments, (dof,).
     share: Array
 
     def differs(self, tested: Tested) -> bool:
@@ -282,19 +275,13 @@ STEP = 1e-3  # relative step of the numerical derivatives
 
 @dataclass(frozen=True, eq=False, slots=True)
 class Doubt:
-    """How well a member is known.
+    """How well a member is known."""
 
-    Attributes:
-        std: Standard deviation of each parameter. Shape (parameters,).
-        prior: The same before the logs spoke. Shape (parameters,).
-        theta: Standard deviation of each coefficient, and before. Shape (2, k).
-        chance: Chance of coefficients so far from zero if they were zero, and the rest
-            as good as the logs say.
-    """
-
-    std: Array
-    prior: Array
-    theta: Array
+    std: Array  # standard deviation of each parameter, (parameters,)
+    prior: Array  # the same before the logs spoke, (parameters,)
+    theta: Array  # standard deviation of each coefficient, and before, (2, k)
+    # Chance of coefficients so far from zero if they were zero, and the rest as good as
+    # the logs say.
     chance: float
 
 

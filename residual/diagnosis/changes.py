@@ -37,20 +37,14 @@ BODY = "inertial"
 
 @dataclass(frozen=True, eq=False, slots=True)
 class _Asked:
-    """Values that are asked together: those of one joint, or one of the body.
+    """Values that are asked together: those of one joint, or one of the body."""
 
-    Attributes:
-        names: (name, joints from 1, parameter, unit) of each.
-        nominal: Their nominal values. Shape (k,).
-        size: What 5 % is taken of. Shape (k,).
-        slope: Their derivative to the coefficients of the nominal model. (k, p).
-        added: The same to all of the fit, findings of the same thing included. (k, m).
-    """
-
+    # (name, joints from 1, parameter, unit) of each.
     names: tuple[tuple[str, tuple[int, ...], str, str], ...]
-    nominal: Array
-    size: Array
-    slope: Array
+    nominal: Array  # their nominal values, (k,)
+    size: Array  # what 5 % is taken of, (k,)
+    slope: Array  # their derivative to the coefficients of the nominal model, (k, p)
+    # The same to all of the fit, findings of the same thing included, (k, m).
     added: Array
 
 

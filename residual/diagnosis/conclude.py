@@ -43,39 +43,25 @@ METRIC = "100*||tau-tau_hat||/||tau||"
 
 @dataclass(frozen=True, eq=False, slots=True)
 class Case:
-    """All that a verdict is made of.
+    """All that a verdict is made of."""
 
-    Attributes:
-        examined: What the fit logs say.
-        named: The findings to be listed, most torque first.
-        folded: Those that any used arm has.
-        judged: What the held-out logs say of each tested member.
-        errors: Errors of each model on the held-out logs.
-        held_out: Labels of the held-out logs.
-        same_run: Whether they are a part of a fit log.
-        left: What is known of each unexplained joint.
-        warnings: Sentences.
-        splits: For the id of each tested member, how often it was found again.
-        bodies: The augmented model, and what of it no body could be.
-        contradictions: What of the fit no arm can be, in sentences.
-        p_value: Chance of so many nats where nothing is missing; None without a null.
-        worse: Joints from 1 that the findings make worse beyond chance.
-    """
-
-    examined: Examined
-    named: Sequence[Named]
-    judged: Verdicts
-    errors: Mapping[str, Errors]
-    held_out: Sequence[str]
-    same_run: bool
-    left: Sequence[Leftover]
-    warnings: Sequence[str]
+    examined: Examined  # what the fit logs say
+    named: Sequence[Named]  # the findings to be listed, most torque first
+    judged: Verdicts  # what the held-out logs say of each tested member
+    errors: Mapping[str, Errors]  # errors of each model on the held-out logs
+    held_out: Sequence[str]  # labels of the held-out logs
+    same_run: bool  # whether they are a part of a fit log
+    left: Sequence[Leftover]  # what is known of each unexplained joint
+    warnings: Sequence[str]  # sentences
+    # For the id of each tested member, how often it was found again.
     splits: Mapping[int, Splits]
-    bodies: Embodied
-    contradictions: Sequence[str] = ()
+    bodies: Embodied  # the augmented model, and what of it no body could be
+    contradictions: Sequence[str] = ()  # what of the fit no arm can be, in sentences
+    # Chance of so many nats where nothing is missing; None without a null.
     p_value: Callable[[float], float] | None = None
+    # Joints from 1 that the findings make worse beyond chance.
     worse: Sequence[int] = ()
-    folded: Sequence[Named] = ()
+    folded: Sequence[Named] = ()  # those that any used arm has
 
 
 def conclude(case: Case) -> Verdict:

@@ -284,16 +284,11 @@ def _plateau(bench: Bench, group: Group) -> _Least | None:
 
 @dataclass(frozen=True, eq=False, slots=True)
 class Selection:
-    """The search's result.
+    """The search's result."""
 
-    Attributes:
-        task: Data under the chosen prior.
-        fit: Its best fit.
-        wide: The widest prior that the logs do not contradict, for standard deviations.
-    """
-
-    task: Task
-    fit: Fit
+    task: Task  # data under the chosen prior
+    fit: Fit  # its best fit
+    # The widest prior that the logs do not contradict, for standard deviations.
     wide: Prior
 
 

@@ -37,22 +37,16 @@ from residual.signals.track import Track
 
 @dataclass(frozen=True, eq=False, slots=True)
 class Adequacy:
-    """What the model leaves unexplained on each joint, as a share of torque rms.
+    """What the model leaves unexplained on each joint, as a share of torque rms."""
 
-    Attributes:
-        structured: Root of (residual variance minus noise variance). Shape (dof,).
-        before: The same without the names. Shape (dof,).
-        noise: Noise level. Shape (dof,).
-        kind: Per joint "repeatable" or "time-driven"; None without repeats.
-        flagged: Joints (from 0) on which so much remains that names are void.
-        doubted: Joints on which more than noise remains; the flagged ones among them.
-    """
-
-    structured: Array
-    before: Array
-    noise: Array
+    structured: Array  # root of (residual variance minus noise variance), (dof,)
+    before: Array  # the same without the names, (dof,)
+    noise: Array  # noise level, (dof,)
+    # Per joint "repeatable" or "time-driven"; None without repeats.
     kind: tuple[str | None, ...]
+    # Joints (from 0) on which so much remains that names are void.
     flagged: tuple[int, ...]
+    # Joints on which more than noise remains; the flagged ones among them.
     doubted: tuple[int, ...]
 
 
@@ -158,29 +152,17 @@ Progress = Callable[[str, float], None]
 
 @dataclass(frozen=True, eq=False, slots=True)
 class Examined:
-    """What one set of logs says.
+    """What one set of logs says."""
 
-    Attributes:
-        logs: The fit logs.
-        nominal: Where it started from.
-        task: Data, chosen prior and candidates.
-        wide: The widest prior that the logs do not contradict.
-        plain: Fit of the nominal structure alone.
-        fit: Fit with the named effects.
-        tested: The named effects with their evidence.
-        withdrawn: Names that merely resemble what flagged joints show.
-        adequacy: What remains.
-    """
-
-    logs: Logs
-    nominal: Nominal
-    task: Task
-    wide: Prior
-    plain: Fit
-    fit: Fit
-    tested: tuple[Tested, ...]
-    withdrawn: tuple[Tested, ...]
-    adequacy: Adequacy
+    logs: Logs  # the fit logs
+    nominal: Nominal  # where it started from
+    task: Task  # data, chosen prior and candidates
+    wide: Prior  # the widest prior that the logs do not contradict
+    plain: Fit  # fit of the nominal structure alone
+    fit: Fit  # fit with the named effects
+    tested: tuple[Tested, ...]  # the named effects with their evidence
+    withdrawn: tuple[Tested, ...]  # names that merely resemble what flagged joints show
+    adequacy: Adequacy  # what remains
 
     def error(self, fitted: Fit, held_out: Sequence[HeldOutLog]) -> Array:
         """Squared error of a fit on moving rows by second [N^2 m^2]. (seconds, dof)."""

@@ -21,27 +21,17 @@ from residual.recording import Array
 
 @dataclass(frozen=True, eq=False, slots=True)
 class Bench:
-    """A fit of the logs under several priors, ready to be asked about effects.
+    """A fit of the logs under several priors, ready to be asked about effects."""
 
-    Attributes:
-        task: Data, chosen prior, candidates and rules.
-        fitted: The fit to which an effect would come.
-        systems: Its normal equations under each prior, the chosen one first.
-        inverses: Posterior covariances of those. Shape (priors, m, m).
-        scores: Evidence of the fit under each prior [nats].
-        others: Covariance under the chosen prior without each fold. (folds, m, m).
-        grams: Gram of the fit on each fold. Shape (folds, dof, m, m).
-        left: Squared error of all folds, each predicted from the others. (dof,).
-    """
-
-    task: Task
-    fitted: Fit
+    task: Task  # data, chosen prior, candidates and rules
+    fitted: Fit  # the fit to which an effect would come
+    # Its normal equations under each prior, the chosen one first.
     systems: tuple[System, ...]
-    inverses: Array
-    scores: tuple[float, ...]
-    others: Array
-    grams: Array
-    left: Array
+    inverses: Array  # posterior covariances of those, (priors, m, m)
+    scores: tuple[float, ...]  # evidence of the fit under each prior [nats]
+    others: Array  # covariance under the chosen prior without each fold, (folds, m, m)
+    grams: Array  # gram of the fit on each fold, (folds, dof, m, m)
+    left: Array  # squared error of all folds, each predicted from the others, (dof,)
 
     @classmethod
     def of(cls, task: Task, fitted: Fit, priors: Sequence[Prior]) -> "Bench":
@@ -73,29 +63,20 @@ class Bench:
 
 @dataclass(frozen=True, eq=False, slots=True)
 class Expected:
-    """What an effect in one direction of its coefficients does, per unit squared.
+    """What an effect in one direction of its coefficients does, per unit squared."""
 
-    Attributes:
-        fall: Squared error that it adds to each joint after a refit without it, under
-            each prior. Shape (priors, dof).
-        bent: Prior energy of that refit under each prior. Shape (priors,).
-        occam: Occam factor of its coefficients under each prior [nats]. (priors,).
-        held: Its own prior energy.
-        out: Squared error that it adds to each fold predicted from the others, under
-            the chosen prior. Shape (folds, dof).
-        torque: Its own mean square torque, in shares of rms squared. Shape (dof,).
-        count: Number of its coefficients.
-        cost: Price of the choice [nats].
-    """
-
+    # Squared error that it adds to each joint after a refit without it, under each
+    # prior, (priors, dof).
     fall: Array
-    bent: Array
-    occam: Array
-    held: float
+    bent: Array  # prior energy of that refit under each prior, (priors,)
+    occam: Array  # occam factor of its coefficients under each prior [nats], (priors,)
+    held: float  # its own prior energy
+    # Squared error that it adds to each fold predicted from the others, under the
+    # chosen prior, (folds, dof).
     out: Array
-    torque: Array
-    count: int
-    cost: float
+    torque: Array  # its own mean square torque, in shares of rms squared, (dof,)
+    count: int  # number of its coefficients
+    cost: float  # price of the choice [nats]
 
 
 def expected(bench: Bench, group: Group, directions: Sequence[Array]) -> list[Expected]:

@@ -20,15 +20,10 @@ EXPLAINED = "torque that it explains [N m]"
 
 @dataclass(frozen=True, eq=False, slots=True)
 class Sureness:
-    """How sure one member of a finding is.
+    """How sure one member of a finding is."""
 
-    Attributes:
-        probability: Of its class against all other names and against none.
-        doubt: What is known of its parameters.
-    """
-
-    probability: float
-    doubt: Doubt
+    probability: float  # of its class against all other names and against none
+    doubt: Doubt  # what is known of its parameters
 
     @property
     def chance(self) -> float:
@@ -43,27 +38,21 @@ class Sureness:
 
 @dataclass(frozen=True, eq=False, slots=True)
 class Named:
-    """One named effect on one or several joints.
+    """One named effect on one or several joints."""
 
-    Attributes:
-        tested: Its members, one per joint where the effect is local.
-        joints: Joints from 1 in the vocabulary's convention.
-        parameters: Per key: values and standard deviations of the members, unit, and
-            whether the motion determines them.
-        equivalent: (name, joints from 1) of what cannot be told from it.
-        sureness: How sure each member is.
-        combined: What the motion determines where it does not determine all of these:
-            value, standard deviation and unit, by formula.
-        torque: Rms torque of each member, as a share of that of the joint on which it
-            is most. Shape (members,).
-    """
-
-    tested: tuple[Tested, ...]
-    joints: tuple[int, ...]
+    tested: tuple[Tested, ...]  # its members, one per joint where the effect is local
+    joints: tuple[int, ...]  # joints from 1 in the vocabulary's convention
+    # Per key: values and standard deviations of the members, unit, and whether the
+    # motion determines them.
     parameters: dict[str, tuple[Array, Array, str, bool]]
+    # (name, joints from 1) of what cannot be told from it.
     equivalent: tuple[tuple[str, tuple[int, ...]], ...]
-    sureness: tuple[Sureness, ...]
+    sureness: tuple[Sureness, ...]  # how sure each member is
+    # What the motion determines where it does not determine all of these: value,
+    # standard deviation and unit, by formula.
     combined: dict[str, tuple[float, float, str]]
+    # Rms torque of each member, as a share of that of the joint on which it is most,
+    # (members,).
     torque: Array
 
     @property

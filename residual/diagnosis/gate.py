@@ -22,25 +22,16 @@ STATIC = "static"  # the family of torques that depend on nothing but the positi
 
 @dataclass(frozen=True, eq=False, slots=True)
 class Tested:
-    """One member of the chosen set after the gate.
+    """One member of the chosen set after the gate."""
 
-    Attributes:
-        group: The effect, joints and shape.
-        nats: Evidence that it carries in the whole set.
-        by: "fit" or "plausibility"; None where it fails.
-        joint: The joint (from 0) on which it matters most.
-        fall: Fall of the left-out error there, as a share of torque rms.
-        share: Part of that joint's left-out error which it removes.
-        seen: The joint (from 0) whose left-out error falls most. Without the name the
-            parameters bend, and that may show elsewhere.
-    """
-
-    group: Group
-    nats: float
-    by: str | None
-    joint: int
-    fall: float
-    share: float
+    group: Group  # the effect, joints and shape
+    nats: float  # evidence that it carries in the whole set
+    by: str | None  # "fit" or "plausibility"; None where it fails
+    joint: int  # the joint (from 0) on which it matters most
+    fall: float  # fall of the left-out error there, as a share of torque rms
+    share: float  # part of that joint's left-out error which it removes
+    # The joint (from 0) whose left-out error falls most. Without the name the
+    # parameters bend, and that may show elsewhere.
     seen: int
 
 
@@ -331,17 +322,11 @@ Members = tuple[Group, ...]
 
 @dataclass(frozen=True, eq=False, slots=True)
 class Rival:
-    """Another set that the logs cannot tell from the one named.
+    """Another set that the logs cannot tell from the one named."""
 
-    Attributes:
-        members: Its effects.
-        nats: Its score over that of the named set [nats].
-        twin: Whether the two differ by what these logs cannot show at all.
-    """
-
-    members: Members
-    nats: float
-    twin: bool = False
+    members: Members  # its effects
+    nats: float  # its score over that of the named set [nats]
+    twin: bool = False  # whether the two differ by what these logs cannot show at all
 
 
 def best_set(task: Task, fitted: Fit) -> Fit:

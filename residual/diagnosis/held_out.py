@@ -32,18 +32,14 @@ ROUND = 3  # gains are compared to 0.1 %
 
 @dataclass(frozen=True, eq=False, slots=True)
 class Verdicts:
-    """Names that survive the held-out logs, and those that do not.
+    """Names that survive the held-out logs, and those that do not."""
 
-    Attributes:
-        fit: Fit with the surviving names.
-        kept, refuted: Members with the gain of each: the part of its joint's error on
-            held-out moving samples that vanishes with it.
-        dropped: Members that carry too little now that their fellows are refuted.
-    """
-
-    fit: Fit
+    fit: Fit  # fit with the surviving names
+    # Members with the gain of each: the part of its joint's error on held-out moving
+    # samples that vanishes with it.
     kept: tuple[tuple[Tested, float], ...]
     refuted: tuple[tuple[Tested, float], ...]
+    # Members that carry too little now that their fellows are refuted.
     dropped: tuple[Tested, ...]
 
 
@@ -269,17 +265,11 @@ def _shown(whole: Design, part: Design, fitted: Fit, group: Group) -> bool:
 
 @dataclass(frozen=True, slots=True)
 class Shown:
-    """How much of a new effect held-out motion shows.
+    """How much of a new effect held-out motion shows."""
 
-    Attributes:
-        name: The effect.
-        joints: Joints from 1; empty for the whole arm.
-        part: 1 where it is there as the model has it; None where the motion does not
-            show it.
-    """
-
-    name: str
-    joints: tuple[int, ...]
+    name: str  # the effect
+    joints: tuple[int, ...]  # joints from 1; empty for the whole arm
+    # 1 where it is there as the model has it; None where the motion does not show it.
     part: float | None
 
     @property
@@ -296,17 +286,13 @@ class Shown:
 
 @dataclass(frozen=True, slots=True)
 class Worth:
-    """What a model is worth beside the one before it.
+    """What a model is worth beside the one before it."""
 
-    Attributes:
-        before, after: Error of all joints on held-out moving samples [%].
-        effects: What is new in it.
-        doubts: Why it should not be adopted, in sentences; empty for a model that may.
-    """
-
+    # Error of all joints on held-out moving samples [%].
     before: float
     after: float
-    effects: tuple[Shown, ...]
+    effects: tuple[Shown, ...]  # what is new in it
+    # Why it should not be adopted, in sentences; empty for a model that may.
     doubts: tuple[str, ...]
 
     @property

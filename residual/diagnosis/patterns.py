@@ -28,21 +28,13 @@ PLAIN, DIRECTION, SUM = "curve", "by direction", "sum"
 
 @dataclass(frozen=True, eq=False, slots=True)
 class Variable:
-    """Something that a leftover may depend on, on the rows of one joint.
+    """Something that a leftover may depend on, on the rows of one joint."""
 
-    Attributes:
-        on: "q", "qd", "qdd" or "tau" (the model's torque).
-        of: Joints that it belongs to, from 0.
-        form: One of the four constants of this module.
-        values: Shape (n,).
-        side: Direction of motion of the joint, 0 or 1; None where it does not matter.
-            Shape (n,).
-    """
-
-    on: str
-    of: tuple[int, ...]
-    form: str
-    values: Array
+    on: str  # "q", "qd", "qdd" or "tau" (the model's torque)
+    of: tuple[int, ...]  # joints that it belongs to, from 0
+    form: str  # one of the four constants of this module
+    values: Array  # , (n,)
+    # Direction of motion of the joint, 0 or 1; None where it does not matter, (n,).
     side: Array | None = None
 
     @property
@@ -63,37 +55,23 @@ class Variable:
 
 @dataclass(frozen=True, eq=False, slots=True)
 class Curve:
-    """A dependence that holds on left-out folds.
+    """A dependence that holds on left-out folds."""
 
-    Attributes:
-        variable: What it is over.
-        share: Fall of the left-out squared error, as a share of the structured
-            leftover.
-        fitted: The curve on the rows [N m]. Shape (n,).
-    """
-
-    variable: Variable
+    variable: Variable  # what it is over
+    # Fall of the left-out squared error, as a share of the structured leftover.
     share: float
-    fitted: Array
+    fitted: Array  # the curve on the rows [N m], (n,)
 
 
 @dataclass(frozen=True, eq=False, slots=True)
 class Rows:
-    """The leftover of one joint on the rows on which that joint moves.
+    """The leftover of one joint on the rows on which that joint moves."""
 
-    Attributes:
-        left: Leftover [N m]. Shape (n,).
-        fold: Fold of each row, from 0. Shape (n,).
-        log: Log of each row, from 0, increasing. Shape (n,).
-        memory: Rows after which the leftover forgets itself (autocorrelation time).
-        power: Squared leftover beyond the noise, summed over the rows [N^2 m^2].
-    """
-
-    left: Array
-    fold: Array
-    log: Array
-    memory: float
-    power: float
+    left: Array  # leftover [N m], (n,)
+    fold: Array  # fold of each row, from 0, (n,)
+    log: Array  # log of each row, from 0, increasing, (n,)
+    memory: float  # rows after which the leftover forgets itself (autocorrelation time)
+    power: float  # squared leftover beyond the noise, summed over the rows [N^2 m^2]
 
 
 def curves(rows: Rows, variables: Sequence[Variable]) -> tuple[list[Curve], Array]:
@@ -144,21 +122,13 @@ def surrogates(rows: Rows, left: Array) -> Array:
 
 @dataclass(frozen=True, eq=False, slots=True)
 class _Table:
-    """Cells of one variable in one width, and who is in them.
+    """Cells of one variable in one width, and who is in them."""
 
-    Attributes:
-        variable: The variable; None for a constant.
-        codes: Cell of each row. Shape (n,).
-        gather: Sums rows into (fold, cell). Shape (folds cells, n).
-        counts: Rows of each fold and cell. Shape (folds, cells).
-        memory: Weight of the belief that a cell's mean is zero, in rows.
-    """
-
-    variable: Variable | None
-    codes: Array
-    gather: csr_array
-    counts: Array
-    memory: float
+    variable: Variable | None  # the variable; None for a constant
+    codes: Array  # cell of each row, (n,)
+    gather: csr_array  # sums rows into (fold, cell), (folds cells, n)
+    counts: Array  # rows of each fold and cell, (folds, cells)
+    memory: float  # weight of the belief that a cell's mean is zero, in rows
 
     @classmethod
     def of(cls, rows: Rows, variable: Variable | None, bins: int) -> "_Table":
@@ -202,41 +172,26 @@ FINE = 0.5  # step of the frequencies, in units of 1 / piece
 
 @dataclass(frozen=True, eq=False, slots=True)
 class Line:
-    """A leftover on its time line.
+    """A leftover on its time line."""
 
-    Attributes:
-        t: Time of each row [s]. Shape (n,).
-        left: Leftover [N m]. Shape (n,).
-        log: Log of each row, from 0. Shape (n,).
-        side: Direction of motion of the joint, -1 or 1. Shape (n,).
-        power: Squared leftover beyond the noise, summed over the rows [N^2 m^2].
-        memory: Time over which the motion of each log remembers itself [s]. (logs,)
-        cutoff: Highest frequency to look at [Hz].
-    """
-
-    t: Array
-    left: Array
-    log: Array
-    side: Array
-    power: float
+    t: Array  # time of each row [s], (n,)
+    left: Array  # leftover [N m], (n,)
+    log: Array  # log of each row, from 0, (n,)
+    side: Array  # direction of motion of the joint, -1 or 1, (n,)
+    power: float  # squared leftover beyond the noise, summed over the rows [N^2 m^2]
+    # Time over which the motion of each log remembers itself [s], (logs,).
     memory: Array
-    cutoff: float
+    cutoff: float  # highest frequency to look at [Hz]
 
 
 @dataclass(frozen=True, slots=True)
 class Clock:
-    """What a leftover owes to time.
+    """What a leftover owes to time."""
 
-    Attributes:
-        on: "frequency" or "t".
-        share: Fall of the left-out squared error, as a share of the leftover.
-        frequency: Of the line [Hz]; None for a drift.
-        by_direction: Whether the drift is one of friction: it changes sign with speed.
-    """
-
-    on: str
-    share: float
-    frequency: float | None = None
+    on: str  # "frequency" or "t"
+    share: float  # fall of the left-out squared error, as a share of the leftover
+    frequency: float | None = None  # of the line [Hz]; None for a drift
+    # Whether the drift is one of friction: it changes sign with speed.
     by_direction: bool = False
 
 

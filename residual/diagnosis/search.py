@@ -31,18 +31,13 @@ from residual.recording import Array
 
 @dataclass(frozen=True, eq=False, slots=True)
 class Candidates:
-    """Every candidate finding with its price.
+    """Every candidate finding with its price."""
 
-    Attributes:
-        groups: All of them: each shape of each effect on each joint, then the
-            effects that are also tried on all joints at once.
-        price: What choosing one of so many costs [nats], by key.
-        keys, unions, costs: Of each group its key, whether it is one of several joints,
-            and its price [nats].
-    """
-
+    # All of them: each shape of each effect on each joint, then the effects that are
+    # also tried on all joints at once.
     groups: tuple[Group, ...]
-    price: Mapping[tuple, float]
+    price: Mapping[tuple, float]  # what choosing one of so many costs [nats], by key
+    # Of each group its key, whether it is one of several joints, and its price [nats].
     keys: tuple[tuple, ...] = field(init=False)
     unions: Array = field(init=False)
     costs: Array = field(init=False)

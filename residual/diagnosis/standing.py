@@ -100,42 +100,30 @@ ALONE = "withdrawn: it carries too little alone, now that others are refuted"
 
 @dataclass(frozen=True, eq=False, slots=True)
 class Withdrawn:
-    """A name that did not stand.
+    """A name that did not stand."""
 
-    Attributes:
-        tested: The name.
-        why: In words.
-        explains: Whether it explained much of the fit logs all the same. Then nothing
-            may take its place that would only say the same in other words.
-        with_kin: Whether its family falls with it, which would say the same, only
-            worse; else it was only the wrong one of it.
-    """
-
-    tested: Tested
-    why: str
+    tested: Tested  # the name
+    why: str  # in words
+    # Whether it explained much of the fit logs all the same. Then nothing may take its
+    # place that would only say the same in other words.
     explains: bool = False
+    # Whether its family falls with it, which would say the same, only worse; else it
+    # was only the wrong one of it.
     with_kin: bool = False
 
 
 @dataclass(frozen=True, eq=False, slots=True)
 class Standing:
-    """What stands after every name was doubted.
+    """What stands after every name was doubted."""
 
-    Attributes:
-        examined: The diagnosis of the last search.
-        judged: Its names with their gain on held-out motion.
-        checks: What noise of the angles does to their fit; None where nobody looked.
-        named: The findings, most important first.
-        splits: For the id of each tested name, how often it was found again.
-        withdrawn: Names that fell, of all searches.
-    """
-
-    examined: Examined
-    judged: Verdicts
+    examined: Examined  # the diagnosis of the last search
+    judged: Verdicts  # its names with their gain on held-out motion
+    # What noise of the angles does to their fit; None where nobody looked.
     checks: Checked | None
-    named: tuple[Named, ...]
+    named: tuple[Named, ...]  # the findings, most important first
+    # For the id of each tested name, how often it was found again.
     splits: dict[int, Splits]
-    withdrawn: tuple[Withdrawn, ...]
+    withdrawn: tuple[Withdrawn, ...]  # names that fell, of all searches
 
 
 @dataclass(frozen=True, slots=True)

@@ -53,21 +53,14 @@ REPEATABLE, TIME_DRIVEN = "repeatable", "time-driven"
 
 @dataclass(frozen=True, eq=False, slots=True)
 class Leftover:
-    """What one joint keeps, on the rows on which it moves.
+    """What one joint keeps, on the rows on which it moves."""
 
-    Attributes:
-        joint: From 0.
-        curves: State variables that predict it on left-out folds, best first.
-        clocks: A spectral line, a drift: of what the curves leave.
-        kind: "repeatable", "time-driven", or None where neither is known.
-        cloud: Leftover over the variable that it depends on most.
-    """
-
-    joint: int
+    joint: int  # from 0
+    # State variables that predict it on left-out folds, best first.
     curves: tuple[Curve, ...]
-    clocks: tuple[Clock, ...]
-    kind: str | None
-    cloud: Cloud
+    clocks: tuple[Clock, ...]  # a spectral line, a drift: of what the curves leave
+    kind: str | None  # "repeatable", "time-driven", or None where neither is known
+    cloud: Cloud  # leftover over the variable that it depends on most
 
 
 def leftovers(
@@ -325,18 +318,13 @@ def _form(columns: Sequence[Column]) -> EffectForm:
 
 @dataclass(frozen=True, eq=False, slots=True)
 class Remains:
-    """What is known of the leftover.
+    """What is known of the leftover."""
 
-    Attributes:
-        joints: One entry per unexplained joint.
-        correction: The model with a statistical correction; None where nothing is
-            left, or no joint can be checked.
-        sentences: Sentences.
-    """
-
-    joints: tuple[Leftover, ...]
+    joints: tuple[Leftover, ...]  # one entry per unexplained joint
+    # The model with a statistical correction; None where nothing is left, or no joint
+    # can be checked.
     correction: Corrected | None
-    sentences: tuple[str, ...]
+    sentences: tuple[str, ...]  # sentences
 
 
 def examine_leftover(examined: Examined, fitted: Fit, augmented: Model) -> Remains:

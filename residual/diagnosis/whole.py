@@ -38,15 +38,11 @@ from residual.signals.track import sample_rate
 
 @dataclass(frozen=True, eq=False, slots=True)
 class Plain:
-    """Plain least squares on the fit logs.
+    """Plain least squares on the fit logs."""
 
-    Attributes:
-        model: What it comes to.
-        left: Squared error of each part of the logs, predicted from the others
-            [N^2 m^2]. Shape (folds, dof).
-    """
-
-    model: Model
+    model: Model  # what it comes to
+    # Squared error of each part of the logs, predicted from the others [N^2 m^2],
+    # (folds, dof).
     left: Array
 
 

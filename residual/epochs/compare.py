@@ -44,23 +44,17 @@ WORSE, BETTER = 1.25, 0.95
 
 @dataclass(frozen=True, eq=False, slots=True)
 class Asked:
-    """What is compared.
+    """What is compared."""
 
-    Attributes:
-        robot: The arm as the user describes it.
-        first, second: Logs of both epochs.
-        held_out: Further logs of the second epoch, for the proof.
-        declared: Effects that the model has, None for the robot's own list; or the
-            model that was adopted.
-        same_run: Whether the held-out logs are a part of one of the second.
-    """
-
-    robot: Robot
+    robot: Robot  # the arm as the user describes it
+    # Logs of both epochs.
     first: Sequence[Recording]
     second: Sequence[Recording]
-    held_out: Sequence[Recording]
+    held_out: Sequence[Recording]  # further logs of the second epoch, for the proof
+    # Effects that the model has, None for the robot's own list; or the model that was
+    # adopted.
     declared: Sequence[str] | Model | None
-    same_run: bool
+    same_run: bool  # whether the held-out logs are a part of one of the second
 
 
 def compared(asked: Asked, tell: Progress) -> Diagnosis:

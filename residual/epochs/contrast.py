@@ -28,19 +28,12 @@ SQUARES = np.array([1.0, 0.3, 0.1, 0.03]) ** 2  # of the prior size of an effect
 
 @dataclass(frozen=True, eq=False, slots=True)
 class Candidate:
-    """One effect that may have changed.
+    """One effect that may have changed."""
 
-    Attributes:
-        group: The effect, where, and its shape.
-        pieces: Its columns on each joint on which it acts.
-        price: What it costs to be one of many [nats].
-        before: What of it any arm may have had before.
-    """
-
-    group: Group
-    pieces: Mapping[int, Piece]
-    price: float
-    before: Group
+    group: Group  # the effect, where, and its shape
+    pieces: Mapping[int, Piece]  # its columns on each joint on which it acts
+    price: float  # what it costs to be one of many [nats]
+    before: Group  # what of it any arm may have had before
 
     @property
     def key(self) -> tuple:
@@ -50,20 +43,14 @@ class Candidate:
 
 @dataclass(frozen=True, eq=False, slots=True)
 class Noise:
-    """What errors of each joint are taken to be.
+    """What errors of each joint are taken to be."""
 
-    Attributes:
-        variance: Of a row [N^2 m^2]. Shape (dof,).
-        slow: Rows that are as good as one. Shape (dof,).
-        unrest: By how much logs differ without a change, as a factor on standard
-            deviations. Shape (dof,).
-        blocks: Blocks of the smaller epoch.
-    """
-
-    variance: Array
-    slow: Array
+    variance: Array  # of a row [N^2 m^2], (dof,)
+    slow: Array  # rows that are as good as one, (dof,)
+    # By how much logs differ without a change, as a factor on standard deviations,
+    # (dof,).
     unrest: Array
-    blocks: float
+    blocks: float  # blocks of the smaller epoch
 
     @property
     def weight(self) -> Array:
@@ -73,45 +60,30 @@ class Noise:
 
 @dataclass(frozen=True, eq=False, slots=True)
 class Contrast:
-    """What is known of one candidate, given the others.
+    """What is known of one candidate, given the others."""
 
-    Attributes:
-        candidate: The candidate.
-        theta: Its coefficients. Shape (k,).
-        covariance: Of them, blocks and unrest counted. Shape (k, k).
-        information: Of the logs alone, without a prior. Shape (k, k).
-        nats: Evidence that it changed, by how errors are seen to be.
-        fit: Evidence by the fall of the squared error: to choose between names.
-        apart: Share of its torque that the others could not have by other sizes.
-    """
-
-    candidate: Candidate
-    theta: Array
-    covariance: Array
-    information: Array
-    nats: float
-    fit: float
-    apart: float
+    candidate: Candidate  # the candidate
+    theta: Array  # its coefficients, (k,)
+    covariance: Array  # of them, blocks and unrest counted, (k, k)
+    information: Array  # of the logs alone, without a prior, (k, k)
+    nats: float  # evidence that it changed, by how errors are seen to be
+    fit: float  # evidence by the fall of the squared error: to choose between names
+    apart: float  # share of its torque that the others could not have by other sizes
 
 
 @dataclass(frozen=True, eq=False, slots=True)
 class Sums:
-    """Normal equations of several candidates, and their blocks.
+    """Normal equations of several candidates, and their blocks."""
 
-    Attributes:
-        gram, plain: Products with what the nuisance leaves, and of that. Shapes (n, n).
-        cross: With the torque. Shape (n,).
-        pull, lever: By block, as they are and with restless joints enlarged.
-            Shapes (2, blocks, n), (2, blocks, n, n).
-        precision: Of the priors. Shape (n, n).
-    """
-
+    # Products with what the nuisance leaves, and of that, (n, n).
     gram: Array
     plain: Array
-    cross: Array
+    cross: Array  # with the torque, (n,)
+    # By block, as they are and with restless joints enlarged, (2, blocks, n), (2,
+    # blocks, n, n).
     pull: Array
     lever: Array
-    precision: Array
+    precision: Array  # of the priors, (n, n)
 
     @classmethod
     def empty(cls, n: int, blocks: int) -> "Sums":

@@ -26,25 +26,17 @@ class Piece:
     With a nuisance that is held to what is usual, generalised least squares has two
     Gram matrices: ``gram`` is the information, ``plain`` the part of its variance that
     is due to errors of single rows; the rest is due to what logs may differ by.
-
-    Attributes:
-        columns: What the nuisance leaves of them. Shape (rows, k).
-        lifted: The same, each block as a fit without it would see it. Shape (rows, k).
-        raw: The columns, without what may have been there before. Shape (rows, k).
-        gram, plain: Products of ``columns`` with ``raw`` and themselves. Shapes (k, k).
-        cross: Product with the torque. Shape (k,).
-        lever: Products of both by block. Shape (blocks, k, k).
-        pull: Products with the torque by block. Shape (blocks, k).
     """
 
-    columns: Array
-    lifted: Array
-    raw: Array
+    columns: Array  # what the nuisance leaves of them, (rows, k)
+    lifted: Array  # the same, each block as a fit without it would see it, (rows, k)
+    raw: Array  # the columns, without what may have been there before, (rows, k)
     plain: Array
+    # Products of ``columns`` with ``raw`` and themselves, (k, k).
     gram: Array
-    cross: Array
-    lever: Array
-    pull: Array
+    cross: Array  # product with the torque, (k,)
+    lever: Array  # products of both by block, (blocks, k, k)
+    pull: Array  # products with the torque by block, (blocks, k)
 
 
 class Joint:

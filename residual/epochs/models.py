@@ -28,17 +28,11 @@ LEAST = 0.05  # of a value: less is no news
 
 @dataclass(frozen=True, eq=False, slots=True)
 class Epoch:
-    """One epoch's fit.
+    """One epoch's fit."""
 
-    Attributes:
-        logs: Its logs.
-        model: The model that came out.
-        joint: The fit behind it.
-    """
-
-    logs: Logs
-    model: Model
-    joint: JointFit
+    logs: Logs  # its logs
+    model: Model  # the model that came out
+    joint: JointFit  # the fit behind it
 
 
 def fit_epoch(logs: Logs, nominal: Nominal, like: Model | None = None) -> Epoch:

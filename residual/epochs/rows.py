@@ -28,19 +28,12 @@ FIRM = (1.0, 10.0, 100.0, 1000.0)  # times the precision of what any arm has a l
 
 @dataclass(frozen=True, eq=False, slots=True)
 class Layout:
-    """Where each row of one joint comes from; rows follow each other in time.
+    """Where each row of one joint comes from; rows follow each other in time."""
 
-    Attributes:
-        second: It is of the second epoch. Shape (rows,), bool.
-        log: Number of its log, those of the first epoch first. Shape (rows,).
-        starts: First row of each block. Shape (blocks,).
-        blocks: Number of each of these blocks, the same on all joints. (blocks,).
-    """
-
-    second: Array
-    log: Array
-    starts: Array
-    blocks: Array
+    second: Array  # it is of the second epoch. Shape (rows,), bool
+    log: Array  # number of its log, those of the first epoch first, (rows,)
+    starts: Array  # first row of each block, (blocks,)
+    blocks: Array  # number of each of these blocks, the same on all joints, (blocks,)
 
     @property
     def blocks_of_rows(self) -> Array:
@@ -51,42 +44,29 @@ class Layout:
 
 @dataclass(frozen=True, eq=False, slots=True)
 class Both:
-    """Rows of both epochs.
+    """Rows of both epochs."""
 
-    Attributes:
-        design: Columns of the nominal model, of the shared nuisance and of candidates.
-        logs: All logs, those of the first epoch first.
-        first: Number of logs of the first epoch.
-        shared: Column numbers of the nuisance, the nominal model's among them.
-        known: Its effects beside the nominal model's.
-        loaded: Those of its effects, last among the columns, that go by the torque
-            that a gear carries.
-        left: Torque that the joint fit leaves of each joint [N m]. Shapes (rows,).
-        friction: Torque of all friction of the joint fit on each joint's rows [N m].
-        layout: Of each joint.
-        blocks: Number of blocks.
-        rules: Thresholds.
-        fitted: The joint fit of one arm to both epochs.
-        seen: The same as a model.
-        prior: Of its nominal coefficients.
-        changed: Torque on each joint of what is known to have changed on all of them
-            [N m], on rows of the second epoch. Shapes (rows,); empty without one.
-    """
-
+    # Columns of the nominal model, of the shared nuisance and of candidates.
     design: Design
-    logs: Logs
-    first: int
-    shared: Array
-    known: tuple[Group, ...]
+    logs: Logs  # all logs, those of the first epoch first
+    first: int  # number of logs of the first epoch
+    shared: Array  # column numbers of the nuisance, the nominal model's among them
+    known: tuple[Group, ...]  # its effects beside the nominal model's
+    # Those of its effects, last among the columns, that go by the torque that a gear
+    # carries.
     loaded: tuple[Group, ...]
+    # Torque that the joint fit leaves of each joint [N m], (rows,).
     left: tuple[Array, ...]
+    # Torque of all friction of the joint fit on each joint's rows [N m].
     friction: tuple[Array, ...]
-    layout: tuple[Layout, ...]
-    blocks: int
-    rules: Rules
-    fitted: Fit
-    seen: Model
-    prior: Prior
+    layout: tuple[Layout, ...]  # of each joint
+    blocks: int  # number of blocks
+    rules: Rules  # thresholds
+    fitted: Fit  # the joint fit of one arm to both epochs
+    seen: Model  # the same as a model
+    prior: Prior  # of its nominal coefficients
+    # Torque on each joint of what is known to have changed on all of them [N m], on
+    # rows of the second epoch. Shapes (rows,); empty without one.
     changed: tuple[Array, ...] = ()
 
     @property
@@ -106,19 +86,12 @@ class Both:
 
 @dataclass(frozen=True, eq=False, slots=True)
 class JointFit:
-    """One arm fitted to logs, with all that any arm has a little of.
+    """One arm fitted to logs, with all that any arm has a little of."""
 
-    Attributes:
-        design: The columns.
-        fitted: The fit.
-        known: Its effects beside the nominal model's.
-        prior: Of the nominal coefficients.
-    """
-
-    design: Design
-    fitted: Fit
-    known: tuple[Group, ...]
-    prior: Prior
+    design: Design  # the columns
+    fitted: Fit  # the fit
+    known: tuple[Group, ...]  # its effects beside the nominal model's
+    prior: Prior  # of the nominal coefficients
 
 
 def joint_fit(logs: Logs, nominal: Nominal, scales: Sequence[float]) -> JointFit:

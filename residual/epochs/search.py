@@ -50,24 +50,15 @@ class Change:
 
 @dataclass(frozen=True, eq=False, slots=True)
 class Found:
-    """What the rows of both epochs say.
+    """What the rows of both epochs say."""
 
-    Attributes:
-        both: The rows.
-        table: The joints and their noise, beside what was found.
-        every: All candidates.
-        changes: What is named, most torque first.
-        warmth: Friction of all joints together.
-        refuted: What held-out logs speak against.
-        bodiless: Bodies that fell, since no body can be what the logs make of them.
-    """
-
-    both: Both
-    table: Table
-    every: tuple[Candidate, ...]
-    changes: tuple[Change, ...]
-    warmth: Warmth
-    refuted: tuple[Change, ...] = ()
+    both: Both  # the rows
+    table: Table  # the joints and their noise, beside what was found
+    every: tuple[Candidate, ...]  # all candidates
+    changes: tuple[Change, ...]  # what is named, most torque first
+    warmth: Warmth  # friction of all joints together
+    refuted: tuple[Change, ...] = ()  # what held-out logs speak against
+    # Bodies that fell, since no body can be what the logs make of them.
     bodiless: tuple[Change, ...] = ()
 
     @property

@@ -33,18 +33,14 @@ BINS = 8
 
 @dataclass(frozen=True, eq=False, slots=True)
 class Rest:
-    """What remains of each joint after everything that is named.
+    """What remains of each joint after everything that is named."""
 
-    Attributes:
-        left: What is left, by row; None for a joint that is not looked at.
-        share: Of the second epoch beyond the first, as a share of torque rms. (dof,).
-        floor: What the first epoch leaves, likewise. Shape (dof,).
-        flagged: Joints from 0 on which something changed that has no name.
-    """
-
+    # What is left, by row; None for a joint that is not looked at.
     left: tuple[Array | None, ...]
+    # Of the second epoch beyond the first, as a share of torque rms, (dof,).
     share: Array
-    floor: Array
+    floor: Array  # what the first epoch leaves, likewise, (dof,)
+    # Joints from 0 on which something changed that has no name.
     flagged: tuple[int, ...]
 
 

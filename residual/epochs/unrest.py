@@ -113,21 +113,13 @@ FEWEST = 50  # rows of a log that can be compared
 
 @dataclass(frozen=True, eq=False, slots=True)
 class Warmth:
-    """Friction of all joints together, second epoch over first.
+    """Friction of all joints together, second epoch over first."""
 
-    Attributes:
-        factor: Friction over that of the first epoch, less one, of all joints.
-        std: Its standard deviation.
-        each: The same of every joint that has friction to tell. Shape (dof,), NaN.
-        spread: By how much joints and logs differ in it, a standard deviation.
-        own: The same of every joint, by the first epoch's logs too. Shape (dof,).
-    """
-
-    factor: float
-    std: float
-    each: Array
-    spread: float
-    own: Array
+    factor: float  # friction over that of the first epoch, less one, of all joints
+    std: float  # its standard deviation
+    each: Array  # the same of every joint that has friction to tell. Shape (dof,), NaN
+    spread: float  # by how much joints and logs differ in it, a standard deviation
+    own: Array  # the same of every joint, by the first epoch's logs too, (dof,)
 
     @property
     def told(self) -> bool:
@@ -137,17 +129,11 @@ class Warmth:
 
 @dataclass(frozen=True, eq=False, slots=True)
 class Rest:
-    """What any arm has, taken out.
+    """What any arm has, taken out."""
 
-    Attributes:
-        joints: The joints in both epochs, by number from 0.
-        first: The same in the first epoch alone.
-        warmth: How the friction of all of them moved together.
-    """
-
-    joints: Mapping[int, Joint]
-    first: Mapping[int, Joint]
-    warmth: Warmth
+    joints: Mapping[int, Joint]  # the joints in both epochs, by number from 0
+    first: Mapping[int, Joint]  # the same in the first epoch alone
+    warmth: Warmth  # how the friction of all of them moved together
 
 
 def warmth(

@@ -40,26 +40,19 @@ QUANTITIES = 3
 
 @dataclass(frozen=True, eq=False, slots=True)
 class Usual:
-    """What the first epoch says of the second, without a change.
+    """What the first epoch says of the second, without a change."""
 
-    Attributes:
-        noise: Variance of rows, times the rows that are as good as one [N^2 m^2].
-            Shape (dof,).
-        unrest: By how much windows differ beyond that, as a factor on deviations, by
-            length of window. Shape (windows, dof).
-        slow: Deviation of friction, as a share, and of the constant [N m], between
-            runs. Shape (dof, 2).
-        quick: What of that goes with the motion. Shape (dof, 2).
-        body: Prior deviation of mass [kg] and first moments [kg m]. Shape (4,).
-        single: The same of changes of one joint, as in KINDS. Shape (dof, 5).
-    """
-
+    # Variance of rows, times the rows that are as good as one [N^2 m^2], (dof,).
     noise: Array
+    # By how much windows differ beyond that, as a factor on deviations, by length of
+    # window, (windows, dof).
     unrest: Array
+    # Deviation of friction, as a share, and of the constant [N m], between runs, (dof,
+    # 2).
     slow: Array
-    quick: Array
-    body: Array
-    single: Array
+    quick: Array  # what of that goes with the motion, (dof, 2)
+    body: Array  # prior deviation of mass [kg] and first moments [kg m], (4,)
+    single: Array  # the same of changes of one joint, as in KINDS, (dof, 5)
 
     @property
     def prior(self) -> Array:
@@ -81,19 +74,14 @@ class Usual:
 
 @dataclass(frozen=True, eq=False, slots=True)
 class Past:
-    """Sums of the last bins, and what was known of the slow where each begins.
+    """Sums of the last bins, and what was known of the slow where each begins."""
 
-    Attributes:
-        gram: Products of all columns in each bin. Shape (b, dof, f, f).
-        mean, cov: Of the slow and its course (``Usual.prior``), behind each bin.
-            Shapes (b, dof, 4), (b, dof, 4, 4).
-        clock: Time behind each bin, gaps counted [s]. Shape (b,).
-    """
-
-    gram: Array
+    gram: Array  # products of all columns in each bin, (b, dof, f, f)
+    # Of the slow and its course (``Usual.prior``), behind each bin, (b, dof, 4), (b,
+    # dof, 4, 4).
     mean: Array
     cov: Array
-    clock: Array
+    clock: Array  # time behind each bin, gaps counted [s], (b,)
 
     def __getitem__(self, rows: slice) -> "Past":
         return Past(self.gram[rows], self.mean[rows], self.cov[rows], self.clock[rows])
@@ -101,22 +89,16 @@ class Past:
 
 @dataclass(frozen=True, eq=False, slots=True)
 class Looks:
-    """What windows that end with each of some bins say; n bins, w windows.
+    """What windows that end with each of some bins say; n bins, w windows."""
 
-    Attributes:
-        load: Evidence for a load [nats]. Shape (n, w).
-        single: The same for changes of one joint, by WAYS. Shape (n, w, dof, 6).
-        mass: Coefficients of the load and their covariance. (n, w, 4), (n, w, 4, 4).
-        size, std: Coefficient and deviation of each column. Shapes (n, w, dof, 5).
-        squares: Squares of these as standard normal variables. Shape (n, w, dof, 5).
-    """
-
-    load: Array
-    single: Array
+    load: Array  # evidence for a load [nats], (n, w)
+    single: Array  # the same for changes of one joint, by WAYS, (n, w, dof, 6)
+    # Coefficients of the load and their covariance. (n, w, 4), (n, w, 4, 4).
     mass: tuple[Array, Array]
+    # Coefficient and deviation of each column, (n, w, dof, 5).
     size: Array
     std: Array
-    squares: Array
+    squares: Array  # squares of these as standard normal variables, (n, w, dof, 5)
 
     def nats(self) -> Array:
         """Evidence by quantity: load, then friction, bias, gain of each joint.

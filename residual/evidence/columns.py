@@ -181,28 +181,20 @@ class Sums:
 
 @dataclass(frozen=True, eq=False, slots=True)
 class Group:
-    """Columns that stand or fall together: one candidate finding.
+    """Columns that stand or fall together: one candidate finding."""
 
-    Attributes:
-        effect, joints, shape: What they are; joints from 0.
-        ids: Their column numbers. Shape (k,).
-        precision: Prior precision of their coefficients. Shape (k, k).
-        log_det: Log determinant of the precision.
-        parts: For one effect on all joints at once, the groups of the single joints.
-        fellows: How many came together with this one in such a group.
-        label: Name of the candidate; the effect's own where empty.
-        given: What is known of the coefficients for sure, beside the usual prior.
-    """
-
+    # What they are; joints from 0.
     effect: Effect
     joints: Joints
     shape: Shape
-    ids: Array
-    precision: Array
-    log_det: float
+    ids: Array  # their column numbers, (k,)
+    precision: Array  # prior precision of their coefficients, (k, k)
+    log_det: float  # log determinant of the precision
+    # For one effect on all joints at once, the groups of the single joints.
     parts: tuple["Group", ...] = ()
-    fellows: int = 1
-    label: str = ""
+    fellows: int = 1  # how many came together with this one in such a group
+    label: str = ""  # name of the candidate; the effect's own where empty
+    # What is known of the coefficients for sure, beside the usual prior.
     given: "Given | None" = None
 
     @property
@@ -225,19 +217,12 @@ class Group:
 
 @dataclass(frozen=True, eq=False, slots=True)
 class Given:
-    """A prior with what is known for sure: (theta - mu)'(P + K)(theta - mu).
+    """A prior with what is known for sure: (theta - mu)'(P + K)(theta - mu)."""
 
-    Attributes:
-        information: K, beside the usual precision P. Shape (k, k).
-        pull: (P + K) mu. Shape (k,).
-        level: mu'(P + K) mu.
-        log_det: Of P + K.
-    """
-
-    information: Array
-    pull: Array
-    level: float
-    log_det: float
+    information: Array  # k, beside the usual precision P, (k, k)
+    pull: Array  # (P + K) mu, (k,)
+    level: float  # mu'(P + K) mu
+    log_det: float  # of P + K
 
     @classmethod
     def of(cls, precision: Array, information: Array, pull: Array) -> "Given":

@@ -25,17 +25,13 @@ LITTLE = 0.01  # per cent of torque: less is not told
 
 @dataclass(frozen=True, eq=False, slots=True)
 class Embodied:
-    """A model whose links and load can exist.
+    """A model whose links and load can exist."""
 
-    Attributes:
-        model: The model.
-        moved: What could not exist as fitted freely; None where every body can.
-        contradicted: Whether the logs contradict every possible body: beyond chance,
-            and on some joint by as much as a name must explain.
-    """
-
-    model: Model
+    model: Model  # the model
+    # What could not exist as fitted freely; None where every body can.
     moved: Moved | None
+    # Whether the logs contradict every possible body: beyond chance, and on some joint
+    # by as much as a name must explain.
     contradicted: bool = False
 
     @property
@@ -65,15 +61,10 @@ class Embodied:
 
 @dataclass(frozen=True, eq=False, slots=True)
 class Beside:
-    """A term that was fitted apart from the rest.
+    """A term that was fitted apart from the rest."""
 
-    Attributes:
-        covariance: Of its coefficients. Shape (k, k).
-        columns: Its torque on the rows of each joint. Shapes (rows, k).
-    """
-
-    covariance: Array
-    columns: tuple[Array, ...]
+    covariance: Array  # of its coefficients, (k, k)
+    columns: tuple[Array, ...]  # its torque on the rows of each joint, (rows, k)
 
 
 def embodied(

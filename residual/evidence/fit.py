@@ -24,46 +24,28 @@ CUT = 1e-10  # eigenvalues of a scaled Gram below this share tell nothing
 
 @dataclass(frozen=True, eq=False, slots=True)
 class Prior:
-    """Gaussian prior of the nominal model's coefficients about their nominal values.
+    """Gaussian prior of the nominal model's coefficients about their nominal values."""
 
-    Attributes:
-        precision: Shape (p, p).
-        log_det: Its log determinant.
-        scale: Relative scale of the rigid part.
-        widths: Relative sd of each kind of value that is given, by the effect's name.
-    """
-
-    precision: Array
-    log_det: float
-    scale: float
+    precision: Array  # , (p, p)
+    log_det: float  # its log determinant
+    scale: float  # relative scale of the rigid part
+    # Relative sd of each kind of value that is given, by the effect's name.
     widths: Mapping[str, float]
 
 
 @dataclass(frozen=True, eq=False, slots=True)
 class Fit:
-    """Posterior of one set of effects.
+    """Posterior of one set of effects."""
 
-    Attributes:
-        members: The effects.
-        ids: Columns: the nominal model's, then each member's. Shape (m,).
-        theta: Posterior mean (nominal: deviation from its value). Shape (m,).
-        cholesky: Lower factor of the posterior precision. Shape (m, m).
-        variance: Noise variance of each joint [N^2 m^2]. Shape (dof,).
-        sse: Squared error on the rows [N^2 m^2]. Shape (dof,).
-        counted: Effective number of rows of each joint. Shape (dof,).
-        score: Log evidence up to a constant [nats].
-        bent: Prior energy of the nominal coefficients [nats].
-    """
-
-    members: tuple[Group, ...]
-    ids: Array
-    theta: Array
-    cholesky: Array
-    variance: Array
-    sse: Array
-    counted: Array
-    score: float
-    bent: float
+    members: tuple[Group, ...]  # the effects
+    ids: Array  # columns: the nominal model's, then each member's, (m,)
+    theta: Array  # posterior mean (nominal: deviation from its value), (m,)
+    cholesky: Array  # lower factor of the posterior precision, (m, m)
+    variance: Array  # noise variance of each joint [N^2 m^2], (dof,)
+    sse: Array  # squared error on the rows [N^2 m^2], (dof,)
+    counted: Array  # effective number of rows of each joint, (dof,)
+    score: float  # log evidence up to a constant [nats]
+    bent: float  # prior energy of the nominal coefficients [nats]
 
     def of(self, group: Group) -> Array:
         """Coefficients of one member. Shape (k,)."""
@@ -132,28 +114,20 @@ def fit(
 
 @dataclass(frozen=True, eq=False, slots=True)
 class System:
-    """Normal equations of one set of effects, per joint.
+    """Normal equations of one set of effects, per joint."""
 
-    Attributes:
-        ids: Columns. Shape (m,).
-        precision: Prior precision of all of them. Shape (m, m).
-        pull, level: Of what is known for sure (``Given``). Shape (m,).
-        log_det: Its log determinant.
-        gram, cross: Per joint, zero for columns that do not act on it.
-            Shapes (dof, m, m), (dof, m).
-        power: Sum of squares of the target of each joint. Shape (dof,).
-        present: Per joint, where the columns that act on it stand among its own, and
-            which of these they are (``Design.present``).
-    """
-
-    ids: Array
-    precision: Array
+    ids: Array  # columns, (m,)
+    precision: Array  # prior precision of all of them, (m, m)
+    # Of what is known for sure (``Given``), (m,).
     pull: Array
     level: float
-    log_det: float
+    log_det: float  # its log determinant
+    # Per joint, zero for columns that do not act on it, (dof, m, m), (dof, m).
     gram: Array
     cross: Array
-    power: Array
+    power: Array  # sum of squares of the target of each joint, (dof,)
+    # Per joint, where the columns that act on it stand among its own, and which of
+    # these they are (``Design.present``).
     present: tuple[tuple[Array, Array], ...]
 
     @classmethod

@@ -70,14 +70,10 @@ class Space:
 
     So with the values of the declared effects as with the bodies: if all joints of an
     arm bear most of them out, the one that is far off is a finding, else none can be.
-
-    Attributes:
-        design: Columns.
-        nominal: The nominal model.
     """
 
-    design: Design
-    nominal: Nominal
+    design: Design  # columns
+    nominal: Nominal  # the nominal model
 
     @property
     def scales(self) -> tuple[float, ...]:
@@ -295,26 +291,17 @@ def overlap(design: Design, system: System, weight: Array) -> Array:
 
 @dataclass(frozen=True, eq=False, slots=True)
 class Stack:
-    """Groups of as many columns.
+    """Groups of as many columns."""
 
-    Attributes:
-        members: Their numbers among all groups. Shape (g,).
-        ids: Their columns. Shape (g, k).
-        gram: Of each by itself, joint by joint. Shape (dof, g, k, k).
-        acts: The joints on which they act. Shape (g, dof), bool.
-        precision: Their priors. Shape (g, k, k).
-        pull, level: What is known for sure (``Given``). Shapes (g, k), (g,).
-        log_det: Log determinants of these. Shape (g,).
-    """
-
-    members: Array
-    ids: Array
-    gram: Array
-    acts: Array
-    precision: Array
+    members: Array  # their numbers among all groups, (g,)
+    ids: Array  # their columns, (g, k)
+    gram: Array  # of each by itself, joint by joint, (dof, g, k, k)
+    acts: Array  # the joints on which they act. Shape (g, dof), bool
+    precision: Array  # their priors, (g, k, k)
+    # What is known for sure (``Given``), (g, k), (g,).
     pull: Array
     level: Array
-    log_det: Array
+    log_det: Array  # log determinants of these, (g,)
 
     def beyond(self, weight: Array, half: Array) -> Array:
         """Information of the groups that a fit cannot imitate. Shape (g, k, k).

@@ -11,29 +11,19 @@ from residual.recording import Array
 
 @dataclass(frozen=True, slots=True)
 class Rules:
-    """What a search, its gate and every doubt of a name go by.
+    """What a search, its gate and every doubt of a name go by."""
 
-    Attributes:
-        threshold: Evidence that a name must win [nats].
-        plausible: The same where only implausible parameters speak for it [nats].
-        tolerance: Least fall of a joint's error, as a share of torque rms.
-        share: Least share of what was left unexplained.
-        clear: The share from which half of the tolerance is enough.
-        size: Least torque of a name won by plausibility, as a share of rms.
-        bent: Least part of such a win that the nominal parameters' prior saves.
-        most: Most effects to add.
-        shortlist: Candidates that get an exact look per step.
-    """
-
-    threshold: float = 10.0
+    threshold: float = 10.0  # evidence that a name must win [nats]
+    # The same where only implausible parameters speak for it [nats].
     plausible: float = 30.0
-    tolerance: float = 0.005
-    share: float = 0.08
-    clear: float = 0.15
-    size: float = 0.02
+    tolerance: float = 0.005  # least fall of a joint's error, as a share of torque rms
+    share: float = 0.08  # least share of what was left unexplained
+    clear: float = 0.15  # the share from which half of the tolerance is enough
+    size: float = 0.02  # least torque of a name won by plausibility, as a share of rms
+    # Least part of such a win that the nominal parameters' prior saves.
     bent: float = 0.2
-    most: int = 30
-    shortlist: int = 15
+    most: int = 30  # most effects to add
+    shortlist: int = 15  # candidates that get an exact look per step
 
     # What the evidence counts with.
     amplitude: float = 0.3  # prior size of an effect's torque, as a share of torque rms

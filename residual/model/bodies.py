@@ -39,22 +39,14 @@ _TENSOR = ((0, 0), (0, 1), (1, 1), (0, 2), (1, 2), (2, 2))
 
 @dataclass(frozen=True, eq=False, slots=True)
 class Bodies:
-    """The bodies of a model as sums of its coefficients.
+    """The bodies of a model as sums of its coefficients."""
 
-    Attributes:
-        names: In words, "link 3" or "the load".
-        sums: Ten parameters of each from ``Model.coefficients()``. (bodies, 10, s).
-        scale: Root of the size of each pseudo-inertia: sqrt(m) (r, r, r, 1).
-            Shape (bodies, 4).
-        start: Coefficients with which every body can exist. Shape (s,).
-        not_negative: Which coefficients cannot be negative. Shape (k,).
-    """
-
-    names: tuple[str, ...]
-    sums: Array
+    names: tuple[str, ...]  # in words, "link 3" or "the load"
+    sums: Array  # ten parameters of each from ``Model.coefficients()``, (bodies, 10, s)
+    # Root of the size of each pseudo-inertia: sqrt(m) (r, r, r, 1), (bodies, 4).
     scale: Array
-    start: Array
-    not_negative: Array
+    start: Array  # coefficients with which every body can exist, (s,)
+    not_negative: Array  # which coefficients cannot be negative, (k,)
 
     def pseudo(self, coefficients: Array) -> Array:
         """Pseudo-inertias in units of their scale. Shape (bodies, 4, 4)."""
@@ -72,17 +64,13 @@ class Bodies:
 
 @dataclass(frozen=True, slots=True)
 class Moved:
-    """What of a free fit could not exist, and what the nearest that can exist costs.
+    """What of a free fit could not exist, and what the nearest that can exist costs."""
 
-    Attributes:
-        bodies: In words, "link 5" or "the load".
-        price: By how much the error of each joint rose on the fit logs, as a share of
-            torque rms; below zero where it fell at the cost of another.
-        chance: Chance that logs of possible bodies are fitted so much worse by them.
-    """
-
-    bodies: tuple[str, ...]
+    bodies: tuple[str, ...]  # in words, "link 5" or "the load"
+    # By how much the error of each joint rose on the fit logs, as a share of torque
+    # rms; below zero where it fell at the cost of another.
     price: tuple[float, ...]
+    # Chance that logs of possible bodies are fitted so much worse by them.
     chance: float
 
 
@@ -213,16 +201,13 @@ def nearest(bodies: Bodies, best: Array, root: Array) -> Array:
 
 @dataclass(frozen=True, eq=False, slots=True)
 class _Cones:
-    """What must be positive, affine in the deviations e: matrices and numbers.
+    """What must be positive, affine in the deviations e: matrices and numbers."""
 
-    Attributes:
-        ways, at: Of the matrices, flat, less ``LEAST`` of the unit matrix.
-            Shapes (bodies, 16, s), (bodies, 16).
-        rows, values: Of the numbers. Shapes (k, s), (k,).
-    """
-
+    # Of the matrices, flat, less ``LEAST`` of the unit matrix, (bodies, 16, s),
+    # (bodies, 16).
     ways: Array
     at: Array
+    # Of the numbers, (k, s), (k,).
     rows: Array
     values: Array
 

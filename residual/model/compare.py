@@ -80,45 +80,28 @@ def _blocks(seconds: Array) -> Array:
 
 @dataclass(frozen=True, eq=False, slots=True)
 class LogProof:
-    """Measured torque against the prediction of each model on one held-out log.
+    """Measured torque against the prediction of each model on one held-out log."""
 
-    Attributes:
-        id: Label of the recording.
-        t: Time from the first sample [s]. Shape (n,).
-        tau: Measured torque, identification filter applied [N m]. Shape (n, dof).
-        tau_hat: Filtered prediction of each model: keys nominal, identified,
-            augmented, and plsr where the rest was corrected [N m]. Shapes (n, dof).
-        moving: Whether that joint moves. Shape (n, dof), bool.
-    """
-
-    id: str
-    t: Array
-    tau: Array
+    id: str  # label of the recording
+    t: Array  # time from the first sample [s], (n,)
+    tau: Array  # measured torque, identification filter applied [N m], (n, dof)
+    # Filtered prediction of each model: keys nominal, identified, augmented, and plsr
+    # where the rest was corrected [N m], (n, dof).
     tau_hat: Mapping[str, Array]
-    moving: Array
+    moving: Array  # whether that joint moves. Shape (n, dof), bool
 
 
 @dataclass(frozen=True, eq=False, slots=True)
 class Cloud:
-    """What one finding explains on one joint, over the variable that explains it.
+    """What one finding explains on one joint, over the variable that explains it."""
 
-    Attributes:
-        name: Name of the effect.
-        joint: Joint number from 1.
-        variable: What is on the horizontal axis, with its unit: "q2 [rad]".
-        x: Values of that variable. Shape (k,).
-        residual: Measured minus model torque without this effect [N m]. Shape (k,).
-        fitted: Contribution of the effect [N m]. Shape (k,).
-        log: Label of the log of each sample. Shape (k,), str; the fit logs only.
-    """
-
-    name: str
-    joint: int
-    variable: str
-    x: Array
-    residual: Array
-    fitted: Array
-    log: Array
+    name: str  # name of the effect
+    joint: int  # joint number from 1
+    variable: str  # what is on the horizontal axis, with its unit: "q2 [rad]"
+    x: Array  # values of that variable, (k,)
+    residual: Array  # measured minus model torque without this effect [N m], (k,)
+    fitted: Array  # contribution of the effect [N m], (k,)
+    log: Array  # label of the log of each sample. Shape (k,), str; the fit logs only
 
 
 BLOCK = 1.0  # s: longer than noise remembers
@@ -126,15 +109,10 @@ BLOCK = 1.0  # s: longer than noise remembers
 
 @dataclass(frozen=True, eq=False, slots=True)
 class HeldOutLog:
-    """One held-out log, ready to be predicted.
+    """One held-out log, ready to be predicted."""
 
-    Attributes:
-        recording: The log.
-        track: Its signals at its own rate.
-    """
-
-    recording: Recording
-    track: Track
+    recording: Recording  # the log
+    track: Track  # its signals at its own rate
 
 
 def prepare_held_out(
@@ -153,13 +131,10 @@ def prepare_held_out(
 
 @dataclass(frozen=True, eq=False, slots=True)
 class Errors:
-    """Sums behind the relative error 100·||tau - tau_hat||/||tau|| of one model.
+    """Sums behind the relative error 100·||tau - tau_hat||/||tau|| of one model."""
 
-    Attributes:
-        miss, power: Squared error and squared torque per kind of sample: "raw",
-            "filtered", "moving" [N^2 m^2]. Shapes (dof,).
-    """
-
+    # Squared error and squared torque per kind of sample: "raw", "filtered", "moving"
+    # [N^2 m^2], (dof,).
     miss: Mapping[str, Array]
     power: Mapping[str, Array]
 
@@ -294,22 +269,17 @@ Edits = Sequence[tuple[str, tuple[int, ...]]]
 
 @dataclass(frozen=True, eq=False, slots=True)
 class Prediction:
-    """What a model says of logs.
+    """What a model says of logs."""
 
-    Attributes:
-        models: "model", and "edited" where something was taken out of it.
-        logs: The logs.
-        torque: Of each log, the torque of each model at its samples, not filtered
-            [N m]. Shapes (n, dof).
-        errors: Of each model over all logs, against what was measured.
-        cutoff: Of the identification filter [Hz].
-    """
-
+    # "model", and "edited" where something was taken out of it.
     models: Mapping[str, Model | Corrected]
-    logs: tuple[Recording, ...]
+    logs: tuple[Recording, ...]  # the logs
+    # Of each log, the torque of each model at its samples, not filtered [N m], (n,
+    # dof).
     torque: tuple[Mapping[str, Array], ...]
+    # Of each model over all logs, against what was measured.
     errors: Mapping[str, Errors]
-    cutoff: float
+    cutoff: float  # of the identification filter [Hz]
 
 
 def predict(

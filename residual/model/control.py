@@ -30,20 +30,17 @@ Law = Callable[[int, Array, Array, Array], Array]
 
 @dataclass(frozen=True, slots=True)
 class Turning:
-    """How dry friction turns where the reference reverses; measured defaults.
+    """How dry friction turns where the reference reverses; measured defaults."""
 
-    Attributes:
-        encoder_step: Step of the encoders, of every joint or of each [rad].
-        samples: Samples in which a joint that is not standing has gone such a step;
-            about the time in which a loop of that rate answers. 20 instead of 50 leave
-            a quarter to two thirds more of the tracking error; 100, a twentieth less.
-        rise: Time in which a drive may go from nothing to the torque limit of its joint
-            [s], which states the torque rate; 0 for none. A tenth of a second costs no
-            tracking; the largest step at a reversal is a fifth of that without it.
-    """
-
+    # Step of the encoders, of every joint or of each [rad].
     encoder_step: float | tuple[float, ...] = 1e-4
+    # Samples in which a joint that is not standing has gone such a step; about the time
+    # in which a loop of that rate answers. 20 instead of 50 leave a quarter to two
+    # thirds more of the tracking error; 100, a twentieth less.
     samples: float = 50.0
+    # Time in which a drive may go from nothing to the torque limit of its joint [s],
+    # which states the torque rate; 0 for none. A tenth of a second costs no tracking;
+    # the largest step at a reversal is a fifth of that without it.
     rise: float = 0.1
 
     def __post_init__(self) -> None:
@@ -78,18 +75,13 @@ AS_MEASURED = Turning()
 
 @dataclass(frozen=True, slots=True)
 class Use:
-    """What of a model drives the arm.
+    """What of a model drives the arm."""
 
-    Attributes:
-        effects: Friction, tables and named effects; without them the rigid body and
-            the rotors alone.
-        acceleration: Torque for the acceleration of the reference.
-        turning: How friction turns at reversals.
-    """
-
+    # Friction, tables and named effects; without them the rigid body and the rotors
+    # alone.
     effects: bool = True
-    acceleration: bool = True
-    turning: Turning = AS_MEASURED
+    acceleration: bool = True  # torque for the acceleration of the reference
+    turning: Turning = AS_MEASURED  # how friction turns at reversals
 
 
 def feed_forward(

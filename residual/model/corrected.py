@@ -29,21 +29,15 @@ class Column(NamedTuple):
 
 @dataclass(frozen=True, eq=False, slots=True)
 class Tables:
-    """The correction of one joint.
+    """The correction of one joint."""
 
-    Attributes:
-        joint: From 0.
-        columns: What its tables read, beside the load; velocities among them.
-        lookup: The tables.
-        kind: What it got: one of the constants of `tables.form`.
-        beyond: What it says beyond the range it was drawn on: "nothing", or what the
-            "nearest" level has.
-    """
-
-    joint: int
+    joint: int  # from 0
+    # What its tables read, beside the load; velocities among them.
     columns: tuple[Column, ...]
-    lookup: Lookup
-    kind: str
+    lookup: Lookup  # the tables
+    kind: str  # what it got: one of the constants of `tables.form`
+    # What it says beyond the range it was drawn on: "nothing", or what the "nearest"
+    # level has.
     beyond: str = NOTHING
 
     def torque(self, state: State, load: Array) -> Array:
@@ -58,15 +52,10 @@ class Tables:
 
 @dataclass(frozen=True, eq=False, slots=True, repr=False)
 class Corrected:
-    """A model with tables on top of it.
+    """A model with tables on top of it."""
 
-    Attributes:
-        model: The model.
-        tables: One entry per unexplained joint that could be checked.
-    """
-
-    model: Model
-    tables: tuple[Tables, ...]
+    model: Model  # the model
+    tables: tuple[Tables, ...]  # one entry per unexplained joint that could be checked
 
     def __repr__(self) -> str:
         joints = ", ".join(f"J{t.joint + 1}" for t in self.tables if t.kind != NONE)

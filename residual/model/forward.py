@@ -25,16 +25,12 @@ MOST = 60  # rounds until then; each leaves a third or less, where there is an a
 
 @dataclass(frozen=True, eq=False, slots=True)
 class AccelerationError:
-    """Error of the acceleration that a model makes of measured torque.
+    """Error of the acceleration that a model makes of measured torque."""
 
-    Attributes:
-        per_joint: 100 ||qdd - qdd_hat|| / ||qdd|| on moving samples [%], NaN where a
-            joint never moves. Shape (dof,).
-        overall: The same over all joints, Frobenius norm [%].
-    """
-
+    # 100 ||qdd - qdd_hat|| / ||qdd|| on moving samples [%], NaN where a joint never
+    # moves, (dof,).
     per_joint: Array
-    overall: float
+    overall: float  # the same over all joints, Frobenius norm [%]
 
 
 def acceleration_error(

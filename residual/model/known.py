@@ -25,21 +25,13 @@ TRIES = 3  # random coefficients for each of an effect, that show what is linear
 
 @dataclass(frozen=True, eq=False, slots=True)
 class Known:
-    """One value.
+    """One value."""
 
-    Attributes:
-        name: Of the effect, or "link".
-        joints: From 0; empty where the effect is of no single joint.
-        key: Its parameter.
-        value: In its SI unit.
-        row: The parameter is ``row @ theta``. Shape (k,).
-    """
-
-    name: str
-    joints: Joints
-    key: str
-    value: float
-    row: Array
+    name: str  # of the effect, or "link"
+    joints: Joints  # from 0; empty where the effect is of no single joint
+    key: str  # its parameter
+    value: float  # in its SI unit
+    row: Array  # the parameter is ``row @ theta``, (k,)
 
 
 @lru_cache(maxsize=8)

@@ -28,19 +28,15 @@ GIVEN, ASSUMED = 0.1, 1.0  # relative sd of a declared value, and of an assumed 
 
 @dataclass(frozen=True, eq=False, slots=True)
 class Nominal:
-    """The nominal model and how firmly it is held.
+    """The nominal model and how firmly it is held."""
 
-    Attributes:
-        model: The model.
-        given: Relative sd of each term's coefficients; None where no value is given.
-        scale: Fixed relative scale of the rigid part, None to estimate it.
-        widths: Fixed relative sd of each kind of value that is given, by the effect's
-            name; None to estimate them.
-    """
-
-    model: Model
+    model: Model  # the model
+    # Relative sd of each term's coefficients; None where no value is given.
     given: tuple[float | None, ...]
+    # Fixed relative scale of the rigid part, None to estimate it.
     scale: float | None = None
+    # Fixed relative sd of each kind of value that is given, by the effect's name; None
+    # to estimate them.
     widths: Mapping[str, float] | None = None
 
     @property
