@@ -17,9 +17,19 @@ from pathlib import Path
 
 ROOT = Path(__file__).resolve().parents[2]
 RESULTS = ROOT / "benchmarks" / "results"
-# Whose figures are of other rooms than the method: the physics engine, the store.
-_METHOD = ("residual",)
+# The floors above the method (pyproject.toml), which it cannot import.
+_ABOVE = ("calibration", "export", "identification", "monitoring")
+_CORE = ROOT / "residual"
+_METHOD = tuple(
+    sorted(
+        f"residual/{path.name}"
+        for path in _CORE.iterdir()
+        if path.name not in (*_ABOVE, "__pycache__")
+    )
+)
+# Whose figures are of less than the whole core, or of other rooms than that.
 _ROOMS = {
+    **dict.fromkeys(("diagnosis", "measured", "changes", "check"), _METHOD),
     "plant": ("sim",),
     "store": ("warehouse",),
     "hardening": ("warehouse",),
@@ -57,7 +67,7 @@ def is_current(name: str, content: Mapping) -> bool:
 
 def code_of(name: str) -> str:
     """Return the hash of the code that the figures of a results file are of."""
-    return code_hash(*_ROOMS.get(name, _METHOD))
+    return code_hash(*_ROOMS.get(name, ("residual",)))
 
 
 @cache

@@ -5,6 +5,7 @@ of every change), and a release has none that is old (a long test).
 """
 
 import re
+import tomllib
 
 import pytest
 
@@ -44,6 +45,14 @@ def test_robots_beside_the_code_count_and_other_files_do_not(tmp_path, monkeypat
         (tmp_path / "room" / name).write_text("<robot/>", encoding="utf-8")
         hashes.append(origin.code_hash.__wrapped__("room"))
     assert hashes[0] == hashes[1] != hashes[2]
+
+
+def test_what_the_method_cannot_import_makes_none_of_its_figures_old():
+    pyproject = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))
+    contracts = pyproject["tool"]["importlinter"]["contracts"]
+    floors = next(c for c in contracts if c["name"] == "The floors of the core")
+    assert floors["exhaustive"]
+    assert set(origin._ABOVE) == set(floors["layers"][0].split(" | "))
 
 
 def test_a_page_says_of_which_figures_the_code_has_changed_since():
