@@ -243,13 +243,14 @@ def _tested(logs: Logs, nominal: Nominal, selection: Selection) -> Examined:
     task, design = selection.task, selection.task.design
     fitted, tested = passed(task, simplest(task, selection.fit))
     curved = only_curves(design, logs.sketch, fitted, tested)
+    rest = [t for t in tested if t not in curved]
     if curved:
-        real = [t.group for t in tested if t not in curved]
-        fitted = task.settle(task.fit(real, fitted))
+        fitted = task.settle(task.fit([t.group for t in rest], fitted))
     plain = task.settle(task.fit((), fitted, rounds=4))
     enough = _adequacy(logs, nominal, design, (plain, fitted))
-    wrong = [*curved, *wrong_forms(design, logs.sketch, fitted, tested)]
-    kept = [t for t in tested if t not in wrong and not _resembles(t, enough)]
+    # Of those alone: what only draws a curve is out of the fit already.
+    wrong = wrong_forms(design, logs.sketch, fitted, rest)
+    kept = [t for t in rest if t not in wrong and not _resembles(t, enough)]
     if len(kept) < len(tested):
         fitted = task.settle(task.fit([t.group for t in kept], fitted))
     gone = tuple(t for t in tested if t not in kept)
