@@ -72,7 +72,8 @@ def main() -> int:
         _show(row, before.get(row["split"]))
     figures = figures_of(rows)
     if args.full_json:
-        facts = circumstances(args.full_json.stem, quick=args.quick)
+        whole = not args.quick
+        facts = circumstances(args.full_json.stem, quick=args.quick, whole=whole)
         save(args.full_json, {**facts, "figures": figures, "measured": rows})
     return finish(figures)
 
