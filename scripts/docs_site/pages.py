@@ -9,6 +9,7 @@ from pathlib import Path
 from cyclopts import Argument
 
 import modelgap as mg
+from flows.blind.score import is_clear
 from flows.cli.app import _BELOW, _COMMANDS, app
 from flows.report.words.explain import TERMS, VERDICTS, effect_page
 from residual.effects import registry
@@ -133,12 +134,16 @@ def _cases(result: dict, group: str, name: str) -> list[dict]:
     if group == "detection":
         chosen = result["cases"].get("detection", ())
         return [case for case in chosen if case["effect"] == name]
-    usual = group == "usual"
+    of_group = is_clear if group == "singles" else _is_usual
     return [
         case
         for case in result["cases"].get("singles", ())
-        if case["effect"] == name and (case["multiple"] is None) == usual
+        if case["effect"] == name and of_group(case)
     ]
+
+
+def _is_usual(case: dict) -> bool:
+    return case["multiple"] is None
 
 
 def named_instead(name: str) -> Counter[str]:
