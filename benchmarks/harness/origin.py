@@ -29,10 +29,12 @@ _METHOD = tuple(
 )
 # Whose figures are of less than the whole core, or of other rooms than that.
 _ROOMS = {
-    **dict.fromkeys(("diagnosis", "measured", "changes", "check"), _METHOD),
+    **dict.fromkeys(
+        ("diagnosis", "measured", "attribution", "changes", "check", "peers"), _METHOD
+    ),
+    "identification": (*_METHOD, "residual/identification"),
     "plant": ("sim",),
-    "store": ("warehouse",),
-    "hardening": ("warehouse",),
+    **dict.fromkeys(("store", "fleet", "hardening"), ("warehouse",)),
     "pipelines": ("warehouse", "flows/settings.py", "flows/workers"),
 }
 _DATA = (".urdf", ".toml")  # files beside code that decide results
