@@ -22,13 +22,7 @@ import numpy as np
 
 sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
 
-from benchmarks.harness.figures import (
-    Figures,
-    figure,
-    finish,
-    missing,
-    one_blas_thread,
-)
+from benchmarks.harness.figures import Figures, figure, finish, missing, one_blas_thread
 from benchmarks.harness.origin import circumstances, save
 from benchmarks.measured_parts.arms import (
     DAYS,

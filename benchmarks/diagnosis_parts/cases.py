@@ -18,13 +18,7 @@ from benchmarks.harness.logs import PAUSE, RATE, in_engine, sensed
 from benchmarks.synthetic.motions import make_motion
 from benchmarks.synthetic.other_forms import FORMS
 from flows.blind.draw import MULTIPLES, OF_A_PAIR, vocabulary
-from flows.blind.row import (
-    case_row,
-    draw_sized,
-    estimate,
-    measured,
-    true_parameters,
-)
+from flows.blind.row import case_row, draw_sized, estimate, measured, true_parameters
 from flows.blind.score import CLEAR, NOTHING, PAIR, SINGLE, UNKNOWN, Name, score
 from flows.specs.experiment import derived_seed
 from residual.diagnosis.oracle import oracle

@@ -75,9 +75,7 @@ def power(
 
 
 def true_torque(
-    model: Model,
-    recordings: tuple[Recording, Recording],
-    tracks: tuple[Track, Track],
+    model: Model, recordings: tuple[Recording, Recording], tracks: tuple[Track, Track]
 ) -> Array:
     """Return what a case hides of the torque of one log [N m]. Shape (n, dof).
 

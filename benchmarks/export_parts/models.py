@@ -12,11 +12,7 @@ from time import process_time
 import numpy as np
 
 from benchmarks.harness.figures import Figures, figure, missing, partial
-from flows.proofs.proof import (
-    compiled,
-    compiler,
-    exported_names,
-)
+from flows.proofs.proof import compiled, compiler, exported_names
 from flows.steps.export import Made, export_model
 from residual.effects import registry
 from residual.export.c99 import to_c99

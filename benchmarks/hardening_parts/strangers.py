@@ -216,11 +216,7 @@ def requests() -> Iterator[tuple[str, dict, bool]]:
         yield f"first message is {what}", asked, False
     shown = json.dumps({"type": "auth", "token": KEY})
     message = {"type": "websocket.receive", "text": shown}
-    yield (
-        "the key",
-        scope_of("GET", kind="websocket") | {"sent": [message]},
-        True,
-    )
+    yield ("the key", scope_of("GET", kind="websocket") | {"sent": [message]}, True)
 
 
 def _parts(count: int) -> Iterator[dict]:

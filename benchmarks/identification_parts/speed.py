@@ -30,9 +30,7 @@ def speed_figures(quick: bool) -> Figures:
     tau = inverse_dynamics(ROBOT.model, *motion)
     base = base_columns(ROBOT.model)
     ours, loop = in_turn(
-        rounds,
-        lambda: _sums(motion, tau, base),
-        lambda: _pinocchio_loop(motion, tau),
+        rounds, lambda: _sums(motion, tau, base), lambda: _pinocchio_loop(motion, tau)
     )
     return {
         "normal_equations_seconds": figure(ours, 1.5, rounds, samples=SAMPLES),

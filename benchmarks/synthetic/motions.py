@@ -10,14 +10,7 @@ import numpy as np
 from residual.recording import Array
 from sim.engine.records import Reference
 from sim.plant.sizes import UsualLimits, draw_centre
-from sim.trajectories.curves import (
-    RAMP,
-    Series,
-    evaluate,
-    move_time,
-    peaks,
-    quintic,
-)
+from sim.trajectories.curves import RAMP, Series, evaluate, move_time, peaks, quintic
 
 FAMILIES = ("fourier", "cyclic", "slow_cyclic", "move_stop_move")
 _RAMP_PEAK = 1.875 / RAMP  # largest rate of the path speed [1/s]

@@ -24,9 +24,7 @@ def lugre(state: State, p: Values) -> Array:
     """
     g = np.exp(-((state.qd / p["velocity"]) ** 2)) + 1e-3
     z = _lugre(
-        np.ascontiguousarray(state.q),
-        np.ascontiguousarray(g),
-        float(p["displacement"]),
+        np.ascontiguousarray(state.q), np.ascontiguousarray(g), float(p["displacement"])
     )
     rate = np.gradient(z, state.t, axis=0)
     return p["level"] * (z + _MICRO * p["displacement"] * rate)
@@ -98,9 +96,7 @@ EFFECTS = (
     Effect("two_time_warmup", LEVEL | TIME, law=two_time_warmup),
     Effect("leaning_play", {"half_gap": "rad"}, lead=leaning),
     Effect(
-        "soft_limit",
-        LEVEL,
-        report=lambda tau, t, onset, p: soft_limit(tau, p["level"]),
+        "soft_limit", LEVEL, report=lambda tau, t, onset, p: soft_limit(tau, p["level"])
     ),
     Effect("cubic_cable", {"stiffness": "N m/rad", "rest": "rad"}, law=cubic_cable),
     Effect("one_way_viscous", {"coefficient": "N m s/rad"}, law=one_way_viscous),
