@@ -41,21 +41,13 @@ _STEP = 2.5e-5  # rad, of the encoders: 18 bits a turn
 
 @dataclass(frozen=True, slots=True)
 class Arm:
-    """One arm and its motions.
+    """One arm and its motions."""
 
-    Attributes:
-        kind: "six" or "seven".
-        off: How far its given values are off, as a share.
-        seed: Seed of the arm and of the motions.
-        noise: Seed of the noise.
-        quick: Whether its logs are few and short.
-    """
-
-    kind: str
-    off: float
-    seed: int
-    noise: int
-    quick: bool = False
+    kind: str  # "six" or "seven"
+    off: float  # how far its given values are off, as a share
+    seed: int  # seed of the arm and of the motions
+    noise: int  # seed of the noise
+    quick: bool = False  # whether its logs are few and short
 
     @property
     def robot(self) -> Robot:

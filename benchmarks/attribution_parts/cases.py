@@ -206,23 +206,14 @@ _CHANGED = 1  # seed: half a minute for each case, and sets ask the same
 
 @dataclass(frozen=True, slots=True)
 class Task:
-    """One case to do.
+    """One case to do."""
 
-    Attributes:
-        group: One of GROUPS.
-        arm: "six" or "seven".
-        off: How far the given values are off, in per cent.
-        count: How many changes.
-        seed: Seed of the arm; with the others that of the noise and the changes.
-        quick: Whether its logs are few and short.
-    """
-
-    group: str
-    arm: str
-    off: int
-    count: int
-    seed: int
-    quick: bool = False
+    group: str  # one of GROUPS
+    arm: str  # "six" or "seven"
+    off: int  # how far the given values are off, in per cent
+    count: int  # how many changes
+    seed: int  # seed of the arm; with the others that of the noise and the changes
+    quick: bool = False  # whether its logs are few and short
 
     @property
     def name(self) -> str:

@@ -40,35 +40,21 @@ _STEEP = (0.3, 3.0)  # by what power a size may follow the parameter
 
 
 class Smooth(NamedTuple):
-    """A log on even times, filtered.
+    """A log on even times, filtered."""
 
-    Attributes:
-        t: Times [s]. Shape (n,).
-        q: Angles [rad], as all others of shape (n, dof).
-        qd: Speeds [rad/s].
-        qdd: Accelerations [rad/s^2].
-        tau: Torque [N m].
-    """
-
-    t: Array
-    q: Array
-    qd: Array
-    qdd: Array
-    tau: Array
+    t: Array  # times [s]. Shape (n,).
+    q: Array  # angles [rad], as all others of shape (n, dof)
+    qd: Array  # speeds [rad/s]
+    qdd: Array  # accelerations [rad/s^2]
+    tau: Array  # torque [N m]
 
 
 class Shares(NamedTuple):
-    """What a change does in one log, on some rows. Shapes (n, dof).
+    """What a change does in one log, on some rows. Shapes (n, dof)."""
 
-    Attributes:
-        effect: Torque of the change [N m].
-        torque: Torque without it [N m].
-        moves: Whether the joint moves.
-    """
-
-    effect: Array
-    torque: Array
-    moves: Array
+    effect: Array  # torque of the change [N m]
+    torque: Array  # torque without it [N m]
+    moves: Array  # whether the joint moves
 
 
 def smooth(log: Recording) -> Smooth:
@@ -176,20 +162,13 @@ _SIDE = 0.05  # of a joint's torque, over which a gear goes through its play
 
 @dataclass(frozen=True, eq=False, slots=True)
 class Body:
-    """What one arm's own logs say of it: a plain least-squares fit.
-
-    Attributes:
-        theta: Inertial parameters, ten a link. Shape (10 dof,).
-        coulomb: Dry friction [N m]. Shape (dof,).
-        viscous: Viscous friction [N m s/rad]. Shape (dof,).
-        torque: RMS of the torque [N m]. Shape (dof,).
-    """
+    """What one arm's own logs say of it: a plain least-squares fit."""
 
     robot: Robot
-    theta: Array
-    coulomb: Array
-    viscous: Array
-    torque: Array
+    theta: Array  # inertial parameters, ten a link. Shape (10 dof,).
+    coulomb: Array  # dry friction [N m]. Shape (dof,).
+    viscous: Array  # viscous friction [N m s/rad]. Shape (dof,).
+    torque: Array  # RMS of the torque [N m]. Shape (dof,).
 
     def rigid(self, q: Array, qd: Array, qdd: Array) -> Array:
         """Return the torque of its rigid body [N m]. Shape (n, dof)."""
@@ -198,22 +177,14 @@ class Body:
 
 @dataclass(frozen=True, eq=False, slots=True)
 class State:
-    """One log at its own samples, what is differentiated low-pass filtered.
-
-    Attributes:
-        q: Angles [rad], as all others of shape (n, dof).
-        qd: Speeds [rad/s].
-        qdd: Accelerations [rad/s^2].
-        tau: Torque [N m].
-        load: Torque of the rigid body [N m].
-    """
+    """One log at its own samples, what is differentiated low-pass filtered."""
 
     log: Recording
-    q: Array
-    qd: Array
-    qdd: Array
-    tau: Array
-    load: Array
+    q: Array  # angles [rad], as all others of shape (n, dof)
+    qd: Array  # speeds [rad/s]
+    qdd: Array  # accelerations [rad/s^2]
+    tau: Array  # torque [N m]
+    load: Array  # torque of the rigid body [N m]
     body: Body
 
 

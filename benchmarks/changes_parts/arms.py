@@ -60,17 +60,13 @@ _SHIFT = 1e-3  # s
 
 @dataclass(frozen=True, eq=False, slots=True)
 class Truly:
-    """What an arm truly is, without what changed.
-
-    Attributes:
-        background: What all its joints have undeclared, None if it is clean.
-        reported: Reported torque over real torque. Shape (dof,).
-    """
+    """What an arm truly is, without what changed."""
 
     model: pin.Model
     drives: Drives
+    # What all its joints have undeclared, None if it is clean
     background: Background | None
-    reported: Array
+    reported: Array  # reported torque over real torque. Shape (dof,).
 
 
 @lru_cache(maxsize=8)

@@ -29,37 +29,25 @@ _NO_SIZE = ("presliding", "warmup")
 
 @dataclass(frozen=True, slots=True)
 class Said:
-    """One name that an answer says, at one place.
-
-    Attributes:
-        alike: What the answer says could be there instead.
-        values: Value and standard deviation by parameter; None where not told.
-    """
+    """One name that an answer says, at one place."""
 
     name: Name
-    alike: tuple[Name, ...] = ()
+    alike: tuple[Name, ...] = ()  # what the answer says could be there instead
     values: Mapping[str, tuple[float | None, float | None]] = field(
         default_factory=dict
-    )
+    )  # value and standard deviation by parameter; None where not told
 
 
 @dataclass(frozen=True, slots=True)
 class Answer:
-    """What a method says of two epochs.
+    """What a method says of two epochs."""
 
-    Attributes:
-        said: Its names, the most important first.
-        flagged: Joints with a change that it has no name for.
-        seconds: Processor time that it took [s].
-        nats: Evidence of the first name; None without one.
-        factor: Friction of all joints against the first epoch's, with its standard
-            deviation; None where it says nothing of that.
-    """
-
-    said: tuple[Said, ...]
-    flagged: tuple[int, ...]
-    seconds: float
-    nats: float | None = None
+    said: tuple[Said, ...]  # its names, the most important first
+    flagged: tuple[int, ...]  # joints with a change that it has no name for
+    seconds: float  # processor time that it took [s]
+    nats: float | None = None  # evidence of the first name; None without one
+    # Friction of all joints against the first epoch's, with its standard deviation;
+    # None where it says nothing of that
     factor: tuple[float, float] | None = None
 
 
@@ -193,17 +181,12 @@ _FIRST = {
 
 @dataclass(frozen=True, slots=True)
 class Job:
-    """One case for one method.
-
-    Attributes:
-        case: The case.
-        method: One of METHODS, or BENCH: what the product would see of that arm,
-            unchanged.
-        minimum: Of a case of EDGE what the bench said would be seen.
-    """
+    """One case for one method."""
 
     case: Case
+    # One of METHODS, or BENCH: what the product would see of that arm, unchanged
     method: str
+    # Of a case of EDGE what the bench said would be seen
     minimum: Sequence[Mapping] = ()
 
     @property

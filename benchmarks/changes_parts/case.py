@@ -21,63 +21,43 @@ GROUPS = (*SIMULATED, *MEASURED)
 
 @dataclass(frozen=True, slots=True)
 class Part:
-    """One log of an epoch.
+    """One log of an epoch."""
 
-    Attributes:
-        what: Family of the motion; of a measured log its file.
-        seed: Seed of the motion; 0 of a measured log.
-        start: Where in the file it begins [s]; 0 of a simulated log.
-        duration: Its length [s].
-    """
-
-    what: str
-    seed: int
-    start: float
-    duration: float
+    what: str  # family of the motion; of a measured log its file
+    seed: int  # seed of the motion; 0 of a measured log
+    start: float  # where in the file it begins [s]; 0 of a simulated log
+    duration: float  # its length [s]
 
 
 @dataclass(frozen=True, slots=True)
 class Planted:
-    """One change.
+    """One change."""
 
-    Attributes:
-        name: Its name in the vocabulary; ``x_...`` outside of it.
-        joints: Its joints, from 1; () for one of the whole arm.
-        parameters: Name and value of each parameter, SI.
-        size: RMS of its torque over RMS of the joint's; 0 where that is not known.
-    """
-
-    name: str
-    joints: tuple[int, ...]
-    parameters: tuple[tuple[str, float], ...]
+    name: str  # its name in the vocabulary; ``x_...`` outside of it
+    joints: tuple[int, ...]  # its joints, from 1; () for one of the whole arm
+    parameters: tuple[tuple[str, float], ...]  # Name and value of each parameter, SI
+    # RMS of its torque over RMS of the joint's; 0 where that is not known
     size: float = 0.0
 
 
 @dataclass(frozen=True, slots=True)
 class Case:
-    """One arm in two epochs, as the list has it.
-
-    Attributes:
-        background: How dirty it is; "" of a measured arm.
-        plant: Seed of what makes this arm differ from its description.
-        worked: Usual work before each session [s].
-        held_out: A further log of the second epoch; none of a measured arm.
-        target: Size asked for; 0 where none was.
-    """
+    """One arm in two epochs, as the list has it."""
 
     group: str
     seed: int
     index: int
     arm: str
-    background: str
-    plant: int
+    background: str  # how dirty it is; "" of a measured arm
+    plant: int  # seed of what makes this arm differ from its description
     noise: int
-    worked: tuple[float, float]
+    worked: tuple[float, float]  # usual work before each session [s]
     first: tuple[Part, ...]
     second: tuple[Part, ...]
+    # A further log of the second epoch; none of a measured arm
     held_out: tuple[Part, ...] = ()
     planted: tuple[Planted, ...] = ()
-    target: float = 0.0
+    target: float = 0.0  # size asked for; 0 where none was
 
     @property
     def name(self) -> str:
@@ -92,36 +72,27 @@ class Case:
 
 @dataclass(frozen=True, slots=True)
 class Truth:
-    """What changed, as a verdict ought to say it.
-
-    Attributes:
-        joints: Its joints from 1, in order; of a load the last, () for the whole arm.
-        parameters: In the torque that the drives report.
-        size: RMS of its torque over RMS of the joint's.
-    """
+    """What changed, as a verdict ought to say it."""
 
     name: str
+    # Its joints from 1, in order; of a load the last, () for the whole arm
     joints: tuple[int, ...]
-    parameters: Mapping[str, float]
-    size: float
+    parameters: Mapping[str, float]  # in the torque that the drives report
+    size: float  # RMS of its torque over RMS of the joint's
 
 
 @dataclass(frozen=True, eq=False, slots=True)
 class Made:
-    """The logs of a case, with the truth beside them.
+    """The logs of a case, with the truth beside them."""
 
-    Attributes:
-        robot: The arm as its description has it.
-        held_out: A further log of the second epoch; () to let the method cut one.
-        factor: Friction of the second epoch over that of the first, by warmth alone,
-            over all joints; None where nothing warms or nobody knows.
-    """
-
-    robot: Robot
+    robot: Robot  # the arm as its description has it
     first: tuple[Recording, ...]
     second: tuple[Recording, ...]
+    # A further log of the second epoch; () to let the method cut one
     held_out: tuple[Recording, ...]
     truth: tuple[Truth, ...]
+    # Friction of the second epoch over that of the first, by warmth alone, over all
+    # joints; None where nothing warms or nobody knows
     factor: float | None = None
 
 

@@ -60,18 +60,13 @@ BELOW = ("sim", "residual/robot")
 
 @dataclass(frozen=True, slots=True)
 class Slot:
-    """A place in the list, before anything is drawn for it.
-
-    Attributes:
-        target: Size asked for; 0 where none is.
-        kind: Kind of arm, "" where it is drawn.
-    """
+    """A place in the list, before anything is drawn for it."""
 
     group: str
     seed: int
     index: int
-    target: float = 0.0
-    kind: str = ""
+    target: float = 0.0  # size asked for; 0 where none is
+    kind: str = ""  # kind of arm, "" where it is drawn
 
     @property
     def name(self) -> str:

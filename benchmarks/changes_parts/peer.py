@@ -40,22 +40,14 @@ _UNTESTED = 4.0
 
 @dataclass(frozen=True, eq=False, slots=True)
 class Change:
-    """One candidate.
+    """One candidate."""
 
-    Attributes:
-        evidence: How much likelier the logs are with it [nats].
-        joint: Its joint from 1; 0 for one of the whole arm.
-        estimate: Its coefficients. Shape (k,).
-        deviation: Their standard deviations. Shape (k,), of a load fewer.
-        share: RMS of its torque over that of the joint, where it is largest.
-    """
-
-    evidence: float
+    evidence: float  # how much likelier the logs are with it [nats]
     name: str
-    joint: int
-    estimate: Array
-    deviation: Array
-    share: float
+    joint: int  # its joint from 1; 0 for one of the whole arm
+    estimate: Array  # its coefficients. Shape (k,).
+    deviation: Array  # their standard deviations. Shape (k,), of a load fewer.
+    share: float  # RMS of its torque over that of the joint, where it is largest
 
     @property
     def found(self) -> bool:
@@ -65,23 +57,14 @@ class Change:
 
 @dataclass(frozen=True, eq=False, slots=True)
 class _Log:
-    """One log, filtered, at few rows a second; m rows.
+    """One log, filtered, at few rows a second; m rows."""
 
-    Attributes:
-        common: What each joint has in both epochs. dof of shape (m, p).
-        tau: Torque. Shape (m, dof).
-        local: Candidates of each joint. dof of shape (m, c).
-        shared: Candidates of the whole arm. Each of shape (m, dof, k).
-        moves: Rows that count. Shape (m, dof).
-        t: Time since the first row [s]. Shape (m,).
-    """
-
-    common: list[Array]
-    tau: Array
-    local: list[Array]
-    shared: dict[str, Array]
-    moves: Array
-    t: Array
+    common: list[Array]  # what each joint has in both epochs. dof of shape (m, p).
+    tau: Array  # torque. Shape (m, dof).
+    local: list[Array]  # candidates of each joint. dof of shape (m, c).
+    shared: dict[str, Array]  # candidates of the whole arm. Each of shape (m, dof, k).
+    moves: Array  # rows that count. Shape (m, dof).
+    t: Array  # time since the first row [s]. Shape (m,).
 
 
 @dataclass(frozen=True, eq=False)

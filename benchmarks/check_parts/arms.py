@@ -42,18 +42,12 @@ _FILES = {
 
 @dataclass(frozen=True, eq=False, slots=True)
 class Host:
-    """An arm and its clean logs.
+    """An arm and its clean logs."""
 
-    Attributes:
-        name: One of HOSTS.
-        robot: The arm as its file describes it.
-        logs: Clean logs, SI, at the link side.
-        plant: The arm itself where it is synthetic, for motions of one's own.
-    """
-
-    name: str
-    robot: Robot
-    logs: tuple[Recording, ...]
+    name: str  # one of HOSTS
+    robot: Robot  # the arm as its file describes it
+    logs: tuple[Recording, ...]  # clean logs, SI, at the link side
+    # The arm itself where it is synthetic, for motions of one's own
     plant: Plant | None = None
 
 
@@ -181,25 +175,16 @@ _TOLD_APART = 0.1  # of a joint's torque: two readings that differ by less are o
 
 @dataclass(frozen=True, eq=False, slots=True)
 class Spoiled:
-    """Logs with one fault, and the truth beside them.
+    """Logs with one fault, and the truth beside them."""
 
-    Attributes:
-        kind: What was done to them.
-        joints: Where, from 1; () for all.
-        tables: Signals of each log by name.
-        right: The same as a right repair reads them; empty where none can.
-        urdf: Text of the robot file that is given.
-        toml: Text of the robot.toml that is given, "" for none.
-        also: Other kinds that are as right.
-    """
-
-    kind: str
-    joints: tuple[int, ...]
-    tables: Sequence[Table]
+    kind: str  # what was done to them
+    joints: tuple[int, ...]  # where, from 1; () for all
+    tables: Sequence[Table]  # signals of each log by name
+    # The same as a right repair reads them; empty where none can
     right: Sequence[Table] = ()
-    urdf: str = ""
-    toml: str = ""
-    also: tuple[str, ...] = field(default=())
+    urdf: str = ""  # text of the robot file that is given
+    toml: str = ""  # text of the robot.toml that is given, "" for none
+    also: tuple[str, ...] = field(default=())  # other kinds that are as right
 
 
 Fault = Callable[[Host, int, np.random.Generator], "Spoiled | None"]

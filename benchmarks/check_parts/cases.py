@@ -86,19 +86,12 @@ _QUICK_KINDS = ("torque_sign", "joint_order", "torque_unit", "spike", "clock")
 
 @dataclass(frozen=True, slots=True)
 class Task:
-    """One job: all faults on one arm, clean logs, or diagnoses of faulty ones.
+    """One job: all faults on one arm, clean logs, or diagnoses of faulty ones."""
 
-    Attributes:
-        group: "faults", "clean", "effects" or "trusted".
-        host: Which arm; of "effects" what it hides.
-        seed: Of motions, arm, noise, and of where the fault is.
-        quick: Whether to do a part only.
-    """
-
-    group: str
-    host: str
-    seed: int
-    quick: bool = False
+    group: str  # "faults", "clean", "effects" or "trusted"
+    host: str  # which arm; of "effects" what it hides
+    seed: int  # of motions, arm, noise, and of where the fault is
+    quick: bool = False  # whether to do a part only
 
     @property
     def name(self) -> str:

@@ -153,15 +153,11 @@ _OWN = 6  # columns of each joint's friction and rotor
 
 @dataclass(frozen=True, eq=False, slots=True)
 class Trace:
-    """What the witnesses see of a change.
+    """What the witnesses see of a change."""
 
-    Attributes:
-        others: Evidence of it beside any body and any friction [nats].
-        file: Its size over what the robot file misses of the clean torque, both beside
-            any friction, of the joint where that is largest.
-    """
-
-    others: float
+    others: float  # evidence of it beside any body and any friction [nats]
+    # Its size over what the robot file misses of the clean torque, both beside any
+    # friction, of the joint where that is largest
     file: float
 
     @property

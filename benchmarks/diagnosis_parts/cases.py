@@ -43,17 +43,11 @@ SYNTHETIC, PYBULLET = "synthetic", "pybullet"
 
 @dataclass(frozen=True, slots=True)
 class Plan:
-    """Which logs a case has.
+    """Which logs a case has."""
 
-    Attributes:
-        fit: Motion families to diagnose.
-        held_out: Motion families for the proof.
-        duration: Length of each log [s].
-    """
-
-    fit: tuple[str, ...]
-    held_out: tuple[str, ...]
-    duration: float = 20.0
+    fit: tuple[str, ...]  # motion families to diagnose
+    held_out: tuple[str, ...]  # motion families for the proof
+    duration: float = 20.0  # length of each log [s]
 
 
 PLANS = {
@@ -71,18 +65,12 @@ PLANS = {
 
 @dataclass(frozen=True, eq=False, slots=True)
 class Made:
-    """One case with the truth beside it.
+    """One case with the truth beside it."""
 
-    Attributes:
-        robot: The arm as the diagnosis may know it.
-        fit: Logs to diagnose.
-        held_out: Logs for the proof.
-        truths: True parameters of each hidden effect, as a verdict states them.
-    """
-
-    robot: Robot
-    fit: tuple[Recording, ...]
-    held_out: tuple[Recording, ...]
+    robot: Robot  # the arm as the diagnosis may know it
+    fit: tuple[Recording, ...]  # logs to diagnose
+    held_out: tuple[Recording, ...]  # logs for the proof
+    # True parameters of each hidden effect, as a verdict states them
     truths: tuple[dict, ...]
 
 
@@ -162,22 +150,14 @@ KNOWN = "known"  # loads whose mass is told
 
 @dataclass(frozen=True, slots=True)
 class Task:
-    """One case to do.
+    """One case to do."""
 
-    Attributes:
-        group: "bench", "singles", "detection", "nulls", "unknown", "pairs", "forms" or
-            "known".
-        what: Effect, form, or "" where it is drawn or nothing.
-        data: "synthetic", "pybullet" or "quick".
-        motion: Seed of the motions.
-        arm: Seed of the arm, of what it hides, and of the noise.
-    """
-
+    # "bench", "singles", "detection", "nulls", "unknown", "pairs", "forms" or "known"
     group: str
-    what: str
-    data: str
-    motion: int
-    arm: int
+    what: str  # effect, form, or "" where it is drawn or nothing
+    data: str  # "synthetic", "pybullet" or "quick"
+    motion: int  # seed of the motions
+    arm: int  # seed of the arm, of what it hides, and of the noise
 
     @property
     def name(self) -> str:

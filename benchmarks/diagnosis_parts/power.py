@@ -31,16 +31,13 @@ from residual.signals.track import Filters, Track
 
 @dataclass(frozen=True, slots=True)
 class Power:
-    """What one who is told the form and the shape reaches.
+    """What one who is told the form and the shape reaches."""
 
-    Attributes:
-        nats: Evidence of the true column over none, the price of one of the
-            vocabulary's names taken off [nats].
-        sees: Whether that passes for a name: the threshold of the evidence, and the
-            error of some joint falls by enough, or parameters are spared beyond belief.
-    """
-
+    # Evidence of the true column over none, the price of one of the vocabulary's names
+    # taken off [nats]
     nats: float
+    # Whether that passes for a name: the threshold of the evidence, and the error of
+    # some joint falls by enough, or parameters are spared beyond belief
     sees: bool
 
 

@@ -42,18 +42,12 @@ _FILLERS = 4
 
 @dataclass(frozen=True, slots=True)
 class Costs:
-    """Times [s] and ratios of pairs, medians.
+    """Times [s] and ratios of pairs, medians."""
 
-    Attributes:
-        commit: A commit.
-        put: A put of one object with as many bytes.
-        ratio: The first over the second.
-        over_parquet: A commit over making the Parquet file of the samples and a put.
-    """
-
-    commit: float
-    put: float
-    ratio: float
+    commit: float  # a commit
+    put: float  # a put of one object with as many bytes
+    ratio: float  # the first over the second
+    # A commit over making the Parquet file of the samples and a put
     over_parquet: float
 
 

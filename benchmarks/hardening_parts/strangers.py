@@ -33,25 +33,21 @@ quiet = 0
 
 @dataclass(frozen=True, slots=True)
 class Input:
-    """One hostile input.
-
-    Attributes:
-        content: Content of the file; None for no file.
-        judge: How an answer is judged: "refuse" for none is right, "answer" for only
-            one is, "samples", "bundle", "inbox" for the log beside it is stored, or
-            None where nobody can say.
-        request: What is asked of the guard of a server, in place of a command.
-        beside: Other files by name; None for a link to itself.
-    """
+    """One hostile input."""
 
     kind: str
     name: str
     words: tuple[str, ...]
     file: str = ""
-    content: bytes | None = None
+    content: bytes | None = None  # content of the file; None for no file
+    # How an answer is judged: "refuse" for none is right, "answer" for only one is,
+    # "samples", "bundle", "inbox" for the log beside it is stored, or None where nobody
+    # can say
     judge: str | None = None
     answer: str | None = None
+    # What is asked of the guard of a server, in place of a command
     request: dict | None = None
+    # Other files by name; None for a link to itself
     beside: Mapping[str, bytes | None] | None = None
 
 

@@ -44,21 +44,13 @@ def modelgap(*words: str, folder: Path = ROOT) -> subprocess.CompletedProcess:
 
 @dataclass(frozen=True, slots=True)
 class Ran:
-    """A command that has ended.
+    """A command that has ended."""
 
-    Attributes:
-        code: Its exit code.
-        said: What it printed.
-        seconds: On the clock [s].
-        cpu: Of the processors [s].
-        gigabytes: Peak resident memory.
-    """
-
-    code: int
-    said: str
-    seconds: float
-    cpu: float
-    gigabytes: float
+    code: int  # its exit code
+    said: str  # what it printed
+    seconds: float  # on the clock [s]
+    cpu: float  # of the processors [s]
+    gigabytes: float  # peak resident memory
 
     @property
     def failure(self) -> str:

@@ -73,31 +73,18 @@ _TAUGHT, _WATCHED = 3, 2  # days of the measured arm
 
 @dataclass(frozen=True, slots=True)
 class Run:
-    """One run of an arm.
+    """One run of an arm."""
 
-    Attributes:
-        arm: Seed of the arm.
-        family: Kind of motion.
-        number: Makes the motion and the noise.
-        seconds: Length [s].
-        start: Time on the clock of the arm [s].
-        worked: Usual work before it [s].
-        change: One of CHANGES, or "".
-        joint: Joint that changes, from 1; 0 for a load.
-        draw: Draws the change; the same in runs with the same one.
-        onset: From when on it is changed, since the run began [s].
-    """
-
-    arm: int
-    family: str
-    number: int
-    seconds: float
-    start: float
-    worked: float
-    change: str = ""
-    joint: int = 0
-    draw: int = 0
-    onset: float = 0.0
+    arm: int  # seed of the arm
+    family: str  # kind of motion
+    number: int  # makes the motion and the noise
+    seconds: float  # length [s]
+    start: float  # time on the clock of the arm [s]
+    worked: float  # usual work before it [s]
+    change: str = ""  # one of CHANGES, or ""
+    joint: int = 0  # joint that changes, from 1; 0 for a load
+    draw: int = 0  # draws the change; the same in runs with the same one
+    onset: float = 0.0  # from when on it is changed, since the run began [s]
 
 
 def robot_of(arm: int) -> Robot:

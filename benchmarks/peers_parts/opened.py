@@ -21,16 +21,11 @@ Array = np.ndarray
 
 @dataclass(frozen=True, eq=False, slots=True)
 class Log:
-    """One log.
+    """One log."""
 
-    Attributes:
-        t: Time of the session [s]. Shape (n,).
-        q: Positions [rad]. Shape (n, dof).
-        tau: Torques [N m], shape (n, dof); None where they are to be predicted.
-    """
-
-    t: Array
-    q: Array
+    t: Array  # time of the session [s]. Shape (n,).
+    q: Array  # positions [rad]. Shape (n, dof).
+    # Torques [N m], shape (n, dof); None where they are to be predicted
     tau: Array | None
 
 
@@ -78,15 +73,12 @@ class Case:
 
 @dataclass(frozen=True, eq=False, slots=True)
 class Answer:
-    """What a program says of one case.
-
-    Attributes:
-        unknown: Whether, or on which joints, something is left that has no name.
-        predictions: Torque by name of the file [N m]. Shapes (n, dof).
-    """
+    """What a program says of one case."""
 
     findings: tuple[Mapping, ...]
+    # Whether, or on which joints, something is left that has no name
     unknown: bool | list[int] = False
+    # Torque by name of the file [N m]. Shapes (n, dof).
     predictions: Mapping[str, Array] = field(default_factory=dict)
 
     @property
@@ -113,17 +105,12 @@ _KEYS = {"coulomb": "level", "viscous": "coefficient", "rotor_inertia": "inertia
 
 @dataclass(frozen=True, eq=False, slots=True)
 class Rows:
-    """One log as equations.
+    """One log as equations."""
 
-    Attributes:
-        columns: Torque of each parameter of size one. Shape (m, dof, p).
-        residual: Measured torque less that of the given model [N m]. Shape (m, dof).
-        moving: Whether a joint moves. Shape (m, dof).
-    """
-
-    columns: Array
+    columns: Array  # torque of each parameter of size one. Shape (m, dof, p).
+    # Measured torque less that of the given model [N m]. Shape (m, dof).
     residual: Array
-    moving: Array
+    moving: Array  # whether a joint moves. Shape (m, dof).
 
 
 @dataclass(frozen=True)

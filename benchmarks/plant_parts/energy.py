@@ -13,15 +13,10 @@ from sim.plant.stepping import Trace
 
 @dataclass(frozen=True, slots=True)
 class Balance:
-    """Books of one run.
+    """Books of one run."""
 
-    Attributes:
-        error: Largest miss of stored energy minus work in minus losses [J].
-        throughput: Integral of the absolute power of the motors [J].
-    """
-
-    error: float
-    throughput: float
+    error: float  # largest miss of stored energy minus work in minus losses [J]
+    throughput: float  # integral of the absolute power of the motors [J]
 
 
 def balance(trace: Trace, every: int = 50) -> Balance:

@@ -26,38 +26,28 @@ CHANGES = tuple(effect.name for effect in of_drives())
 
 @dataclass(frozen=True, slots=True)
 class LogPlan:
-    """One log to record.
-
-    Attributes:
-        part: "baseline" (without hidden effects), "fit" or "held_out".
-        duration: Length [s].
-        rate: Samples per second [Hz].
-    """
+    """One log to record."""
 
     name: str
-    part: str
+    part: str  # "baseline" (without hidden effects), "fit" or "held_out"
     family: str
-    duration: float = DURATION
-    rate: float = RATE
+    duration: float = DURATION  # length [s]
+    rate: float = RATE  # samples per second [Hz]
 
 
 @dataclass(frozen=True, eq=False, slots=True)
 class Case:
-    """Logs with the truth beside them.
+    """Logs with the truth beside them."""
 
-    Attributes:
-        robot: The robot as the diagnosis may know it.
-        baseline: Logs before the effect came; empty without a baseline.
-        declared: What to give as declared effects; None for the default.
-        truth: The hidden effect, None in a null case. One that is not declared at all
-            stands here with all its joints.
-    """
-
-    robot: Robot
+    robot: Robot  # the robot as the diagnosis may know it
     fit: tuple[Recording, ...]
     held_out: tuple[Recording, ...]
+    # Logs before the effect came; empty without a baseline
     baseline: tuple[Recording, ...]
+    # What to give as declared effects; None for the default
     declared: tuple[str, ...] | None
+    # The hidden effect, None in a null case. One that is not declared at all stands
+    # here with all its joints.
     truth: Hidden | None
 
 
