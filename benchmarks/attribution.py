@@ -38,7 +38,6 @@ _SEEDS = "113101:113113"
 
 
 def main() -> int:
-    """Run the groups and return the exit code."""
     args = read_options(__doc__, _SEEDS, cases.GROUPS)
     # For the pool: its processes load NumPy after this.
     one_blas_thread()

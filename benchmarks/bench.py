@@ -50,7 +50,6 @@ _SAID_EVERY = 20.0  # s between two lines of progress
 
 
 def main() -> int:
-    """Run what is not known of this code, and return the exit code."""
     args = _arguments()
     LOGS.mkdir(parents=True, exist_ok=True)
     codes, begun = [], monotonic()
@@ -133,7 +132,6 @@ def _said(child: subprocess.Popen, file) -> Iterator[str]:
 
 
 def _show(names: Sequence[str]) -> None:
-    """Print one table of all results files."""
     print(f"\n{'benchmark':15} {'commit':8} {'met':>4} {'missed':>6}  missed bars")
     for name in names:
         content = _read(name)

@@ -51,7 +51,6 @@ _QUICK_GROUPS = ("unchanged", "change", "measured_change")
 
 
 def main() -> int:
-    """Run the groups and return the exit code."""
     quick, text = "a handful of short logs, under 50 s", "only write the deciding list"
     args = read_options(__doc__, cases.DECIDING, GROUPS, quick, list=text)
     if args.quick and args.groups == list(GROUPS):

@@ -37,7 +37,6 @@ _GROUPS = ("faults", "clean", "effects", "trusted")
 
 
 def main() -> int:
-    """Run the jobs and return the exit code."""
     args = read_options(__doc__, _SEEDS, _GROUPS)
     wanted = cases.tasks(seed_range(args.seeds), args.quick)
     jobs = {t.name: t for t in wanted if t.group in args.groups}

@@ -40,7 +40,6 @@ _SEEDED = {
 
 
 def main() -> int:
-    """Run the groups and return the exit code."""
     own = argparse.ArgumentParser(add_help=False)
     text = "of next and close, both included; without it those that decide"
     own.add_argument("--seeds", metavar="A:B", help=text)

@@ -49,7 +49,6 @@ QUICK = ("ur10 60 % | 40 %", "kr300 AB | C", "ur10e feb10 | other days", LOADED)
 
 
 def main() -> int:
-    """Diagnose the splits and return the exit code."""
     parser = argparse.ArgumentParser(
         description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
     )

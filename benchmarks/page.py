@@ -151,7 +151,6 @@ def readme_table() -> str:
 
 
 def main() -> int:
-    """Write the pages and the table."""
     for which, path in PAGES.items():
         path.write_text(page(which), encoding="utf-8")
     before, _, rest = README.read_text(encoding="utf-8").partition(FENCES[0])

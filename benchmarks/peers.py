@@ -37,7 +37,6 @@ _FULL, _QUICK = (10, 20.0), (2, 8.0)  # cases, seconds of a log
 
 
 def main() -> int:
-    """Export the studies, let every program answer, and return the exit code."""
     args = read_options(__doc__, _SEEDS, tuple(cases.PROGRAMS), "two short cases")
     # For the pool: its processes load NumPy after this.
     one_blas_thread()

@@ -26,7 +26,6 @@ BUSY = 1.0
 
 
 def main() -> int:
-    """Run the groups and return the exit code."""
     load = os.getloadavg()[0]
 
     def measure(name: str, quick: bool) -> Figures:

@@ -81,11 +81,7 @@ def six() -> Robot:
 
 
 def make(arm: Arm, effects: Sequence[PlantEffect]) -> Made:
-    """Record one case.
-
-    Args:
-        effects: What changed.
-    """
+    """Record one case with what changed."""
     plant, seconds = arm.plant(effects), 12.0 if arm.quick else 20.0
     families = (_QUICK_FIT, _QUICK_HELD_OUT) if arm.quick else (FIT, HELD_OUT)
     logs = []
@@ -106,7 +102,6 @@ def make_edited(arm: Arm, effects: Sequence[PlantEffect]) -> Recording:
 
 
 def motion(arm: Arm, name: str, family: str, seconds: float) -> Reference:
-    """Return the motion of one log."""
     rng = stream(arm.seed, f"motion/{name}")
     return make_motion(family, usual_limits(arm.robot), seconds, RATE, rng)
 
@@ -124,11 +119,7 @@ def record(
 def moved_values(
     arm: Arm, effects: Sequence[PlantEffect]
 ) -> dict[tuple[str, int], tuple[float, float]]:
-    """Return what is given of each drive and what it is, changes included.
-
-    Returns:
-        By name and joint from 1: the given value and the true one, SI.
-    """
+    """Return given and true value of each drive's numbers [SI], changes included."""
     robot = arm.robot
     true, given = true_friction(arm.plant(())), sizes(robot)
     out = {}

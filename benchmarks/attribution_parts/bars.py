@@ -13,11 +13,6 @@ _NO_LIST = "the verdict has no list of changed values"
 
 
 def case_figures(rows: Mapping[str, Rows], deciding: bool) -> Figures:
-    """Return the figures of all groups that were run.
-
-    Args:
-        deciding: Whether these are the seeds and the counts that the bars are for.
-    """
     makers: Mapping[str, Callable[[Rows], Figures]] = {
         "unchanged": _unchanged,
         "changed": _changed,

@@ -87,7 +87,6 @@ def matching(planted: Sequence[Name], classes: Sequence[Sequence[Name]]) -> dict
 
 
 def alternatives(document: Mapping) -> list[list[Name]] | None:
-    """Return the other sets that a verdict lists; None where it has no such list."""
     listed = document.get("alternatives")
     if listed is None:
         return None
@@ -186,11 +185,7 @@ def edit_rows(
 
 
 def true_arm(arm: Arm, effects: Sequence[PlantEffect], like: Model) -> Model:
-    """Return a model with the true parameters of an arm.
-
-    Args:
-        like: A model of the same declared effects, for its signals.
-    """
+    """Return a model of the true parameters of an arm, with the signals of another."""
     plant = arm.plant(effects)
     body = changed(true_model(plant), acting(plant.hidden))
     drives = {key: true for key, (_, true) in moved_values(arm, effects).items()}
@@ -239,11 +234,7 @@ class Task:
 
 
 def tasks(group: str, seeds: Sequence[int], quick: bool) -> list[Task]:
-    """Return the cases of a group.
-
-    Args:
-        quick: Two arms only, in few and short logs.
-    """
+    """Return the cases of a group; a quick run has two arms, in few and short logs."""
     if group == SETS:  # of the arm of seven joints, whose given values are exact
         draws = range(seeds[0], seeds[0] + (1 if quick else _SETS * len(seeds)))
         return [Task(group, SEVEN, 0, 0, s, quick) for s in draws]
@@ -269,14 +260,7 @@ def benches(wanted: Sequence[Task]) -> list[Task]:
 
 
 def run(job: tuple[Task, Sequence[Mapping]]) -> dict:
-    """Draw one case, diagnose it and judge the answer.
-
-    Args:
-        job: The case, and the detectable sizes of its arm; none for an unchanged one.
-
-    Returns:
-        Its row; of a crash the error.
-    """
+    """Draw a case by the detectable sizes of its arm, if any; diagnose and judge."""
     task, minimum = job
     return guarded(asdict(task), lambda: _done(task, minimum))
 
@@ -314,7 +298,6 @@ def _done(task: Task, minimum: Sequence[Mapping]) -> dict:
 
 
 def changes_of(task: Task, minimum: Sequence[Mapping]) -> list[PlantEffect]:
-    """Return what changed in a case."""
     if task.group == UNCHANGED:
         return []
     rng = stream(derived_seed(task.seed, f"changes/{task.name}"), "changes")
@@ -338,7 +321,6 @@ def _multiples(effects, arm: Arm, least: Sequence[Detectable]) -> list[float | N
 
 
 def words(row: Mapping) -> str:
-    """Return one line on a case for the log of a run."""
     if "outcome" not in row:
         return "done"
     there, said = (
@@ -349,7 +331,6 @@ def words(row: Mapping) -> str:
 
 
 def _outcome(row: Mapping) -> str:
-    """One word for the log of a run."""
     if row["exact"]:
         return "exact"
     if row["listed"]:

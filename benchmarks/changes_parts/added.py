@@ -81,17 +81,11 @@ def moving(log: Smooth) -> Array:
 
 
 def rigid_body(model: pin.Model) -> RigidBody:
-    """Return the torque of a known rigid body."""
     return lambda q, qd, qdd: inverse_dynamics(model, q, qd, qdd)
 
 
 def shares(rigid: RigidBody, with_: Recording, without: Recording) -> Shares:
-    """Return what a change does in one log.
-
-    Args:
-        rigid: Torque of the arm's rigid body without the change.
-        without: The same motion without it.
-    """
+    """Return what a change does in one log, beside the same motion without it."""
     one, other = smooth(with_), smooth(without)
     every = max(1, round(1 / (_ROWS * (other.t[1] - other.t[0]))))
     rows = slice(None, min(len(one.t), len(other.t)), every)
@@ -103,11 +97,7 @@ def shares(rigid: RigidBody, with_: Recording, without: Recording) -> Shares:
 
 
 def size_of(found: Sequence[Shares], joints: Sequence[int]) -> float:
-    """Return the size of a change.
-
-    Args:
-        joints: Joints from 1 that have it; several or none: where it is largest.
-    """
+    """Return the size of a change; of several joints or none where it is largest."""
     effect, torque, moves = (np.concatenate(each) for each in zip(*found, strict=True))
     dof = torque.shape[1]
     places = [j - 1 for j in joints] if len(joints) == 1 else range(dof)
@@ -122,14 +112,7 @@ def size_of(found: Sequence[Shares], joints: Sequence[int]) -> float:
 def solved(
     size_at: Callable[[float], float | None], target: float
 ) -> tuple[float, float] | None:
-    """Return by what to multiply a change for it to have a size, and that size.
-
-    Args:
-        size_at: Size for a multiple; None where no arm can be so.
-
-    Returns:
-        None where no arm can have it so large, or nothing shows of it at all.
-    """
+    """Return what times a change has a size, and that size; None for never."""
     before: tuple[float, float] | None = None
     factor = 1.0
     for _ in range(_TRIES):
@@ -189,7 +172,6 @@ class State:
 
 
 def state(log: Recording, body: Body) -> State:
-    """Return a log as the formulas need it."""
     even = smooth(log)
 
     def back(values: Array) -> Array:
@@ -200,11 +182,7 @@ def state(log: Recording, body: Body) -> State:
 
 
 def changed(at: State, name: str, joints: Sequence[int], values: Values) -> Recording:
-    """Return a log with a change added to it.
-
-    Args:
-        joints: Its joint, from 1; () for one of the whole arm.
-    """
+    """Return a log with a change added; joints from 1, () for the whole arm."""
     if name in WHOLE:
         return replace(at.log, tau=WHOLE[name](at, values))
     (joint,) = joints

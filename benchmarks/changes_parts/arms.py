@@ -71,7 +71,6 @@ class Truly:
 
 @lru_cache(maxsize=8)
 def robot_of(arm: str) -> Robot:
-    """Return the description of one of ARMS."""
     if arm in (ENGINE, BUILT_IN):
         return load_robot("irb140")
     if arm == SEVEN:

@@ -52,11 +52,7 @@ class Answer:
 
 
 def judged(truths: Sequence[Truth], answer: Answer) -> dict:
-    """Return the part of a row that judges an answer.
-
-    Args:
-        truths: What changed; effects out of the vocabulary cannot be named rightly.
-    """
+    """Judge an answer as part of a row; what has no name cannot be named rightly."""
     named = [Name(t.name, t.joints) for t in truths if not t.name.startswith("x_")]
     hits, classes, extra = matched(named, answer.said)
     of_each = [hit or near for hit, near in zip(hits, classes, strict=True)]
@@ -128,7 +124,6 @@ _IN_TORQUE = {
 
 @lru_cache(maxsize=2)
 def make(case: Case) -> Made:
-    """Record a simulated case, or cut a measured one and add what is planted."""
     return _measured(case) if case.group in MEASURED else _simulated(case)
 
 
@@ -249,7 +244,6 @@ def _diagnosed(made: Made) -> Verdict:
 
 
 def ask_product(made: Made) -> Answer:
-    """Ask this program."""
     begun = process_time()
     verdict = _diagnosed(made)
     seconds, drift = process_time() - begun, verdict.drift
@@ -292,7 +286,6 @@ def _values(said: Member) -> dict[str, tuple[float | None, float | None]]:
 
 
 def _truths(case: Case) -> tuple[Truth, ...]:
-    """Return what a case hides, for a row without logs."""
     return tuple(
         Truth(p.name, tuple(sorted(p.joints)), dict(p.parameters), p.size)
         for p in case.planted
@@ -300,10 +293,7 @@ def _truths(case: Case) -> tuple[Truth, ...]:
 
 
 def _at_the_edge(case: Case, minimum: Sequence[Mapping]) -> Case | None:
-    """Return a case whose change is as large as half would be seen of.
-
-    None where the program says no size of it.
-    """
+    """Return a case as large as half would be seen of; None where no size is said."""
     one = case.planted[0]
     least = smallest([Detectable(**m) for m in minimum], one.name, one.joints)
     values = dict(one.parameters)
@@ -316,7 +306,6 @@ def _at_the_edge(case: Case, minimum: Sequence[Mapping]) -> Case | None:
 
 
 def words(row: Mapping) -> str:
-    """Return what is printed of a row."""
     if "minimum" in row:
         return f"{len(row['minimum'])} sizes"
     if "refused" in row:
@@ -331,7 +320,6 @@ def words(row: Mapping) -> str:
 
 
 def joints_of(arm: str) -> int:
-    """Return how many joints an arm has."""
     robot_of = real.robot_of if arm in real.ARMS else arms.robot_of
     return robot_of(arm).dof
 

@@ -50,11 +50,6 @@ _DRIFTED = 0.03  # from which a factor of friction ought to be told
 
 
 def all_figures(rows: Sequence[Mapping], deciding: bool) -> Figures:
-    """Return the figures of all rows.
-
-    Args:
-        deciding: Whether these are the seeds that the bars are for.
-    """
     ours, theirs = (_by_group(rows, method) for method in (PRODUCT, PEER))
     figures: Figures = {}
     for group, make in _MAKERS.items():
@@ -79,7 +74,6 @@ def token(size: float) -> str:
 
 
 def of_size(rows: Rows, size: float) -> Rows:
-    """Return the rows of cases of that size."""
     return [r for r in rows if abs(r["target"] - size) < 1e-9]
 
 
@@ -108,7 +102,6 @@ def _per_effect(rows: Rows, hit: Hit | None = None) -> dict:
 
 
 def _which(rows: Rows) -> dict:
-    """Return what was named, and how often."""
     return {"names": counted(name for r in rows for name, _ in r["names"])}
 
 
@@ -278,7 +271,6 @@ def _against(ours: Mapping[str, Rows], theirs: Mapping[str, Rows]) -> Figures:
 
 
 def _sized(groups: Mapping[str, Rows]) -> dict[str, Rows]:
-    """Return rows of changes of a size by the name of their figures."""
     out = {f"change_{token(s)}": of_size(groups.get(CHANGE, ()), s) for s in SIZES}
     real = [r for r in groups.get(REAL_CHANGE, ()) if r["arm"] == UR10E]
     for size in _RIGHT_UR10E:

@@ -97,7 +97,6 @@ class Made:
 
 
 def from_json(record: Mapping) -> Case:
-    """Return the case of a record of `asdict`, through JSON or not."""
     return _CASE.validate_python(record)
 
 

@@ -109,7 +109,6 @@ def listed(
 
 
 def slots(group: str, seeds: Sequence[int]) -> list[Slot]:
-    """Return the places of a group in the list."""
     if group == REAL_CHANGE:
         return [
             Slot(group, seed, index, target, _real_kind(kind, seed, index))
@@ -128,7 +127,6 @@ def slots(group: str, seeds: Sequence[int]) -> list[Slot]:
 
 
 def write_list(seeds: str, pool: Any) -> int:
-    """Write the list of the seeds that decide; return how many cases it has."""
     many = seed_range(seeds)
     groups = [g for g in GROUPS if g not in (REAL_UNCHANGED, LOAD)]
     if missing := [arm for arm in real.ARMS if absent(arm)]:
@@ -145,11 +143,7 @@ def write_list(seeds: str, pool: Any) -> int:
 
 
 def drawn(slot: Slot) -> dict:
-    """Draw the case of a place, again and again until an arm can have it.
-
-    Raises:
-        ValueError: If no draw gives one.
-    """
+    """Draw the case of a place, again and again until an arm can have it."""
     for attempt in range(_TRIES):
         name = f"changes/{slot.group}/{slot.target:g}/{slot.kind}/{slot.index}"
         rng = stream(slot.seed, f"{name}/{attempt}")
@@ -280,7 +274,6 @@ def _real_kind(kind: str, seed: int, index: int) -> str:
 
 
 def _orders(group: str) -> list[Case]:
-    """Return orders of measured logs that are on this machine."""
     if group == LOAD:
         orders = [(real.UR10E, *epochs) for epochs in real.load_epochs()]
     else:

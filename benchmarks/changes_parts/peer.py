@@ -147,7 +147,6 @@ def changes(
 def _own_changes(
     joint: _Joint, number: int, restless: float, blocks: float
 ) -> list[Change]:
-    """Return what may have changed on one joint alone."""
     many = len(_LOCAL)
     places = [(name, [i]) for i, name in enumerate(_LOCAL)]
     places += [
@@ -173,7 +172,6 @@ def _own_changes(
 def _shared_change(
     name: str, joints: Sequence[_Joint], restless: float, blocks: float
 ) -> Change:
-    """Return what may have changed of the whole arm."""
     columns = [joint.shared[name] * joint.second[:, None] for joint in joints]
     basis = np.eye(columns[0].shape[1])
     if name == "payload":
@@ -294,7 +292,6 @@ def _project(x: Array, inverse: Array, columns: Array) -> Array:
 
 
 def _log(model: pin.Model, log: Recording) -> _Log:
-    """Return the columns of one log."""
     step = float(np.median(np.diff(log.t)))
     sos = butter(4, min(0.9, _CUTOFF / (0.5 / step)), output="sos")
     every = max(1, round(1 / (step * _RATE)))

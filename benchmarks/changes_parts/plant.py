@@ -118,11 +118,7 @@ _MOST_FORCE = 0.5  # of its weight
 def drawn(
     case: Case, name: str, rng: Rng, target: float, apart: tuple[int, ...] = ()
 ) -> Planted | None:
-    """Draw a change of that size on an arm, None where the arm cannot have it.
-
-    Args:
-        target: Its size; 0 for a usual one.
-    """
+    """Draw a change of a size (0: a usual one), None where the arm cannot have it."""
     robot, arm = robot_of(case.arm), truly(case)
     usual = draw_hidden(robot, rng, name)
     values = dict(usual.parameters)
@@ -157,7 +153,6 @@ def drawn(
 
 
 def as_effect(planted: Planted) -> PlantEffect:
-    """Return a change as the plant takes it."""
     return PlantEffect(planted.name, planted.joints, planted.parameters)
 
 
@@ -171,7 +166,6 @@ def times(name: str, values: Values, factor: float) -> dict[str, float]:
 def possible(
     name: str, values: Values, robot: Robot, arm: Truly, joints: tuple[int, ...]
 ) -> bool:
-    """Say whether an arm can have a change so large."""
     rows = [j - 1 for j in joints] or [0]
     size = _signed(name, values)
     if name in _OF_OWN:

@@ -88,7 +88,6 @@ def unchanged_epochs() -> list[tuple[str, tuple[Part, ...], tuple[Part, ...]]]:
 
 
 def load_epochs() -> list[tuple[tuple[Part, ...], tuple[Part, ...]]]:
-    """Return the epochs before and after the weighed load of the UR10e."""
     before = [_whole(day, _DAYS[day]) for day in ("feb19", "feb12")]
     after = (Part(_LOADED, 0, 0.0, _LOADED_LENGTH),)
     return [((before[0],), after), ((before[1], before[0]), after)]
@@ -125,7 +124,6 @@ def _windows(days: Sequence[str], rng: Rng) -> tuple[Part, ...]:
 
 
 def read(case: Case, parts: Sequence[Part]) -> tuple[Recording, ...]:
-    """Return logs of an arm, each at most as long as it is."""
     return tuple(_read(case.arm, part) for part in parts)
 
 
@@ -153,7 +151,6 @@ def drawn(case: Case, name: str, rng: Rng, target: float) -> Planted | None:
 
 
 def planted_logs(case: Case) -> tuple[Recording, ...]:
-    """Return the second epoch with what is planted in it."""
     logs = read(case, case.second)
     for one in case.planted:
         body = plain_body(case.arm)
@@ -164,7 +161,6 @@ def planted_logs(case: Case) -> tuple[Recording, ...]:
 
 
 def _usual(name: str, joints: Sequence[int], body: Body, rng: Rng) -> dict[str, float]:
-    """Draw a change of usual size: signs, orders, centres."""
     j = joints[0] - 1 if joints else 0
     torque, way = float(body.torque[j]), float(rng.choice([-1.0, 1.0]))
     turn = float(rng.uniform(0, 2 * np.pi))
@@ -211,7 +207,6 @@ def _times(name: str, values: Values, factor: float) -> dict[str, float]:
 
 
 def _possible(name: str, values: Values, joints: Sequence[int], body: Body) -> bool:
-    """Say whether an arm can have a change so large."""
     j = joints[0] - 1 if joints else 0
     torque = float(body.torque[j])
     free = [v for k, v in values.items() if k not in _FIXED]

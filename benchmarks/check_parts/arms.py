@@ -62,7 +62,6 @@ def host(name: str, seed: int) -> Host | None:
 
 
 def synthetic(name: str, seed: int) -> Host:
-    """Return a synthetic arm with one log of each family."""
     robot = load_robot("irb140") if name == SIX else seven()
     plant = Plant(robot, (), seed)
     logs = []
@@ -159,7 +158,6 @@ def seven() -> Robot:
 
 
 def others(dof: int) -> tuple[Robot, ...]:
-    """Return arms of other builds with that many joints."""
     axes = {6: ("yzyzyz", "zyzyyz", "yyzyzy"), 7: ("yzyzyzy", "zzyyzyy", "yyzzyzy")}
     dimensions = ((0.4, 12.0), (0.25, 6.0), (0.6, 25.0))
     return tuple(
@@ -191,22 +189,18 @@ Fault = Callable[[Host, int, np.random.Generator], "Spoiled | None"]
 
 
 def table_of(log: Recording) -> Table:
-    """Return the signals of a log."""
     return {k: v for k in SIGNALS if (v := getattr(log, k)) is not None}
 
 
 def tables_of(host: Host) -> list[Table]:
-    """Return the signals of all clean logs of an arm."""
     return [table_of(log) for log in host.logs]
 
 
 def changed(tables: Sequence[Table], change: Callable[[Table], Mapping]) -> list[Table]:
-    """Return tables with some signals replaced."""
     return [table | dict(change(table)) for table in tables]
 
 
 def some(rng: np.random.Generator, dof: int, count: int) -> tuple[int, ...]:
-    """Draw joints, from 1 and in order."""
     return tuple(sorted(int(j) + 1 for j in rng.choice(dof, count, replace=False)))
 
 

@@ -36,11 +36,6 @@ SHOWS_AS = {
 
 
 def figures(rows: Rows, absent: Sequence[str], deciding: bool) -> Figures:
-    """Return all figures.
-
-    Args:
-        deciding: Whether these are the seeds and counts that the bars are for.
-    """
     by_group = defaultdict(list)
     for row in rows:
         by_group["crashes" if "error" in row else row["group"]].append(row)

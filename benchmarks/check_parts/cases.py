@@ -119,11 +119,7 @@ def tasks(seeds: Sequence[int], quick: bool) -> list[Task]:
 
 
 def run(task: Task) -> dict:
-    """Do one job; a crash of one case is a row with its error.
-
-    Returns:
-        The rows of its cases; none, and why, where measured logs are absent.
-    """
+    """Do one job; a crash of one case is a row with its error."""
     do = {"faults": _faults, "clean": _clean, "effects": _effects, "trusted": _trusted}[
         task.group
     ]

@@ -62,11 +62,7 @@ def given(own: Host, spoiled: Spoiled) -> Robot:
 def read(
     folder: Path, tables: Sequence[Table], robot: Robot, columns: str | None = None
 ) -> LogSets:
-    """Write logs as files and read them as a command does.
-
-    Args:
-        columns: The COLUMNS.toml, None for none.
-    """
+    """Write logs as files and read them as a command does."""
     words = []
     for i, table in enumerate(tables):
         names = {"t": table["t"]}

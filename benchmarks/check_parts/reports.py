@@ -42,11 +42,7 @@ _NOISE = 5e-5  # rad
 
 
 def motor_current(host: Host, size: int, rng: Rng) -> Spoiled:
-    """Torque is divided by 8 to 15 per joint, by one such factor, or in kgf cm.
-
-    Args:
-        size: 0 to 2.
-    """
+    """Torque is divided by 8 to 15 per joint, by one such factor, or in kgf cm."""
     dof = host.robot.dof
     each = rng.uniform(8, 15, dof)
     factor = (1 / each, 1 / each[0], _KGF_CM)[size]
@@ -55,14 +51,7 @@ def motor_current(host: Host, size: int, rng: Rng) -> Spoiled:
 
 
 def joints_swapped(host: Host, size: int, rng: Rng) -> Spoiled | None:
-    """Two joints are exchanged in all signals: neighbours, any two, or in two logs.
-
-    Args:
-        size: 0 to 2.
-
-    Returns:
-        None where it is never more than a rough robot file misses.
-    """
+    """Exchange neighbours, any two joints, or two in two logs, where that shows."""
     dof, right = host.robot.dof, tables_of(host)
     for _ in range(40):
         a = int(rng.integers(1, dof))
@@ -277,10 +266,7 @@ def _turnable(
 
 
 def joint_order(host: Host, size: int, rng: Rng) -> Spoiled | None:
-    """Two torques, two joints altogether, or three torques in a ring are exchanged.
-
-    Sizes 3 to 5 exchange two joints altogether in further ways.
-    """
+    """Two torques, two joints (as in 3 to 5, too), or three in a ring are exchanged."""
     if size > 2:
         return joints_swapped(host, size - 3, rng)
     dof, right = host.robot.dof, tables_of(host)

@@ -49,11 +49,6 @@ FAMILIES = {
 
 
 def case_figures(rows: Mapping[str, Rows], deciding: bool) -> Figures:
-    """Return the figures of all groups that were run.
-
-    Args:
-        deciding: Whether these are the seeds and the counts that the bars are for.
-    """
     makers: Mapping[str, Callable[[Rows], Figures]] = {
         "singles": _singles,
         "detection": _detection,
@@ -160,10 +155,7 @@ def _known(rows: Rows) -> Figures:
 
 
 def _powers(rows: Mapping[str, Rows]) -> Figures:
-    """What was found of the cases that one sees who is told form and shape.
-
-    By family, each with its counts per effect and the counts of those that are seen.
-    """
+    """Return what was found of the cases that one sees who is told form and shape."""
     out: Figures = {}
     one = [r for g in ("singles", "detection") for r in rows.get(g, ())]
     of = {e: family for family, names in FAMILIES.items() for e in names}
@@ -212,7 +204,6 @@ _HARD: Mapping[str, tuple[str, tuple[str, ...], Hit, float]] = {
 
 
 def _across(rows: Mapping[str, Rows]) -> Figures:
-    """Figures of all cases with something to name: names, errors, coverage."""
     groups = ("singles", "detection", "pairs")
     some = [r for g in groups for r in rows.get(g, ()) if "outcome" in r]
     named = [r for r in some if r["named"]]

@@ -81,12 +81,7 @@ def the_arm() -> Robot:
 
 
 def make(data: str, effects: Sequence[PlantEffect], motion: int, arm: int) -> Made:
-    """Record one case.
-
-    Args:
-        data: "synthetic", "pybullet" or "quick" (synthetic, short).
-        effects: What the arm hides; forms of other authors only on synthetic ones.
-    """
+    """Record one case; forms of other authors only on synthetic arms."""
     plan = PLANS[data]
     record = _pybullet if data == PYBULLET else _synthetic
     logs, truths = record(plan, tuple(effects), motion, arm)
@@ -167,12 +162,7 @@ class Task:
 
 
 def tasks(group: str, seeds: range, quick: bool) -> list[Task]:
-    """Return the cases of a group.
-
-    Args:
-        seeds: Seeds of the draws; a group that needs more goes on from the last.
-        quick: A handful only.
-    """
+    """Return the cases of a group; if it needs more, from the last seed on."""
     if quick:
         return _quick(group, seeds[0])
     named, strange = vocabulary(the_arm())
@@ -269,10 +259,7 @@ def _seen(task: Task, made: Made, effects: Sequence[PlantEffect]) -> list[Power]
 
 
 def _narrowed(made: Made, verdict: Verdict) -> float | None:
-    """Return the deviation of a load's centre with its mass known, over that without.
-
-    None where one of the two has no load.
-    """
+    """Return the deviation of a load's centre with its mass known, over that without."""
     robot = with_known(made.robot, {"payload.mass": made.truths[0]["mass"]})
     told = diagnose(robot, made.fit, (), made.held_out).verdict
     before, after = (_centre_deviation(one) for one in (verdict, told))
@@ -287,12 +274,10 @@ def _centre_deviation(verdict: Verdict) -> float | None:
 
 @lru_cache(maxsize=1)  # cases of one seed follow one another
 def _bare(data: str, motion: int, arm: int) -> tuple[Recording, ...]:
-    """Return the fit logs of an arm that hides nothing."""
     return make(data, (), motion, arm).fit
 
 
 def _hidden(task: Task, minimum: Sequence[Detectable]) -> tuple[str, list[PlantEffect]]:
-    """Draw what a case hides: its kind and its effects."""
     robot, rng = the_arm(), stream(task.arm, f"{task.group}/{task.what}")
     if task.group in ("bench", "nulls"):
         return NOTHING, []
@@ -369,7 +354,6 @@ def _quick(group: str, seed: int) -> list[Task]:
 
 
 def words(row: Mapping) -> str:
-    """Return one line on a case for the log of a run."""
     if "outcome" not in row:
         return "done"
     names = "; ".join(f"{n[0]} {n[1]}" for n in row["names"]) or "nothing"

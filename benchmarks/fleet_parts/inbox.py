@@ -46,17 +46,12 @@ def arm(folder: Path) -> Path:
 
 
 def logs(folder: Path, seed: int = 1) -> list[Path]:
-    """Write three logs of an arm with a load on its flange."""
     case = standard_case("payload", seed, joint=6)
     return [write_csv(folder / f"{log.id}.csv", log) for log in case.fit[:3]]
 
 
 def many(folder: Path, number: int, seconds: float) -> list[Path]:
-    """Write many short logs, each with samples of its own.
-
-    Args:
-        seconds: Length of each [s].
-    """
+    """Write many short logs of some seconds, each with samples of its own."""
     case = standard_case("payload", 1, joint=6)
     whole = [log for log in case.fit if log.duration > seconds]
     rng, paths = np.random.default_rng(7), []
@@ -82,7 +77,6 @@ COMMANDS, SECONDS, FIRST_PATIENCE = 4, 180.0, 1200.0
 
 
 def first_figures(quick: bool) -> Figures:
-    """Return the figures of the group."""
     if quick:
         why = "a server and a diagnosis take longer than a quick run"
         return all_missing({"first_commands": COMMANDS, "first_seconds": SECONDS}, why)

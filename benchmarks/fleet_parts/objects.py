@@ -186,7 +186,6 @@ def _write_until_killed(address: str, first: int, started) -> None:
 
 
 def _size(bucket: Bucket) -> int:
-    """Return how many bytes the last run has in the bucket."""
     listed = bucket.objects("samples")
     latest = max(listed, key=lambda each: each.modified).key.rpartition("/")[0]
     return sum(each.size for each in listed if each.key.startswith(latest))
@@ -202,11 +201,7 @@ _KEYS = {
 
 @contextmanager
 def serve(folder: Path) -> Iterator[Callable[[], str]]:
-    """Serve S3; gives a function that returns the address of a new store.
-
-    Args:
-        folder: Where this process, and those that it starts, keep copies.
-    """
+    """Serve S3; gives a function that returns the address of a new store."""
     with socket.socket() as free:
         free.bind(("127.0.0.1", 0))
         port = free.getsockname()[1]
@@ -246,7 +241,6 @@ _SMALL = "a quick run has fewer"
 
 
 def object_figures(quick: bool) -> Figures:
-    """Measure the group."""
     share = 20 if quick else 1
     with tempfile.TemporaryDirectory() as folder, serve(Path(folder)) as new_store:
         together = TOGETHER // share

@@ -153,11 +153,7 @@ PLACES = 500
 
 
 def flip_figures(quick: bool) -> Figures:
-    """Flip bits one at a time; ask `verify`, and ask SQL for all rows of all views.
-
-    Half of them meet a store without its index, so that the records themselves are
-    read.
-    """
+    """Flip bits, half of them without an index; ask `verify`, and all of SQL."""
     places = 60 if quick else PLACES
     rng = np.random.default_rng(16)
     with folder() as place:
@@ -277,7 +273,6 @@ def _pair(place: Path, asked: str, first: int) -> tuple:
 
 
 def _timed(place: Path, asked: str) -> tuple[float, float]:
-    """Return seconds on the clock and of the processors."""
     with warehouse.open(place) as opened:
         start = perf_counter(), process_time()
         opened.sql(asked)

@@ -24,7 +24,6 @@ SEEDS = 12  # random edits of each file
 
 
 def prepare(place: Path) -> dict[str, Path]:
-    """Write the valid files that hostile ones are made of."""
     robot = load_robot("irb140")
     motion = make_reference(robot, TrajectorySpec("cyclic", 4.0, 1, 0), 100.0)
     rng = np.random.default_rng(3)

@@ -163,7 +163,6 @@ EFFECT = {"name": '"stribeck"', "joints": "[3]", "level": "4.0", "velocity": "0.
 
 
 def text_of(tables: dict[str, dict[str, str]], head: str = "") -> str:
-    """Return tables as TOML."""
     lines = [head]
     for name, keys in tables.items():
         lines += [f"[{name}]", *(f"{key} = {value}" for key, value in keys.items())]
@@ -176,7 +175,6 @@ def bad_maps() -> Iterator[tuple[str, bytes, bool]]:
 
 
 def bad_specs() -> Iterator[tuple[str, bytes, bool]]:
-    """The same of specs of an experiment."""
     head = 'schema = 1\nrobot = "irb140"\nseed = 7\n'
     whole = {**SPEC, "[plant.effect]": EFFECT}
     yield from _each(whole, lambda tables: text_of(tables, head))

@@ -106,10 +106,7 @@ _COMMANDS = tuple(
 
 
 def input_figures(quick: bool) -> Figures:
-    """Give every input to the command that reads it, each in a process of its own.
-
-    A quick run takes eight of each kind, spread over the table.
-    """
+    """Give every input to its command in a process of its own."""
     each = 8 if quick else None
     for module in _COMMANDS:  # once here, not in every child
         import_module(module)

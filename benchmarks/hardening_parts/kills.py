@@ -56,10 +56,7 @@ def old_runs(store: Path) -> None:
 
 
 def rerun_old(store: Path) -> None:
-    """Make these runs again by this version; every second one comes out otherwise.
-
-    What comes out is stored, and where it differs, so is a record that says so.
-    """
+    """Make these runs again by this version; every second one comes out otherwise."""
     rows = answers(store)["runs"].select(["run_id", "code_hash"]).to_pylist()
     with patch.object(experiment, "_simulate", _arm(changed=True)):
         for row in rows:
@@ -81,10 +78,7 @@ provenance()  # slow the first time, and the same in every process forked from h
 
 
 def kill_figures(quick: bool) -> Figures:
-    """Kill each of several operations; look at the store, and do the work again.
-
-    Half of the kills meet campaigns, the others the operations in turn.
-    """
+    """Kill campaigns, and other operations in turn; look, and do the work again."""
     kills = 12 if quick else FULL
     rng = random.Random(16)
     bad: list[str] = []

@@ -54,7 +54,6 @@ def read_options(
 
 
 def seed_range(seeds: str) -> range:
-    """Return the seeds of A:B, both included."""
     first, last = (int(word) for word in seeds.split(":"))
     return range(first, last + 1)
 
@@ -73,11 +72,7 @@ def save_rows(args: argparse.Namespace, figures: Figures, **rows: object) -> Non
 
 
 def guarded(about: Mapping, work: Callable[[], dict]) -> dict:
-    """Return the row of a case, or of its crash, which is a result like any other.
-
-    Args:
-        about: What the row of a crash says of its case.
-    """
+    """Return the row of a case, or of its crash, which is a result like any other."""
     try:
         return work()
     except Exception as error:
@@ -97,7 +92,6 @@ def group_figures(
 
 
 def crash_figures(rows: Mapping[str, Rows]) -> Figures:
-    """Return how many cases did not come to their end."""
     every = [row for group in rows.values() for row in group]
     count = sum("error" in row for row in every)
     return {CRASHES: figure(count, 0, len(every))}

@@ -71,7 +71,6 @@ def undecided(figures: Figures) -> Figures:
 
 
 def show(figures: Figures) -> None:
-    """Print the table of figures."""
     width = max(len(name) for name in figures)
     print(f"\n{'figure':{width}}  {'value':>9}  {'bar':>7}  {'n':>4}  result")
     for name, entry in figures.items():

@@ -41,11 +41,7 @@ _DATA = (".urdf", ".toml")  # files beside code that decide results
 
 
 def circumstances(name: str, **extra: object) -> dict:
-    """Return commit, hash of the code, date and machine of a run.
-
-    Args:
-        name: Of the results file, which decides what code its figures are of.
-    """
+    """Return commit, hash of the code of a results file, date and machine of a run."""
     return {
         "commit": _git("rev-parse", "HEAD"),
         # What a run writes itself, and the pages made of it, change nothing.
@@ -74,11 +70,7 @@ def code_of(name: str) -> str:
 
 @cache
 def code_hash(*places: str) -> str:
-    """Return a hash of what code does and of the robots beside it, 16 hex digits.
-
-    Args:
-        places: Files and folders of the repository.
-    """
+    """Return a hash of what code does and of the robots beside it, 16 hex digits."""
     digest = hashlib.sha256()
     for place in places:
         path = ROOT / place

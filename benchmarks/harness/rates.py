@@ -73,12 +73,10 @@ def within_two_deviations(rows: Rows, by: str, low: float, high: float) -> dict:
 
 
 def counted(names: Iterable[str]) -> dict[str, int]:
-    """Return how often each name occurs, the most frequent first."""
     return dict(Counter(names).most_common())
 
 
 def rounded(values: Iterable[float], digits: int = 3) -> list[float]:
-    """Return numbers as they are recorded."""
     return [round(float(value), digits) for value in values]
 
 

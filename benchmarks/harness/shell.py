@@ -18,7 +18,6 @@ _START = "import sys; from flows.cli import main; sys.exit(main())"
 
 
 def command(*words: str) -> list[str]:
-    """Return the command line of a command."""
     return [sys.executable, "-c", _START, *words]
 
 
@@ -115,7 +114,6 @@ def _kilobytes(process: int) -> int:
 
 
 def is_of_store(pid: int, store: Path) -> bool:
-    """Whether a process works for a store."""
     try:
         words = Path(f"/proc/{pid}/environ").read_bytes().split(b"\0")
     except OSError:

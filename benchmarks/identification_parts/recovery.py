@@ -97,17 +97,12 @@ _DURATION, _SCATTER = 15.0, 0.1
 
 @cache
 def plant_logs(seed: int, noise: float = 0.015) -> tuple[list, list]:
-    """Drive the plant of a seed along motions: logs to fit, and another family.
-
-    Args:
-        noise: Torque noise, as a share of each joint's usual range.
-    """
+    """Drive the plant of a seed along motions: logs to fit, and another family."""
     logs = [_log(f, k, seed, noise) for k, f in enumerate((*FIT, *HELD_OUT))]
     return logs[: len(FIT)], logs[len(FIT) :]
 
 
 def true_coefficients(model: Model, seed: int) -> np.ndarray:
-    """What the coefficients of a model are on the plant of a seed."""
     arm = build_arm(ROBOT, _plant(seed, 0.015))
     of = {
         "viscous": arm.base.viscous,
@@ -268,11 +263,7 @@ _SPLITS = {
 
 
 def measured_figures(quick: bool) -> Figures:
-    """Identify each arm freely and consistently, and try both on unseen motion.
-
-    Args:
-        quick: Whether to take the smaller arm only.
-    """
+    """Identify each arm freely and consistently, and try both on unseen motion."""
     folder, out = data_folder(), {}
     for name, parts in _SPLITS.items():
         if folder is None or (quick and name == "kr300"):

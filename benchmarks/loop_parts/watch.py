@@ -88,12 +88,10 @@ class Run:
 
 
 def robot_of(arm: int) -> Robot:
-    """Return the robot of the arm of a seed."""
     return arms.robot_of(_ARMS[arm % len(_ARMS)])
 
 
 def log_run(run: Run) -> Recording:
-    """Return the log of a run."""
     before = _recorded(run, ())
     if not run.change:
         return before
@@ -187,7 +185,6 @@ _BATCH = round(RATE)  # samples
 
 
 def main() -> int:
-    """Run the cases of any seeds."""
     args = read_options(__doc__, SEEDS, ("watch",))
     one_blas_thread()
     if args.quick:
@@ -237,7 +234,6 @@ def healthy_runs(seed: int, seconds: float) -> list[Run]:
 
 
 def learnt(robot: Robot, healthy: Sequence[Recording]) -> Reference:
-    """Return what healthy runs teach of a robot."""
     logs = prepare_logs(robot, healthy, None, Filters())
     return learn(start_nominal(logs, declared_names(robot, None)).model, healthy)
 
@@ -259,10 +255,7 @@ def _unchanged(
 
 
 def changes(seed: int, each: int) -> list[tuple[Run, ...]]:
-    """Return runs of an arm, three after each other, at other times of the same day.
-
-    The change begins in the second and stays.
-    """
+    """Return runs of an arm, by threes; the change begins in the second and stays."""
     rng, out, dof = stream(seed, "watch/changes"), [], robot_of(seed).dof
     kinds = [(kind, family) for kind in CHANGES for family in FAMILIES]
     for i, (kind, family) in enumerate(kinds * each):

@@ -132,7 +132,6 @@ def absent(arm: str) -> bool:
 
 
 def folder_of(arm: str) -> Path:
-    """Return the folder of an arm that is not absent."""
     folder = data_folder()
     assert folder is not None
     return folder / arm
@@ -140,25 +139,19 @@ def folder_of(arm: str) -> Path:
 
 @lru_cache(maxsize=8)
 def robot_of(arm: str) -> Robot:
-    """Return the description of an arm."""
     return load_robot(folder_of(arm) / f"{arm}.urdf")
 
 
 def read_logs(
     arm: str, files: Iterable[str], columns: str = CURRENT
 ) -> list[Recording]:
-    """Read files of an arm, or windows of them.
-
-    Args:
-        columns: The COLUMNS.toml, where the arm has one of that name.
-    """
+    """Read files of an arm, or windows of them, by its COLUMNS.toml if it has one."""
     known = folder_of(arm) / columns
     read = load_columns(known) if known.exists() else None
     return [read_log(f"{folder_of(arm) / f}", robot_of(arm), read)[0] for f in files]
 
 
 def read_split(split: Split) -> tuple[Robot, dict[str, list[Recording]]]:
-    """Return the robot of a split, and its logs by role."""
     return robot_of(split.arm), {
         role: read_logs(split.arm, getattr(split, role), SENSOR)
         for role in ("fit", "held_out", "baseline")
@@ -166,12 +159,7 @@ def read_split(split: Split) -> tuple[Robot, dict[str, list[Recording]]]:
 
 
 def measure(name: str) -> dict:
-    """Diagnose one split.
-
-    Returns:
-        What is named, errors on held-out motion [%] of each model and of plain least
-        squares as anyone would write it, and the processor time it took [s].
-    """
+    """Diagnose one split; beside it the errors of plain least squares [%]."""
     robot, logs = read_split(SPLITS[name])
     begun = process_time()
     verdict = diagnose(robot, **logs).verdict
@@ -203,5 +191,4 @@ def measure(name: str) -> dict:
 
 
 def over(after: list[float], before: list[float]) -> np.ndarray:
-    """Errors over other errors, joint by joint. Shape (dof,)."""
     return np.array(after) / np.array(before)

@@ -22,7 +22,6 @@ LEVELS = {
 
 
 def all_figures(rows: Mapping[str, Rows]) -> Figures:
-    """Return the figures of all programs."""
     out: Figures = {}
     for program, own in rows.items():
         good = [row for row in own if "outcome" in row]

@@ -25,7 +25,6 @@ from residual.robot.robot import Robot, robot_from_texts
 
 
 def answer(case: Case) -> Answer:
-    """Return what the diagnosis says."""
     text = json.dumps(case.declared, sort_keys=True)
     robot = robot_from_texts(case.entry["robot"], case.urdf, text)
     fit = [_recording(robot, name, log) for name, log in case.logs("fit").items()]
@@ -80,17 +79,12 @@ class Task:
 
 
 def names(folder: Path) -> list[str]:
-    """Return the cases of an exported study."""
     content = json.loads((folder / OPEN / "cases.json").read_text(encoding="utf-8"))
     return list(content["cases"])
 
 
 def run(task: Task) -> dict:
-    """Let a program answer, then open the truth.
-
-    Returns:
-        A row as of the judge, with what was hidden and said; of a crash the error.
-    """
+    """Let a program answer, then open the truth; of a crash the error."""
     about = {k: v for k, v in asdict(task).items() if k != "folder"}
     return guarded(about, lambda: about | _done(task))
 
@@ -130,7 +124,6 @@ def _outcome(levels: Mapping) -> str:
 
 
 def words(row: Mapping) -> str:
-    """Return one line on a case for the log of a run."""
     if "outcome" not in row:
         return "done"
     hidden = "; ".join(f"{name} {on}" for name, on in row["hidden"]) or "nothing"

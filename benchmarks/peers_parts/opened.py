@@ -142,12 +142,7 @@ class Arm:
         return np.concatenate([*bodies, *drives, np.zeros(3)])
 
     def places(self, kind: str, joint: int) -> list[int]:
-        """Return which parameters are of a body, a drive's number, or the force.
-
-        Args:
-            kind: "body", one of DRIVES, or "force".
-            joint: Joint from 1.
-        """
+        """Return the parameters of "body", one of DRIVES, or "force" at a joint from 1."""
         n = self.dof
         if kind == "body":
             return list(range(BODY * (joint - 1), BODY * joint))

@@ -80,10 +80,7 @@ class _Fit:
         return total
 
     def beyond(self, groups: Sequence[Group]) -> bool:
-        """Whether the last group's correction is more than scatter of all would make.
-
-        Scatter of one link looks like a correction of another.
-        """
+        """Whether a correction is more than scatter of all others would look like."""
         whole = sum(self.gram)
         own = [i for group in groups for i in _places(self._arm, group)]
         last = slice(-len(_places(self._arm, groups[-1])), None)

@@ -21,7 +21,6 @@ ROUNDS = 3
 
 
 def answer(case: Case) -> Answer:
-    """Return the groups of parameters that are not as given."""
     arm = Arm(case)
     logs = [arm.rows(log) for log in case.logs("fit").values()]
     order, change, cover = _fit(arm, logs)

@@ -52,20 +52,17 @@ Effects = tuple[PlantEffect, ...]
 
 
 def drawn(names: tuple[str, ...], seed: int) -> Effects:
-    """Draw the effects of these names."""
     return tuple(draw_hidden(ROBOT, stream(seed, f"hidden/{n}"), n) for n in names)
 
 
 def reference(
     family: str, duration: float, seed: int = 1, rate: float = 1000.0
 ) -> Reference:
-    """Return a motion."""
     space, rng = usual_limits(ROBOT), stream(seed, f"motion/{family}")
     return make_motion(family, space, duration, rate, rng)
 
 
 def drive(effects: Effects, motion: Reference, seed: int) -> Trace:
-    """Drive the arm of a seed along a motion."""
     arm = build_arm(ROBOT, PlantSpec(effects, seed=seed))
     controller = computed_torque(ROBOT, motion)
     return simulate(arm, motion, controller, "benchmark", 0.0, seed)

@@ -43,11 +43,7 @@ provenance()  # slow the first time, and the same in every process forked from h
 
 
 def kill_figures(quick: bool, kills: int | None = None) -> Figures:
-    """Kill campaigns, look at their stores, resume them, and compare what there is.
-
-    Args:
-        kills: How many, None for those of this benchmark.
-    """
+    """Kill campaigns, look at their stores, resume them, and compare what there is."""
     kills = kills or (8 if quick else FULL)
     context = multiprocessing.get_context("forkserver")
     context.set_forkserver_preload([__name__])

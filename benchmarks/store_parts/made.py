@@ -106,25 +106,19 @@ def records(store: Path, runs: list[str]) -> list[str]:
 
 
 def filled(store: Path, runs: int = 3) -> list[str]:
-    """Fill a store and return the ids of its runs."""
     ids = [run(store, seed) for seed in range(runs)]
     records(store, ids[:2])
     return ids
 
 
 def committed(store: Path) -> list[Path]:
-    """Return the files of all committed records."""
     folders = [kind.folder for kind in KINDS.values()] + [SEALED]
     paths = (p for name in folders for p in (store / name).rglob("*"))
     return sorted(p for p in paths if p.is_file())
 
 
 def answers(store: Path) -> dict[str, pa.Table]:
-    """Return all rows of all views, in an order of their own.
-
-    Raises:
-        InputError: If something that they need is damaged.
-    """
+    """Return all rows of all views, in an order of their own."""
     with warehouse.open(store) as opened:
         return {view: opened.sql(f"FROM {view} ORDER BY ALL") for view in all_views()}
 

@@ -43,10 +43,7 @@ log = 250
 
 
 def commit_figures(quick: bool) -> Figures:
-    """Commit and write the same run in turn; the bare file is not flushed to the disk.
-
-    A quick run takes signals with the noise of the plant instead of a run of it.
-    """
+    """Commit and write a run in turn; the bare file is not flushed to the disk."""
     rounds, simulated = (15, False) if quick else (60, True)
     log, twin = _plant() if simulated else synthetic(1, ROWS)
     what = "40 s of the plant" if simulated else "synthetic signals"

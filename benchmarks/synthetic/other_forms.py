@@ -37,20 +37,14 @@ def hyperbolic_warmup(state: State, p: Values) -> Array:
 
 
 def two_time_warmup(state: State, p: Values) -> Array:
-    """Return level z times half a fast exponential and half a slow one: oil, then gear.
-
-    The slow one takes four times as long.
-    """
+    """Return level z by half a fast exponential and half one four times as slow."""
     fast = np.exp(-state.t / p["time_constant"])
     slow = np.exp(-state.t / (4.0 * p["time_constant"]))
     return 0.5 * p["level"] * (fast + slow)[:, None] * state.bristle
 
 
 def leaning(load: Array, rate: float, p: Values) -> Array:
-    """Return half_gap tanh(load / a fiftieth of its rms): a reading that leans.
-
-    No flight across the play, and no stop.
-    """
+    """Return half_gap tanh(50 load / its rms): no flight across the play, no stop."""
     usual = np.sqrt(np.mean(load**2)) + 1e-9
     return p["half_gap"] * np.tanh(load / (0.02 * usual))
 
@@ -62,10 +56,7 @@ def cubic_cable(state: State, p: Values) -> Array:
 
 
 def one_way_viscous(state: State, p: Values) -> Array:
-    """Return 2 coefficient qd forwards and nothing backwards, blended by z.
-
-    Half of it is viscous friction in both directions, half its asymmetry.
-    """
+    """Return 2 coefficient qd forwards and nothing backwards, blended by z."""
     return p["coefficient"] * state.qd * (1.0 + state.bristle)
 
 
