@@ -259,7 +259,7 @@ def _seen(task: Task, made: Made, effects: Sequence[PlantEffect]) -> list[Power]
 
 
 def _narrowed(made: Made, verdict: Verdict) -> float | None:
-    """Return the deviation of a load's centre with its mass known, over that without."""
+    """Return a load's deviation of the centre with mass known, over that without."""
     robot = with_known(made.robot, {"payload.mass": made.truths[0]["mass"]})
     told = diagnose(robot, made.fit, (), made.held_out).verdict
     before, after = (_centre_deviation(one) for one in (verdict, told))

@@ -142,7 +142,7 @@ class Arm:
         return np.concatenate([*bodies, *drives, np.zeros(3)])
 
     def places(self, kind: str, joint: int) -> list[int]:
-        """Return the parameters of "body", one of DRIVES, or "force" at a joint from 1."""
+        """Return places of "body", one of DRIVES, or "force" at a joint from 1."""
         n = self.dof
         if kind == "body":
             return list(range(BODY * (joint - 1), BODY * joint))
