@@ -1,6 +1,7 @@
 """What must be reached, as figures of the rows of all groups."""
 
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
+from functools import partial
 
 import numpy as np
 
@@ -8,67 +9,37 @@ from benchmarks.harness.cases import crash_figures, group_figures
 from benchmarks.harness.figures import NO_BAR, Figures, figure, missing, undecided
 from benchmarks.harness.rates import (
     Hit,
+    Line,
     Rows,
     at_least,
-    at_most,
-    between,
     counts,
-    rate,
+    lines,
+    per,
     rounded,
     within_two_deviations,
 )
 from flows.blind.score import WRONG, both_clear, is_clear, is_right
 
 # Families that detection is pooled over; a new effect is in "other" until it is here.
-FAMILIES = {
-    "dry friction": (
-        "coulomb",
-        "coulomb_asymmetry",
-        "stribeck",
-        "presliding",
-        "position_friction",
-        "warmup",
-    ),
-    "viscous friction": (
-        "viscous",
-        "viscous_asymmetry",
-        "quadratic_viscous",
-        "power_viscous",
-    ),
-    "gear": ("load_friction", "coupled_friction", "elasticity", "backlash", "ripple"),
-    "inertia": ("rotor_inertia", "link_inertia", "payload"),
-    "static": ("offset", "spring", "balancer", "base_tilt", "tool_force"),
-    "sensor": (
-        "torque_gain",
-        "saturation",
-        "delay",
-        "encoder_offset",
-        "encoder_eccentricity",
-    ),
+_NAMES = {
+    "dry friction": "coulomb coulomb_asymmetry stribeck presliding position_friction "
+    "warmup",
+    "viscous friction": "viscous viscous_asymmetry quadratic_viscous power_viscous",
+    "gear": "load_friction coupled_friction elasticity backlash ripple",
+    "inertia": "rotor_inertia link_inertia payload",
+    "static": "offset spring balancer base_tilt tool_force",
+    "sensor": "torque_gain saturation delay encoder_offset encoder_eccentricity",
 }
+FAMILIES = (*_NAMES, "other")
+_FAMILY = {name: family for family, names in _NAMES.items() for name in names.split()}
 
 
 def case_figures(rows: Mapping[str, Rows], deciding: bool) -> Figures:
-    makers: Mapping[str, Callable[[Rows], Figures]] = {
-        "singles": _singles,
-        "detection": _detection,
-        "nulls": _nulls,
-        "unknown": _unknown,
-        "pairs": _pairs,
-        "forms": _forms,
-        "known": _known,
-    }
+    makers = {group: partial(lines, own, by="data") for group, own in _TABLES.items()}
+    makers |= {"detection": _detection, "known": _known}
     figures = group_figures(rows, makers) | _powers(rows)
     figures |= _across(rows) | crash_figures(rows)
     return figures if deciding else undecided(figures)
-
-
-def _least(rows: Rows, hit: Hit, bar: float | None) -> dict:
-    return at_least(rate(rows, hit, "data"), bar)
-
-
-def _most(rows: Rows, hit: Hit, bar: float | None) -> dict:
-    return at_most(rate(rows, hit, "data"), bar)
 
 
 def _named(row: Mapping) -> bool:
@@ -79,69 +50,74 @@ def _flagged(row: Mapping) -> bool:
     return bool(row["unexplained"])
 
 
-def _singles(rows: Rows) -> Figures:
-    clear = [r for r in rows if is_clear(r)]
-    usual = [r for r in rows if r["multiple"] is None]
-    return {
-        "singles_right": _least(clear, is_right, 0.95)
-        | {"per_effect": counts(clear, is_right, "effect")},
-        # Their torque is in proportion to no parameter: no multiple can be drawn.
-        "singles_of_usual_size_right": _least(usual, is_right, 0.95)
-        | {"per_effect": counts(usual, is_right, "effect")},
-        "singles_joint_right": _least(clear, lambda r: bool(r["joint_right"]), None),
-        "singles_too_small_for_three_times": figure(
-            len(rows) - len(clear) - len(usual), None, len(rows), why=NO_BAR
+def _both(row: Mapping) -> bool:
+    return row["found"] == 2
+
+
+def _is_usual(row: Mapping) -> bool:
+    """Whether its torque is in proportion to no parameter: then none is three times."""
+    return row["multiple"] is None
+
+
+def _per_form(rows: Rows) -> dict:
+    each = counts(rows, is_right, "what")
+    return {"per_form": {form: round(hits / n, 3) for form, (hits, n) in each.items()}}
+
+
+_TABLES: Mapping[str, tuple[Line, ...]] = {
+    "singles": (
+        Line("singles_right", is_right, 0.95, is_clear, beside=per(is_right)),
+        Line(
+            "singles_of_usual_size_right",
+            is_right,
+            0.95,
+            _is_usual,
+            beside=per(is_right),
         ),
-    }
+        Line("singles_joint_right", lambda r: bool(r["joint_right"]), of=is_clear),
+        Line(
+            "singles_too_small_for_three_times",
+            lambda r: not (is_clear(r) or _is_usual(r)),
+            count=True,
+        ),
+    ),
+    "nulls": (
+        Line("false_alarms", _named, 0.02, most=True),  # four in two hundred
+        Line("nulls_flagged", _flagged),
+    ),
+    "unknown": (
+        Line("unknown_flagged", _flagged, 0.95, beside=per(_flagged)),
+        Line(
+            "unknown_joint",
+            lambda r: bool(set(r["joints"]) & set(r["unexplained"])),
+            0.90,
+            _flagged,
+        ),
+        Line("unknown_named", _named, 0.02, most=True),
+    ),
+    "pairs": (
+        Line("pairs_both_named", _both, 0.85, both_clear),
+        Line("pairs_false_third", lambda r: r["extra"] > 0, 0.03, most=True),
+        Line("pairs_with_a_small_one", lambda r: not both_clear(r), count=True),
+    ),
+    "forms": (Line("forms_right", is_right, 0.90, beside=_per_form),),
+}
 
 
 def _detection(rows: Rows) -> Figures:
     out: Figures = {}
-    known = {e: family for family, names in FAMILIES.items() for e in names}
-    small = [r for r in rows if r["multiple"] is not None and r["multiple"] <= 1.2]
-    for family in (*FAMILIES, "other"):
-        own = [r for r in small if known.get(r["effect"], "other") == family]
-        if own:
-            name = f"detection_at_1x_{family.replace(' ', '_')}"
-            out[name] = between(rate(own, is_right, "data"), 0.35, 0.65)
+    for family in FAMILIES:
+        own = [
+            r
+            for r in rows
+            if r["multiple"] is not None
+            and r["multiple"] <= 1.2
+            and _FAMILY.get(r["effect"], "other") == family
+        ]
+        name = f"detection_at_1x_{family.replace(' ', '_')}"
+        line = Line(name, is_right, 0.65, low=0.35)
+        out |= lines([line] if own else [], own, "data")
     return out
-
-
-def _nulls(rows: Rows) -> Figures:
-    alarms = sum(r["named"] > 0 for r in rows)
-    # Four in two hundred.
-    share = _most(rows, _named, 0.02)
-    flagged = _most(rows, _flagged, None)
-    return {"false_alarms": {**share, "alarms": alarms}, "nulls_flagged": flagged}
-
-
-def _unknown(rows: Rows) -> Figures:
-    flagged = [r for r in rows if r["unexplained"]]
-    return {
-        "unknown_flagged": _least(rows, _flagged, 0.95)
-        | {"per_effect": counts(rows, _flagged, "effect")},
-        "unknown_joint": _least(
-            flagged, lambda r: bool(set(r["joints"]) & set(r["unexplained"])), 0.90
-        ),
-        "unknown_named": _most(rows, _named, 0.02),
-    }
-
-
-def _pairs(rows: Rows) -> Figures:
-    clear = [r for r in rows if both_clear(r)]
-    return {
-        "pairs_both_named": _least(clear, lambda r: r["found"] == 2, 0.85),
-        "pairs_false_third": _most(rows, lambda r: r["extra"] > 0, 0.03),
-        "pairs_with_a_small_one": figure(
-            len(rows) - len(clear), None, len(rows), why=NO_BAR
-        ),
-    }
-
-
-def _forms(rows: Rows) -> Figures:
-    each = counts(rows, is_right, "what")
-    shares = {form: round(hits / n, 3) for form, (hits, n) in each.items()}
-    return {"forms_right": _least(rows, is_right, 0.90) | {"per_form": shares}}
 
 
 def _known(rows: Rows) -> Figures:
@@ -156,51 +132,42 @@ def _known(rows: Rows) -> Figures:
 
 def _powers(rows: Mapping[str, Rows]) -> Figures:
     """Return what was found of the cases that one sees who is told form and shape."""
-    out: Figures = {}
     one = [r for g in ("singles", "detection") for r in rows.get(g, ())]
-    of = {e: family for family, names in FAMILIES.items() for e in names}
-    groups: dict[str, tuple[list, Hit]] = {
-        f"found_of_seen_{family.replace(' ', '_')}": (
-            [r for r in one if of.get(r.get("effect"), "other") == family],
-            is_right,
-        )
-        for family in (*FAMILIES, "other")
-    }
-    groups["found_of_seen_forms"] = list(rows.get("forms", ())), is_right
-    groups["found_of_seen_pairs"] = (
-        list(rows.get("pairs", ())),
-        lambda r: r["found"] == 2,
-    )
-    groups["flagged_of_seen"] = list(rows.get("unknown", ())), _flagged
-    for name, (all_of, hit) in groups.items():
-        told = [r for r in all_of if "oracle_sees" in r]
+    wanted: list[tuple[str, Rows, Hit, str]] = []
+    for family in FAMILIES:
+        own = [r for r in one if _FAMILY.get(r.get("effect"), "other") == family]
+        name = f"found_of_seen_{family.replace(' ', '_')}"
+        wanted.append((name, own, is_right, "effect"))
+    wanted += [
+        ("found_of_seen_forms", rows.get("forms", ()), is_right, "what"),
+        ("found_of_seen_pairs", rows.get("pairs", ()), _both, "effect"),
+        ("flagged_of_seen", rows.get("unknown", ()), _flagged, "effect"),
+    ]
+    out: Figures = {}
+    for name, every, hit, by in wanted:
+        told = [r for r in every if "oracle_sees" in r]
         seen = [r for r in told if r["oracle_sees"]]
         if told:
-            by = "what" if name.endswith("forms") else "effect"
-            out[name] = _least(seen, hit, None) | {
-                "per_effect": counts(seen, hit, by),
-                "seen": counts(told, lambda r: r["oracle_sees"], by),
-            }
-    for name, (group, effects, hit, bar) in _HARD.items():
+            of = counts(told, lambda r: r["oracle_sees"], by)
+            out |= lines([Line(name, hit)], seen, "data")
+            out[name] |= {"per_effect": counts(seen, hit, by), "seen": of}
+    for group, effects, line in _HARD:
         some = [r for r in rows.get(group, ()) if r.get("effect") in effects]
         if seen := [r for r in some if r.get("oracle_sees")]:
-            out[name] = _least(seen, hit, bar)
+            out |= lines([line], seen, "data")
         elif some:
-            out[name] = missing(bar, f"of {len(some)} cases none can be seen")
+            why = f"of {len(some)} cases none can be seen"
+            out[line.key] = missing(line.bar, why)
     return out
 
 
 # What is hard to find, where one who is told form and shape would find it.
-_HARD: Mapping[str, tuple[str, tuple[str, ...], Hit, float]] = {
-    "backlash_found_of_seen": ("singles", ("backlash",), is_right, 0.70),
-    "encoder_found_of_seen": (
-        "singles",
-        ("encoder_offset", "encoder_eccentricity"),
-        is_right,
-        0.80,
-    ),
-    "dead_zone_flagged_of_seen": ("unknown", ("x_dead_zone",), _flagged, 0.90),
-}
+_ENCODER = ("encoder_offset", "encoder_eccentricity")
+_HARD = (
+    ("singles", ("backlash",), Line("backlash_found_of_seen", is_right, 0.70)),
+    ("singles", _ENCODER, Line("encoder_found_of_seen", is_right, 0.80)),
+    ("unknown", ("x_dead_zone",), Line("dead_zone_flagged_of_seen", _flagged, 0.90)),
+)
 
 
 def _across(rows: Mapping[str, Rows]) -> Figures:
@@ -209,11 +176,10 @@ def _across(rows: Mapping[str, Rows]) -> Figures:
     named = [r for r in some if r["named"]]
     out: Figures = {}
     if named:
-        right = _least(named, lambda r: r["outcome"] != WRONG, 0.99)
+        out |= lines(_OF_NAMES, named, "data")
         if len(named) < 300:
-            right |= {"ok": None, "why": f"{len(named)} named, 300 are needed"}
-        out["named_right"] = right
-        out["no_name_false"] = _least(named, lambda r: not r["extra"], None)
+            why = f"{len(named)} named, 300 are needed"
+            out["named_right"] |= {"ok": None, "why": why}
     ratios = [r["error_after"] / r["error_oracle"] for r in some if r["error_oracle"]]
     if ratios:
         out["error_over_oracle"] = figure(float(np.median(ratios)), 1.15, len(ratios))
@@ -230,6 +196,10 @@ def _across(rows: Mapping[str, Rows]) -> Figures:
     return out | _coverage(some)
 
 
+_OF_NAMES = (
+    Line("named_right", lambda r: r["outcome"] != WRONG, 0.99),
+    Line("no_name_false", lambda r: not r["extra"]),
+)
 _ENOUGH = 10  # deviations of an effect that say how good they are
 
 

@@ -5,11 +5,12 @@ Apart from `figures`, which loads no NumPy.
 
 from collections import Counter
 from collections.abc import Callable, Iterable, Mapping, Sequence
+from dataclasses import dataclass
 from time import perf_counter, process_time
 
 import numpy as np
 
-from benchmarks.harness.figures import NO_BAR, figure
+from benchmarks.harness.figures import NO_BAR, Figures, figure
 from flows.blind.score import wilson
 
 Rows = Sequence[Mapping]
@@ -51,8 +52,7 @@ def at_most(entry: dict, bar: float | None) -> dict:
     """Return a figure that may not exceed its bar; None for one without a bar."""
     if bar is None:
         return entry | {"why": NO_BAR}
-    ok = None if entry["value"] is None else bool(entry["value"] <= bar)
-    return entry | {"bar": bar, "ok": ok}
+    return entry | {"bar": bar, "ok": figure(entry["value"], bar, 0)["ok"]}
 
 
 def between(entry: dict, low: float, high: float) -> dict:
@@ -60,6 +60,42 @@ def between(entry: dict, low: float, high: float) -> dict:
     value = entry["value"]
     ok = None if value is None else bool(low <= value <= high)
     return entry | {"bar": high, "low": low, "ok": ok}
+
+
+@dataclass(frozen=True, slots=True)
+class Line:
+    """One figure of rows: how many of which of them hit, and the bar of that."""
+
+    key: str
+    hit: Hit
+    bar: float | None = None
+    of: Hit | None = None  # rows that it is of, None for all
+    most: bool = False  # whether the bar is the most that it may be, not the least
+    low: float | None = None  # with it a share lies between this and the bar
+    count: bool = False  # whether it is a number of rows, not a share, without a bar
+    beside: Callable[[Rows], Mapping] = lambda rows: {}  # what else the entry holds
+
+
+def lines(table: Iterable[Line], rows: Rows, by: str = "") -> Figures:
+    """Return the figures of a table, each with its counts by a key of the rows."""
+    out: Figures = {}
+    for line in table:
+        own = [row for row in rows if line.of is None or line.of(row)]
+        entry = rate(own, line.hit, by)
+        if line.count:
+            hits = sum(bool(line.hit(row)) for row in own)
+            entry = figure(hits, None, len(own), why=NO_BAR)
+        elif line.low is not None:
+            entry = between(entry, line.low, line.bar)
+        else:
+            entry = (at_most if line.most else at_least)(entry, line.bar)
+        out[line.key] = entry | dict(line.beside(own))
+    return out
+
+
+def per(hit: Hit, key: str = "effect") -> Callable[[Rows], dict]:
+    """Return what puts hits and rows by a key of theirs beside a figure."""
+    return lambda rows: {f"per_{key}": counts(rows, hit, key)}
 
 
 def within_two_deviations(rows: Rows, by: str, low: float, high: float) -> dict:
