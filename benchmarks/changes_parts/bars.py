@@ -4,37 +4,25 @@ A row is one case by one method (`ask.run`). A case that ended in an error or wa
 refused said nothing, and counts as such.
 """
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
+from functools import partial
 from statistics import median
 
 from scipy.stats import binomtest
 
-from benchmarks.changes_parts import peer
+from benchmarks.changes_parts import case, peer
 from benchmarks.changes_parts.ask import PEER, PRODUCT, joints_of
-from benchmarks.changes_parts.case import (
-    CHANGE,
-    DRIFT,
-    EDGE,
-    LOAD,
-    PAIRS,
-    REAL_CHANGE,
-    REAL_UNCHANGED,
-    SIZES,
-    UNCHANGED,
-    UNNAMED,
-)
+from benchmarks.changes_parts.case import SIZES
 from benchmarks.changes_parts.real import UR10E
 from benchmarks.harness.cases import crash_figures
 from benchmarks.harness.figures import NO_BAR, Figures, figure, missing, undecided
 from benchmarks.harness.rates import (
-    Hit,
+    Line,
     Rows,
-    at_least,
-    at_most,
     between,
     counted,
-    counts,
-    rate,
+    lines,
+    per,
     within_two_deviations,
 )
 
@@ -44,7 +32,6 @@ _NOTHING_ELSE = 0.90
 _WITHIN = (0.90, 0.99)
 _LOAD_ERROR, _LOAD = 0.05, (2.7, 3.1)  # share; kg
 _LOADS = ("load_feb19", "load_feb12_feb19")  # in the order of `real.load_epochs`
-_EDGE = (0.35, 0.65)
 _SECONDS = {"six": 5.0, "seven": 8.0}
 _DRIFTED = 0.03  # from which a factor of friction ought to be told
 
@@ -52,11 +39,12 @@ _DRIFTED = 0.03  # from which a factor of friction ought to be told
 def all_figures(rows: Sequence[Mapping], deciding: bool) -> Figures:
     ours, theirs = (_by_group(rows, method) for method in (PRODUCT, PEER))
     figures: Figures = {}
-    for group, make in _MAKERS.items():
-        if group in ours:
-            figures |= make(ours[group])
-    figures |= _load_error([*ours.get(CHANGE, ()), *ours.get(REAL_CHANGE, ())])
-    figures |= _seconds([*ours.get(UNCHANGED, ()), *ours.get(CHANGE, ())])
+    for group, own in ours.items():
+        figures |= lines(_TABLES.get(group, ()), own, "arm")
+        figures |= _MORE[group](own) if group in _MORE else {}
+    change, real = (ours.get(g, ()) for g in (case.CHANGE, case.REAL_CHANGE))
+    figures |= _load_error([*change, *real])
+    figures |= _seconds([*ours.get(case.UNCHANGED, ()), *change])
     figures |= _of_peer(theirs)
     figures |= _against(ours, theirs)
     figures |= crash_figures({"all": rows})
@@ -85,104 +73,105 @@ def _by_group(rows: Sequence[Mapping], method: str) -> dict[str, list[Mapping]]:
     return out
 
 
-def _rate(rows: Rows, hit: Hit) -> dict:
-    return rate(rows, hit, "arm") | {"hits": sum(bool(hit(r)) for r in rows)}
+def _names(row: Mapping) -> bool:
+    return bool(row["names"])
 
 
-def _least(rows: Rows, hit: Hit, bar: float | None) -> dict:
-    return at_least(_rate(rows, hit), bar)
+def _right(row: Mapping) -> bool:
+    return bool(row["right_first"])
 
 
-def _most(rows: Rows, hit: Hit, bar: float | None) -> dict:
-    return at_most(_rate(rows, hit), bar)
+def _flagged_right(row: Mapping) -> bool:
+    return row["flagged_right"]
 
 
-def _per_effect(rows: Rows, hit: Hit | None = None) -> dict:
-    return {"per_effect": counts(rows, hit or _right, "effect")}
+def _is_ur10e(row: Mapping) -> bool:
+    return row["arm"] == UR10E
+
+
+def _is_other(row: Mapping) -> bool:
+    return row["arm"] != UR10E
 
 
 def _which(rows: Rows) -> dict:
     return {"names": counted(name for r in rows for name, _ in r["names"])}
 
 
-def _unchanged(rows: Rows) -> Figures:
-    return {
-        "unchanged_named": _most(rows, _names, 0.02) | _which(rows),
-        "unchanged_flagged": _most(rows, lambda r: bool(r["flagged"]), None),
-    }
+def _extra(rows: Rows) -> dict:
+    return {"names": counted(e for r in rows for e in r["extra"])}
 
 
-def _drift(rows: Rows) -> Figures:
-    known = [r for r in rows if r.get("true_factor") is not None]
-    large = [r for r in known if abs(r["true_factor"] - 1) >= _DRIFTED]
+def _drifted(row: Mapping) -> bool:
+    factor = row.get("true_factor")
+    return factor is not None and abs(factor - 1) >= _DRIFTED
 
-    def way(row: Mapping) -> bool:
-        said = row["told_factor"]
-        return said is not None and (said[0] - 1) * (row["true_factor"] - 1) > 0
 
-    def near(row: Mapping) -> bool:
-        factor, std = row["told_factor"]
-        return abs(factor - row["true_factor"]) <= 2 * std
+def _way(row: Mapping) -> bool:
+    said = row["told_factor"]
+    return said is not None and (said[0] - 1) * (row["true_factor"] - 1) > 0
 
-    told = [r for r in known if r["told_factor"] is not None]
-    return {
-        "drift_named": _most(rows, _names, 0.02) | _which(rows),
-        "drift_told": _least(large, way, None),
-        "drift_within_two_deviations": _least(told, near, None),
-    }
+
+def _near(row: Mapping) -> bool:
+    factor, std = row["told_factor"]
+    return abs(factor - row["true_factor"]) <= 2 * std
+
+
+def _told(row: Mapping) -> bool:
+    return row.get("true_factor") is not None and row["told_factor"] is not None
+
+
+_PER_EFFECT = per(_right)
+_TABLES: Mapping[str, tuple[Line, ...]] = {
+    case.UNCHANGED: (
+        Line("unchanged_named", _names, 0.02, most=True, beside=_which),
+        Line("unchanged_flagged", lambda r: bool(r["flagged"])),
+    ),
+    case.DRIFT: (
+        Line("drift_named", _names, 0.02, most=True, beside=_which),
+        Line("drift_told", _way, of=_drifted),
+        Line("drift_within_two_deviations", _near, of=_told),
+    ),
+    case.UNNAMED: (
+        Line("unnamed_flagged", _flagged_right, 0.90, beside=per(_flagged_right)),
+        Line("unnamed_named", _names, 0.02, most=True, beside=_which),
+    ),
+    case.EDGE: (
+        Line(
+            "edge",
+            _right,
+            0.65,
+            lambda r: not r.get("unsized"),
+            low=0.35,
+            beside=_PER_EFFECT,
+        ),
+        Line("edge_no_size_said", lambda r: r.get("unsized"), count=True),
+    ),
+    case.PAIRS: (Line("pairs_both", lambda r: r["found"] == 2),),
+    case.REAL_UNCHANGED: (
+        Line("measured_ur10e_named", _names, of=_is_ur10e, beside=_which),
+        Line("measured_others_named", _names, of=_is_other, beside=_which),
+        Line("measured_refused", lambda r: "refused" in r, count=True),
+    ),
+}
 
 
 def _change(rows: Rows) -> Figures:
     out: Figures = {}
-    for size in SIZES:
-        some = of_size(rows, size)
-        name = f"change_{token(size)}"
-        out |= _first(name, some, _RIGHT[size])
+    for size, bar in _RIGHT.items():
+        out |= _first(f"change_{token(size)}", of_size(rows, size), bar)
     return out | {"change_within_two_deviations": _within(rows)}
 
 
-def _pairs(rows: Rows) -> Figures:
-    both = _least(rows, lambda r: r["found"] == 2, None)
-    return _first("pairs", rows, None) | {"pairs_both": both}
-
-
-def _unnamed(rows: Rows) -> Figures:
-    flagged = _least(rows, lambda r: r["flagged_right"], 0.90)
-    return {
-        "unnamed_flagged": flagged | _per_effect(rows, lambda r: r["flagged_right"]),
-        "unnamed_named": _most(rows, _names, 0.02) | _which(rows),
-    }
-
-
-def _edge(rows: Rows) -> Figures:
-    sized = [r for r in rows if not r.get("unsized")]
-    entry = _rate(sized, _right) | _per_effect(sized)
-    many = figure(len(rows) - len(sized), None, len(rows), why=NO_BAR)
-    return {"edge": between(entry, *_EDGE), "edge_no_size_said": many}
-
-
-def _real_unchanged(rows: Rows) -> Figures:
-    ur10e = [r for r in rows if r["arm"] == UR10E]
-    others = [r for r in rows if r["arm"] != UR10E]
-    out = {
-        "measured_ur10e_named": _most(ur10e, _names, None) | _which(ur10e),
-        "measured_others_named": _most(others, _names, None) | _which(others),
-    }
-    refused = sum("refused" in r for r in rows)
-    return out | {"measured_refused": figure(refused, None, len(rows), why=NO_BAR)}
-
-
 def _real_change(rows: Rows) -> Figures:
-    out: Figures = {}
+    ur10e = [r for r in rows if _is_ur10e(r)]
+    out = {"measured_ur10e_within_two_deviations": _within(ur10e)}
     for size, bar in _RIGHT_UR10E.items():
-        ur10e = [r for r in of_size(rows, size) if r["arm"] == UR10E]
-        others = [r for r in of_size(rows, size) if r["arm"] != UR10E]
-        out |= _first(f"measured_ur10e_{token(size)}", ur10e, bar)
-        if others:
-            entry = _least(others, _right, None) | _per_effect(others)
-            out[f"measured_others_{token(size)}_right_first"] = entry
-    ur10e = [r for r in rows if r["arm"] == UR10E]
-    return out | {"measured_ur10e_within_two_deviations": _within(ur10e)}
+        name = token(size)
+        out |= _first(f"measured_ur10e_{name}", of_size(ur10e, size), bar)
+        line = Line(f"measured_others_{name}_right_first", _right, beside=_PER_EFFECT)
+        others = [r for r in of_size(rows, size) if _is_other(r)]
+        out |= lines([line] if others else [], others, "arm")
+    return out
 
 
 def _load(rows: Rows) -> Figures:
@@ -229,16 +218,20 @@ def _seconds(rows: Rows) -> Figures:
 def _of_peer(theirs: Mapping[str, Rows]) -> Figures:
     """Return what the peer reaches: of all cases, and of those that it can name."""
     out: Figures = {}
-    for group in (UNCHANGED, DRIFT, REAL_UNCHANGED, UNNAMED):
-        if group in theirs:
-            out[f"peer_{group}_named"] = _most(theirs[group], _names, None) | _which(
-                theirs[group]
-            )
+    for group in (case.UNCHANGED, case.DRIFT, case.REAL_UNCHANGED, case.UNNAMED):
+        line = Line(f"peer_{group}_named", _names, beside=_which)
+        out |= lines([line] if group in theirs else [], theirs.get(group, ()), "arm")
     for name, rows in _sized(theirs).items():
-        own = [r for r in rows if r["effect"] in peer.EFFECTS]
-        out[f"peer_{name}_right_first"] = _least(rows, _right, None)
-        out[f"peer_{name}_own_right_first"] = _least(own, _right, None)
-    for row in theirs.get(LOAD, ()):
+        table = [
+            Line(f"peer_{name}_right_first", _right),
+            Line(
+                f"peer_{name}_own_right_first",
+                _right,
+                of=lambda r: r["effect"] in peer.EFFECTS,
+            ),
+        ]
+        out |= lines(table, rows, "arm")
+    for row in theirs.get(case.LOAD, ()):
         name = f"peer_{_LOADS[row['index']]}"
         out[name] = figure(row.get("value"), None, 1, why=NO_BAR)
     return out
@@ -271,8 +264,8 @@ def _against(ours: Mapping[str, Rows], theirs: Mapping[str, Rows]) -> Figures:
 
 
 def _sized(groups: Mapping[str, Rows]) -> dict[str, Rows]:
-    out = {f"change_{token(s)}": of_size(groups.get(CHANGE, ()), s) for s in SIZES}
-    real = [r for r in groups.get(REAL_CHANGE, ()) if r["arm"] == UR10E]
+    out = {f"change_{token(s)}": of_size(groups.get(case.CHANGE, ()), s) for s in SIZES}
+    real = [r for r in groups.get(case.REAL_CHANGE, ()) if r["arm"] == UR10E]
     for size in _RIGHT_UR10E:
         out[f"measured_ur10e_{token(size)}"] = of_size(real, size)
     return {name: rows for name, rows in out.items() if rows}
@@ -284,38 +277,26 @@ def _key(row: Mapping) -> tuple:
 
 def _first(name: str, rows: Rows, bar: float | None) -> Figures:
     """Return how often a change is right first, and alone where anything is named."""
-    if not rows:
-        return {}
-    right = _least(rows, _right, bar) | _per_effect(rows)
-    named = [r for r in rows if r["names"]]
-    alone = _least(named, lambda r: not r["extra"], bar and _NOTHING_ELSE)
-    beside = {"names": counted(e for r in named for e in r["extra"])}
-    return {f"{name}_right_first": right, f"{name}_nothing_else": alone | beside}
+    table = (
+        Line(f"{name}_right_first", _right, bar, beside=_PER_EFFECT),
+        Line(
+            f"{name}_nothing_else",
+            lambda r: not r["extra"],
+            bar and _NOTHING_ELSE,
+            _names,
+            beside=_extra,
+        ),
+    )
+    return lines(table, rows, "arm") if rows else {}
 
 
 def _within(rows: Rows) -> dict:
-    entry = within_two_deviations(rows, "arm", *_WITHIN)
-    return entry | {
-        "hits": sum(abs(r["z"]) <= 2 for r in rows if r.get("z") is not None)
-    }
+    return within_two_deviations(rows, "arm", *_WITHIN)
 
 
-def _names(row: Mapping) -> bool:
-    return bool(row["names"])
-
-
-def _right(row: Mapping) -> bool:
-    return bool(row["right_first"])
-
-
-_MAKERS: Mapping[str, Callable[[Rows], Figures]] = {
-    UNCHANGED: _unchanged,
-    DRIFT: _drift,
-    CHANGE: _change,
-    PAIRS: _pairs,
-    UNNAMED: _unnamed,
-    EDGE: _edge,
-    REAL_UNCHANGED: _real_unchanged,
-    REAL_CHANGE: _real_change,
-    LOAD: _load,
+_MORE = {
+    case.CHANGE: _change,
+    case.PAIRS: partial(_first, "pairs", bar=None),
+    case.REAL_CHANGE: _real_change,
+    case.LOAD: _load,
 }

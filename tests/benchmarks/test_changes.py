@@ -156,10 +156,10 @@ def test_silence_and_a_crash_are_misses():
     rows = [_row(RIGHT), _row(SILENT, 1), crash]
     told = bars.all_figures(rows, deciding=True)
     entry = told["change_10_right_first"]
-    assert (entry["hits"], entry["n"], entry["ok"]) == (1, 3, False)
+    assert (entry["value"], entry["n"], entry["ok"]) == (1 / 3, 3, False)
     assert told["change_10_nothing_else"]["n"] == 1
     assert told["crashes"]["ok"] is False
-    assert told["change_within_two_deviations"]["hits"] == 1
+    assert told["change_within_two_deviations"]["value"] == 1.0
     assert bars.all_figures(rows, deciding=False)["change_10_right_first"]["ok"] is None
 
 
