@@ -83,15 +83,13 @@ def six() -> Robot:
 def make(arm: Arm, effects: Sequence[PlantEffect]) -> Made:
     """Record one case with what changed."""
     plant, seconds = arm.plant(effects), 12.0 if arm.quick else 20.0
-    families = (_QUICK_FIT, _QUICK_HELD_OUT) if arm.quick else (FIT, HELD_OUT)
+    fit, held_out = (_QUICK_FIT, _QUICK_HELD_OUT) if arm.quick else (FIT, HELD_OUT)
     logs = []
-    for place, family in enumerate((*families[0], *families[1])):
-        part = "fit" if place < len(families[0]) else "held_out"
-        name = f"{part}_{place}_{family}"
+    for place, family in enumerate((*fit, *held_out)):
+        name = f"{'fit' if place < len(fit) else 'held_out'}_{place}_{family}"
         start = place * (seconds + PAUSE)
         logs.append(record(arm, plant, name, motion(arm, name, family, seconds), start))
-    count = len(families[0])
-    return Made(arm.robot, tuple(logs[:count]), tuple(logs[count:]))
+    return Made(arm.robot, tuple(logs[: len(fit)]), tuple(logs[len(fit) :]))
 
 
 def make_edited(arm: Arm, effects: Sequence[PlantEffect]) -> Recording:
