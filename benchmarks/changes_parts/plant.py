@@ -20,53 +20,24 @@ Rng = np.random.Generator
 
 # What can change on an arm, in the order in which it is dealt out.
 EFFECTS = (
-    "offset",
-    "payload",
-    "viscous",
-    "delay",
-    "torque_gain",
-    "ripple",
-    "stribeck",
-    "encoder_offset",
-    "coulomb",
-    "base_tilt",
-    "spring",
-    "quadratic_viscous",
-    "elasticity",
-    "load_friction",
-    "rotor_inertia",
-    "coulomb_asymmetry",
-    "link_inertia",
-    "position_friction",
-    "tool_force",
-    "backlash",
-    "viscous_asymmetry",
-    "balancer",
-    "coupled_friction",
-    "presliding",
-    "warmup",
+    *("offset", "payload", "viscous", "delay", "torque_gain", "ripple", "stribeck"),
+    *("encoder_offset", "coulomb", "base_tilt", "spring", "quadratic_viscous"),
+    *("elasticity", "load_friction", "rotor_inertia", "coulomb_asymmetry"),
+    *("link_inertia", "position_friction", "tool_force", "backlash"),
+    *("viscous_asymmetry", "balancer", "coupled_friction", "presliding", "warmup"),
     "encoder_eccentricity",
 )
 UNNAMED = (
-    "x_vibration",
-    "x_cogging_sum",
-    "x_friction_jump",
-    "x_wall",
-    "x_square_wave",
-    "x_random_walk",
-    "x_dead_zone",
+    *("x_vibration", "x_cogging_sum", "x_friction_jump", "x_wall", "x_square_wave"),
+    *("x_random_walk", "x_dead_zone"),
 )
 ENGINE_ONLY = ("x_wall", "x_dead_zone")
 
 # Parameters that torque grows with, where the plant's catalogue has no amount.
+_AMPLITUDES = ("x_vibration", "x_square_wave", "x_random_walk", "x_cogging_sum")
 _GROWS = {
-    "presliding": "level",
-    "x_vibration": "amplitude",
-    "x_square_wave": "amplitude",
-    "x_random_walk": "amplitude",
-    "x_cogging_sum": "amplitude",
-    "x_friction_jump": "level",
-    "x_dead_zone": "level",
+    **dict.fromkeys(_AMPLITUDES, "amplitude"),
+    **dict.fromkeys(("presliding", "x_friction_jump", "x_dead_zone"), "level"),
     "x_wall": "stiffness",
 }
 _EITHER_WAY = ("coulomb", "viscous", "rotor_inertia")
@@ -88,16 +59,11 @@ _OF_OWN = {
 }
 # ... of the torque range of the joint (in 1/rad where it is a stiffness):
 _OF_RANGE = {
-    "offset": 0.5,
     "ripple": 0.3,
     "balancer": 1.0,
     "spring": 1.0,
     "x_wall": 20.0,
-    "x_vibration": 0.5,
-    "x_square_wave": 0.5,
-    "x_random_walk": 0.5,
-    "x_cogging_sum": 0.5,
-    "x_dead_zone": 0.5,
+    **dict.fromkeys(("offset", "x_dead_zone", *_AMPLITUDES), 0.5),
 }
 # ... and as such, in SI units:
 MOST = {

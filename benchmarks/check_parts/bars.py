@@ -15,9 +15,7 @@ from benchmarks.harness.figures import (
     missing,
     undecided,
 )
-from benchmarks.harness.rates import Rows, at_least, at_most, counts, rate
-
-FOUND, EXACT, FALSE, CERTAIN, UNNAMED = 0.95, 0.90, 0.02, 0, 1.0
+from benchmarks.harness.rates import Line, Rows, counted, lines, per
 
 # What is true of a log is no false fault.
 TRUE_OF = {
@@ -41,20 +39,23 @@ def figures(rows: Rows, absent: Sequence[str], deciding: bool) -> Figures:
         by_group["crashes" if "error" in row else row["group"]].append(row)
     every, sound = by_group["faults"], by_group["clean"] + by_group["effects"]
     faults = [row for row in every if not row.get("void")]
-    drawn = [r for r in faults if r["host"] not in MEASURED]
+    mended = [{"kind": r["kind"], "exact": e} for r in faults for e in r["exact"]]
+    own = [row["seconds"] for row in faults]
+    value = float(np.median(own)) if own else None
+    certain = [r for r in sound if any(said[2] for said in r["said"])]
+    which = [[r["host"], r["seed"], r["said"]] for r in certain]
     out = {
-        "faults_found": at_least(rate(faults, _hit), FOUND) | _tables(faults),
+        **lines(_OF_FAULTS, faults),
         "not_applicable": _void(every),
-        "faults_found_simulated": at_least(rate(drawn, _hit), None),
-        "faults_found_measured": _on_measured(faults, absent),
-        "repairs_exact": _exact(faults),
-        "false_faults": at_most(rate(sound, lambda r: bool(false_of(r))), FALSE)
-        | {"which": _which(sound)},
-        "false_certain": _certain(sound),
-        "certain_unnamed": at_least(rate(by_group["trusted"], _nothing_said), UNNAMED),
-        "seconds": _seconds(faults),
+        **lines([_EXACT], mended),
+        **lines([_FALSE], sound),
+        "false_certain": figure(len(certain), 0, len(sound), which=which),
+        **lines([_TRUSTED], by_group["trusted"]),
+        "seconds": figure(value, None, len(own), why=NO_BAR),
         "crashes": figure(len(by_group["crashes"]), 0, len(rows)),
     }
+    if not out["faults_found_measured"]["n"]:
+        out["faults_found_measured"] = missing(None, NO_LOGS if absent else FEW)
     return out if deciding else undecided(out)
 
 
@@ -68,8 +69,37 @@ def _hit(row: Mapping) -> bool:
     return row["hit"]
 
 
-def _nothing_said(row: Mapping) -> bool:
-    return row["answer"] in ("unknown", "refused") and not row["named"]
+def _is_exact(mended: Mapping) -> bool:
+    return mended["exact"]
+
+
+def _is_measured(row: Mapping) -> bool:
+    return row["host"] in MEASURED
+
+
+def _which(sound: Rows) -> dict:
+    told = [
+        f"{kind}{' (certain)' if certain else ''} on {row['host']}"
+        for row in sound
+        for kind, _, certain in false_of(row)
+    ]
+    return {"which": counted(told)}
+
+
+_OF_FAULTS = (
+    Line("faults_found", _hit, 0.95, beside=per(_hit, "kind")),
+    Line("faults_found_simulated", _hit, of=lambda r: not _is_measured(r)),
+    Line("faults_found_measured", _hit, of=_is_measured),
+)
+_EXACT = Line("repairs_exact", _is_exact, 0.90, beside=per(_is_exact, "kind"))
+_FALSE = Line(
+    "false_faults", lambda r: bool(false_of(r)), 0.02, most=True, beside=_which
+)
+_TRUSTED = Line(
+    "certain_unnamed",
+    lambda r: r["answer"] in ("unknown", "refused") and not r["named"],
+    1.0,
+)
 
 
 def _void(every: Rows) -> dict:
@@ -79,40 +109,3 @@ def _void(every: Rows) -> dict:
     which = [[r["host"], r["seed"], r["kind"], r["size"], r["joints"]] for r in rows]
     found = sum(bool(row["hit"]) for row in rows)
     return entry | {"found_all_the_same": found, "which": which}
-
-
-def _on_measured(faults: Rows, absent: Sequence[str]) -> dict:
-    rows = [r for r in faults if r["host"] in MEASURED]
-    if not rows:
-        return missing(None, NO_LOGS if absent else FEW)
-    return at_least(rate(rows, _hit), None)
-
-
-def _exact(faults: Rows) -> dict:
-    lines = [{"kind": r["kind"], "exact": e} for r in faults for e in r["exact"]]
-    entry = at_least(rate(lines, lambda line: line["exact"]), EXACT)
-    return entry | {"per_kind": counts(lines, lambda line: line["exact"], "kind")}
-
-
-def _certain(sound: Rows) -> dict:
-    rows = [r for r in sound if any(said[2] for said in r["said"])]
-    entry = figure(len(rows), CERTAIN, len(sound))
-    return entry | {"which": [[r["host"], r["seed"], r["said"]] for r in rows]}
-
-
-def _seconds(faults: Rows) -> dict:
-    own = [row["seconds"] for row in faults]
-    value = float(np.median(own)) if own else None
-    return figure(value, None, len(own), why=NO_BAR)
-
-
-def _tables(faults: Rows) -> dict:
-    return {f"per_{key}": counts(faults, _hit, key) for key in ("kind", "host")}
-
-
-def _which(sound: Rows) -> dict:
-    each: dict[str, int] = defaultdict(int)
-    for row in sound:
-        for kind, _, certain in false_of(row):
-            each[f"{kind}{' (certain)' if certain else ''} on {row['host']}"] += 1
-    return dict(sorted(each.items()))

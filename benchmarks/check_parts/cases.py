@@ -33,50 +33,24 @@ from residual.robot.robot import Robot
 from sim.engine.records import stream
 from sim.plant.catalogue import kinds
 
+_READING = (
+    "torque_sign angle_sign joint_order torque_unit angle_unit time_unit gear_ratio "
+    "torque_scale velocity_mismatch"
+)
+_MADE = (
+    "clock spike frozen quantised saturated delay filtered out_of_range lockstep "
+    "no_reversal too_short robot_file wrong_robot"
+)
+_REPORTED = "gravity_removed friction_removed commanded constant"
 FAULTS: Mapping[str, Fault] = {
-    fault.__name__: fault
-    for fault in (
-        reports.torque_sign,
-        reports.angle_sign,
-        reports.joint_order,
-        reports.torque_unit,
-        reports.angle_unit,
-        reports.time_unit,
-        reports.gear_ratio,
-        reports.torque_scale,
-        reports.velocity_mismatch,
-        faults.clock,
-        faults.spike,
-        faults.frozen,
-        faults.quantised,
-        faults.saturated,
-        faults.delay,
-        faults.filtered,
-        faults.out_of_range,
-        faults.lockstep,
-        faults.no_reversal,
-        faults.too_short,
-        faults.robot_file,
-        faults.wrong_robot,
-        reports.gravity_removed,
-        reports.friction_removed,
-        reports.commanded,
-        reports.constant,
-    )
+    name: getattr(module, name)
+    for module, names in ((reports, _READING), (faults, _MADE), (reports, _REPORTED))
+    for name in names.split()
 }
 # Of these the reading given is excluded: no arm makes such a log.
 EXCLUDED = (
-    "torque_sign",
-    "angle_sign",
-    "joint_order",
-    "torque_unit",
-    "angle_unit",
-    "time_unit",
-    "gear_ratio",
-    "out_of_range",
-    "robot_file",
-    "wrong_robot",
-    "gravity_removed",
+    *_READING.split()[:7],
+    *("out_of_range", "robot_file", "wrong_robot", "gravity_removed"),
 )
 SIZES = 3
 # Of these there are three more ways: currents of motors, joints exchanged altogether.

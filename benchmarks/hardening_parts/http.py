@@ -14,36 +14,18 @@ KEY = "modelgap:a-key-of-thirty-two-letters-or-more"
 _RULES = rules_for("127.0.0.1", 4200, KEY)
 _HOST, _OWN = "127.0.0.1:4200", "http://127.0.0.1:4200"
 _HOSTS = (
-    "evil.example:4200",
-    "127.0.0.1.evil.example:4200",
-    "127.0.0.1",
-    "127.0.0.1:4201",
-    "127.0.0.1:4200 evil.example",
-    "evil@127.0.0.1:4200",
-    "0.0.0.0:4200",
-    "2130706433:4200",
-    "[::ffff:127.0.0.1]:4200",
-    "",
+    *("", "127.0.0.1", "127.0.0.1:4201", "0.0.0.0:4200", "2130706433:4200"),
+    *("evil.example:4200", "127.0.0.1.evil.example:4200", "evil@127.0.0.1:4200"),
+    *("127.0.0.1:4200 evil.example", "[::ffff:127.0.0.1]:4200"),
 )
 _ORIGINS = (
-    "http://evil.example",
-    "http://evil.example:4200",
-    "https://127.0.0.1:4200",
-    "http://127.0.0.1",
-    "http://127.0.0.1:42000",
-    "http://127.0.0.1:4200.evil.example",
-    "http://localhost:4200",
-    "null",
-    "file://",
-    "",
+    *("", "null", "file://", "http://evil.example", "http://evil.example:4200"),
+    *("https://127.0.0.1:4200", "http://127.0.0.1", "http://127.0.0.1:42000"),
+    *("http://127.0.0.1:4200.evil.example", "http://localhost:4200"),
     "http://127.0.0.1:4200, http://evil.example",
 )
-_KINDS = (
-    None,
-    "text/plain",
-    "application/x-www-form-urlencoded",
-    "multipart/form-data",
-)
+_FORMS = ("application/x-www-form-urlencoded", "multipart/form-data")
+_KINDS = (None, "text/plain", *_FORMS)
 _KEYS = (None, "", "modelgap:", "modelgap:wrong", KEY[:-1], KEY + "x", KEY.upper())
 
 
