@@ -136,7 +136,7 @@ def _synthetic(
     motion = make_motion(
         part.what, usual_limits(robot), part.duration, RATE, stream(part.seed, "motion")
     )
-    worked = _worked(case, label) + start
+    worked = case.worked[not label.startswith(FIRST)] + start
     torque = true_torque(plant, motion, label, start, True, worked)
     read = sensed(robot, torque, label, case.noise)
     q, tau = (torque.reading, torque.tau) if exact else read
@@ -153,8 +153,9 @@ def _in_engine(
     """As `sim.experiment.run_experiment`, without the twin that nobody asks for."""
     robot, rates = robot_of(case.arm), Rates(CONTROL, RATE)
     motion = reference(TrajectorySpec(part.what, part.duration, 2, part.seed))
-    start += _SHIFT * (case.noise % 1000) + (0.0 if label.startswith(FIRST) else 1.0)
-    spec = _spec(case, effects, _worked(case, label), exact)
+    later = not label.startswith(FIRST)
+    start += _SHIFT * (case.noise % 1000) + later
+    spec = _spec(case, effects, case.worked[later], exact)
     trace = drive(robot, motion, spec, start)
     log, own = log_of(trace, motion, spec, rates, start), trace.arm.own
     if own is None:
@@ -173,10 +174,6 @@ def _spec(case: Case, effects: Effects, worked: float, exact: bool) -> PlantSpec
         background=case.background,
         worked_before=worked,
     )
-
-
-def _worked(case: Case, label: str) -> float:
-    return case.worked[0 if label.startswith(FIRST) else 1]
 
 
 def _where_it_moves(factor: Array, qd: Array) -> Array:

@@ -57,7 +57,12 @@ def judged(truths: Sequence[Truth], answer: Answer) -> dict:
     hits, classes, extra = matched(named, answer.said)
     of_each = [hit or near for hit, near in zip(hits, classes, strict=True)]
     first = answer.said[0] if answer.said else None
-    there = {joint for t in truths for joint in _felt(t)}
+    # Of a sum over a pair the first joint alone feels it.
+    there = {
+        joint
+        for t in truths
+        for joint in (t.joints[:1] if t.name == "x_cogging_sum" else t.joints)
+    }
     row = {
         "truth": [[t.name, list(t.joints)] for t in truths],
         "names": [_plain(s.name) for s in answer.said],
@@ -79,11 +84,6 @@ def _plain(name: Name) -> list:
     return [name.effect, list(name.joints)]
 
 
-def _felt(truth: Truth) -> tuple[int, ...]:
-    """Return the joints that feel a change; of a sum over a pair only the first."""
-    return truth.joints[:1] if truth.name == "x_cogging_sum" else truth.joints
-
-
 def _estimate(truth: Truth, of_each: Sequence[Said | None]) -> dict:
     """Return the main parameter of the first truth beside what is said of it."""
     said = of_each[0]
@@ -103,22 +103,17 @@ def _estimate(truth: Truth, of_each: Sequence[Said | None]) -> dict:
 
 # Torques that a drive reports in its own unit: what it reports too much of all torque
 # it reports too much of these, and no log can tell.
+_LEVELS = ("coulomb", "stribeck", "coulomb_asymmetry", "presliding", "warmup")
+_RATES = ("viscous", "viscous_asymmetry", "quadratic_viscous")
 _IN_TORQUE = {
+    **dict.fromkeys(_LEVELS, ("level",)),
+    **dict.fromkeys(_RATES, ("coefficient",)),
+    **dict.fromkeys(("position_friction", "balancer"), ("cos", "sin")),
     "offset": ("torque",),
-    "coulomb": ("level",),
-    "viscous": ("coefficient",),
     "spring": ("stiffness",),
     "ripple": ("amplitude",),
-    "stribeck": ("level",),
-    "coulomb_asymmetry": ("level",),
-    "viscous_asymmetry": ("coefficient",),
-    "quadratic_viscous": ("coefficient",),
-    "position_friction": ("cos", "sin"),
     "rotor_inertia": ("inertia",),
-    "balancer": ("cos", "sin"),
     "coupled_friction": ("level", "coefficient"),
-    "presliding": ("level",),
-    "warmup": ("level",),
 }
 
 
@@ -146,11 +141,7 @@ def _simulated(case: Case) -> Made:
 
 
 def _measured(case: Case) -> Made:
-    robot = real.robot_of(case.arm)
-    truth = tuple(
-        Truth(one.name, one.joints, dict(one.parameters), one.size)
-        for one in case.planted
-    )
+    robot, truth = real.robot_of(case.arm), _truths(case)
     if case.group == LOAD:
         truth = (Truth("payload", (robot.dof,), {"mass": real.LOAD_MASS}, 0.0),)
     first = real.read(case, case.first)

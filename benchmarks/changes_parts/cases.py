@@ -99,7 +99,9 @@ def listed(
     if all(slot.name in known for slot in wanted):
         return [from_json(known[slot.name]) for slot in wanted]
     jobs = {slot.name: slot for slot in wanted}
-    found = run_kept(_path(), _words, pool or Here(), drawn, jobs)
+    plan = [f"benchmarks/changes_parts/{name}" for name in OWN]
+    path = kept_file("changes-listed", *plan, *BELOW, code="cases")
+    found = run_kept(path, _words, pool or Here(), drawn, jobs)
     broken = [
         f"{name}: {row['error']}" for name, row in found.items() if "error" in row
     ]
@@ -111,11 +113,12 @@ def listed(
 def slots(group: str, seeds: Sequence[int]) -> list[Slot]:
     if group == REAL_CHANGE:
         return [
-            Slot(group, seed, index, target, _real_kind(kind, seed, index))
+            Slot(group, seed, index, target, kind)
             for seed in seeds
             for target in _REAL_SIZES
-            for kind, many in _REAL_MANY.items()
+            for arm, many in _REAL_MANY.items()
             for index in range(many)
+            for kind in [arm if arm == real.UR10E else _other(seed + index)]
         ]
     targets = {CHANGE: SIZES, PAIRS: SIZES[:1], UNNAMED: SIZES[:1]}
     return [
@@ -162,8 +165,13 @@ def _simulated(slot: Slot, attempt: int, rng: np.random.Generator) -> Case | Non
     if any(name in plant.ENGINE_ONLY for name in names):
         kind = arms.ENGINE
     choices = {"six": arms.SIX, "seven": _SEVEN}.get(kind, (kind,))
-    first, second, held_out = _epochs(rng)
-    warm = rng.uniform(*_WARM, 2) * _begins_warm(slot.group, rng)
+    first = _motions(rng)
+    second = first if rng.integers(2) else _motions(rng)  # in half of all the same
+    held_out = _motions(rng)[:1]
+    warm = rng.uniform(*_WARM, 2)
+    cold, again = (int(x) for x in rng.integers(2, size=2))
+    # Of a drift exactly one session begins warm.
+    warm *= np.array([cold, 1 - cold if slot.group == DRIFT else again])
     case = Case(
         group=slot.group,
         seed=slot.seed,
@@ -192,12 +200,9 @@ def _measured(slot: Slot, attempt: int, rng: np.random.Generator) -> Case | None
     # Another size of the same seed begins elsewhere.
     place += 5 * _REAL_SIZES.index(slot.target) + _instead(slot, attempt)
     name = real.EFFECTS[place % len(real.EFFECTS)]
-    first, second = real.drawn_epochs(slot.kind, rng)
-    still = (0.0, 0.0)
-    case = Case(
-        slot.group, slot.seed, slot.index, slot.kind, "", 0, 0, still, first, second
-    )
-    case = replace(case, target=slot.target)
+    epochs = real.drawn_epochs(slot.kind, rng)
+    about = (slot.group, slot.seed, slot.index, slot.kind, "", 0, 0, (0.0, 0.0))
+    case = Case(*about, *epochs, target=slot.target)
     one = real.drawn(case, name, rng, slot.target)
     return None if one is None else replace(case, planted=(one,))
 
@@ -233,13 +238,6 @@ def _instead(slot: Slot, attempt: int) -> int:
     return step * min(rounds, _ROUNDS) + max(rounds - _ROUNDS, 0)
 
 
-def _epochs(rng: np.random.Generator) -> tuple[tuple[Part, ...], ...]:
-    """Draw the motions of both epochs, in half of all cases the same ones."""
-    first = _motions(rng)
-    second = first if rng.integers(2) else _motions(rng)
-    return first, second, _motions(rng)[:1]
-
-
 def _motions(rng: np.random.Generator) -> tuple[Part, ...]:
     many = int(rng.integers(_LOGS[0], _LOGS[1] + 1))
     longest = min(_LENGTH[1], _TOTAL / many)
@@ -261,16 +259,8 @@ def _dirt(group: str, rng: np.random.Generator) -> str:
     return words[0] if group == DRIFT and drawn_word == "clean" else drawn_word
 
 
-def _begins_warm(group: str, rng: np.random.Generator) -> np.ndarray:
-    """Return 1 for each session that begins warm; of a drift exactly one does."""
-    first, second = (int(x) for x in rng.integers(2, size=2))
-    return np.array([first, 1 - first if group == DRIFT else second])
-
-
-def _real_kind(kind: str, seed: int, index: int) -> str:
-    if kind == real.UR10E:
-        return kind
-    return real.OTHERS[(seed + index) % len(real.OTHERS)]
+def _other(turn: int) -> str:
+    return real.OTHERS[turn % len(real.OTHERS)]
 
 
 def _orders(group: str) -> list[Case]:
@@ -295,11 +285,6 @@ def _quick(group: str, seed: int) -> list[Slot]:
 @cache
 def _committed() -> dict[str, dict]:
     return json.loads(LIST.read_text(encoding="utf-8")) if LIST.exists() else {}
-
-
-def _path() -> Path:
-    plan = [f"benchmarks/changes_parts/{name}" for name in OWN]
-    return kept_file("changes-listed", *plan, *BELOW, code="cases")
 
 
 def _words(row: dict) -> str:

@@ -7,15 +7,7 @@ from itertools import combinations, permutations
 import numpy as np
 
 from benchmarks.changes_parts import added, plant
-from benchmarks.changes_parts.added import (
-    Body,
-    State,
-    moving,
-    shares,
-    size_of,
-    smooth,
-    solved,
-)
+from benchmarks.changes_parts.added import Body, moving, shares, size_of, smooth, solved
 from benchmarks.changes_parts.case import Case, Part, Planted
 from benchmarks.measured_parts.arms import (
     GEN3,
@@ -153,10 +145,11 @@ def drawn(case: Case, name: str, rng: Rng, target: float) -> Planted | None:
 def planted_logs(case: Case) -> tuple[Recording, ...]:
     logs = read(case, case.second)
     for one in case.planted:
-        body = plain_body(case.arm)
-        states: list[State] = [added.state(log, body) for log in logs]
-        values = dict(one.parameters)
-        logs = tuple(added.changed(s, one.name, one.joints, values) for s in states)
+        body, change = (
+            plain_body(case.arm),
+            (one.name, one.joints, dict(one.parameters)),
+        )
+        logs = tuple(added.changed(added.state(log, body), *change) for log in logs)
     return logs
 
 
@@ -173,11 +166,8 @@ def _usual(name: str, joints: Sequence[int], body: Body, rng: Rng) -> dict[str, 
         "spring": {"stiffness": 0.1 * torque, "rest": float(rng.uniform(-1, 1))},
         "load_friction": {"coefficient": 0.05},
         "torque_gain": {"gain": 0.1 * way},
-        "ripple": {
-            "amplitude": 0.1 * torque,
-            "order": float(rng.uniform(6.0, 30.0)),
-            "phase": turn,
-        },
+        "ripple": {"amplitude": 0.1 * torque, "phase": turn}
+        | {"order": float(rng.uniform(6.0, 30.0))},
         "stribeck": {"level": 0.1 * torque, "velocity": float(rng.uniform(0.05, 0.2))},
         "coulomb_asymmetry": {"level": 0.1 * way * torque},
         "quadratic_viscous": {"coefficient": 0.1 * torque},

@@ -4,15 +4,14 @@ Beside them a log that was spoiled on purpose, and helpers that all faults use.
 """
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 from functools import lru_cache
-from pathlib import Path
 
 import numpy as np
 
 from benchmarks.harness.logs import PAUSE, RATE, in_engine, sensed
 from benchmarks.harness.origin import ROOT
-from benchmarks.measured_parts.arms import data_folder
+from benchmarks.measured_parts.arms import absent, read_logs, robot_of
 from benchmarks.synthetic.motions import make_motion
 from residual.recording import Recording
 from residual.robot.dynamics import inverse_dynamics
@@ -20,7 +19,7 @@ from residual.robot.robot import Robot, load_robot, robot_from_texts
 from sim.engine.records import Noise, PlantSpec, Reference, TrajectorySpec, stream
 from sim.plant.sizes import usual_limits
 from sim.quasi_static import Plant, true_torque
-from warehouse.logs import load_columns, read_log
+from warehouse.logs import read_log
 
 Array = np.ndarray
 
@@ -97,15 +96,12 @@ def _in_engine(seed: int) -> tuple[Recording, ...]:
 
 def _measured(name: str) -> Host | None:
     if name == HIDDEN:
-        folder, robot, columns = ROOT / "examples/hidden", load_robot("irb140"), None
+        robot, folder = load_robot("irb140"), ROOT / "examples/hidden"
+        logs = [read_log(f"{folder / f}", robot)[0] for f in _FILES[name]]
+    elif absent(name):
+        return None
     else:
-        data = data_folder()
-        if data is None or not (data / name).is_dir():
-            return None
-        folder = data / name
-        robot = load_robot(folder / f"{name}.urdf")
-        columns = load_columns(folder / "current.toml") if name == "gen3" else None
-    logs = [read_log(str(Path(folder) / f), robot, columns)[0] for f in _FILES[name]]
+        robot, logs = robot_of(name), read_logs(name, _FILES[name])
     logs = [replace(log, id=log.id.split("@")[0]) for log in logs]
     return Host(name, robot, tuple(logs))
 
@@ -124,11 +120,8 @@ def chain(
     """Return an arm of links along z, each lighter than the one before.
 
     Args:
-        name: What it is called.
         axes: Axis of each joint at zero, "y" or "z", joint 1 first.
-        length: Of the first link [m].
-        mass: Of the first link [kg].
-        effort: Limit of the first joint [N m].
+        length: Of the first link [m], as mass [kg] and effort [N m] are.
     """
     parts = [f'<robot name="{name}"><link name="l0"/>']
     for i, axis in enumerate(axes):
@@ -182,7 +175,7 @@ class Spoiled:
     right: Sequence[Table] = ()
     urdf: str = ""  # text of the robot file that is given
     toml: str = ""  # text of the robot.toml that is given, "" for none
-    also: tuple[str, ...] = field(default=())  # other kinds that are as right
+    also: tuple[str, ...] = ()  # other kinds that are as right
 
 
 Fault = Callable[[Host, int, np.random.Generator], "Spoiled | None"]

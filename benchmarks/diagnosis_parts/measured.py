@@ -6,12 +6,17 @@ error larger; nothing is named where the torque is a model's own plus noise.
 
 from collections.abc import Sequence
 from dataclasses import replace
-from pathlib import Path
 
 import numpy as np
 
 from benchmarks.harness.figures import Figures, figure, missing
-from benchmarks.measured_parts.arms import data_folder
+from benchmarks.measured_parts.arms import (
+    KR300,
+    UR10,
+    data_folder,
+    read_logs,
+    robot_of,
+)
 from flows.blind.score import Name, Said, members, wilson
 from residual.diagnosis.examine import examine
 from residual.evidence.fit import as_model
@@ -20,12 +25,10 @@ from residual.method.diagnose import diagnose
 from residual.model.compare import prepare_held_out
 from residual.model.nominal import declared_names, prepare_logs, start_nominal
 from residual.recording import Recording
-from residual.robot.robot import Robot, load_robot
+from residual.robot.robot import Robot
 from residual.signals.logs import session_clock
 from residual.signals.track import Filters, at_samples
-from warehouse.logs import read_log
 
-KR300, UR10 = "kr300", "ur10"
 WHITE, SHUFFLED = "white", "shuffled"
 FIRST, SECOND, WHOLE = "first half", "second half", "whole"
 KINDS = (FIRST, SECOND, WHOLE, WHITE, SHUFFLED)
@@ -42,9 +45,7 @@ def jobs(quick: bool) -> list[tuple[str, str]]:
 def run(job: tuple[str, str]) -> dict:
     """Diagnose one arm's logs: a half, the whole, or with the residual replaced."""
     arm, kind = job
-    folder = data_folder()
-    assert folder is not None
-    robot, fit, held_out = _logs(folder, arm, kind)
+    robot, fit, held_out = _logs(arm, kind)
     if kind in (WHITE, SHUFFLED):
         fit, held_out = _without_structure(robot, fit, held_out, kind)
     verdict = diagnose(robot, fit, (), held_out).verdict
@@ -99,19 +100,14 @@ def measured_figures(results: Sequence[dict]) -> Figures:
     }
 
 
-def _logs(folder: Path, arm: str, kind: str):
-    half = {FIRST: "@:50%", SECOND: "@50%:"}.get(kind, "")
+def _logs(arm: str, kind: str):
     if arm == KR300:
-        robot = load_robot(folder / "kr300" / "kr300.urdf")
-        files = [str(folder / "kr300" / f"run_{letter}.csv") for letter in "ABC"]
-        fit, held_out = [f"{f}{half}" for f in files[:2]], files[2:]
+        half = {FIRST: "@:50%", SECOND: "@50%:"}.get(kind, "")
+        fit, held_out = [f"run_{x}.csv{half}" for x in "AB"], ["run_C.csv"]
     else:
-        robot = load_robot(folder / "ur10" / "ur10.urdf")
-        run = folder / "ur10" / "run.csv"
         part = {FIRST: ":30%", SECOND: "30%:60%"}.get(kind, ":60%")
-        fit, held_out = [f"{run}@{part}"], [f"{run}@60%:"]
-    read = [[read_log(spec, robot)[0] for spec in part] for part in (fit, held_out)]
-    return robot, read[0], read[1]
+        fit, held_out = [f"run.csv@{part}"], ["run.csv@60%:"]
+    return robot_of(arm), read_logs(arm, fit), read_logs(arm, held_out)
 
 
 def _without_structure(
@@ -144,14 +140,12 @@ def _without_structure(
 
 
 def _said(results: Sequence[dict], arm: str, kind: str) -> list[Said]:
+    def name(one: Sequence) -> Name:
+        return Name(one[0], tuple(one[1]))
+
     found = next(r for r in results if (r["arm"], r["kind"]) == (arm, kind))
     return [
-        Said(
-            Name(effect, tuple(joints)),
-            tuple(Name(name, tuple(near)) for name, near in alike),
-            {},
-        )
-        for effect, joints, alike in found["said"]
+        Said(name(one), tuple(map(name, alike)), {}) for *one, alike in found["said"]
     ]
 
 

@@ -16,7 +16,7 @@ import numpy as np
 import pinocchio as pin
 
 from benchmarks.harness.figures import Figures, figure, missing
-from benchmarks.measured_parts.arms import data_folder
+from benchmarks.measured_parts.arms import SPLITS, data_folder, read_split
 from benchmarks.synthetic.motions import make_motion
 from residual.identification.estimate import Options
 from residual.identification.identify import Identification, identify
@@ -34,7 +34,6 @@ from sim.engine.records import Noise, PlantSpec, Rates, stream
 from sim.experiment import run_experiment
 from sim.plant.arm import build_arm
 from sim.plant.sizes import usual_limits
-from warehouse.logs import read_log
 
 Array = np.ndarray
 
@@ -53,17 +52,9 @@ def energy(model: pin.Model, q: Array, qd: Array) -> Array:
 
 
 def power(model: pin.Model, q: Array, qd: Array, qdd: Array) -> Array:
-    """Return the rate of energy of states that go on at constant acceleration.
+    """Return the rate of energy of states that go on so [W]. Shape (n,) from (n, dof).
 
     dE/dt by central differences over three points on either side, of sixth order.
-
-    Args:
-        q: Positions [rad]. Shape (n, dof).
-        qd: Velocities [rad/s]. Shape (n, dof).
-        qdd: Accelerations [rad/s^2]. Shape (n, dof).
-
-    Returns:
-        Power [W]. Shape (n,).
     """
     rate = np.zeros(len(q))
     for k, weight in zip(_POINTS, _WEIGHTS, strict=True):
@@ -77,13 +68,9 @@ def power(model: pin.Model, q: Array, qd: Array, qdd: Array) -> Array:
 def power_miss(
     model: pin.Model, motion: tuple[Array, Array, Array], tau: Array
 ) -> float:
-    """Return how far the power of a torque is from the rate of energy, relative.
+    """Return |tau' qd - dE/dt| / |tau' qd| over all states, of a torque from elsewhere.
 
-    |tau' qd - dE/dt| / |tau' qd| over all states.
-
-    Args:
-        motion: q, qd, qdd. Shape (n, dof) each.
-        tau: Torque that some other code found [N m]. Shape (n, dof).
+    The motion is q, qd and qdd, each of shape (n, dof).
     """
     given = np.sum(tau * motion[1], axis=1)
     gained = power(model, *motion)
@@ -164,12 +151,8 @@ def _round_trip() -> float:
     again = start_nominal(
         prepare_logs(robot, fit, None, found.model.filters), names
     ).model
-    again = replace(
-        again,
-        speed_floor=found.model.speed_floor,
-        standstill=found.model.standstill,
-        clock=found.model.clock,
-    )
+    same = ("speed_floor", "standstill", "clock")
+    again = replace(again, **{key: getattr(found.model, key) for key in same})
     gaps = [np.abs(again.predict(r) - found.model.predict(r)).max() for r in held_out]
     return float(max(gaps))
 
@@ -226,12 +209,8 @@ def _one(seed: int) -> dict[str, float]:
         if c >= size and c < size + 2 * ROBOT.dof
     ]
     share = found.estimate.theta[friction] / theta[friction] - 1
-    models = {
-        "nominal": found.nominal,
-        "free": found.model,
-        "irls": robust.model,
-        "consistent": bodies.model,
-    }
+    models = {"nominal": found.nominal, "free": found.model}
+    models |= {"irls": robust.model, "consistent": bodies.model}
     errors = torque_errors(models, held_out)
     return {
         **{name: errors[name].overall("filtered") for name in models},
@@ -245,44 +224,31 @@ def _one(seed: int) -> dict[str, float]:
 
 def _recovered(found: Identification, truth: np.ndarray, held_out: list) -> float:
     """Torque by which the model is off the truth, over that of the nominal model."""
-    true = found.nominal.with_coefficients(truth)
-    miss = [_gap(model, true, held_out) for model in (found.model, found.nominal)]
-    return miss[0] / miss[1]
+    true, misses = found.nominal.with_coefficients(truth), []
+    for model in (found.model, found.nominal):
+        tracks, _ = prepare(held_out, model.filters, model.speed_floor)
+        gaps = [model.torque_on(t) - true.torque_on(t) for t in tracks]
+        misses.append(float(np.linalg.norm(np.concatenate(gaps))))
+    return misses[0] / misses[1]
 
 
-def _gap(model: Model, true: Model, held_out: list) -> float:
-    tracks, _ = prepare(held_out, model.filters, model.speed_floor)
-    gaps = [model.torque_on(t) - true.torque_on(t) for t in tracks]
-    return float(np.linalg.norm(np.concatenate(gaps)))
-
-
-_SPLITS = {
-    "kr300": (("run_A.csv", "run_B.csv"), ("run_C.csv",)),
-    "ur10": (("run.csv@:60%",), ("run.csv@60%:",)),
-}
+_SPLITS = {"kr300": "kr300 AB | C", "ur10": "ur10 60 % | 40 %"}
 
 
 def measured_figures(quick: bool) -> Figures:
     """Identify each arm freely and consistently, and try both on unseen motion."""
     folder, out = data_folder(), {}
-    for name, parts in _SPLITS.items():
+    for name, split in _SPLITS.items():
         if folder is None or (quick and name == "kr300"):
             why = "no measured logs" if folder is None else "the full run measures it"
             out[f"{name}_consistent_over_free"] = missing(None, why)
             continue
-        robot = load_robot(folder / name / f"{name}.urdf")
-        fit, held_out = (
-            [read_log(f"{folder / name / word}", robot)[0] for word in part]
-            for part in parts
-        )
-        found = identify(robot, fit)
+        robot, logs = read_split(SPLITS[split])
+        found = identify(robot, logs["fit"])
         bodies = consistent(found)
-        models = {
-            "nominal": found.nominal,
-            "free": found.model,
-            "consistent": bodies.model,
-        }
-        errors = torque_errors(models, held_out)
+        models = {"nominal": found.nominal, "free": found.model}
+        models["consistent"] = bodies.model
+        errors = torque_errors(models, logs["held_out"])
         told = {k: round(e.overall("filtered"), 4) for k, e in errors.items()}
         out[f"{name}_consistent_over_free"] = figure(
             told["consistent"] / told["free"],
