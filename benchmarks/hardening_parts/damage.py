@@ -56,7 +56,7 @@ def full_figures(quick: bool) -> Figures:
         for moment in range(1, moments + 1):
             with folder() as place:
                 count += 1
-                work = prepare(place)
+                work = prepare(place / "store", filled(place / "store"))
                 failed, wrong = _one(place / "store", work, moment)
                 met += failed
                 bad += [f"{name} at write {moment}: {line}" for line in wrong]
@@ -79,9 +79,8 @@ def _one(store: Path, work: Callable, moment: int) -> tuple[bool, list[str]]:
     given = answers(store)
     # What was there is there: rows may have come, and none have gone or changed.
     for view, rows in before.items():
-        left = set(map(repr, rows.to_pylist())) - set(
-            map(repr, given[view].to_pylist())
-        )
+        there, still = (set(map(repr, r.to_pylist())) for r in (rows, given[view]))
+        left = there - still
         if left:
             wrong.append(f"{view} has lost {len(left)} rows")
     if any((store / "_staging").iterdir()):
@@ -112,33 +111,26 @@ def _full_from(moment: int) -> Iterator[None]:
         yield
 
 
-def _commit(place: Path) -> Callable:
-    filled(place / "store")
-    return lambda: run(place / "store", 7)
+def _commit(store: Path, ids: list[str]) -> Callable:
+    return lambda: run(store, 7)
 
 
-def _record(place: Path) -> Callable:
-    ids = filled(place / "store")
-    return lambda: records(place / "store", ids[1:])
+def _record(store: Path, ids: list[str]) -> Callable:
+    return lambda: records(store, ids[1:])
 
 
-def _compact(place: Path) -> Callable:
-    filled(place / "store")
-
+def _compact(store: Path, ids: list[str]) -> Callable:
     def work() -> None:
-        with open_store(place / "store") as opened:
+        with open_store(store) as opened:
             opened.compact()
 
     return work
 
 
-def _unbundle(place: Path) -> Callable:
-    other = place / "other"
-    ids = [run(other, seed) for seed in (8, 9)]
-    model = records(other, ids)[1]
-    write_bundle(other, model, place / "b.tar")
-    filled(place / "store")
-    return lambda: read_bundle(place / "b.tar", place / "store")
+def _unbundle(store: Path, ids: list[str]) -> Callable:
+    other, bundle = store.parent / "other", store.parent / "b.tar"
+    write_bundle(other, records(other, [run(other, s) for s in (8, 9)])[1], bundle)
+    return lambda: read_bundle(bundle, store)
 
 
 _OPERATIONS = {
@@ -167,7 +159,7 @@ def flip_figures(quick: bool) -> Figures:
             path = paths[number % len(paths)]
             good = path.read_bytes()
             at, bit = int(rng.integers(len(good))), int(rng.integers(8))
-            path.write_bytes(_flipped(good, at, bit))
+            path.write_bytes(good[:at] + bytes([good[at] ^ 1 << bit]) + good[at + 1 :])
             where = f"{path.relative_to(store)}:{at}.{bit}"
             if number // len(paths) % 2:
                 without_index(store)
@@ -189,10 +181,6 @@ def flip_figures(quick: bool) -> Figures:
         "flips_undone_not_whole": figure(int(not whole), 0, 1),
     }
     return all_partial(figures, f"{places} places instead of {PLACES}" if quick else "")
-
-
-def _flipped(data: bytes, at: int, bit: int) -> bytes:
-    return data[:at] + bytes([data[at] ^ 1 << bit]) + data[at + 1 :]
 
 
 def _asked(store: Path, wanted: dict) -> str:
@@ -264,11 +252,9 @@ def _pair(place: Path, asked: str, first: int) -> tuple:
     """Time a scan with the check and one without; ``first`` is which comes first."""
     out = {}
     for bare in (first, 1 - first):
-        if bare:
-            with patch.object(query, "Watched", Unwatched):
-                out[1] = _timed(place, asked)
-        else:
-            out[0] = _timed(place, asked)
+        watch = Unwatched if bare else query.Watched
+        with patch.object(query, "Watched", watch):
+            out[bare] = _timed(place, asked)
     return out[0], out[1]
 
 

@@ -95,21 +95,18 @@ def _of_text(kind: str, file: str, words: tuple[str, ...]) -> Callable:
         # Nothing is a whole TOML file, of which every key has its default.
         whole = ("empty", "blank") if file.endswith(".toml") else ()
         values = _VALUES[kind](good.decode())
-        every = [(*edit, judge) for edit in _edits(good)]
+        every = [
+            (name, data, none and name not in whole, judge)
+            for name, data, none in _edits(good)
+        ]
         # Of what a value means only its reader can say; none may be taken for another.
         every += [(*edit, None) for edit in values]
         return [
-            Input(
-                kind, name, given, file, data, _judge(name not in whole and none, other)
-            )
+            Input(kind, name, given, file, data, "refuse" if none else other)
             for name, data, none, other in every
         ]
 
     return made
-
-
-def _judge(none: bool, otherwise: str | None) -> str | None:
-    return "refuse" if none else otherwise
 
 
 _VALUES: Mapping[str, Callable] = {
@@ -128,14 +125,11 @@ def _of_bundle(base: Mapping[str, Path]) -> list[Input]:
     for seed in range(2 * SEEDS):
         data = bytearray(good)
         data[int(rng.integers(len(data)))] ^= 1 << int(rng.integers(8))
-        made.append(
-            Input("bundle", f"bit {seed}", words, "good.tar", bytes(data), "bundle")
-        )
+        made.append((f"bit {seed}", bytes(data), "bundle"))
     for share in (0.0, 0.1, 0.5, 0.9):
-        cut = good[: int(share * len(good))]
-        made.append(Input("bundle", f"cut {share}", words, "good.tar", cut, "refuse"))
-    noise = rng.bytes(50_000)
-    return [*made, Input("bundle", "noise", words, "good.tar", noise, "refuse")]
+        made.append((f"cut {share}", good[: int(share * len(good))], "refuse"))
+    made.append(("noise", rng.bytes(50_000), "refuse"))
+    return [Input("bundle", name, words, "good.tar", *rest) for name, *rest in made]
 
 
 def _of_http(base: Mapping[str, Path]) -> list[Input]:
@@ -146,22 +140,16 @@ def _of_http(base: Mapping[str, Path]) -> list[Input]:
 
 
 def _of_sql(base: Mapping[str, Path]) -> list[Input]:
-    made = []
-    for name, query, judge, answer in _queries():
-        words = ("sql", query, "--format", "json", "--timeout", "5")
-        words = (*words, "--store", str(base["origin"]))
-        made.append(Input("sql", name, words, judge=judge, answer=answer))
-    return made
-
-
-def _queries() -> Iterator[tuple[str, str, str, str | None]]:
-    yield "subqueries 100", _nested(100), "answer", '"x": 1'
+    made = [("subqueries 100", _nested(100), "answer", '"x": 1')]
     for depth in (500, 2000, 5000):
-        yield f"subqueries {depth}", _nested(depth), "refuse", None
-    for word in _FORBIDDEN:
-        yield word[:30], word, "refuse", None
-    for query, answer in _ANSWERED.items():
-        yield query[:30], query, "answer", answer
+        made.append((f"subqueries {depth}", _nested(depth), "refuse", None))
+    made += [(word[:30], word, "refuse", None) for word in _FORBIDDEN]
+    made += [(query[:30], query, "answer", said) for query, said in _ANSWERED.items()]
+    tail = ("--format", "json", "--timeout", "5", "--store", str(base["origin"]))
+    return [
+        Input("sql", name, ("sql", query, *tail), judge=judge, answer=answer)
+        for name, query, judge, answer in made
+    ]
 
 
 def _nested(depth: int) -> str:
@@ -196,9 +184,7 @@ _FORBIDDEN = (
 _ANSWERED = {
     "SELECT 'inf'::DOUBLE AS x": '"Infinity"',
     "SELECT 'nan'::DOUBLE AS x": '"NaN"',
-    "SELECT 170141183460469231731687303715884105727 AS x": (
-        "170141183460469231731687303715884105727"
-    ),
+    f"SELECT {2**127 - 1} AS x": str(2**127 - 1),
     "SELECT 0.12345678901234567890123456789 AS x": "0.12345678901234567890123456789",
     "SELECT NULL AS x": "null",
     "SELECT count(*) AS x FROM runs": '"x": 2',
@@ -206,15 +192,14 @@ _ANSWERED = {
     "SELECT chr(27) AS x": "\\u001b",
 }
 
+_WORDS = {
+    "log": ("log.csv", "import log.csv --robot irb140 --trust-log"),
+    "robot": ("arm.urdf", "check LOG --robot arm.urdf"),
+    "map": ("map.toml", "check LOG --robot irb140 --map map.toml"),
+    "spec": ("spec.toml", "experiment spec.toml --dry-run"),
+}
 TABLE = {
-    "log": _of_text(
-        "log", "log.csv", ("import", "log.csv", "--robot", "irb140", "--trust-log")
-    ),
-    "robot": _of_text("robot", "arm.urdf", ("check", "LOG", "--robot", "arm.urdf")),
-    "map": _of_text(
-        "map", "map.toml", ("check", "LOG", "--robot", "irb140", "--map", "map.toml")
-    ),
-    "spec": _of_text("spec", "spec.toml", ("experiment", "spec.toml", "--dry-run")),
+    **{k: _of_text(k, file, tuple(w.split())) for k, (file, w) in _WORDS.items()},
     "sql": _of_sql,
     "bundle": _of_bundle,
     "record": strangers.of_records,

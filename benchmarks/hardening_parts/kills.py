@@ -11,8 +11,6 @@ from pathlib import Path
 from time import perf_counter, sleep
 from unittest.mock import patch
 
-import pyarrow as pa
-
 from benchmarks.harness.figures import Figures, figure, partial
 from benchmarks.store_parts.kills import kill_figures as campaign_figures
 from benchmarks.store_parts.made import (
@@ -84,8 +82,10 @@ def kill_figures(quick: bool) -> Figures:
     bad: list[str] = []
     others = kills - kills // 2
     with folder() as place:
-        (place / "shared").mkdir()
-        _bundle(place / "shared")
+        shared = place / "shared"
+        shared.mkdir()
+        made = records(shared / "from", [run(shared / "from", s) for s in (30, 31)])
+        write_bundle(shared / "from", made[1], shared / "b.tar")
         for number in range(others):
             name = list(_WORK)[number % len(_WORK)]
             store, calm = place / f"store-{number}", place / f"calm-{number}"
@@ -129,13 +129,12 @@ def _content(store: Path) -> dict[str, list[str]]:
     """Return every row of every view but for when and from which code it was made."""
     out = ("created", "dirty", "code_hash")
     return {
-        view: sorted(map(repr, rows.select(_without(rows, out)).to_pylist()))
+        view: sorted(
+            repr({k: v for k, v in row.items() if k not in out})
+            for row in rows.to_pylist()
+        )
         for view, rows in answers(store).items()
     }
-
-
-def _without(rows: pa.Table, names: tuple[str, ...]) -> list[str]:
-    return [name for name in rows.column_names if name not in names]
 
 
 def _commits(store: Path) -> None:
@@ -162,11 +161,6 @@ def _compact(store: Path) -> None:
 
 def _unbundle(store: Path) -> None:
     read_bundle(store.parent / "shared" / "b.tar", store)
-
-
-def _bundle(place: Path) -> None:
-    ids = [run(place / "from", seed) for seed in (30, 31)]
-    write_bundle(place / "from", records(place / "from", ids)[1], place / "b.tar")
 
 
 _WORK = {

@@ -122,13 +122,8 @@ def _plant(run: Run, effects: tuple[Hidden, ...]) -> Plant:
 def _recorded(run: Run, effects: tuple[Hidden, ...]) -> Recording:
     """Return a log that is changed from its begin on, or not at all."""
     plant, label = _plant(run, effects), f"watch/{run.arm}/{run.number}"
-    motion = make_motion(
-        run.family,
-        usual_limits(plant.robot),
-        run.seconds,
-        RATE,
-        stream(run.number, label),
-    )
+    limits, rng = usual_limits(plant.robot), stream(run.number, label)
+    motion = make_motion(run.family, limits, run.seconds, RATE, rng)
     torque = true_torque(plant, motion, label, run.start, True, run.worked)
     rng = stream(run.number, f"{label}/torque")
     tau = torque.tau + torque_noise(len(motion.t), sizes(plant.robot).torque, RATE, rng)
@@ -281,11 +276,8 @@ def _changed(runs: Sequence[Run], reference: Reference, state: State) -> dict:
     for one in runs:
         log = log_run(one)
         for batch in _batches(log):
-            if (
-                one.change
-                and before is None
-                and batch.t[0] >= one.start + _ONSET - 1e-6
-            ):
+            begun = one.change and batch.t[0] >= one.start + _ONSET - 1e-6
+            if begun and before is None:
                 before = state.moved
             state, alarms = step(reference, state, batch)
             if before is None:
@@ -315,9 +307,8 @@ def _of_days() -> dict:
     for robot, taught, watched in days():
         reference = learnt(robot, taught)
         for log in watched:
-            _, alarms = step(
-                reference, begin(reference), Samples(log.t, log.q, log.tau)
-            )
+            every = Samples(log.t, log.q, log.tau)
+            _, alarms = step(reference, begin(reference), every)
             about = {"taught": [r.id for r in taught], "day": log.id}
             false += [_said(a) | about for a in alarms]
             seconds += log.duration
@@ -367,15 +358,13 @@ def _right(c: dict) -> bool:
 def _delays(kind: str, seen: Sequence[dict]) -> Figures:
     delays = np.array([np.inf if c["motion"] is None else c["motion"] for c in seen])
     late = int((delays > WITHIN[kind]).sum())
+    joints = np.array([c["joint"] for c in seen])
     by_joint = {
-        str(j): sum(
-            bool(d > WITHIN[kind])
-            for d, c in zip(delays, seen, strict=True)
-            if c["joint"] == j
-        )
-        for j in sorted({c["joint"] for c in seen})
+        str(j): int((delays[joints == j] > WITHIN[kind]).sum())
+        for j in sorted(set(joints.tolist()))
     }
     many = max(1, len(seen))
+    median = float(np.median(delays)) if len(delays) else np.inf
     named = sum(c["motion"] is not None and _right(c) for c in seen)
     return {
         f"watch_{kind}_late": figure(
@@ -386,24 +375,18 @@ def _delays(kind: str, seen: Sequence[dict]) -> Figures:
             late_by_joint=by_joint,
             what=f"alarmed later than {WITHIN[kind]:g} s of motion, or never",
         ),
-        f"watch_{kind}_median": figure(_finite(delays), None, len(seen)),
+        f"watch_{kind}_median": figure(
+            median if np.isfinite(median) else None, None, len(seen)
+        ),
         f"watch_{kind}_named": figure(named, None, len(seen)),
     }
-
-
-def _finite(delays: np.ndarray) -> float | None:
-    value = float(np.median(delays)) if len(delays) else np.inf
-    return value if np.isfinite(value) else None
 
 
 def _words(row: dict) -> str:
     if "days_s" in row:
         return f"{len(row['days_false'])} false in {row['days_s']:.0f} s of other days"
-    late = [
-        c
-        for c in row["changed"]
-        if c["motion"] is None or c["motion"] > WITHIN[c["change"]]
-    ]
+    known = [(c["motion"], WITHIN[c["change"]]) for c in row["changed"]]
+    late = [motion for motion, most in known if motion is None or motion > most]
     return f"{len(row['false'])} false, {len(late)} of {len(row['changed'])} late"
 
 

@@ -181,24 +181,17 @@ def identity_figures(quick: bool) -> Figures:
     rigid = [(), *((n,) for n in _RIGID), *pairs, _RIGID]
     soft = [(s, *rest) for s in _SOFT for rest in [(), *((n,) for n in _RIGID)]]
     soft += [_SOFT, (*_SOFT, *_RIGID)]
-    misses = {
-        "rigid": [_worst(names, s, states)[0] for names in rigid for s in range(seeds)],
-        "elastic": [
-            _worst(names, s, states)[1] for names in soft for s in range(seeds)
-        ],
+    of_all, of_links = (
+        [_worst(names, s, states)[side] for names in every for s in range(seeds)]
+        for side, every in enumerate((rigid, soft))
+    )
+    runs = (("payload", "stribeck"), _SOFT, tuple(kinds()))
+    found = {
+        "identity_rigid": (max(of_all), 1e-9, len(of_all) * states),
+        "identity_elastic_link": (max(of_links), 1e-6, len(of_links) * states),
+        "channel_sum": (max(map(_sum_miss, runs)), 1e-9, len(runs)),
     }
-    sums = [
-        _sum_miss(names) for names in (("payload", "stribeck"), _SOFT, tuple(kinds()))
-    ]
-    return {
-        "identity_rigid": figure(
-            max(misses["rigid"]), 1e-9, len(misses["rigid"]) * states, unit="N m"
-        ),
-        "identity_elastic_link": figure(
-            max(misses["elastic"]), 1e-6, len(misses["elastic"]) * states, unit="N m"
-        ),
-        "channel_sum": figure(max(sums), 1e-9, len(sums), unit="N m"),
-    }
+    return {name: figure(*entry, unit="N m") for name, entry in found.items()}
 
 
 def _worst(names: tuple[str, ...], seed: int, states: int) -> tuple[float, float]:
@@ -226,11 +219,8 @@ def _worst(names: tuple[str, ...], seed: int, states: int) -> tuple[float, float
 def _step(
     phase: Phase, state: at.State, rows: np.ndarray, k: int, world: World
 ) -> list[float]:
-    model, data, packed = (
-        phase.model,
-        phase.model.createData(),
-        at.pack(phase.constants),
-    )
+    model, packed = phase.model, at.pack(phase.constants)
+    data = model.createData()
     now, zero = rows[k], np.zeros(model.nv)
     q, qd = now[at.Q].copy(), now[at.QD].copy()
     read(k, packed.joints, state.motors, q, rows)
@@ -330,18 +320,16 @@ def excitation_figures(quick: bool) -> Figures:
 
 
 def _optimised(seed: int) -> float:
-    robot = load_robot("irb140")
-    reference = make_reference(robot, TrajectorySpec(seed=seed), _RATE)
+    reference = make_reference(ROBOT, TrajectorySpec(seed=seed), _RATE)
     once = reference.t <= reference.period
-    return excitation(
-        robot.model, reference.q[once], reference.qd[once], reference.qdd[once]
-    ).condition
+    motion = (reference.q[once], reference.qd[once], reference.qdd[once])
+    return excitation(ROBOT.model, *motion).condition
 
 
 def _best_random(seed: int) -> float:
-    robot, spec = load_robot("irb140"), TrajectorySpec()
-    place = workspace(robot, spec.duration / spec.periods)
+    spec = TrajectorySpec()
+    place = workspace(ROBOT, spec.duration / spec.periods)
     t = np.arange(0, place.period, 1 / _RATE)
     rng = stream(seed, "benchmark/random motions")
     drawn = [sampled(draw(place, rng), t) for _ in range(_RANDOM)]
-    return min(excitation(robot.model, *motion).condition for motion in drawn)
+    return min(excitation(ROBOT.model, *motion).condition for motion in drawn)
