@@ -109,7 +109,6 @@ def diagnose_case(case: Case, declared=None, **changes) -> Diagnosis:
 
 
 def names(verdict) -> list[tuple[str, tuple[int, ...]]]:
-    """The findings as (name, joints), most important first."""
     return [(f.name, f.joints) for f in verdict.effects]
 
 
@@ -128,14 +127,9 @@ def smooth_motion(robot: Robot, t):
 
 
 def plain_logs(robot: Robot, moving, torque, count=4, seed=0) -> list[Recording]:
-    """Sines on some joints (from 0), the others stand; friction and noise on all.
+    """Logs of 8 s at 125 Hz: sines on some joints (from 0), friction and noise on all.
 
-    Args:
-        robot: The arm.
-        moving: Joints that move.
-        torque: Added to each joint [N m]. Shape (dof,).
-        count: How many logs, of 8 s at 125 Hz.
-        seed: Of noise and phases.
+    A torque [N m] is added to each joint. Shape (dof,).
     """
     keep, out = np.isin(range(robot.dof), moving), []
     for k in range(count):
@@ -154,7 +148,6 @@ def plain_logs(robot: Robot, moving, torque, count=4, seed=0) -> list[Recording]
 
 
 def recording(t, q, tau, label="log") -> Recording:
-    """A log of some robot."""
     return Recording(label, "any", t, q, tau)
 
 
@@ -172,7 +165,6 @@ def quiet(stage, share):
 
 
 def write_csv(path, log, form="%.17g", **more) -> None:
-    """Write t, q and tau of a log, and more columns by name, as a CSV file."""
     signals = {"q": log.q, "tau": log.tau, **more}
     joints = range(1, 1 + log.q.shape[1])
     names = ["t", *(f"{name}{j}" for name in signals for j in joints)]

@@ -65,7 +65,6 @@ def logs(count=2, noise=0.0, joints=(0, 1, 2), seed=0, duration=12.0):
 
 
 def workplace(folder: Path, names: Iterable[str], seconds: float) -> Path:
-    """Write the arm and a log of it by each name; returns the folder."""
     (folder / "arm.urdf").write_text(urdf_text(AXES))
     made = logs(len(names), noise=0.5, duration=seconds)
     for name, log in zip(names, made, strict=True):

@@ -50,13 +50,7 @@ ALL = (LINE, OTHER, PLANE, GEAR, LOAD)
 
 @dataclass
 class Problem:
-    """Random columns, torque made of them, and the design that the core builds.
-
-    Attributes:
-        logs: Tracks and states, as the core takes them.
-        design: The core's view.
-        prior: Of the nominal columns.
-    """
+    """Random columns, torque made of them, and the design that the core builds."""
 
     logs: list
     design: Design
@@ -64,17 +58,11 @@ class Problem:
 
     @classmethod
     def draw(cls, rng, truth=(), rows=120, logs=4, **options):
-        """Draw a problem.
+        """Draw logs of so many rows with (effect, joints, theta) of a truth in them.
 
-        Args:
-            rng: Random numbers.
-            truth: (effect, joints, theta) that are in the torque beside the nominal.
-            rows: Of each log.
-            logs: How many.
-            **options: ``noise`` (its size), ``colour`` (AR(1) coefficient of noise),
-                ``masked`` (share of rows that do not count), ``bend`` (size of the
-                nominal coefficients in units of their prior), ``slow`` (AR(1)
-                coefficient of the columns).
+        Options: ``noise`` (its size), ``colour`` (AR(1) coefficient of noise),
+        ``masked`` (share of rows that do not count), ``bend`` (size of the nominal
+        coefficients in units of their prior), ``slow`` (AR(1) of the columns).
         """
         noise, colour = options.get("noise", 1.0), options.get("colour", 0.0)
         prior = nominal_prior(rng)
@@ -114,7 +102,6 @@ class Problem:
         return np.concatenate(x), np.concatenate(y), np.concatenate(joint)
 
     def precision(self, members):
-        """Prior precision of all coefficients."""
         size = NOMINAL + sum(len(g.ids) for g in members)
         out = np.zeros((size, size))
         out[:NOMINAL, :NOMINAL] = self.prior.precision
@@ -126,7 +113,6 @@ class Problem:
         return out
 
     def task(self, groups, **rules):
-        """A search over some candidates, all at one price."""
         price = {g.key: 1.0 for g in groups}
         return Task(
             self.design, self.prior, Candidates(tuple(groups), price), Rules(**rules)
@@ -183,7 +169,6 @@ def build(logs) -> Design:
 
 
 def coloured(rng, rows, a):
-    """AR(1) noise of unit variance."""
     out = rng.normal(size=(rows, DOF))
     out[1:] *= np.sqrt(1 - a**2)
     for i in range(1, rows):

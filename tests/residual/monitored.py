@@ -35,7 +35,6 @@ def healthy(seed: int, duration: float = 12.0) -> Recording:
 
 
 def spoilt(log: Recording, fault: str, joint: int, onset: float) -> Recording:
-    """The log with a sensor that fails; its loop is not closed."""
     q, tau = log.q.copy(), log.tau.copy()
     first, j = int(np.searchsorted(log.t, onset)), joint - 1
     if fault == "frozen":
@@ -52,7 +51,6 @@ def spoilt(log: Recording, fault: str, joint: int, onset: float) -> Recording:
 
 
 def part(log: Recording, stop: float) -> Recording:
-    """The beginning of a log."""
     rows = log.t < stop
     arrays = {n: getattr(log, n)[rows] for n in ("t", "q", "tau", "q_ref")}
     return replace(log, **arrays)

@@ -195,14 +195,3 @@ def impossible_load() -> Diagnosis:
     logs = plain_logs(other, range(7), np.zeros(7))
     logs = [replace(log, q=log.q - 0.1) for log in logs]
     return diagnose(robot, logs[:3], (), logs[3:])
-
-
-def test_the_sentence_has_the_bodies_and_the_price():
-    model = bare(arm(TWO))
-    made = Embodied(model, Moved(("link 1", "the load"), (0.002, -0.1), 0.5))
-    (note,) = made.notes
-    assert "link 1, the load" in note
-    assert "0.2 %" in note
-    assert made.doubts == ()
-    sure = replace(made, contradicted=True)
-    assert "no body can be" in sure.doubts[0]

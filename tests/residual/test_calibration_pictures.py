@@ -30,11 +30,3 @@ def test_a_residual_that_is_friction_goes_with_its_speed_and_is_said_to():
     first = plane_words(plane)[0]
     assert "goes with qd1 (" in first
     assert "friction is wrong or missing" in first
-
-
-def test_noise_is_not_explained():
-    X, run, rng = states(1)
-    Y = rng.normal(size=(len(X), 2))
-    plane = plane_of(Training(X, Y, run, Y, run, run), NAMES, (1, 2))
-    assert all("wrong or missing" not in line for line in plane_words(plane))
-    assert plane.explained.max() < 5

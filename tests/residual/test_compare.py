@@ -112,15 +112,6 @@ def test_the_last_quarter_of_the_longest_log_is_held_out():
     np.testing.assert_array_equal(np.concatenate([fit[1].q, tail.q]), long.q)
 
 
-def test_what_else_was_logged_is_cut_with_it():
-    whole = log(0, 8)
-    whole = replace(whole, qd=np.ones_like(whole.q), q_ref=2 * np.ones_like(whole.q))
-    (head,), (tail,) = hold_out_end([whole])
-    assert head.qd.shape == head.q.shape
-    assert tail.q_ref.shape == tail.q.shape
-    assert tail.qdd is None
-
-
 @pytest.mark.parametrize(
     ("spans", "clock"),
     [

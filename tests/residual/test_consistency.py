@@ -8,10 +8,7 @@ import pytest
 
 from residual.errors import InputError
 from residual.identification.identify import identify
-from residual.identification.prove import (
-    consistent,
-    least_mass_matrix,
-)
+from residual.identification.prove import consistent, least_mass_matrix
 from residual.model.bodies import least_eigenvalues, pseudo_inertias
 from residual.model.nominal import prepare_logs, start_nominal
 from residual.model.record import robot_files
@@ -25,7 +22,6 @@ EFFECTS = ("viscous", "coulomb", "rotor_inertia")
 
 @pytest.fixture(scope="module")
 def found():
-    """A noisy fit, whose free parameters are no possible bodies."""
     return identify(truth().robot, logs(count=1, noise=3.0, duration=8.0))
 
 
@@ -47,20 +43,16 @@ def test_free_parameters_are_impossible_bodies_and_consistent_ones_are_not(
         assert first + second > third
 
 
-def test_mass_matrix_is_positive_everywhere(bodies):
+def test_consistent_bodies_have_a_positive_mass_matrix_and_friction_that_does_not_push(
+    bodies, found
+):
     assert bodies.poses == 10_000
     assert bodies.least_mass_matrix > 0
-
-
-def test_no_consistent_fit_is_better_than_the_free_one(found, bodies):
+    for term in bodies.model.terms:
+        assert np.all(term.theta >= -1e-9)
     free, own = found.estimate.weight * found.estimate.counts @ bodies.misfit.T**2
     assert free <= own * (1 + 1e-9)
     assert np.all(bodies.misfit[1] < 1.1 * bodies.misfit[0])
-
-
-def test_friction_does_not_push(bodies):
-    for term in bodies.model.terms:
-        assert np.all(term.theta >= -1e-9)
 
 
 def test_consistent_logs_need_no_price():
@@ -68,11 +60,6 @@ def test_consistent_logs_need_no_price():
     clean = identify(truth().robot, logs())
     made = consistent(clean)
     np.testing.assert_allclose(made.misfit[1], made.misfit[0], rtol=0.05, atol=1e-3)
-
-
-def test_a_scale_that_is_no_number_is_refused(found):
-    with pytest.raises(InputError, match="expected a positive number"):
-        consistent(found, 0.0)
 
 
 def test_pseudo_inertia_of_points_is_the_sum_over_them(rng):
@@ -87,10 +74,16 @@ def test_pseudo_inertia_of_points_is_the_sum_over_them(rng):
     np.testing.assert_allclose(made, wanted, atol=1e-12)
 
 
-def test_a_negative_mass_is_seen_in_the_mass_matrix(found):
+def test_a_body_without_mass_is_seen_in_the_mass_matrix_and_not_written(found):
     wrong = found.model.inertial.copy()
     wrong[20] = -5.0
     assert least_mass_matrix(replace(found.model, inertial=wrong), poses=200) < 0
+    wrong = found.model.inertial.copy()
+    wrong[10] = -0.1
+    with pytest.raises(InputError, match=r"Link 2 was identified with mass -0\.1 kg"):
+        robot_files(replace(found.model, inertial=wrong))
+    with pytest.raises(InputError, match="expected a positive number"):
+        consistent(found, 0.0)
 
 
 @pytest.mark.parametrize("which", ["free", "consistent"])
@@ -130,10 +123,3 @@ def _six_joint_logs(robot):
     log = logs(1)[0]
     twice = np.column_stack([log.q, log.q])
     return [replace(log, q=twice, tau=twice)]
-
-
-def test_a_body_without_mass_is_not_written(found):
-    wrong = found.model.inertial.copy()
-    wrong[10] = -0.1
-    with pytest.raises(InputError, match=r"Link 2 was identified with mass -0\.1 kg"):
-        robot_files(replace(found.model, inertial=wrong))

@@ -4,19 +4,11 @@ from dataclasses import replace
 from types import SimpleNamespace
 
 import numpy as np
-import pytest
 
 from residual.diagnosis.angle_noise import standard_deviations
-from residual.diagnosis.examine import carried
-from residual.diagnosis.search import Candidates, renewed
 from residual.effects.base import Effect, Refinement, local
-from residual.evidence.columns import union
-from residual.evidence.design import Design
-from residual.model.model import Model
-from residual.robot.dynamics import inertial_parameters, inverse_dynamics
-from residual.signals.track import Filters, prepare, shaken
-from tests.residual.arms import SEVEN, arm, recording, smooth_motion
-from tests.residual.linear import LINE, OTHER, Problem, build
+from tests.residual.arms import arm
+from tests.residual.linear import LINE, Problem, build
 
 DRAWS = 20
 FADE = Effect(
@@ -28,10 +20,6 @@ FADE = Effect(
     shapes=lambda span, j: ((1.0, 1.0), (1.0, 2.0)),
     refine=Refinement("ratio", 0.6),
 )
-READS = Effect(
-    "reads", "reads the model", {"a": "1"}, local(lambda s, j, x: [s.tau_model[:, j]])
-)
-READS = replace(READS, uses_model=True, groupable=True)
 
 
 def deviation(problem, shape):
@@ -95,43 +83,3 @@ def test_the_other_textbook_form_is_a_part_of_the_doubt(rng):
     assert abs(value - truth) > 3 * own[0]
     assert abs(value - truth) < 2.5 * sd[0]
     assert sd[2] >= 0.5  # of the exponent: the other is one away
-
-
-def test_only_columns_that_read_the_model_are_made_anew(rng):
-    problem = Problem.draw(rng)
-    design: Design = problem.design
-    groups = design.add([(LINE, (0,), ()), (READS, (0,), ()), (READS, (1,), ())])
-    every = union(groups[1:])
-    plain = union(design.add([(OTHER, (0,), ()), (OTHER, (1,), ())]))
-    named = (*groups, every, plain)
-    known = Candidates(named, {g.key: 1.0 for g in named})
-    seen = {id(t): replace(s, tau_model=s.q + 1.0) for t, s in problem.logs}
-    design.show_torque(SimpleNamespace(observe=lambda track: seen[id(track)]))
-    line, one, two, both, same = renewed(design, known).groups
-    assert line is groups[0]
-    assert same.parts == plain.parts
-    for j, made in enumerate((one, two)):
-        place, _ = design.present(j, made.ids)
-        column = design.columns(j, place)[:, 0]
-        said = np.concatenate([s.q[:, j] + 1.0 for s in design.states])
-        use = np.concatenate([t.moving[:, j] for t, _ in problem.logs])
-        np.testing.assert_allclose(column, said[use])
-    np.testing.assert_array_equal(both.ids, [*one.ids, *two.ids])
-    assert (both.fellows, [p.fellows for p in both.parts]) == (1, [2, 2])
-
-
-@pytest.mark.parametrize("axes", [(), SEVEN])
-def test_torque_noise_of_the_angles_goes_with_their_noise(rng, axes):
-    robot = arm(axes) if axes else arm()
-    t = np.arange(0, 8, 0.01)
-    q, qd, qdd = smooth_motion(robot, t)
-    clean = recording(t, q, inverse_dynamics(robot.model, q, qd, qdd))
-    model = Model(robot, inertial_parameters(robot.model))
-    found = []
-    for size in (1e-4, 2e-4):
-        log = replace(clean, q=clean.q + size * rng.normal(size=clean.q.shape))
-        tracks, floor = prepare([log], Filters())
-        model = replace(model, speed_floor=floor)
-        found.append(carried(model, tracks, shaken([log], tracks, Filters())))
-    assert (found[0] > 0).all()
-    np.testing.assert_allclose(found[1] / found[0], 2.0, rtol=0.3)

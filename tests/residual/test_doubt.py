@@ -18,7 +18,6 @@ OFFSET = Hidden("offset", (1,), {"torque": 4.0})
 
 
 def seconds(*sizes):
-    """Squared errors of one joint per second."""
     return np.array(sizes, dtype=float)[:, None]
 
 

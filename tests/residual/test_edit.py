@@ -29,7 +29,6 @@ LOAD = {"mass": 3.0, "com_x": 0.0, "com_y": 0.0, "com_z": 0.1}
 
 @pytest.fixture(scope="module")
 def world():
-    """Logs of an arm with a load and without, and its models: nominal, true, dense."""
     robot = load_robot("irb140")
     plan = [
         LogPlan(f"fit_{f}", "fit", f, duration=10.0, rate=125.0)

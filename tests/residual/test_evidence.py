@@ -17,7 +17,6 @@ from tests.residual.linear import (
     GEAR,
     LINE,
     LOAD,
-    NOMINAL,
     OTHER,
     PLANE,
     Problem,
@@ -81,18 +80,6 @@ def test_mean_and_covariance_are_those_of_bayesian_regression(problem, which):
     np.testing.assert_allclose(fitted.covariance(), covariance, **EXACT)
 
 
-@pytest.mark.parametrize("which", SETS)
-def test_squared_error_is_that_of_the_residuals(problem, which):
-    members = problem.design.add(SETS[which])
-    fitted = every_row_counts(problem, members, SIGMA2)
-    x, y, joint = problem.stacked(members)
-    left = y - x @ fitted.theta
-    for j in range(DOF):
-        np.testing.assert_allclose(fitted.sse[j], (left[joint == j] ** 2).sum())
-        own = problem.design.residual(j, fitted.ids, fitted.theta)
-        np.testing.assert_allclose(own, left[joint == j], atol=1e-9)
-
-
 @pytest.mark.parametrize("which", [k for k in SETS if k != "nominal alone"])
 def test_evidence_is_the_difference_of_log_marginal_likelihoods(which, rng):
     """Each set at its own profiled variance, all rows independent.
@@ -113,33 +100,6 @@ def test_profiled_variance_is_what_is_left_per_row_and_a_floor(problem):
     floor = (RULES.noise_floor * problem.design.rms) ** 2
     left = fitted.sse / problem.design.rows
     np.testing.assert_allclose(fitted.variance, left + floor, rtol=1e-9)
-
-
-def test_fewer_counted_rows_mean_less_certainty_by_that_much(problem):
-    """With a weak prior a quarter of the rows doubles every standard deviation."""
-    weak = replace(problem.prior, precision=1e-9 * np.eye(NOMINAL))
-    d = problem.design
-    all_rows, quarter = (
-        fit(d, weak, (), share * d.rows, SIGMA2, 1).covariance() for share in (1, 0.25)
-    )
-    np.testing.assert_allclose(quarter, 4 * all_rows, rtol=1e-6)
-
-
-def test_the_order_of_members_does_not_matter(problem):
-    members = problem.design.add(SETS["several"])
-    one = every_row_counts(problem, members, rounds=5)
-    two = every_row_counts(problem, members[::-1], rounds=5)
-    assert one.score == pytest.approx(two.score, abs=1e-6)
-    for g in members:
-        np.testing.assert_allclose(one.of(g), two.of(g), **EXACT)
-
-
-def test_a_column_that_the_set_has_already_earns_nothing(problem):
-    """It only shares the coefficient, and pays for the wider prior."""
-    first, again = problem.design.add([(LINE, (0,), ()), (LINE, (0,), ())])
-    one = every_row_counts(problem, [first], rounds=5)
-    both = every_row_counts(problem, [first, again], rounds=5)
-    assert both.score < one.score + 0.5
 
 
 def test_units_of_a_column_do_not_matter_to_its_evidence(problem):
@@ -214,23 +174,6 @@ def exact_gain(problem, base, group):
 # -- the design --------------------------------------------------------------------
 
 
-def test_folds_sum_to_the_whole(problem):
-    members = problem.design.add(SETS["several"])
-    d = problem.design
-    whole = System.of(d, problem.prior, members)
-    parts = [
-        System.of(d, problem.prior, members, np.array([f])) for f in range(d.folds)
-    ]
-    assert d.folds == len(problem.logs)
-    for name in ("gram", "cross", "power"):
-        total = sum(getattr(p, name) for p in parts)
-        np.testing.assert_allclose(total, getattr(whole, name), atol=1e-8)
-        two = getattr(System.of(d, problem.prior, members, np.array([0, 2])), name)
-        np.testing.assert_allclose(
-            two, getattr(parts[0], name) + getattr(parts[2], name), atol=1e-8
-        )
-
-
 @pytest.mark.parametrize(("logs", "folds"), [(1, 6), (2, 6), (3, 9), (4, 4), (6, 6)])
 def test_few_logs_are_left_out_in_blocks_and_many_as_they_are(rng, logs, folds):
     assert Problem.draw(rng, logs=logs).design.folds == folds
@@ -245,25 +188,6 @@ def test_a_union_is_its_parts(problem):
     two = every_row_counts(problem, parts, rounds=5)
     assert one.score == pytest.approx(two.score, abs=1e-9)
     np.testing.assert_allclose(one.theta, two.theta)
-
-
-def test_columns_added_later_change_nothing_for_those_before(problem):
-    (first,) = problem.design.add([(LINE, (0,), ())])
-    before = every_row_counts(problem, [first], rounds=5)
-    problem.design.add(SETS["several"])
-    after = every_row_counts(problem, [first], rounds=5)
-    np.testing.assert_array_equal(before.theta, after.theta)
-    assert before.score == after.score
-
-
-def test_candidates_added_together_are_those_added_one_by_one(problem):
-    wanted = SETS["several"]
-    together = problem.design.add(wanted)
-    alone = [problem.design.add([w])[0] for w in wanted]
-    for a, b in zip(together, alone, strict=True):
-        np.testing.assert_allclose(a.precision, b.precision)
-        fits = [every_row_counts(problem, [g], SIGMA2) for g in (a, b)]
-        np.testing.assert_allclose(fits[0].theta, fits[1].theta)
 
 
 def test_a_series_puts_rows_back_on_the_time_line_of_each_log(problem):

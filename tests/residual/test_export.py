@@ -10,10 +10,8 @@ import pytest
 from benchmarks.export_parts.models import (
     ARMS,
     NAMES,
-    SIZES,
     model_with,
     robot_of,
-    term,
 )
 from residual.effects import registry
 from residual.effects.base import Portable
@@ -59,10 +57,6 @@ FUNCTIONS = {"sin", "cos", "tanh", "exp", "pow", "fabs", "fmin", "fmax", "sgn"}
 OWN = {"bristle", "earlier"}
 
 
-def test_the_sizes_are_of_every_effect():
-    assert {*SIZES, "payload"} == set(NAMES)
-
-
 @pytest.mark.parametrize("name", NAMES)
 def test_an_effect_says_how_it_is_said_elsewhere_or_why_not(name):
     said = registry()[name].portable
@@ -105,19 +99,7 @@ def test_the_numpy_file_computes_the_torque_of_each_effect(arm, name):
     want = made.whole.along(motion.t, motion.parts)
     assert made.left == ()
     np.testing.assert_allclose(_torque(made)(motion), want, rtol=0, atol=1e-10)
-
-
-@pytest.mark.parametrize("arm", ARMS)
-@pytest.mark.parametrize("name", [n for n in NAMES if n not in AHEAD])
-def test_a_single_row_of_the_numpy_file_is_that_of_many(arm, name):
-    robot = robot_of(arm)
-    _row_as_many(to_numpy(model_with(robot, "viscous", "rotor_inertia", name)))
-
-
-@pytest.mark.parametrize("choice", CHOICES, ids=str)
-def test_a_single_row_stands_still_as_many_do(choice):
-    still = (replace(choice, hold=0.6),) * 6
-    _row_as_many(to_numpy(model_with(robot_of("irb140"), "coulomb", standstill=still)))
+    _row_as_many(made)
 
 
 def _row_as_many(made, folder="nowhere"):
@@ -146,8 +128,9 @@ def test_the_numpy_file_stands_still_as_the_model_does(choice):
     whole = model_with(robot, "coulomb", standstill=(replace(choice, hold=0.6),) * 6)
     motion = exciting(robot, 4.0)
     want = whole.along(motion.t, motion.parts)
-    got = _torque(to_numpy(whole))(motion)
-    np.testing.assert_allclose(got, want, rtol=0, atol=1e-10)
+    made = to_numpy(whole)
+    np.testing.assert_allclose(_torque(made)(motion), want, rtol=0, atol=1e-10)
+    _row_as_many(made)
 
 
 def _names(made, folder="nowhere"):
@@ -187,25 +170,19 @@ def test_tables_that_a_target_has_no_place_for_are_listed(target):
     assert isinstance(made.carried, Model)
 
 
-def test_a_negative_friction_is_left_out_and_said_so():
+def test_what_a_target_cannot_say_alone_is_left_out_and_said_so():
     whole = model_with(robot_of("irb140"), "coulomb", "viscous")
     less = replace(whole.terms[0], theta=np.array([-1.0]))
     made = to_mjcf(replace(whole, terms=(less, whole.terms[1])))
     assert [(each.name, each.why) for each in made.left] == [
         ("coulomb", "MJCF takes no negative friction")
     ]
-
-
-def test_a_constant_torque_needs_a_spring_to_be_said():
     robot = robot_of("irb140")
     lone, sprung = (
         to_mjcf(model_with(robot, *n)) for n in (["offset"], ["offset", "spring"])
     )
     assert [each.name for each in lone.left] == ["offset"]
     assert sprung.left == ()
-
-
-def test_a_negative_delay_is_no_formula():
     whole = model_with(robot_of("irb140"), "delay")
     (late,) = whole.terms
     early = replace(late, shape=(-0.01,), theta=np.array([-0.01]))
@@ -213,21 +190,20 @@ def test_a_negative_delay_is_no_formula():
     assert left.why == "a negative delay looks ahead in time"
 
 
-@pytest.mark.parametrize("write", [to_urdf, to_mjcf], ids=["urdf", "mjcf"])
-def test_a_body_that_cannot_be_is_refused_with_what_to_do(write):
+@pytest.mark.parametrize(
+    ("write", "change", "message"),
+    [
+        (to_urdf, {20: -1.0}, r"Link 3 has mass -1 kg.*--consistent"),
+        (to_mjcf, {20: -1.0}, r"Link 3 has mass -1 kg.*--consistent"),
+        (to_mjcf, {24: 50.0}, r"Link 3 has principal inertias.*c99"),
+    ],
+)
+def test_a_body_that_cannot_be_is_refused_with_what_to_do(write, change, message):
     whole = model_with(robot_of("irb140"))
     wrong = whole.inertial.copy()
-    wrong[20] = -1.0
-    with pytest.raises(InputError, match=r"Link 3 has mass -1 kg.*--consistent"):
+    wrong[list(change)] = list(change.values())
+    with pytest.raises(InputError, match=message):
         write(replace(whole, inertial=wrong))
-
-
-def test_an_inertia_that_no_body_has_is_refused_with_what_to_do():
-    whole = model_with(robot_of("irb140"))
-    wrong = whole.inertial.copy()
-    wrong[24] += 50.0
-    with pytest.raises(InputError, match=r"Link 3 has principal inertias.*c99"):
-        to_mjcf(replace(whole, inertial=wrong))
 
 
 def test_bodies_are_those_of_the_model_with_all_that_hangs_on_it():
@@ -282,7 +258,3 @@ def test_above_the_saturated_speed_dry_friction_has_its_full_value():
         (j,) = own.joints
         want = own.theta[0] * np.sign(states.qd[:, j])
         np.testing.assert_allclose(torque[:, j], want, atol=1e-11)
-
-
-def test_terms_stand_where_they_were_put():
-    assert term(robot_of("seven"), "spring", 0).joints == (0,)

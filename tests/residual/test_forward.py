@@ -45,7 +45,6 @@ def term(name, joint, *values):
 
 
 def load():
-    """The load as the effect has it: ten parameters about the last joint's frame."""
     body = flange_placement(ROBOT.model).act(pin.Inertia(MASS, LEVER, OWN))
     effect = registry()["payload"]
     return Term(effect, (5,), (), body.toDynamicParameters())

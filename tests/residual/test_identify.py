@@ -43,12 +43,6 @@ def test_the_model_has_the_base_parameters_that_were_fitted(clean):
     np.testing.assert_allclose(made, clean.estimate.theta, atol=1e-9)
 
 
-def test_a_rotor_about_a_links_own_axis_is_one_parameter_with_it(clean):
-    words = [clean.base.words(i) for i in range(len(clean.base))]
-    assert words[0].endswith("+ rotor inertia of joint 1")
-    assert clean.base.standard[clean.base.columns[0]].unit == "kg m^2"
-
-
 def test_errors_are_as_large_as_their_standard_deviation_says(noisy):
     z = (noisy.estimate.theta - true_theta(noisy)) / noisy.estimate.sd
     assert 0.5 < np.sqrt(np.mean(z**2)) < 2.0

@@ -31,12 +31,9 @@ def test_equal_levels_are_equally_wide_and_an_edge_belongs_above():
     assert levels.encode(values).values[:, 0].tolist() == [0, 0, 1, 2, 4, 4]
 
 
-def test_quantile_levels_hold_equally_many_rows(rng):
+def test_levels_of_quantiles_hold_equally_many_rows_unless_values_are_equal(rng):
     codes = quantile_levels(x := rng.normal(size=1000), 10).encode(x)
     assert np.ptp(np.bincount(codes.values[:, 0])) <= 1
-
-
-def test_many_equal_values_merge_levels():
     x = np.array([0.0] * 50 + [1.0, 2.0, 3.0])
     levels = quantile_levels(x, 10)
     assert 2 <= levels.sizes[0] < 10

@@ -13,7 +13,6 @@ from residual.evidence.design import Design
 from residual.identification.identify import identify
 from residual.method.diagnose import diagnose
 from residual.model.compare import compare, prepare_held_out
-from residual.model.forward import acceleration_error
 from residual.model.nominal import prepare_logs, start_nominal
 from residual.monitoring import scores as monitoring
 from residual.monitoring.usual import block_maxima
@@ -37,7 +36,6 @@ def short(monkeypatch):
 
 @pytest.fixture(scope="module")
 def log():
-    """One log of 36 s."""
     return made(36.0, 5)
 
 
@@ -58,10 +56,6 @@ def made(seconds, seed):
     return Recording(f"long {seed}", like.robot, t, q, tau)
 
 
-def test_short_logs_are_not_cut(log):
-    assert pieces.in_pieces([log, log]) == (log, log)
-
-
 def test_a_fast_log_is_long_sooner(log, monkeypatch):
     monkeypatch.setattr(pieces, "PIECE", 3.0)
     monkeypatch.setattr(pieces, "MANY", len(log.t))
@@ -70,30 +64,6 @@ def test_a_fast_log_is_long_sooner(log, monkeypatch):
     cut = pieces.in_pieces([log])
     assert len(cut) == 12
     assert pieces.in_pieces(cut) == cut
-
-
-def test_pieces_are_views_of_the_log_and_keep_its_name(short, log):
-    cut = pieces.in_pieces([log])
-    assert len(cut) == 12
-    assert {p.id for p in cut} == {log.id}
-    assert all(np.shares_memory(p.q, log.q) for p in cut)
-    assert pieces.in_pieces(cut) == cut
-
-
-def test_rows_of_the_pieces_are_those_of_the_log_once_each(short, log):
-    cut, floor = prepare(pieces.in_pieces([log]), Filters())
-    (whole,), same = prepare([log], Filters(), floor)
-    assert_allclose(floor, same)
-    t = np.concatenate([track.t[:: track.step][track.inner] for track in cut])
-    assert (np.diff(t) > 0).all()
-    # Where two pieces meet, a row of the grid may be missing.
-    assert np.diff(t).max() < 2.5 * cut[0].step / cut[0].rate
-    tau = np.concatenate([track.tau[track.inner] for track in cut])
-    rows = whole.t[:: whole.step]
-    for j in range(2):
-        there = np.interp(rows, t, tau[:, j])
-        inside = (rows > t[0]) & (rows < t[-1])
-        assert np.std((there - whole.tau[:, j])[inside]) < 0.03 * whole.tau[:, j].std()
 
 
 def test_a_piece_is_in_one_fold(short, log):
@@ -151,16 +121,6 @@ def test_a_regressor_that_is_made_later_is_the_regressor(rng, largest, monkeypat
     assert_allclose(late @ theta, real @ theta, atol=1e-9)
 
 
-def test_what_a_model_sees_of_pieces_is_what_it_sees(short, log):
-    logs = prepare_logs(arm(), [log], None, Filters())
-    model = start_nominal(logs, NAMES).model
-    for track in logs.tracks:
-        assert not track.whole
-        mine, theirs = model.observe(track), model.observe(replace(track, whole=True))
-        assert_allclose(mine.tau_model, theirs.tau_model, atol=1e-9)
-        assert_allclose(np.asarray(mine.regressor), np.asarray(theirs.regressor))
-
-
 def test_a_prediction_of_many_rows_keeps_no_regressor_of_them(log, monkeypatch):
     logs = prepare_logs(arm(), [log], None, Filters())
     model = start_nominal(logs, NAMES).model
@@ -209,16 +169,6 @@ def test_held_out_errors_of_pieces_are_those_of_the_log(log, short, monkeypatch)
     for kind in ("raw", "filtered", "moving"):
         mine, theirs = (e["it"].per_joint(kind) for e in (cut, whole))
         assert_allclose(mine, theirs, rtol=0.03)
-
-
-def test_errors_of_acceleration_of_pieces_are_those_of_the_log(log, short, monkeypatch):
-    logs = prepare_logs(arm(), [log], None, Filters())
-    model = start_nominal(logs, NAMES).model
-    cut = acceleration_error(model, [log])
-    monkeypatch.setattr(pieces, "LONG", np.inf)
-    whole = acceleration_error(model, [log])
-    assert whole.overall > 0
-    assert_allclose(cut.overall, whole.overall, rtol=0.05)
 
 
 @pytest.mark.long  # two diagnoses

@@ -16,13 +16,7 @@ from residual.export.c99 import tables_header
 from residual.tables.choose import fit_effect_tables
 from residual.tables.evaluate import by_row, predict
 from residual.tables.form import EffectForm
-from residual.tables.lookup import (
-    Axis,
-    Lookup,
-    Table,
-    export_lookup,
-    find_triples,
-)
+from residual.tables.lookup import Axis, Lookup, Table, export_lookup, find_triples
 from residual.tables.nominal_pls import NominalForm, fit_nominal_pls, nominal_lookup
 from tests.residual.motion_blocks import NAMES, motion
 
@@ -87,14 +81,6 @@ def test_tables_of_the_same_axes_are_added(rng):
     lookup = Lookup(("a", "b"), ("j",), axes, tables, np.zeros(1), none, low, high)
     y = lookup.predict(np.array([[0.5, 0.0]]))[0, 0]
     assert y == pytest.approx(sum(t.values[1, 1, 0] for t in tables))
-
-
-def test_far_outside_and_at_edges_the_level_is_that_of_a_search(rng, model):
-    lookup = nominal_lookup(model)
-    edges = np.stack([axis.edges for axis in lookup.axes], axis=1)
-    X = np.vstack([edges, np.nextafter(edges, -9), np.full((1, 9), 1e9)])
-    X = np.vstack([X, -X])
-    np.testing.assert_allclose(lookup.predict(X), model.predict(X), **EXACT)
 
 
 def _evaluated(files, tmp_path, X):
@@ -204,15 +190,12 @@ def test_the_csv_holds_every_cell_with_its_intervals(block, model):
         np.testing.assert_allclose(y, expected, **EXACT)
 
 
-def test_the_json_says_what_each_table_is_of(model):
+def test_the_json_says_what_each_table_is_of_and_bytes_repeat(model):
     told = json.loads(export_lookup(nominal_lookup(model))["model.json"])
     assert len(told["tables"]) == 36
     assert told["tables"][0]["variables"] == ["x1", "x2"]
     assert told["tables"][0]["levels"] == [9, 9]
     assert [len(axis["edges"]) for axis in told["axes"]] == [8] * 9
-
-
-def test_the_same_tables_give_the_same_bytes(model):
     first = export_lookup(nominal_lookup(model))
     assert first == export_lookup(nominal_lookup(model))
 

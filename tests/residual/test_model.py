@@ -120,17 +120,6 @@ def some_model(robot, seed=0):
     return Model(robot, inertial, terms, floor(robot))
 
 
-def test_coefficients_go_out_and_come_back():
-    model = some_model(arm())
-    values = model.coefficients()
-    assert values.shape == (20 + 4,)
-    again = model.with_coefficients(values)
-    np.testing.assert_array_equal(again.coefficients(), values)
-    shuffled = model.with_coefficients(values[::-1].copy())
-    np.testing.assert_array_equal(shuffled.coefficients(), values[::-1])
-    assert [t.shape for t in shuffled.terms] == [t.shape for t in model.terms]
-
-
 def test_torque_is_the_sum_of_the_rigid_body_and_each_term():
     robot = arm()
     model = some_model(robot)
@@ -188,12 +177,17 @@ def test_the_user_decides_what_is_declared_then_the_robot_then_the_usual(
     assert declared_names(arm(toml=toml), names) == expected
 
 
-def test_a_declared_effect_without_value_starts_at_zero_on_every_joint():
+def test_a_declared_effect_without_values_is_free_in_every_shape():
     found = nominal(arm(), DEFAULT_DECLARED)
     assert len(found.model.terms) == 6
     assert not any(t.theta.any() for t in found.model.terms)
     assert found.given == (None,) * 6
     assert found.names == DEFAULT_DECLARED
+    found = nominal(arm(), ("power_viscous",))
+    assert [t.shape for t in found.model.terms] == 2 * [(0.25,), (0.5,), (0.75,)]
+    assert found.names == ("power_viscous",)
+    (term,) = nominal(arm(), ("payload",)).model.terms
+    assert (term.joints, term.theta.shape) == ((1,), (10,))
 
 
 def test_declared_values_become_coefficients_of_their_joint():
@@ -229,17 +223,6 @@ def test_a_declared_ripple_without_values_is_refused_with_what_to_give():
         InputError, match=r"Give amplitude, order, phase in robot\.toml"
     ):
         nominal(arm(), ("ripple",))
-
-
-def test_declared_shapes_are_all_carried_along_where_they_are_few():
-    found = nominal(arm(), ("power_viscous",))
-    assert [t.shape for t in found.model.terms] == 2 * [(0.25,), (0.5,), (0.75,)]
-    assert found.names == ("power_viscous",)
-
-
-def test_a_declared_payload_without_values_is_ten_free_coefficients():
-    (term,) = nominal(arm(), ("payload",)).model.terms
-    assert (term.joints, term.theta.shape) == ((1,), (10,))
 
 
 @pytest.mark.parametrize(

@@ -139,13 +139,6 @@ def test_the_robot_comes_back_without_its_files(tmp_path):
     np.testing.assert_array_equal(again.declared["coulomb"].values["level"], [3, 4])
 
 
-def test_a_file_of_a_model_is_written_and_read(tmp_path):
-    model = model_of(["payload"])
-    model.save(tmp_path / "model.json")
-    again, log = load_model(tmp_path / "model.json"), log_of(model.robot)
-    np.testing.assert_array_equal(again.predict(log), model.predict(log))
-
-
 @pytest.mark.parametrize(
     ("text", "message"),
     [
@@ -164,25 +157,19 @@ def test_what_is_no_model_is_refused(tmp_path, text, message):
 # -- taken apart -------------------------------------------------------------------
 
 
-def test_an_effect_is_taken_out_and_nothing_else():
+def test_an_effect_is_taken_out_of_all_or_of_some_joints_and_nothing_else():
     model = model_of(["payload", "coulomb", "stribeck"])
     log = log_of(model.robot)
     less = model.without("payload")
     expected = replace(model, terms=model.terms[1:]).predict(log)
     np.testing.assert_array_equal(less.predict(log), expected)
     assert np.abs(less.predict(log) - model.predict(log)).max() > 1e-6
-
-
-def test_an_effect_is_taken_from_some_joints_only():
     robot = arm()
     terms = [Term(registry()["coulomb"], (j,), (), np.ones(1)) for j in (0, 1)]
     model = replace(model_of([], robot), terms=tuple(terms))
     assert model.without("coulomb", joints=[2]).terms == (terms[0],)
     with pytest.raises(InputError, match="no coulomb on joints"):
         model.without("coulomb", joints=[3])
-
-
-def test_an_effect_that_the_model_lacks_is_answered_with_those_it_has():
     with pytest.raises(UnknownNameError, match="Valid: coulomb"):
         model_of(["coulomb"]).without("payload")
 
@@ -208,7 +195,7 @@ def changed_friction() -> Model:
     return replace(model_of([]), terms=tuple(terms))
 
 
-def test_a_declared_value_goes_back_to_the_nominal_one():
+def test_a_declared_value_goes_back_to_the_nominal_one_and_a_new_one_is_whole():
     model = changed_friction()
     less = model.without("coulomb", [2])
     assert [t.theta.tolist() for t in less.terms] == [[4.2], [4.0], [0.7]]
@@ -218,9 +205,6 @@ def test_a_declared_value_goes_back_to_the_nominal_one():
     assert [t.theta.tolist() for t in again.terms] == [[4.0], [4.0], [0.7]]
     # Of what no value was given, nothing is the nominal value.
     assert [t.effect.name for t in model.without("viscous").terms] == 3 * ["coulomb"]
-
-
-def test_a_new_value_is_the_whole_one_where_a_change_was_found():
     model = changed_friction()
     set_ = model.with_parameters("coulomb", [2], level=5.0)
     assert [t.theta.tolist() for t in set_.terms] == [[4.2], [5.0], [0.7]]
@@ -273,15 +257,12 @@ def test_what_depends_on_more_than_the_state_is_refused(name):
     assert model.without(name).torque(q, q, q).shape == (2, 7)
 
 
-def test_states_of_another_shape_are_refused():
-    with pytest.raises(InputError, match=r"expected \(3, 7\) each"):
-        model_of([]).torque(np.zeros((3, 7)), np.zeros((3, 6)), np.zeros((3, 7)))
-
-
-def test_one_state_is_a_row_of_its_own():
+def test_one_state_is_a_row_of_its_own_and_other_shapes_are_refused():
     model = model_of([])
     one = model.torque(np.ones(7), np.ones(7), np.ones(7))
     np.testing.assert_array_equal(one, model.torque(*3 * [np.ones((1, 7))]))
+    with pytest.raises(InputError, match=r"expected \(3, 7\) each"):
+        model_of([]).torque(np.zeros((3, 7)), np.zeros((3, 6)), np.zeros((3, 7)))
 
 
 def test_a_model_says_what_it_is():

@@ -1,7 +1,5 @@
 import numpy as np
 import pytest
-from hypothesis import given, settings
-from hypothesis import strategies as st
 
 from residual.errors import InputError
 from residual.tables.crossval import leave_one_out, random_blocks, systematic
@@ -12,34 +10,10 @@ from residual.tables.nominal_pls import NominalForm, fit_nominal_pls
 from tests.residual.motion_blocks import motion, one_hot
 from tests.residual.refit import held_out
 
-# Two fits of the same numbers in another order of sums.
-CLOSE = {"rtol": 1e-9, "atol": 1e-9}
-
 
 def columns(model, X):
     codes = model.levels.encode(X)
     return one_hot(codes.values, codes.sizes, model.pairs)
-
-
-@given(st.integers(0, 999), st.integers(2, 4), st.integers(2, 5), st.integers(1, 3))
-@settings(max_examples=15, deadline=None)
-def test_it_equals_kernel_pls_on_the_columns_of_eq_30(seed, d, k, j):
-    rng = np.random.default_rng(seed)
-    X, Y = rng.normal(size=(80, d)), rng.normal(size=(80, j))
-    m = fit_nominal_pls(X, Y, NominalForm(k, 3))
-    D = columns(m, X)
-    S = (D - D.mean(0)).T @ (Y - Y.mean(0))
-    assert (D.sum(1) == d * (d - 1) // 2).all()
-    np.testing.assert_allclose(m.x_mean, D.mean(0), atol=1e-12)
-    T = m.transform(X)
-    np.testing.assert_allclose(T, (D - D.mean(0)) @ m.V.T, atol=1e-9)  # 14
-    np.testing.assert_allclose((T**2).sum(0), m.energy, rtol=1e-9)
-    np.testing.assert_allclose(T.T @ T, np.diag(m.energy), atol=1e-8)
-    np.testing.assert_allclose(
-        m.P * m.energy[:, None], T.T @ (D - D.mean(0)), atol=1e-8
-    )
-    assert np.linalg.norm(S.T @ m.V[0]) == pytest.approx(np.linalg.norm(S, 2))
-    np.testing.assert_allclose(m.predict(X), m.offset() + D @ m.coefficients(), **CLOSE)
 
 
 @pytest.mark.parametrize("scale_y", [False, True])
@@ -56,16 +30,6 @@ def test_coefficients_equal_ikpls_for_every_number_of_components(rng, scale_y):
     if not scale_y:
         B = np.asarray(peer.B)[7]
         assert np.abs(m.coefficients() - B).max() < 1e-9 * np.abs(B).max()
-
-
-def test_it_holds_an_interaction_that_no_variable_shows_alone(rng):
-    X = rng.uniform(-1, 1, (2000, 3))
-    Y = np.sign(X[:, [0]] * X[:, [1]])
-    form = NominalForm(4, 6)
-    model = fit_nominal_pls(X, Y, form)
-    assert np.abs(model.predict(X) - Y).max() < 0.3
-    table = model.tables()[0][..., 0]
-    assert table.shape == (4, 4)
 
 
 def test_unvisited_cells_are_counted_per_row():

@@ -54,14 +54,11 @@ def null_of(nats, **changes) -> Null:
 # -- the record --------------------------------------------------------------------
 
 
-def test_a_p_value_counts_the_draws_with_as_much_evidence():
+def test_p_values_count_draws_and_thresholds_are_the_rules_unless_chance_is_louder():
     null = null_of([1, 2, 3, 4])
     assert null.p_value(3.0) == pytest.approx(3 / 5)
     assert null.p_value(9.0) == pytest.approx(1 / 5)
     assert null.p_value(-9.0) == 1.0
-
-
-def test_the_threshold_is_the_rules_unless_chance_is_louder():
     assert null_of(np.arange(5)).threshold(10.0) == 10.0
     loud = null_of(np.linspace(0, 100, 101))
     assert loud.threshold(10.0) == pytest.approx(90.0)  # 95 less the price
@@ -210,7 +207,6 @@ def test_p_values_of_fresh_draws_are_uniform_enough():
 
 @cache
 def made_after():
-    """A small arm that hides a spring: something to set aside."""
     spring = Hidden("spring", (1,), {"stiffness": 20.0, "rest": 0.2})
     case = short_case(arm(), spring, seed=44)
     return source(case.robot, case.fit), case

@@ -4,19 +4,16 @@ import pytest
 
 from benchmarks.synthetic.logs import LogPlan, make
 from residual.diagnosis.oracle import oracle
-from residual.epochs.compare import Asked
 from residual.errors import UnknownNameError
 from residual.method.diagnose import diagnose
 from residual.robot.robot import load_robot
 from sim.engine.records import Hidden
 from sim.quasi_static import Plant
-from tests.residual import epochs_oracle as epochs
-from tests.residual.arms import arm, diagnose_case, short_case
 
 PLAN = (
-    LogPlan("one", "fit", "fourier", 12.0, 125.0),
-    LogPlan("two", "fit", "cyclic", 12.0, 125.0),
-    LogPlan("proof", "held_out", "fourier", 12.0, 125.0),
+    LogPlan("one", "fit", "fourier", 9.0, 125.0),
+    LogPlan("two", "fit", "cyclic", 9.0, 125.0),
+    LogPlan("proof", "held_out", "fourier", 9.0, 125.0),
 )
 
 
@@ -56,24 +53,3 @@ def test_a_diagnosis_that_names_it_is_as_good(logs):
 def test_an_effect_that_has_no_name_cannot_be_told(logs):
     with pytest.raises(UnknownNameError):
         oracle(load_robot("irb140"), *logs, [("x_wall", (2,))])
-
-
-@pytest.mark.long
-@pytest.mark.parametrize(
-    ("name", "values"),
-    [
-        ("payload", {"mass": 1.5, "com_x": 0.1, "com_y": 0, "com_z": 0.05}),
-    ],
-)
-def test_who_is_told_what_changed_predicts_as_well_as_who_finds_it(name, values):
-    case = short_case(arm(), Hidden(name, (2,), values), seed=60, baseline=True)
-    asked = Asked(case.robot, case.baseline, case.fit, case.held_out, None, False)
-    told, nothing = (
-        epochs.oracle(asked, effects).overall("filtered")
-        for effects in ([(name, (2,))], [])
-    )
-    assert told < 0.8 * nothing
-    found = diagnose_case(case).verdict
-    assert [(e.name, e.joints) for e in found.effects] == [(name, (2,))]
-    error = found.error.overall_filtered["augmented"]
-    assert 0.98 * told < error < 1.1 * told

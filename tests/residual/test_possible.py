@@ -36,6 +36,9 @@ MAY = [
     ("payload", (2.0, *LOAD), ()),
     ("tool_force", (30.0, 0.0, -20.0), ()),
     ("base_tilt", (0.1, -0.05), ()),
+    ("elasticity", (1e-4,), ()),
+    ("backlash", (1e-3,), (1.2e-3,)),
+    ("delay", (0.011,), (0.01,)),
 ]
 CANNOT = [
     ("viscous", (-0.13,), ()),
@@ -61,6 +64,12 @@ CANNOT = [
     ("base_tilt", (1.5, 0.0), ()),
     ("encoder_offset", (0.7,), ()),
     ("warmup", (-2.0,), (60.0,)),
+    ("elasticity", (-1e-4,), ()),
+    ("backlash", (-1e-3,), (1.2e-3,)),
+    ("backlash", (1e-4,), (1.2e-3,)),  # it bends as another size would
+    ("delay", (-0.011,), (-0.01,)),
+    ("delay", (-0.011,), (0.01,)),
+    ("delay", (0.03,), (0.004,)),
 ]
 
 

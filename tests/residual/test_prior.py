@@ -59,14 +59,6 @@ def test_inertial_parameters_are_held_within_a_share_of_their_size(rng, scale):
     assert prior.log_det == pytest.approx(np.linalg.slogdet(prior.precision)[1])
 
 
-def test_a_link_that_is_too_heavy_as_a_whole_is_doubted_once_not_ten_times(rng):
-    """10 % more of everything on one link costs less than one parameter's 2 sigma."""
-    found = nominal()
-    prior = relative_prior(design_of(found, rng), found, 0.1)
-    heavier = 0.1 * inertial_parameters(arm().model) * (np.arange(NOMINAL) < 10)
-    assert 0.5 * heavier @ prior.precision @ heavier < 2
-
-
 @pytest.mark.parametrize(
     "robot",
     [
@@ -136,11 +128,3 @@ def test_what_may_not_be_blamed(rng, name, given, scale, barred):
     known = replace(Problem.draw(rng, rows=20).prior, scale=scale)
     prior = replace(known, widths=found.kinds)
     assert forbidden(prior, found) == barred
-
-
-def test_names_of_the_declared_effects_come_once_each():
-    found = nominal(
-        [term("coulomb", 0, [1]), term("coulomb", 1, [1]), term("viscous", 0, [1])],
-        [None] * 3,
-    )
-    assert found.names == ("coulomb", "viscous")

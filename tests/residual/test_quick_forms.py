@@ -1,7 +1,5 @@
 """What is computed in a quick way, held against the plain way."""
 
-import tracemalloc
-
 import numpy as np
 import pytest
 from hypothesis import given
@@ -146,7 +144,6 @@ def test_a_set_with_one_more_is_gathered_or_grown_alike(seed):
 
 
 def _told(joints):
-    """A design and the best fit of a ripple that is told on joints of it."""
     robot = load_robot("irb140")
     plan = [LogPlan(f"{i}", "fit", "fourier", 3.0, 125.0) for i in range(2)]
     logs = make(Plant(robot, (), 4), tuple(plan), 4)
@@ -163,15 +160,3 @@ def test_columns_of_what_is_told_are_made_once_and_not_for_each_prior(monkeypatc
     design, fitted = _told((1, 2))
     assert len(fitted.members) == 2
     assert design.size < 250  # of four priors; twice as many if each had its own
-
-
-@pytest.mark.long
-def test_a_ripple_told_on_six_joints_stays_small():
-    """A case of a study took 17 GB: every shape on every joint, for each prior."""
-    tracemalloc.start()
-    design, fitted = _told((1, 2, 3, 4, 5, 6))
-    _, peak = tracemalloc.get_traced_memory()
-    tracemalloc.stop()
-    assert len(fitted.members) == 6
-    assert design.size < 1500
-    assert peak < 2e8

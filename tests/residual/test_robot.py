@@ -33,7 +33,6 @@ TWO_LINK = urdf(joint(1), joint(2))
 
 @pytest.fixture
 def folder(tmp_path):
-    """A folder that holds the two-link arm."""
     (tmp_path / "arm.urdf").write_text(TWO_LINK)
     return tmp_path
 
@@ -225,13 +224,10 @@ def test_robot_that_is_not_there_is_named(tmp_path, monkeypatch, spec, message):
         load_robot(spec)
 
 
-def test_folder_needs_exactly_one_urdf(folder):
+def test_a_folder_of_two_arms_and_a_binary_file_are_refused(folder, tmp_path):
     (folder / "second.urdf").write_text(TWO_LINK)
     with pytest.raises(RobotError, match=r"found arm.urdf, second.urdf"):
         load_robot(folder)
-
-
-def test_binary_file_is_not_a_urdf(tmp_path):
     (tmp_path / "arm.urdf").write_bytes(b"\xff\xfe\x00\x80")
     with pytest.raises(RobotError, match="not a text file"):
         load_robot(tmp_path / "arm.urdf")

@@ -18,8 +18,6 @@ from tests.residual.linear import nominal_prior
 
 @pytest.fixture
 def judged(rng):
-    """Fit some names to a torque over the position of joint 2, and judge them."""
-
     def judge(shape, names):
         logs = []
         for log in plain_logs(arm(), [0, 1], [0.0, 0.0]):

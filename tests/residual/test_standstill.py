@@ -11,13 +11,7 @@ from residual.effects import registry
 from residual.model.model import Model, Term
 from residual.model.nominal import with_standstill
 from residual.robot.dynamics import inertial_parameters
-from residual.signals.logs import (
-    CHOICES,
-    SMOOTH,
-    Standstill,
-    direction,
-    directions,
-)
+from residual.signals.logs import CHOICES, SMOOTH, Standstill, direction
 from residual.signals.track import prepare
 from tests.residual.arms import arm, recording
 
@@ -74,11 +68,6 @@ def test_the_share_held_counts_only_while_the_joint_stands(shape, hold):
     np.testing.assert_array_equal(held[~stands], whole[~stands])
 
 
-def test_smooth_rises_with_speed():
-    qd = np.linspace(-0.2, 0.2, 101)
-    assert (np.diff(direction(qd, qd, FLOOR, SMOOTH)) >= 0).all()
-
-
 def test_a_bristle_of_no_displacement_is_the_sign_of_velocity():
     q, qd = motion()
     np.testing.assert_array_equal(
@@ -86,23 +75,10 @@ def test_a_bristle_of_no_displacement_is_the_sign_of_velocity():
     )
 
 
-def test_every_joint_has_its_own_floor_and_shape():
-    q, qd = (np.column_stack([x, x]) for x in motion())
-    shapes = (Standstill("smooth", 1.0), Standstill("bristle", 1e-3, hold=0.5))
-    out = directions(q, qd, np.array([0.01, 0.5]), shapes)
-    np.testing.assert_array_equal(
-        out[:, 0], direction(q[:, 0], qd[:, 0], 0.01, shapes[0])
-    )
-    np.testing.assert_array_equal(
-        out[:, 1], direction(q[:, 1], qd[:, 1], 0.5, shapes[1])
-    )
-
-
 # -- the choice on fit logs --------------------------------------------------------
 
 
 def stop_and_go(dof=2):
-    """Each joint moves for 1.5 s and stands for 1 s, in turn."""
     t = np.arange(2500) / 250
     speed = np.stack([np.where((t + j) % 2.5 < 1.5, 0.6, 0.0) for j in range(dof)], 1)
     speed *= np.where(t < 5, 1.0, -1.0)[:, None]

@@ -51,39 +51,30 @@ def test_warming_up_is_no_wear_and_wear_no_warming():
     assert not second.wear.real
 
 
-def test_of_friction_that_stays_a_word_is_said_once_in_a_hundred_arms():
+def test_of_friction_that_stays_a_word_is_said_once_in_many_arms():
     said = 0
-    for seed in range(100):
+    for seed in range(50):
         joints, _ = trends(changes(seed=1000 + seed, noise=0.05), DAYS, SINCE)
         said += any(one.wear.real or one.warming.real for one in joints)
     # The time constant is chosen by the same logs, which costs a little.
-    assert said <= 4
+    assert said <= 2
 
 
-def test_where_later_days_were_measured_later_in_the_session_nothing_is_told():
+def test_where_wear_cannot_be_told_it_is_said_why():
     since = 30 + 100 * DAYS
     (first, second), _ = trends(changes(wear=0.2), DAYS, since)
     assert first.wear is None
     assert first.warming is None
     assert "not to be told apart" in second.why
-
-
-def test_of_one_day_only_warming_is_told():
     (first, _), _ = trends(changes(warming=-0.3), np.zeros_like(DAYS), SINCE)
     assert first.wear is None
     assert first.warming.real
     assert first.why == "all logs are of one day"
-
-
-def test_a_joint_that_did_not_move_has_no_trend():
     values = changes(wear=0.2)
     values[4:, 1] = np.nan
     (_, second), _ = trends(values, DAYS, SINCE)
     assert second.wear is None
     assert second.why == "only 4 logs move it, 6 are needed"
-
-
-def test_few_logs_are_refused():
     with pytest.raises(InputError, match="at least 6 are needed, of several days"):
         trends(changes()[:5], DAYS[:5], SINCE[:5])
 

@@ -9,7 +9,6 @@ LOGS = np.repeat(np.arange(4), 2000)
 
 
 def leftover(rng, torque):
-    """What the best line leaves of a torque over load, with noise of a third of it."""
     load = rng.normal(size=len(LOGS))
     whole = torque(load) + 0.3 * np.std(torque(load)) * rng.normal(size=len(LOGS))
     drawn = (whole @ load / (load @ load)) * load

@@ -54,7 +54,6 @@ FLAT = urdf(
 
 
 def arm(text, folder):
-    """Load a robot from URDF text."""
     path = folder / "arm.urdf"
     path.write_text(text)
     return load_robot(path)

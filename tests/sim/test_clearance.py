@@ -7,15 +7,12 @@ from tests.sim.arms import TWO, arm
 ROBOT = load_robot("irb140")
 
 
-def test_capsules_run_between_the_frames_of_the_joints():
+def test_capsules_run_between_the_frames_and_room_is_the_height_less_the_radius():
     irb = body(ROBOT.model)
     ends = capsule_ends(irb, np.zeros((1, 6)))[0]
     expected = [(0, 0, 0), (0.07, 0, 0.352), (0.07, 0, 0.712), (0.45, 0, 0.712)]
     np.testing.assert_allclose(ends, [*expected, (0.515, 0, 0.712)], atol=1e-6)
     assert 0.07 < irb.radius < 0.09
-
-
-def test_room_above_the_floor_is_the_height_less_the_radius():
     irb = body(ROBOT.model)
     room = clearances(irb, np.zeros((1, 6)))[0]
     heights = dict(zip(irb.names, room, strict=True))

@@ -13,7 +13,7 @@ from residual.errors import InputError
 from sim import effects
 from sim.draw import draw, draw_hidden, usual_effects
 from sim.effects import registry
-from sim.engine.records import Hidden, Noise, PlantSpec, stream
+from sim.engine.records import Noise, PlantSpec, stream
 from sim.experiment import run_experiment
 from sim.plant.catalogue import check_effect, kinds, of_drives, vocabulary
 from sim.plant.sizes import usual_limits
@@ -71,17 +71,6 @@ def test_one_new_file_acts_in_the_physics_engine_and_in_its_log(creaking):
     assert np.abs(torque).max() > 0.1
     rest = sum(run.truth[f"tau_{name}"] for name in ("rigid", "rotor", "friction"))
     np.testing.assert_allclose(run.log.tau - rest, torque, atol=1e-9)
-
-
-def test_one_new_file_acts_on_the_synthetic_arm(creaking):
-    moved = make_motion("fourier", usual_limits(ROBOT), 8.0, 125.0, stream(1, "motion"))
-    hidden = Hidden(creaking, (2,), {"coefficient": SIZE})
-    with_it, without = (
-        true_torque(Plant(ROBOT, x, 1), moved, "log").tau for x in ((hidden,), ())
-    )
-    np.testing.assert_allclose(
-        (with_it - without)[:, 1], SIZE * (moved.q * moved.qd)[:, 1], atol=1e-9
-    )
 
 
 def test_what_only_the_engine_has_is_refused_by_the_synthetic_arm():

@@ -3,7 +3,6 @@ import pinocchio as pin
 import pytest
 
 from residual.robot.base_parameters import base_columns
-from residual.robot.dynamics import inertial_parameters, inverse_dynamics, regressor
 from residual.robot.robot import load_robot
 from sim.trajectories.excitation import _stirred, cost, excitation, problem
 from sim.trajectories.fourier import draw, room_left, shrunk
@@ -35,15 +34,6 @@ def test_a_joint_that_the_search_put_to_sleep_is_stirred():
     assert _stirred(place, stirred) is stirred
 
 
-def test_base_columns_are_all_that_the_regressor_can_say():
-    q, qd, qdd = RNG.uniform(-2, 2, (3, 80, 6))
-    full = regressor(ROBOT.model, q, qd, qdd).reshape(480, -1)
-    base = full[:, base_columns(ROBOT.model)]
-    theta = np.linalg.lstsq(base, full @ inertial_parameters(ROBOT.model))[0]
-    tau = inverse_dynamics(ROBOT.model, q, qd, qdd).ravel()
-    np.testing.assert_allclose(base @ theta, tau, atol=1e-8)
-
-
 def test_a_motion_that_never_moves_is_said_to_excite_nothing(tmp_path):
     robot = arm(TWO, tmp_path)
     still = np.zeros((50, 2))
@@ -55,12 +45,6 @@ def test_units_do_not_change_the_condition_number():
     scaled = w * [1, 10, 1e-3, 1e4, 5]
     shift = 0.1 / 5 * 2 * np.log(10 * 1e-3 * 1e4 * 5)
     assert cost(w)[0] - cost(scaled)[0] == pytest.approx(shift)
-
-
-def test_the_cost_falls_with_the_condition_number():
-    orthogonal = np.linalg.qr(RNG.normal(size=(60, 5)))[0]
-    skew = orthogonal + 0.8 * orthogonal[:, :1]
-    assert cost(orthogonal)[0] < cost(skew / np.linalg.norm(skew, axis=0))[0]
 
 
 def test_the_slope_of_the_cost_is_its_derivative():
@@ -80,13 +64,3 @@ def test_slopes_of_the_search_are_derivatives(size):
     assert search.cost(x)[1] @ way == pytest.approx(slope, rel=1e-4)
     change = (search.spare(ahead) - search.spare(back)) / (2 * step)
     np.testing.assert_allclose(search.spare_slopes(x) @ way, change, atol=1e-6)
-
-
-def test_unknowns_and_motion_are_the_same_thing():
-    place = workspace(ROBOT, 8.0)
-    search, series = problem(place), draw(place, np.random.default_rng(3))
-    again = search.series(search.point(series))
-    for name in ("centre", "sine", "cosine"):
-        np.testing.assert_allclose(
-            getattr(again, name), getattr(series, name), atol=1e-9
-        )

@@ -23,12 +23,9 @@ def test_the_flange_comes_where_it_was_sent(seed):
     assert np.abs(pin.log6(pose(IRB, found).actInv(target)).vector).max() < 1e-9
 
 
-def test_what_is_out_of_reach_is_not_found():
+def test_what_is_out_of_reach_is_not_found_and_a_stretched_wrist_is_singular():
     far = pin.SE3(np.eye(3), np.array([2.0, 0, 0.5]))
     assert inverse(IRB, far, np.full(6, 0.3)) is None
-
-
-def test_a_stretched_wrist_is_singular_and_a_bent_one_is_not():
     straight, bent = np.full((2, 6), 0.3)
     straight[4], bent[4] = 0.0, 1.0
     values = dexterity(IRB, np.array([straight, bent]))

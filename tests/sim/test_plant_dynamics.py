@@ -21,7 +21,6 @@ RIGID = [n for n in kinds() if n not in ("elasticity", "backlash")]
 
 
 def miss(trace):
-    """Return how far all channels are from the torque of the motors."""
     rows = trace.rows
     total = trace.rigid(1) + rows[:, at.ROTOR] + rows[:, at.FRICTION]
     total = total + rows[:, at.CHANNELS :].sum(axis=1)

@@ -7,7 +7,7 @@ from scipy.ndimage import uniform_filter1d
 from sim.plant import tables as at
 from sim.plant.catalogue import acting
 from sim.plant.controller import replay
-from sim.plant.friction import series_spring, slide
+from sim.plant.friction import slide
 from sim.plant.sensors import reported
 from tests.sim.plant_cases import ROBOT, drive, effect, motion, standing
 
@@ -17,7 +17,6 @@ MOVE = motion("move_stop_move", 4.0)
 
 
 def friction(trace, joint):
-    """Return friction torque and speed of a joint while it moves."""
     rows = trace.rows[:, :, joint - 1]
     moving = np.abs(rows[:, at.QD]) > 0.02
     return rows[moving, at.FRICTION], rows[moving, at.QD], rows[moving]
@@ -151,20 +150,19 @@ def test_a_force_on_the_tool_lifts_or_loads_the_arm():
     assert 8.0 < abs(push) < 12.0
 
 
-def test_a_spring_in_the_gear_gives_way_to_the_load():
+def test_a_spring_in_the_gear_gives_way_to_the_load_and_play_is_as_wide_as_stated():
     trace = drive(effect("elasticity", 2, stiffness=8000.0), reference=MOVE)
     rows = trace.rows[300:, :, 1]
     twist = rows[:, at.MOTOR_Q] - rows[:, at.Q]
     assert fit([rows[:, at.GEAR]], twist)[0] == pytest.approx(1 / 8000, rel=0.02)
     # The controller sees the motor.
     np.testing.assert_array_equal(rows[:, at.READING], rows[:, at.MOTOR_Q])
-
-
-def test_play_in_the_gear_is_as_wide_as_stated():
     trace = drive(effect("backlash", 1, half_gap=0.002), reference=MOVE)
     twist = trace.rows[:, at.MOTOR_Q, 0] - trace.rows[:, at.Q, 0]
     assert 0.0019 < twist.max() < 0.0024
     assert -0.0024 < twist.min() < -0.0019
+    trace = drive(effect("elasticity", (4, 5, 6), stiffness=3000.0), reference=MOVE)
+    assert np.abs(trace.rows[:, at.READING] - MOVE.q).max() < 0.03
 
 
 @pytest.mark.parametrize("load", [0.0, 6.0])
@@ -183,25 +181,11 @@ def test_soft_gears_are_stable_at_one_kilohertz(load):
     assert (astray - mean).std(axis=0).max() < 0.01  # it does not hum
 
 
-def test_even_a_bare_wrist_may_be_soft():
-    trace = drive(effect("elasticity", (4, 5, 6), stiffness=3000.0), reference=MOVE)
-    assert np.abs(trace.rows[:, at.READING] - MOVE.q).max() < 0.03
-
-
-def test_springs_and_gears_stand_in_line():
-    stiffness, _, gap = series_spring([1e-4, 1e-4], [], 1.0)
-    assert (stiffness, gap) == (pytest.approx(5000.0), 0)
-    assert series_spring([], [1e-3, 2e-3], 1.0)[2] == pytest.approx(3e-3)
-
-
-def test_the_controller_believes_a_wrong_encoder():
+def test_the_controller_believes_a_wrong_or_eccentric_encoder():
     hidden = effect("encoder_offset", 2, angle=0.02)
     rows = drive(hidden, reference=MOVE).rows
     np.testing.assert_allclose(rows[:, at.Q, 1] - rows[:, at.READING, 1], 0.02)
     assert np.abs(rows[:, at.READING, 1] - MOVE.q[:, 1]).max() < 0.003
-
-
-def test_an_eccentric_encoder_errs_once_per_turn():
     hidden = effect("encoder_eccentricity", 1, cos=0.01, sin=0.005)
     rows = drive(hidden, reference=MOVE).rows[:, :, 0]
     wave = 0.01 * np.cos(rows[:, at.Q]) + 0.005 * np.sin(rows[:, at.Q])
@@ -210,10 +194,14 @@ def test_an_eccentric_encoder_errs_once_per_turn():
     np.testing.assert_allclose(rate[5:-5], rows[5:-5, at.READING_RATE], atol=0.02)
 
 
-def test_a_wrong_torque_constant_stands_in_the_loop():
+def test_a_drive_has_a_wrong_torque_constant_in_the_loop_and_a_limit():
     rows = drive(effect("torque_gain", 3, gain=0.1), reference=MOVE).rows
     np.testing.assert_allclose(rows[:, at.DRIVE, 2], 1.1 * rows[:, at.MOTOR, 2])
     np.testing.assert_array_equal(rows[:, at.DRIVE, 1], rows[:, at.MOTOR, 1])
+    given = np.full((50, 6), 1e4)
+    given[:, 1:] = 0.0
+    trace = drive(reference=standing(0.05), controller=replay(given))
+    assert trace.rows[:, at.DRIVE, 0].max() == ROBOT.torque_limit[0]
 
 
 def test_reports_of_torque_come_late_and_end_at_their_range():
@@ -226,13 +214,6 @@ def test_reports_of_torque_come_late_and_end_at_their_range():
     short = reported(torque, t, acting([effect("saturation", 1, level=4.0)]))
     assert np.abs(short[:, 0]).max() == 4.0
     np.testing.assert_array_equal(short[:, 1], torque[:, 1])
-
-
-def test_a_drive_gives_no_more_than_the_limit_of_the_robot():
-    given = np.full((50, 6), 1e4)
-    given[:, 1:] = 0.0
-    trace = drive(reference=standing(0.05), controller=replay(given))
-    assert trace.rows[:, at.DRIVE, 0].max() == ROBOT.torque_limit[0]
 
 
 @pytest.mark.parametrize(

@@ -12,7 +12,7 @@ from residual.errors import InputError, UnknownNameError
 from residual.robot.dynamics import inverse_dynamics
 from residual.robot.robot import load_robot
 from sim.draw import draw_hidden, usual_effects
-from sim.engine.records import Noise, PlantEffect, PlantSpec, Rates, Reference, stream
+from sim.engine.records import Noise, PlantSpec, Rates, Reference, stream
 from sim.experiment import run_experiment
 from sim.plant import tables as at
 from sim.plant.catalogue import check_effect, kinds, vocabulary
@@ -91,21 +91,10 @@ def test_twin_errors_show_what_is_hidden():
     assert (run.twin["e_tau"][moving, 1] * sign).mean() == pytest.approx(8.0, rel=0.1)
 
 
-def test_truth_torques_add_up():
-    hidden = (*HIDDEN, effect("spring", 2, stiffness=5.0), effect("delay", delay=0.01))
-    truth = run_experiment(ROBOT, MOVE, PlantSpec(hidden, seed=2)).truth
-    parts = ("rigid", "rotor", "friction", "spring", "x_random_walk")
-    total = sum(truth[f"tau_{name}"] for name in parts)
-    np.testing.assert_allclose(total, truth["tau_motor"], rtol=0, atol=1e-9)
-
-
-def test_a_runaway_names_the_joint_that_ran_farthest():
+def test_a_runaway_stops_with_time_state_and_the_joint_that_ran_farthest():
     hidden = effect("spring", 2, stiffness=-5e4)
     with pytest.raises(DivergedError, match="on joint 2"):
         run_experiment(ROBOT, MOVE, PlantSpec((hidden,)))
-
-
-def test_a_runaway_stops_with_time_and_state():
     hidden = effect("offset", 1, 0.2, torque=1e4)
     with pytest.raises(
         DivergedError, match=r"diverged at 0\.\d+ s on joint 1"
@@ -140,13 +129,10 @@ def test_what_cannot_be_is_refused_with_a_hint(hidden, error, words):
         check_effect(hidden, ROBOT)
 
 
-def test_a_motor_cannot_lose_all_its_inertia():
+def test_a_motor_without_inertia_and_an_impossible_tensor_are_refused():
     spec = PlantSpec((effect("rotor_inertia", 4, inertia=-0.2),))
     with pytest.raises(InputError, match="joint 4"):
         run_experiment(ROBOT, MOVE, spec)
-
-
-def test_an_impossible_tensor_is_refused():
     tensor = dict(ixx=9.0, ixy=0.0, ixz=0.0, iyy=0.1, iyz=0.0, izz=0.1)
     spec = PlantSpec((effect("payload", 6, mass=1.0, **tensor),))
     with pytest.raises(InputError, match="moments"):
@@ -203,9 +189,3 @@ def test_a_bare_urdf_is_driven_too():
     bare = replace(load_robot("irb140"), declared={})
     run = run_experiment(bare, MOVE, PlantSpec(seed=1))
     assert np.abs(run.truth["q"] - run.log.q_ref).max() < 0.05
-
-
-def test_effects_are_plain_records():
-    one = PlantEffect("coulomb", (1,), (("level", 1.0),))
-    assert one == effect("coulomb", 1, level=1.0)
-    assert hash(PlantSpec((one,))) == hash(PlantSpec((one,)))

@@ -39,16 +39,13 @@ def test_the_same_motion_gives_the_same_bytes():
     assert gif_of(ROBOT, r.t, r.q, 4) == gif_of(ROBOT, r.t, r.q, 4)
 
 
-def test_links_without_shapes_are_drawn_as_rods(tmp_path):
+def test_links_without_shapes_are_rods_and_meshes_are_left_out(tmp_path):
     robot = arm(SEVEN, tmp_path)
     text = urdf_to_see(robot)
     assert text.count("<cylinder") == 8
     picture = Image.open(io.BytesIO(animate(robot, _sweep(robot), frames=2)))
     pixels = np.asarray(picture.convert("RGB")).astype(int)
     assert ((pixels[:, :, 0] > 150) & (pixels[:, :, 2] < 80)).mean() > 0.005
-
-
-def test_meshes_and_collision_shapes_are_left_out(tmp_path):
     mesh = '<visual><geometry><mesh filename="package://x/y.stl"/></geometry></visual>'
     solid = '<collision><geometry><sphere radius="1"/></geometry></collision>'
     robot = arm(

@@ -1,7 +1,5 @@
 """Sensors that break during a run: what the log says, and what the arm then does."""
 
-from dataclasses import replace
-
 import numpy as np
 import pytest
 
@@ -10,7 +8,7 @@ from sim.engine.records import PlantSpec, Rates
 from sim.experiment import run_experiment
 from sim.plant import tables as at
 from sim.plant.catalogue import acting
-from sim.plant.sensors import hold_frozen, reported
+from sim.plant.sensors import reported
 from sim.plant.stepping import DivergedError
 from tests.sim.plant_cases import ROBOT, drive, effect, motion
 
@@ -101,12 +99,6 @@ def test_a_torque_sensor_that_lies_does_not_move_the_arm(fine):
     np.testing.assert_array_equal(drive(*faults, reference=MOVE).rows, fine.rows)
 
 
-def test_a_log_without_a_frozen_encoder_is_left_as_it_is():
-    q = np.ones((5, 6))
-    others = acting([effect("encoder_offset", 1)])
-    assert hold_frozen(q, np.arange(5.0), others) is q
-
-
 @pytest.mark.parametrize(
     ("fault", "said"),
     [
@@ -119,15 +111,3 @@ def test_a_log_without_a_frozen_encoder_is_left_as_it_is():
 def test_a_fault_that_cannot_be_is_refused(fault, said):
     with pytest.raises(InputError, match=said):
         drive(fault, reference=MOVE)
-
-
-def test_both_faults_of_encoders_may_come_together():
-    two = drive(
-        effect("x_fault_drift", 1, onset=ONSET, rate=0.05),
-        effect("x_fault_frozen", 5, onset=ONSET + 0.1),
-        reference=replace(MOVE, period=None),
-    )
-    late = BEFORE + 100
-    assert (two.rows[late:, at.READING, 4] == two.rows[late - 1, at.READING, 4]).all()
-    moved = two.rows[:, at.Q, 0] - two.rows[:, at.READING, 0]
-    assert moved[-1] > 0.005

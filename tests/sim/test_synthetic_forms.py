@@ -34,42 +34,6 @@ def test_lugre_yields_at_first_then_slides_and_fades_with_speed(stroke):
     assert abs(torque[-1]) < 0.05
 
 
-def test_one_way_viscous_acts_forwards_only(stroke):
-    torque = forms.one_way_viscous(stroke, {"coefficient": 2.0})[:, 0]
-    assert torque[1000] == pytest.approx(0.04)
-    assert torque[3000] == 0
-
-
-def test_hyperbolic_warmup_has_half_left_after_its_time():
-    state = _state(np.linspace(0, 1, 11), np.linspace(0, 100, 11))
-    p = {"level": 3.0, "time_constant": 50.0}
-    torque = forms.hyperbolic_warmup(state, p)[:, 0]
-    assert torque[[0, 5]] == pytest.approx([3.0, 1.5])
-
-
-def test_two_time_warmup_is_half_oil_and_half_gear():
-    state = _state(np.linspace(0, 1, 11), np.linspace(0, 100, 11))
-    p = {"level": 3.0, "time_constant": 25.0}
-    torque = forms.two_time_warmup(state, p)[:, 0]
-    expected = 1.5 * (np.exp(-4.0) + np.exp(-1.0))
-    assert torque[[0, 10]] == pytest.approx([3.0, expected])
-
-
-def test_play_that_leans_is_on_the_side_of_its_load():
-    load = np.array([-50.0, -1.0, 0.0, 1.0, 50.0])
-    lead = forms.leaning(load, 250.0, {"half_gap": 2e-3})
-    assert lead[[0, 2, 4]] == pytest.approx([-2e-3, 0.0, 2e-3])
-    assert np.all(np.diff(lead) > 0)
-
-
-def test_a_cubic_cable_hardens_and_a_soft_limit_gives_in():
-    state = _state(np.linspace(-1, 1, 5), np.arange(5.0))
-    torque = forms.cubic_cable(state, {"stiffness": 10.0, "rest": 0.0})[:, 0]
-    assert torque == pytest.approx([-13.0, -5.375, 0, 5.375, 13.0])
-    limited = forms.soft_limit(np.array([0.1, 50.0, -50.0]), 10.0)
-    assert limited == pytest.approx([0.1, 10, -10], rel=2e-3)
-
-
 def test_every_form_is_of_an_effect_with_a_name_and_has_a_law():
     for form, names in forms.FORMS.items():
         assert set(names) <= set(catalogue.vocabulary())

@@ -12,8 +12,7 @@ from sim.engine.geometry import MARGIN, body, clearances
 from sim.engine.records import TrajectorySpec
 from sim.trajectories import KINDS, make_reference
 from sim.trajectories import excitation as search
-from sim.trajectories.curves import peaks
-from sim.trajectories.fourier import draw, draw_any, sampled
+from sim.trajectories.fourier import draw_any, sampled
 from sim.trajectories.limits import plan_limits, workspace
 from sim.trajectories.reference import make_plan, sample
 
@@ -128,17 +127,6 @@ def test_fourier_coefficients_are_five_harmonics_of_the_period():
     waves = np.abs(np.fft.rfft(r.q[:-1], axis=0)) / len(r.q[:-1])
     orders = np.flatnonzero(waves.max(axis=1) > 1e-9)
     assert set(orders) <= {0, 2, 4, 6, 8, 10}  # two periods
-
-
-def test_bounds_of_a_series_hold_over_the_whole_period():
-    place = workspace(ROBOT, 6.0)
-    series = draw(place, np.random.default_rng(3))
-    t = np.random.default_rng(4).uniform(0, 6.0, 20_000)
-    q, qd, qdd = sampled(series, t)
-    position, velocity, acceleration = peaks(series)
-    assert (np.abs(q - series.centre) <= position).all()
-    assert (np.abs(qd) <= velocity).all()
-    assert (np.abs(qdd) <= acceleration).all()
 
 
 def test_each_joint_goes_as_far_as_one_of_its_limits_lets_it():

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from sim.draw import draw_hidden, usual_effects
-from sim.engine.records import PlantEffect, TrajectorySpec, stream
+from sim.engine.records import TrajectorySpec, stream
 from sim.plant import tables as at
 from sim.plant.catalogue import amount, check_effect, vocabulary
 from sim.trajectories import make_reference
@@ -58,12 +58,11 @@ def test_errors_of_angles_show_or_are_as_large_as_any_arm_has_them(name, stages)
         assert np.isclose(times, MOST).any()
 
 
-def test_what_shows_already_is_left_as_it_is(stages):
+def test_what_shows_is_left_as_it_is_and_what_is_too_small_is_the_same_and_larger(
+    stages,
+):
     drawn = draw_hidden(ROBOT, stream(1, "hidden"), "payload")
     assert draw_visible(ROBOT, stream(1, "hidden"), stages[1], "payload") == drawn
-
-
-def test_what_is_drawn_too_small_is_the_same_and_larger(stages):
     usual = draw_hidden(ROBOT, stream(1, "hidden"), "stribeck")
     larger = draw_visible(ROBOT, stream(1, "hidden"), stages[1], "stribeck")
     before, after = dict(usual.parameters), dict(larger.parameters)
@@ -81,8 +80,6 @@ def test_the_effect_is_drawn_from_the_seed_where_none_is_asked_for(stages):
     ("hidden", "close"),
     [
         (effect("stribeck", 2, level=8.0, velocity=0.08), 0.15),
-        (effect("presliding", 2, level=10.0, displacement=0.02), 0.2),
-        (effect("spring", 2, stiffness=9.0), 0.05),
         (effect("load_friction", 2, coefficient=0.1), 0.15),
     ],
 )
@@ -99,16 +96,6 @@ def test_the_share_is_that_of_the_arm_in_the_engine(hidden, close, compiled_plan
     there = np.sqrt(np.mean((own - plain)[rows, joint] ** 2))
     there /= np.sqrt(np.mean(plain[rows, joint] ** 2))
     assert share(ROBOT, hidden, [stage]) == pytest.approx(there, rel=close)
-
-
-def test_twice_the_effect_is_twice_the_share(stages):
-    one, two = (
-        PlantEffect("ripple", (3,), (("amplitude", a), ("order", 9.0)))
-        for a in (1.0, 2.0)
-    )
-    assert share(ROBOT, two, stages[1]) == pytest.approx(
-        2 * share(ROBOT, one, stages[1])
-    )
 
 
 def test_a_slow_motion_is_slow_and_moves_every_joint():

@@ -13,7 +13,6 @@ from tests.residual.arms import arm, bare_irb140
 
 
 def kinds(robot, logs):
-    """What a check says: kind, joints and certainty of each fault."""
     return [(f.kind, f.joints, f.certain) for f in check_logs(robot, logs).faults]
 
 
@@ -32,7 +31,6 @@ def clean_logs(name: str, seed: int = 3, hidden=(), families=MIXED) -> tuple:
 
 
 def edited(logs, **changes) -> list[Recording]:
-    """The logs with a function applied to some of their signals."""
     out = []
     for log in logs:
         made = {k: change(np.array(getattr(log, k))) for k, change in changes.items()}
@@ -41,8 +39,6 @@ def edited(logs, **changes) -> list[Recording]:
 
 
 def turned(*joints):
-    """Turn the sign of joints, from 1."""
-
     def change(x):
         x[:, [j - 1 for j in joints]] *= -1
         return x
@@ -51,8 +47,6 @@ def turned(*joints):
 
 
 def swapped(a, b):
-    """Swap two joints, from 1."""
-
     def change(x):
         x[:, [a - 1, b - 1]] = x[:, [b - 1, a - 1]]
         return x
@@ -61,5 +55,4 @@ def swapped(a, b):
 
 
 def times(factor):
-    """Multiply all joints."""
     return lambda x: x * factor

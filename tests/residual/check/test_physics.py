@@ -12,7 +12,6 @@ from residual.check.late import delay_of
 from residual.check.motion import thin_rows
 from residual.check.physics import out_of_proportion
 from residual.check.result import Repair
-from residual.robot.robot import load_robot
 from residual.signals.logs import low_pass
 from sim.draw import draw
 from sim.engine.records import stream
@@ -190,22 +189,17 @@ def test_a_factor_is_found_by_the_body_that_joints_share_not_by_their_friction(f
     assert found == (0.0, None)
 
 
-UR10 = Path(__file__).parents[4] / "shared" / "data" / "ur10" / "ur10.urdf"
-
-
 def logs():
     robot = bare_irb140()
     return robot, [read_log(str(EXAMPLE / f"fit_{k}.csv"), robot)[0] for k in (1, 2)]
 
 
 def moved(log, seconds):
-    """The same with its torque so much later."""
     tau = [np.interp(log.t - seconds, log.t, column) for column in log.tau.T]
     return replace(log, tau=np.column_stack(tau))
 
 
 def without(log, at, rows=25):
-    """The same with a block of its torque dropped: the rest moves up."""
     k = int(at * len(log.t))
     last = np.repeat(log.tau[-1:], rows, axis=0)
     tau = np.concatenate([log.tau[:k], log.tau[k + rows :], last])
@@ -226,11 +220,3 @@ def test_a_block_that_was_dropped_on_the_way_is_doubted_and_not_certain():
     (fault,) = check_logs(robot, [without(log, 0.3) for log in clean]).faults
     assert (fault.kind, fault.certain) == ("wrong_robot", False)
     assert "parts of the logs fit" in fault.evidence
-
-
-@pytest.mark.skipif(not UR10.exists(), reason="measured robots are not beside it")
-@pytest.mark.long
-def test_another_arm_is_one_in_every_part():
-    _, clean = logs()
-    (fault,) = check_logs(load_robot(UR10), clean).faults
-    assert (fault.kind, fault.certain) == ("wrong_robot", True)

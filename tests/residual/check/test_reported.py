@@ -208,16 +208,13 @@ def test_a_short_log_a_one_way_joint_and_joints_in_step_are_said():
     assert ("lockstep", (1, 2)) in [(f.kind, f.joints) for f in faults]
 
 
-def test_angles_beyond_the_range_of_a_joint_are_said():
+def test_angles_beyond_their_range_or_in_degrees_are_said_with_their_joint():
     robot, logs = clean_logs("irb140")
     assert out_of_range(robot, logs) == []
     (fault,) = out_of_range(
         robot, edited(logs, q=lambda q: q + np.array([0, 4, 0, 0, 0, 0]))
     )
     assert (fault.kind, fault.joints, fault.certain) == ("out_of_range", (2,), False)
-
-
-def test_single_joints_in_degrees_are_certain():
     robot, logs = clean_logs("small")
     factor = np.array([1.0, 180 / np.pi, 1.0])
     (fault,) = check_logs(robot, edited(logs, q=lambda q: q * factor)).faults

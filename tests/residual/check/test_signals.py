@@ -38,13 +38,13 @@ def test_a_spike_of_any_size_is_found_with_its_joint_and_log(size):
     ]
 
 
-def test_no_log_is_an_error_that_says_so():
+def test_noise_and_friction_are_no_fault_and_no_log_is_an_error():
     with pytest.raises(InputError, match="at least one recording"):
         check_logs(arm(), [])
-
-
-def test_noise_and_friction_that_turns_are_no_spikes():
     assert check_logs(arm(), plain_logs(arm(), [0, 1], 0.0)).faults == ()
+    _, logs = clean_logs("small")
+    assert velocity_faults(with_velocity(logs)) == []
+    assert velocity_faults(logs) == []
 
 
 def frozen(joint):
@@ -109,33 +109,17 @@ def with_velocity(logs):
     return [replace(r, qd=np.gradient(r.q, r.t, axis=0)) for r in logs]
 
 
-def test_a_derivative_is_no_fault():
-    _, logs = clean_logs("small")
-    assert velocity_faults(with_velocity(logs)) == []
-    assert velocity_faults(logs) == []
-
-
 @pytest.mark.parametrize(
     ("changes", "kind", "joints", "repair"),
     [
-        (
-            {"qd": turned(2)},
-            "velocity_mismatch",
-            (2,),
-            Repair("qd", (2,), sign=(-1,)),
-        ),
+        ({"qd": turned(2)}, "velocity_mismatch", (2,), Repair("qd", (2,), sign=(-1,))),
         (
             {"qd": swapped(1, 3)},
             "velocity_mismatch",
             (1, 3),
             Repair("qd", order=(3, 2, 1)),
         ),
-        (
-            {"qd": times(180 / np.pi)},
-            "angle_unit",
-            (),
-            Repair("qd", scale=np.pi / 180),
-        ),
+        ({"qd": times(180 / np.pi)}, "angle_unit", (), Repair("qd", scale=np.pi / 180)),
         ({"t": times(2)}, "time_unit", (), Repair("t", scale=0.5)),
     ],
 )

@@ -15,7 +15,6 @@ FAMILY, SECONDS = "slow_cyclic", 8.0
 
 @cache
 def logs(effect, seed):
-    """One short log of an arm that hides an effect, and one to hold out."""
     robot = load_robot("irb140")
     hidden = draw(robot, effect, stream(seed, "draw"))
     parts = (("fit", "fit"), ("proof", "held_out"))
@@ -25,7 +24,6 @@ def logs(effect, seed):
 
 @cache
 def seen(effect, seed):
-    """What the diagnosis of such a log knows: the search, its fit, what is named."""
     robot, (fit, proof) = logs(effect, seed)
     known = []
     diagnose(robot, [fit], held_out=[proof], inside=lambda *all: known.append(all))
@@ -34,7 +32,6 @@ def seen(effect, seed):
 
 @cache
 def asked(effect, seed, want=None):
-    """What the diagnosis of such a log leaves open, or what a wish asks of it."""
     examined, fitted, named = seen(effect, seed)
     if want:
         question = wished_question(examined, fitted, parse_wish(want))

@@ -9,9 +9,7 @@ from scipy.stats import multivariate_normal
 from residual.diagnosis.result import Place
 from residual.planning.outlook import (
     Refit,
-    drawn_products,
     expected_nats,
-    gap,
     log_evidence,
     outlook,
     prospect,
@@ -30,7 +28,6 @@ COLUMNS, ROWS = 6, 12
 
 
 def rival(rng, columns, own, name="a"):
-    """A rival with a random posterior."""
     k = len(columns)
     root = rng.normal(size=(k, k + 2))
     return Rival(
@@ -44,7 +41,6 @@ def rival(rng, columns, own, name="a"):
 
 
 def density(x, one):
-    """What a rival says of new rows."""
     x = x[:, one.columns]
     covariance = np.eye(len(x)) + x @ np.linalg.solve(one.precision, x.T)
     return multivariate_normal(x @ one.mean, covariance)
@@ -59,7 +55,6 @@ def case():
 
 
 def question(*contests):
-    """A question of which only the contests are looked at."""
     signals = Signals(np.ones(1), np.ones(1), 10.0, 0.1, 0.5, 0.0)
     return Question(None, None, (), signals, contests)
 
@@ -91,45 +86,6 @@ def test_what_is_expected_is_the_mean_of_what_logs_of_the_found_size_bring(case)
     value = expected_nats(gram, Refit.of(a, gram), Refit.of(b, gram))
     assert value == pytest.approx(brought.mean(), abs=4 * brought.std() / 200)
     assert value > 1  # else anything would do
-
-
-def test_logs_drawn_by_their_gram_bring_the_same(case):
-    rng, x, a, b = case
-    gram = x.T @ x
-    first, other = Refit.of(a, gram), Refit.of(b, gram)
-    products = drawn_products(gram, first, rng, 40_000)
-    brought = log_evidence(products, gram, first) - log_evidence(products, gram, other)
-    y = density(x, a).rvs(40_000, random_state=rng)
-    logs = density(x, a).logpdf(y) - density(x, b).logpdf(y)
-    assert brought.mean() == pytest.approx(logs.mean(), abs=5 * logs.std() / 200)
-    assert brought.std() == pytest.approx(logs.std(), rel=0.05)
-
-
-def test_with_all_known_of_a_only_the_t_criterion_is_left(case):
-    """0.5 d' (G_AA - G_AB (G_BB + L)^-1 G_BA) d, where A has nothing that is open."""
-    rng, x, _, b = case
-    gram, delta = x.T @ x, rng.normal(size=2)
-    a = Rival(
-        Place("a", (1,)),
-        np.array([2, 5]),
-        np.array([2, 5]),
-        delta,
-        1e12 * np.eye(2),
-        0.0,
-    )
-    b = Rival(b.place, b.columns, b.own, np.zeros(4), b.precision, 0.0)
-    mixed = gram[np.ix_(b.columns, a.columns)]
-    inner = np.linalg.inv(gram[np.ix_(b.columns, b.columns)] + b.precision)
-    wanted = delta @ (gram[np.ix_(a.columns, a.columns)] - mixed.T @ inner @ mixed)
-    assert gap(gram, a, Refit.of(b, gram)) == pytest.approx(wanted @ delta, rel=1e-9)
-
-
-def test_twins_are_expected_to_bring_nothing(case):
-    _, x, a, _ = case
-    gram = x.T @ x
-    twin = Rival(Place("t", (1,)), a.columns, a.own, a.mean, a.precision, 0.0)
-    refit = Refit.of(a, gram)
-    assert expected_nats(gram, refit, Refit.of(twin, gram)) < 1e-9
 
 
 def test_a_longer_motion_of_what_is_known_well_never_promises_less(case):
@@ -187,16 +143,6 @@ def test_where_no_pair_can_be_told_apart_a_motion_is_worth_nothing(case):
     assert prospect(asked, gram, every, np.random.default_rng(0)).chance == 0.0
 
 
-def test_what_the_logs_so_far_lead_by_is_not_needed_again(case):
-    _, x, a, b = case
-    gram, ahead = 10 * x.T @ x, replace(a, nats=4.0)
-    plain, led = (outlook(question(contest(r, b)), gram) for r in (a, ahead))
-    assert plain.nats == led.nats
-    needs = {(0, 0, 1): 6.0 - 4.0, (0, 1, 0): 6.0 + 4.0}
-    assert led.share == pytest.approx(min(led.nats[p] / needs[p] for p in needs))
-    assert plain.share == pytest.approx(min(plain.nats.values()) / 6.0)
-
-
 def test_the_chance_is_the_share_of_logs_that_settle_it(case):
     rng, x, a, b = case
     asked = question(contest(a, b, enough=3.0))
@@ -235,15 +181,6 @@ def test_the_seconds_are_the_first_of_which_all_pairs_are_apart(case):
     assert shares.max() > 1 > shares[0]
     assert first / 1.25 < seconds < 1.25 * first
     assert outlook(asked, way.gram(1.0)).share == 0.0  # its ends count for nothing
-
-
-def test_where_all_of_a_motion_is_not_enough_it_takes_longer(case):
-    _, x, a, b = case
-    asked, way = question(contest(a, b)), course(0.05 * x)
-    assert until_apart(asked, way, 1.2, frozenset()) > 5.0
-    sure, after = sure_after(asked, way, 1.2, frozenset())
-    assert after is None
-    assert sure.chance < SURE
 
 
 def test_surely_settled_is_said_of_the_first_length_with_that_chance(case):

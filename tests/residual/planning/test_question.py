@@ -12,7 +12,6 @@ from residual.errors import InputError, UnknownNameError
 from residual.planning import question as gather
 from residual.planning.outlook import outlook
 from residual.planning.promise import (
-    Course,
     logged_products,
     planned_gram,
     promised,
@@ -48,26 +47,7 @@ def test_a_finding_and_its_equivalent_are_rivals():
     assert abs(contest.lead(0, 1)) < contest.enough == 6.0
 
 
-def test_a_wide_motion_tells_more_of_them_than_the_one_before():
-    robot, question = asked("spring", 2)
-    slow, wide = (
-        planned_gram(question, motion(robot, family), RATE, 10.0)
-        for family in ("slow_cyclic", "fourier")
-    )
-    assert outlook(question, wide).least > 3 * outlook(question, slow).least
-    assert outlook(question, wide).share > 3 * outlook(question, slow).share
-
-
-def test_one_column_of_two_names_is_called_so():
-    _, question = asked("coulomb_asymmetry", 4)
-    places = [r.place.name for r in question.contests[0].rivals]
-    assert {"offset", "coulomb_asymmetry"} <= set(places)
-    a, b = places.index("offset"), places.index("coulomb_asymmetry")
-    assert {(0, a, b), (0, b, a)} <= structural_twins(question)
-
-
 def shrunk_to(question, size):
-    """The same question with both effects of another size."""
     (contest,) = question.contests
     rivals = []
     for one in contest.rivals:
@@ -99,21 +79,6 @@ def test_a_set_that_no_motion_tells_from_the_named_one_is_marked():
     assert by(shrunk_to(question, 0.01)) == ["nothing", "motion"]
 
 
-def test_what_stands_in_for_a_finding_in_company_is_in_its_contest(monkeypatch):
-    """Equivalents of a name, and sets in its place, are rivals of each other."""
-    examined, fitted, named = seen("spring", 2)
-    other = next(
-        g
-        for g in examined.task.candidates.groups
-        if g.effect.name == "offset" and g.joints == (5,)
-    )
-    sets = [Rival((other,), -1.0)]
-    monkeypatch.setattr("residual.planning.question.near_sets", lambda *_: sets)
-    (contest,) = open_question(examined, fitted, named).contests
-    assert {r.place.name for r in contest.rivals} == {"spring", "balancer", "offset"}
-    assert len(contest.pairs) == 6
-
-
 def test_a_planned_motion_is_seen_as_its_log_will_be():
     """Nothing is filtered where a motion is planned; its log is, and has noise."""
     _, question = asked("spring", 2)
@@ -129,17 +94,7 @@ def test_a_planned_motion_is_seen_as_its_log_will_be():
     np.testing.assert_allclose(ratio, 1.0, atol=0.15)
 
 
-def test_seconds_of_a_motion_add_up():
-    robot, question = asked("spring", 2)
-    made = motion(robot, "fourier")
-    course = Course.of(question, made, RATE)
-    sizes = [np.trace(course.gram(seconds)) for seconds in (1.0, 2.0, 5.0, 10.0)]
-    assert sizes[0] == 0  # half a second at either end counts for nothing
-    assert 0 < sizes[1] < sizes[2] < sizes[3]
-    assert np.trace(planned_gram(question, made, RATE, 10.0)) == sizes[3]
-
-
-def test_a_wish_asks_for_an_effect_against_nothing():
+def test_a_wish_asks_for_an_effect_against_nothing_on_every_joint_that_may_have_it():
     robot, question = asked("spring", 2, "payload>=0.5")
     (contest,) = question.contests
     assert [r.place for r in contest.rivals] == [Place("payload", (6,)), NOTHING]
@@ -151,9 +106,6 @@ def test_a_wish_asks_for_an_effect_against_nothing():
         for mass in (0.25, 0.5)
     ]
     assert values[1] > 2 * values[0]  # all but the Occam part grows by four
-
-
-def test_a_wish_without_a_joint_asks_on_every_joint_that_may_have_it():
     _, question = asked("spring", 2, "stribeck>=3")
     joints = [c.rivals[0].place.joints for c in question.contests]
     assert joints == [(j,) for j in range(1, 7)]
@@ -176,9 +128,6 @@ def test_wishes_are_read_or_refused():
             parse_wish(text)
     with pytest.raises(UnknownNameError, match="did you mean 'payload'"):
         parse_wish("paylod>=1")
-
-
-def test_a_wish_that_cannot_be_says_why():
     with pytest.raises(InputError, match="no candidate on joint 9"):
         asked("spring", 2, "stribeck@9>=3")
 
