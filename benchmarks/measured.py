@@ -89,26 +89,20 @@ def figures_of(rows: Sequence[Mapping]) -> Figures:
         return {"measured_worse_than_least_squares": missing(0, why)}
     by_name = {row["split"]: row for row in rows}
     held = [row for row in rows if row["peer"] is not None]
+    ratios = np.concatenate([_ratio(row) for row in held])
     worse = {
-        row["split"]: [int(j) + 1 for j in np.flatnonzero(_ratio(row) > WORSE)]
-        for row in held
+        row["split"]: (1 + np.flatnonzero(_ratio(row) > WORSE)).tolist() for row in held
     }
-    worse = {name: joints for name, joints in worse.items() if joints}
-    joints = sum(len(row["peer"]) for row in held)
-    harmed = {row["split"]: row["worse"] for row in rows if row["worse"]}
+    harmed = {row["split"]: row["worse"] for row in rows}
     out = {
-        "measured_worse_than_least_squares": figure(
-            sum(map(len, worse.values())), 0, joints, where=worse
-        ),
+        "measured_worse_than_least_squares": _where(worse, len(ratios)),
         "measured_over_least_squares": figure(
-            float(np.exp(np.mean(np.log(np.concatenate([_ratio(r) for r in held]))))),
+            float(np.exp(np.mean(np.log(ratios)))),
             None,
-            joints,
+            len(ratios),
             why="geometric mean, for information",
         ),
-        "measured_joints_harmed": figure(
-            sum(map(len, harmed.values())), 0, joints, where=harmed
-        ),
+        "measured_joints_harmed": _where(harmed, len(ratios)),
     }
     for name, reached in REACHED.items():
         if name in by_name:
@@ -116,6 +110,11 @@ def figures_of(rows: Sequence[Mapping]) -> Figures:
             key = f"measured_{name.split(' ')[0]}_over_reached"
             out[key] = figure(round(float(worst), 4), SPARE, len(reached))
     return out | _friction(by_name) | _load(by_name)
+
+
+def _where(joints: Mapping[str, Sequence[int]], n: int) -> dict:
+    some = {name: own for name, own in joints.items() if own}
+    return figure(sum(map(len, some.values())), 0, n, where=some)
 
 
 def _friction(by_name: Mapping[str, Mapping]) -> Figures:

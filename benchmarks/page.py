@@ -34,6 +34,14 @@ _WORDS = {
     path.stem: tomllib.loads(path.read_text(encoding="utf-8"))
     for path in (ROOT / "benchmarks" / "words").glob("*.toml")
 }
+# Where several programs have the same figures, their words stand once.
+for _one in _WORDS.values():
+    _each = {
+        f"{program}_{key}": entry | {"is": f"{title}: {entry['is']}"}
+        for program, title in _one.get("programs", {}).items()
+        for key, entry in _one["of_each"].items()
+    }
+    _one["figures"] = _each | _one.get("figures", {})
 _SHARED = _WORDS.pop("page")
 
 

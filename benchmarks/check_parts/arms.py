@@ -3,7 +3,7 @@
 Beside them a log that was spoiled on purpose, and helpers that all faults use.
 """
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from functools import lru_cache
 
@@ -189,8 +189,9 @@ def tables_of(host: Host) -> list[Table]:
     return [table_of(log) for log in host.logs]
 
 
-def changed(tables: Sequence[Table], change: Callable[[Table], Mapping]) -> list[Table]:
-    return [table | dict(change(table)) for table in tables]
+def changed(tables: Sequence[Table], names: Sequence[str], change: Callable) -> list:
+    """Return tables with a change of those of some signals that they have."""
+    return [t | {k: change(t[k]) for k in names if k in t} for t in tables]
 
 
 def some(rng: np.random.Generator, dof: int, count: int) -> tuple[int, ...]:

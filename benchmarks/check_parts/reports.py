@@ -46,7 +46,7 @@ def motor_current(host: Host, size: int, rng: Rng) -> Spoiled:
     dof = host.robot.dof
     each = rng.uniform(8, 15, dof)
     factor = (1 / each, 1 / each[0], _KGF_CM)[size]
-    tables = changed(tables_of(host), lambda table: {"tau": table["tau"] * factor})
+    tables = changed(tables_of(host), ("tau",), lambda x: x * factor)
     return Spoiled("torque_unit", (), tables)
 
 
@@ -62,8 +62,8 @@ def joints_swapped(host: Host, size: int, rng: Rng) -> Spoiled | None:
             break
     else:
         return None
-    names, right = ("q", "qd", "tau"), right[:2] if size == 2 else right
-    tables = changed(right, lambda t: {k: t[k][:, order] for k in names if k in t})
+    right = right[:2] if size == 2 else right
+    tables = changed(right, _ALL, lambda x: x[:, order])
     return Spoiled("joint_order", joints, tables, right)
 
 
@@ -229,13 +229,14 @@ def held(host: Host, rng: Rng) -> Host | None:
 
 
 _TRIES = 40
+_ALL = ("q", "qd", "tau")
 
 
 def torque_sign(host: Host, size: int, rng: Rng) -> Spoiled:
     """Torque of one, two or all joints counts the other way round."""
     joints, also = _turnable(host, size, rng, "angle_sign")
     sign, right = turned(host.robot.dof, joints), tables_of(host)
-    tables = changed(right, lambda table: {"tau": table["tau"] * sign})
+    tables = changed(right, ("tau",), lambda x: x * sign)
     return Spoiled("torque_sign", joints, tables, right, also=also)
 
 
@@ -243,8 +244,7 @@ def angle_sign(host: Host, size: int, rng: Rng) -> Spoiled:
     """Angles (and speeds) of one, two or all joints count the other way round."""
     joints, also = _turnable(host, size, rng, "torque_sign")
     sign, right = turned(host.robot.dof, joints), tables_of(host)
-    names = ("q", "qd")
-    tables = changed(right, lambda t: {k: t[k] * sign for k in names if k in t})
+    tables = changed(right, ("q", "qd"), lambda x: x * sign)
     return Spoiled("angle_sign", joints, tables, right, also=also)
 
 
@@ -274,12 +274,12 @@ def joint_order(host: Host, size: int, rng: Rng) -> Spoiled | None:
         joints = some(rng, dof, (2, 2, 3)[size])
         order = np.arange(dof)
         order[[j - 1 for j in joints]] = np.roll([j - 1 for j in joints], 1)
-        names = ("q", "qd", "tau") if size == 1 else ("tau",)
+        names = _ALL if size == 1 else ("tau",)
         if size != 1 or told_apart(host, lambda q: q[:, order], lambda x: x[:, order]):  # noqa: B023
             break
     else:
         return None
-    tables = changed(right, lambda t: {k: t[k][:, order] for k in names if k in t})
+    tables = changed(right, names, lambda x: x[:, order])
     return Spoiled("joint_order", joints, tables, right)
 
 
@@ -298,8 +298,7 @@ def angle_unit(host: Host, size: int, rng: Rng) -> Spoiled:
         return _scaled(host, "angle_unit", dict.fromkeys(names, degrees))
     joints = some(rng, dof, 2)
     factor = np.where(turned(dof, joints) < 0, degrees, 1.0)
-    names = ("q", "qd")
-    tables = changed(right, lambda t: {k: t[k] * factor for k in names if k in t})
+    tables = changed(right, ("q", "qd"), lambda x: x * factor)
     return Spoiled("angle_unit", joints, tables, right)
 
 
@@ -324,7 +323,7 @@ def torque_scale(host: Host, size: int, rng: Rng) -> Spoiled:
     right = tables_of(host)
     joint = some(rng, host.robot.dof, 1)
     factor = np.where(turned(host.robot.dof, joint) < 0, (0.3, 0.5, 2.5)[size], 1.0)
-    tables = changed(right, lambda table: {"tau": table["tau"] * factor})
+    tables = changed(right, ("tau",), lambda x: x * factor)
     return Spoiled("torque_scale", joint, tables, right)
 
 
@@ -340,15 +339,14 @@ def velocity_mismatch(host: Host, size: int, rng: Rng) -> Spoiled | None:
         factor = factor * 180 / np.pi
     if size == 2:
         order[[j - 1 for j in joints]] = [j - 1 for j in reversed(joints)]
-    tables = changed(right, lambda t: {"qd": t["qd"][:, order] * factor})
+    tables = changed(right, ("qd",), lambda x: x[:, order] * factor)
     also = ("angle_unit",) if size == 1 else ()
     where = () if size == 1 else tuple(joints)
     return Spoiled("velocity_mismatch", where, tables, right, also=also)
 
 
 def _scaled(host: Host, kind: str, factors: dict) -> Spoiled:
-    right = tables_of(host)
-    tables = changed(
-        right, lambda t: {k: t[k] * f for k, f in factors.items() if k in t}
-    )
+    right = tables = tables_of(host)
+    for name, factor in factors.items():
+        tables = changed(tables, (name,), lambda x: x * factor)  # noqa: B023
     return Spoiled(kind, (), tables, right)

@@ -57,13 +57,8 @@ def synthetic(seed: int, rows: int) -> tuple[Recording, dict[str, Array]]:
 
     q = np.round(noisy(q_ref, 1e-4) / _STEP) * _STEP
     log = Recording("", "irb140", t, q, noisy(30 * q_ref, 0.02), q_ref=q_ref)
-    twin = {
-        "e_q": q - q_ref,
-        "e_qd": 1e-2 * q_ref,
-        "e_qdd": 1e-1 * q_ref,
-        "e_tau": noisy(q_ref, 0.02),
-    }
-    return log, twin
+    twin = {"e_q": q - q_ref, "e_qd": 1e-2 * q_ref, "e_qdd": 1e-1 * q_ref}
+    return log, twin | {"e_tau": noisy(q_ref, 0.02)}
 
 
 def stand_in(seeds: Callable[[Any], Any], rows: int = 400) -> Callable:
@@ -98,11 +93,8 @@ def records(store: Path, runs: list[str]) -> list[str]:
     diagnosis = commit_record(store, "diagnoses", found, None, {"fit": runs})
     page = {"report.html": b"<html></html>"}
     told = {"robot": "irb140", "kind": "demo"}
-    return [
-        model,
-        diagnosis,
-        commit_record(store, "reports", told, None, [diagnosis], page),
-    ]
+    report = commit_record(store, "reports", told, None, [diagnosis], page)
+    return [model, diagnosis, report]
 
 
 def filled(store: Path, runs: int = 3) -> list[str]:

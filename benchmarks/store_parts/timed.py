@@ -1,7 +1,7 @@
 """A commit against the bare Parquet file, ten thousand runs, three writers at once."""
 
 import multiprocessing
-from collections.abc import Callable
+from functools import partial
 from pathlib import Path
 from time import monotonic, perf_counter
 
@@ -16,7 +16,6 @@ from residual.recording import Recording
 from warehouse.catalogue import flush
 from warehouse.commit import commit_run
 from warehouse.files import to_table, write_parquet
-from warehouse.query.store import Store
 from warehouse.runs import read_run
 
 ROWS = 10_000
@@ -59,14 +58,14 @@ def commit_figures(quick: bool) -> Figures:
                 ours.append(spent)
                 bare.append(alone)
         pq.write_table(table, place / "default.parquet")
-        size = _size(place / "bare.parquet") / _size(place / "default.parquet")
-    median = float(np.median(ours))
-    ratio = median / float(np.median(bare))
+        files = (place / f"{name}.parquet" for name in ("bare", "default"))
+        size, usual = (file.stat().st_size for file in files)
+    median, theirs = float(np.median(ours)), float(np.median(bare))
     about = {"rows": len(log.t), "columns": table.num_columns, "what": what}
     figures = {
         "commit_ms": figure(1e3 * median, 20.0, rounds, least=1e3 * min(ours), **about),
-        "commit_over_bare_write": figure(ratio, 2.0, rounds, **about),
-        "size_over_default": figure(size, 0.65, 1, **about),
+        "commit_over_bare_write": figure(median / theirs, 2.0, rounds, **about),
+        "size_over_default": figure(size / usual, 0.65, 1, **about),
     }
     why = "" if simulated else "signals that stand in for those of the plant"
     return all_partial(figures, why)
@@ -81,10 +80,6 @@ def _plant() -> tuple[Recording, dict]:
         path.write_text(SIM.format(seconds=ROWS / 250))
         made = make(load_spec(path))
     return made.log, dict(made.twin)
-
-
-def _size(path: Path) -> int:
-    return path.stat().st_size
 
 
 FULL = 10_000
@@ -119,37 +114,25 @@ def many_figures(quick: bool) -> Figures:
 
 def _asked(place: Path, rounds: int, tail: str) -> Figures:
     opening = [wall(lambda: warehouse.open(place).close()) for _ in range(rounds)]
+    figures = {f"open{tail}_s": _median(opening, 1.0)}
     with warehouse.open(place) as store:
         ids = store.sql("SELECT run_id FROM runs")["run_id"].to_pylist()
         some = np.random.default_rng(0).choice(ids, rounds)
-        figures = {
-            f"open{tail}_s": _median(opening, 1.0),
-            f"runs_query{tail}_s": _asking(store, rounds, 0.5, lambda _: "FROM runs"),
-            f"error_aggregate{tail}_s": _asking(store, rounds, 1.0, lambda _: ERRORS),
-            f"one_run_row{tail}_s": _asking(
-                store, rounds, 0.05, lambda k: f"FROM runs WHERE run_id = '{some[k]}'"
-            ),
+        one, samples = "WHERE run_id = '{}'", "SELECT avg(tau1) FROM samples"
+        questions = {
+            "runs_query": (0.5, "FROM runs", some),
+            "error_aggregate": (1.0, ERRORS, some),
+            "one_run_row": (0.05, f"FROM runs {one}", some),
             # No bar: what a question about the samples themselves costs.
-            f"one_run_samples_by_sql{tail}_s": _asking(
-                store,
-                rounds,
-                None,
-                lambda k: f"SELECT avg(tau1) FROM samples WHERE run_id = '{some[k]}'",
-            ),
-            f"all_samples_by_sql{tail}_s": _asking(
-                store, 1, None, lambda _: "SELECT avg(tau1) FROM samples"
-            ),
+            "one_run_samples_by_sql": (None, f"{samples} {one}", some),
+            "all_samples_by_sql": (None, samples, some[:1]),
         }
+        for name, (bar, query, each) in questions.items():
+            spent = [wall(partial(store.sql, query.format(id))) for id in each]
+            figures[f"{name}{tail}_s"] = _median(spent, bar)
     reading = [wall(lambda id=id: read_run(place, id)) for id in some]
     figures[f"one_run_read{tail}_s"] = _median(reading, 0.05)
     return figures
-
-
-def _asking(
-    store: Store, rounds: int, bar: float | None, query: Callable[[int], str]
-) -> dict:
-    spent = [wall(lambda k=k: store.sql(query(k))) for k in range(rounds)]
-    return _median(spent, bar)
 
 
 def _median(spent: list[float], bar: float | None) -> dict:
@@ -207,7 +190,9 @@ def together_figures(quick: bool) -> Figures:
             errors += failed
         for writer in writers:
             writer.join()
-        lost = written ^ _visible(place)
+        with warehouse.open(place) as store:
+            seen = store.sql("SELECT run_id FROM runs")["run_id"].to_pylist()
+        lost = written ^ set(seen)
         broken = sum(_is_broken(place, id) for id in written)
         left = len(list((place / "_staging").iterdir()))
     about = {"seconds": seconds, "runs": len(written), "sweeps": sweeps}
@@ -253,11 +238,6 @@ def _read(place: Path, until: float) -> tuple[int, int, list[str]]:
         except Exception as error:
             errors.append(repr(error))
     return sweeps, partly, errors
-
-
-def _visible(place: Path) -> set[str]:
-    with warehouse.open(place) as store:
-        return set(store.sql("SELECT run_id FROM runs")["run_id"].to_pylist())
 
 
 def _is_broken(place: Path, id: str) -> bool:
