@@ -35,14 +35,14 @@ PLAN: Mapping[str, tuple[str, ...]] = {
     "loop": ("benchmarks/loop.py", "--resume"),
     "watch": ("-m", "benchmarks.loop_parts.watch"),
     "peers": ("benchmarks/peers.py",),
-    "export": ("benchmarks/export.py", "--resume"),
+    "export": ("benchmarks/groups.py", "export", "--resume"),
     "plsr": ("benchmarks/plsr.py", "--resume"),
-    "identification": ("benchmarks/identification.py", "--resume"),
-    "hardening": ("benchmarks/hardening.py", "--resume"),
+    "identification": ("benchmarks/groups.py", "identification", "--resume"),
+    "hardening": ("benchmarks/groups.py", "hardening", "--resume"),
     "store": ("benchmarks/store.py", "--resume"),
-    "fleet": ("benchmarks/fleet.py", "--resume"),
-    "pipelines": ("benchmarks/pipelines.py", "--resume"),
-    "plant": ("benchmarks/plant.py", "--resume"),
+    "fleet": ("benchmarks/groups.py", "fleet", "--resume"),
+    "pipelines": ("benchmarks/groups.py", "pipelines", "--resume"),
+    "plant": ("benchmarks/groups.py", "plant", "--resume"),
 }
 LOGS = ROOT / "store" / "benchmarks" / "logs"
 FAILED = 2

@@ -17,6 +17,7 @@ from types import SimpleNamespace
 
 sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
 
+from benchmarks.bench import PLAN
 from benchmarks.harness.origin import RESULTS, ROOT, is_current
 
 README = ROOT / "README.md"
@@ -175,7 +176,9 @@ def _section(name: str, content: Mapping) -> str:
     facts = f"`{RESULTS.name}/{name}.json`: {_origin(name, content)}"
     facts += f", {content['cores']} cores"
     facts += f" ({content['machine']})" if "machine" in content else ""
-    facts += f", Python {content['python']}; `{words['run']}`"
+    command = " ".join(word for word in PLAN[name] if word != "--resume")
+    place = f"benchmarks/results/{name}.json"
+    facts += f", Python {content['python']}; `python {command} --full-json {place}`"
     facts += f"\\\n{words['about'].strip()}"  # a backslash breaks the line
     parts = [f"## {words['title']}", facts, content.get("note")]
     parts += [_table(rows).rstrip(), _arms(content.get("measured", ()))]
