@@ -6,9 +6,12 @@ from types import SimpleNamespace
 import numpy as np
 
 from residual.diagnosis.angle_noise import standard_deviations
+from residual.diagnosis.search import Candidates, renewed
 from residual.effects.base import Effect, Refinement, local
+from residual.evidence.columns import union
+from residual.evidence.design import Design
 from tests.residual.arms import arm
-from tests.residual.linear import LINE, Problem, build
+from tests.residual.linear import LINE, OTHER, Problem, build
 
 DRAWS = 20
 FADE = Effect(
@@ -20,6 +23,10 @@ FADE = Effect(
     shapes=lambda span, j: ((1.0, 1.0), (1.0, 2.0)),
     refine=Refinement("ratio", 0.6),
 )
+READS = Effect(
+    "reads", "reads the model", {"a": "1"}, local(lambda s, j, x: [s.tau_model[:, j]])
+)
+READS = replace(READS, uses_model=True, groupable=True)
 
 
 def deviation(problem, shape):
@@ -83,3 +90,26 @@ def test_the_other_textbook_form_is_a_part_of_the_doubt(rng):
     assert abs(value - truth) > 3 * own[0]
     assert abs(value - truth) < 2.5 * sd[0]
     assert sd[2] >= 0.5  # of the exponent: the other is one away
+
+
+def test_only_columns_that_read_the_model_are_made_anew(rng):
+    problem = Problem.draw(rng)
+    design: Design = problem.design
+    groups = design.add([(LINE, (0,), ()), (READS, (0,), ()), (READS, (1,), ())])
+    every = union(groups[1:])
+    plain = union(design.add([(OTHER, (0,), ()), (OTHER, (1,), ())]))
+    named = (*groups, every, plain)
+    known = Candidates(named, {g.key: 1.0 for g in named})
+    seen = {id(t): replace(s, tau_model=s.q + 1.0) for t, s in problem.logs}
+    design.show_torque(SimpleNamespace(observe=lambda track: seen[id(track)]))
+    line, one, two, both, same = renewed(design, known).groups
+    assert line is groups[0]
+    assert same.parts == plain.parts
+    for j, made in enumerate((one, two)):
+        place, _ = design.present(j, made.ids)
+        column = design.columns(j, place)[:, 0]
+        said = np.concatenate([s.q[:, j] + 1.0 for s in design.states])
+        use = np.concatenate([t.moving[:, j] for t, _ in problem.logs])
+        np.testing.assert_allclose(column, said[use])
+    np.testing.assert_array_equal(both.ids, [*one.ids, *two.ids])
+    assert (both.fellows, [p.fellows for p in both.parts]) == (1, [2, 2])

@@ -9,14 +9,12 @@ from benchmarks.synthetic.logs import LogPlan, make
 from residual.diagnosis.changes import (
     baseline_edits,
     dense_model,
-    edited,
     errors_on,
     sealed_edit,
     set_back,
 )
 from residual.diagnosis.result import Place
 from residual.effects import registry
-from residual.errors import UnknownNameError
 from residual.model.model import Term
 from residual.model.nominal import prepare_logs, start_nominal
 from residual.robot.robot import load_robot
@@ -74,16 +72,6 @@ def test_dense_parameters_go_back_by_what_stands_for_an_effect(world):
     before = [t for t in nominal.terms if t.effect.name == "coulomb"][2]
     assert own[0].theta == before.theta
     assert set_back(dense, nominal, Place("spring", (3,))) is None
-
-
-def test_an_edit_takes_out_what_is_there(world):
-    models, _, _ = world
-    bare = edited(models["augmented"], [Place("payload", (6,))])
-    assert [t.effect.name for t in bare.terms] == [
-        t.effect.name for t in models["nominal"].terms
-    ]
-    with pytest.raises(UnknownNameError):
-        edited(models["augmented"], [Place("spring", (1,))])
 
 
 def test_against_a_baseline_all_that_was_found_goes(world):

@@ -128,17 +128,6 @@ def test_columns_act_on_the_rows_of_the_effect_and_on_no_other(name):
             assert np.abs(term.torque(seen)[:, list(rows)]).max() > 0
 
 
-@pytest.mark.parametrize("name", NAMES)
-def test_torque_is_linear_in_the_coefficients(name):
-    robot, rng = arm(), np.random.default_rng(3)
-    seen = state(robot)
-    for term in terms(name, robot):
-        a, b = rng.normal(size=(2, len(term.theta)))
-        one, two = (replace(term, theta=x).torque(seen) for x in (a, b))
-        both = replace(term, theta=2 * a - 0.5 * b).torque(seen)
-        np.testing.assert_allclose(both, 2 * one - 0.5 * two, atol=1e-8)
-
-
 @pytest.mark.parametrize("name", sorted(set(NAMES) - WITH_MEMORY))
 def test_columns_look_at_nothing_but_the_same_sample(name):
     """Held-out motion is predicted as it was fitted, whatever else its log holds."""

@@ -11,7 +11,7 @@ from residual.effects import registry
 from residual.model.model import Model, Term
 from residual.model.nominal import with_standstill
 from residual.robot.dynamics import inertial_parameters
-from residual.signals.logs import CHOICES, SMOOTH, Standstill, direction
+from residual.signals.logs import CHOICES, SMOOTH, Standstill, direction, directions
 from residual.signals.track import prepare
 from tests.residual.arms import arm, recording
 
@@ -72,6 +72,18 @@ def test_a_bristle_of_no_displacement_is_the_sign_of_velocity():
     q, qd = motion()
     np.testing.assert_array_equal(
         direction(q, qd, FLOOR, Standstill("bristle", 0.0)), np.sign(qd)
+    )
+
+
+def test_every_joint_has_its_own_floor_and_shape():
+    q, qd = (np.column_stack([x, x]) for x in motion())
+    shapes = (Standstill("smooth", 1.0), Standstill("bristle", 1e-3, hold=0.5))
+    out = directions(q, qd, np.array([0.01, 0.5]), shapes)
+    np.testing.assert_array_equal(
+        out[:, 0], direction(q[:, 0], qd[:, 0], 0.01, shapes[0])
+    )
+    np.testing.assert_array_equal(
+        out[:, 1], direction(q[:, 1], qd[:, 1], 0.5, shapes[1])
     )
 
 

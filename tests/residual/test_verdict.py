@@ -35,14 +35,20 @@ def half_dead(moving, silent=()):
     return diagnose(arm(), logs[:4], held_out=logs[4:])
 
 
+def two_effects():
+    return short_case(arm(), OFFSET, CHURN, seed=51, duration=6.0)
+
+
 MAKE = {
     "none": lambda: diagnose_case(short_case(arm(), seed=50)),
-    "effects": lambda: diagnose_case(short_case(arm(), OFFSET, CHURN, seed=51)),
+    "effects": lambda: diagnose_case(two_effects()),
     "several joints": lambda: diagnose_case(short_case(arm(), seed=52), ["viscous"]),
     "unknown": lambda: diagnose_case(short_case(arm(), KNOCK, seed=53)),
     "baseline": lambda: diagnose_case(short_case(arm(), GROWN, seed=54)),
     "payload": lambda: diagnose_case(short_case(arm(toml=SURE), LOAD, seed=55)),
-    "same run": lambda: diagnose_case(short_case(arm(), OFFSET, seed=51), held_out=()),
+    "same run": lambda: diagnose_case(
+        short_case(arm(), OFFSET, seed=51, duration=6.0), held_out=()
+    ),
     "seven joints": lambda: diagnose_case(
         short_case(arm(SEVEN), seed=56, duration=6.0)
     ),
@@ -397,7 +403,7 @@ def test_warmup_is_no_candidate_where_the_order_of_the_logs_is_unknown():
 
 def test_the_same_input_gives_the_same_verdict_and_progress_runs_to_the_proof():
     told = []
-    case = short_case(arm(), OFFSET, CHURN, seed=51)
+    case = two_effects()
     again = diagnose_case(case, progress=lambda *x: told.append(x))
     assert json.dumps(to_json(again.verdict)) == json.dumps(document("effects"))
     assert list(dict(told)) == ["features", "search", "gate", "proof"]
@@ -406,7 +412,7 @@ def test_the_same_input_gives_the_same_verdict_and_progress_runs_to_the_proof():
 
 
 def test_the_order_of_the_logs_does_not_change_what_is_found():
-    case = short_case(arm(), OFFSET, CHURN, seed=51)
+    case = two_effects()
     other = to_json(diagnose_case(case, fit=case.fit[::-1]).verdict)
     first = document("effects")
     assert {n for n, _ in names(from_json(other))} == {
@@ -419,7 +425,7 @@ def test_the_order_of_the_logs_does_not_change_what_is_found():
 
 def test_the_held_out_log_never_changes_what_is_fitted():
     """Another torque there changes the errors, and nothing that the fit logs say."""
-    case = short_case(arm(), OFFSET, CHURN, seed=51)
+    case = two_effects()
     rng = np.random.default_rng(0)
     (held_out,) = case.held_out
     noise = rng.normal(size=held_out.tau.shape)

@@ -16,8 +16,11 @@ from sim.quasi_static import Plant, background_of, true_friction, true_torque
 
 ROBOT = load_robot("irb140")
 MOTION = make_motion("fourier", usual_limits(ROBOT), 6.0, 250.0, stream(1, "motion"))
-SEEDS = range(1, 13)
+SEEDS = range(1, 9)
 SCALE = {"workshop": 1.0, "worn": 2.0}
+every_arm = pytest.mark.parametrize(
+    ("seed", "word"), [(seed, word) for seed in SEEDS for word in SCALE]
+)
 PLAN = (LogPlan("fit_1", "fit", "cyclic", 6.0),)
 
 
@@ -45,8 +48,7 @@ def between(value, low, high, scale):
     assert np.ptp(value) > 0  # drawn joint by joint
 
 
-@pytest.mark.parametrize("word", SCALE)
-@pytest.mark.parametrize("seed", SEEDS)
+@every_arm
 def test_extra_friction_at_low_speed_is_a_part_of_coulomb(seed, word):
     background, friction = arm(seed, word)
     even = replace(background, lean=np.zeros(ROBOT.dof))
@@ -54,8 +56,7 @@ def test_extra_friction_at_low_speed_is_a_part_of_coulomb(seed, word):
     between((slow - fast) / friction.coulomb, 0.15, 0.5, SCALE[word])
 
 
-@pytest.mark.parametrize("word", SCALE)
-@pytest.mark.parametrize("seed", SEEDS)
+@every_arm
 def test_friction_grows_with_load_by_a_part_of_it_and_not_in_proportion(seed, word):
     background, friction = arm(seed, word)
     even, span = replace(background, lean=np.zeros(ROBOT.dof)), background.span
@@ -69,8 +70,7 @@ def test_friction_grows_with_load_by_a_part_of_it_and_not_in_proportion(seed, wo
     assert np.all((half - none) / (full - none) > 0.52)  # a line would give one half
 
 
-@pytest.mark.parametrize("word", SCALE)
-@pytest.mark.parametrize("seed", SEEDS)
+@every_arm
 def test_dry_friction_leans_to_one_side(seed, word):
     background, friction = arm(seed, word)
     fast = 1e4
@@ -85,8 +85,7 @@ def test_dry_friction_leans_to_one_side(seed, word):
     assert np.abs(lean).max() > 0.005 * SCALE[word]
 
 
-@pytest.mark.parametrize("word", SCALE)
-@pytest.mark.parametrize("seed", SEEDS)
+@every_arm
 def test_friction_is_less_when_warm_and_takes_its_time(seed, word):
     background, friction = arm(seed, word)
 
@@ -102,8 +101,7 @@ def test_friction_is_less_when_warm_and_takes_its_time(seed, word):
     assert np.all(1 - whole(25.0) / cold < 0.6 * loss)
 
 
-@pytest.mark.parametrize("word", SCALE)
-@pytest.mark.parametrize("seed", SEEDS)
+@every_arm
 def test_ripple_is_a_part_of_the_torque_range_and_no_single_wave(seed, word):
     background, _ = arm(seed, word)
     turn = np.linspace(-np.pi, np.pi, 20001)[:, None] * np.ones(ROBOT.dof)

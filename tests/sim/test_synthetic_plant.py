@@ -53,15 +53,6 @@ def test_bristles_follow_dahls_equation():
     np.testing.assert_allclose(z, dahl(x, 2e-4), atol=2e-3)
 
 
-def test_bristles_saturate_with_the_direction_and_hold_at_standstill():
-    m = motion("move_stop_move")
-    z = deflection(m.q, np.full(6, 2e-4))
-    fast = np.abs(m.qd) > 0.1
-    np.testing.assert_allclose(z[fast], np.sign(m.qd[fast]), atol=0.05)
-    still = (m.qd[1:] == 0).all(1) & (m.qd[:-1] == 0).all(1)
-    np.testing.assert_array_equal(z[1:][still], z[:-1][still])
-
-
 @pytest.mark.parametrize("name", LOCAL)
 def test_an_effect_changes_torque_on_its_joints_only(name):
     hidden = draw(ROBOT, name, stream(2, name))

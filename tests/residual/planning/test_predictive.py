@@ -143,6 +143,16 @@ def test_where_no_pair_can_be_told_apart_a_motion_is_worth_nothing(case):
     assert prospect(asked, gram, every, np.random.default_rng(0)).chance == 0.0
 
 
+def test_what_the_logs_so_far_lead_by_is_not_needed_again(case):
+    _, x, a, b = case
+    gram, ahead = 10 * x.T @ x, replace(a, nats=4.0)
+    plain, led = (outlook(question(contest(r, b)), gram) for r in (a, ahead))
+    assert plain.nats == led.nats
+    needs = {(0, 0, 1): 6.0 - 4.0, (0, 1, 0): 6.0 + 4.0}
+    assert led.share == pytest.approx(min(led.nats[p] / needs[p] for p in needs))
+    assert plain.share == pytest.approx(min(plain.nats.values()) / 6.0)
+
+
 def test_the_chance_is_the_share_of_logs_that_settle_it(case):
     rng, x, a, b = case
     asked = question(contest(a, b, enough=3.0))
