@@ -234,18 +234,19 @@ def calibrate(
     if settings.schemes is not None:
         schemes = tuple(s for s in schemes if s.name in settings.schemes)
     without = None if settings.paper else source.plain
-    parts = (rows.X, rows.Y, rows.run, rows.tau, rows.part, rows.second)
+    parts = (rows.X, rows.Y, rows.run, rows.tau, rows.part, rows.second, rows.moving)
     training = Training(*parts, without)
+    taught = training.taught()
     forms = _forms(rows, settings)
     tell("default form", 0.05)
     default, options = chosen_model(training, forms.default)
     tell("levels", 0.08)
-    chosen = Choices(options, levels_of(training, forms) if forms.levels else None)
+    chosen = Choices(options, levels_of(taught, forms) if forms.levels else None)
     if chosen.levels is None:
-        fitted = fit_nominal_pls(rows.X, rows.Y, settings.form, fewer=True)
+        fitted = fit_nominal_pls(taught.X, taught.Y, settings.form, fewer=True)
         paper = nominal_lookup(fitted)
     else:
-        paper = nominal_lookup(*fit_chosen(training, chosen.levels))
+        paper = nominal_lookup(*fit_chosen(taught, chosen.levels))
     paper = replace(paper, names=rows.names)
     made = Calibration(
         robot.name,
@@ -313,18 +314,18 @@ def _views(
 ) -> dict[str, object]:
     """What the paper's figures show, by field of a calibration."""
     rows = made.rows
-    rng = np.random.default_rng(settings.seed)
+    taught, rng = training.taught(), np.random.default_rng(settings.seed)
     tell("principal components", 0.72)
     out: dict[str, object] = {"components": components_of(rows, runs, rng)}
     tell("levels", 0.78)
     count = min(settings.form.components, _SWEEP_COMPONENTS)
-    out["sweep"] = sweep_levels(training, made.schemes, count, settings.levels)
+    out["sweep"] = sweep_levels(taught, made.schemes, count, settings.levels)
     tell("importance", 0.9)
-    out["terms"] = terms_of(training, forms.default, made.chosen, rng)
+    out["terms"] = terms_of(taught, forms.default, made.chosen, rng)
     tell("outliers", 0.97)
-    out["oddities"] = oddities_of(training, rows, settings.form)
+    out["oddities"] = oddities_of(taught, rows, settings.form)
     tell("outliers", 1.0)
-    out["plane"] = plane_of(training, rows.names, rows.joints)
+    out["plane"] = plane_of(taught, rows.names, rows.joints)
     by_run = next((scheme for scheme in made.schemes if scheme.name == RUN), None)
     if by_run is not None:
         chosen = methods(forms, Choices(made.chosen, made.levels))

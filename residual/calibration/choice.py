@@ -36,6 +36,7 @@ from residual.tables.form import (
     EffectForm,
     Option,
     fit_base,
+    fit_linear,
     fit_rest,
 )
 from residual.tables.lookup import Lookup
@@ -56,6 +57,7 @@ class Training:
         tau: Measured torque [N m]. Shape (n, j).
         part: Part of each row, a block of its run. Shape (n,).
         second: Second that each row is in, through all runs. Shape (n,).
+        moving: Whether a row counts for a joint; None where all do. Shape (n, j), bool.
         without: What a nominal model leaves on these rows that has not seen some more
             parts; None where Y does not depend on the rows.
     """
@@ -66,6 +68,7 @@ class Training:
     tau: Array
     part: Array
     second: Array
+    moving: Array | None = None
     without: Callable[[Collection[int]], Array] | None = None
 
     @property
@@ -76,7 +79,41 @@ class Training:
     def rows(self, chosen: Array) -> "Training":
         """Return some of the rows."""
         parts = (self.X, self.Y, self.run, self.tau, self.part, self.second)
-        return Training(*(part[chosen] for part in parts))
+        moving = None if self.moving is None else self.moving[chosen]
+        return Training(*(part[chosen] for part in parts), moving)
+
+    @property
+    def counted(self) -> Array:
+        """Whether a row counts for a joint. Shape (n, j), bool."""
+        every = np.ones(self.Y.shape, bool)
+        return every if self.moving is None else self.moving
+
+    def misses(self, predicted: Array) -> Array:
+        """Squared errors [N^2 m^2], none where a joint stands. Shape (n, j)."""
+        squares = (self.Y - predicted) ** 2
+        return squares if self.moving is None else squares * self.moving
+
+    def taught(self) -> "Training":
+        """Return the same where a joint that stands says what it does in motion.
+
+        Friction at standstill may take any value up to breakaway: from such rows a
+        table of speed learns one reversal by heart, and an arm that it drives gets that
+        at every other one. A line and a step in the joint's own speed, fitted to the
+        rows in motion, stand in for them: tables that share such rows with others lean
+        on what friction mostly is.
+        """
+        if self.moving is None or self.moving.all():
+            return self
+        Y, speeds = self.Y.copy(), self.X.shape[1] // 3
+        for j, moves in enumerate(self.moving.T):
+            X = np.column_stack([self.X, np.sign(self.X[:, speeds + j])])
+            if moves.any():
+                offset, slope = fit_linear(X[moves], self.Y[moves][:, [j]])
+                Y[~moves, j] = (offset + X[~moves] @ slope)[:, 0]
+            else:
+                Y[:, j] = 0.0
+        # The load, which is torque less what is left, stays as it is.
+        return replace(self, Y=Y, tau=self.tau + Y - self.Y)
 
 
 def corrected(lookup: Lookup, rows: Training) -> Array:
@@ -111,8 +148,9 @@ def chosen_model(
     the run are fitted: one run, or two, do not span what a third one does. Blocks do
     not show what happens outside the range of their own runs.
     """
-    X, runs = training.loaded if form.loads else training.X, _runs(training)
-    model = fit_effect_tables(X, training.Y, runs, training.tau, form)
+    taught, runs = training.taught(), _runs(training)
+    X = taught.loaded if form.loads else taught.X
+    model = fit_effect_tables(X, taught.Y, runs, taught.tau, form)
     tried = _candidates(model.chosen, form, training.X.shape[1])
     miss = _held_out(training, choice_groups(training), form, tried)
     joints = range(len(model.chosen))
@@ -169,9 +207,9 @@ def _held_out(
         if training.without is not None:
             Y = training.without(np.unique(training.part[held]).tolist())
         rows = replace(training, Y=Y, without=None)
-        kept, new = rows.rows(~held), rows.rows(held)
+        kept, new = rows.rows(~held).taught(), rows.rows(held)
         for number, guess in enumerate(_guesses(kept, new, form, tried)):
-            np.add.at(out[number], second[held], (new.Y - guess) ** 2)
+            np.add.at(out[number], second[held], new.misses(guess))
     return out
 
 
@@ -211,6 +249,7 @@ def fixed_lookup(
     Args:
         base: What `fit_base` makes of these rows, where it is known.
     """
+    training = training.taught()
     X = training.loaded if form.loads else training.X
     base = base or fit_base(X, training.Y, form)
     ridges = [form.ridges.index(o.ridge or form.ridges[-1]) for o in options]
@@ -224,7 +263,7 @@ def _with_plsr(lookup: Lookup, training: Training, options: Sequence[Option]) ->
     takers = [j for j, option in enumerate(options) if option.kind == PLSR]
     if not takers:
         return lookup
-    pls = fit_pls(training.X, training.Y)
+    pls = fit_pls(training.X, training.taught().Y)
     offset, slope = lookup.offset.copy(), lookup.slope.copy()
     for j in takers:
         own_offset, own_slope = pls.linear(options[j].count)

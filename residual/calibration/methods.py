@@ -74,7 +74,8 @@ class Choices:
 def methods(forms: Forms, fixed: Choices | None = None) -> Mapping[str, Method]:
     """Return every model by name.
 
-    What was chosen is fixed, or None to choose within the training rows.
+    What was chosen is fixed, or None to choose within the training rows. All are taught
+    by the same rows (`Training.taught`).
     """
     sparse = replace(forms.paper, sparsity=PAIR_FORM.sparsity)
 
@@ -90,15 +91,22 @@ def methods(forms: Forms, fixed: Choices | None = None) -> Mapping[str, Method]:
         model, count = fit_chosen(training, chosen)
         return lambda rows: model.predict(rows.X, count)[None]
 
-    return {
+    others = {
         NONE: _nothing,
         LS: _least_squares,
         PLSR: _plsr,
         PAPER_FORM: lambda training: _nominal(training, forms.paper),
         SPARSE: lambda training: _nominal(training, sparse),
         **({CHOSEN: levels} if forms.levels else {}),
-        DEFAULT: default,
     }
+    return {name: _taught(method) for name, method in others.items()} | {
+        # It leaves out some more parts, and is taught by the others.
+        DEFAULT: default
+    }
+
+
+def _taught(method: Method) -> Method:
+    return lambda training: method(training.taught())
 
 
 def levels_of(training: Training, forms: Forms) -> ChosenLevels:
@@ -120,7 +128,11 @@ def _nothing(training: Training) -> Forecast:
 
 
 def _least_squares(training: Training) -> Forecast:
-    offset, slope = fit_linear(training.X, training.Y)
+    fits = [
+        fit_linear(training.X[moves], training.Y[moves][:, [j]])
+        for j, moves in enumerate(training.counted.T)
+    ]
+    offset, slope = (np.concatenate(part, axis=-1) for part in zip(*fits, strict=True))
     return lambda rows: (offset + rows.X @ slope)[None]
 
 

@@ -31,6 +31,7 @@ PAPER_JOINTS = 3  # section 2.4 of the paper
 PAPER_HZ, MEASURED_HZ = 125.0, 60.0  # a higher rate repeats rows and changes nothing
 _REPEATED = 1e-3  # squared distance to the previous period, as a share of chance's
 _LEFT = 0.5  # ... beyond which a motion has left its start
+_ENOUGH = 10  # rows per variable from which on a joint has rows in motion to learn from
 PARTS = 5  # of a single log
 MOST = 900.0  # s of logs in all
 
@@ -174,6 +175,7 @@ class Rows:
         parts: Blocks of the runs.
         part: Number of the part of each row. Shape (n,).
         near: Number of another part that a row is close to, -1 for none. Shape (n,).
+        moving: Whether a row counts for a joint: it moves there. Shape (n, j), bool.
     """
 
     mode: str
@@ -189,6 +191,7 @@ class Rows:
     parts: tuple[Part, ...]
     part: Array
     near: Array
+    moving: Array
 
     @property
     def family(self) -> Array:
@@ -237,7 +240,8 @@ def paper_rows(runs: Sequence[Run], joints: Sequence[int] | None = None) -> Rows
         step = _step(rate, PAPER_HZ)
         ahead = np.hsplit(np.ascontiguousarray(both[1:])[::step], 2)
         now = np.ascontiguousarray(X[:-1])[::step]
-        parts.append((now, *ahead, log.t[:-1:step]))
+        everywhere = np.ones(ahead[0].shape, bool)
+        parts.append((now, *ahead, everywhere, log.t[:-1:step]))
         rates.append(rate / step)
     return _stacked(PAPER, joints, parts, runs, rates)
 
@@ -262,7 +266,8 @@ def measured_rows(
         chosen = chosen_rows(track, thin)
         X = state_block(*(x[:, own] for x in (track.q, track.qd, track.qdd)))[chosen]
         Y, tau = left[:, own], torque_at(run.log, track)[:, own]
-        parts.append((X, Y[chosen], tau[chosen], track.t[chosen]))
+        moving = _moving(track)[chosen][:, own]
+        parts.append((X, Y[chosen], tau[chosen], moving, track.t[chosen]))
         rates.append(track.rate / _step(track.rate, MEASURED_HZ) / thin)
     return _stacked(MEASURED, joints, parts, runs, rates)
 
@@ -270,6 +275,11 @@ def measured_rows(
 def torque_at(log: Recording, track: Track) -> Array:
     """Torque as logged, at the times of a track [N m]. Shape (n, dof)."""
     return np.column_stack([np.interp(track.t, log.t, c) for c in log.tau.T])
+
+
+def _moving(track: Track) -> Array:
+    """Whether a joint moves at each sample of a track. Shape (n, dof), bool."""
+    return np.repeat(track.moving, track.step, axis=0)[: len(track.t)]
 
 
 def chosen_rows(track: Track, thin: int = 1) -> Array:
@@ -349,9 +359,11 @@ def _stacked(
     runs: Sequence[Run],
     rates: Sequence[float],
 ) -> Rows:
-    """Rows of all runs: of each its X, Y, torque and times."""
+    """Rows of all runs: of each its X, Y, torque, whether it moves, and times."""
     *sides, times = zip(*of_runs, strict=True)
-    X, Y, tau = map(np.concatenate, sides)
+    X, Y, tau, moving = map(np.concatenate, sides)
+    # Of a joint that hardly moves, what it holds is all that there is.
+    moving = moving | (moving.sum(axis=0) < _ENOUGH * X.shape[1])
     run = np.repeat(np.arange(len(runs)), [len(t) for t in times])
     parts = cut_parts(times)
     part, near = part_of_rows(parts, times)
@@ -366,6 +378,7 @@ def _stacked(
         parts,
         frozen(part),
         frozen(near),
+        frozen(moving),
     )
 
 

@@ -1,7 +1,8 @@
 """Schemes of validation, and the errors of one model under each of them.
 
 RMSEC and RMSEV are 100 ||Y* - Yhat|| / ||Y*|| on the rows that a fold fitted and on
-those that it held out (paper, eq. 29), Y* the measured torque.
+those that it held out (paper, eq. 29), Y* the measured torque. On measured motion a
+joint has rows only where it moves (`Training.taught` says why).
 """
 
 from collections.abc import Callable, Collection, Sequence
@@ -198,11 +199,12 @@ def score(
         if depends:
             without = _without_more(response, left_out, kept)
             training = replace(training, without=without)
-        forecast = method(training)
-        fitted.append(_squares(training.Y, forecast(training)))
-        unseen.append(_squares(Y[held], forecast(told.rows(held))))
-        power_c.append((training.tau**2).sum(axis=0))
-    power = fold_power(rows.tau, scheme.folds)
+        forecast, new = method(training), told.rows(held)
+        fitted.append(_squares(training, forecast(training)))
+        unseen.append(_squares(new, forecast(new)))
+        power_c.append(training.misses(training.Y - training.tau).sum(axis=0))
+    torque = rows.tau if rows.moving is None else rows.tau * rows.moving
+    power = fold_power(torque, scheme.folds)
     sums = np.array(fitted), np.array(unseen), np.array(power_c), power
     return _score(scheme.name, model, sums)
 
@@ -211,9 +213,9 @@ def _without_more(response: Response, left_out: frozenset[int], kept: Array):
     return lambda parts: response(left_out | frozenset(parts))[kept]
 
 
-def _squares(Y: Array, predicted: Array) -> Array:
-    """Squared error of every choice. Shapes (m, j), (c, m, j) to (c, j)."""
-    return np.stack([((Y - p) ** 2).sum(axis=0) for p in predicted])
+def _squares(rows: Training, predicted: Array) -> Array:
+    """Squared error of every choice. Shape (c, m, j) to (c, j)."""
+    return np.stack([rows.misses(p).sum(axis=0) for p in predicted])
 
 
 def _score(scheme: str, model: str, sums: tuple[Array, ...]) -> Score:

@@ -246,8 +246,11 @@ def test_the_run_of_figure_9_is_corrected_by_fits_that_have_not_seen_it():
     assert np.linalg.norm(rest) < 0.5 * np.linalg.norm(unseen.left)
     # Least squares by hand on the other runs.
     one = np.c_[np.ones(len(rows.X)), rows.X]
-    theta = np.linalg.lstsq(one[~out], rows.Y[~out], rcond=None)[0]
-    by_hand = (one[out] @ theta)[::step]
+    theta = [
+        np.linalg.lstsq(one[~out & moves], y[~out & moves], rcond=None)[0]
+        for y, moves in zip(rows.Y.T, rows.moving.T, strict=True)
+    ]
+    by_hand = (one[out] @ np.column_stack(theta))[::step]
     np.testing.assert_allclose(unseen.corrections["ls"], by_hand, atol=1e-6)
     assert unseen.t[-1] == pytest.approx(6, abs=0.2)
 
@@ -281,6 +284,33 @@ def test_nothing_is_taken_for_pure_noise():
     model, options = chosen_model(training(), FORM)
     assert [o.kind for o in options] == [MAIN, "none"]
     assert options == model.chosen
+
+
+def standing(seed=0):
+    """Noise, and at standstill friction that one sees in no other motion."""
+    data = training(4, seed=seed)
+    moving = abs(data.X[:, 2:4]) > 0.4
+    noise = np.random.default_rng(seed + 1).normal(size=data.Y.shape)
+    still = -4 * np.sign(data.X[:, 2:4])
+    return replace(data, Y=np.where(moving, 0.1 * noise, still)), moving
+
+
+def test_a_line_and_a_step_in_motion_are_taught_at_standstill_too():
+    data, moving = standing()
+    friction = data.X @ np.ones((6, 2)) + 2 * np.sign(data.X[:, 2:4])
+    mixed = replace(data, Y=np.where(moving, friction, data.Y), moving=moving)
+    taught = mixed.taught()
+    np.testing.assert_allclose(taught.Y, friction, atol=1e-9)
+    np.testing.assert_allclose(taught.loaded, mixed.loaded, atol=1e-12)
+    np.testing.assert_allclose(taught.taught().Y, taught.Y, atol=1e-12)
+
+
+def test_what_is_left_at_standstill_alone_is_no_table():
+    data, moving = standing()
+    kinds = [o.kind for o in chosen_model(data, FORM)[1]]
+    assert "none" not in kinds
+    _, options = chosen_model(replace(data, moving=moving), FORM)
+    assert [o.kind for o in options] == ["none", "none"]
 
 
 def test_of_fewer_than_four_runs_blocks_are_left_out():
