@@ -59,16 +59,6 @@ def test_the_cell_that_calibrates_prints_what_it_shows(folder):
     _run(_sections()["Calibrate"], known)
 
 
-def test_the_page_has_a_paragraph_for_every_function():
-    functions = {name for name in mg.__all__ if name[0].islower()}
-    assert functions == set(re.findall(r"mg\.([a-z]\w+)", _page()))
-
-
-def test_a_cell_of_the_readme_uses_what_there_is():
-    text = (ROOT / "README.md").read_text(encoding="utf-8")
-    assert set(re.findall(r"mg\.(\w+)", text)) <= set(mg.__all__)
-
-
 @pytest.mark.long
 def test_the_notebook_runs_in_the_order_of_its_cells(tmp_path):
     shutil.copytree(ROOT / "examples", tmp_path, dirs_exist_ok=True)

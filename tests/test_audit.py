@@ -15,11 +15,8 @@ audit = importlib.util.module_from_spec(_SPEC)
 _SPEC.loader.exec_module(audit)
 
 GOOD = {"name": "good", "version": "1.0", "vulns": []}
-BAD = {
-    "name": "bad",
-    "version": "2.0",
-    "vulns": [{"id": "PYSEC-1", "fix_versions": ["2.1"], "aliases": []}],
-}
+FLAW = {"id": "PYSEC-1", "fix_versions": ["2.1"], "aliases": []}
+BAD = {"name": "bad", "version": "2.0", "vulns": [FLAW]}
 SKIPPED = {"name": "odd", "skip_reason": "not on the index"}
 
 
@@ -28,37 +25,27 @@ def answer(*packages, text=None, error=""):
     return lambda *words, **how: SimpleNamespace(stdout=out, stderr=error)
 
 
-def test_nothing_known_is_clean():
+def never(*words, **how):
+    raise subprocess.TimeoutExpired("pip-audit", 1)
+
+
+def test_a_known_one_is_named_with_its_mend_and_else_nothing_is_known():
     code, lines = audit.audit(Path("x.lock"), answer(GOOD))
     assert (code, lines) == (0, ["1 packages asked for, 0 known vulnerabilities"])
-
-
-def test_a_known_one_is_named_with_its_mend():
     code, lines = audit.audit(Path("x.lock"), answer(GOOD, BAD, SKIPPED))
-    assert code == 1
-    assert lines[0] == "bad 2.0: PYSEC-1, mended in 2.1"
+    assert (code, lines[0]) == (1, "bad 2.0: PYSEC-1, mended in 2.1")
+
+
+LOST = answer(text="", error="ConnectionError: no route")
 
 
 @pytest.mark.parametrize(
-    "run",
-    [
-        answer(text="", error="ConnectionError: no route"),
-        answer(text="[]"),
-        answer(GOOD, SKIPPED),
-        answer(),
-    ],
+    "run", [LOST, answer(text="[]"), answer(GOOD, SKIPPED), answer(), never]
 )
 def test_no_answer_is_not_a_clean_one(run):
     code, lines = audit.audit(Path("x.lock"), run)
     assert code == 3
     assert "NOT CHECKED" in lines[-1]
-
-
-def test_an_answer_that_never_comes_is_none():
-    def never(*words, **how):
-        raise subprocess.TimeoutExpired("pip-audit", 1)
-
-    assert audit.audit(Path("x.lock"), never)[0] == 3
 
 
 def package(name, **fields):

@@ -1,6 +1,5 @@
 """The pages say what the program does."""
 
-import json
 import re
 from pathlib import Path
 
@@ -32,23 +31,6 @@ def test_a_page_links_only_to_pages_that_exist(page):
     pages = [link for link in links if not link.endswith(".png")]  # made by a run
     pages = [link for link in pages if Path(link).name not in MADE]
     assert [link for link in pages if not (page.parent / link).exists()] == []
-
-
-def test_the_verdict_page_explains_every_key_of_its_example():
-    text = _text("docs/verdict.md")
-    example = json.loads(re.search(r"```json\n(.*?)```", text, re.S)[1])
-
-    def keys(value):
-        if isinstance(value, list):
-            return set().union(*map(keys, value), set())
-        if isinstance(value, dict):
-            return set(value) | set().union(*map(keys, value.values()), set())
-        return set()
-
-    free = {"mass"}  # the parameters of an effect are named in its own table
-    explained = set(re.findall(r"^\| `([\w.]+)`", text, re.M))
-    explained = {part for name in explained for part in name.split(".")}
-    assert keys(example) - explained - free == set()
 
 
 def _described_effects() -> dict[str, dict[str, str]]:

@@ -34,10 +34,7 @@ def _wanted(*extras: str) -> list[Requirement]:
     ("lock", "extras"),
     [
         ("requirements.lock", ()),
-        (
-            "requirements-dev.lock",
-            ("bags", "export", "scale", "docs", "view", "dev"),
-        ),
+        ("requirements-dev.lock", ("bags", "export", "scale", "docs", "view", "dev")),
     ],
 )
 def test_a_lock_pins_every_dependency_inside_its_declared_range(lock, extras):
@@ -109,51 +106,35 @@ def bare_machine(tmp_path):
     return tmp_path
 
 
-def _set_up(folder: Path) -> subprocess.CompletedProcess:
-    return subprocess.run(
+SHIMS = {
+    "python3.11": "echo 'no such version' >&2; exit 127",
+    "python3": "[ $1 = -V ] && echo Python 3.9.2 || exit 1",
+}
+UV = "echo uv was called: $* >&2; exit 9"
+LACKING = [
+    ({}, ("Python 3.11 with venv is needed; found: none.", "apt install")),
+    # A shim that only complains is not taken for Python.
+    (SHIMS, ("found: Python 3.9.2.",)),
+    ({"uv": UV}, ("--python 3.11 --seed", "uv could not bring Python 3.11")),
+    ({"uname": "echo Darwin arm64"}, ("Linux on x86_64 is needed",)),
+]
+
+
+@pytest.mark.parametrize(("programs", "said"), LACKING)
+def test_the_set_up_says_what_it_lacks_and_makes_nothing(bare_machine, programs, said):
+    for name, script in programs.items():
+        path = bare_machine / "bin" / name
+        path.unlink(missing_ok=True)
+        path.write_text(f"#!/usr/bin/env bash\n{script}\n", encoding="utf-8")
+        path.chmod(0o755)
+    done = subprocess.run(
         ["bash", "scripts/setup.sh", "requirements.lock"],
-        cwd=folder,
-        env={"PATH": str(folder / "bin")},
+        cwd=bare_machine,
+        env={"PATH": str(bare_machine / "bin")},
         capture_output=True,
         text=True,
     )
-
-
-def _command(folder: Path, name: str, script: str) -> None:
-    path = folder / "bin" / name
-    path.write_text(f"#!/usr/bin/env bash\n{script}\n", encoding="utf-8")
-    path.chmod(0o755)
-
-
-def test_without_python_the_set_up_says_what_to_install(bare_machine):
-    done = _set_up(bare_machine)
     assert done.returncode == 1
-    assert "Python 3.11 with venv is needed; found: none." in done.stderr
-    assert "apt install" in done.stderr
+    assert [words for words in said if words not in done.stderr] == []
     assert len(done.stderr.splitlines()) <= 3
-    assert not (bare_machine / ".venv").exists()
-
-
-def test_a_shim_that_only_complains_is_not_taken_for_python(bare_machine):
-    _command(bare_machine, "python3.11", "echo 'no such version' >&2; exit 127")
-    _command(bare_machine, "python3", "[ $1 = -V ] && echo Python 3.9.2 || exit 1")
-    done = _set_up(bare_machine)
-    assert done.returncode == 1
-    assert "found: Python 3.9.2." in done.stderr
-
-
-def test_without_python_uv_is_asked_for_one(bare_machine):
-    _command(bare_machine, "uv", "echo uv was called: $*; exit 9")
-    done = _set_up(bare_machine)
-    assert done.returncode == 1
-    assert "--python 3.11 --seed" in done.stdout
-    assert "uv could not bring Python 3.11" in done.stderr
-
-
-def test_another_system_is_refused_before_anything_is_made(bare_machine):
-    (bare_machine / "bin" / "uname").unlink()
-    _command(bare_machine, "uname", "echo Darwin arm64")
-    done = _set_up(bare_machine)
-    assert done.returncode == 1
-    assert "Linux on x86_64 is needed" in done.stderr
     assert not (bare_machine / ".venv").exists()

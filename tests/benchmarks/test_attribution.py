@@ -3,25 +3,18 @@
 from dataclasses import dataclass
 
 import numpy as np
-import pinocchio as pin
 import pytest
 
 from benchmarks.attribution_parts import bars, cases
 from benchmarks.attribution_parts.arms import (
-    DRIVES,
     Arm,
-    draw_changes,
     make,
-    moved_values,
-    six,
 )
 from benchmarks.attribution_parts.cases import true_arm
-from flows.blind.score import Name
 from residual.diagnosis.changes import MOVING, errors_on
 from residual.diagnosis.result import Detectable
 from residual.model.nominal import prepare_logs, start_nominal
 from residual.signals.track import Filters
-from sim.draw import light_arm
 from sim.engine.records import PlantEffect
 
 ROW = {
@@ -87,13 +80,6 @@ def test_one_name_on_an_unchanged_arm_is_a_miss():
     loud = bars.case_figures({"unchanged": [quiet, ROW]}, deciding=True)
     assert loud["unchanged_named"]["ok"] is False
     assert loud["unchanged_named"]["names"] == {"payload": 1, "coulomb": 1}
-
-
-def test_a_verdict_without_the_list_of_values_is_no_miss():
-    old = {"moved_due": None, "moved_told": None, "moved_false": None}
-    told = bars.case_figures({"changed": rows(0, 2, **old)}, deciding=True)
-    assert told["moved_told"]["ok"] is None
-    assert told["moved_told"]["why"]
 
 
 @dataclass(frozen=True)
@@ -164,69 +150,6 @@ def test_the_true_arm_predicts_its_own_log():
     )
     assert errors["true"] < 1.0
     assert errors["nominal"] > 3 * errors["true"]
-
-
-def test_a_name_gives_way_to_one_that_has_no_other_change_to_stand_for():
-    payload, link = Name("payload", (7,)), Name("link_inertia", (7,))
-    assert cases.matching([payload, link], [[payload, link], [payload]]) == {0: 1, 1: 0}
-    assert cases.matching([payload], [[link], [payload]]) == {0: 1}
-    assert cases.matching([], [[payload]]) == {}
-
-
-def test_other_sets_are_read_one_name_per_joint():
-    listed = [
-        {"set": [{"name": "coulomb", "joints": [4, 2]}], "nats": 2.0},
-        {"set": [{"name": "coupled_friction", "joints": [5, 6]}], "nats": 3.0},
-    ]
-    sets = cases.alternatives({"alternatives": listed})
-    assert sets[0] == [Name("coulomb", (2,)), Name("coulomb", (4,))]
-    assert sets[1] == [Name("coupled_friction", (5, 6))]
-    assert cases.alternatives({}) is None
-
-
-@pytest.mark.parametrize("seed", [1, 2])
-def test_a_light_arm_is_a_body_of_about_twenty_kilograms(seed):
-    robot = light_arm(seed)
-    bodies = list(robot.model.inertias)[1:]
-    assert robot.dof == 7
-    assert 14 < sum(body.mass for body in bodies) < 27
-    for body in bodies:
-        assert np.linalg.eigvalsh(pin.PseudoInertia.FromInertia(body).toMatrix())[0] > 0
-    assert not any(d.assumed for d in robot.declared.values())
-    assert set(robot.declared) == set(DRIVES)
-    assert robot.urdf != light_arm(seed + 2).urdf
-
-
-def test_an_exact_arm_is_what_is_given_and_another_is_off_by_as_much_as_it_says():
-    off = {}
-    for share in (0.0, 0.1):
-        values = moved_values(Arm("six", share, 5, 6), ()).values()
-        off[share] = np.std([np.log(true / given) for given, true in values])
-    assert off[0.0] == 0.0
-    assert 0.05 < off[0.1] < 0.2
-    assert not any(d.assumed for d in six().declared.values())
-
-
-def test_changes_are_clear_and_on_places_of_their_own():
-    arm = Arm("six", 0.03, 5, 6)
-    minimum = [
-        Detectable(name, (j,), value, "")
-        for name, value in (("coulomb", 0.4), ("viscous", 0.4), ("rotor_inertia", 0.01))
-        for j in range(1, 7)
-    ]
-    minimum += [Detectable("payload", (6,), 0.1, "kg")]
-    for seed in range(10):
-        rng = np.random.default_rng(seed)
-        drawn = draw_changes(arm, rng, 4, minimum)
-        places = [(e.name, e.joints) for e in drawn]
-        assert len(set(places)) == len(places) == 4
-        least = {(d.name, d.joints): d.value for d in minimum}
-        for key, (given, true) in moved_values(arm, drawn).items():
-            if (key[0], (key[1],)) in places:
-                assert abs(true - given) >= 2.999 * least[key[0], (key[1],)]
-                assert true > 0
-    nothing = draw_changes(arm, np.random.default_rng(0), 2, [])
-    assert nothing == []
 
 
 def test_cases_of_one_arm_share_motions_and_not_noise():

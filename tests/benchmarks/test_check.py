@@ -4,9 +4,8 @@ import numpy as np
 import pytest
 
 from benchmarks.check_parts import bars, cases, judge
-from benchmarks.check_parts.arms import HIDDEN, SIX, Spoiled, host, table_of, tables_of
+from benchmarks.check_parts.arms import SIX, Spoiled, host, table_of, tables_of
 from benchmarks.check_parts.judge import trace
-from benchmarks.diagnosis_parts.cases import PYBULLET, SYNTHETIC
 from flows.steps import check as steps
 from residual.check.result import KINDS, Fault, LogCheck, Repair
 from sim.engine.records import stream
@@ -68,33 +67,6 @@ def test_a_right_line_is_exact_and_half_of_one_is_not(six, monkeypatch, kind):
     assert judge.judged(six, made)["exact"] == [False]
 
 
-def test_two_lines_that_mend_a_fault_together_are_exact_and_half_of_it_is_not(
-    six, monkeypatch
-):
-    made = spoil(six, "angle_unit")  # angles and speeds
-    degree = np.pi / 180
-    angles = Fault("angle_unit", (), True, "", (Repair("q", scale=degree),))
-    speeds = Fault("velocity_mismatch", (), True, "", (Repair("qd", scale=degree),))
-    said(monkeypatch, angles, speeds)
-    assert judge.judged(six, made)["exact"] == [True, True]
-    said(monkeypatch, speeds)
-    assert judge.judged(six, made)["exact"] == [False]
-
-
-def test_a_line_for_what_no_line_mends_is_not_exact(six, monkeypatch):
-    made = spoil(six, "frozen")
-    line = Repair("tau", made.joints, scale=2.0)
-    said(monkeypatch, Fault("frozen", made.joints, False, "", (line,)))
-    assert judge.judged(six, made)["exact"] == [False]
-
-
-def test_gravity_is_mended_in_the_robot_file(six, monkeypatch):
-    made = spoil(six, "robot_file", 2)
-    said(monkeypatch, Fault("robot_file", (), True, ""))
-    row = judge.judged(six, made)
-    assert (row["hit"], row["exact"]) == (True, [True])
-
-
 def test_another_kind_or_another_joint_is_no_hit():
     made = Spoiled("torque_sign", (2,), (), also=("angle_sign",))
     every = Spoiled("torque_unit", (), ())
@@ -139,21 +111,6 @@ def test_one_certain_fault_of_sound_logs_is_a_miss():
     assert bars.figures(rows, (), deciding=False)["false_certain"]["ok"] is None
 
 
-def test_a_name_or_a_none_on_an_excluded_log_is_a_miss():
-    row = {"group": "trusted", "host": SIX}
-    good = [{**row, "answer": a, "named": []} for a in ("unknown", "refused")]
-    assert bars.figures(good, (), True)["certain_unnamed"]["ok"] is True
-    bad = [*good, {**row, "answer": "none", "named": []}]
-    assert bars.figures(bad, (), True)["certain_unnamed"]["ok"] is False
-
-
-def test_jobs_have_names_of_their_own_and_reach_every_kind_of_arm():
-    wanted = cases.tasks(range(1, 3), False)
-    assert len({task.name for task in wanted}) == len(wanted)
-    faults = {task.host for task in wanted if task.group == "faults"}
-    assert faults == {"six", "seven", "engine", HIDDEN, *bars.MEASURED}
-
-
 @pytest.mark.parametrize(("joint", "void"), [(2, False), (3, False), (6, True)])
 def test_a_factor_on_a_torque_that_is_all_friction_leaves_no_trace(six, joint, void):
     each = np.where(np.arange(1, 7) == joint, 0.5, 1.0)
@@ -169,28 +126,3 @@ def test_of_a_delay_its_size_decides_whether_it_leaves_a_trace(six):
     same = [table | {"tau": table["tau"] * (1 + 1e-6)} for table in right]
     assert trace(six, Spoiled("delay", (), same)).void
     assert trace(six, Spoiled("torque_sign", (1,), right, right)) is None
-
-
-def test_what_leaves_no_trace_is_counted_apart_found_or_not():
-    row = {"group": "faults", "host": SIX, "seed": 1, "kind": "delay", "size": 0}
-    row |= {"joints": [], "exact": [], "seconds": 1.0}
-    rows = [row | {"hit": True}, row | {"hit": False, "void": True}]
-    found = bars.figures([*rows, row | {"hit": True, "void": True}], (), True)
-    assert (found["faults_found"]["value"], found["faults_found"]["n"]) == (1.0, 1)
-    assert found["not_applicable"]["value"] == 2
-    assert found["not_applicable"]["found_all_the_same"] == 1
-
-
-@pytest.mark.parametrize(
-    ("effect", "wanted"), [("x_dead_zone", PYBULLET), ("viscous", SYNTHETIC)]
-)
-def test_an_effect_is_hidden_in_an_arm_that_can_have_it(effect, wanted, monkeypatch):
-    class MadeError(Exception):
-        pass
-
-    def make(data, *_):
-        raise MadeError(data)
-
-    monkeypatch.setattr(cases, "make", make)
-    with pytest.raises(MadeError, match=wanted):
-        cases.run(cases.Task("effects", effect, 1))

@@ -74,37 +74,6 @@ def test_what_nobody_can_see_is_not_held_against_it():
     assert made["per_effect"] == {"x_wall": [1, 3]}
 
 
-def test_what_is_hard_has_a_bar_of_its_own_where_it_can_be_seen():
-    seen = {"oracle_nats": 40.0, "oracle_sees": True}
-    play = {**ROW, **seen, "effect": "backlash"}
-    unseen = {**play, "oracle_sees": False, "outcome": "nothing"}
-    rows = [play, play, {**play, "outcome": "nothing"}, unseen]
-    dead = {**ROW, **seen, "effect": "x_dead_zone"}
-    told = bars.case_figures({"singles": rows, "unknown": [dead]}, deciding=True)
-    play = told["backlash_found_of_seen"]
-    assert (play["n"], play["ok"]) == (3, False)
-    assert told["dead_zone_flagged_of_seen"]["ok"] is False
-    lost = bars.case_figures({"singles": [unseen]}, deciding=True)
-    assert lost["backlash_found_of_seen"]["ok"] is None
-
-
-def test_coverage_is_that_of_the_worst_effect_with_ten_deviations():
-    good = [{**ROW, "deviations": [["offset", 0.5], ["spring", -1.0]]}] * 10
-    bad = [{**ROW, "deviations": [["spring", 3.0], ["ripple", 9.0]]}] * 2
-    told = bars.case_figures({"pairs": [*good, *bad]}, deciding=True)
-    worst = told["coverage_2_sigma_worst_effect"]
-    assert (worst["value"], worst["n"], worst["ok"]) == (10 / 12, 2, False)
-    assert worst["per_effect"]["ripple"] == [0, 2]
-
-
-def test_a_known_mass_must_narrow_every_load():
-    rows = [{**ROW, "narrowed": 0.1}] * 5
-    told = bars.case_figures({"known": rows}, deciding=True)["known_over_unknown"]
-    assert (told["value"], told["ok"]) == (0.1, True)
-    lost = bars.case_figures({"known": [*rows, {**ROW, "narrowed": None}]}, True)
-    assert lost["known_over_unknown"]["ok"] is False
-
-
 def test_results_are_kept_line_by_line_and_a_torn_one_is_done_again(tmp_path, capsys):
     path, asked = tmp_path / "kept.jsonl", []
 

@@ -15,7 +15,6 @@ from residual.model.nominal import declared_names, prepare_logs, start_nominal
 from residual.robot.dynamics import inverse_dynamics
 from residual.signals.logs import session_clock
 from residual.signals.track import Filters
-from sim.engine.records import PlantEffect
 
 JOINT = 2  # from 0
 
@@ -93,12 +92,6 @@ def test_its_evidence_is_that_of_the_squares_it_removes():
     assert seen.sees
 
 
-def test_more_of_it_is_seen_better_and_a_trace_is_not_seen():
-    nats = [power(the_arm(), _planted(_wave(s)), _bare()) for s in (0.02, 0.5, 1.0)]
-    assert not nats[0].sees
-    assert nats[0].nats < nats[1].nats < nats[2].nats
-
-
 def test_what_a_parameter_says_as_well_is_seen_by_nobody():
     """One body that is a little heavier, well within what descriptions are off by."""
     robot = the_arm()
@@ -112,15 +105,6 @@ def test_what_a_parameter_says_as_well_is_seen_by_nobody():
         )
 
     assert not power(robot, _planted(torque), _bare()).sees
-
-
-def test_an_error_of_an_encoder_is_a_torque_too():
-    """Nothing of the torque changes, and the model is wrong all the same."""
-    effect = PlantEffect("encoder_offset", (2,), (("angle", np.deg2rad(2.0)),))
-    made = make("quick", [effect], 3, 3)
-    for hidden, bare in zip(made.fit, _bare(), strict=True):
-        np.testing.assert_array_equal(hidden.tau, bare.tau)
-    assert power(made.robot, made.fit, _bare()).nats > 0
 
 
 @pytest.mark.long

@@ -2,12 +2,7 @@
 
 import pytest
 
-from benchmarks.harness.cases import (
-    crash_figures,
-    guarded,
-    read_options,
-    seed_range,
-)
+from benchmarks.harness.cases import crash_figures, guarded, read_options, seed_range
 from benchmarks.harness.figures import undecided
 
 

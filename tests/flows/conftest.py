@@ -11,12 +11,14 @@ import numpy as np
 import pytest
 
 from flows.cli import main
+from flows.report.diagnosis import render
 from residual.calibration import calibrate as core
 from residual.check.result import LogCheck
 from residual.diagnosis.result import Diagnosis
 from residual.recording import Recording
 from residual.tables.form import EffectForm
 from residual.tables.nominal_pls import NominalForm
+from tests.flows import report_outcomes
 from tests.flows.adopted_arm import make_nights
 from tests.flows.prefect_server import asked, started
 from tests.residual.arms import write_csv
@@ -74,6 +76,12 @@ def cli(capsys):
     return run
 
 
+@pytest.fixture(scope="session")
+def several_page():
+    """The page of a verdict with findings of every kind."""
+    return render(report_outcomes.several(), "kr300")
+
+
 @pytest.fixture
 def few_tables(monkeypatch):
     """A calibration of fewer levels and components: same words, quick numbers."""
@@ -97,13 +105,13 @@ def calls(monkeypatch):
     def print_diagnosis(found, console, verbose=False):
         console.print(f"verdict {found.verdict.verdict}")
 
-    def render(outcome, robot_name, motion=None, origin=()):
+    def drawn(outcome, robot_name, motion=None, origin=()):
         return f"<html>{robot_name} {outcome.notes} {origin[-1][1]}</html>"
 
     monkeypatch.setattr("residual.method.diagnose.diagnose", diagnose)
     monkeypatch.setattr("flows.steps.check.check_logs", lambda *_: LogCheck(()))
     monkeypatch.setattr("flows.report.diagnosis.print_diagnosis", print_diagnosis)
-    monkeypatch.setattr("flows.report.diagnosis.render", render)
+    monkeypatch.setattr("flows.report.diagnosis.render", drawn)
     return made
 
 

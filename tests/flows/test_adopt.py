@@ -93,14 +93,6 @@ def said(command, runs, store, capsys, *more):
     return told, told.split("modelgap show ")[1].split()[0]
 
 
-def test_the_command_names_the_model_it_goes_by_in_its_first_lines(fresh, capsys):
-    store, _, second, id = fresh
-    adopt(Adopt(id, store=store))
-    told, stored = said("diagnose", second, store, capsys)
-    assert "model: adoption" in "\n".join(told.splitlines()[:2])
-    assert read_record(store, stored)["request"]["model"] == id
-
-
 def test_a_rerun_goes_by_the_model_of_then(fresh, arm_nights):
     store, *_, id = fresh
     adopt(Adopt(id, store=store))
@@ -195,10 +187,7 @@ def test_the_model_is_whole_and_records_of_before_are_read(made, monkeypatch):
     assert np.array_equal(known.coefficients(), augmented.coefficients())
     record = read_record(store, read_record(store, id)["model_id"])
     same = {"model": record["models"]["models"]["augmented"]}
-    for own in (
-        {**same, "covariance": [1.0], "unexplained": [], "usual": None},
-        None,
-    ):
+    for own in ({**same, "covariance": [1.0], "unexplained": [], "usual": None}, None):
         old = {k: v for k, v in record.items() if k != "known"}
         old |= {"known": own} if own else {}
         told = {"model_id": "m"} | read_record(store, id)

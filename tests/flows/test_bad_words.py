@@ -1,11 +1,13 @@
 """Bad words of every command about logs: exit code 2, a line or two, no file."""
 
+import io
 import os
 
 import pytest
 
 from flows.cli import main
 from tests.residual.identified import workplace
+from tests.warehouse import store_samples
 
 ROBOT = "--robot arm.urdf"
 # What stands for itself with any of the verbs that fit something to logs.
@@ -66,20 +68,78 @@ BAD = {
     "demo --seed x": "seed",
     "demo --seed -1": "expected 0 to",
     "demo --store A.csv": "is a file, not a folder",
+    "demo --effect sprin": "did you mean 'spring'",
+    "close --budget 2": "--budget 2: expected 3 to 100",
+    "close --effects 4": "--effects 4: expected 0 to 3",
+    "close --seed -1": "--seed",
+    "close --robot irb14": "irb140",
+    "close --report nowhere/page.html": "no folder",
+    "trajectory weldin": "did you mean 'welding'",
+    "trajectory cyclic --duration 3 --periods 2": "breaks its",
+    "trajectory cyclic --csv no/such/out.csv": "no folder",
+    "trajectory cyclic --robot nosuch": "irb140",
+    "trajectory cyclic --csv same --gif same": "both name",
+    "trajectory cyclic --rate 1e9": "--rate 1e+09: expected 1 to 20000",
+    "trajectory cyclic --rate 1e12": "--rate 1e+12: expected",
+    "trajectory cyclic --duration 1e9": "--duration 1e+09: expected",
+    "trajectory cyclic --duration nan": "--duration nan: expected",
+    "trajectory cyclic --periods 0": "--periods 0: expected",
+    "trajectory cyclic --seed -1": "--seed -1: expected",
+    "calibrate-null A.csv --robot irb140 --seed -1": "--seed -1: expected",
+    "calibrate-null A.csv --robot irb140 --draws 0": "--draws 0: expected",
+    "blind --seed -1": "--seed -1: expected",
+    "blind --n 2 --arms 2": "--arms is for --export",
+    "blind --n 2 --export new --arms 0": "--arms is 0, expected 1 to 20",
+    "blind --n 2 --export new --report r.html": "has no --report",
+    "blind --n 2 --export no/such/new": "there is no folder 'no/such'",
+    "blind --duration 1e9": "--duration 1e+09: expected",
+    f"import A.csv {ROBOT} --recorded-at yesterday": "expected a date with time and",
+    f"import A.csv {ROBOT} --recorded-at 2026-11-20T14:03:00": "with time and zone",
+    f"import A.csv {ROBOT} --tag cell=4 --tag cell=5": "say two things of one key",
+    f"import A.csv {ROBOT} --tag =4": "expected a word, or KEY=VALUE",
+    f"import A.csv {ROBOT} --serial a/b": "expected a text of 1 to 40 letters",
+    f"wear {ROBOT} --store empty": "There is no store at",
+    "runs --store s3:/robots/cell": "a folder, or s3://BUCKET/PREFIX",
+    "runs --store gs://robots/cell": "a folder, or s3://BUCKET/PREFIX",
+    "runs --store s3://r/cell": "'r' is no name of a bucket",
+    "runs --store nowhere": "There is no store at",
+    "runs --limit 0": "expected 1 or more",
+    "runs --format xml": "--format",
+    "sql": "Give one of",
+    "sql --schema --named findings": "Give one of",
+    "sql --named runs_of_model": "takes --with model=...",
+    "sql --named findings --with a=1": "takes no --with",
+    "sql FROM/**/runs --with a=1": "--with gives a value to",
+    "sql FROM/**/runs --out nowhere/a.csv": "there is no folder",
+    "compact --largest 0": "expected megabytes above 0",
+    "compact --store nowhere": "There is no store at",
+    "sql --named finding": "did you mean 'findings'",
+    "sql FROM": "Parser Error",
+    "sql COPY/**/runs/**/TO'x.csv'": "got COPY",
+    "sql FROM'/etc/passwd'": "does not exist",
+    "show": "requires an argument",
+    "show ../../etc": "is not an id",
+    "show sealed": "is not an id",
+    "show 00000000000000000000": "has an id that begins with",
+    "rollback irb140": "modelgap rollback --robot irb140",
+    "status now then": "'now then' has no place here, expected options",
 }
 BAD |= {w.replace("V", verb, 1): OF_ALL[w] for w in OF_ALL for verb in VERBS}
 
 
 @pytest.fixture(scope="module")
 def logs(tmp_path_factory):
-    """A folder with an arm and its logs A.csv and B.csv, which no test changes."""
-    return workplace(tmp_path_factory.mktemp("logs"), "AB", 8.0)
+    """A folder with an arm, two of its logs and a store, which no test changes."""
+    folder = workplace(tmp_path_factory.mktemp("logs"), "AB", 8.0)
+    store_samples.commit(folder / "store")
+    return folder
 
 
 @pytest.mark.parametrize("words", BAD)
 def test_bad_words_end_with_two_and_at_most_two_lines(logs, monkeypatch, capsys, words):
     monkeypatch.chdir(logs)
     monkeypatch.delenv("MODELGAP_STORE", raising=False)
+    monkeypatch.setattr("sys.stdin", io.StringIO())
     before = sorted(os.listdir(logs))
     assert main(words.split()) == 2
     shown = capsys.readouterr()

@@ -1,5 +1,6 @@
 """What a verdict is worth beside the truth, case by case."""
 
+from collections import Counter
 from dataclasses import replace
 
 import pytest
@@ -14,110 +15,52 @@ from residual.robot.robot import load_robot
 from sim.engine.records import PlantEffect, stream
 from tests.flows.blind_rows import entry, row, verdict
 
-STRIBECK, OFFSET = Name("stribeck", (2,)), Name("offset", (3,))
-YIELDING = Name("presliding", (2,))
+STRIBECK = Name("stribeck", (2,))
+
+
+def said(words):
+    """A verdict in words: names with joints, after | their rivals, after ? flags."""
+    names, _, flags = words.partition("?")
+    found = []
+    for order, name in enumerate(filter(None, names.split(";")), 1):
+        first, *alike = ((n.split()[0], [int(n.split()[1])]) for n in name.split("|"))
+        found.append(entry(*first, order, alike=alike))
+    return verdict(*found, unexplained=[int(j) for j in flags.split()])
+
+
+# What is drawn, the truth, the verdict; outcome, how many found, how many besides, and
+# whether the joint is right.
+JUDGED = [
+    ("single", "stribeck 2", "stribeck 2", "right", 1, 0, True),
+    ("single", "stribeck 2", "coulomb 2|stribeck 2", "class", 1, 0, True),
+    ("single", "stribeck 2", "stribeck 3", "wrong", 0, 1, False),
+    ("single", "stribeck 2", "offset 2", "wrong", 0, 1, True),
+    ("single", "stribeck 2", "", "nothing", 0, 0, None),
+    ("single", "stribeck 2", "?2", "flagged", 0, 0, True),
+    ("single", "stribeck 2", "?5", "flagged", 0, 0, False),
+    # The truth is named, but only second.
+    ("single", "stribeck 2", "offset 3;stribeck 2", "wrong", 1, 1, False),
+    # Friction of one more contact is Coulomb friction too, that yields: this must be
+    # said, and of another joint it is false.
+    ("single", "presliding 2", "presliding 2;coulomb 2", "right", 1, 0, True),
+    ("single", "presliding 2", "coulomb 2", "wrong", 0, 1, True),
+    ("single", "presliding 2", "presliding 2;coulomb 3", "right", 1, 1, True),
+    ("pair", "stribeck 2;offset 3", "offset 3;stribeck 2", "right", 2, 0, True),
+    ("pair", "stribeck 2;offset 3", "offset 3;spring 4", "part", 1, 1, True),
+    ("none", "", "", "right", 0, 0, None),
+    ("none", "", "?1", "flagged", 0, 0, None),
+    ("none", "", "offset 3", "wrong", 0, 1, None),
+    ("unknown", "x_wall 2", "?2", "flagged", 0, 0, True),
+    ("unknown", "x_wall 2", "spring 2?2", "wrong", 0, 1, True),
+]
 
 
 @pytest.mark.parametrize(
-    ("drawn", "truths", "said", "outcome", "found", "extra", "joint"),
-    [
-        ("single", [STRIBECK], verdict(entry("stribeck", [2])), "right", 1, 0, True),
-        (
-            "single",
-            [STRIBECK],
-            verdict(entry("coulomb", [2], alike=[("stribeck", [2])])),
-            "class",
-            1,
-            0,
-            True,
-        ),
-        ("single", [STRIBECK], verdict(entry("stribeck", [3])), "wrong", 0, 1, False),
-        ("single", [STRIBECK], verdict(entry("offset", [2])), "wrong", 0, 1, True),
-        ("single", [STRIBECK], verdict(), "nothing", 0, 0, None),
-        ("single", [STRIBECK], verdict(unexplained=[2]), "flagged", 0, 0, True),
-        ("single", [STRIBECK], verdict(unexplained=[5]), "flagged", 0, 0, False),
-        (
-            # The truth is named, but only second.
-            "single",
-            [STRIBECK],
-            verdict(entry("offset", [3]), entry("stribeck", [2], 2)),
-            "wrong",
-            1,
-            1,
-            False,
-        ),
-        (
-            # Friction of one more contact is Coulomb friction too, that yields.
-            "single",
-            [YIELDING],
-            verdict(entry("presliding", [2]), entry("coulomb", [2], 2)),
-            "right",
-            1,
-            0,
-            True,
-        ),
-        (
-            # It must be said that it yields, and of another joint it is false.
-            "single",
-            [YIELDING],
-            verdict(entry("coulomb", [2])),
-            "wrong",
-            0,
-            1,
-            True,
-        ),
-        (
-            "single",
-            [YIELDING],
-            verdict(entry("presliding", [2]), entry("coulomb", [3], 2)),
-            "right",
-            1,
-            1,
-            True,
-        ),
-        (
-            "pair",
-            [STRIBECK, OFFSET],
-            verdict(entry("offset", [3]), entry("stribeck", [2], 2)),
-            "right",
-            2,
-            0,
-            True,
-        ),
-        (
-            "pair",
-            [STRIBECK, OFFSET],
-            verdict(entry("offset", [3]), entry("spring", [4], 2)),
-            "part",
-            1,
-            1,
-            True,
-        ),
-        ("none", [], verdict(), "right", 0, 0, None),
-        ("none", [], verdict(unexplained=[1]), "flagged", 0, 0, None),
-        ("none", [], verdict(entry("offset", [3])), "wrong", 0, 1, None),
-        (
-            "unknown",
-            [Name("x_wall", (2,))],
-            verdict(unexplained=[2]),
-            "flagged",
-            0,
-            0,
-            True,
-        ),
-        (
-            "unknown",
-            [Name("x_wall", (2,))],
-            verdict(entry("spring", [2]), unexplained=[2]),
-            "wrong",
-            0,
-            1,
-            True,
-        ),
-    ],
+    ("drawn", "truth", "words", "outcome", "found", "extra", "joint"), JUDGED
 )
-def test_a_verdict_beside_the_truth(drawn, truths, said, outcome, found, extra, joint):
-    judged = score(drawn, truths, said)
+def test_a_verdict_beside_the_truth(drawn, truth, words, outcome, found, extra, joint):
+    pairs = map(str.split, filter(None, truth.split(";")))
+    judged = score(drawn, [Name(n, (int(j),)) for n, j in pairs], said(words))
     assert (judged.outcome, judged.found, judged.extra) == (outcome, found, extra)
     assert judged.joint_right is joint
 
@@ -139,11 +82,8 @@ def test_a_row_has_size_parameter_and_the_share_of_the_gap():
     hidden = [Hidden(effect, (2,), 1.2, "N m", 6.0)]
     truth = [dict(effect.parameters)]
     made = case_row("single", hidden, truth, verdict(entry("stribeck", [2])), 4.0)
-    assert (made["outcome"], made["parameter"], made["multiple"]) == (
-        "right",
-        "level",
-        6.0,
-    )
+    told = [made[key] for key in ("outcome", "parameter", "multiple")]
+    assert told == ["right", "level", 6.0]
     assert made["z"] == pytest.approx(-2.0)
     assert made["gap_closed"] == pytest.approx(0.9)
     flat = case_row("single", hidden, truth, verdict(), 7.99)
@@ -193,13 +133,8 @@ def test_the_same_seed_draws_the_same_and_a_longer_study_begins_with_a_shorter()
     assert drafts(StudyRequest(40, 5)) == drafts(StudyRequest(40, 5))
     assert drafts(StudyRequest(60, 5))[:40] == drafts(StudyRequest(40, 5))
     assert drafts(StudyRequest(40, 5)) != drafts(StudyRequest(40, 6))
-    kinds = [d.drawn for d in drafts(StudyRequest(20, 5))]
-    assert [kinds.count(k) for k in ("single", "pair", "none", "unknown")] == [
-        10,
-        3,
-        4,
-        3,
-    ]
+    kinds = Counter(d.drawn for d in drafts(StudyRequest(20, 5)))
+    assert kinds == {"single": 10, "pair": 3, "none": 4, "unknown": 3}
     for asked in ((0, 1), (3, -1)):
         with pytest.raises(InputError):
             StudyRequest(*asked)

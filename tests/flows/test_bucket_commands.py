@@ -54,17 +54,3 @@ def test_a_run_is_made_asked_for_verified_and_made_again(
     # Nothing but what was asked for lies about.
     names = {path.name for path in (tmp_path / "work").iterdir()}
     assert names == {"spec.toml", "run.tar", "folder"}
-
-
-@pytest.mark.parametrize(
-    ("word", "said"),
-    [
-        ("s3:/robots/cell", "a folder, or s3://BUCKET/PREFIX"),
-        ("gs://robots/cell", "a folder, or s3://BUCKET/PREFIX"),
-        ("s3://r/cell", "'r' is no name of a bucket"),
-    ],
-)
-def test_a_wrong_address_is_refused_and_no_folder_is_made(run, word, said, tmp_path):
-    code, _, err = run("runs", "--store", word)
-    assert (code, said in " ".join(err.split())) == (2, True)
-    assert list((tmp_path / "work").iterdir()) == []

@@ -5,7 +5,6 @@ import os
 import signal
 import subprocess
 import sys
-from dataclasses import replace
 from pathlib import Path
 
 import pytest
@@ -176,13 +175,6 @@ def test_no_process_outlives_its_parent(tmp_path, how):
     process.send_signal(how)
     process.wait(PATIENCE)
     until(lambda: not any(map(_lives, workers)), "all workers have ended")
-
-
-def test_a_planned_experiment_knows_its_id_without_running(tmp_path):
-    (one,) = plan(specs(1), tmp_path)
-    other = experiment_of({"seed": 0, "start": 5.0}, "S")
-    assert one.run_id == experiment.run_id_of(replace(one).spec)
-    assert one.run_id != experiment.run_id_of(other)
 
 
 def _lives(pid: int) -> bool:

@@ -10,11 +10,9 @@ import pytest
 
 import modelgap as mg
 from flows.cli import main
-from flows.report.words import calibration as calibration_words
 from flows.specs.experiment import experiment_of
 from flows.steps import experiment
-from residual.calibration.methods import DEFAULT, LS, NONE, PAPER_FORM
-from residual.calibration.scores import RANDOM, RUN, Score
+from residual.calibration.methods import DEFAULT, NONE
 from tests.residual.arms import write_csv
 from tests.residual.identified import logs, workplace
 from warehouse.query.store import open_store
@@ -124,37 +122,6 @@ def test_runs_are_calibrated_as_in_the_paper_and_kept(stored, capsys):
     pooled = [r["value"] for r in errors if r["stage"] == "ls" and not r["run_id"]]
     row = next(r for r in made["table"] if (r["scheme"], r["model"]) == ("run", "ls"))
     assert pooled == [pytest.approx(row["rmsev"][1])]
-
-
-def scores(**percent):
-    """A table of one joint: percent by scheme and model."""
-    out = []
-    for key, value in percent.items():
-        scheme, model = key.split("_")
-        miss, power = np.array([[value**2]]), np.array([[1e4]])
-        one = np.array([float(value)])
-        out.append(Score(scheme, model, one, one, one, None, None, miss, power))
-    return tuple(out)
-
-
-def test_words_follow_the_figures():
-    table = scores(
-        **{f"{RANDOM}_{PAPER_FORM}": 5, f"{RUN}_{PAPER_FORM}": 60},
-        **{f"{RANDOM}_{LS}": 15, f"{RUN}_{LS}": 20},
-        **{f"{RUN}_{DEFAULT}": 10, f"{RUN}_{NONE}": 50},
-    )
-    told = calibration_words._random_words(table)
-    assert "hide a factor of 12.0" in told
-    assert "more than LS" in told
-    assert "nowhere more than 3 %" in calibration_words._default_words(table)
-    honest = scores(
-        **{f"{RANDOM}_{PAPER_FORM}": 9, f"{RUN}_{PAPER_FORM}": 10},
-        **{f"{RANDOM}_{LS}": 15, f"{RUN}_{LS}": 20},
-        **{f"{RUN}_{DEFAULT}": 60, f"{RUN}_{NONE}": 50},
-    )
-    assert "hide little here" in calibration_words._random_words(honest)
-    worse = calibration_words._default_words(honest)
-    assert "above no compensation on joint 1" in worse
 
 
 def test_levels_components_and_joints_are_options(place, capsys):

@@ -191,19 +191,6 @@ def test_a_document_that_is_no_check_is_refused(document):
         from_json(document)
 
 
-def test_logs_that_were_read_alike_are_one_line():
-    read = "read t q1..6 tau1..6; ignored temperature"
-    lines = [
-        f"A: 900 samples, 250 Hz, 3.6 s; {read}",
-        f"B: 500 samples, 250 Hz, 2 s; {read}",
-    ]
-    assert in_short(lines) == (
-        f"A (900 samples, 3.6 s), B (500 samples, 2 s): 250 Hz; {read}",
-    )
-    assert in_short(lines[:1]) == (lines[0],)
-    assert in_short(()) == ()
-
-
 def test_of_a_log_that_was_read_otherwise_the_difference_is_said():
     lines = [
         "A: 9 samples, 2 Hz, 4 s; read t q1..6 tau1..6; q: deg to rad; tau: A to N m",
@@ -214,10 +201,3 @@ def test_of_a_log_that_was_read_otherwise_the_difference_is_said():
         "B: 9 samples, 2 Hz, 4 s; else as A; q: mrad to rad",
         "C: 9 samples, 2 Hz, 4 s; else as A; without: tau: A to N m",
     )
-
-
-def test_a_thousand_logs_are_no_thousand_names():
-    lines = [f"L{i}: {i} samples, 4 s; read t q tau" for i in range(1000)]
-    (line,) = in_short(lines)
-    assert "and 992 more: 4 s; read t q tau" in line
-    assert len(line) < 300

@@ -5,24 +5,15 @@ import os
 import re
 import subprocess
 import sys
-from dataclasses import replace
 from pathlib import Path
 
-import numpy as np
 import pytest
 
-from flows.cli import main
-from flows.inputs.given import load
-from flows.outputs import PAUSE, plain_lines, progress_bar
+from flows.outputs import PAUSE, plain_lines
 from flows.report.diagnosis import print_truth
-from flows.report.words.phrases import Hidden, Staged, baseline_sentences, judge
+from flows.report.words.phrases import Hidden, Staged, judge
 from flows.steps import demo as steps
 from flows.steps.demo import Demo
-from residual.diagnosis.result import Edit
-from sim.draw import draw_hidden
-from sim.engine.records import HIDDEN, stream
-from sim.trajectories import make_reference
-from sim.visible import VISIBLE, Stage, share
 from tests.verdict_documents import typed
 
 ROOT = Path(__file__).parents[2]
@@ -73,21 +64,6 @@ def test_demo_finds_what_its_arm_hides_and_then_tells_what_that_was(
     assert not (tmp_path / "home" / ".prefect").exists()
 
 
-@pytest.mark.parametrize(
-    ("words", "said"),
-    [
-        (["--effect", "sprin"], "did you mean 'spring'"),
-        (["--seed", "-1"], "--seed -1: expected 0 to"),
-    ],
-)
-def test_a_wrong_word_is_answered_before_anything_is_started(
-    tmp_path, capsys, words, said
-):
-    assert main(["demo", "--store", str(tmp_path / "store"), *words]) == 2
-    assert said in capsys.readouterr().err
-    assert not (tmp_path / "store").exists()
-
-
 def test_all_experiments_are_on_one_arm_in_one_session_with_noise_of_their_own():
     made = [spec for _, spec in steps.specs(Demo(3))]
     assert len({spec.plant_spec() for spec in made}) == 1
@@ -108,26 +84,6 @@ def test_what_is_hidden_is_drawn_and_asking_for_it_changes_only_that():
     assert nothing.plant_spec().effects == ()
     assert drawn.reference() == asked.reference() == nothing.reference()
     assert drawn.plant_spec().seed == nothing.plant_spec().seed
-
-
-def test_stribeck_friction_is_hidden_so_that_the_motions_show_it():
-    """A usual size named nothing: it was there near standstill and nowhere else."""
-    made = [spec for _, spec in steps.specs(Demo(61, "stribeck"))]
-    (hidden,) = made[0].plant_spec().effects
-    robot = load("irb140")
-    stages = [
-        Stage.of(robot, make_reference(robot, spec.reference(), 100.0, False))
-        for spec in made[: len(steps.FIT)]
-    ]
-    usual = draw_hidden(robot, stream(61, HIDDEN), "stribeck")
-    assert usual.joints == hidden.joints == (1,)
-    assert share(robot, usual, stages) < VISIBLE <= share(robot, hidden, stages)
-
-
-def test_one_of_the_motions_creeps():
-    made = dict(steps.specs(Demo(3, "none")))
-    reference = make_reference(load("irb140"), made[steps.SLOW].reference(), 100.0)
-    assert np.abs(reference.qd).max() <= steps.CREEP + 1e-6
 
 
 SPRING = Hidden("spring", (2,), {"stiffness": 4.0, "rest": 0.1})
@@ -175,39 +131,6 @@ def test_the_truth_stands_beside_the_verdict(capsys):
     assert "rest 0.1 rad –" in rows
     assert "The first name is what was hidden." in shown
     assert "again" not in shown
-
-
-def test_what_is_left_after_an_edit_is_said(capsys):
-    edit = Edit("spring", (2,), 0.93, 8.2, 14.2, None)
-    hidden = replace(SPRING, edit=edit)
-    said = Staged(b"", "", (hidden,), typed({"effects": [found("spring", [2])]})).edits
-    words = "Take it out again: error 0.9 % of torque; least squares 14.2 %."
-    assert said == [words]
-    verdict = typed({"effects": [found("spring", [2])]})
-    told = baseline_sentences(
-        replace(verdict, edit=(replace(edit, least_squares=None, reference=0.8),))
-    )
-    assert told == [
-        "A spring on joint 2, taken out again: error 0.9 % of torque on the baseline, "
-        "8.2 % with it; the baseline's own model 0.8 %."
-    ]
-    assert baseline_sentences(verdict) == []
-
-
-def test_there_is_no_bar_where_nobody_looks(capsys):
-    with progress_bar() as tell:
-        tell("search", 0.5)
-    assert capsys.readouterr().err == ""  # short work says nothing
-
-
-def test_the_bar_leaves_standard_output_alone(monkeypatch, capsys):
-    monkeypatch.setenv("FORCE_COLOR", "1")
-    with progress_bar() as tell:
-        tell("search [1 of 3]", 0.5)
-        print("verdict")
-    shown = capsys.readouterr()
-    assert shown.out == "verdict\n"
-    assert "search [1 of 3]" in shown.err
 
 
 def test_progress_off_a_terminal_is_a_line_now_and_then():

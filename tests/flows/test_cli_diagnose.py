@@ -159,21 +159,6 @@ def test_help_teaches_by_example(capsys, words):
     assert f"\n modelgap {command}" in capsys.readouterr().out
 
 
-def test_help_lists_the_commands_in_groups(capsys):
-    assert run("--help") == 0
-    shown = capsys.readouterr().out
-    groups = ("First steps", "Your logs", "More, a word each", "Options")
-    places = [shown.index(f"╭─ {group} ") for group in groups]
-    assert places == sorted(places)
-    assert places[0] < shown.index("│ demo ") < shown.index("│ diagnose ") < places[1]
-    assert places[1] < shown.index("│ identify ") < places[2]
-    assert "│ demo      Find the effect that a simulated arm hides" in shown
-    assert places[2] < shown.index("│ store ") < places[3]
-    assert 10 <= len(re.findall(r"^│ [a-z]", shown, re.M)) <= 15
-    for words in ("payload identification", "friction compensation", "feed-forward"):
-        assert words in shown
-
-
 @pytest.mark.parametrize("words", ["store runs", "runs", "model list", "sim blind"])
 def test_a_command_is_found_below_its_word_and_by_its_old_name(capsys, words):
     assert run(f"{words} --help") == 0
@@ -190,15 +175,6 @@ def in_a_shell(words, **options):
     return subprocess.run(
         [sys.executable, "-c", code, *words.split()], cwd=ROOT, text=True, **options
     )
-
-
-def test_help_is_there_at_once():
-    """Nothing numerical is loaded for it."""
-    done = in_a_shell("--help", stdout=subprocess.PIPE)
-    assert done.returncode == 0
-    code = "import sys, flows.cli.app; print('numpy' in sys.modules)"
-    loaded = subprocess.check_output([sys.executable, "-c", code], cwd=ROOT, text=True)
-    assert loaded.strip() == "False"
 
 
 def test_a_reader_that_goes_away_is_no_failure_of_ours():

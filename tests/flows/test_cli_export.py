@@ -22,7 +22,7 @@ from flows.proofs.proof import (
     passive,
     played,
 )
-from flows.steps.export import TARGETS, export_model
+from flows.steps.export import export_model
 from flows.steps.models import read_model
 from residual.errors import InputError, UnknownNameError
 from residual.export.c99 import to_c99
@@ -180,12 +180,6 @@ def test_the_command_writes_lists_and_proves(tmp_path, capsys):
     assert document["missing"]["largest"] == pytest.approx(left["largest"])
 
 
-def test_with_json_on_standard_output_nothing_else_is_there(tmp_path, capsys):
-    path, out = _saved(tmp_path, "viscous"), tmp_path / "out"
-    assert main(["export", path, "--to", "json", "--out", str(out), "--json", "-"]) == 0
-    assert json.loads(capsys.readouterr().out)["proof"]["difference"] == 0.0
-
-
 @pytest.mark.parametrize(
     ("words", "message"),
     [
@@ -198,13 +192,6 @@ def test_a_wrong_word_says_what_is_right(tmp_path, capsys, words, message):
     assert main(["export", path, "--out", str(out), *words]) == 2
     assert message in capsys.readouterr().err
     assert not out.exists()
-
-
-def test_a_folder_with_something_in_it_is_left_alone(tmp_path, capsys):
-    path = _saved(tmp_path, "viscous")
-    assert main(["export", path, "--to", "urdf", "--out", str(tmp_path)]) == 2
-    assert "is not empty" in capsys.readouterr().err
-    assert [p.name for p in tmp_path.iterdir()] == ["model.json"]
 
 
 @pytest.mark.parametrize("content", ["", "[1]", "{}", '{"form": 99}'])
@@ -260,12 +247,6 @@ def test_a_diagnosis_has_several_models_and_one_is_chosen(tmp_path, monkeypatch)
     assert read_model(tmp_path, id, "nominal") is both["nominal"]
     with pytest.raises(UnknownNameError, match="'augmented'"):
         read_model(tmp_path, id, "augmentd")
-
-
-def test_the_help_names_every_target(capsys):
-    assert main(["export", "--help"]) == 0
-    shown = " ".join(capsys.readouterr().out.split())
-    assert [t for t in TARGETS if f"{t}:" not in shown] == []
 
 
 def test_no_folder_is_made_where_the_target_refuses(tmp_path, capsys):

@@ -17,7 +17,6 @@ from flows.cli.app import app
 from residual.errors import DEEPEST, InputError, check_nesting
 from residual.model.record import load_model
 from residual.robot.files import parse_toml
-from tests.flows.night.stores import adopt
 from tests.warehouse import store_samples as made
 from warehouse.bundle import write_bundle
 from warehouse.files import SUMS, read_parquet, write_parquet
@@ -203,28 +202,6 @@ def test_a_full_disk_is_no_fault_of_the_bundle(run, store, tmp_path, monkeypatch
     assert run("unbundle", "b.tar", "--store", "there")[0] == 0
 
 
-@pytest.mark.parametrize(
-    "words",
-    [
-        ("trajectory", "cyclic", "--duration", "1e9"),
-        ("trajectory", "cyclic", "--duration", "nan"),
-        ("trajectory", "cyclic", "--rate", "1e12"),
-        ("trajectory", "cyclic", "--periods", "0"),
-        ("trajectory", "cyclic", "--seed", "-1"),
-        ("calibrate-null", "A.csv", "--robot", "irb140", "--seed", "-1"),
-        ("calibrate-null", "A.csv", "--robot", "irb140", "--draws", "0"),
-        ("blind", "--seed", "-1"),
-        ("blind", "--duration", "1e9"),
-        ("demo", "--seed", "-1"),
-    ],
-    ids=" ".join,
-)
-def test_a_number_that_no_run_ends_with_is_refused(run, words):
-    code, out, err = run(*words)
-    assert (code, out) == (2, "")
-    assert f"{words[-2]} {float(words[-1]):g}: expected" in err
-
-
 def test_a_strangers_text_does_nothing_to_the_terminal(run, tmp_path):
     (tmp_path / "A.csv").write_text("t,\x1b[31mq1\x1b]0;x\x07\n1,2\n")
     code, _, err = run("unbundle", "\x1b[31mA.tar")
@@ -317,41 +294,8 @@ def test_pages_are_made_of_a_store_with_a_record_without_a_time(run, store, tmp_
     assert run("runs")[0] == 0
 
 
-@pytest.mark.parametrize(
-    ("words", "meant"),
-    [
-        (("rollback", "irb140"), "modelgap rollback --robot irb140"),
-        (("status", "now", "then"), "modelgap status --help"),
-    ],
-    ids=" ".join,
-)
-def test_words_without_a_place_are_said_with_what_was_expected(run, words, meant):
-    code, _, err = run(*words)
-    assert code == 2
-    assert f"'{' '.join(words[1:])}' has no place here, expected options" in err
-    assert meant in err
-
-
 @pytest.mark.parametrize("command", [name for name in app if name[:1] != "-"])
 def test_help_says_what_an_option_takes_and_not_that_it_is_a_word(run, command):
     _, out, _ = run(command, "--help")
     found = re.search(r"--\S+ (STR|PATH|WORD|INT|FLOAT)\b", out)
     assert not found, f"{found[0]}: say in flows.cli.app._WORDS what it takes"
-
-
-def test_a_list_of_models_in_a_pipe_is_cut_nowhere(run, store):
-    load_store_model(store[0])
-    code, out, _ = run("models")
-    assert code == 0
-    (line,) = [line for line in out.splitlines() if "20.0 % -> 5.6 %" in line]
-    assert re.search(r"\d{4}-\d\d-\d\d \d\d:\d\d", line)
-    assert "a long note of why it was adopted, by whom, after what was tried" in line
-
-
-def load_store_model(folder) -> None:
-    document = made.verdict()
-    runs = [made.commit(folder, seed) for seed in (5, 6)]
-    document["error"]["logs"] = runs[-1:]
-    id = made.store_verdict(folder, document, {"theta": [1]}, runs)
-    note = "a long note of why it was adopted, by whom, after what was tried"
-    adopt(folder, id, note)

@@ -1,14 +1,13 @@
 """modelgap identify: words in; tables, files and messages out."""
 
 import json
-from dataclasses import replace
 from pathlib import Path
 
 import pytest
 
 from flows.cli import main
 from residual.robot.robot import load_robot
-from tests.residual.identified import logs, workplace
+from tests.residual.identified import workplace
 
 KEYS = (
     "schema robot declared method prior logs held_out same_run condition noise rows "
@@ -70,14 +69,3 @@ def test_consistent_parameters_stand_beside_the_free_ones(place, capsys):
     assert made["least_mass_matrix"]["consistent"] > 0
     assert made["error"]["filtered"].keys() == {"nominal", "identified", "consistent"}
     assert "where the free fit reaches" in capsys.readouterr().out
-
-
-def test_a_run_of_the_store_is_a_log(place, capsys):
-    from tests.warehouse.store_samples import manifest, sealed
-    from warehouse.commit import commit_run
-
-    (log,) = logs(1, noise=0.5, seed=5)
-    log = replace(log, id="", robot="small_arm")
-    id = commit_run(place / "store", log, manifest(), sealed())
-    assert run(f"identify {id[:10]} --robot arm.urdf --holdout C.csv") == 0
-    assert f"{id}: run of small_arm" in capsys.readouterr().out

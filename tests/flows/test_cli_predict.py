@@ -1,7 +1,6 @@
 """modelgap predict: the torque of a model on logs, whole and edited."""
 
 import json
-from dataclasses import replace
 
 import numpy as np
 import pyarrow.csv as pc
@@ -10,9 +9,7 @@ import pytest
 
 from benchmarks.export_parts.models import model_with, robot_of
 from flows.cli import main
-from residual.model.compare import EDITED, WHOLE, predict
-from residual.model.corrected import Corrected
-from residual.model.model import Model
+from residual.model.compare import EDITED, WHOLE
 from residual.recording import Recording
 from tests.residual.arms import smooth_motion, write_csv
 
@@ -80,20 +77,3 @@ def test_what_cannot_be_done_is_said(place, capsys, more, word):
     assert main(["predict", "log.csv", "--model", "model.json", *more]) == 2
     assert word in capsys.readouterr().err
     assert main(["predict", "--model", "model.json"]) == 2
-
-
-def test_without_tables_stay_and_a_joint_is_enough(place):
-    model, log = place
-    viscous = [replace(t, theta=t.theta + 1.0) for t in model.terms]
-    whole = Corrected(replace(model, terms=tuple(viscous)), ())
-    (joint,) = {
-        j + 1 for t in model.terms if t.effect.name == "viscous" for j in t.joints
-    }
-    made = predict(whole, [log], [("viscous", (joint,))])
-    assert isinstance(made.models[EDITED], Corrected)
-    edited = made.models[EDITED].model
-    assert isinstance(edited, Model)
-    assert [t.effect.name for t in edited.terms] == ["payload", "spring"]
-    assert made.errors[EDITED].overall("filtered") != made.errors[WHOLE].overall(
-        "filtered"
-    )

@@ -13,7 +13,6 @@ import pytest
 
 from flows.cli import sql as sql_command
 from tests.warehouse import store_samples as made
-from warehouse.query.named import NAMED
 from warehouse.query.store import open_store
 from warehouse.runs import quarantine
 from warehouse.schema import all_views
@@ -71,12 +70,7 @@ def test_an_answer_is_a_table_csv_or_json(run):
     code, out, _ = run("sql", QUERY, "--format", "csv")
     rows = list(csv.DictReader(io.StringIO(out)))
     assert code == 0
-    assert rows[1] == {
-        "seed": "1",
-        "trajectory": "welding",
-        "listed": "[1]",
-        "gap": "",
-    }
+    assert rows[1] == {"seed": "1", "trajectory": "welding", "listed": "[1]", "gap": ""}
     code, out, _ = run("sql", QUERY)
     words = [line.split() for line in out.splitlines() if "welding" in line]
     assert words == [["1", "welding", "1", "–"]]
@@ -104,11 +98,6 @@ def test_a_long_answer_is_cut_for_people_only(run):
     assert out.count("\n") == 1201
 
 
-def test_a_named_query_answers(run, ids):
-    (row,) = answer(run, "sql", "--named", "before_after")
-    assert (row["diagnosis_id"], row["augmented"]) == (ids["diagnosis"], 5.6)
-
-
 def test_the_schema_has_every_view_and_column_with_its_unit(run):
     rows = answer(run, "sql", "--schema")
     told = [(row["view"], row["column"]) for row in rows]
@@ -120,11 +109,6 @@ def test_the_schema_has_every_view_and_column_with_its_unit(run):
     code, out, _ = run("sql", "--schema")
     assert code == 0
     assert "error_by_trajectory" in out
-
-
-def test_the_schema_needs_no_store(run, monkeypatch):
-    monkeypatch.setenv("MODELGAP_STORE", "nowhere")
-    assert run("sql", "--schema")[0] == 0
 
 
 def test_a_run_is_set_aside_once_and_as_it_is(run, ids, tmp_path):
@@ -183,15 +167,6 @@ def test_what_is_shown_of_a_run_does_not_tell_what_is_hidden(run, ids):
     assert "salt" not in out
 
 
-def test_named_queries_are_listed_with_what_they_take(run):
-    listed = answer(run, "sql", "--named")
-    assert [row["--named"] for row in listed] == list(NAMED)
-    assert all(row["answers"] for row in listed)
-    takes = {row["--named"]: row["--with"] for row in listed}
-    assert takes["runs_of_model"].startswith("model=... (id of the model")
-    assert answer(run, "sql", "--named", "list") == listed
-
-
 def test_a_named_query_takes_a_value(run, ids):
     (model,) = answer(run, "sql", "SELECT model_id FROM models")
     words = ("sql", "--named", "runs_of_model", "--with")
@@ -219,13 +194,6 @@ def test_an_answer_goes_into_a_file_in_every_format(run, tmp_path):
     assert table.schema.names == ["run_id", "duration_s"]
     assert table.to_pylist() == json.loads((tmp_path / "out" / "json").read_text())
     assert (tmp_path / "out" / "csv").read_text().count("\n") == 4
-
-
-def test_parquet_is_refused_on_a_terminal(run, monkeypatch):
-    monkeypatch.setattr("sys.stdout.isatty", lambda: True, raising=False)
-    code, out, err = run("sql", "FROM runs", "--format", "parquet")
-    assert (code, out) == (2, "")
-    assert "no text for a terminal" in err
 
 
 def test_without_a_terminal_the_query_is_read(run, monkeypatch):
@@ -264,50 +232,6 @@ def test_the_prompt_answers_until_the_end(ids, tmp_path, monkeypatch, capsys):
     assert "Only one SELECT" in out
     assert "seven\n7\n" in out
     assert "'cancelled'" not in out
-
-
-def test_compact_says_what_it_did(run, tmp_path):
-    store = tmp_path / "many"
-    for seed in range(3):
-        made.commit(store, seed)
-    code, out, _ = run("compact", "--store", str(store))
-    assert code == 0
-    assert out.startswith("3 runs copied into 1 files of ")
-    words = ("sql", "SELECT count(*) AS n FROM samples", "--store", str(store))
-    assert answer(run, *words) == [{"n": 150}]
-
-
-BAD = {
-    "runs --store nowhere": "There is no store at",
-    "runs --limit 0": "expected 1 or more",
-    "runs --format xml": "--format",
-    "sql": "Give one of",
-    "sql --schema --named findings": "Give one of",
-    "sql --named runs_of_model": "takes --with model=...",
-    "sql --named findings --with a=1": "takes no --with",
-    "sql FROM/**/runs --with a=1": "--with gives a value to",
-    "sql FROM/**/runs --out nowhere/a.csv": "there is no folder",
-    "compact --largest 0": "expected megabytes above 0",
-    "compact --store nowhere": "There is no store at",
-    "sql --named finding": "did you mean 'findings'",
-    "sql FROM": "Parser Error",
-    "sql COPY/**/runs/**/TO'x.csv'": "got COPY",
-    "sql FROM'/etc/passwd'": "does not exist",
-    "show": "requires an argument",
-    "show ../../etc": "is not an id",
-    "show sealed": "is not an id",
-    "show 00000000000000000000": "has an id that begins with",
-}
-
-
-@pytest.mark.parametrize("words", BAD)
-def test_bad_words_end_with_two_and_at_most_two_lines(run, tmp_path, words):
-    code, out, err = run(*words.split())
-    assert BAD[words] in err
-    assert (code, out) == (2, "")
-    assert err.startswith("modelgap: ")
-    assert 1 <= err.count("\n") <= 2
-    assert list(tmp_path.iterdir()) == []
 
 
 def test_the_list_of_commands_loads_no_database_and_no_numerics():

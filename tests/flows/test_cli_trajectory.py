@@ -44,38 +44,3 @@ def test_the_csv_is_what_a_controller_reads(here):
     np.testing.assert_allclose(table[:, 0], np.arange(2001) / 100, atol=1e-9)
     middle = (table[2:, 1:7] - table[:-2, 1:7]) * 50
     np.testing.assert_allclose(middle, table[1:-1, 7:13], atol=0.05)
-
-
-@pytest.mark.parametrize(
-    ("words", "message"),
-    [
-        (["weldin"], "did you mean 'welding'"),
-        (["cyclic", "--duration", "3", "--periods", "2"], "breaks its"),
-        (["cyclic", "--csv", "no/such/out.csv"], "no folder"),
-        (["cyclic", "--robot", "nosuch"], "irb140"),
-        (["cyclic", "--csv", "same", "--gif", "same"], "both name"),
-        (["cyclic", "--rate", "1e9"], "--rate 1e+09: expected 1 to 20000"),
-    ],
-)
-def test_what_cannot_be_done_is_told_in_two_lines(here, capsys, words, message):
-    assert run(*words) == 2
-    shown = capsys.readouterr().err
-    assert message in shown
-    assert len(shown.splitlines()) <= 2
-    assert list(here.iterdir()) == []
-
-
-def test_planning_a_motion_loads_neither_scheduler_nor_database(here):
-    import subprocess
-    import sys
-
-    code = (
-        "import sys; from flows.cli import main; "
-        "main(['trajectory', 'move_stop_move', '--duration', '5', '--periods', '1']); "
-        "print({'prefect', 'duckdb'} & set(sys.modules))"
-    )
-    root = __file__.rsplit("/tests/", 1)[0]
-    done = subprocess.run(
-        [sys.executable, "-c", code], cwd=root, capture_output=True, text=True
-    )
-    assert done.stdout.splitlines()[-1] == "set()"

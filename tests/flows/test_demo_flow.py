@@ -1,16 +1,13 @@
 """The flows of Prefect: their order, what they leave behind, and where."""
 
 import json
-import os
-import subprocess
-import sys
 from pathlib import Path
 from types import SimpleNamespace
 
 import pytest
 import yaml
 
-from flows.settings import PAGES
+from flows.settings import API, PAGES, quiet_prefect
 from flows.steps import campaign
 from residual.errors import RunError
 from tests.flows.blind_rows import row
@@ -66,30 +63,7 @@ def test_a_night_has_a_seed_of_its_own_and_survives_a_failure(
     assert rest[2][1][0].run == "cc"  # what was held out is validated
 
 
-def test_every_start_has_a_seed_of_its_own_and_may_be_repeated(flows, order):
-    from pendulum import datetime
-
-    seeds = []
-    for seconds in (0, 1, 86400):
-        flows.flow_run = SimpleNamespace(
-            scheduled_start_time=datetime(2026, 11, 22, 2).add(seconds=seconds)
-        )
-        seeds.append(flows._second())
-    assert seeds == [20261122020000, 20261122020001, 20261123020000]
-    flows.nightly(seed=seeds[0])
-    assert order[0][1][0].seed == seeds[0]
-
-
-def test_a_night_ends_with_its_verdict_as_its_name(flows, order, tmp_path):
-    from prefect.client.orchestration import get_client
-
-    state = flows.nightly(store=str(tmp_path), return_state=True)
-    with get_client(sync_client=True) as client:
-        run = client.read_flow_run(state.state_details.flow_run_id)
-    assert run.name == NAME
-
-
-def test_a_night_leaves_few_artifacts_and_all_say_what_they_are(
+def test_a_night_is_called_by_its_verdict_and_leaves_few_artifacts(
     flows, order, tmp_path, monkeypatch
 ):
     from prefect.artifacts import Artifact
@@ -101,6 +75,7 @@ def test_a_night_leaves_few_artifacts_and_all_say_what_they_are(
     own = ArtifactFilterFlowRunId(any_=[state.state_details.flow_run_id])
     with get_client(sync_client=True) as client:
         left = client.read_artifacts(artifact_filter=ArtifactFilter(flow_run_id=own))
+        assert client.read_flow_run(state.state_details.flow_run_id).name == NAME
     keys = ["calibrate", "campaign-progress", "identify", "report", "validate"]
     assert sorted(a.key for a in left) == [*keys, "verdict"]
     assert all(artifact.description for artifact in left)
@@ -207,25 +182,8 @@ def test_only_what_lies_outside_is_tried_again(server):
     assert [*again.values()] == [True, True, False, False]
 
 
-def _bare() -> dict[str, str]:
-    """Return the environment without a word about Prefect."""
-    return {k: v for k, v in os.environ.items() if not k.startswith("PREFECT")}
-
-
 def test_prefect_is_prepared_to_be_quiet_and_at_home_in_the_store(tmp_path):
-    code = (
-        "import os, sys; from pathlib import Path; from flows.settings import "
-        f"quiet_prefect; os.environ.update(quiet_prefect(Path({str(tmp_path)!r}))); "
-        "assert 'prefect' not in sys.modules; import prefect.settings as s; "
-        "c = s.get_current_settings(); print(c.home, c.api.url, "
-        "c.server.analytics_enabled, c.results.default_serializer)"
-    )
-    done = subprocess.run(
-        [sys.executable, "-c", code],
-        cwd=ROOT,
-        env=_bare(),
-        capture_output=True,
-        text=True,
-    )
-    assert done.stderr == ""
-    assert done.stdout.split() == [str(tmp_path), "None", "False", "json"]
+    told = quiet_prefect(tmp_path)
+    assert told["PREFECT_HOME"] == str(tmp_path)
+    assert told["PREFECT_SERVER_ANALYTICS_ENABLED"] == "false"
+    assert API not in told

@@ -1,24 +1,18 @@
 """One experiment: from a spec to a run in the store, with its hidden half sealed."""
 
 import json
-import shutil
 from functools import partial
 
 import numpy as np
 import pytest
 
 from flows.cli import main
-from flows.requests import Diagnose
 from flows.specs.experiment import experiment_of
 from flows.steps import experiment
-from flows.steps.diagnose import diagnose_runs
 from residual.errors import InputError
 from residual.recording import Recording
-from residual.robot.robot import load_robot
-from sim.engine.records import Hidden, PlantRun
-from tests.residual.arms import short_case, urdf_text
+from sim.engine.records import PlantRun
 from tests.verdict_documents import typed
-from warehouse.layout import read_record
 from warehouse.runs import open_seal, read_channels, read_manifest, read_run
 
 EFFECT = {"name": "spring", "joints": [2], "stiffness": 4.0}
@@ -143,32 +137,6 @@ def test_a_divergence_crosses_to_the_parent_process_as_words(tmp_path, monkeypat
     assert "1.250 s" in str(pickle.loads(pickle.dumps(caught.value)))
 
 
-@pytest.mark.slow
-def test_a_verdict_from_the_store_is_the_same_without_what_is_sealed(tmp_path):
-    from warehouse.commit import Sealed, commit_run
-
-    (tmp_path / "arm").mkdir()
-    (tmp_path / "arm" / "arm.urdf").write_text(urdf_text())
-    (tmp_path / "arm" / "robot.toml").touch()
-    robot, store = load_robot(tmp_path / "arm"), tmp_path / "store"
-    spring = Hidden("spring", (1,), {"stiffness": 20.0, "rest": 0.2})
-    case = short_case(robot, spring, seed=44)
-
-    def put(log):
-        about = {"spec": {"robot": robot.name, "seed": 1, "log": log.id}}
-        return commit_run(store, log, about, Sealed({"salt": log.id}))
-
-    fit, held_out = (tuple(map(put, logs)) for logs in (case.fit, case.held_out))
-    asked = Diagnose(fit, robot=str(tmp_path / "arm"), held_out=held_out, store=store)
-    ids = diagnose_runs(asked)
-    verdict = read_record(store, ids[0])["document"]
-    assert verdict["effects"][0]["name"] == "spring"
-    for folder in ("sealed", "diagnoses", "models", "validations"):
-        shutil.rmtree(store / folder)
-    assert diagnose_runs(asked) == ids
-    assert json.dumps(read_record(store, ids[0])["document"]) == json.dumps(verdict)
-
-
 def test_curves_come_back_from_the_store_as_they_were():
     from flows.storage.diagnosis import from_record, to_record
     from residual.diagnosis.result import Diagnosis
@@ -208,11 +176,3 @@ def test_curves_come_back_from_the_store_as_they_were():
     (left,), (told,) = after.left, after.clouds
     assert (left.joint, left.variable, told.name) == (1, "t [s]", "spring")
     np.testing.assert_array_equal(left.residual, x - 1)
-
-
-def test_an_outcome_without_findings_or_held_out_logs_comes_back_too():
-    from flows.storage.diagnosis import from_record, to_record
-    from residual.diagnosis.result import Diagnosis
-
-    empty = Diagnosis(typed({}))
-    assert from_record(*to_record(empty), empty.verdict, {}).clouds == ()

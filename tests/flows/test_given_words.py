@@ -2,7 +2,7 @@
 
 import pytest
 
-from flows.report.words.outlook import hidden_rows, off_rows, off_words, other_sets
+from flows.report.words.outlook import off_rows, off_words, other_sets
 from residual.diagnosis.result import Verdict
 from tests.flows.report_outcomes import effect, parameter
 from tests.verdict_documents import typed
@@ -58,20 +58,6 @@ def test_values_that_are_off_are_counted_and_named(changes, sentence):
     assert off_words(verdict(changes=changes)) == sentence
 
 
-def test_beside_a_finding_they_come_besides():
-    said = off_words(verdict(PAYLOAD, changes=[given("viscous", 1)]))
-    assert said.startswith("Besides, one of its values is off: viscous coefficient of")
-
-
-@pytest.mark.parametrize(("count", "named"), [(3, 3), (4, 4), (5, 3), (6, 3)])
-def test_of_many_the_worst_are_named(count, named):
-    off = [given("coulomb", j, identified=4.0 + 0.5 * j) for j in range(1, count + 1)]
-    said = off_words(verdict(changes=off))
-    shown = [j for j in range(1, count + 1) if f"of joint {j} (" in said]
-    assert shown == list(range(count - named + 1, count + 1))
-    assert ("more." in said) is (named < count)
-
-
 @pytest.mark.parametrize(
     ("change", "cells"),
     [
@@ -92,13 +78,6 @@ def test_a_row_says_what_it_is_as_given_and_by_how_much_it_is_off(change, cells)
     (row,) = off_rows(verdict(changes=[change]))
     what, nominal, _, off = (cell.replace("−", "-") for cell in row)
     assert (what, nominal, off) == cells
-
-
-def test_a_table_of_twelve_says_how_many_it_leaves_out():
-    off = [given(name, j) for name in DRIVES for j in range(1, 6)]
-    assert len(off_rows(verdict(changes=off))) == 12
-    assert hidden_rows(verdict(changes=off)) == 3
-    assert hidden_rows(verdict(changes=off[:12])) == 0
 
 
 @pytest.mark.parametrize(
@@ -142,16 +121,6 @@ def test_a_set_that_an_equivalent_says_already_is_not_said_again():
         )
     )
     assert said == []
-
-
-@pytest.mark.parametrize(("count", "more"), [(3, ""), (4, "One more set"), (5, "Two")])
-def test_of_many_sets_three_are_said(count, more):
-    sets = [another({"name": "spring", "joints": [j]}) for j in range(1, count + 1)]
-    lines = other_sets(verdict(effect("balancer", [6], {}), alternatives=sets))
-    assert sum(line.startswith("As likely: ") for line in lines) == 3
-    assert [line for line in lines[3:-1] if line.startswith(more)] == lines[3:-1]
-    assert len(lines) == (5 if more else 4)
-    assert lines[-1] == TELLS
 
 
 def test_bodies_that_move_alike_want_a_balance():

@@ -138,18 +138,6 @@ def test_of_files_a_model_is_stored_only_where_a_store_is_named(run, place):
     assert (request["logs"], request["held_out"]) == (["A.csv"], ["B.csv"])
 
 
-def test_diagnose_takes_ids_of_runs(calls, run, place):
-    run("import A.csv B.csv --robot arm.urdf")
-    one, two = (row["run_id"] for row in ask("FROM runs ORDER BY run_id"))
-    code, out, _ = run(f"diagnose {one} --holdout {two} --robot arm.urdf")
-    assert code == 0
-    assert f"fit: {one[:8]} | baseline: – | held out: {two[:8]}" in out
-    # What is stored says of which run it is, by its whole id.
-    assert [log.id for log in calls[0]["fit"]] == [one]
-    code, _, err = run(f"diagnose {one} A.csv B.csv --robot arm.urdf")
-    assert (code, "hold the same samples" in err) == (2, True)
-
-
 def test_a_stored_log_is_imported_again_where_nothing_may_be_written(
     run, place, monkeypatch
 ):
@@ -209,20 +197,3 @@ def test_a_built_in_robot_with_a_serial_number_is_kept_with_it(tmp_path):
     assert robot_of_hash(tmp_path, load("irb140").content_hash) == "irb140"
     with pytest.raises(InputError, match="has serial = 'AB-7', expected 'AB-8'"):
         with_serial(robot, "AB-8")
-
-
-@pytest.mark.parametrize(
-    ("words", "message"),
-    [
-        ("--recorded-at 2026-11-20T14:03:00", "expected a date with time and zone"),
-        ("--recorded-at yesterday", "expected a date with time and zone"),
-        ("--tag cell=4 --tag cell=5", "say two things of one key"),
-        ("--tag =4", "expected a word, or KEY=VALUE"),
-        ("--serial a/b", "expected a text of 1 to 40 letters"),
-    ],
-)
-def test_what_is_said_of_a_log_must_be_usable(run, place, words, message):
-    code, _, err = run(f"import A.csv --robot arm.urdf {words}")
-    assert code == 2
-    assert message in " ".join(err.split())
-    assert not Path("store").exists()

@@ -9,7 +9,7 @@ import pytest
 import modelgap as mg
 from flows.cli import main
 from flows.report.words.verdict import headline
-from flows.requests import Diagnose, Identify, Import
+from flows.requests import Diagnose
 from flows.steps import check as steps
 from flows.steps.diagnose import diagnose_runs
 from residual.check.result import Fault, LogCheck, Repair
@@ -105,12 +105,6 @@ def test_a_doubt_is_a_warning_and_the_names_stand(place, found, named):
     ]
 
 
-def test_of_clean_logs_the_verdict_says_that_they_are(place, found, named):
-    assert run("diagnose A.csv --robot arm.urdf --json o.json") == 0
-    clean = {"schema": 1, "verdict": "clean", "faults": []}
-    assert json.loads(Path("o.json").read_text())["log_check"] == clean
-
-
 def test_every_log_is_checked_healthy_runs_by_themselves(place, found, named):
     words = "diagnose A.csv --robot arm.urdf --baseline B.csv --holdout C.csv"
     assert run(words) == 0
@@ -171,20 +165,6 @@ def test_runs_of_the_store_are_checked_too(place, found, named):
     record = read_record(Path("store"), diagnosis)
     assert record["document"]["verdict"] == "unknown"
     assert record["request"]["trust_log"] is True
-
-
-def test_a_request_keeps_whether_the_logs_were_trusted(tmp_path):
-    asked = [
-        Diagnose(("a",), robot="r", trust_log=True, store=tmp_path),
-        Identify(("a",), robot="r", trust_log=True, store=tmp_path),
-        Import(("a",), robot="r", trust_log=True, store=tmp_path),
-    ]
-    for one in asked:
-        kept = one.to_record()
-        assert kept["trust_log"] is True
-        assert type(one).from_record(kept, tmp_path) == one
-        del kept["trust_log"]  # a record of before
-        assert type(one).from_record(kept, tmp_path).trust_log is False
 
 
 def test_the_door_checks_and_refuses_likewise(place, found):

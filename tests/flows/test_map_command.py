@@ -92,11 +92,3 @@ def test_a_robot_toml_holds_the_map_and_is_the_same_robot(arm, capsys):
     (folder / "robot.toml").write_text("[columns]\ntime = {colum = 't'}\n")
     assert main(["import", "a log.csv", "--robot", "arm", "--dry-run"]) == 2
     assert "robot.toml, [columns]" in capsys.readouterr().err
-
-
-def test_a_check_finds_no_fault_in_what_a_map_makes_of_a_log(walk, capsys):
-    walk(FORMATS["kuka-fri"], "payload", seed=4)
-    main(["map", "log_4", "--robot", "arm.urdf", "--out", "C.toml"])
-    words = ["check", "log_4", "--robot", "arm.urdf", "--map", "C.toml", "--json", "-"]
-    assert main(words) == 0
-    assert json.loads(capsys.readouterr().out.split("\n", 1)[1])["faults"] == []

@@ -86,14 +86,6 @@ def test_the_command_says_the_rate_and_writes_the_file(place, monkeypatch, capsy
     assert "needs no null" in capsys.readouterr().err
 
 
-def test_a_null_in_a_file_is_the_same_null(place):
-    made = steps.calibrate_null(asked(place, draws=4), pool=Here()).null
-    file = place / "null.json"
-    file.write_text(null_json(made))
-    read = read_null(str(file))
-    assert (read.id, read.key, read.nats) == (made.id, made.key, made.nats)
-
-
 @pytest.mark.parametrize(
     ("text", "word"), [("{}", "is no null"), ("x", "no JSON"), ("[]", "is no null")]
 )

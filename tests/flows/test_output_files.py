@@ -61,10 +61,3 @@ def test_what_cannot_be_written_is_refused_early(tmp_path, monkeypatch, files, m
     (tmp_path / "link").symlink_to(tmp_path / "in")
     with pytest.raises(InputError, match=message):
         check_writable({k: Path(v) for k, v in files.items()}, [Path("in")])
-
-
-def test_a_folder_without_permission_is_refused(tmp_path, monkeypatch):
-    (tmp_path / "a").write_text("old")
-    monkeypatch.setattr(os, "access", lambda *_: False)
-    with pytest.raises(InputError, match="cannot be written"):
-        check_writable({"--json": tmp_path / "a"}, [])

@@ -6,16 +6,11 @@ import pytest
 
 from flows.report.models import proposal_markdown, proposal_page
 from flows.steps.adopt import (
-    Adopt,
-    adopt,
     judge,
-    keep_proposal,
-    known_already,
     list_adoptions,
     proposal_of,
     roll_back,
 )
-from flows.steps.models import in_force
 from tests.flows.adopted_arm import ROBOT
 from warehouse.numbered import adopted
 
@@ -90,14 +85,3 @@ def test_both_models_stand_side_by_side_on_the_page_and_in_the_question(made):
         assert "spring on joint 2: stiffness" in text
         assert "is there 1.0" in text or "is there 0.9" in text
     assert f"modelgap adopt {id}" in proposal_page(proposal)
-
-
-def test_the_same_proposal_is_known_until_the_robot_has_another_model(made):
-    store, _, id = made
-    proposal = proposal_of(store, judge(store, id))
-    keep_proposal(store, proposal, b"page")
-    assert known_already(store, proposal) is not None
-    adopt(Adopt(id, store=store))
-    assert known_already(store, proposal_of(store, judge(store, id))) is None
-    assert in_force(made[1][0], store).diagnosis == id
-    roll_back(None, store=store)

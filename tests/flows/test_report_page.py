@@ -21,12 +21,6 @@ from tests.flows.report_pages import Page
 from tests.verdict_documents import typed
 
 NASTY = "<script>alert(1)</script>&\"'$x_1$[bold]"
-MEGABYTE = 1_000_000
-
-
-@pytest.fixture(scope="module")
-def several_page() -> str:
-    return render(made.several(), "kr300")
 
 
 @pytest.fixture
@@ -137,7 +131,7 @@ def without(record: dict, path: tuple) -> dict:
 
 
 @pytest.mark.usefixtures("quick")
-@pytest.mark.parametrize("name", ["several", "unknown", "baseline"])
+@pytest.mark.parametrize("name", ["several", "unknown"])
 def test_everything_that_may_be_null_may_be(name: str) -> None:
     outcome = made.ALL[name]()
     document = to_json(outcome.verdict)
@@ -177,20 +171,6 @@ def test_every_kind_of_verdict_gives_a_page(name: str) -> None:
     assert ("Weak proof." in page.text) is (name == "same_run")
 
 
-@pytest.mark.usefixtures("quick")
-def test_figures_show_no_second_line_where_nothing_was_added() -> None:
-    figures = Page(render(made.nothing(), "kr300")).figures
-    assert len(figures) > made.DOF
-    assert not any("augmented" in words or "after" in words for words in figures)
-
-
-def test_joints_concerned_come_first() -> None:
-    assert charts.concerned(made.one_effect()) == [2, 1, 4, 6]
-    assert charts.concerned(made.nothing()) == [2]
-    assert charts.concerned(made.unknown()) == [1, 4]
-    assert charts.concerned(made.baseline()) == [3, 2]
-
-
 @pytest.mark.parametrize("encoding", ["utf-8", "ascii"])
 @pytest.mark.parametrize("width", [80, 120])
 @pytest.mark.parametrize("name", made.ALL)
@@ -218,16 +198,3 @@ def test_terminal_says_the_verdict_first_and_then_everything() -> None:
     assert "Smallest size" not in text
     assert "Smallest size" in printed(made.nothing())
     assert "Warning: delay is withdrawn" in printed(made.unknown())
-
-
-def test_terminal_tells_a_seven_joint_arm() -> None:
-    outcome = made.nothing()
-    result = to_json(outcome.verdict)
-    result["unexplained"]["per_joint"].append(0.03)
-    for metric in ("held_out", "filtered", "moving"):
-        for values in result["error"][metric].values():
-            if values:
-                values.append(3.0)
-    text = printed(replace(outcome, verdict=from_json(result)))
-    assert re.search(r"^7 .* 3\.0 ", text, re.M)
-    assert max(map(len, text.splitlines())) <= 80

@@ -34,23 +34,9 @@ def test_bins_part_a_friction_step_at_zero() -> None:
     assert set(np.unique(median[np.isfinite(median)])) == {-1.0, 1.0}
 
 
-def test_bins_are_fine_enough_for_a_ripple() -> None:
-    x = np.linspace(-1.5, 1.5, 6000)
-    y = np.cos(27 * x)
-    bins = look.medians(x, y, look.edges(x, y))
-    assert np.nanmax(np.abs(bins.median - np.cos(27 * bins.x))) < 0.1
-
-
 def test_bins_survive_a_variable_that_never_moves_and_thin_ones_are_left_out() -> None:
     x, y = np.full(50, 2.0), np.arange(50.0)
     assert np.nanmedian(look.medians(x, y, look.edges(x, y)).median) == 24.5
     x = np.array([0.0] * 20 + [1.0] * 3)
     median = look.medians(x, x, np.array([-0.5, 0.5, 1.5])).median
     assert (median[0], np.isnan(median[1])) == (0.0, True)
-
-
-def test_an_effect_of_two_variables_is_not_joined_by_a_line() -> None:
-    rng = np.random.default_rng(0)
-    x = rng.uniform(-1, 1, 500)
-    assert look.is_curve(x, np.tanh(x / 0.1))
-    assert not look.is_curve(x, np.sign(x) * rng.uniform(1, 9, 500))

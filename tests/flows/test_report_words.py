@@ -5,8 +5,6 @@ from dataclasses import replace
 import pytest
 
 from flows.report.words.outlook import (
-    confusable_pairs,
-    confusable_words,
     unexplained_words,
 )
 from flows.report.words.phrases import joint_words, noun, phrase
@@ -84,15 +82,6 @@ def test_headline_says_what_is_missing(effects: list[dict], start: str) -> None:
 def test_headline_proves_all_joints_on_their_moving_samples() -> None:
     end = "Held-out error over all joints, while they move, falls from 12.4 % to 7.9 %."
     assert headline(verdict(effect("balancer", [2]))).endswith(end)
-
-
-def test_headline_takes_the_next_best_error_where_one_is_null() -> None:
-    old = verdict(effect("spring", [2]), overall_moving={})
-    assert "error over all joints falls from 12.4 % to 7.9 %." in headline(old)
-    none = ("held_out", "filtered", "moving", "overall", "overall_filtered")
-    none += ("overall_moving",)
-    bare = verdict(effect("spring", [2]), **dict.fromkeys(none))
-    assert headline(bare).endswith("No held-out motion proves it.")
 
 
 def test_headline_does_not_call_a_rise_a_fall() -> None:
@@ -210,15 +199,6 @@ def test_values_are_cut_at_what_is_known(
     assert quantity.measured(value, std, unit) == text
 
 
-def test_percentages_and_probabilities() -> None:
-    assert quantity.percent(4.711) == "4.7 %"
-    assert quantity.percent(412.3) == "412 %"
-    assert quantity.percent(None) == "–"
-    assert quantity.fraction(0.04) == "4.0 %"
-    found = [quantity.probability(p) for p in (0.97, 1.0, 0.001, None)]
-    assert found == ["97 %", "> 99 %", "< 1 %", "–"]
-
-
 def test_what_the_rest_depends_on_is_said_joint_by_joint() -> None:
     told = {"joint": 4, "of": [], "form": "curve", "share": 0.97, "frequency": None}
     left = {
@@ -233,30 +213,3 @@ def test_what_the_rest_depends_on_is_said_joint_by_joint() -> None:
     assert "Of what joint 4 keeps, 97.0 % swings at 5.46 Hz." in said
     assert "joint 5 keeps, 97.0 % follows q5 - q6 and 20.0 % drifts with time" in said
     assert "What the rest on joint 2 depends on is not known." in said
-
-
-def test_what_logs_cannot_tell_apart_is_said_once_for_all_joints() -> None:
-    def size(name: str, joints: list[int], other: str, where: list[int]) -> dict:
-        return {
-            "name": name,
-            "joints": joints,
-            "value": 1.0,
-            "unit": "1",
-            "confusable": [{"name": other, "joints": where}],
-        }
-
-    told = [
-        *(size("spring", [j], "offset", [j]) for j in (1, 2)),
-        *(size("offset", [j], "spring", [j]) for j in (1, 2)),
-        size("base_tilt", [], "encoder_offset", [2]),
-    ]
-    verdict = typed({"minimum_detectable": told})
-    assert confusable_words(verdict) == (
-        "Even at three times these sizes, 2 pairs of effects would look alike in these "
-        "logs."
-    )
-    assert confusable_pairs(verdict) == [
-        "a constant torque offset and a spring on joints 1 and 2",
-        "a tilted base and an encoder offset on joint 2",
-    ]
-    assert confusable_words(typed({})) is None

@@ -1,6 +1,5 @@
 """What was asked, as it is kept with what was made."""
 
-from flows.report.records import record_lines
 from flows.requests import Diagnose, Monitor
 
 
@@ -27,10 +26,3 @@ def test_a_record_of_the_first_version_is_read(tmp_path):
 def test_where_things_lie_is_no_part_of_a_record():
     kept = Monitor("irb140", ("a",), store="/somewhere").to_record()
     assert "store" not in kept
-
-
-def test_a_long_text_is_shown_by_its_beginning():
-    (line,) = record_lines({"urdf": "<robot>\n" + 300 * "x"})
-    assert line.startswith("urdf: <robot> xxx")
-    assert line.endswith("… (308 characters, --format json)")
-    assert record_lines({"name": "irb140"}) == ["name: irb140"]

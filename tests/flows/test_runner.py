@@ -17,7 +17,6 @@ from flows.workers.pool import (
     Cluster,
     ClusterLostError,
     chosen_runner,
-    workers_of,
 )
 from residual.errors import InputError
 from tests.waiting import PATIENCE
@@ -56,11 +55,6 @@ def test_a_cluster_on_the_network_needs_leave():
     with pytest.raises(InputError, match="--trust-network"):
         chosen_runner("dask://10.0.0.7:8786")
     assert chosen_runner("dask://10.0.0.7:8786", True) == "tcp://10.0.0.7:8786"
-
-
-def test_nothing_to_do_starts_nobody():
-    with workers_of("tcp://127.0.0.1:1", 0) as nobody:
-        assert nobody is None
 
 
 def _free_port() -> int:

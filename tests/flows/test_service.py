@@ -1,6 +1,5 @@
 """What `up`, `status` and `down` decide, without starting a server."""
 
-import json
 import os
 import socket
 import subprocess
@@ -102,11 +101,6 @@ def test_an_address_is_one_that_a_browser_can_open():
     assert Running("::1", 4200, "").url == "http://[::1]:4200/api"
 
 
-def test_an_address_that_is_none_is_no_server():
-    assert not api.answers(None)
-    assert not api.answers("nonsense")
-
-
 @pytest.mark.parametrize(
     ("wish", "words"),
     [
@@ -166,12 +160,6 @@ def test_the_key_goes_to_server_and_worker_and_is_written_nowhere(tmp_path):
     assert key not in repr(api.Api(running.url, key))
 
 
-def test_a_server_of_an_earlier_version_that_asks_for_no_key_is_not_kept(tmp_path):
-    told = {"host": "127.0.0.1", "port": 4300, "database": "sqlite", "processes": []}
-    (tmp_path / "up.json").write_text(json.dumps(told))
-    assert not read_running(tmp_path).guarded
-
-
 def test_a_taken_port_is_said_with_another_to_try(tmp_path, capsys):
     with socket.socket() as taken:
         taken.bind(("127.0.0.1", 0))
@@ -182,11 +170,6 @@ def test_a_taken_port_is_said_with_another_to_try(tmp_path, capsys):
     told = capsys.readouterr().err
     assert f"Port {port} of 127.0.0.1 is taken by another program" in told
     assert f"modelgap up --port {port + 1}" in told
-
-
-def test_an_address_that_this_machine_lacks_is_said():
-    with pytest.raises(InputError, match=r"--host 192\.0\.2\.1"):
-        port_is_free("192.0.2.1", 4300)
 
 
 def test_a_second_up_must_not_contradict_the_first(tmp_path, sleeper):

@@ -25,18 +25,10 @@ FLOW = b'{"name": "attack"}'
 # What ran a command within a minute: on any event start a deployment of the store.
 RULE = {
     "name": "attack",
-    "trigger": {
-        "type": "event",
-        "expect": ["*"],
-        "posture": "Reactive",
-        "threshold": 1,
-    },
+    "trigger": dict(type="event", expect=["*"], posture="Reactive", threshold=1),
     "actions": [
-        {
-            "type": "run-deployment",
-            "source": "inferred",
-            "job_variables": {"command": "touch /tmp/attacked"},
-        }
+        dict(type="run-deployment", source="inferred")
+        | {"job_variables": {"command": "touch /tmp/attacked"}}
     ],
 }
 SOCKETS = (
@@ -50,14 +42,24 @@ SOCKETS = (
 pytestmark = [pytest.mark.prefect, pytest.mark.slow]
 
 
+def reached(url: str, key: str):
+    """Where a server is attacked, and by what its owner asks it."""
+    ui, port = url.removesuffix("/api"), int(url.split(":")[2].split("/")[0])
+    return SimpleNamespace(api=api.Api(url, key), ui=ui, port=port)
+
+
+@pytest.fixture
+def served(server):
+    """The server of all tests, without its pages."""
+    return reached(server.url, server.key)
+
+
 @pytest.fixture(scope="module")
-def served(tmp_path_factory):
+def paged(tmp_path_factory):
     """The server of `modelgap up`, as it starts it, and no worker."""
     home = prefect_home(tmp_path_factory.mktemp("attacked") / "store")
     with serving(home) as (running, _):
-        yield SimpleNamespace(
-            api=api.Api(running.url, store_key(home)), ui=running.ui, port=running.port
-        )
+        yield reached(running.url, store_key(home))
 
 
 def send(served, method: str, path: str, body: bytes | None = None, **given) -> int:
@@ -94,9 +96,8 @@ def test_pages_and_programs_of_others_give_no_orders(served):
     assert send(served, "POST", "/flows/", FLOW, **json_body) == 401
     assert send(served, "POST", "/flows/", FLOW, Origin=served.ui, **json_body) == 401
     assert send(served, "POST", "/flows/", FLOW, **key) == 415
-    assert (
-        send(served, "POST", "/flows/", FLOW, Content_Type="text/plain", **key) == 415
-    )
+    plain = {"Content_Type": "text/plain"}
+    assert send(served, "POST", "/flows/", FLOW, **plain, **key) == 415
     assert made(served) == []
 
 
@@ -212,15 +213,15 @@ def tab(tmp_path):
 
 @pytest.mark.long
 @pytest.mark.parametrize("name", ["evil.example", "127.0.0.1"])
-def test_a_page_of_another_address_gives_no_orders(served, tab, name):
+def test_a_page_of_another_address_gives_no_orders(paged, tab, name):
     given = {
-        "ui": served.ui,
-        "ws": served.api.url.replace("http", "ws"),
+        "ui": paged.ui,
+        "ws": paged.api.url.replace("http", "ws"),
         "rule": json.dumps(RULE),
     }
     with evil_pages() as port:
         # As after a visit by its owner: what the browser keeps must not help.
-        tab.open(api.opening_address(served.ui, served.api.key))
+        tab.open(api.opening_address(paged.ui, paged.api.key))
         tab.wait(
             "location.pathname.startsWith('/v2') && !!document.title", "it is open"
         )
@@ -229,19 +230,17 @@ def test_a_page_of_another_address_gives_no_orders(served, tab, name):
             "document.body?.innerText === 'evil'", "the page of the attack is open"
         )
         told = tab.run(ATTACK % given)
-    assert told.pop("blind") in (
-        0,
-        "failed",
-    )  # 0: sent, and the page may not see what came
+    # 0: sent, and the page may not see what came.
+    assert told.pop("blind") in (0, "failed")
     assert told.pop("rule") in (0, "failed")
     assert told.pop("framed") == "empty"
     assert set(told.values()) == {"failed"}, told
-    assert made(served) == []
+    assert made(paged) == []
 
 
 @pytest.mark.long
-def test_a_rebound_name_shows_nothing(served, tab):
-    tab.open(f"http://evil.example:{served.port}/api/admin/settings")
+def test_a_rebound_name_shows_nothing(paged, tab):
+    tab.open(f"http://evil.example:{paged.port}/api/admin/settings")
     told = tab.wait("document.body?.innerText", "the answer is there")
     assert "evil.example" in json.loads(told)["detail"]
     asked = "fetch('/api/admin/settings').then(() => 'answered').catch(() => 'refused')"
@@ -249,10 +248,10 @@ def test_a_rebound_name_shows_nothing(served, tab):
 
 
 @pytest.mark.long
-def test_the_pages_work_and_ask_for_nothing_beyond_this_machine(served, tab):
-    api.ask(served.api, "/flows/", {"name": "seen-flow"})
-    api.ask(served.api, "/variables/", {"name": "seen_variable", "value": 1})
-    address = api.opening_address(served.ui, served.api.key)
+def test_the_pages_work_and_ask_for_nothing_beyond_this_machine(paged, tab):
+    api.ask(paged.api, "/flows/", {"name": "seen-flow"})
+    api.ask(paged.api, "/variables/", {"name": "seen_variable", "value": 1})
+    address = api.opening_address(paged.ui, paged.api.key)
     tab.open(address)
     tab.wait("location.pathname.startsWith('/v2')", "the ticket has opened the page")
     pages = {
@@ -261,14 +260,14 @@ def test_the_pages_work_and_ask_for_nothing_beyond_this_machine(served, tab):
         "/v2/settings": "csrf_support_enabled",
     }
     for path, words in pages.items():
-        tab.open(f"{served.ui}{path}")
+        tab.open(f"{paged.ui}{path}")
         tab.wait(f"document.body?.innerText.includes({json.dumps(words)})", path)
         # Its tracker asks a few times, each time later.
         tab.listen(2)
     assert any("amplitude" in said for said in tab.said)  # it has tried
     hosts = {url.split("/")[2] for url in tab.asked.values() if "://" in url}
-    assert hosts == {f"127.0.0.1:{served.port}"}
-    assert served.api.key not in tab.run("document.documentElement.outerHTML")
+    assert hosts == {f"127.0.0.1:{paged.port}"}
+    assert paged.api.key not in tab.run("document.documentElement.outerHTML")
     tab.open("about:blank")
     tab.open(address)
     tab.wait("document.body?.innerText.includes('has been used')", "it opened once")

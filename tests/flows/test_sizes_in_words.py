@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from flows.report.diagnosis import tiles_of
-from flows.report.tables import frame_words, named_joints, size_of, sizes, tells, title
+from flows.report.tables import frame_words, named_joints, size_of, tells, title
 from residual.diagnosis.result import Diagnosis, Frames
 from residual.effects import registry
 from tests.verdict_documents import typed
@@ -77,32 +77,12 @@ def test_a_change_is_told_from_what_to_what():
     assert tile(lacking).value == "4.99 ± 0.12 N m"  # no change of what it has
 
 
-def test_each_joint_has_its_own_change():
-    given = [change("coulomb", j, "level", 8.0 + j, 13.0) for j in (1, 2)]
-    level = ([4.0, 3.0], [0.1, 0.1], "N m")
-    said = verdict("coulomb", (1, 2), given, ["coulomb"], level=level)
-    texts = [one.text for one in sizes(said.effects[0], said)]
-    assert texts == ["+4.00 ± 0.10 N m (9.0 → 13.0)", "+3.00 ± 0.10 N m (10.0 → 13.0)"]
-    assert size_of(said.effects[0], said)[1] == "+3 to +4 N m"
-
-
-def test_a_link_is_heavier_by_per_cent():
-    said = verdict("link_inertia", (3,), scale=(0.12, 0.03, "1"))
-    assert tile(said)[:2] == ("Mass and inertia", "+12.0 ± 3.0 %")
-
-
 def test_the_frame_of_a_load_is_named():
     numbers = {"mass": (2.8, 0.1, "kg"), "com_x": (0.1, 0.02, "m")}
     said = verdict("payload", (6,), **numbers)
     frame = frame_words(said.effects[0], said.frames)
     assert frame.startswith("in the axes of tool0, from its origin")
     assert title(said.effects[0], said) == "a payload at the flange (wrist_roll)"
-
-
-def test_what_is_not_determined_stays_open():
-    half = {"sin": (16.3, 0.4, "N m"), "cos": (None, None, "N m")}
-    said = verdict("balancer", (2,), **half)
-    assert size_of(said.effects[0], said) == ("sin", "16.30 ± 0.40 N m")
 
 
 def test_a_joint_is_called_where_its_name_says_more_than_its_number():

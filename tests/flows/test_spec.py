@@ -52,12 +52,6 @@ def test_the_documented_example_becomes_the_records_of_plant_and_motion():
     assert made.log_rates() == Rates(1000.0, 250.0)
 
 
-def test_an_empty_spec_is_all_defaults():
-    made = experiment_of({}, "SPEC.toml")
-    assert made.robot == "irb140"
-    assert made.plant_spec().effects == ()
-
-
 @pytest.mark.parametrize(
     ("old", "new", "said"),
     [

@@ -14,8 +14,7 @@ from flows.requests import Validate
 from flows.specs.experiment import experiment_of
 from flows.steps import experiment
 from flows.steps import rerun as reruns
-from flows.steps.experiment import settled, torque_of
-from flows.steps.models import TABLES, calibration_of, tables_to_drive
+from flows.steps.models import calibration_of
 from flows.steps.rerun import apart
 from flows.steps.rerun import made_again as again
 from flows.steps.track import LOOP, MODEL, NOMINAL, Motion, Track, track, tracked
@@ -35,7 +34,7 @@ from residual.model.record import to_record
 from residual.robot.dynamics import inertial_parameters
 from residual.robot.robot import load_robot
 from residual.tables.components import state_names
-from residual.tables.lookup import Axis, Lookup, Table, export_lookup
+from residual.tables.lookup import Axis, Lookup, Table
 from sim.engine.records import Noise, PlantEffect, PlantSpec, TrajectorySpec
 from sim.plant.controller import maker_of
 from sim.trajectories import make_reference
@@ -115,14 +114,6 @@ def test_a_wrong_correction_makes_it_worse(motions, driven, joint, stiffness):
     assert np.linalg.norm(wrong.values(MODEL, "rms")) > 1.3 * np.linalg.norm(good)
 
 
-def test_twice_the_correction_gains_next_to_nothing(motions, driven):
-    wrong = tracked(ROBOT, {MODEL: corrected(2, 120.0)}, motions[:1])
-    right, none = (driven.values(cell, "rms")[0] for cell in (MODEL, NOMINAL))
-    twice = np.linalg.norm(wrong.values(MODEL, "rms"))
-    assert twice > 4 * np.linalg.norm(right)
-    assert twice > 0.9 * np.linalg.norm(none)
-
-
 def test_differences_are_taken_in_pairs_with_an_interval(driven):
     gain = driven.gain(NOMINAL, MODEL)
     assert gain.n == 2
@@ -188,18 +179,6 @@ def test_friction_never_turns_faster_than_the_stated_torque_rate(rise, speed, tu
         near = np.abs(qd[:, j]) < 0.02
         near = maximum_filter1d(near.astype(int), 2 * half[j] + 1) > 0
         np.testing.assert_allclose(held[~near, j], free[~near, j], atol=1e-6)
-
-
-def test_the_narrow_turn_tracks_better_and_the_stated_rate_makes_small_steps(motions):
-    wide, free, held = (
-        tracked(ROBOT, {MODEL: corrected()}, motions[:1], turning)
-        for turning in (Turning(1e-3), Turning(rise=0.0), AS_MEASURED)
-    )
-    left = [np.linalg.norm(x.values(MODEL, "rms")) for x in (wide, free, held)]
-    assert left[2] < 0.7 * left[0]
-    assert left[2] < 1.1 * left[1]
-    steps = [x.values(MODEL, "step").max() for x in (free, held)]
-    assert steps[1] < 0.5 * steps[0]
 
 
 @pytest.mark.parametrize(
@@ -310,13 +289,6 @@ def test_a_spec_names_the_model_that_drives_and_the_run_keeps_its_whole_id(runs)
     assert other not in (by_model, by_nominal)
 
 
-def test_where_none_is_adopted_the_adopted_model_is_the_nominal_one(
-    runs,
-):
-    store, *_ = runs
-    assert settled(spec(model="adopted"), ROBOT, store) == spec(model="nominal")
-
-
 def test_a_rerun_is_driven_by_the_model_of_then(runs):
     store, _, _, by_model = runs
     made = reruns.rerun(by_model, store, True)
@@ -388,34 +360,6 @@ def test_a_calibration_drives_from_its_file_or_its_id_and_is_made_again(
     assert made.models["tables"].torque[1] < 0.2 * made.models["nominal"].torque[1]
 
 
-def test_tables_of_the_papers_form_drive_on_the_model_as_described(runs):
-    store, _, run, _ = runs
-    record = {
-        "robot": ROBOT.name,
-        "stage": "calibrated",
-        "mode": "paper",
-        "joints": [1, 2, 3],
-        "request": {"robot_hash": ROBOT.content_hash},
-    }
-    whole, first = tables(), range(3)
-    lookup = replace(
-        whole,
-        joints=whole.joints[:3],
-        tables=(Table((0,), whole.tables[0].values[:, first]),),
-        offset=whole.offset[first],
-        slope=whole.slope[:, first],
-    )
-    made = commit_record(store, "models", record, files=export_lookup(lookup))
-    kept = {"robot": ROBOT.name, "kind": "calibration", "model_id": made}
-    assert calibration_of(store, commit_record(store, "validations", kept)) == made
-    _, done = track(Track((run,), None, 0, store, calibration=made))
-    assert done.names == (NOMINAL, TABLES)
-    assert done.gain(NOMINAL, TABLES).ratio < 0.9
-    other = replace(nominal(), robot=replace(ROBOT, urdf=ROBOT.urdf + " "))
-    with pytest.raises(InputError, match="as it was described then"):
-        tables_to_drive(store, made, other)
-
-
 def test_what_is_no_calibration_is_refused(runs, tmp_path):
     store, model, *_ = runs
     corrected().save(tmp_path / "model.json")
@@ -431,10 +375,3 @@ def test_a_model_of_another_robot_is_refused(runs, tmp_path):
     model = kept(store, replace(corrected(), robot=other))
     with pytest.raises(InputError, match="as it was described then"):
         experiment.run(spec(model=model), store)
-
-
-def test_every_kind_of_drive_gives_what_the_controller_takes(motions):
-    reference = motions[0].reference
-    given = torque_of(corrected(), reference, "feed_forward", Use())
-    assert given.shape == reference.q.shape
-    assert callable(torque_of(corrected(), reference, "computed_torque", Use()))

@@ -72,17 +72,6 @@ def test_joints_and_axes_give_the_pose_of_the_flange(with_shapes):
     assert np.allclose(pose, data.oMi[model.njoints - 1].homogeneous, atol=1e-9)
 
 
-def test_links_without_shapes_are_rods_to_the_next_joint():
-    look = shown(False).look
-    robot = shown(False).robot
-    rods = {b.joint: b for b in look.bodies if b.kind == "cylinder"}
-    for joint in (1, 2, 3):
-        end = robot.model.jointPlacements[joint + 1].translation
-        tip = rods[joint].place @ [0, 0, rods[joint].size[1] / 2, 1]
-        assert np.allclose(tip[:3], end, atol=1e-9)
-    assert {b.joint for b in look.bodies if b.kind == "sphere"} == set(range(1, 7))
-
-
 def test_meshes_are_found_beside_the_urdf_and_scaled(tmp_path):
     (tmp_path / "meshes").mkdir()
     write_stl(tmp_path / "meshes" / "cube.stl")
@@ -138,12 +127,6 @@ def test_the_page_has_the_motion_and_runs_only_known_scripts():
     assert len(html.encode()) - library < 2_000_000
 
 
-def test_many_samples_are_shown_as_enough_poses():
-    rows = frames_of(a_log(6, 600.0))
-    assert 5000 < len(rows) <= 6000
-    assert (rows[0], rows[-1]) == (0, 150_000 - 1)
-
-
 def test_what_is_missing_is_said(tmp_path, monkeypatch, capsys):
     monkeypatch.chdir(tmp_path)
     with pytest.raises(InputError, match="does not say which robot"):
@@ -167,11 +150,3 @@ def test_a_file_is_shown_with_the_model_as_described(tmp_path, monkeypatch, caps
     names = [trace["name"] for trace in page.plots[1]["data"]]
     assert names == ["measured", "nominal (as given)", "nominal (as given)"]
     assert json.dumps(page.plots[0]["first"]) == "0"
-
-
-def test_a_joint_has_the_name_of_the_urdf():
-    page = render(shown())
-    names = tuple(shown().robot.model.names)[1:]
-    assert names
-    for joint, name in enumerate(names, 1):
-        assert f'aria-label="Draw joint {joint}, {name}"' in page

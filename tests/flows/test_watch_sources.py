@@ -87,13 +87,6 @@ def test_json_lines_come_down_a_pipe(monkeypatch):
         assert source.ended
 
 
-def test_a_line_of_numbers_is_no_line_of_names(tmp_path):
-    path = tmp_path / "live.csv"
-    path.write_text(f"{row(1)}\n{row(2)}\n")
-    with pytest.raises(InputError, match="column names"):
-        GrowingFile(path, *ARM).read()
-
-
 LONG = b"9" * (5 << 19)  # two and a half megabytes without an end of line
 
 

@@ -45,16 +45,3 @@ def test_wear_is_told_by_joint_and_kept_as_json(store, capsys):
         # Relative to the friction of all runs together: an eighth above the first.
         assert wear["value"] == pytest.approx(0.25 / 1.125, abs=0.05)
         assert not joint["cold_to_warm"]["real"]
-
-
-@pytest.mark.parametrize(
-    ("words", "message"),
-    [
-        (["ffff"], "an id that begins with 'ffff'"),
-        (["--store", "empty"], "There is no store at"),
-    ],
-)
-def test_what_cannot_be_followed_is_refused(store, words, message, capsys):
-    place = [] if "--store" in words else ["--store", "store"]
-    assert main(["wear", *words, "--robot", "arm.urdf", *place]) == 2
-    assert message in " ".join(capsys.readouterr().err.split())

@@ -6,7 +6,6 @@ import numpy as np
 import pytest
 
 from flows.cli import main
-from residual.model.record import held_in, load_model
 from tests.checkout import ROOT
 from tests.residual.test_model_record import model_of
 from warehouse.commit import commit_run
@@ -51,15 +50,3 @@ def test_a_file_where_something_else_is_meant_is_called_what_it_is(
     said = " ".join(capsys.readouterr().err.split())
     assert CASES[words] in said
     assert "of form" not in said
-
-
-def test_an_id_that_is_none_is_told_without_a_file(folder, capsys):
-    assert main(["show", "none.json"]) == 2
-    assert "It is a file" not in capsys.readouterr().err
-
-
-def test_a_file_is_known_by_what_is_in_it(folder):
-    assert held_in("p.json") == "a verdict"
-    assert held_in("m.json") == "a model"
-    assert held_in("A.csv") == "something else"
-    assert load_model("m.json").robot.dof > 0

@@ -84,11 +84,7 @@ def _child(
 
 
 def _work(
-    reader: Reader,
-    span: tuple[float, int],
-    place: Path,
-    corpus: Path,
-    out: Connection,
+    reader: Reader, span: tuple[float, int], place: Path, corpus: Path, out: Connection
 ) -> None:
     end, number = span
     known: set[str] = set()

@@ -34,27 +34,6 @@ def test_names_alone_change_nothing(read, samples):
     assert understood.used == LOG_NAMES
 
 
-def test_units_signs_and_zeros_are_applied_and_said(read, samples):
-    table = samples.copy()
-    table[:, 0] *= 1000
-    table[:, 1:3] = np.rad2deg(samples[:, 1:3]) * [1, -1] + [10, -20]
-    table[:, 4] *= -1
-    recording, understood = read(
-        'time = {column = "Time", unit = "ms"}\n'
-        'q = {columns = ["J1", "J2"], unit = "deg", sign = [1, -1], zero = [10, -20]}\n'
-        'tau = {columns = ["I1", "I2"], sign = [1, -1]}\n',
-        table,
-    )
-    np.testing.assert_allclose(recording.t, samples[:, 0])
-    np.testing.assert_allclose(recording.q, samples[:, 1:3], atol=1e-12)
-    np.testing.assert_allclose(recording.tau, samples[:, 3:])
-    assert understood.conversions == (
-        "t: ms to s",
-        "q: deg to rad, sign turned on joint 2, zero moved",
-        "tau: sign turned on joint 2",
-    )
-
-
 def test_scales_are_applied_after_unit_and_sign_and_said(read, samples):
     table = samples * [2, 1, 1, 1000, -500]
     table[:, 1:3] = np.rad2deg(samples[:, 1:3]) * [4, -0.5] + [10, -20]
@@ -76,12 +55,6 @@ def test_scales_are_applied_after_unit_and_sign_and_said(read, samples):
     done = {channel: told for channel, _, _, told in understood.channels}
     assert done["t"] == "times 0.5"
     assert done["tau2"] == "sign turned, times 0.002"
-
-
-def test_a_scale_of_time_comes_on_top_of_its_unit(read, samples):
-    table = samples * [250, 1, 1, 1, 1]
-    text = 'time = {column = "Time", unit = "ms", scale = 4}\n'
-    np.testing.assert_allclose(read(text + Q + TAU, table)[0].t, samples[:, 0])
 
 
 MOTOR = (
@@ -133,19 +106,6 @@ def test_currents_of_coupled_motors_act_on_both_joints(read, samples):
     motor = samples[:, 3:] * [30 / 100, 20 / 50]
     np.testing.assert_allclose(recording.tau[:, 0], motor @ [100, -5])
     np.testing.assert_allclose(recording.tau[:, 1], motor @ [0, 50])
-
-
-def test_the_map_that_the_documentation_shows_is_valid(tmp_path):
-    (tmp_path / "c.toml").write_text(
-        'time  = {column = "Time", unit = "ms"}\n'
-        'q     = {columns = ["J1", "J2"], unit = "deg", side = "link", '
-        "sign = [1, -1], zero = [0, 0]}\n"
-        'tau   = {columns = ["I1", "I2"], unit = "A", side = "motor"}\n'
-        'csv   = {separator = ";", decimal = ",", skip = 3}\n'
-    )
-    columns = load_columns(tmp_path / "c.toml")
-    assert columns.csv.skip == 3
-    assert columns.signals["tau"].side == "motor"
 
 
 BAD_MAPS = {

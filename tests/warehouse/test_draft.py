@@ -151,14 +151,6 @@ def test_what_is_not_found_is_a_comment_with_all_that_is_there(tmp_path, table):
     assert set(tomllib.loads(text)) == {"time", "q"}
 
 
-def test_two_that_may_be_the_torque_are_both_named(tmp_path, table):
-    header = "t;q1;q2;TorqueSm1;TorqueSm2;TorqueFb1;TorqueFb2"
-    path = write(tmp_path / "a.csv", header, np.column_stack([table, table[:, 3:]]))
-    found = draft(path, two(tmp_path))
-    assert found.columns.signals["tau"].columns == ("TorqueFb1", "TorqueFb2")
-    assert "or else: TorqueSm1..2" in found.doubts["tau"][0]
-
-
 def test_names_that_would_break_out_of_a_comment_stay_in_it(tmp_path, table):
     names = [
         "t",

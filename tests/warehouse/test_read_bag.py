@@ -134,11 +134,6 @@ def test_without_the_extra_it_is_told(
         read_log(path, robot)
 
 
-def test_a_folder_that_is_no_bag_is_told(tmp_path, robot):
-    with pytest.raises(InputError, match="is a folder, expected a log file"):
-        read_log(str(tmp_path), robot)
-
-
 VIEWER = (
     "Signal Viewer export\r\nStation;Cell 4\r\n\r\n"
     "Time;J1;J2;I1;I2;Comment\r\n[ms];[deg];[deg];[Nm];[Nm];\r\n"
@@ -181,11 +176,3 @@ def test_a_unit_that_the_file_contradicts_is_an_error(tmp_path, robot, samples):
     columns = load_columns(tmp_path / "map.toml")
     with pytest.raises(InputError, match="'J1' is in deg by the file, in rad by"):
         read_log(viewer(tmp_path / "a.csv", samples), robot, columns)
-
-
-def test_units_in_brackets_are_compared_too(tmp_path, robot, samples, write):
-    names = ("t [ms]", "q1", "q2", "tau1", "tau2")
-    (tmp_path / "map.toml").write_text('time = {column = "t [ms]"}\n')
-    columns = load_columns(tmp_path / "map.toml")
-    with pytest.raises(InputError, match=r"'t \[ms\]' is in ms by the file, in s by"):
-        read_log(write(samples, names), robot, columns)

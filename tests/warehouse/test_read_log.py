@@ -10,7 +10,7 @@ import pytest
 from residual.errors import InputError
 from residual.robot.robot import load_robot
 from warehouse.logs import ColumnMap, read_log
-from warehouse.logs.columns import CsvFormat, shorten
+from warehouse.logs.columns import CsvFormat
 
 NAMES = ("t", "q1", "q2", "tau1", "tau2")
 
@@ -30,12 +30,6 @@ def test_plain_csv_arrives_as_written(robot, samples, write):
 def test_any_separator_is_recognised(robot, samples, write, separator):
     recording, _ = read_log(write(samples, separator=separator), robot)
     np.testing.assert_array_equal(recording.tau, samples[:, 3:])
-
-
-def test_names_with_blanks_do_not_hide_the_separator(robot, samples, write):
-    names = (*NAMES, "Axis 1 load in %")
-    path = write(np.c_[samples, samples[:, 0]], names, separator=";")
-    assert read_log(path, robot)[1].ignored == ("Axis 1 load in %",)
 
 
 def test_byte_order_mark_carriage_returns_blanks_and_empty_lines_do_no_harm(
@@ -112,18 +106,6 @@ def test_a_channel_that_never_changes_and_a_gap_are_said(robot, samples, write):
     warnings = read_log(write(samples), robot)[1].warnings
     assert "q2 never changes" in warnings[0]
     assert "1 gap(s) in time, the largest 0.51 s at t = 1.99 s" in warnings[1]
-
-
-def test_thirty_thousand_rows_are_read_whole(write):
-    rng = np.random.default_rng(0)
-    t = np.arange(30_000) / 250
-    q = np.sin(t[:, None] * np.arange(1, 7) / 3)
-    joints = range(1, 7)
-    names = ("t", *(f"q{i}" for i in joints), *(f"tau{i}" for i in joints))
-    path = write(np.column_stack([t, q, rng.normal(size=(30_000, 6))]), names)
-    log, known = read_log(path, load_robot("irb140"))
-    assert (len(log.t), known.rows) == (30_000, 30_000)
-    np.testing.assert_allclose(log.q[-1], q[-1], atol=1e-9)
 
 
 def change(row, column, value):
@@ -288,17 +270,3 @@ def test_what_is_not_a_file_is_refused(robot, tmp_path, monkeypatch, spec, messa
     monkeypatch.chdir(tmp_path)
     with pytest.raises(InputError, match=message):
         read_log(spec, robot)
-
-
-@pytest.mark.parametrize(
-    ("names", "line"),
-    [
-        ("q1 q2 q3 q4 tau1 tau2", "q1..4 tau1..2"),
-        ("../x q1 q2", "../x q1..2"),
-        ("q1..3 q4", "q1..3 q4"),
-        ("a..1 a..2 a..3", "a..1..3"),
-        ("J01 J02", "J01 J02"),
-    ],
-)
-def test_names_that_are_numbered_on_are_one_word(names, line):
-    assert shorten(names.split()) == line

@@ -335,13 +335,3 @@ def test_a_wrong_hash_is_refused(bundle, tmp_path):
         packed(tmp_path / "bad.tar", bad.items()), tmp_path, "hash is another one"
     )
     assert_refused(repacked(tmp_path / "bad.tar", bad), tmp_path, "another hash")
-
-
-def test_names_of_the_file_are_checked(store, tmp_path):
-    with pytest.raises(InputError, match=r"ends in \.tar"):
-        write_bundle(store[0], store[2], tmp_path / "b.zip")
-    with pytest.raises(InputError, match="folder that is there"):
-        write_bundle(store[0], store[2], tmp_path / "none" / "b.tar")
-    os.mkdir(tmp_path / "c.tar")
-    with pytest.raises(InputError, match="folder that is there"):
-        write_bundle(store[0], store[2], tmp_path / "c.tar")

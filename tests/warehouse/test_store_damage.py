@@ -7,12 +7,11 @@ import warehouse
 from residual.errors import InputError
 from tests.warehouse import store_samples as made
 from tests.warehouse.store_samples import flip
-from warehouse.bundle import read_bundle, write_bundle
-from warehouse.files import BLOCK, SUMS, sums_of, write_sums
-from warehouse.layout import find, find_run
+from warehouse.files import BLOCK, SUMS
+from warehouse.layout import find_run
 from warehouse.query.store import Watched
-from warehouse.runs import open_seal, quarantine
-from warehouse.verify import faults, verify_all
+from warehouse.runs import quarantine
+from warehouse.verify import verify_all
 
 SUM = "SELECT sum(q1) AS s FROM samples WHERE run_id = $id"
 
@@ -132,43 +131,9 @@ def test_a_damaged_copy_changes_no_answer(store):
         pack.write_bytes(good)
 
 
-def test_a_seal_and_a_row_are_checked_in_python(store):
-    folder, runs, last = store
-    flip(folder / "sealed" / f"run_id={runs[0]}" / "truth.parquet")
-    with pytest.raises(InputError, match=r"truth\.parquet is damaged"):
-        open_seal(folder, runs[0])
-    found = find(folder, last)
-    assert faults(found) == ()
-    flip(found.row, 10)
-    assert faults(found)
-
-
 def test_a_seal_is_for_its_owner_alone(store):
     folder, runs, _ = store
     assert folder.stat().st_mode & 0o777 == 0o700
     place = folder / "sealed" / f"run_id={runs[0]}"
     assert place.stat().st_mode & 0o777 == place.parent.stat().st_mode & 0o777 == 0o700
     assert {p.stat().st_mode & 0o777 for p in place.iterdir()} == {0o600}
-
-
-def test_sums_say_which_block(tmp_path):
-    path = tmp_path / "part"
-    path.write_bytes(bytes(3 * BLOCK + 5))
-    told = sums_of(path)
-    assert (told["bytes"], len(told["blocks"])) == (3 * BLOCK + 5, 4 * 8)
-    write_sums(tmp_path)
-    flip(path, 2 * BLOCK)
-    from_block = [told["blocks"][i : i + 8] for i in range(0, 32, 8)]
-    new = sums_of(path)["blocks"]
-    differ = [i for i in range(4) if new[8 * i : 8 * i + 8] != from_block[i]]
-    assert differ == [2]
-
-
-def test_a_bundle_brings_no_sums_and_gets_its_own(store, tmp_path):
-    folder, _, last = store
-    write_bundle(folder, last, tmp_path / "b.tar")
-    there = tmp_path / "there"
-    read_bundle(tmp_path / "b.tar", there)
-    assert damaged(there) == []
-    assert all(each.summed for each in verify_all(there))
-    assert (there / "sealed").stat().st_mode & 0o777 == 0o700

@@ -73,9 +73,3 @@ def test_the_data_hash_is_of_values_names_and_shapes():
 def test_an_id_is_hex_digits_and_nothing_else(text):
     with pytest.raises(InputError, match="is not an id: expected up to 20 hex digits"):
         ids.check_id(text)
-
-
-@pytest.mark.parametrize("text", ["", "..", "a/b", "Robot", "x" * 41, "a b"])
-def test_a_robot_in_a_path_is_a_slug(text):
-    with pytest.raises(InputError, match="is not a robot's name"):
-        ids.check_slug(text)

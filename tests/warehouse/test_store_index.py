@@ -66,14 +66,6 @@ def test_segments_may_be_torn_doubled_or_of_runs_that_are_gone(tmp_path, monkeyp
     assert sorted(row["run_id"] for row in rows) == sorted(ids[:-1])
 
 
-def test_the_end_of_a_process_writes_what_it_kept(tmp_path):
-    fill(tmp_path, 3)
-    segments.flush()
-    (file,) = (tmp_path / "_index").glob("runs-*.parquet")
-    segments.flush()
-    assert file.is_file()
-
-
 @pytest.fixture
 def packed(tmp_path):
     """A store with eight small runs and a large one, compacted."""

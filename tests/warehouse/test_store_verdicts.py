@@ -114,15 +114,6 @@ def test_the_same_verdict_on_the_same_runs_is_kept_once(tmp_path, runs):
     assert ask(tmp_path, "SELECT count(*) FROM diagnoses") == [(3,)]
 
 
-def test_a_verdict_of_nothing_is_kept(tmp_path, runs):
-    nothing = made.verdict(runs[:1], verdict="none", effects=[], nominal_scale=None)
-    id = made.store_verdict(tmp_path, nothing, MODEL, runs)
-    assert ask(tmp_path, "SELECT diagnosis_id, verdict FROM diagnoses") == [
-        (id, "none")
-    ]
-    assert ask(tmp_path, "FROM effects") == []
-
-
 def test_a_run_that_is_not_there_is_told_and_nothing_is_stored(tmp_path, runs):
     with pytest.raises(InputError, match="begins with 'ffffffffffff'"):
         made.store_verdict(tmp_path, made.verdict(), MODEL, [runs[0], "ffffffffffff"])

@@ -1,14 +1,10 @@
 """A loop that is killed goes on where it stopped, and ends as it would have ended."""
 
-import signal
-import subprocess
-import sys
 from dataclasses import replace
 from functools import partial
 
 import pytest
 
-from flows.cli import main
 from flows.steps.closing import close
 from flows.steps.closing.arm import Close, loop_id, make_arm
 from residual.errors import InputError
@@ -64,28 +60,6 @@ def test_killed_at_any_decision_it_goes_on_to_the_same_end(
     assert scripted.play(tmp_path) == []
 
 
-_DIES = """
-import os, signal, sys
-from tests.flows.closing import scripted
-from flows.steps.closing import close
-def act(loop, step, tell=None):
-    if len(loop.history) == 4:
-        os.kill(os.getpid(), signal.SIGKILL)
-    return scripted.act(loop, step)
-close.act = act
-scripted.play(sys.argv[1])
-"""
-
-
-def test_after_kill_9_it_goes_on_to_the_same_end(tmp_path, monkeypatch, whole):
-    done = subprocess.run([sys.executable, "-c", _DIES, str(tmp_path)], check=False)
-    assert done.returncode == -signal.SIGKILL
-    assert len(read_decisions(tmp_path, whole[0].loop)) == 4
-    monkeypatch.setattr(close, "act", scripted.act)
-    assert len(scripted.play(tmp_path)) == len(whole) - 4
-    assert read_decisions(tmp_path, whole[0].loop) == tuple(whole)
-
-
 def test_decisions_are_records_in_sql_and_a_number_is_taken_once(tmp_path, whole):
     for decision in whole:
         commit_decision(tmp_path, decision)
@@ -133,22 +107,3 @@ def test_records_of_another_arm_are_not_gone_on_with(tmp_path, monkeypatch, whol
     monkeypatch.setattr(close, "act", scripted.act)
     with pytest.raises(InputError, match="draws another arm"):
         scripted.play(tmp_path)
-
-
-@pytest.mark.parametrize(
-    ("words", "message"),
-    [
-        (["--budget", "2"], "--budget 2: expected 3 to 100"),
-        (["--effects", "4"], "--effects 4: expected 0 to 3"),
-        (["--seed", "-1"], "--seed"),
-        (["--robot", "irb14"], "irb140"),
-        (["--report", "nowhere/page.html"], "no folder"),
-    ],
-)
-def test_what_cannot_be_done_is_told_before_anything_is_run(
-    tmp_path, monkeypatch, capsys, words, message
-):
-    monkeypatch.chdir(tmp_path)
-    assert main(["close", *words]) == 2
-    assert message in capsys.readouterr().err
-    assert not (tmp_path / "store").exists()

@@ -1,7 +1,7 @@
 """A study as plain files: the same bits again, and nothing gives the truth away."""
 
-import filecmp
 import json
+from dataclasses import replace
 from pathlib import Path
 
 import pytest
@@ -10,7 +10,6 @@ from flows.blind import draw as blind_draw
 from flows.blind.draw import Draft, Excitation, StudyRequest, Wish
 from flows.blind.export import write
 from flows.blind.export.write import classes, words
-from flows.cli.demo import blind
 from flows.workers.pool import Here
 from residual.errors import InputError, RunError
 
@@ -38,8 +37,8 @@ DRAFTS = [
 
 @pytest.fixture
 def short(monkeypatch, compiled_plant):
-    monkeypatch.setattr(write, "drafts", lambda asked: DRAFTS)
-    monkeypatch.setattr("flows.blind.export.write.AFTER", ("cyclic", "cyclic"))
+    monkeypatch.setattr(write, "drafts", lambda asked: DRAFTS[: asked.n])
+    monkeypatch.setattr("flows.blind.export.write.AFTER", ("cyclic",))
     monkeypatch.setattr(blind_draw, "_PAUSE", 1.0)
     # Without known sizes the usual ones are hidden, and nothing need be diagnosed.
     monkeypatch.setattr(write, "null_sizes", lambda *args: ({0: []}, []))
@@ -47,14 +46,18 @@ def short(monkeypatch, compiled_plant):
 
 @pytest.mark.slow
 def test_an_export_has_every_bit_again_and_gives_nothing_away(short, tmp_path):
-    for name in ("one", "two"):
+    for name, asked in (("one", ASKED), ("two", replace(ASKED, n=1))):
         store = tmp_path / f"store_{name}"
-        write.export_study(ASKED, (0,), tmp_path / name, store, Here())
-    same = filecmp.dircmp(tmp_path / "one", tmp_path / "two")
-    _alike(same)
+        write.export_study(asked, (0,), tmp_path / name, store, Here())
+    one, two = (
+        {p.relative_to(tmp_path / n): p.read_bytes() for p in logs_of(tmp_path / n)}
+        for n in ("one", "two")
+    )
+    assert len(two) >= 3
+    assert {place: one[place] for place in two} == two
     opened = tmp_path / "one" / "open"
     files = [p for p in opened.rglob("*") if p.is_file()]
-    assert len(files) == 2 + 2 + 2 * 4
+    assert len(files) == 2 + 2 + 2 * 3
     # Of both cases the same names, heads and lengths; only the judge has the torque.
     heads = {}
     for path in (p for p in files if p.suffix == ".csv"):
@@ -70,16 +73,11 @@ def test_an_export_has_every_bit_again_and_gives_nothing_away(short, tmp_path):
     truth = json.loads((tmp_path / "one" / "sealed" / "truth.json").read_text())
     (hidden,) = truth["cases"]["case_001"]["effects"]
     assert hidden["effect"] == "torque_gain"
-    assert truth["cases"]["case_002"]["after"] == {"after_1": None, "after_2": None}
+    assert truth["cases"]["case_002"]["after"] == {"after_1": None}
 
 
-def _alike(same):
-    assert (same.left_only, same.right_only, same.diff_files) == ([], [], [])
-    for name in same.common_files:
-        one, two = (Path(side) / name for side in (same.left, same.right))
-        assert one.read_bytes() == two.read_bytes()
-    for below in same.subdirs.values():
-        _alike(below)
+def logs_of(folder):
+    return [path for path in folder.rglob("*.csv") if "case_001" in str(path)]
 
 
 def test_a_folder_that_is_there_is_not_written_into(tmp_path):
@@ -103,19 +101,3 @@ def test_every_ten_cases_have_another_arm(tmp_path):
     again = write.parts(StudyRequest(40, 1), range(3), tmp_path / "again")
     names = [[Path(own.robot).name for own, _ in part] for part in (cases, again)]
     assert names[0] == names[1]
-
-
-@pytest.mark.parametrize(
-    ("words", "said"),
-    [
-        ({"arms": 2}, "--arms is for --export"),
-        ({"export": "new", "arms": 0}, "--arms is 0, expected 1 to 20"),
-        ({"export": "new", "report": "r.html"}, "has no --report"),
-        ({"export": "no/such/new"}, "there is no folder 'no/such'"),
-    ],
-)
-def test_the_command_refuses_what_an_export_has_not(words, said, tmp_path, monkeypatch):
-    monkeypatch.chdir(tmp_path)
-    with pytest.raises(InputError, match=said):
-        blind(n=2, **words)
-    assert list(tmp_path.iterdir()) == []

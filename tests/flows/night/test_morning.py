@@ -140,18 +140,6 @@ def test_alarms_that_no_verdict_explains_say_what_they_are(project, morning):
     assert "torque torque" not in page
 
 
-def test_status_says_what_was_refused(project, morning):
-    (row,) = _refused(project.store)
-    assert row["why"].startswith("bad.csv: ")
-
-
-def test_runs_are_listed_with_their_logs_and_tags(project, morning, capsys):
-    assert main(["runs"]) == 0
-    out = capsys.readouterr().out
-    assert out.count("monday_") == 7
-    assert out.count("healthy") == 3
-
-
 def test_what_an_alarm_and_a_schedule_diagnose_is_one(project, morning):
     id, loads, healthy = morning
     table = project.robot("cell")
@@ -184,10 +172,6 @@ def test_an_alarm_of_a_project_is_told_whose_it_is(project):
 def test_who_waits_for_an_answer_need_not_give_signs_of_life():
     expected = stale_rule()["trigger"]["expect"]
     assert {"prefect.flow-run.Suspended", "prefect.flow-run.Paused"} <= set(expected)
-
-
-def test_the_inboxes_are_there_before_the_server_is(project):
-    assert [inbox.folder.is_dir() for inbox in inboxes(project)] == [True, True]
 
 
 @pytest.mark.parametrize(

@@ -2,11 +2,7 @@
 
 from datetime import datetime
 
-import pytest
-
 from flows.service import api
-from flows.service.api import Status
-from flows.service.state import Process, Running
 from residual.errors import RunError
 
 TO = api.Api("http://127.0.0.1:1/api", "modelgap:key")
@@ -85,22 +81,3 @@ def test_of_a_server_that_does_not_answer_there_is_no_past(monkeypatch):
 
     monkeypatch.setattr(api, "ask", ask)
     assert api.past_of(TO)(BEGIN, END) is None
-
-
-@pytest.mark.parametrize(("results", "shown"), [(3, 7), (9, 1), (12, 0)])
-def test_last_results_stand_before_starts_that_were_cancelled(
-    monkeypatch, results, shown
-):
-    cancelled = [run(f"c{i}", "CANCELLED") for i in range(8)]
-    done = [run(f"d{i}", "COMPLETED") for i in range(results)]
-    monkeypatch.setattr(api, "ask", Server([*cancelled, *done]))
-    listed = [r["state"] for r in api.last_runs(TO)]
-    assert listed == ["Completed"] * (10 - shown) + ["Cancelled"] * shown
-
-
-def test_status_has_the_addresses_of_the_pages_while_a_server_answers():
-    running = Running("0.0.0.0", 4300, "sqlite", "", (Process("server", 1, "x"),))
-    told = Status(running, server=True).document()
-    assert told["pages"]["night"] == "http://127.0.0.1:4300/pages/night/latest.html"
-    assert Status(running).document()["pages"] == {}
-    assert {"schema", "healthy", "ui", "api", "workers", "runs"} <= set(told)

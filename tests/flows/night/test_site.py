@@ -10,15 +10,12 @@ from flows.cli import main
 from flows.report.night.look import (
     FlowRun,
     History,
-    look,
     night_of,
     slug,
     span_of,
-    title_of,
 )
 from flows.report.night.site import Site
 from tests.flows.night.stores import EVIL, STORED, adopt, fill
-from warehouse.query.store import open_store
 
 NOW = datetime.now(UTC).replace(tzinfo=None)
 FAILED = FlowRun("f-1", "nightly a.toml", "FAILED", NOW, 3.0, "no <space> left")
@@ -146,12 +143,6 @@ def test_the_index_is_narrowed_by_robot_and_verdict(nights):
     assert "two_link #1" not in other
 
 
-def test_a_record_says_where_it_is_from(nights):
-    text = page(nights, f"record/{nights.missing}.html")
-    assert f"modelgap rerun {nights.missing}" in text
-    assert f"record/{nights.runs[0]}.html" in text
-
-
 @pytest.mark.parametrize(
     "address",
     [
@@ -189,12 +180,6 @@ def test_what_is_no_page_is_none_and_reads_no_file(nights, site, address):
     assert found is None or b"Nothing was stored in this night" in found.body
 
 
-def test_a_stored_page_is_told_from_one_that_is_made(nights):
-    found = Site(nights.store).answer(f"report/{nights.report}/report.html")
-    assert (found.body, found.stored) == (STORED, True)
-    assert not Site(nights.store).answer("index.html").stored
-
-
 def test_a_stored_page_that_was_changed_is_not_shown(tmp_path):
     nights = fill(tmp_path / "store")
     (file,) = nights.store.glob(f"reports/*{nights.report}/report.html")
@@ -207,13 +192,6 @@ def test_nights_go_from_noon_to_noon():
     assert str(night_of(noon - timedelta(seconds=1))) == "2026-11-22"
     assert str(night_of(noon)) == "2026-11-23"
     assert span_of(night_of(noon))[0] == noon
-
-
-def test_diagnoses_are_counted_by_robot(nights):
-    assert title_of(nights.store, nights.missing) == "two_link #1"
-    assert title_of(nights.store, nights.nothing) == f"{EVIL} #1"
-    with open_store(nights.store) as opened:
-        assert {d["number"] for d in look(opened).diagnoses} == {1}
 
 
 def test_the_pages_are_written_without_a_server(nights, tmp_path, capsys):

@@ -83,15 +83,6 @@ def test_a_program_is_found_written_and_explained(here, capsys):
     assert "Tools, cables, fixtures and fences are not known here" in page
 
 
-def test_a_wish_needs_nothing_open(here, capsys):
-    words = ("--want", "payload>=0.5", "--seconds", "8", "--json", "-")
-    assert main(["next", *GIVEN, *words]) == 0
-    told = capsys.readouterr()
-    plan = json.loads(told.out)["next_experiment"]
-    assert [r["name"] for r in plan["rivals"]] == ["payload", "nothing"]
-    assert "nothing at all" in told.err
-
-
 @pytest.mark.parametrize(
     ("words", "message"),
     [

@@ -1,7 +1,5 @@
 """The motion that is found: better than where it began, and within all limits."""
 
-from dataclasses import replace
-
 import numpy as np
 import pytest
 
@@ -20,7 +18,6 @@ from flows.steps.planning.motions import (
     drawn_places,
     fourier,
     moves_plan,
-    planned,
     with_twins,
 )
 from residual.planning.promise import SURE, promised
@@ -28,8 +25,7 @@ from residual.robot.dynamics import inverse_dynamics
 from sim.engine.geometry import MARGIN, body, clearances
 from sim.engine.records import TrajectorySpec
 from sim.trajectories import make_reference
-from sim.trajectories.fourier import draw, given, written
-from sim.trajectories.limits import workspace
+from sim.trajectories.fourier import written
 from tests.residual.planning.asked import asked
 
 
@@ -70,16 +66,6 @@ def test_what_is_found_keeps_all_limits_over_the_whole_motion(search, better):
         assert np.abs(motion.qdd[end]).max() < 1e-5
 
 
-def test_a_motion_is_the_same_when_it_is_written_down(search):
-    place = workspace(search.robot, 6.0)
-    series = draw(place, np.random.default_rng(0))
-    again = given(written(series), search.robot.dof, 6.0)
-    for name in ("centre", "sine", "cosine"):
-        np.testing.assert_allclose(
-            getattr(again, name), getattr(series, name), atol=1e-8
-        )
-
-
 def test_a_design_is_compared_with_what_was_not_designed(search, monkeypatch):
     monkeypatch.setattr("flows.steps.planning.design.MANY", 6)
     monkeypatch.setattr("flows.steps.planning.design._LOOKS", 70)
@@ -111,15 +97,6 @@ def test_a_design_is_compared_with_what_was_not_designed(search, monkeypatch):
     np.testing.assert_array_equal(again.q, first.q)
 
 
-def test_all_pairs_are_apart_within_a_motion_or_it_is_too_short(search, better):
-    place, _, found = better
-    motion = fourier(search, place, found)
-    assert motion.after is None or 1.0 < motion.after <= 12.0
-    short = planned(search, TrajectorySpec("move_stop_move", 12.0, 2, 1))
-    assert short is not None
-    assert motion.rank < short.rank
-
-
 def test_moves_stand_while_the_filter_settles_and_go_round_within_the_limits(search):
     space, edge = search.workspace(), search.question.signals.edge
     plans = [moves_plan(search, space, p, edge) for p in drawn_places(search, 12)]
@@ -135,25 +112,6 @@ def test_moves_stand_while_the_filter_settles_and_go_round_within_the_limits(sea
     assert spec.duration <= search.seconds
     again = make_reference(search.robot, spec, 250.0)  # checked against all limits
     np.testing.assert_allclose(again.q, plan.curve(again.t)[0])
-
-
-def test_a_designed_motion_is_cut_after_whole_periods(search, better):
-    place, _, found = better
-    motion = fourier(search, place, found)
-    period, spec = motion.period, motion.spec
-    assert motion.cut(period + 0.1).duration == pytest.approx(
-        min(2 * period, spec.duration)
-    )
-    assert motion.cut(99.0) == spec
-    drawn_one = replace(motion, spec=TrajectorySpec("cyclic", 12.0, 2, 1))
-    assert drawn_one.cut(1.0).duration == 12.0
-    moves = replace(spec, kind="move_stop_move", duration=10.6, periods=5)
-    cut = replace(motion, spec=moves, period=2.0).cut(4.0)
-    assert (cut.duration, cut.periods) == (pytest.approx(4.6), 2)
-
-
-def test_a_family_without_room_is_left_out(search):
-    assert planned(search, TrajectorySpec("cyclic", 3.0, 2, 1)) is None
 
 
 def test_twins_are_told_as_such():

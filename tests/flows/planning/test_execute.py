@@ -1,7 +1,5 @@
 """A designed motion on the arm of stored runs: the same arm, later in its session."""
 
-import shutil
-
 import numpy as np
 import pytest
 
@@ -81,12 +79,6 @@ def test_its_run_is_made_again_bit_for_bit(done):
     assert rerun.rerun(id, store, verify=True).reproduced
 
 
-def test_runs_without_coefficients_say_nothing_of_them(made):
-    store, request = made
-    told = read_manifest(store, request.logs[0])["spec"]["trajectory"]
-    assert set(told) == {"kind", "duration", "periods", "seed"}
-
-
 def test_an_id_is_enough_to_ask_and_the_verdict_is_the_same_again(made, known):
     store, request = made
     asked = ask(Next(known[1][:8], seconds=8.0, store=store))
@@ -119,13 +111,3 @@ def test_a_measured_log_cannot_be_run_on(made, tmp_path):
     request = Diagnose(logs=(id,), robot="irb140", store=tmp_path)
     with pytest.raises(InputError, match="is a measured log"):
         next_spec(tmp_path, request, motion())
-
-
-def test_without_its_seal_an_arm_cannot_be_made_again(made, tmp_path):
-    store, request = made
-    copy = tmp_path / "copy"
-    shutil.copytree(store, copy)
-    shutil.rmtree(copy / "sealed")
-    asked = Diagnose(logs=request.logs, robot="irb140", store=copy)
-    with pytest.raises(InputError, match="is not in the store"):
-        next_spec(copy, asked, motion())

@@ -56,16 +56,6 @@ def test_the_flow_runs_a_motion_and_reports_all_logs(server, stored, monkeypatch
         assert len(set(list_folders(store, kind)) - known) == 1
 
 
-def test_the_flow_fails_where_nothing_is_open(server, stored, monkeypatch):
-    from flows.scheduled import loop as settling
-
-    store, diagnosis = stored
-    monkeypatch.setattr("residual.planning.question.alternatives", lambda *_: ([], 1.0))
-    monkeypatch.setattr("residual.planning.question._strongest", lambda *_: [])
-    with pytest.raises(Exception, match="leaves nothing open"):
-        settling.next_experiment(diagnosis, seconds=5.0, store=str(store))
-
-
 def test_the_flow_close_decides_until_nothing_is_left_and_reports(
     server, tmp_path, monkeypatch
 ):

@@ -2,15 +2,12 @@
 
 import contextlib
 import json
-import re
 
 import numpy as np
 import pytest
 
 import warehouse
-from flows.report.night.site import Site
 from residual.errors import InputError
-from tests.flows.night.stores import STORED, fill
 from tests.warehouse import store_samples as made
 from tests.warehouse.objects.buckets import Breaking, Careless, KilledError, mirror_for
 from warehouse import catalogue, mirror
@@ -23,9 +20,7 @@ from warehouse.runs import (
     has_seal,
     open_seal,
     quarantine,
-    quarantined,
     read_run,
-    tombstone,
 )
 from warehouse.verify import verify_all
 
@@ -181,16 +176,6 @@ def test_a_flipped_bit_in_the_bucket_is_no_result(store, memory, tmp_path):
     assert [(kind, id) for kind, id, _ in faults(other)] == [("runs", run)]
 
 
-def test_a_tombstone_is_seen_by_all(store, memory, tmp_path):
-    run = made.commit(store)
-    quarantine(store, run, "a wrong gripper")
-    other = forget_copies(store, memory, tmp_path)
-    assert quarantined(other) == {run}
-    assert tombstone(other, run) == "a wrong gripper"
-    quarantine(other, run, "another reason")
-    assert tombstone(other, run) == "a wrong gripper"
-
-
 def test_of_two_adoptions_with_one_number_one_is_told(store, memory, tmp_path):
     first = Adoption("two_link", None, ADOPTED, None, None, None, "one")
     assert commit_adoption(store, first) == "000001"
@@ -246,14 +231,3 @@ def test_a_list_of_sums_that_names_other_places_reaches_none(store, memory, tmp_
         read_run(other, run)
     assert faults(other) != []
     assert not list(tmp_path.rglob("evil"))
-
-
-def test_pages_are_made_of_a_bucket_too(store):
-    nights = fill(store)
-    site = Site(nights.store)
-    night = site.answer("night/latest.html").body.decode()
-    assert "two_link #1: payload" in night
-    (report,) = re.findall(r'href="\.\./(report/[0-9a-f]+/report\.html)"', night)
-    assert site.answer(report).body == STORED
-    record = site.answer(f"record/{nights.proposal}.html").body.decode()
-    assert f"{nights.proposal}/proposal.html" in record
