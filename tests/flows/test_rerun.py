@@ -323,12 +323,10 @@ def test_two_runs_side_by_side(tmp_path, plant, capsys):
     assert f"runs {one}, gave" in capsys.readouterr().out
 
 
-@pytest.mark.parametrize(
-    "words",
-    [["rerun", "--verify"], ["diff", "a"], ["lineage"], ["bundle", "--out", "b"]][
-        ["rerun", "--verify"], ["diff", ".."], ["lineage"], ["bundle", "--out", "b"]
-    ],
-)
+NO_ID = [["rerun", "--verify"], ["diff", "a"], ["lineage"], ["bundle", "--out", "b"]]
+
+
+@pytest.mark.parametrize("words", NO_ID)
 def test_what_is_no_id_is_refused(tmp_path, capsys, words):
     command, *more = words
     assert main([command, "../x", *more, "--store", str(tmp_path)]) == 2

@@ -4,20 +4,19 @@ import json
 import os
 import signal
 import sqlite3
-import subprocess
-import sys
-from pathlib import Path
+from contextlib import chdir, redirect_stderr, redirect_stdout
+from io import StringIO
 from types import SimpleNamespace
 
 import pytest
 
+from flows.cli import main
 from flows.service import api
 from flows.service.state import read_running, store_key
 from flows.service.up import start_every
 from tests.flows.prefect_server import free_port
-from tests.waiting import PATIENCE, until
+from tests.waiting import until
 
-ROOT = Path(__file__).parents[2]
 CAMPAIGN = """
 schema = 1
 robot = "irb140"
@@ -30,15 +29,12 @@ seed = [1, 2]
 pytestmark = [pytest.mark.prefect, pytest.mark.slow]
 
 
-def modelgap(*words: str, **options) -> subprocess.CompletedProcess:
-    bare = {k: v for k, v in os.environ.items() if not k.startswith("PREFECT")}
-    return subprocess.run(
-        [sys.executable, "-c", "from flows.cli import main; exit(main())", *words],
-        env={**bare, "PYTHONPATH": str(ROOT), "OMP_NUM_THREADS": "1"},
-        capture_output=True,
-        text=True,
-        timeout=PATIENCE,
-        **options,
+def modelgap(*words: str) -> SimpleNamespace:
+    out, err = StringIO(), StringIO()
+    with redirect_stdout(out), redirect_stderr(err):
+        code = main(words)
+    return SimpleNamespace(
+        returncode=code, stdout=out.getvalue(), stderr=err.getvalue()
     )
 
 
@@ -49,7 +45,8 @@ def service(tmp_path_factory):
     port = str(free_port())
     words = ["--store", str(folder / "store")]
     try:
-        done = modelgap("up", "--port", port, *words, cwd=folder)
+        with chdir(folder):
+            done = modelgap("up", "--port", port, *words)
         assert done.returncode == 0, done.stderr
         (folder / "c.toml").write_text(CAMPAIGN)
         home = folder / "store" / "_prefect"
