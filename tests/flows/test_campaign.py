@@ -68,10 +68,6 @@ def test_the_same_command_completes_what_was_left(tmp_path, done):
     assert summary.new == (planned[3].run_id, planned[4].run_id)
 
 
-def test_the_same_experiment_twice_is_planned_once(tmp_path):
-    assert len(plan(specs(2) + specs(2), tmp_path)) == 2
-
-
 MOTIONS = """
 trajectory.kind = "fourier"
 trajectory.duration = 4.0

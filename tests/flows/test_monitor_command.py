@@ -133,30 +133,27 @@ def test_runs_in_order_get_one_sentence_and_exit_code_0(made, capsys):
     assert "No alarm in 4 s of 1 run" in capsys.readouterr().out
 
 
-@pytest.mark.parametrize(
-    ("words", "said"),
-    [
-        (lambda g, f: [ROBOT, f], "there are 0, expected at least 3"),
-        (lambda g, f: [ROBOT, f, "--calibrate", *g[:2]], "there are 2, expected"),
-        (lambda g, f: [ROBOT, g[0], "--calibrate", *g], "to be watched and to calib"),
-        (lambda g, f: [ROBOT, f, f, "--calibrate", *g], "is given twice"),
-        (lambda g, f: [ROBOT, "--calibrate", *g], "No run to watch"),
-        (lambda g, f: ["abc123", f, "--calibrate", *g], "is no diagnosis in"),
-        (lambda g, f: ["irb14", f, "--calibrate", *g], "irb140"),
-        (lambda g, f: [ROBOT, "zz", "--calibrate", *g], "'zz' is not an id"),
-        (
-            lambda g, f: [ROBOT, f, "--calibrate", *g, "--plot", "no/such/dir.png"],
-            "there is no folder",
-        ),
-        (
-            lambda g, f: [ROBOT, f, "--calibrate", *g, "--per-hour", "0"],
-            "0 false alarms per hour",
-        ),
-    ],
-)
-def test_what_cannot_be_watched_is_said_in_two_lines(made, capsys, words, said):
+# G, GG and GGG stand for good runs, F for the one that is watched.
+BAD = {
+    "irb140 F": "there are 0, expected at least 3",
+    "irb140 F --calibrate GG": "there are 2, expected",
+    "irb140 G --calibrate GGG": "to be watched and to calib",
+    "irb140 F F --calibrate GGG": "is given twice",
+    "irb140 --calibrate GGG": "No run to watch",
+    "abc123 F --calibrate GGG": "is no diagnosis in",
+    "irb14 F --calibrate GGG": "irb140",
+    "irb140 zz --calibrate GGG": "'zz' is not an id",
+    "irb140 F --calibrate GGG --plot no/such/dir.png": "there is no folder",
+    "irb140 F --calibrate GGG --per-hour 0": "0 false alarms per hour",
+}
+
+
+@pytest.mark.parametrize("words", BAD)
+def test_what_cannot_be_watched_is_said_in_two_lines(made, capsys, words):
     store, good, fine, _ = made
-    assert main(["monitor", *words(good, fine), "--store", str(store)]) == 2
+    ids = {"F": [fine], **{"G" * n: good[:n] for n in (1, 2, 3)}}
+    given = [each for word in words.split() for each in ids.get(word, [word])]
+    assert main(["monitor", *given, "--store", str(store)]) == 2
     error = capsys.readouterr().err
-    assert said in error
+    assert BAD[words] in error
     assert error.count("\n") <= 2

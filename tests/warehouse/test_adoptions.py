@@ -59,13 +59,6 @@ def test_arms_of_one_kind_are_told_apart_by_their_serial_number(tmp_path):
     assert adopted(tmp_path, "arm", "A-18") is None
 
 
-def test_who_judged_by_an_older_model_is_told_of_the_newer(tmp_path):
-    one = commit_adoption(tmp_path, FIRST)
-    with pytest.raises(MeanwhileError, match="ann has given arm another model"):
-        commit_adoption(tmp_path, replace(FIRST, who="bob"))
-    assert list(list_folders(tmp_path, "adoptions")) == [one]
-
-
 def _adopt(store, who, ready, answers):
     ready.wait()
     try:

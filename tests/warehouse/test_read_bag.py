@@ -52,15 +52,6 @@ def test_joint_states_are_the_samples_in_the_robots_order(
     np.testing.assert_array_equal(part.q, samples[100:300, 1:3])
 
 
-@pytest.mark.parametrize("kind", ["ros1", "cdr"])
-def test_velocities_are_taken_where_they_are_sent(tmp_path, robot, samples, kind):
-    wide = np.hstack([samples[:, :3], samples[:, 3:]])
-    path = write(tmp_path, kind, {"/js": files.messages(wide, velocity=False)})
-    log, known = read_log(path, robot)
-    np.testing.assert_array_equal(log.qd, samples[:, 1:3])
-    assert ("qd1", "qd1", "rad/s", "") in known.channels
-
-
 def test_the_map_chooses_topic_names_clock_and_units(tmp_path, robot, samples):
     degrees = samples.copy()
     degrees[:, 1:3] = np.rad2deg(samples[:, 1:3])

@@ -20,12 +20,6 @@ def channels(**changes):
     return {"t": T, "q": rng.normal(size=(100, 2)), "tau": np.ones((100, 2)), **changes}
 
 
-def test_the_same_values_are_equal():
-    found = compare(channels(), channels())
-    assert [c.name for c in found] == ["t", "q1", "q2", "tau1", "tau2"]
-    assert all(c.equal and c.rows == 100 for c in found)
-
-
 def test_where_and_how_far_values_part():
     tau = np.ones((100, 2))
     tau[40:, 1] += 3e-3

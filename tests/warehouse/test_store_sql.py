@@ -367,13 +367,6 @@ def test_the_index_is_written_again(store, how):
     assert len(path.read_bytes()) == len(good)
 
 
-def test_the_index_is_not_believed_about_what_is_gone(store):
-    first = ask(store, "FROM runs")[0]["run_id"]
-    shutil.rmtree(find_run(store, first).folder)
-    assert first not in [r["run_id"] for r in ask(store, "FROM runs")]
-    assert ask(store, "SELECT count(*) n FROM samples") == [{"n": 100}]
-
-
 def test_a_path_that_is_no_store_is_told(tmp_path):
     with pytest.raises(InputError, match="There is no store at"):
         warehouse.open(tmp_path / "nothing")

@@ -102,18 +102,6 @@ def test_errors_on_single_runs_and_curves_are_kept_too(tmp_path, runs):
     ]
 
 
-def test_the_same_verdict_on_the_same_runs_is_kept_once(tmp_path, runs):
-    verdict = made.verdict(runs[:1])
-    first = made.store_verdict(tmp_path, verdict, MODEL, runs)
-    assert made.store_verdict(tmp_path, verdict, MODEL, runs) == first
-    assert made.store_verdict(tmp_path, verdict, MODEL, runs[:3]) != first
-    assert (
-        made.store_verdict(tmp_path, {**verdict, "warnings": ["x"]}, MODEL, runs)
-        != first
-    )
-    assert ask(tmp_path, "SELECT count(*) FROM diagnoses") == [(3,)]
-
-
 def test_a_run_that_is_not_there_is_told_and_nothing_is_stored(tmp_path, runs):
     with pytest.raises(InputError, match="begins with 'ffffffffffff'"):
         made.store_verdict(tmp_path, made.verdict(), MODEL, [runs[0], "ffffffffffff"])

@@ -3,7 +3,6 @@
 import pytest
 
 from flows.report.page import made_of
-from residual.errors import InputError
 from warehouse.commit import commit_record
 
 RUN, HELD = "ab" * 10, "cd" * 10
@@ -27,14 +26,3 @@ def test_it_says_id_time_version_commit_data_and_what_makes_it_again(
     foot = " ".join(value for _, value in made.facts)
     for word in (diagnosis, RUN, HELD, made.created, made.version, made.command):
         assert word in foot
-
-
-def test_a_report_is_shown_and_not_made_again(tmp_path, diagnosis):
-    about, parents = {"robot": "r", "kind": "demo"}, {"diagnosis": [diagnosis]}
-    id = commit_record(tmp_path, "reports", about, None, parents, {"a.html": b"a"})
-    assert made_of(tmp_path, id).command == f"modelgap show {id}"
-
-
-def test_what_is_none_is_refused(tmp_path):
-    with pytest.raises(InputError):
-        made_of(tmp_path, "../../etc")

@@ -132,17 +132,6 @@ def resolved(base: str, link: str) -> str:
     return urljoin(base, link).removeprefix("https://s/")
 
 
-def test_the_index_is_narrowed_by_robot_and_verdict(nights):
-    everything = words(page(nights, "index.html"))
-    assert "two_link #1" in everything
-    assert "two_link: identified model" in everything
-    some = words(page(nights, "reports/two_link/effects.html"))
-    assert "two_link #1" in some
-    assert "identified model" not in some
-    other = words(page(nights, "reports/all/none.html"))
-    assert "two_link #1" not in other
-
-
 @pytest.mark.parametrize(
     "address",
     [

@@ -17,6 +17,7 @@ from tests.residual.arms import urdf_text
 from tests.residual.identified import AXES
 from warehouse.toml import read_toml
 
+SECOND = "[[robot]]\nname = 'b'\nurdf = 'arm.urdf'\n"
 HEAD = "schema = 1\n[[robot]]\nname = 'a'\nurdf = 'arm.urdf'\n"
 
 
@@ -99,18 +100,13 @@ def test_every_option_stands_in_the_file_with_its_default(tmp_path):
         (HEAD + "[notify]\non = ['alarms']\n", "line 6: .*alarm"),
         (HEAD.replace("arm.urdf", "gone.urdf"), "robot 'a': No file or folder"),
         (HEAD + "serial = 'a b'\n", "line 5: .*serial"),
+        # The second of two tables has its own line.
+        (f"{HEAD}{SECOND}most = 0\n", r"line 8: \[\[robot\]\] 2 most is 0"),
     ],
 )
 def test_a_fault_has_its_line_and_what_was_expected(place, text, message):
     (place / "modelgap.toml").write_text(text)
     with pytest.raises(InputError, match=message):
-        read_project(place)
-
-
-def test_the_second_of_two_tables_has_its_own_line(place):
-    other = "[[robot]]\nname = 'b'\nurdf = 'arm.urdf'\nmost = 0\n"
-    (place / "modelgap.toml").write_text(HEAD + other)
-    with pytest.raises(InputError, match=r"line 8: \[\[robot\]\] 2 most is 0"):
         read_project(place)
 
 

@@ -64,14 +64,6 @@ def test_a_writer_adds_nothing_that_a_reader_has_added(
     assert [count for _, count in read_head(memory).files["runs"]] == [3, 2]
 
 
-def test_a_reader_adds_what_it_had_to_read(store, memory, began, tmp_path, monkeypatch):
-    monkeypatch.setattr(catalogue, "_SPARE", 2)
-    more = fill(store, 3, 3)
-    assert listed(mirror_for(memory, tmp_path / "cache" / "other")) == began | more
-    assert keys(memory, TAIL) == []
-    assert read_head(memory).number == 2
-
-
 def test_of_two_that_compact_at_once_none_is_lost(
     store, memory, began, tmp_path, monkeypatch
 ):
