@@ -2,9 +2,6 @@
 
 from dataclasses import dataclass
 
-import numpy as np
-import pytest
-
 from benchmarks.attribution_parts import bars, cases
 from benchmarks.attribution_parts.arms import (
     Arm,
@@ -118,21 +115,6 @@ def test_a_value_is_due_beyond_its_detectable_size_and_five_per_cent(monkeypatch
     assert ["body", 0] in cases.moved(Told(told), values, sizes, True)["moved_told"]
 
 
-def test_an_edit_is_held_against_the_truth_and_against_least_squares():
-    good = bars.case_figures({"changed": rows(3, 0)}, deciding=True)
-    assert good["edit_over_oracle"]["ok"] is True
-    assert good["edit_over_oracle"]["n"] == 6
-    assert good["edit_over_least_squares"]["value"] == pytest.approx(1.05 / 8)
-    assert good["edit_over_least_squares"]["n"] == 3  # of bodies alone
-    off = {**ROW["edits"][0], "error": 4.0}
-    bad = [{**ROW, "edits": [off]}] * 5
-    told = bars.case_figures({"changed": bad}, deciding=True)
-    missed = ("edit_over_oracle", "edit_over_oracle_90", "edit_over_least_squares")
-    assert [told[name]["ok"] for name in missed] == [False] * 3
-    none = [{**ROW, "edits": []}]
-    assert "edit_over_oracle" not in bars.case_figures({"changed": none}, True)
-
-
 def test_the_true_arm_predicts_its_own_log():
     arm = Arm("six", 0.1, 5, 6, True)
     drawn = [
@@ -150,16 +132,3 @@ def test_the_true_arm_predicts_its_own_log():
     )
     assert errors["true"] < 1.0
     assert errors["nominal"] > 3 * errors["true"]
-
-
-def test_cases_of_one_arm_share_motions_and_not_noise():
-    task = cases.tasks("changed", range(1, 2), True)[0]
-    (bench,) = cases.benches([task])
-    assert bench.name == task.bench
-    one, other = (make(t.made_of, ()) for t in (task, bench))
-    for a, b in zip(one.fit, other.fit, strict=True):
-        assert np.abs(a.q - b.q).max() < 1e-3
-        assert not np.array_equal(a.tau, b.tau)
-    every = [t for g in cases.GROUPS for t in cases.tasks(g, range(1, 14), False)]
-    assert sum(t.group == cases.UNCHANGED for t in every) >= 100
-    assert len({t.name for t in every}) == len(every)

@@ -111,17 +111,6 @@ def test_another_name_is_right_only_where_the_answer_says_that_it_may_be():
     assert second["found"] == 1
 
 
-def test_a_change_without_a_name_counts_by_its_flag():
-    truth = (Truth("x_wall", (3,), {"stiffness": 9.0}, 0.1),)
-    of = {"group": "unnamed", "effect": "x_wall"}
-    flagged = Answer((), (3,), 1.0)
-    rows = [_row(flagged, i, truth, **of) for i in range(9)]
-    rows.append(_row(Answer((Said(Name("spring", (3,))),), (2,), 1.0), 9, truth, **of))
-    told = bars.all_figures(rows, deciding=True)
-    assert told["unnamed_flagged"]["value"] == 0.9
-    assert told["unnamed_named"]["names"] == {"spring": 1}
-
-
 def test_the_peer_is_compared_on_the_same_cases():
     mine = [_row(RIGHT if i < 6 else SILENT, i) for i in range(8)]
     its = [_row(RIGHT if i in (0, 7) else SILENT, i, method="peer") for i in range(8)]

@@ -26,7 +26,9 @@ def test_every_kind_of_fault_can_be_made():
 
 
 @pytest.mark.parametrize("kind", cases.FAULTS)
-@pytest.mark.parametrize("size", range(3))
+@pytest.mark.parametrize(
+    "size", [0, *(pytest.param(n, marks=pytest.mark.long) for n in (1, 2))]
+)
 def test_a_fault_changes_logs_or_robot_and_leaves_the_host_as_it_was(six, kind, size):
     before = [table_of(log) for log in six.logs]
     made = spoil(six, kind, size)
@@ -95,13 +97,6 @@ def sound(host=SIX, effect="", *faults):
     }
 
 
-def test_what_is_true_of_a_log_is_no_false_fault_unless_it_is_certain():
-    assert not bars.false_of(sound("ur10", "", ("filtered", [], False)))
-    assert bars.false_of(sound("kr300", "", ("filtered", [], False)))
-    assert not bars.false_of(sound(SIX, "torque_gain", ("torque_scale", [2], False)))
-    assert bars.false_of(sound(SIX, "torque_gain", ("torque_scale", [2], True)))
-
-
 def test_one_certain_fault_of_sound_logs_is_a_miss():
     rows = [sound()] * 99 + [sound(SIX, "", ("torque_sign", [1], True))]
     told = bars.figures(rows, (), deciding=True)
@@ -118,11 +113,3 @@ def test_a_factor_on_a_torque_that_is_all_friction_leaves_no_trace(six, joint, v
     tables = [table | {"tau": table["tau"] * each} for table in right]
     seen = trace(six, Spoiled("torque_scale", (joint,), tables, right))
     assert seen.void is void
-
-
-def test_of_a_delay_its_size_decides_whether_it_leaves_a_trace(six):
-    assert not trace(six, spoil(six, "delay", 0)).void
-    right = tables_of(six)
-    same = [table | {"tau": table["tau"] * (1 + 1e-6)} for table in right]
-    assert trace(six, Spoiled("delay", (), same)).void
-    assert trace(six, Spoiled("torque_sign", (1,), right, right)) is None

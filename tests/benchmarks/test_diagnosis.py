@@ -1,8 +1,7 @@
 """Bars of the diagnosis benchmark, and results that outlive a kill."""
 
-from benchmarks.diagnosis_parts import bars, measured
+from benchmarks.diagnosis_parts import bars
 from benchmarks.harness.cases import run_kept
-from flows.blind.score import Name, Said
 from flows.workers.pool import Here
 
 ROW = {
@@ -54,14 +53,6 @@ def test_a_bar_is_missed_by_the_deciding_run_only():
     assert small["false_alarms"]["why"]
 
 
-def test_detection_must_lie_between_and_a_crash_is_a_miss():
-    rows = _rows(5, 5, outcome="nothing", named=0)
-    rows = [{**r, "multiple": 1.0} for r in rows] + [{"error": "boom"}]
-    told = bars.case_figures({"detection": rows}, deciding=True)
-    assert told["detection_at_1x_static"]["ok"] is True
-    assert told["crashes"]["ok"] is False
-
-
 def test_what_nobody_can_see_is_not_held_against_it():
     told = {"oracle_nats": 40.0, "oracle_sees": True}
     rows = [{**r, **told} for r in _rows(3, 1, outcome="nothing")]
@@ -93,17 +84,3 @@ def test_results_are_kept_line_by_line_and_a_torn_one_is_done_again(tmp_path, ca
     assert again["one"] == {"number": 1}
     run_kept(path, str, Here(), work, {"one": 1, "two": 2})
     assert asked == [2, 3]
-
-
-def test_halves_of_a_log_contradict_where_they_blame_something_else():
-    def said(effect, joint, *alike):
-        near = tuple(Name(a, (joint,)) for a in alike)
-        return Said(Name(effect, (joint,)), near, {})
-
-    offset = said("offset", 3, "coulomb_asymmetry")
-    same = [said("coulomb_asymmetry", 3)]
-    other = [said("spring", 3)]
-    assert measured._repeated(offset, same)
-    assert not measured._contradicted(offset, same)
-    assert measured._contradicted(offset, other)
-    assert not measured._contradicted(offset, [said("spring", 2)])

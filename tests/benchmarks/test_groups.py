@@ -39,19 +39,6 @@ def test_groups_measured_now_take_the_place_of_their_old_figures_and_no_others()
     }
 
 
-def test_figures_of_a_group_that_is_no_more_are_dropped():
-    earlier = merged({}, {"old": {"x": 1}}, about("aa"), ("old",))
-    assert merged(earlier, {"one": {"a": 2}}, about("bb"), GROUPS)["figures"] == {
-        "a": 2
-    }
-
-
-def test_a_file_that_does_not_say_whose_figures_are_whose_is_written_anew():
-    earlier = {"commit": "aa", "figures": {"x": 1}}
-    made = merged(earlier, {"one": {"a": 2}}, about("bb"), GROUPS)
-    assert made["figures"] == {"a": 2}
-
-
 def test_the_exit_code_is_one_for_a_missed_bar_only(capsys):
     assert finish({"a": figure(1.0, 2.0, 3), "b": missing(1.0, "no data")}) == 0
     small = partial(figure(0.0, 1.0, 2), "too few")

@@ -49,16 +49,6 @@ def test_without_anything_hidden_there_is_nothing_to_see():
     assert not seen.sees
 
 
-def test_what_is_known_beside_it_takes_nothing_of_it_and_gives_nothing():
-    other = _planted(lambda q: 3.0 * np.sin(9 * q))
-    both = tuple(replace(r, tau=r.tau + _wave(1.5)(r.q)) for r in other)
-    alone = power(the_arm(), _planted(_wave(1.5)), _bare())
-    beside = power(the_arm(), both, other, _bare())
-    assert beside.sees
-    assert beside.nats == pytest.approx(alone.nats, rel=0.2)
-    assert not power(the_arm(), other, other, _bare()).sees
-
-
 def test_a_planted_torque_is_read_back_as_it_is():
     planted = _planted(_wave(1.5))
     logs = _prepared(_bare())

@@ -44,13 +44,9 @@ def diagnosed(store, runs, model=None):
 
 @dataclass(frozen=True)
 class Nights:
-    """A store with two nights, and what was diagnosed.
+    """A store, what was fitted and held out of two nights, and their diagnoses:
 
-    Attributes:
-        store: Folder.
-        first, second: Ids to fit, and those held out, of either night.
-        id: Diagnosis of the first against the nominal model.
-        again: Diagnosis of the second by the model of the first.
+    of the first against the nominal model, of the second by the model of the first.
     """
 
     store: Path

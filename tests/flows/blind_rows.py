@@ -32,14 +32,11 @@ def row(drawn, outcome, **other):
     """Return one row of the view blind, but for what nobody asks here."""
     quiet = drawn == "none" and outcome == "right"
     named = int(outcome in ("right", "class", "part", "wrong") and not quiet)
-    usual = {
+    unknown = ("multiple", "second_effect", "second_joints", "second_multiple")
+    usual = dict.fromkeys((*unknown, "value", "truth", "z")) | {
         "drawn": drawn,
         "effect": None if drawn == "none" else "stribeck",
         "joints": None if drawn == "none" else [2],
-        "multiple": None,
-        "second_effect": None,
-        "second_joints": None,
-        "second_multiple": None,
         "named_first": "stribeck" if named else None,
         "named_joints": [2] if named else None,
         "named": named,
@@ -48,9 +45,6 @@ def row(drawn, outcome, **other):
         "extra": int(outcome == "wrong"),
         "joint_right": True if named else None,
         "unexplained": [2] if outcome == "flagged" else [],
-        "value": None,
-        "truth": None,
-        "z": None,
         "error_before": 20.0,
         "error_refit": 8.0,
         "error_after": 4.4,

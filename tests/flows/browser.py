@@ -34,13 +34,7 @@ QUIET = (
 
 
 class Tab:
-    """One tab.
-
-    Attributes:
-        asked: Addresses that its pages have asked for.
-        refused: Those of them that were not let out.
-        said: Errors that they have written to the console.
-    """
+    """One tab."""
 
     def __init__(self, socket: Any):
         self._socket, self._number = socket, count(1)
@@ -123,12 +117,7 @@ class Tab:
 
 @contextmanager
 def browser(folder: Path, *options: str) -> Iterator[Tab]:
-    """Start a browser without a past; give its tab.
-
-    Args:
-        folder: An empty one for its files.
-        options: More of its command line.
-    """
+    """Start a browser without a past; give its tab."""
     words = [PROGRAM, *QUIET, f"--user-data-dir={folder}", *options, "about:blank"]
     with (folder / "log").open("wb") as log:
         process = subprocess.Popen(words, stdout=log, stderr=log)

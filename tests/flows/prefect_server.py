@@ -36,15 +36,7 @@ PATIENCE = 10.0  # s that messages to a server which was killed are waited for
 
 @dataclass(frozen=True)
 class Server:
-    """A server that a process of its own has started, so that a test can kill it.
-
-    Attributes:
-        home: Folder with its database.
-        url: Address of its API.
-        process: Number of the server's process.
-        key: What it asks of those who call it.
-        owner: The process that started it and that it ends with.
-    """
+    """A server that a process of its own has started, so that a test can kill it."""
 
     home: Path
     url: str

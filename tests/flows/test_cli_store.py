@@ -88,16 +88,6 @@ def test_numbers_in_csv_and_json_are_whole(run):
     assert answer(run, "sql", f"{query}, NULL AS d") == [told]
 
 
-def test_a_long_answer_is_cut_for_people_only(run):
-    code, out, _ = run("sql", "SELECT i AS number FROM range(1200) t(i)")
-    assert code == 0
-    assert "1200 rows; the first 1000 are shown, --format csv has all" in out
-    assert " 999 \n" in out
-    assert " 1000 \n" not in out
-    _, out, _ = run("sql", "SELECT i AS n FROM range(1200) t(i)", "--format", "csv")
-    assert out.count("\n") == 1201
-
-
 def test_the_schema_has_every_view_and_column_with_its_unit(run):
     rows = answer(run, "sql", "--schema")
     told = [(row["view"], row["column"]) for row in rows]

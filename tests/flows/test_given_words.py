@@ -12,7 +12,6 @@ KEYS = dict(zip(DRIVES, ("coefficient", "level", "inertia"), strict=True))
 SPRING = {"name": "spring", "joints": [2]}
 BALANCER = {"name": "balancer", "joints": [2]}
 STRIBECK = {"name": "stribeck", "joints": [3]}
-PAYLOAD = effect("payload", [6], {"mass": parameter(2.0, 0.1, "kg")})
 MOTION, TELLS = "motion", "Another motion would tell them apart."
 
 
@@ -121,14 +120,3 @@ def test_a_set_that_an_equivalent_says_already_is_not_said_again():
         )
     )
     assert said == []
-
-
-def test_bodies_that_move_alike_want_a_balance():
-    link = {"name": "link_inertia", "joints": [5]}
-    load = {"name": "payload", "joints": [6]}
-    (line,) = other_sets(
-        verdict(PAYLOAD, alternatives=[another(load, link, by="load")])
-    )
-    assert "a payload" not in line
-    assert line.endswith("Weigh the load, or log the arm without it.")
-    assert "link 5" in line

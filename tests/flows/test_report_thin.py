@@ -32,11 +32,3 @@ def test_bins_part_a_friction_step_at_zero() -> None:
     assert np.all(np.diff(at) > 0)
     median = look.medians(x, y, at).median
     assert set(np.unique(median[np.isfinite(median)])) == {-1.0, 1.0}
-
-
-def test_bins_survive_a_variable_that_never_moves_and_thin_ones_are_left_out() -> None:
-    x, y = np.full(50, 2.0), np.arange(50.0)
-    assert np.nanmedian(look.medians(x, y, look.edges(x, y)).median) == 24.5
-    x = np.array([0.0] * 20 + [1.0] * 3)
-    median = look.medians(x, x, np.array([-0.5, 0.5, 1.5])).median
-    assert (median[0], np.isnan(median[1])) == (0.0, True)

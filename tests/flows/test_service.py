@@ -96,11 +96,6 @@ def test_two_at_once_on_one_store_are_told_apart(tmp_path):
             pass
 
 
-def test_an_address_is_one_that_a_browser_can_open():
-    assert Running("0.0.0.0", 4200, "").ui == "http://127.0.0.1:4200"
-    assert Running("::1", 4200, "").url == "http://[::1]:4200/api"
-
-
 @pytest.mark.parametrize(
     ("wish", "words"),
     [

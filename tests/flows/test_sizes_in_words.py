@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 
 from flows.report.diagnosis import tiles_of
-from flows.report.tables import frame_words, named_joints, size_of, tells, title
-from residual.diagnosis.result import Diagnosis, Frames
+from flows.report.tables import size_of
+from residual.diagnosis.result import Diagnosis
 from residual.effects import registry
 from tests.verdict_documents import typed
 
@@ -75,23 +75,6 @@ def test_a_change_is_told_from_what_to_what():
     assert size_of(less.effects[0], less)[1] == "-4.99 ± 0.12 N m (8.00 → 3.01)"
     lacking = verdict("coulomb", (3,), level=(4.99, 0.12, "N m"))
     assert tile(lacking).value == "4.99 ± 0.12 N m"  # no change of what it has
-
-
-def test_the_frame_of_a_load_is_named():
-    numbers = {"mass": (2.8, 0.1, "kg"), "com_x": (0.1, 0.02, "m")}
-    said = verdict("payload", (6,), **numbers)
-    frame = frame_words(said.effects[0], said.frames)
-    assert frame.startswith("in the axes of tool0, from its origin")
-    assert title(said.effects[0], said) == "a payload at the flange (wrist_roll)"
-
-
-def test_a_joint_is_called_where_its_name_says_more_than_its_number():
-    told = [j for j, name in enumerate(URDF, start=1) if tells(name, j)]
-    assert told == [1, 2, 6]
-    frames = Frames(URDF, "tool0")
-    assert named_joints((1, 3, 6), frames) == "base_to_turret and wrist_roll"
-    assert named_joints((1, 2), None) == ""
-    assert not tells("panda_joint2", 2)
 
 
 def test_every_effect_tells_what_it_tells_in_numbers():

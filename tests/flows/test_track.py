@@ -196,11 +196,6 @@ def test_a_turn_that_cannot_be_is_refused(wrong, message):
         Turning(**wrong)
 
 
-def test_as_many_encoder_steps_as_joints_are_wanted():
-    with pytest.raises(InputError, match="2 encoder steps: expected 1 or 6"):
-        Turning((1e-4, 1e-4)).width(1000.0, 6)
-
-
 def kept(store, model):
     record = {"robot": ROBOT.name, "stage": "augmented", "model": to_record(model)}
     return commit_record(store, "models", record)

@@ -29,14 +29,7 @@ class Told:
 
 
 def fuzz(reader: Reader, seconds: float, first: int, corpus: Path = CORPUS) -> Told:
-    """Fuzz a reader; every finding becomes a small file of the corpus.
-
-    Args:
-        reader: The reader.
-        seconds: How long.
-        first: First seed; the same one gives the same inputs.
-        corpus: Where findings go.
-    """
+    """Fuzz a reader; every finding becomes a small file of the corpus."""
     end = monotonic() + seconds
     place = Path(tempfile.mkdtemp(prefix="modelgap-fuzz-"))
     examples, findings = 0, []

@@ -34,12 +34,7 @@ _TOKEN = re.compile(rb"\w+|\s+|[^\w\s]")
 def mutated(
     seeds: Sequence[bytes], words: Sequence[bytes] = ()
 ) -> st.SearchStrategy[bytes]:
-    """Return a strategy of files that are a few edits away from valid ones.
-
-    Args:
-        seeds: The valid files.
-        words: Words of their language, used beside the odd ones.
-    """
+    """Return a strategy of files that are a few edits away from valid ones."""
     vocabulary = (*words, *ODD_WORDS)
     return st.one_of(
         _by_words(list(seeds), vocabulary), _by_bytes(list(seeds), vocabulary)
@@ -99,12 +94,7 @@ def _by_words(draw: Draw, seeds: list[bytes], words: Sequence[bytes]) -> bytes:
 
 
 def mutated_json(documents: Sequence[Any], most: int = 3) -> st.SearchStrategy[bytes]:
-    """Return a strategy of JSON with values, keys and lists that are not as expected.
-
-    Args:
-        documents: The valid ones.
-        most: How many places are changed at most.
-    """
+    """Return a strategy of JSON with values, keys and lists that are not as expected."""
     return changed(documents, most).map(lambda d: json.dumps(d).encode())
 
 

@@ -30,12 +30,7 @@ class Nights:
 
 
 def fill(store: Path, stored: bytes = STORED) -> Nights:
-    """Put runs, two diagnoses, a report, a proposal, an alarm and models into it.
-
-    Args:
-        store: Its folder, which is made.
-        stored: The page of its report.
-    """
+    """Put runs, two diagnoses, a report, a proposal, an alarm and models into it."""
     runs = tuple(made.commit(store, seed) for seed in range(4))
     missing = diagnose(store, runs[:2], made.verdict())
     nothing = diagnose(

@@ -12,12 +12,7 @@ class KilledError(BaseException):
 
 
 class Breaking(Bucket):
-    """A bucket whose writer is killed at one of its changes.
-
-    Args:
-        bucket: The bucket behind it.
-        at: Before which change: the first is 0.
-    """
+    """A bucket whose writer is killed at one of its changes."""
 
     def __init__(self, bucket, at):
         super().__init__(bucket._store, bucket._url)
