@@ -51,7 +51,7 @@ def as_csv(separator: str = ",", decimal: str = ".") -> str:
 def check_rows(
     log: Recording, told: Understood, table: Mapping[str, Sequence[float]]
 ) -> None:
-    """Assert that a log has the rows of its file, in their order, and all of the good."""
+    """Assert that a log has the rows of its file, in their order, all of the good."""
     names = ["t", *(f"{c}{j + 1}" for c in ("q", "tau") for j in range(log.dof))]
     got = np.column_stack([log.t, log.q, log.tau])
     file = np.column_stack([np.array(table[n], dtype=float) for n in names])

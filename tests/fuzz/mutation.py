@@ -94,7 +94,7 @@ def _by_words(draw: Draw, seeds: list[bytes], words: Sequence[bytes]) -> bytes:
 
 
 def mutated_json(documents: Sequence[Any], most: int = 3) -> st.SearchStrategy[bytes]:
-    """Return a strategy of JSON with values, keys and lists that are not as expected."""
+    """Return a strategy of JSON with values, keys and lists that are unexpected."""
     return changed(documents, most).map(lambda d: json.dumps(d).encode())
 
 

@@ -18,7 +18,7 @@ _ID = re.compile(r"[0-9a-f]{8,20}")
 
 
 def run(page: str, folder: Path, capsys) -> int:
-    """Run a page in a folder that is the working directory; return how many commands."""
+    """Run a page in a folder, the working directory; return how many commands."""
     text = (ROOT / "docs" / page).read_text(encoding="utf-8")
     known, ids, count = {}, {}, 0
     for kind, name, body in _BLOCK.findall(text):
