@@ -29,16 +29,7 @@ ROW = {
     "moved_due": [["coulomb", 2]],
     "moved_told": [["coulomb", 2]],
     "moved_false": [],
-    "edits": [
-        {
-            "name": n,
-            "error": 1.05,
-            "reference": 1.0,
-            "least_squares": 8.0,
-            "moving": [1, 1, 9],
-        }
-        for n in ("payload", "coulomb")
-    ],
+    "edits": [],
 }
 FALSE = {
     "exact": False,

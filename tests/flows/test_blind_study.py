@@ -118,12 +118,8 @@ def _right(study, store):
     assert (edit["name"], edit["joints"]) == ("torque_gain", single["joints"])
     assert edit["error"] < 1.2 * edit["reference"] < edit["kept"]
     assert edit["least_squares"] is None
-    assert set(kinds.column(0).to_pylist()) == {
-        "held_out",
-        "blind",
-        "blind_null",
-        "blind_study",
-    }
+    told = {"held_out", "blind", "blind_null", "blind_study"}
+    assert set(kinds.column(0).to_pylist()) == told
 
 
 def test_a_case_that_fails_is_told_and_the_others_go_on(short, monkeypatch, tmp_path):

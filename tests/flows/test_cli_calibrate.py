@@ -109,15 +109,8 @@ def test_runs_are_calibrated_as_in_the_paper_and_kept(stored, capsys):
         kinds = opened.sql(asked.format(kept["model"])).to_pylist()
     assert models == [{"stage": "calibrated"}]
     assert kinds == [{"kind": "calibration"}]
-    assert {row["stage"] for row in errors} == {
-        "none",
-        "ls",
-        "plsr",
-        "paper",
-        "sparse",
-        "chosen",
-        "default",
-    }
+    stages = {"none", "ls", "plsr", "paper", "sparse", "chosen", "default"}
+    assert {row["stage"] for row in errors} == stages
     assert {row["run_id"] for row in errors} == {None, *ids}
     pooled = [r["value"] for r in errors if r["stage"] == "ls" and not r["run_id"]]
     row = next(r for r in made["table"] if (r["scheme"], r["model"]) == ("run", "ls"))

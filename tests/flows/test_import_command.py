@@ -64,20 +64,13 @@ def test_an_imported_log_is_a_run_with_all_that_is_known_of_it(run, place):
     rows = ask("SELECT * FROM runs ORDER BY rows DESC")
     assert [row["run_id"] in out for row in rows] == [True, True]
     first = rows[0]
-    assert (first["source"], first["kind"], first["trajectory"]) == (
-        "imported",
-        "log",
-        "welding",
-    )
+    told = [first[key] for key in ("source", "kind", "trajectory")]
+    assert told == ["imported", "log", "welding"]
     told = read_record(Path("store"), first["run_id"])["log"]
     assert (told["file"], told["window"], told["map"]) == ("A.csv", None, None)
     assert len(told["sha256"]) == 64
-    assert told["channels"][1] == {
-        "channel": "q1",
-        "column": "q1",
-        "unit": "rad",
-        "done": "",
-    }
+    q1 = {"channel": "q1", "column": "q1", "unit": "rad", "done": ""}
+    assert told["channels"][1] == q1
     assert str(place) not in json.dumps(read_record(Path("store"), first["run_id"]))
     log = read_run(Path("store"), first["run_id"])
     table = np.loadtxt("A.csv", delimiter=",", skiprows=1)
@@ -167,12 +160,8 @@ def test_two_arms_of_a_kind_with_serial_numbers_do_not_merge(run, place):
     assert run("import A.csv --robot arm.urdf")[0] == 0
     rows = ask("SELECT run_id, serial, recorded_at, tags, created FROM runs")
     by = {(r["serial"], bool(r["tags"])): r for r in rows}
-    assert sorted(map(str, (r["serial"] for r in rows))) == [
-        "None",
-        "UR-1",
-        "UR-2",
-        "UR-2",
-    ]
+    serials = sorted(str(r["serial"]) for r in rows)
+    assert serials == ["None", "UR-1", "UR-2", "UR-2"]
     first = by["UR-1", True]
     assert first["tags"] == ["cell=4", "night"]
     assert f"{first['recorded_at']:%Y-%m-%d %H:%M}" == "2026-11-20 13:03"

@@ -3,7 +3,6 @@
 import json
 from pathlib import Path
 
-import numpy as np
 import pytest
 
 import modelgap as mg
@@ -186,18 +185,6 @@ def test_the_door_checks_and_refuses_likewise(place, found):
             verb(robot, fit)
     made = mg.identify(robot, fit, trust_log=True)
     assert any("torque sign" in warning for warning in made.warnings)
-
-
-def test_the_door_checks_files_that_it_would_not_read(place, found):
-    table = np.genfromtxt("A.csv", delimiter=",", names=True)
-    table["q2"][5] = np.nan
-    rows, names = np.array(table.tolist()), ",".join(table.dtype.names)
-    np.savetxt("bad.csv", rows, delimiter=",", header=names, comments="")
-    robot = mg.load_robot("arm.urdf")
-    with pytest.raises(InputError, match="NaN"):
-        mg.read_logs("bad.csv", robot)
-    (fault,) = mg.check(robot, "bad.csv").faults
-    assert (fault.kind, fault.joints, fault.certain) == ("spike", (2,), True)
 
 
 def test_a_log_of_half_a_second_is_refused_also_where_it_is_trusted(

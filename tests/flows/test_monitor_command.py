@@ -13,7 +13,6 @@ from flows.steps import experiment, monitor
 from flows.storage.diagnosis import store_outcome
 from residual.diagnosis.result import Diagnosis
 from residual.effects import registry
-from residual.errors import InputError
 from residual.model.model import Term
 from residual.model.nominal import prepare_logs, start_nominal
 from residual.monitoring.monitor import from_record
@@ -105,14 +104,6 @@ def test_a_diagnosis_brings_its_very_model_and_its_good_runs(made):
     record = read_record(store, record_id)
     assert record["model_id"]
     assert from_record(record["monitor"]).model.to_record() == augmented.to_record()
-
-
-def test_a_diagnosis_of_an_earlier_version_is_refused(made):
-    store, good, fine, _ = made
-    found = Diagnosis(typed({"robot": ROBOT, "warnings": ["early"]}))
-    id, _ = store_outcome(store, found, {"fit": good})
-    with pytest.raises(InputError, match="without its models"):
-        monitor.monitor(Monitor(id, (fine,), store=store))
 
 
 def test_the_command_prints_a_table_and_draws(made, tmp_path, capsys):

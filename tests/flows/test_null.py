@@ -1,11 +1,9 @@
 """A null from the command line: made, kept, gone on with, and found by a diagnosis."""
 
 import json
-from dataclasses import replace
 
 import pytest
 
-from flows.inputs.given import load
 from flows.requests import Null
 from flows.steps import null as steps
 from flows.storage import null as keep
@@ -141,14 +139,3 @@ def test_a_null_of_another_version_of_the_method_is_not_used(place, monkeypatch)
         assert null.method in told[0]
         assert "this is 0123456789abcdef" in told[0]
         assert all(e["evidence"]["p_value"] is None for e in verdict["effects"])
-
-
-def test_nothing_is_said_of_nulls_of_other_robots(place):
-    null = steps.calibrate_null(asked(place, draws=4), pool=Here()).null
-    other = replace(null, method="")
-    assert keep.of_this_version([other], load("irb140")) == ((), ())
-    used, said = keep.of_this_version([other], load(str(place / "arm.urdf")))
-    assert used == ()
-    assert "which it does not name" in said[0]
-    both = keep.of_this_version([other, null], load(str(place / "arm.urdf")))
-    assert both == ((null,), ())

@@ -1,12 +1,10 @@
 """Files are written whole or not at all."""
 
 import os
-from pathlib import Path
 
 import pytest
 
-from flows.outputs import check_writable, write_all
-from residual.errors import InputError
+from flows.outputs import write_all
 
 
 def test_an_existing_file_is_replaced_and_nothing_is_left_over(tmp_path):
@@ -43,21 +41,3 @@ def test_a_pipe_is_written_to_and_not_replaced(tmp_path):
     assert os.read(reader, 10) == b"text"
     os.close(reader)
     assert (tmp_path / "pipe").is_fifo()
-
-
-@pytest.mark.parametrize(
-    ("files", "message"),
-    [
-        ({"--report": "none/a"}, "there is no folder"),
-        ({"--report": "."}, "is a folder"),
-        ({"--report": "in"}, "overwrite an input"),
-        ({"--report": "link"}, "overwrite an input"),
-        ({"--report": "a", "--json": "./a"}, "both name"),
-    ],
-)
-def test_what_cannot_be_written_is_refused_early(tmp_path, monkeypatch, files, message):
-    monkeypatch.chdir(tmp_path)
-    (tmp_path / "in").touch()
-    (tmp_path / "link").symlink_to(tmp_path / "in")
-    with pytest.raises(InputError, match=message):
-        check_writable({k: Path(v) for k, v in files.items()}, [Path("in")])
