@@ -1,14 +1,12 @@
 """The demonstration, from the words to the truth."""
 
 import json
-import os
 import re
-import subprocess
-import sys
 from pathlib import Path
 
 import pytest
 
+from flows.cli import main
 from flows.outputs import PAUSE, plain_lines
 from flows.report.diagnosis import print_truth
 from flows.report.words.phrases import Hidden, Staged, judge
@@ -16,42 +14,29 @@ from flows.steps import demo as steps
 from flows.steps.demo import Demo
 from tests.verdict_documents import typed
 
-ROOT = Path(__file__).parents[2]
 # Short, and with families of motion that need no search: of eight experiments each
 # would take longer than all the rest. How those go is the matter of benchmarks/demo.py.
-RUN = """
-from flows.cli import main
-from flows.steps import demo
-
-demo.FIT, demo.HELD_OUT = ("cyclic", "move_stop_move"), ("cyclic",)
-demo.DURATION = 6.0
-raise SystemExit(main())
-"""
+FIT, HELD_OUT, DURATION = ("cyclic", "move_stop_move"), ("cyclic",), 6.0
 
 
 @pytest.mark.slow
 def test_demo_finds_what_its_arm_hides_and_then_tells_what_that_was(
-    tmp_path, compiled_plant
+    tmp_path, compiled_plant, monkeypatch, capsys
 ):
     """The whole of it, with physics and nothing faked, on fewer motions."""
-    plain = {k: v for k, v in os.environ.items() if not k.startswith("PREFECT")}
-    plain |= {"PYTHONPATH": str(ROOT), "HOME": str(tmp_path / "home")}
-    words = ["demo", "--effect", "payload", "--store", "store"]
-    done = subprocess.run(
-        [sys.executable, "-c", RUN, *words],
-        cwd=tmp_path,
-        env=plain,
-        capture_output=True,
-        text=True,
-    )
-    assert done.returncode == 0, done.stderr
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setenv("HOME", str(tmp_path / "home"))
+    for name in ("FIT", "HELD_OUT", "DURATION"):
+        monkeypatch.setattr(steps, name, globals()[name])
+    assert main(["demo", "--effect", "payload", "--store", "store"]) == 0
+    done = capsys.readouterr()
     # Nobody looks at a terminal: of slow work a line now and then, nothing else.
-    assert all(re.match(r" *\d+% ", line) for line in done.stderr.splitlines())
-    assert "The model lacks a payload at the flange" in done.stdout
-    assert "The first name is what was hidden." in done.stdout
-    assert "Take it out again: error" in done.stdout
-    assert "prefect" not in done.stdout.lower()
-    page = Path(done.stdout.splitlines()[-1].removeprefix("report: "))
+    assert all(re.match(r" *\d+% ", line) for line in done.err.splitlines())
+    assert "The model lacks a payload at the flange" in done.out
+    assert "The first name is what was hidden." in done.out
+    assert "Take it out again: error" in done.out
+    assert "prefect" not in done.out.lower()
+    page = Path(done.out.splitlines()[-1].removeprefix("report: "))
     assert "data:image/gif;base64," in page.read_text()
     assert "Take it out again: error" in page.read_text()
     (truth,) = json.loads((page.parent / "truth.json").read_text())
