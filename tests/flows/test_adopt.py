@@ -211,6 +211,7 @@ def test_what_changed_since_needs_the_runs_behind_the_model(made, monkeypatch):
         diagnosed(store, second, model=id)
 
 
+@pytest.mark.long
 def test_a_model_without_its_runs_has_their_motion_with_it(made, arm_nights, tmp_path):
     store, first, second, id = made
     copy = tmp_path / "store"

@@ -117,6 +117,7 @@ def test_runs_are_calibrated_as_in_the_paper_and_kept(stored, capsys):
     assert pooled == [pytest.approx(row["rmsev"][1])]
 
 
+@pytest.mark.long
 def test_levels_components_and_joints_are_options(place, capsys):
     words = "calibrate A.csv B.csv C.csv D.csv --robot arm.urdf --joints 1,2 --levels 4"
     assert run(f"{words} --components 3 --json o.json") == 0

@@ -82,7 +82,9 @@ def test_what_is_carried_comes_back_as_the_same_torque(target, arm):
 
 
 @needs_compiler
-@pytest.mark.parametrize("kind", KINDS)
+@pytest.mark.parametrize(
+    "kind", [KINDS[0], *(pytest.param(k, marks=pytest.mark.long) for k in KINDS[1:])]
+)
 def test_an_fmu_has_the_torque_of_the_header_at_the_same_step(kind, tmp_path):
     # What remembers (a delay, bristles) would show a sample too many or too few.
     whole = _every(robot_of("irb140"))
@@ -97,7 +99,9 @@ def test_an_fmu_has_the_torque_of_the_header_at_the_same_step(kind, tmp_path):
 
 
 @needs_compiler
-@pytest.mark.parametrize("name", ["stribeck", "load_friction", "coulomb"])
+@pytest.mark.parametrize(
+    "name", ["stribeck", pytest.param("load_friction", marks=pytest.mark.long)]
+)
 def test_with_the_callback_mujoco_moves_as_the_model_does(name):
     pytest.importorskip("mujoco")
     whole = with_effect("irb140", name)

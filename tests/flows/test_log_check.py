@@ -121,7 +121,13 @@ def test_a_fault_of_the_healthy_runs_stops_it_too(place, found, named, monkeypat
 
 
 @pytest.mark.usefixtures("few_tables")
-@pytest.mark.parametrize("verb", ["identify", "calibrate --levels 3 --components 2"])
+@pytest.mark.parametrize(
+    "verb",
+    [
+        "identify",
+        pytest.param("calibrate --levels 3 --components 2", marks=pytest.mark.long),
+    ],
+)
 def test_trusted_the_other_commands_go_on_with_a_warning(place, found, verb):
     found["faults"] = [SIGN]
     logs = "A.csv B.csv C.csv D.csv"  # of fewer runs blocks are left out: more fits

@@ -88,6 +88,7 @@ def test_an_id_is_enough_to_ask_and_the_verdict_is_the_same_again(made, known):
         ask(Next(request.logs[0], store=store))
 
 
+@pytest.mark.long
 def test_one_command_designs_runs_and_diagnoses(made, known, monkeypatch, capsys):
     (store, request), (diagnosis, _) = made, known
     monkeypatch.setattr("flows.steps.planning.design.MANY", 4)
