@@ -2,7 +2,6 @@
 
 import numpy as np
 import pinocchio as pin
-import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
@@ -119,11 +118,6 @@ def test_flange_jacobian_is_the_derivative_of_the_flange_position():
     assert jacobian.shape == (1, 6, 6)
     speed = (place(1) - place(-1)) / (2 * step)
     np.testing.assert_allclose(jacobian[0, :3] @ qd[0], speed, atol=1e-6)
-
-
-def test_flange_of_irb140_is_the_published_length_from_the_wrist():
-    placement = dynamics.flange_placement(MODEL)
-    assert placement.translation == pytest.approx([0.065, 0, 0])
 
 
 def test_of_the_motions_that_are_remembered_the_latest_fit_into_what_is_kept(

@@ -190,14 +190,6 @@ def test_a_union_is_its_parts(problem):
     np.testing.assert_allclose(one.theta, two.theta)
 
 
-def test_a_series_puts_rows_back_on_the_time_line_of_each_log(problem):
-    d = problem.design
-    for j in range(DOF):
-        lines = d.series(j, d.tau[j])
-        for line, (track, _) in zip(lines, problem.logs, strict=True):
-            np.testing.assert_array_equal(line, track.tau[:, j] * track.moving[:, j])
-
-
 # -- counting rows -----------------------------------------------------------------
 
 

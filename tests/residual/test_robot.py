@@ -55,14 +55,6 @@ def test_built_in_irb140_has_the_published_geometry_and_labels_what_is_assumed()
     assert all(d.assumed and "TX40" in d.source for d in robot.declared.values())
 
 
-def test_every_body_of_irb140_is_physically_possible():
-    for body in list(load_robot("irb140").model.inertias)[1:]:
-        moments = np.linalg.eigvalsh(body.inertia)
-        assert body.mass > 0
-        assert moments[0] > 0
-        assert moments[2] < moments[0] + moments[1]
-
-
 def test_bare_urdf_ignores_the_toml_beside_it(folder):
     (folder / "robot.toml").write_text('[robot]\nname = "other"\n')
     bare = load_robot(folder / "arm.urdf")

@@ -43,7 +43,7 @@ def test_families_plan_for_other_arms(kind, moved):
     assert np.ptp(r.q, axis=0).min() > 0.01
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_the_search_improves_an_arm_with_seven_joints(tmp_path, monkeypatch):
     monkeypatch.setattr(search, "_STEPS", (10, 20))  # enough for what is asked below
     robot = arm(SEVEN, tmp_path)

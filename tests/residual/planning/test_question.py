@@ -37,16 +37,6 @@ def motion(robot, family, seconds=10.0, seed=1):
     return made.q, made.qd, made.qdd
 
 
-def test_a_finding_and_its_equivalent_are_rivals():
-    _, question = asked("spring", 2)
-    (contest,) = question.contests
-    assert {r.place for r in contest.rivals} == {
-        Place("spring", (3,)),
-        Place("balancer", (3,)),
-    }
-    assert abs(contest.lead(0, 1)) < contest.enough == 6.0
-
-
 def shrunk_to(question, size):
     (contest,) = question.contests
     rivals = []
