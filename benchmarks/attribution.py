@@ -24,13 +24,7 @@ from pathlib import Path
 sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
 
 from benchmarks.attribution_parts import bars, cases
-from benchmarks.harness.cases import (
-    kept_file,
-    read_options,
-    run_kept,
-    save_rows,
-    seed_range,
-)
+from benchmarks.harness import cases as harness
 from benchmarks.harness.figures import finish, one_blas_thread
 from flows.workers.pool import Pool
 
@@ -38,20 +32,22 @@ _SEEDS = "113101:113113"
 
 
 def main() -> int:
-    args = read_options(__doc__, _SEEDS, cases.GROUPS)
+    args = harness.read_options(__doc__, _SEEDS, cases.GROUPS)
     # For the pool: its processes load NumPy after this.
     one_blas_thread()
-    place = kept_file("attribution", "benchmarks/attribution_parts")
+    place = harness.kept_file("attribution", "benchmarks/attribution_parts")
     with Pool(2) as pool:
-        rows = _run(args, partial(run_kept, place, cases.words, pool, cases.run))
+        rows = _run(
+            args, partial(harness.run_kept, place, cases.words, pool, cases.run)
+        )
     figures = bars.case_figures(rows, args.deciding)
-    save_rows(args, figures, cases=rows)
+    harness.save_rows(args, figures, cases=rows)
     return finish(figures)
 
 
 def _run(args: argparse.Namespace, run_all: Callable) -> Mapping[str, Sequence]:
     """Run the cases of all groups; the unchanged arms, which say the sizes, first."""
-    seeds = seed_range(args.seeds)
+    seeds = harness.seed_range(args.seeds)
     groups = [group for group in cases.GROUPS if group in args.groups]
     wanted = {group: cases.tasks(group, seeds, args.quick) for group in groups}
     changed = wanted.get(cases.CHANGED, [])

@@ -23,25 +23,9 @@ from pathlib import Path
 
 sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
 
-from benchmarks.changes_parts import bars, cases, real
-from benchmarks.changes_parts.ask import (
-    BENCH,
-    METHODS,
-    PEER,
-    PRODUCT,
-    Job,
-    nothing,
-    run,
-    words,
-)
+from benchmarks.changes_parts import ask, bars, cases, real
 from benchmarks.changes_parts.case import EDGE, GROUPS, MEASURED, Case
-from benchmarks.harness.cases import (
-    kept_file,
-    read_options,
-    run_kept,
-    save_rows,
-    seed_range,
-)
+from benchmarks.harness import cases as harness
 from benchmarks.harness.figures import Figures, finish, one_blas_thread
 from benchmarks.harness.origin import ROOT
 from benchmarks.measured_parts.arms import absent
@@ -52,7 +36,7 @@ _QUICK_GROUPS = ("unchanged", "change", "measured_change")
 
 def main() -> int:
     quick, text = "a handful of short logs, under 50 s", "only write the deciding list"
-    args = read_options(__doc__, cases.DECIDING, GROUPS, quick, list=text)
+    args = harness.read_options(__doc__, cases.DECIDING, GROUPS, quick, list=text)
     if args.quick and args.groups == list(GROUPS):
         args.groups = list(_QUICK_GROUPS)
     # For the pool: its processes load NumPy after this.
@@ -66,13 +50,13 @@ def main() -> int:
             raise SystemExit("The deciding cases are not listed: --list, then commit.")
         rows = _rows(_listed(args, pool), pool)
     figures = bars.all_figures(rows, args.deciding) | _absent(args)
-    save_rows(args, figures, cases=rows)
+    harness.save_rows(args, figures, cases=rows)
     return finish(figures)
 
 
 def _listed(args: argparse.Namespace, pool: Pool) -> list[Case]:
     """Return the cases of all groups, before any method sees one."""
-    seeds = seed_range(args.seeds)
+    seeds = harness.seed_range(args.seeds)
     return [
         case
         for group in GROUPS
@@ -84,30 +68,30 @@ def _listed(args: argparse.Namespace, pool: Pool) -> list[Case]:
 def _rows(listed: Sequence[Case], pool: Pool) -> list[Mapping]:
     """Return a row of each case by each method, ours and the peer's."""
     rows: list[Mapping] = []
-    for method in METHODS:
-        run_all = partial(run_kept, _kept(method), words, pool, run)
+    for method in ask.METHODS:
+        run_all = partial(harness.run_kept, _kept(method), ask.words, pool, ask.run)
         minimum: dict[str, Sequence] = {}
         # What the program says of an arm is nothing to the peer.
-        own = [c for c in listed if method == PRODUCT or c.group != EDGE]
-        if method == PRODUCT:
-            edge = [Job(c, BENCH) for c in own if c.group == EDGE]
+        own = [c for c in listed if method == ask.PRODUCT or c.group != EDGE]
+        if method == ask.PRODUCT:
+            edge = [ask.Job(c, ask.BENCH) for c in own if c.group == EDGE]
             benches = {job.name: job for job in edge}
             for name, row in run_all(benches).items():
                 minimum[benches[name].case.name] = row.get("minimum", ())
-        jobs = [Job(c, method, minimum.get(c.name, ())) for c in own]
+        jobs = [ask.Job(c, method, minimum.get(c.name, ())) for c in own]
         done = run_all({job.name: job for job in jobs})
         # What a process took with it has no row of its own: it said nothing.
-        rows += [{**nothing(job), **done[job.name]} for job in jobs]
+        rows += [{**ask.nothing(job), **done[job.name]} for job in jobs]
     return rows
 
 
 def _kept(method: str) -> Path:
     """Return where rows of this very method on these very cases are kept."""
-    own = ["peer.py"] if method == PEER else []
+    own = ["peer.py"] if method == ask.PEER else []
     plan = [f"benchmarks/changes_parts/{name}" for name in (*cases.OWN, "ask.py", *own)]
     # The peer does not change with the program.
-    code = "peer" if method == PEER else None
-    return kept_file(f"changes-{method}", *plan, *cases.BELOW, code=code)
+    code = "peer" if method == ask.PEER else None
+    return harness.kept_file(f"changes-{method}", *plan, *cases.BELOW, code=code)
 
 
 def _absent(args: argparse.Namespace) -> Figures:

@@ -22,13 +22,7 @@ from pathlib import Path
 sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
 
 from benchmarks.check_parts import bars, cases
-from benchmarks.harness.cases import (
-    kept_file,
-    read_options,
-    run_kept,
-    save_rows,
-    seed_range,
-)
+from benchmarks.harness import cases as harness
 from benchmarks.harness.figures import finish, one_blas_thread
 from flows.workers.pool import Pool
 
@@ -37,19 +31,21 @@ _GROUPS = ("faults", "clean", "effects", "trusted")
 
 
 def main() -> int:
-    args = read_options(__doc__, _SEEDS, _GROUPS)
-    wanted = cases.tasks(seed_range(args.seeds), args.quick)
+    args = harness.read_options(__doc__, _SEEDS, _GROUPS)
+    wanted = cases.tasks(harness.seed_range(args.seeds), args.quick)
     jobs = {t.name: t for t in wanted if t.group in args.groups}
     one_blas_thread()
-    place = kept_file("check", "benchmarks/check_parts", "flows/inputs", "flows/steps")
+    place = harness.kept_file(
+        "check", "benchmarks/check_parts", "flows/inputs", "flows/steps"
+    )
     with Pool(2) as pool:
-        done = run_kept(place, lambda result: "done", pool, cases.run, jobs)
+        done = harness.run_kept(place, lambda result: "done", pool, cases.run, jobs)
     rows = [row for result in done.values() for row in result.get("rows", ())]
     lost = [{"error": r["error"], "group": n} for n, r in done.items() if "error" in r]
     absent = sorted({r["absent"] for r in done.values() if "absent" in r})
     figures = bars.figures([*rows, *lost], absent, args.whole)
     _show(rows)
-    save_rows(args, figures, cases=rows)
+    harness.save_rows(args, figures, cases=rows)
     return finish(figures)
 
 

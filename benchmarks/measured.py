@@ -24,14 +24,7 @@ sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
 
 from benchmarks.harness.figures import Figures, figure, finish, missing, one_blas_thread
 from benchmarks.harness.origin import circumstances, save
-from benchmarks.measured_parts.arms import (
-    DAYS,
-    LOADED,
-    SPLITS,
-    data_folder,
-    measure,
-    over,
-)
+from benchmarks.measured_parts import arms
 from flows.workers.pool import Pool
 
 # Filtered held-out errors that were reached before [%], and what a change may add.
@@ -45,7 +38,7 @@ LOADED_JOINTS, DAYS_NAMED, HALVED = (2, 3), 4, 0.7
 FRICTION = "load_friction"
 LOAD = (2.7, 3.1)  # kg; 2.805 were weighed, the drives' gains may carry the rest
 _MODELS = ("identified", "augmented")
-QUICK = ("ur10 60 % | 40 %", "kr300 AB | C", "ur10e feb10 | other days", LOADED)
+QUICK = ("ur10 60 % | 40 %", "kr300 AB | C", "ur10e feb10 | other days", arms.LOADED)
 
 
 def main() -> int:
@@ -59,7 +52,7 @@ def main() -> int:
     parser.add_argument("--full-json", type=Path, metavar="FILE")
     args = parser.parse_args()
     one_blas_thread()
-    rows = _rows(QUICK if args.quick else tuple(SPLITS))
+    rows = _rows(QUICK if args.quick else tuple(arms.SPLITS))
     before = _read(args.against)
     for row in rows:
         _show(row, before.get(row["split"]))
@@ -72,10 +65,10 @@ def main() -> int:
 
 
 def _rows(names: Sequence[str]) -> list[dict]:
-    if data_folder() is None:
+    if arms.data_folder() is None:
         return []
     with Pool(2) as pool:
-        done = {d.index: d for d in pool.run(measure, names)}
+        done = {d.index: d for d in pool.run(arms.measure, names)}
     failed = [f"{names[i]}: {d.error}" for i, d in done.items() if d.error]
     if failed:
         raise SystemExit("; ".join(failed))
@@ -106,7 +99,7 @@ def figures_of(rows: Sequence[Mapping]) -> Figures:
     }
     for name, reached in REACHED.items():
         if name in by_name:
-            worst = over(by_name[name]["filtered"]["augmented"], reached).max()
+            worst = arms.over(by_name[name]["filtered"]["augmented"], reached).max()
             key = f"measured_{name.split(' ')[0]}_over_reached"
             out[key] = figure(round(float(worst), 4), SPARE, len(reached))
     return out | _friction(by_name) | _load(by_name)
@@ -119,7 +112,9 @@ def _where(joints: Mapping[str, Sequence[int]], n: int) -> dict:
 
 def _friction(by_name: Mapping[str, Mapping]) -> Figures:
     """Friction that grows with load, on the UR10e: is it named, and what is left."""
-    days = [by_name[n] for d in DAYS if (n := f"ur10e {d} | other days") in by_name]
+    days = [
+        by_name[n] for d in arms.DAYS if (n := f"ur10e {d} | other days") in by_name
+    ]
     named = [row for row in days if all(_names(row, j) for j in LOADED_JOINTS)]
     if not days:
         return {}
@@ -128,7 +123,7 @@ def _friction(by_name: Mapping[str, Mapping]) -> Figures:
         for row in named
         for j in LOADED_JOINTS
     ]
-    bar = DAYS_NAMED if len(days) == len(DAYS) else len(days)
+    bar = DAYS_NAMED if len(days) == len(arms.DAYS) else len(days)
     ok = len(named) >= bar
     return {
         "ur10e_days_named": figure(len(named), bar, len(days), ok=ok, at_least=True),
@@ -146,7 +141,7 @@ def _names(row: Mapping, joint: int) -> bool:
 
 
 def _load(by_name: Mapping[str, Mapping]) -> Figures:
-    row = by_name.get(LOADED)
+    row = by_name.get(arms.LOADED)
     if row is None:
         return {}
     mass = row["mass"][0] if row["mass"] else None
@@ -155,7 +150,7 @@ def _load(by_name: Mapping[str, Mapping]) -> Figures:
 
 
 def _ratio(row: Mapping) -> np.ndarray:
-    return over(row["filtered"]["augmented"], row["peer"])
+    return arms.over(row["filtered"]["augmented"], row["peer"])
 
 
 def _show(row: Mapping, before: Mapping | None) -> None:

@@ -18,13 +18,7 @@ from pathlib import Path
 
 sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
 
-from benchmarks.harness.cases import (
-    kept_file,
-    read_options,
-    run_kept,
-    save_rows,
-    seed_range,
-)
+from benchmarks.harness import cases as harness
 from benchmarks.harness.figures import finish, one_blas_thread
 from benchmarks.peers_parts import bars, cases
 from flows.blind.draw import StudyRequest
@@ -37,14 +31,16 @@ _FULL, _QUICK = (10, 20.0), (2, 8.0)  # cases, seconds of a log
 
 
 def main() -> int:
-    args = read_options(__doc__, _SEEDS, tuple(cases.PROGRAMS), "two short cases")
+    args = harness.read_options(
+        __doc__, _SEEDS, tuple(cases.PROGRAMS), "two short cases"
+    )
     # For the pool: its processes load NumPy after this.
     one_blas_thread()
     name = f"peers-{CLEAN}-quick" if args.quick else f"peers-{CLEAN}"
-    place = kept_file(name, "benchmarks/peers_parts", "flows/blind/export")
+    place = harness.kept_file(name, "benchmarks/peers_parts", "flows/blind/export")
     rows: dict[str, list] = {program: [] for program in args.groups}
     with Pool(2) as pool:
-        for seed in seed_range(args.seeds):
+        for seed in harness.seed_range(args.seeds):
             folder = _exported(args.quick, seed, place.with_suffix(""), pool)
             tasks = [
                 cases.Task(program, seed, case, str(folder))
@@ -52,11 +48,11 @@ def main() -> int:
                 for program in args.groups
             ]
             jobs = {task.name: task for task in tasks}
-            done = run_kept(place, cases.words, pool, cases.run, jobs)
+            done = harness.run_kept(place, cases.words, pool, cases.run, jobs)
             for task in tasks:
                 rows[task.program].append(done[task.name])
     figures, tables = bars.all_figures(rows), bars.tables(rows)
-    save_rows(args, figures, cases=rows, tables=tables)
+    harness.save_rows(args, figures, cases=rows, tables=tables)
     for table in tables:
         print("\n" + table["title"])
         print("\n".join(" | ".join(row) for row in table["rows"]))

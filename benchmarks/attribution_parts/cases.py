@@ -8,19 +8,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass
 from time import perf_counter
 
-from benchmarks.attribution_parts.arms import (
-    BODIES,
-    KINDS,
-    OFF,
-    SEVEN,
-    Arm,
-    Made,
-    draw_changes,
-    draw_set,
-    make,
-    make_edited,
-    moved_values,
-)
+from benchmarks.attribution_parts import arms
 from benchmarks.harness.cases import guarded
 from flows.blind.export.score import matched
 from flows.blind.row import measured, smallest
@@ -151,10 +139,10 @@ def _plain(name: Name) -> list:
 
 
 def edit_rows(
-    arm: Arm,
+    arm: arms.Arm,
     effects: Sequence[PlantEffect],
     named: Sequence[Name],
-    made: Made,
+    made: arms.Made,
     found: Diagnosis,
 ) -> list[dict]:
     """Take each change that was named out of the model, and compare with the arm.
@@ -175,7 +163,7 @@ def edit_rows(
             models["dense"] = dense_model(models["nominal"], made.fit)
         others = [other for other in effects if other is not effect]
         models["oracle"] = true_arm(arm, others, models["augmented"])
-        log = make_edited(arm, others)
+        log = arms.make_edited(arm, others)
         moving = sealed_edit(place, models, [log], MOVING)
         row = asdict(sealed_edit(place, models, [log]))
         out.append(
@@ -184,11 +172,11 @@ def edit_rows(
     return out
 
 
-def true_arm(arm: Arm, effects: Sequence[PlantEffect], like: Model) -> Model:
+def true_arm(arm: arms.Arm, effects: Sequence[PlantEffect], like: Model) -> Model:
     """Return a model of the true parameters of an arm, with the signals of another."""
     plant = arm.plant(effects)
     body = changed(true_model(plant), acting(plant.hidden))
-    drives = {key: true for key, (_, true) in moved_values(arm, effects).items()}
+    drives = {key: true for key, (_, true) in arms.moved_values(arm, effects).items()}
     return with_truth(like, body, drives, effects)
 
 
@@ -225,29 +213,29 @@ class Task:
         return Task(UNCHANGED, self.arm, self.off, 0, self.seed, self.quick)
 
     @property
-    def made_of(self) -> Arm:
+    def made_of(self) -> arms.Arm:
         """The arm with its noise."""
         noise = derived_seed(self.seed, f"noise/{self.name}")
         # Not the very arm and motions where values are off by more: a case is a draw.
         seed = derived_seed(self.seed, f"arm/{self.arm}/{self.off}")
-        return Arm(self.arm, self.off / 100, seed, noise, self.quick)
+        return arms.Arm(self.arm, self.off / 100, seed, noise, self.quick)
 
 
 def tasks(group: str, seeds: Sequence[int], quick: bool) -> list[Task]:
     """Return the cases of a group; a quick run has two arms, in few and short logs."""
     if group == SETS:  # of the arm of seven joints, whose given values are exact
         draws = range(seeds[0], seeds[0] + (1 if quick else _SETS * len(seeds)))
-        return [Task(group, SEVEN, 0, 0, s, quick) for s in draws]
+        return [Task(group, arms.SEVEN, 0, 0, s, quick) for s in draws]
     if group == CHANGED:
         seeds = seeds[:_CHANGED]
     counts = (0,) if group == UNCHANGED else tuple(range(1, MOST + 1))
     if quick:
-        return [Task(group, SEVEN, 3, counts[-1] // 2, s, True) for s in seeds[:1]]
-    every = [round(100 * off) for off in OFF]
+        return [Task(group, arms.SEVEN, 3, counts[-1] // 2, s, True) for s in seeds[:1]]
+    every = [round(100 * off) for off in arms.OFF]
     return [
         Task(group, arm, off, count, seed)
         for seed in seeds
-        for arm in KINDS
+        for arm in arms.KINDS
         for off in every
         for count in counts
     ]
@@ -268,13 +256,13 @@ def run(job: tuple[Task, Sequence[Mapping]]) -> dict:
 def _done(task: Task, minimum: Sequence[Mapping]) -> dict:
     least = [Detectable(**entry) for entry in minimum]
     arm, effects = task.made_of, changes_of(task, minimum)
-    made = make(arm, effects)
+    made = arms.make(arm, effects)
     begun = perf_counter()
     found = diagnose(made.robot, made.fit, (), made.held_out)
     seconds = round(perf_counter() - begun, 2)
     verdict = found.verdict
     sizes = least or list(verdict.minimum_detectable)
-    body = any(e.name in BODIES for e in effects)
+    body = any(e.name in arms.BODIES for e in effects)
     names = planted(effects, arm)
     row = {
         **asdict(task),
@@ -286,7 +274,7 @@ def _done(task: Task, minimum: Sequence[Mapping]) -> dict:
             )
         ],
         **judged(verdict, names),
-        **moved(verdict, moved_values(arm, effects), sizes, body),
+        **moved(verdict, arms.moved_values(arm, effects), sizes, body),
         "edits": edit_rows(arm, effects, names, made, found),
         "errors": dict(verdict.error.overall_filtered),
         "outcome": "",
@@ -302,12 +290,12 @@ def changes_of(task: Task, minimum: Sequence[Mapping]) -> list[PlantEffect]:
         return []
     rng = stream(derived_seed(task.seed, f"changes/{task.name}"), "changes")
     if task.group == SETS:
-        return draw_set(task.made_of, rng)
+        return arms.draw_set(task.made_of, rng)
     least = [Detectable(**entry) for entry in minimum]
-    return draw_changes(task.made_of, rng, task.count, least)
+    return arms.draw_changes(task.made_of, rng, task.count, least)
 
 
-def planted(effects: Sequence[PlantEffect], arm: Arm) -> list[Name]:
+def planted(effects: Sequence[PlantEffect], arm: arms.Arm) -> list[Name]:
     """Return what changed in the convention of the verdict."""
     dof = arm.robot.dof
     return [
@@ -316,7 +304,9 @@ def planted(effects: Sequence[PlantEffect], arm: Arm) -> list[Name]:
     ]
 
 
-def _multiples(effects, arm: Arm, least: Sequence[Detectable]) -> list[float | None]:
+def _multiples(
+    effects, arm: arms.Arm, least: Sequence[Detectable]
+) -> list[float | None]:
     return [measured(e, least, arm.robot, None).multiple for e in effects]
 
 

@@ -17,17 +17,9 @@ from benchmarks.harness.logs import CONTROL, PAUSE, RATE, reference, sensed
 from benchmarks.synthetic.motions import make_motion
 from residual.recording import Recording
 from residual.robot.robot import Robot, load_robot
+from sim import quasi_static
+from sim.engine import records
 from sim.engine.laws import thinned
-from sim.engine.records import (
-    Drives,
-    Hidden,
-    Noise,
-    PlantEffect,
-    PlantSpec,
-    Rates,
-    TrajectorySpec,
-    stream,
-)
 from sim.experiment import log_of
 from sim.plant import tables as at
 from sim.plant.arm import build_arm
@@ -35,16 +27,9 @@ from sim.plant.background import Background, logged
 from sim.plant.friction import AMBIENT, RISE
 from sim.plant.sizes import usual_limits
 from sim.plant.stepping import drive
-from sim.quasi_static import (
-    Plant,
-    background_of,
-    true_friction,
-    true_model,
-    true_torque,
-)
 
 Array = np.ndarray
-Effects = Sequence[PlantEffect]
+Effects = Sequence[records.PlantEffect]
 
 ENGINE = "pybullet"
 BUILT_IN, SEVEN, OTHER_SEVEN = "irb140", "seven", "seven-0"
@@ -63,7 +48,7 @@ class Truly:
     """What an arm truly is, without what changed."""
 
     model: pin.Model
-    drives: Drives
+    drives: records.Drives
     # What all its joints have undeclared, None if it is clean
     background: Background | None
     reported: Array  # reported torque over real torque. Shape (dof,).
@@ -86,10 +71,13 @@ def truly(case: Case) -> Truly:
         arm = build_arm(robot, _spec(case, (), 0.0, True))
         model, drives, own = arm.model, arm.base, arm.own
     else:
-        plant = Plant(robot, (), case.plant, case.background)
-        friction, own = true_friction(plant), background_of(plant)
-        model = true_model(plant)
-        drives = Drives(friction.coulomb, friction.viscous, friction.rotor)
+        plant = quasi_static.Plant(robot, (), case.plant, case.background)
+        friction, own = (
+            quasi_static.true_friction(plant),
+            quasi_static.background_of(plant),
+        )
+        model = quasi_static.true_model(plant)
+        drives = records.Drives(friction.coulomb, friction.viscous, friction.rotor)
     gain = np.zeros(robot.dof) if own is None else own.gain
     return Truly(model, drives, own, 1.0 + gain)
 
@@ -131,16 +119,22 @@ def _synthetic(
     case: Case, part: Part, effects: Effects, label: str, start: float, exact: bool
 ) -> tuple[Recording, Array | None]:
     robot = robot_of(case.arm)
-    hidden = tuple(Hidden(e.name, e.joints, dict(e.parameters)) for e in effects)
-    plant = Plant(robot, hidden, case.plant, case.background)
+    hidden = tuple(
+        records.Hidden(e.name, e.joints, dict(e.parameters)) for e in effects
+    )
+    plant = quasi_static.Plant(robot, hidden, case.plant, case.background)
     motion = make_motion(
-        part.what, usual_limits(robot), part.duration, RATE, stream(part.seed, "motion")
+        part.what,
+        usual_limits(robot),
+        part.duration,
+        RATE,
+        records.stream(part.seed, "motion"),
     )
     worked = case.worked[not label.startswith(FIRST)] + start
-    torque = true_torque(plant, motion, label, start, True, worked)
+    torque = quasi_static.true_torque(plant, motion, label, start, True, worked)
     read = sensed(robot, torque, label, case.noise)
     q, tau = (torque.reading, torque.tau) if exact else read
-    tau = logged(background_of(plant), tau, RATE)
+    tau = logged(quasi_static.background_of(plant), tau, RATE)
     log = Recording(label, robot.name, start + motion.t, q, tau)
     if torque.background is None:
         return log, None
@@ -151,8 +145,8 @@ def _in_engine(
     case: Case, part: Part, effects: Effects, label: str, start: float, exact: bool
 ) -> tuple[Recording, Array | None]:
     """As `sim.experiment.run_experiment`, without the twin that nobody asks for."""
-    robot, rates = robot_of(case.arm), Rates(CONTROL, RATE)
-    motion = reference(TrajectorySpec(part.what, part.duration, 2, part.seed))
+    robot, rates = robot_of(case.arm), records.Rates(CONTROL, RATE)
+    motion = reference(records.TrajectorySpec(part.what, part.duration, 2, part.seed))
     later = not label.startswith(FIRST)
     start += _SHIFT * (case.noise % 1000) + later
     spec = _spec(case, effects, case.worked[later], exact)
@@ -166,10 +160,12 @@ def _in_engine(
     return log, _where_it_moves(thinned(warm, own.growth), speed)
 
 
-def _spec(case: Case, effects: Effects, worked: float, exact: bool) -> PlantSpec:
-    return PlantSpec(
+def _spec(
+    case: Case, effects: Effects, worked: float, exact: bool
+) -> records.PlantSpec:
+    return records.PlantSpec(
         tuple(effects),
-        noise=Noise(0.0, 0.0) if exact else Noise(),
+        noise=records.Noise(0.0, 0.0) if exact else records.Noise(),
         seed=case.plant,
         background=case.background,
         worked_before=worked,

@@ -10,13 +10,7 @@ from dataclasses import replace
 import numpy as np
 
 from benchmarks.harness.figures import Figures, figure, missing
-from benchmarks.measured_parts.arms import (
-    KR300,
-    UR10,
-    data_folder,
-    read_logs,
-    robot_of,
-)
+from benchmarks.measured_parts import arms
 from flows.blind.score import Name, Said, members, wilson
 from residual.diagnosis.examine import examine
 from residual.evidence.fit import as_model
@@ -37,9 +31,9 @@ _SEED = 7  # of the noise only; the logs are what they are
 
 def jobs(quick: bool) -> list[tuple[str, str]]:
     """Return what to diagnose; nothing where the logs are not there."""
-    if data_folder() is None or quick:
+    if arms.data_folder() is None or quick:
         return []
-    return [(arm, kind) for arm in (KR300, UR10) for kind in KINDS]
+    return [(arm, kind) for arm in (arms.KR300, arms.UR10) for kind in KINDS]
 
 
 def run(job: tuple[str, str]) -> dict:
@@ -75,7 +69,7 @@ def measured_figures(results: Sequence[dict]) -> Figures:
         why = "no measured logs here, or a quick run"
         return {name: missing(0, why) for name in names}
     against, common, every = 0, 0, 0
-    for arm in (KR300, UR10):
+    for arm in (arms.KR300, arms.UR10):
         one, other = (_said(results, arm, half) for half in (FIRST, SECOND))
         for mine, theirs in ((one, other), (other, one)):
             every += len(mine)
@@ -101,13 +95,13 @@ def measured_figures(results: Sequence[dict]) -> Figures:
 
 
 def _logs(arm: str, kind: str):
-    if arm == KR300:
+    if arm == arms.KR300:
         half = {FIRST: "@:50%", SECOND: "@50%:"}.get(kind, "")
         fit, held_out = [f"run_{x}.csv{half}" for x in "AB"], ["run_C.csv"]
     else:
         part = {FIRST: ":30%", SECOND: "30%:60%"}.get(kind, ":60%")
         fit, held_out = [f"run.csv@{part}"], ["run.csv@60%:"]
-    return robot_of(arm), read_logs(arm, fit), read_logs(arm, held_out)
+    return arms.robot_of(arm), arms.read_logs(arm, fit), arms.read_logs(arm, held_out)
 
 
 def _without_structure(

@@ -13,25 +13,9 @@ from pathlib import Path
 
 import numpy as np
 
-from benchmarks.export_parts.models import (
-    ARMS,
-    NAMES,
-    driven,
-    model_with,
-    robot_of,
-    term,
-)
+from benchmarks.export_parts import models
 from benchmarks.harness.figures import Figures, figure, missing
-from flows.proofs.proof import (
-    CREEP,
-    build,
-    compiler,
-    extra,
-    inverse,
-    mujoco_model,
-    passive,
-    text_of,
-)
+from flows.proofs import proof
 from residual.effects import registry
 from residual.export.c99 import prefix_of, to_c99
 from residual.export.exported import Exported, Motion, exciting
@@ -110,26 +94,26 @@ void go(int n, int steps, double held, double stiff, double damped,
 def loop_figures(quick: bool) -> Figures:
     """Measure how far the two loops part with the callback, an effect at a time."""
     what = "mujoco_loop_apart"
-    if compiler() is None:
+    if proof.compiler() is None:
         return {what: missing(BAR, "no C compiler here")}
     apart: dict[str, float] = {}
-    for name in FEW if quick else NAMES:
-        made = to_mujoco(with_effect(ARMS[0], name))
+    for name in FEW if quick else models.NAMES:
+        made = to_mujoco(with_effect(models.ARMS[0], name))
         if name in {t.effect.name for t in made.carried.terms}:
             apart[name] = 1e6 * loops_apart(made, 2.0 if quick else SECONDS)
             print(f"{name}: {apart[name]:.3g} microradians", flush=True)
     worst = max(apart, key=apart.get)
-    left = [name for name in NAMES if name not in apart and not quick]
+    left = [name for name in models.NAMES if name not in apart and not quick]
     told = f"{worst}; cannot be in it: {', '.join(left) or 'none'}"
     return {what: figure(apart[worst], BAR, len(apart), what=told)}
 
 
 def mujoco_figures(quick: bool) -> Figures:
     """Friction at 1e-3 rad/s, and how far the two loops part without a callback."""
-    arms = ARMS[:1] if quick else ARMS
+    arms = models.ARMS[:1] if quick else models.ARMS
     short = max(_short(arm) for arm in arms)
     out = {"mjcf_friction_short": figure(short, SHORT, 2 * len(arms))}
-    if compiler() is None:
+    if proof.compiler() is None:
         return out | {"mjcf_loop_apart": missing(None, "no C compiler here")}
     loops = {arm: _mjcf_loop(arm) for arm in arms}
     apart = max(a for a, _ in loops.values())
@@ -143,25 +127,25 @@ def mujoco_figures(quick: bool) -> Figures:
 
 def _short(arm: str) -> float:
     """By how much dry friction falls short of its value, as a share of it."""
-    robot = robot_of(arm)
-    whole = model_with(robot, "coulomb", speed_floor=np.full(robot.dof, 1e-5))
+    robot = models.robot_of(arm)
+    whole = models.model_with(robot, "coulomb", speed_floor=np.full(robot.dof, 1e-5))
     (own,) = whole.terms
     (j,), zero = own.joints, np.zeros((2, robot.dof))
-    qd = CREEP * np.array([[1.0], [-1.0]]) * np.ones(robot.dof)
+    qd = proof.CREEP * np.array([[1.0], [-1.0]]) * np.ones(robot.dof)
     states = Motion(np.arange(2.0), zero, qd, zero)
-    up, down = inverse(text_of(to_mjcf(whole)), states)[:, j]
+    up, down = proof.inverse(proof.text_of(to_mjcf(whole)), states)[:, j]
     return float(1 - (up - down) / 2 / own.theta[0])
 
 
 def _mjcf_loop(arm: str) -> tuple[float, float]:
     """Largest distance of the loops, and of ours from its reference [rad]."""
-    robot = robot_of(arm)
-    more = term(robot, "payload"), term(robot, "spring", 1)
-    model = driven(robot, *more, floor=1e-3)
+    robot = models.robot_of(arm)
+    more = models.term(robot, "payload"), models.term(robot, "spring", 1)
+    model = models.driven(robot, *more, floor=1e-3)
     motion = exciting(robot, MJCF_SECONDS, 1 / PERIOD)
     scale = np.diag(mass_matrix(robot.model, motion.q[:1])[0]) + 0.6
     drive = inverse_dynamics(robot.model, *motion.parts), scale
-    simulated = mujoco_model(text_of(to_mjcf(model)))
+    simulated = proof.mujoco_model(proof.text_of(to_mjcf(model)))
     theirs = _theirs(simulated, motion, drive, 1)
     ours = _ours(model, motion, drive, SUBSTEPS)
     return float(np.abs(theirs - ours).max()), float(np.abs(ours - motion.q).max())
@@ -169,11 +153,11 @@ def _mjcf_loop(arm: str) -> tuple[float, float]:
 
 def with_effect(arm: str, name: str) -> Model:
     """Rotors and viscous friction of all joints, and one effect."""
-    robot, always = robot_of(arm), ("viscous", "rotor_inertia")
+    robot, always = models.robot_of(arm), ("viscous", "rotor_inertia")
     # On the joint that bears most, where it has a joint of its own.
     place = SHOULDER if registry()[name].scope == "local" else None
-    more = () if name in always else (term(robot, name, place),)
-    return driven(robot, *more, names=always)
+    more = () if name in always else (models.term(robot, name, place),)
+    return models.driven(robot, *more, names=always)
 
 
 def loops_apart(made: Exported, seconds: float, step: float = STEP) -> float:
@@ -181,13 +165,13 @@ def loops_apart(made: Exported, seconds: float, step: float = STEP) -> float:
     robot = made.carried.robot
     motion, times = exciting(robot, seconds, 1 / HELD), round(HELD / step)
     drive = inverse_dynamics(robot.model, *motion.parts), np.ones(robot.dof)
-    with passive(made, step) as simulated:
+    with proof.passive(made, step) as simulated:
         theirs = _theirs(simulated, motion, drive, times)
     return float(np.abs(theirs - _ours(made.carried, motion, drive, times)).max())
 
 
 def _theirs(model, motion: Motion, drive: tuple, times: int) -> np.ndarray:
-    mujoco, (forward, scale) = extra("mujoco"), drive
+    mujoco, (forward, scale) = proof.extra("mujoco"), drive
     out = np.empty_like(motion.q)
     model.actuator_ctrllimited[:] = 0
     model.jnt_limited[:] = 0
@@ -212,7 +196,7 @@ def _ours(model: Model, motion: Motion, drive: tuple, times: int) -> np.ndarray:
         (place / name).write_bytes(text)
         source = OURS.format(header=name, p=p, dof=dof)
         (place / "ours.c").write_text(source, encoding="utf-8")
-        build(place, ["ours.c"], "ours.so")
+        proof.build(place, ["ours.c"], "ours.so")
         library = ctypes.CDLL(str(place / "ours.so"))
         out = np.empty_like(motion.q)
         arrays = [motion.q, motion.qd, *drive, out]

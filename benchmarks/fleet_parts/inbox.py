@@ -22,15 +22,9 @@ from time import monotonic, sleep
 import numpy as np
 
 import warehouse
+from benchmarks.harness import shell
 from benchmarks.harness.figures import Figures, all_missing, figure, partial
 from benchmarks.harness.logs import write_csv
-from benchmarks.harness.shell import (
-    command,
-    environment,
-    is_of_store,
-    modelgap,
-    wait_for,
-)
 from benchmarks.synthetic.logs import standard_case
 from flows.service.state import flow_processes, read_running
 from flows.settings import PREFECT
@@ -98,27 +92,27 @@ def _first_served(place: Path, folder: Path) -> tuple[int, float | None, str]:
     urdf = arm(place)
     begun = monotonic()
     steps = (
-        lambda: modelgap("init", "--robot", str(urdf), folder=folder),
+        lambda: shell.modelgap("init", "--robot", str(urdf), folder=folder),
         lambda: [shutil.copy(log, folder / "inbox") for log in made],
-        lambda: modelgap("up", folder=folder),
+        lambda: shell.modelgap("up", folder=folder),
     )
     try:
         for step in steps:
             done = step()
             if getattr(done, "returncode", 0):
                 return len(steps), None, done.stderr.strip()[-300:]
-        if not wait_for(lambda: _is_done(folder), FIRST_PATIENCE):
+        if not shell.wait_for(lambda: _is_done(folder), FIRST_PATIENCE):
             return len(steps), None, f"no diagnosis after {FIRST_PATIENCE:.0f} s"
         return len(steps), round(monotonic() - begun, 1), ""
     finally:
-        modelgap("down", "--wait", "0", folder=folder)
+        shell.modelgap("down", "--wait", "0", folder=folder)
 
 
 def _is_done(folder: Path) -> bool:
     """Whether a diagnosis is in the store, and the next one of the robot is due."""
     if not any((folder / "store" / "diagnoses").glob("diagnosis_id=*")):
         return False
-    told = json.loads(modelgap("status", "--json", folder=folder).stdout)
+    told = json.loads(shell.modelgap("status", "--json", folder=folder).stdout)
     due = {d["name"]: d["due"] for d in told["deployments"]}
     return due.get("diagnose-new/irb140") is not None
 
@@ -157,7 +151,7 @@ def _broken(log: Path, number: int) -> Path:
 def _project(place: Path) -> Path:
     folder = place / "project"
     folder.mkdir()
-    done = modelgap("init", "--robot", str(arm(place)), folder=folder)
+    done = shell.modelgap("init", "--robot", str(arm(place)), folder=folder)
     assert done.returncode == 0, done.stderr
     file = folder / "modelgap.toml"
     text = file.read_text()
@@ -191,12 +185,12 @@ def _killed_service(folder: Path, made: list[Path]) -> float:
             # Twice while they drop, once while they are stored.
             if killed < KILLS - 1 and number >= (killed + 1) * len(made) // KILLS:
                 killed += _kill(store, folder)
-        wait_for(lambda: _left(folder) < 2 * len(made) // 3, PATIENCE)
+        shell.wait_for(lambda: _left(folder) < 2 * len(made) // 3, PATIENCE)
         killed += _kill(store, folder)
-        wait_for(lambda: _left(folder) == 0, PATIENCE)
+        shell.wait_for(lambda: _left(folder) == 0, PATIENCE)
         return monotonic() - begun
     finally:
-        modelgap("down", "--wait", "30", folder=folder)
+        shell.modelgap("down", "--wait", "30", folder=folder)
 
 
 def _kill(store: Path, folder: Path) -> int:
@@ -210,7 +204,7 @@ def _kill_service(store: Path) -> int:
     running = read_running(store / PREFECT)
     killed = list(running.alive) if running else []
     for flows in flow_processes().values():
-        killed += [p for p in flows if is_of_store(p.pid, store)]
+        killed += [p for p in flows if shell.is_of_store(p.pid, store)]
     for process in killed:
         if process.lives:
             os.kill(process.pid, signal.SIGKILL)
@@ -218,7 +212,7 @@ def _kill_service(store: Path) -> int:
 
 
 def _up(folder: Path) -> None:
-    done = modelgap("up", folder=folder)
+    done = shell.modelgap("up", folder=folder)
     assert done.returncode == 0, done.stderr
 
 
@@ -226,14 +220,14 @@ def _killed_command(folder: Path, made: list[Path]) -> float:
     begun = monotonic()
     for number, log in enumerate(made):
         _drop(log, folder / "inbox", number % 2 == 0)
-    words = command("inbox", "--once", "--import-only")
+    words = shell.command("inbox", "--once", "--import-only")
     for kill in range(KILLS):
-        process = subprocess.Popen(words, cwd=folder, env=environment())
+        process = subprocess.Popen(words, cwd=folder, env=shell.environment())
         # Sooner or later in its work; the last time when something has been moved.
-        wait_for(_at_work(process, folder), 2 + 3 * kill)
+        shell.wait_for(_at_work(process, folder), 2 + 3 * kill)
         process.kill()
         process.wait()
-    done = modelgap("inbox", "--once", "--import-only", folder=folder)
+    done = shell.modelgap("inbox", "--once", "--import-only", folder=folder)
     assert done.returncode == 0, done.stderr
     return monotonic() - begun
 

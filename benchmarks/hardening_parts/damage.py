@@ -18,17 +18,7 @@ import pyarrow.parquet as pq
 
 import warehouse
 from benchmarks.harness.figures import Figures, all_partial, figure
-from benchmarks.store_parts.made import (
-    answers,
-    committed,
-    damaged,
-    filled,
-    folder,
-    records,
-    run,
-    synthetic,
-    without_index,
-)
+from benchmarks.store_parts import made as stores
 from residual.errors import InputError
 from warehouse.bundle import read_bundle, write_bundle
 from warehouse.commit import commit_run
@@ -54,9 +44,9 @@ def full_figures(quick: bool) -> Figures:
     bad, met, count = [], 0, 0
     for name, prepare in _OPERATIONS.items():
         for moment in range(1, moments + 1):
-            with folder() as place:
+            with stores.folder() as place:
                 count += 1
-                work = prepare(place / "store", filled(place / "store"))
+                work = prepare(place / "store", stores.filled(place / "store"))
                 failed, wrong = _one(place / "store", work, moment)
                 met += failed
                 bad += [f"{name} at write {moment}: {line}" for line in wrong]
@@ -66,7 +56,7 @@ def full_figures(quick: bool) -> Figures:
 
 
 def _one(store: Path, work: Callable, moment: int) -> tuple[bool, list[str]]:
-    before = answers(store)
+    before = stores.answers(store)
     failed, wrong = False, []
     with _full_from(moment):
         try:
@@ -75,8 +65,8 @@ def _one(store: Path, work: Callable, moment: int) -> tuple[bool, list[str]]:
             failed = error.errno == errno.ENOSPC
             if not failed:
                 wrong.append(f"another error: {error}")
-    wrong += damaged(store)
-    given = answers(store)
+    wrong += stores.damaged(store)
+    given = stores.answers(store)
     # What was there is there: rows may have come, and none have gone or changed.
     for view, rows in before.items():
         there, still = (set(map(repr, r.to_pylist())) for r in (rows, given[view]))
@@ -86,7 +76,7 @@ def _one(store: Path, work: Callable, moment: int) -> tuple[bool, list[str]]:
     if any((store / "_staging").iterdir()):
         wrong.append("something is left in _staging")
     work()
-    return failed, wrong + damaged(store)
+    return failed, wrong + stores.damaged(store)
 
 
 @contextmanager
@@ -112,11 +102,11 @@ def _full_from(moment: int) -> Iterator[None]:
 
 
 def _commit(store: Path, ids: list[str]) -> Callable:
-    return lambda: run(store, 7)
+    return lambda: stores.run(store, 7)
 
 
 def _record(store: Path, ids: list[str]) -> Callable:
-    return lambda: records(store, ids[1:])
+    return lambda: stores.records(store, ids[1:])
 
 
 def _compact(store: Path, ids: list[str]) -> Callable:
@@ -129,7 +119,9 @@ def _compact(store: Path, ids: list[str]) -> Callable:
 
 def _unbundle(store: Path, ids: list[str]) -> Callable:
     other, bundle = store.parent / "other", store.parent / "b.tar"
-    write_bundle(other, records(other, [run(other, s) for s in (8, 9)])[1], bundle)
+    write_bundle(
+        other, stores.records(other, [stores.run(other, s) for s in (8, 9)])[1], bundle
+    )
     return lambda: read_bundle(bundle, store)
 
 
@@ -148,12 +140,12 @@ def flip_figures(quick: bool) -> Figures:
     """Flip bits, half of them without an index; ask `verify`, and all of SQL."""
     places = 60 if quick else PLACES
     rng = np.random.default_rng(16)
-    with folder() as place:
+    with stores.folder() as place:
         store = place / "store"
-        filled(store)
-        wanted = answers(store)
+        stores.filled(store)
+        wanted = stores.answers(store)
         missed, wrong, errors = [], [], Counter()
-        paths = committed(store)
+        paths = stores.committed(store)
         for number in range(places):
             # Every file equally often: small ones are as easily damaged as looked at.
             path = paths[number % len(paths)]
@@ -162,16 +154,16 @@ def flip_figures(quick: bool) -> Figures:
             path.write_bytes(good[:at] + bytes([good[at] ^ 1 << bit]) + good[at + 1 :])
             where = f"{path.relative_to(store)}:{at}.{bit}"
             if number // len(paths) % 2:
-                without_index(store)
-            if not damaged(store):
+                stores.without_index(store)
+            if not stores.damaged(store):
                 missed.append(where)
             outcome = _asked(store, wanted)
             errors[outcome] += 1
             if outcome == "changed":
                 wrong.append(where)
             path.write_bytes(good)
-        whole = not damaged(store)
-        without_index(store)
+        whole = not stores.damaged(store)
+        stores.without_index(store)
         whole = whole and _asked(store, wanted) == "same"
     figures = {
         "flips_not_found": figure(len(missed), 0, places, told=missed[:5]),
@@ -185,7 +177,7 @@ def flip_figures(quick: bool) -> Figures:
 
 def _asked(store: Path, wanted: dict) -> str:
     try:
-        given = answers(store)
+        given = stores.answers(store)
     except InputError:
         return "refused"
     same = all(given[view].equals(rows) for view, rows in wanted.items())
@@ -217,9 +209,9 @@ def cost_figures(quick: bool) -> Figures:
     The runs have 1000 samples and 43 columns.
     """
     runs, rounds = (100, 3) if quick else (RUNS, 15)
-    with folder() as place:
+    with stores.folder() as place:
         for seed in range(runs):
-            log, twin = synthetic(seed, ROWS)
+            log, twin = stores.synthetic(seed, ROWS)
             spec = {"seed": seed, "trajectory": {"kind": "fourier"}}
             commit_run(place, log, {"spec": spec}, extra=twin)
         names = [

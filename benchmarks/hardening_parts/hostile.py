@@ -5,14 +5,7 @@ from pathlib import Path
 
 import numpy as np
 
-from benchmarks.hardening_parts import strangers
-from benchmarks.hardening_parts.http import (
-    bad_logs,
-    bad_maps,
-    bad_robots,
-    bad_specs,
-    requests,
-)
+from benchmarks.hardening_parts import http, strangers
 from benchmarks.hardening_parts.strangers import Input
 from benchmarks.store_parts.made import records, run
 from residual.robot.robot import load_robot
@@ -110,10 +103,10 @@ def _of_text(kind: str, file: str, words: tuple[str, ...]) -> Callable:
 
 
 _VALUES: Mapping[str, Callable] = {
-    "log": bad_logs,
-    "robot": bad_robots,
-    "map": lambda good: bad_maps(),
-    "spec": lambda good: bad_specs(),
+    "log": http.bad_logs,
+    "robot": http.bad_robots,
+    "map": lambda good: http.bad_maps(),
+    "spec": lambda good: http.bad_specs(),
 }
 
 
@@ -135,7 +128,7 @@ def _of_bundle(base: Mapping[str, Path]) -> list[Input]:
 def _of_http(base: Mapping[str, Path]) -> list[Input]:
     return [
         Input("http", name, (), judge="answer" if own else "refuse", request=asked)
-        for name, asked, own in (*requests(), *strangers.requests())
+        for name, asked, own in (*http.requests(), *strangers.requests())
     ]
 
 

@@ -12,18 +12,8 @@ from time import perf_counter, sleep
 from unittest.mock import patch
 
 from benchmarks.harness.figures import Figures, figure, partial
+from benchmarks.store_parts import made as stores
 from benchmarks.store_parts.kills import kill_figures as campaign_figures
-from benchmarks.store_parts.made import (
-    DOF,
-    answers,
-    damaged,
-    filled,
-    folder,
-    records,
-    run,
-    small,
-    stand_in,
-)
 from flows.specs.experiment import ExperimentSpec
 from flows.steps import experiment
 from flows.steps.rerun import rerun
@@ -55,7 +45,7 @@ def old_runs(store: Path) -> None:
 
 def rerun_old(store: Path) -> None:
     """Make these runs again by this version; every second one comes out otherwise."""
-    rows = answers(store)["runs"].select(["run_id", "code_hash"]).to_pylist()
+    rows = stores.answers(store)["runs"].select(["run_id", "code_hash"]).to_pylist()
     with patch.object(experiment, "_simulate", _arm(changed=True)):
         for row in rows:
             if row["code_hash"] == _OTHER:
@@ -67,7 +57,7 @@ def _arm(changed: bool) -> Callable:
         seed = spec.plant_spec().seed
         return [seed, int(changed and seed % 2)]
 
-    return stand_in(seeds, _ROWS)
+    return stores.stand_in(seeds, _ROWS)
 
 
 FULL = 200
@@ -81,16 +71,18 @@ def kill_figures(quick: bool) -> Figures:
     rng = random.Random(16)
     bad: list[str] = []
     others = kills - kills // 2
-    with folder() as place:
+    with stores.folder() as place:
         shared = place / "shared"
         shared.mkdir()
-        made = records(shared / "from", [run(shared / "from", s) for s in (30, 31)])
+        made = stores.records(
+            shared / "from", [stores.run(shared / "from", s) for s in (30, 31)]
+        )
         write_bundle(shared / "from", made[1], shared / "b.tar")
         for number in range(others):
             name = list(_WORK)[number % len(_WORK)]
             store, calm = place / f"store-{number}", place / f"calm-{number}"
             for each in (store, calm):
-                filled(each)
+                stores.filled(each)
                 if name == "rerun":
                     old_runs(each)
             wrong = _killed(store, calm, _WORK[name], rng)
@@ -108,18 +100,18 @@ def _killed(store: Path, calm: Path, work: Callable, rng: random.Random) -> list
     start = perf_counter()
     work(calm)
     whole = perf_counter() - start
-    before = answers(store)["runs"].column("run_id").to_pylist()
+    before = stores.answers(store)["runs"].column("run_id").to_pylist()
     context = multiprocessing.get_context("fork")
     process = context.Process(target=work, args=(store,))
     process.start()
     sleep(rng.uniform(0, 1.2 * whole))
     process.kill()
     process.join()
-    wrong = damaged(store)
-    if set(before) - set(answers(store)["runs"].column("run_id").to_pylist()):
+    wrong = stores.damaged(store)
+    if set(before) - set(stores.answers(store)["runs"].column("run_id").to_pylist()):
         wrong.append("a run is lost")
     work(store)
-    wrong += damaged(store)
+    wrong += stores.damaged(store)
     if _content(store) != _content(calm):
         wrong.append("done again it is not the same")
     return wrong
@@ -133,25 +125,25 @@ def _content(store: Path) -> dict[str, list[str]]:
             repr({k: v for k, v in row.items() if k not in out})
             for row in rows.to_pylist()
         )
-        for view, rows in answers(store).items()
+        for view, rows in stores.answers(store).items()
     }
 
 
 def _commits(store: Path) -> None:
     for seed in range(10, 18):
-        run(store, seed)
+        stores.run(store, seed)
 
 
 def _imports(store: Path) -> None:
     for seed in range(20, 28):
-        log, _, _ = small(seed)
+        log, _, _ = stores.small(seed)
         made = Recording("", "irb140", log.t, log.q, log.tau)
-        commit_run(store, made, {"robot_hash": f"{DOF:064x}"})
+        commit_run(store, made, {"robot_hash": f"{stores.DOF:064x}"})
 
 
 def _records(store: Path) -> None:
-    ids = answers(store)["runs"].column("run_id").to_pylist()
-    records(store, sorted(ids)[:2])
+    ids = stores.answers(store)["runs"].column("run_id").to_pylist()
+    stores.records(store, sorted(ids)[:2])
 
 
 def _compact(store: Path) -> None:

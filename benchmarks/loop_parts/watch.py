@@ -19,14 +19,7 @@ import numpy as np
 
 from benchmarks.changes_parts import arms, real
 from benchmarks.changes_parts.case import Case
-from benchmarks.harness.cases import (
-    guarded,
-    kept_file,
-    read_options,
-    run_kept,
-    save_rows,
-    seed_range,
-)
+from benchmarks.harness import cases as harness
 from benchmarks.harness.figures import (
     Figures,
     figure,
@@ -180,25 +173,27 @@ _BATCH = round(RATE)  # samples
 
 
 def main() -> int:
-    args = read_options(__doc__, SEEDS, ("watch",))
+    args = harness.read_options(__doc__, SEEDS, ("watch",))
     one_blas_thread()
     if args.quick:
         rows = [watch_arm(1, quick=True)]
     else:
-        jobs = {"days": DAYS} | {f"arm {s}": s for s in seed_range(args.seeds)}
-        place = kept_file("watch", "benchmarks/loop_parts/watch.py")
+        jobs = {"days": DAYS} | {f"arm {s}": s for s in harness.seed_range(args.seeds)}
+        place = harness.kept_file("watch", "benchmarks/loop_parts/watch.py")
         with Pool(cores()) as pool:
-            rows = list(run_kept(place, _words, pool, watch_arm, jobs).values())
+            rows = list(harness.run_kept(place, _words, pool, watch_arm, jobs).values())
     made = _figures(rows)
     figures = made if args.whole else undecided(made)
-    save_rows(args, figures, rows=rows)
+    harness.save_rows(args, figures, rows=rows)
     return finish(figures)
 
 
 def watch_arm(seed: int, quick: bool = False) -> dict:
     """Return what was seen of one arm; of the measured one on its days."""
     about = {"arm": seed}
-    return guarded(about, _of_days if seed == DAYS else partial(_watched, seed, quick))
+    return harness.guarded(
+        about, _of_days if seed == DAYS else partial(_watched, seed, quick)
+    )
 
 
 def _watched(seed: int, quick: bool) -> dict:

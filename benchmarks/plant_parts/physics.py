@@ -24,15 +24,8 @@ from benchmarks.synthetic.motions import make_motion
 from residual.robot.robot import load_robot
 from sim.draw import draw_hidden, usual_effects
 from sim.effects.base import Moving
+from sim.engine import records
 from sim.engine.bullet import World
-from sim.engine.records import (
-    PlantEffect,
-    PlantSpec,
-    Rates,
-    Reference,
-    TrajectorySpec,
-    stream,
-)
 from sim.experiment import run_experiment
 from sim.plant import tables as at
 from sim.plant.arm import Phase, build_arm, channels_of, new_state, phases
@@ -48,27 +41,29 @@ from sim.trajectories.fourier import draw, sampled
 from sim.trajectories.limits import workspace
 
 ROBOT = load_robot("irb140")
-Effects = tuple[PlantEffect, ...]
+Effects = tuple[records.PlantEffect, ...]
 
 
 def drawn(names: tuple[str, ...], seed: int) -> Effects:
-    return tuple(draw_hidden(ROBOT, stream(seed, f"hidden/{n}"), n) for n in names)
+    return tuple(
+        draw_hidden(ROBOT, records.stream(seed, f"hidden/{n}"), n) for n in names
+    )
 
 
 def reference(
     family: str, duration: float, seed: int = 1, rate: float = 1000.0
-) -> Reference:
-    space, rng = usual_limits(ROBOT), stream(seed, f"motion/{family}")
+) -> records.Reference:
+    space, rng = usual_limits(ROBOT), records.stream(seed, f"motion/{family}")
     return make_motion(family, space, duration, rate, rng)
 
 
-def drive(effects: Effects, motion: Reference, seed: int) -> Trace:
-    arm = build_arm(ROBOT, PlantSpec(effects, seed=seed))
+def drive(effects: Effects, motion: records.Reference, seed: int) -> Trace:
+    arm = build_arm(ROBOT, records.PlantSpec(effects, seed=seed))
     controller = computed_torque(ROBOT, motion)
     return simulate(arm, motion, controller, "benchmark", 0.0, seed)
 
 
-def hum(trace: Trace, motion: Reference) -> float:
+def hum(trace: Trace, motion: records.Reference) -> float:
     """Return what oscillates above 20 Hz in the speeds of motors 1 to 3 [rad/s]."""
     second = round(1.0 / (motion.t[1] - motion.t[0]))
     miss = (trace.rows[:, at.READING_RATE] - motion.qd)[second:, :3]
@@ -124,13 +119,15 @@ def stability_figures(quick: bool) -> Figures:
     }
 
 
-def _soft(stiffness: float, gap: float, mass: float) -> tuple[PlantEffect, ...]:
-    effects = [PlantEffect("elasticity", (1, 2, 3), (("stiffness", stiffness),))]
+def _soft(stiffness: float, gap: float, mass: float) -> tuple[records.PlantEffect, ...]:
+    effects = [
+        records.PlantEffect("elasticity", (1, 2, 3), (("stiffness", stiffness),))
+    ]
     if gap:
-        effects.append(PlantEffect("backlash", (1, 2, 3), (("half_gap", gap),)))
+        effects.append(records.PlantEffect("backlash", (1, 2, 3), (("half_gap", gap),)))
     if mass:
         load = (("com_x", 0.1), ("mass", mass))
-        effects.append(PlantEffect("payload", (ROBOT.dof,), load))
+        effects.append(records.PlantEffect("payload", (ROBOT.dof,), load))
     return tuple(effects)
 
 
@@ -154,8 +151,8 @@ def digest(seed: int) -> str:
     usual = usual_effects()
     names = (usual[seed % len(usual)], "x_random_walk", "elasticity")
     motion = reference(_FAMILIES[seed % 3], 5.0, seed)
-    plant = PlantSpec(drawn(names, seed), seed=seed)
-    run = run_experiment(ROBOT, motion, plant, Rates())
+    plant = records.PlantSpec(drawn(names, seed), seed=seed)
+    run = run_experiment(ROBOT, motion, plant, records.Rates())
     total = hashlib.sha256()
     for array in (run.log.t, run.log.q, run.log.tau):
         total.update(array.tobytes())
@@ -197,7 +194,7 @@ def identity_figures(quick: bool) -> Figures:
 def _worst(names: tuple[str, ...], seed: int, states: int) -> tuple[float, float]:
     """Return the largest miss of all torques, and of the link side alone [N m]."""
     effects = drawn(names, seed)
-    arm = build_arm(ROBOT, PlantSpec(effects, seed=seed))
+    arm = build_arm(ROBOT, records.PlantSpec(effects, seed=seed))
     series = np.full((states, 50), 0.7)
     # From their onset on all effects act; the last phase has them all.
     phase = phases(arm, states, 1e-3, series)[-1]
@@ -266,8 +263,8 @@ def speed_figures(quick: bool) -> Figures:
         ratios.append(bare / full)
         rates.append(len(motion.t) / full)
     long = reference("fourier", 20.0)
-    plant = PlantSpec(effects, seed=1)
-    whole = cpu(lambda: run_experiment(ROBOT, long, plant, Rates()))
+    plant = records.PlantSpec(effects, seed=1)
+    whole = cpu(lambda: run_experiment(ROBOT, long, plant, records.Rates()))
     # figure() wants small values: what must not be exceeded is bare over full rate.
     ratio = float(np.median(ratios))
     return {
@@ -284,7 +281,7 @@ def speed_figures(quick: bool) -> Figures:
     }
 
 
-def _bare(motion: Reference) -> np.ndarray:
+def _bare(motion: records.Reference) -> np.ndarray:
     model, data = ROBOT.model, ROBOT.model.createData()
     path = np.empty_like(motion.q)
     with World(model, 1e-3) as world:
@@ -320,16 +317,16 @@ def excitation_figures(quick: bool) -> Figures:
 
 
 def _optimised(seed: int) -> float:
-    reference = make_reference(ROBOT, TrajectorySpec(seed=seed), _RATE)
+    reference = make_reference(ROBOT, records.TrajectorySpec(seed=seed), _RATE)
     once = reference.t <= reference.period
     motion = (reference.q[once], reference.qd[once], reference.qdd[once])
     return excitation(ROBOT.model, *motion).condition
 
 
 def _best_random(seed: int) -> float:
-    spec = TrajectorySpec()
+    spec = records.TrajectorySpec()
     place = workspace(ROBOT, spec.duration / spec.periods)
     t = np.arange(0, place.period, 1 / _RATE)
-    rng = stream(seed, "benchmark/random motions")
+    rng = records.stream(seed, "benchmark/random motions")
     drawn = [sampled(draw(place, rng), t) for _ in range(_RANDOM)]
     return min(excitation(ROBOT.model, *motion).condition for motion in drawn)
