@@ -15,12 +15,7 @@ import pinocchio as pin
 from scipy.signal import butter, sosfiltfilt
 
 from residual.recording import Recording
-from residual.robot.dynamics import (
-    PER_LINK,
-    gravity_torque,
-    inertial_parameters,
-    regressor,
-)
+from residual.robot import dynamics
 
 Array = np.ndarray
 
@@ -190,7 +185,7 @@ def _shared_change(
 
 def _told(joints: Sequence[_Joint], columns: Sequence[Array]) -> Array:
     """Return a basis of what the logs can tell of the ten parameters. Shape (10, k)."""
-    gram = np.zeros((PER_LINK, PER_LINK))
+    gram = np.zeros((dynamics.PER_LINK, dynamics.PER_LINK))
     for joint, each in zip(joints, columns, strict=True):
         rest = joint.without_common(each)
         gram += rest.T @ rest / joint.variance
@@ -302,17 +297,17 @@ def _log(model: pin.Model, log: Recording) -> _Log:
     q = filtered(log.q)
     qd = np.gradient(q, step, axis=0)
     qdd = np.gradient(qd, step, axis=0)
-    inertial = regressor(model, q, qd, qdd)
-    load = np.abs(filtered(inertial @ inertial_parameters(model)))
+    inertial = dynamics.regressor(model, q, qd, qdd)
+    load = np.abs(filtered(inertial @ dynamics.inertial_parameters(model)))
     common, local, moves = [], [], []
     for j in range(model.nv):
         own = _friction(q[:, j], qd[:, j], load[:, j])
         common.append(filtered(np.column_stack([inertial[:, j], own]))[::every])
         local.append(filtered(_candidates(q[:, j], qd[:, j], load[:, j]))[::every])
         moves.append(_moves(qd[:, j], filtered, every))
-    tilt = [gravity_torque(model, q, _G * np.eye(3)[axis]) for axis in (0, 1)]
+    tilt = [dynamics.gravity_torque(model, q, _G * np.eye(3)[axis]) for axis in (0, 1)]
     shared = {
-        "payload": inertial[:, :, -PER_LINK:],
+        "payload": inertial[:, :, -dynamics.PER_LINK :],
         "base_tilt": np.stack(tilt, axis=2),
         "delay": np.gradient(log.tau, step, axis=0)[:, :, None],
     }

@@ -197,15 +197,12 @@ def robot_file(host: Host, size: int, rng: Rng) -> Spoiled:
     """Masses in grams, lengths in millimetres, or gravity in mm/s^2."""
     tables, toml = tables_of(host), ""
     root = ET.fromstring(host.robot.urdf)
-    if size == 0:
-        for element in root.iter("mass"):
-            _times(element, ("value",), 1e3)
-        for element in root.iter("inertia"):
-            _times(element, tuple(element.attrib), 1e3)
-    elif size == 1:
-        for element in root.iter("origin"):
-            _times(element, ("xyz",), 1e3)
-    else:
+    for tag in (("mass", "inertia"), ("origin",), ())[size]:
+        for element in root.iter(tag):
+            for key in {"xyz"} if tag == "origin" else set(element.attrib):
+                values = (1e3 * float(x) for x in element.get(key, "0 0 0").split())
+                element.set(key, " ".join(map(repr, values)))
+    if size == 2:
         toml = "[robot]\ngravity = [0, 0, -9810.0]\n"
     urdf = ET.tostring(root, encoding="unicode")
     right = tables if size == 2 else ()
@@ -216,10 +213,3 @@ def wrong_robot(host: Host, size: int, rng: Rng) -> Spoiled:
     """The robot that is given is an arm of another build."""
     urdf = others(host.robot.dof)[size].urdf
     return Spoiled("wrong_robot", (), tables_of(host), urdf=urdf)
-
-
-def _times(element: ET.Element, keys: tuple[str, ...], factor: float) -> None:
-    for key in keys:
-        if key in element.attrib:
-            values = (factor * float(x) for x in element.attrib[key].split())
-            element.set(key, " ".join(map(repr, values)))

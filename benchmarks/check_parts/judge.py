@@ -42,7 +42,7 @@ def judged(own: Host, spoiled: Spoiled) -> dict:
         report = check(sets)
         seconds = round(perf_counter() - begun, 3)
         repairs = list(dict.fromkeys(f.repair for f in report.faults if f.repair))
-        exact = _exact(repairs, spoiled, (own, robot, place))
+        exact = _exact(repairs, spoiled, own, robot, place)
     return {
         **told(report),
         "hit": any(is_it(f, spoiled, own.robot.dof) for f in report.faults),
@@ -92,7 +92,7 @@ def is_it(fault: Fault, spoiled: Spoiled, dof: int) -> bool:
 
 
 def _exact(
-    repairs: Sequence[str], spoiled: Spoiled, about: tuple[Host, Robot, Path]
+    repairs: Sequence[str], spoiled: Spoiled, own: Host, robot: Robot, folder: Path
 ) -> list[bool]:
     """Whether logs, or the robot, are the right ones once the lines are followed.
 
@@ -100,14 +100,16 @@ def _exact(
     it names is what it was before the fault, and every signal that no line names too:
     one that mends half of a fault is not.
     """
-    own, robot, folder = about
     lines = {
         line.partition(" =")[0]: line
         for repair in reversed(repairs)
         for line in repair.splitlines()
     }
-    gravity = lines.pop("gravity", None)
-    right = {"gravity": gravity is not None and _is_gravity(gravity, own.robot)}
+    right, gravity = {"gravity": False}, lines.pop("gravity", None)
+    if gravity is not None:
+        mended = tomllib.loads(gravity)["gravity"]
+        wanted = own.robot.model.gravity.linear
+        right["gravity"] = bool(np.allclose(mended, wanted, _ROUNDING))
     columns = folder / "COLUMNS.toml"
     columns.write_text("\n".join(lines.values()), encoding="utf-8")
     logs = read(folder, spoiled.tables, robot, str(columns)).fit
@@ -121,11 +123,6 @@ def _exact(
         all(left) and all(right[line.partition(" =")[0]] for line in r.splitlines())
         for r in repairs
     ]
-
-
-def _is_gravity(line: str, robot: Robot) -> bool:
-    mended = tomllib.loads(f"[robot]\n{line}")["robot"]["gravity"]
-    return bool(np.allclose(mended, robot.model.gravity.linear, _ROUNDING))
 
 
 def _same(mended: np.ndarray, right: np.ndarray, most: float) -> bool:
@@ -191,9 +188,8 @@ def trace(host: Host, spoiled: Spoiled) -> Trace | None:
 
 
 def _factors(logs: Sequence[Recording], clean: Sequence[Recording]) -> Array:
-    pairs = [(a.tau, b.tau) for a, b in zip(logs, clean, strict=True)]
-    powers = [(np.sum(a * b, axis=0), np.sum(b * b, axis=0)) for a, b in pairs]
-    return sum(p[0] for p in powers) / sum(p[1] for p in powers)
+    a, b = (np.concatenate([log.tau for log in each]) for each in (logs, clean))
+    return np.sum(a * b, axis=0) / np.sum(b * b, axis=0)
 
 
 def _friction(motion: Motion, joint: int) -> Array:

@@ -7,11 +7,11 @@ import io
 from collections.abc import Sequence
 from dataclasses import replace
 from functools import cache
-from time import process_time
 
 import numpy as np
 
 from benchmarks.harness.figures import Figures, figure, missing, partial
+from benchmarks.harness.rates import cpu
 from flows.proofs.proof import compiled, compiler, exported_names
 from flows.steps.export import Made, export_model
 from residual.effects import registry
@@ -247,22 +247,13 @@ def _single_rows(whole: Corrected, motion: Motion) -> Figures:
 
 def _spent(run) -> float:
     """Least time of a row [microseconds] of so many calls, one row each."""
-    least = np.inf
-    for _ in range(TIMES):
-        start = process_time()
-        run()
-        least = min(least, process_time() - start)
-    return 1e6 * least / SINGLE
+    return 1e6 * min(cpu(run) for _ in range(TIMES)) / SINGLE
 
 
 def _each(run) -> tuple[float, np.ndarray]:
     """Least time of a row [microseconds]: of the processor, whoever else uses it."""
-    least, out = np.inf, run()
-    for _ in range(TIMES):
-        start = process_time()
-        out = run()
-        least = min(least, process_time() - start)
-    return 1e6 * least / ROWS, out
+    out = run()
+    return 1e6 * min(cpu(run) for _ in range(TIMES)) / ROWS, out
 
 
 def _whole() -> Corrected:
@@ -270,12 +261,9 @@ def _whole() -> Corrected:
     robot, rng = robot_of("irb140"), np.random.default_rng(0)
     model = driven(robot)
     columns = tuple((on, (j,), "") for on in SIGNALS for j in range(robot.dof))
-    axes = [
-        Axis(k, np.sort(rng.uniform(-2, 2, LEVELS - 1))) for k in range(len(columns))
-    ]
-    own = [
-        Tables(j, columns, _lookup(axes, rng), MAIN, NEAREST) for j in range(robot.dof)
-    ]
+    count = len(columns)
+    axes = [Axis(k, np.sort(rng.uniform(-2, 2, LEVELS - 1))) for k in range(count)]
+    own = (Tables(j, columns, _lookup(axes, rng), MAIN, NEAREST) for j in range(6))
     return Corrected(model, tuple(own))
 
 

@@ -7,7 +7,6 @@ samples of six joints, put in by the program's own commit; nothing is simulated.
 import multiprocessing
 import os
 import random
-import socket
 import subprocess
 import sys
 import tempfile
@@ -16,9 +15,9 @@ from collections import Counter
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass
+from functools import partial as call
 from pathlib import Path
 from statistics import median
-from time import perf_counter
 from urllib.request import urlopen
 
 from boto3 import client
@@ -26,6 +25,7 @@ from boto3 import client
 import warehouse
 from benchmarks.harness.figures import Figures, figure, missing, partial
 from benchmarks.harness.rates import wall
+from benchmarks.harness.shell import free_port, wait_for
 from benchmarks.store_parts.made import run, synthetic
 from warehouse import catalogue
 from warehouse.bucket import Bucket
@@ -68,9 +68,8 @@ def killed(address: str, kills: int) -> tuple[int, int]:
     first, usual = 0, _usual_commit(address)
     for _ in range(kills):
         started = context.Event()
-        process = context.Process(
-            target=_write_until_killed, args=(address, first, started)
-        )
+        work = (address, first, started)
+        process = context.Process(target=_write_until_killed, args=work)
         process.start()
         # One run is stored then; it is killed somewhere in the next three.
         started.wait()
@@ -92,12 +91,8 @@ def killed(address: str, kills: int) -> tuple[int, int]:
 
 def _usual_commit(address: str) -> float:
     """Return how long a commit takes here [s]."""
-    store, times = mirror_of(address), []
-    for seed in range(6):
-        start = perf_counter()
-        run(store, 10**6 + seed)
-        times.append(perf_counter() - start)
-    return median(times)
+    store = mirror_of(address)
+    return median(wall(call(run, store, 10**6 + seed)) for seed in range(6))
 
 
 def timed_questions(address: str, runs: int) -> dict[str, float]:
@@ -123,14 +118,10 @@ def paired_commits(address: str, pairs: int) -> Costs:
         for seed in range(pairs + 2):
             log, twin = synthetic(seed, _ROWS)
             arrays = {"t": log.t, "q": log.q, "tau": log.tau, "q_ref": log.q_ref} | twin
-            commit = wall(
-                lambda log=log, twin=twin: commit_run(
-                    store, log, {"robot_hash": "0" * 64}, extra=twin
-                )
-            )
+            about = {"robot_hash": "0" * 64}
+            commit = wall(call(commit_run, store, log, about, extra=twin))
             bucket = bucket_of(store)
-            data, key = os.urandom(_size(bucket)), f"bare/{seed}"
-            put = wall(lambda b=bucket, d=data, k=key: b.put(k, d))
+            put = wall(call(bucket.put, f"bare/{seed}", os.urandom(_size(bucket))))
             path = Path(folder, f"{seed}.parquet")
             made = wall(lambda p=path, a=arrays: write_parquet(p, to_table(a, {})))
             times.append((commit, put, made))
@@ -151,10 +142,11 @@ def own_copies() -> None:
 
 
 def _asked(address: str, query: str) -> float:
-    start = perf_counter()
-    with warehouse.open(address) as opened:
-        opened.sql(query)
-    return perf_counter() - start
+    def asked() -> None:
+        with warehouse.open(address) as opened:
+            opened.sql(query)
+
+    return wall(asked)
 
 
 def _write_all(address: str, seeds: range) -> list[str]:
@@ -202,17 +194,16 @@ _KEYS = {
 @contextmanager
 def serve(folder: Path) -> Iterator[Callable[[], str]]:
     """Serve S3; gives a function that returns the address of a new store."""
-    with socket.socket() as free:
-        free.bind(("127.0.0.1", 0))
-        port = free.getsockname()[1]
-    words = [sys.executable, "-m", "moto.server", "-H", "127.0.0.1", "-p", str(port)]
+    port = free_port()
+    words = [sys.executable, "-m", "moto.server", "-H", "127.0.0.1", "-p", port]
     process = subprocess.Popen(
         words, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL
     )
     endpoint = f"http://127.0.0.1:{port}"
     os.environ.update(_KEYS, AWS_ENDPOINT_URL=endpoint, MODELGAP_CACHE=str(folder))
     try:
-        _wait(endpoint)
+        if not wait_for(lambda: _answers(endpoint), _PATIENCE, 0.2):
+            raise TimeoutError(f"{endpoint} does not answer.")
         made = iter(range(1000))
 
         def new_store() -> str:
@@ -227,13 +218,10 @@ def serve(folder: Path) -> Iterator[Callable[[], str]]:
         process.wait()
 
 
-def _wait(endpoint: str) -> None:
-    end = time.monotonic() + _PATIENCE
-    while time.monotonic() < end:
-        with suppress(OSError), urlopen(f"{endpoint}/moto-api/data.json", timeout=5):
-            return
-        time.sleep(0.2)
-    raise TimeoutError(f"{endpoint} does not answer.")
+def _answers(endpoint: str) -> bool:
+    with suppress(OSError), urlopen(f"{endpoint}/moto-api/data.json", timeout=5):
+        return True
+    return False
 
 
 WRITERS, TOGETHER, KILLS, MANY, PAIRS = 8, 50, 200, 10_000, 40
@@ -255,10 +243,9 @@ def object_figures(quick: bool) -> Figures:
         pairs = PAIRS // (4 if quick else 1)
         costs = paired_commits(new_store(), pairs)
         print(f"commit {costs.commit:.3f} s, put of the same bytes {costs.put:.3f} s")
+    alone = {"ok": set(won) == {1}, "writers": WRITERS}
     made = {
-        "object_winners_per_run": figure(
-            max(won), 1, together, ok=set(won) == {1}, writers=WRITERS
-        ),
+        "object_winners_per_run": figure(max(won), 1, together, **alone),
         "object_partial_after_kills": figure(partly, 0, kills, runs=seen),
         "object_list_s": figure(times["list"], 1.0, count, again=times["list_again"]),
         "object_errors_s": figure(times["errors"], 2.0, count),

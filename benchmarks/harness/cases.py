@@ -107,16 +107,12 @@ def kept_file(name: str, *parts: str, code: str | None = None) -> Path:
     """
     plan = [
         file.relative_to(ROOT).as_posix()
-        for part in parts
-        for file in _python_in(ROOT / part)
+        for path in (ROOT / part for part in parts)
+        for file in (sorted(path.rglob("*.py")) if path.is_dir() else [path])
         if file.name != "bars.py"
     ]
     product = code or code_hash("residual", "sim", "warehouse/logs", "flows/blind")
     return STORE / f"{name}-{product}-{code_hash(*plan)[:10]}.jsonl"
-
-
-def _python_in(path: Path) -> list[Path]:
-    return sorted(path.rglob("*.py")) if path.is_dir() else [path]
 
 
 def run_kept(

@@ -128,12 +128,8 @@ def run_groups(
         if args.full_json:  # after each: what is measured is not lost with the rest
             earlier = merged(earlier, {group: made[group]}, about_run, list(groups))
             save(args.full_json, earlier)
-    figures = earlier["figures"] if args.resume else _together(made)
-    return finish(figures)
-
-
-def _together(made: Mapping[str, Figures]) -> Figures:
-    return {name: entry for own in made.values() for name, entry in own.items()}
+    fresh = {name: entry for own in made.values() for name, entry in own.items()}
+    return finish(earlier["figures"] if args.resume else fresh)
 
 
 def _read(path: Path | None) -> dict:

@@ -36,7 +36,6 @@ def service_figures(quick: bool) -> Figures:
 
 
 def _served(folder: Path, quick: bool) -> Figures:
-
     store = folder / "store"
     port = free_port()
     begun = monotonic()
@@ -127,7 +126,6 @@ def cluster_figures(quick: bool) -> Figures:
 
 
 def _run(store: Path, word: str, count: int, victim: subprocess.Popen | None) -> None:
-
     motion = {"kind": "fourier", "duration": 5.0}
     contents = [{"seed": seed, "trajectory": motion} for seed in range(count)]
     specs = [experiment_of(content, "C") for content in contents]
@@ -143,7 +141,6 @@ def _run(store: Path, word: str, count: int, victim: subprocess.Popen | None) ->
 
 
 def _hashes(store: Path) -> dict[str, str]:
-
     with open_store(store) as opened:
         rows = opened.sql("SELECT run_id, data_hash FROM runs").to_pylist()
     return {row["run_id"]: row["data_hash"] for row in rows}
@@ -157,18 +154,13 @@ def _cluster(folder: str) -> Iterator[tuple[str, list[subprocess.Popen]]]:
     options = ["--nthreads", "1", "--no-nanny", "--local-directory", folder]
     workers = [_start("dask_worker", f"tcp://{address}", *options) for _ in range(2)]
     try:
-        _wait_for(address, len(workers))
+        with Client(f"tcp://{address}", timeout=60, set_as_default=False) as client:
+            client.wait_for_workers(len(workers), timeout=60)
         yield address, workers
     finally:
         for process in (*workers, scheduler):
             process.kill()
             process.wait()
-
-
-def _wait_for(address: str, workers: int) -> None:
-
-    with Client(f"tcp://{address}", timeout=60, set_as_default=False) as client:
-        client.wait_for_workers(workers, timeout=60)
 
 
 def _start(name: str, *words: str) -> subprocess.Popen:
@@ -184,25 +176,20 @@ def efficiency_figures(quick: bool) -> Figures:
     """Return the share of the time of one process that two need, halved."""
     name = "parallel_efficiency"
     load = os.getloadavg()[0]
-    if quick:
-        return {
-            name: missing(_EFFICIENT, "one process alone takes the time of a quick run")
-        }
-    if load >= _IDLE:
+    if quick or load >= _IDLE:
         why = f"load average {load:.2f} before, expected under {_IDLE}"
+        why = "one process alone takes the time of a quick run" if quick else why
         return {name: missing(_EFFICIENT, why)}
     count = 12
     with tempfile.TemporaryDirectory(prefix="modelgap-") as folder:
         one, two = (_seconds(Path(folder) / str(n), n, count) for n in (1, 2))
     value = one / (2 * two)
-    entry = figure(
-        value, _EFFICIENT, count, ok=value >= _EFFICIENT, at_least=True, load=load
-    )
-    return {name: {**entry, "seconds": [round(one, 1), round(two, 1)]}}
+    about = {"load": load, "seconds": [round(one, 1), round(two, 1)]}
+    ok = value >= _EFFICIENT
+    return {name: figure(value, _EFFICIENT, count, ok=ok, at_least=True, **about)}
 
 
 def _seconds(store: Path, processes: int, count: int) -> float:
-
     specs = [experiment_of({"seed": seed}, "C") for seed in range(count)]
     planned = plan(((str(s.seed), s) for s in specs), store)
     with Pool(processes) as pool:
