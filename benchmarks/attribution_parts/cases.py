@@ -30,46 +30,32 @@ Values = Mapping[tuple[str, int], tuple[float, float]]
 
 
 def judged(verdict: Verdict, planted: Sequence[Name]) -> dict:
-    """Return how the set that is named compares with what changed.
+    """Return how the set that is named compares with what changed, by sets.
 
     A name is true if it, or one that the verdict says the logs cannot tell from it, is
     among what changed and no other name stands for that already.
-
-    Args:
-        planted: What changed, in the convention of the verdict.
-
-    Returns:
-        Names with their classes, how many are true, whether the set is exact by name,
-        by class, or one of the alternatives listed.
     """
     said, document = members(verdict), to_json(verdict)
     classes = [[s.name, *s.alike] for s in said]
     owners = matching(planted, classes)
     listed = alternatives(document)
-    exact = len(said) == len(planted)
+    exact, wanted = len(said) == len(planted), sorted(map(str, planted))
     return {
         "said": [[_plain(n) for n in names] for names in classes],
         "true": len(owners),
-        "exact_by_name": sorted(map(str, planted)) == sorted(str(s.name) for s in said),
+        "exact_by_name": wanted == sorted(str(s.name) for s in said),
         "exact": exact and len(owners) == len(planted),
-        "alternatives": None
-        if listed is None
-        else [[_plain(n) for n in names] for names in listed],
-        "listed": any(
-            sorted(map(str, one)) == sorted(map(str, planted)) for one in listed or ()
-        ),
+        "alternatives": listed and [[_plain(n) for n in names] for names in listed],
+        "listed": any(sorted(map(str, one)) == wanted for one in listed or ()),
         "verdict": verdict.verdict,
         "unexplained": list(verdict.unexplained.joints),
     }
 
 
 def matching(planted: Sequence[Name], classes: Sequence[Sequence[Name]]) -> dict:
-    """Give as many names as possible a planted change of their own.
+    """Give as many names as possible a planted change of their own, by its index.
 
     Augmenting paths (Kuhn 1955): a name gives way to another if it has a second choice.
-
-    Returns:
-        Index of a name for each index of a planted change that has one.
     """
     return matched(planted, classes, lambda truth, own: truth in own)
 
@@ -94,15 +80,9 @@ def moved(
 ) -> dict:
     """Return what of the moved values is among the changes that a verdict tells.
 
-    Args:
-        values: Given and true value of each drive's numbers, by name and joint.
-        minimum: Detectable sizes, of the same arm without a change.
-        body: Whether a body of the arm changed by enough.
-
-    Returns:
-        Moved values that were due and those of them that were told; values that were
-        told although they are within 5 % of the truth; None where the verdict does not
-        have the list. A changed body is told by any inertial combination.
+    Due are values beyond their detectable size, of the same arm without a change, and a
+    changed body, which any inertial combination tells. False is what was told of a
+    value within 5 % of what is given. None where the verdict does not have the list.
     """
     told = to_json(verdict).get("changes")
     if told is None:
@@ -148,10 +128,6 @@ def edit_rows(
     """Take each change that was named out of the model, and compare with the arm.
 
     The arm without that change, and with all others, moves in a way of its own.
-
-    Args:
-        effects: What changed.
-        named: The same in the convention of the verdict.
     """
     models = {k: found.models[k] for k in ("nominal", "augmented")}
     out = []
@@ -243,8 +219,7 @@ def tasks(group: str, seeds: Sequence[int], quick: bool) -> list[Task]:
 
 def benches(wanted: Sequence[Task]) -> list[Task]:
     """Return the unchanged arms that say the detectable sizes of those that change."""
-    unique = {t.bench: t._alike for t in wanted}
-    return list(unique.values())
+    return list({t.bench: t._alike for t in wanted}.values())
 
 
 def run(job: tuple[Task, Sequence[Mapping]]) -> dict:
@@ -264,15 +239,14 @@ def _done(task: Task, minimum: Sequence[Mapping]) -> dict:
     sizes = least or list(verdict.minimum_detectable)
     body = any(e.name in arms.BODIES for e in effects)
     names = planted(effects, arm)
+    there = []
+    for name, effect in zip(names, effects, strict=True):
+        multiple = measured(effect, least, arm.robot, None).multiple
+        there.append([*_plain(name), dict(effect.parameters), multiple])
     row = {
         **asdict(task),
         "seconds": seconds,
-        "planted": [
-            [n.effect, list(n.joints), dict(e.parameters), m]
-            for n, e, m in zip(
-                names, effects, _multiples(effects, arm, least), strict=True
-            )
-        ],
+        "planted": there,
         **judged(verdict, names),
         **moved(verdict, arms.moved_values(arm, effects), sizes, body),
         "edits": edit_rows(arm, effects, names, made, found),
@@ -302,12 +276,6 @@ def planted(effects: Sequence[PlantEffect], arm: arms.Arm) -> list[Name]:
         Name(e.name, tuple(sorted(reported_joints(e.name, e.joints, dof))))
         for e in effects
     ]
-
-
-def _multiples(
-    effects, arm: arms.Arm, least: Sequence[Detectable]
-) -> list[float | None]:
-    return [measured(e, least, arm.robot, None).multiple for e in effects]
 
 
 def words(row: Mapping) -> str:

@@ -81,13 +81,10 @@ def listed(
     pool: Any = None,
     committed: bool = True,
 ) -> list[Case]:
-    """Return the cases of a group.
+    """Return the cases of a group: of the committed list where they are in it.
 
-    Args:
-        seeds: Seeds of the draws; orders of measured logs have none.
-        quick: The first case of the group only, of a short one where there is.
-        pool: Where those that nobody has listed yet are drawn; None for here.
-        committed: Whether a case of the committed list is taken from there.
+    Orders of measured logs have no seeds. A quick run takes the first one; what nobody
+    has listed yet is drawn by the pool, or here.
     """
     if group in (REAL_UNCHANGED, LOAD):
         cases = _orders(group)

@@ -64,25 +64,15 @@ class _Log:
 
 @dataclass(frozen=True, eq=False)
 class _Joint:
-    """Rows of one joint in all logs, and what its own columns leave of them; m rows.
+    """Rows of one joint in all logs, and what its own columns leave of them; m rows."""
 
-    Attributes:
-        common: What it has in both epochs, of one size. Shape (m, p).
-        inverse: Of the Gram matrix of these. Shape (p, p).
-        rest: Torque less what these explain. Shape (m,).
-        local: Candidates of its own. Shape (m, c).
-        shared: Its part of those of the whole arm. Each of shape (m, k).
-        second: Whether a row is of the second epoch. Shape (m,).
-        log, block: Number of its log and of its block. Shapes (m,).
-    """
-
-    common: Array
-    inverse: Array
-    rest: Array
-    local: Array
-    shared: dict[str, Array]
-    second: Array
-    log: Array
+    common: Array  # what it has in both epochs, of one size. Shape (m, p).
+    inverse: Array  # of the Gram matrix of these. Shape (p, p).
+    rest: Array  # torque less what these explain. Shape (m,).
+    local: Array  # candidates of its own. Shape (m, c).
+    shared: dict[str, Array]  # its part of those of the arm. Each of shape (m, k).
+    second: Array  # whether a row is of the second epoch. Shape (m,).
+    log: Array  # number of its log, as the next of its block. Shapes (m,).
     block: Array
     rms: float
 

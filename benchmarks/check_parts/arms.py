@@ -209,13 +209,8 @@ def told_apart(
     """Whether two readings of a log differ by what the nominal model says of them.
 
     An arm is the mirror image of itself where the angles of some joints, and their
-    torques, are turned: nobody can tell one reading from the other there.
-
-    Args:
-        angles: What one reading does to positions. (n, dof) to (n, dof).
-        torques: What the other does to torques, so that both were the same.
-        logged: Share of the logged torque, friction and all, that they have to differ
-            by on some joint too.
+    torques, are turned: nobody can tell one reading from the other there. They have to
+    differ by a share of the logged torque, friction and all, on some joint too.
     """
     log = host.logs[0]
     step = max(1, len(log.t) // 1000)

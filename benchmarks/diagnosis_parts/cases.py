@@ -190,14 +190,10 @@ def benches(wanted: Sequence[Task]) -> list[Task]:
 
 
 def run(job: tuple[Task, Sequence[Detectable]]) -> dict:
-    """Draw one case, diagnose it and judge the answer.
+    """Draw a case by the detectable sizes of its motions, diagnose it and judge.
 
-    Args:
-        job: The case, and the minimum detectable sizes of its motions.
-
-    Returns:
-        A row as in the view ``blind`` and where it is from, with what one would see
-        who knows the truth (``power``); of a bench its sizes; of a crash the error.
+    Its row is as in the view ``blind``, with what one would see who knows the truth
+    (``power``); of a bench it has the sizes, of a crash the error.
     """
     task, minimum = job
     return guarded(asdict(task), lambda: _done(task, minimum))

@@ -44,12 +44,10 @@ class Power:
 def power(
     robot: Robot, hidden: Sequence[Recording], *others: Sequence[Recording]
 ) -> Power:
-    """Return the power of a perfect name on the logs of a case.
+    """Return the power of a perfect name on the fit logs of a case.
 
-    Args:
-        hidden: The fit logs.
-        others: The same motions and noise of the same arm: without the effect in
-            question, then without one more each; those are known beside it.
+    Others are the same motions and noise of the same arm: without the effect in
+    question, then without one more each; those are known beside it.
     """
     filters, clock = Filters(), session_clock(hidden)
     every = (hidden, *others)
@@ -94,11 +92,8 @@ def gained(
 ) -> Power:
     """Return the power of one column whose torque is given, in the likeliest prior.
 
-    Args:
-        every: The priors of the nominal parameters that may be believed.
-        lines: By the session time of a log's first sample, the torque at the rate of
-            features [N m]. Shapes (n, dof).
-        beside: The same of what is known to be there, too.
+    Torque at the rate of features by the session time of a log's first sample [N m], of
+    shapes (n, dof); beside it the same of what is known to be there, too.
     """
     wanted = [Placed(_truth(own), (), ()) for own in (lines, *beside)]
     group, *known = design.add(wanted)

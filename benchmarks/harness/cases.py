@@ -25,16 +25,10 @@ def read_options(
     quick: str = "a part, under 50 s",
     **flags: str,
 ) -> argparse.Namespace:
-    """Read the command line of a benchmark over drawn cases.
+    """Read the command line of a benchmark over drawn cases; `flags` are further ones.
 
-    Args:
-        seeds: The seeds that decide, as A:B; a quick run has seeds of its own.
-        quick: What a quick run is.
-        flags: Further options by name, with what each is.
-
-    Returns:
-        The options; whether seeds and counts are those that bars are for (`deciding`),
-        and whether all groups are run with these (`whole`).
+    Of the options `deciding` says whether seeds and counts are those that bars are for,
+    and `whole` whether all groups are run with these. A quick run has its own seeds.
     """
     parser = argparse.ArgumentParser(
         description=about, formatter_class=argparse.RawDescriptionHelpFormatter
@@ -100,10 +94,8 @@ def crash_figures(rows: Mapping[str, Rows]) -> Figures:
 def kept_file(name: str, *parts: str, code: str | None = None) -> Path:
     """Return where rows are kept that are made by this very code.
 
-    Args:
-        parts: Files and folders of the repository that draw, run and judge besides the
-            product; what only makes figures of rows (`bars.py`) does not count.
-        code: In place of the hash of the product.
+    `parts` draw, run and judge besides the product (or `code`, in place of its hash);
+    what only makes figures of rows (`bars.py`) does not count.
     """
     plan = [
         file.relative_to(ROOT).as_posix()
@@ -124,9 +116,7 @@ def run_kept(
 ) -> dict[str, dict]:
     """Do what is not finished yet, and return the results of all jobs, by name.
 
-    Args:
-        path: The file with a line for each finished case (`kept_file`).
-        words: From a row to what is printed of it.
+    The file has a line for each finished case; `words` say what is printed of a row.
     """
     path.parent.mkdir(parents=True, exist_ok=True)
     known = _read_kept(path)

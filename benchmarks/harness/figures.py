@@ -28,13 +28,10 @@ def one_blas_thread() -> None:
 
 
 def figure(value: float | None, bar: float | None, n: int, **extra: object) -> dict:
-    """Return a figure that must not exceed its bar.
+    """Return a figure of n cases that must not exceed its bar, if it has one.
 
-    Args:
-        value: What was measured, None if it was not.
-        bar: What it may be at most, None where there is no bar.
-        extra: Anything else to record; `ok` overrides the comparison, and a `why`
-            explains an `ok` of None.
+    Anything else is recorded too: `ok` overrides the comparison, and a `why` explains
+    an `ok` of None.
     """
     ok = None if value is None or bar is None else bool(value <= bar)
     return {"value": value, "bar": bar, "ok": ok, "n": n, **extra}
@@ -149,13 +146,8 @@ def merged(
 ) -> dict:
     """Return a results file with the groups of this run in place of their old ones.
 
-    Args:
-        earlier: The file as it was; empty where there was none.
-        groups: All groups that there are, in order.
-
-    Returns:
-        Figures of all groups, and of each from which run they are (`by_group`). The
-        other facts are those of this run.
+    It has the figures of all groups, in order, and of each from which run they are
+    (`by_group`). The other facts are those of this run.
     """
     kept = {
         name: (run, {key: earlier["figures"][key] for key in run["figures"]})

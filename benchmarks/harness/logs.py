@@ -30,12 +30,8 @@ def sensed(
 ) -> tuple[Array, Array]:
     """Return angles and torques as the sensors of a synthetic arm read them.
 
-    Args:
-        torque: What moves the arm, sample by sample.
-        label: Name of the log, which with the seed makes the noise.
-        span: Range of the torque of each joint that its noise goes by, None for the
-            usual one [N m]. Shape (dof,).
-        step: Of the encoders [rad].
+    Name of the log and seed make the noise; that of a torque goes by the range of its
+    joint [N m], which is the usual one or given. Encoders have a step [rad].
     """
     rng = stream(seed, f"torque/{label}")
     span = sizes(robot).torque if span is None else span

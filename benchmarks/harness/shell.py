@@ -60,9 +60,8 @@ class Ran:
 def run_shell(words: list[str], folder: str, tree: bool = False) -> Ran:
     """Run a command of modelgap in a folder and measure it.
 
-    Args:
-        tree: Whether memory is that of all its processes together, looked at every
-            fifth of a second, in place of the largest one's.
+    As a tree its memory is that of all its processes together, looked at every fifth of
+    a second, in place of the largest one's.
     """
     with tempfile.TemporaryFile("w+") as said:
         start, peak = perf_counter(), 0.0

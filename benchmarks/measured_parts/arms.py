@@ -33,15 +33,10 @@ _RANK = 1e-6
 
 
 def peer_errors(robot: Robot, fit: list[Recording], held_out: list[Recording]) -> Array:
-    """Return the filtered error of plain least squares on the held-out logs.
+    """Return the filtered error of plain least squares on held-out logs [%].
 
-    100 ||tau - tau_hat|| / ||tau|| per joint, both sides filtered, edges dropped.
-
-    Args:
-        robot: The robot; only its kinematics matter.
-
-    Returns:
-        Error of each joint [%]. Shape (dof,).
+    100 ||tau - tau_hat|| / ||tau|| per joint, both sides filtered, edges dropped; of
+    the robot only its kinematics matter.
     """
     tracks, speed_floor = prepare(fit, Filters())
     proof, _ = prepare(held_out, Filters(), speed_floor, full_rate=True)
@@ -80,12 +75,7 @@ CURRENT, SENSOR = "current.toml", "sensor.toml"
 
 @dataclass(frozen=True, slots=True)
 class Split:
-    """Logs of one arm.
-
-    Attributes:
-        arm: Which one, as its folder is called.
-        fit, held_out, baseline: Files, with a window where it is a part of one.
-    """
+    """Logs of one arm, by its folder; with a window where it is a part of a file."""
 
     arm: str
     fit: tuple[str, ...]

@@ -24,10 +24,7 @@ def balance(trace: Trace, every: int = 50) -> Balance:
 
     Stored: links (kinetic, potential), rotors, shared gears, springs of the
     transmission. Work: motors, friction, explicit torques, spring dampers; each with
-    the mean speed of its step.
-
-    Args:
-        trace: A run without onsets, which would change what is stored.
+    the mean speed of its step. Onsets in a run would change what is stored.
     """
     rows, dt = trace.rows, float(trace.t[1] - trace.t[0])
     arm = trace.phases[0].constants

@@ -70,13 +70,8 @@ def make(plant: Plant, plan: tuple[LogPlan, ...], seed: int) -> list[Recording]:
     """Record the logs of a plan, one after the other.
 
     Time runs on through pauses from log to log. The session of the hidden effects
-    (warm-up) begins with the first log that is not baseline.
-
-    Args:
-        seed: Seed of motions, pauses and noise; each has its own streams.
-
-    Returns:
-        One recording per entry.
+    (warm-up) begins with the first log that is not baseline. Motions, pauses and noise
+    have their own streams of the seed.
     """
     recordings, clock, session = [], 0.0, None
     for entry in plan:
@@ -102,13 +97,8 @@ def standard_case(
     Viscous and Coulomb friction and rotors are on every joint and declared without
     values. So one of these as `effect` is a change of 30 to 100 % on one joint since a
     baseline was recorded, unless `undeclared`: then it is what every joint has anyway,
-    and what the declared list leaves out.
-
-    Args:
-        effect: Name of the hidden effect, None for a null case.
-        joint: Its joint from 1 (the first of a pair), None to draw it.
-        baseline: Whether to record a baseline also where the effect does not need one.
-        robot: The robot; None for the built-in arm as a bare URDF.
+    and what the declared list leaves out. No joint (from 1): it is drawn; no robot: the
+    built-in arm as a bare URDF.
 
     Raises:
         ValueError: If there is no such effect, or `undeclared` does not fit it.

@@ -25,15 +25,7 @@ def make_motion(
     rate: float,
     rng: np.random.Generator,
 ) -> Reference:
-    """Draw one motion.
-
-    Args:
-        duration: Length [s].
-        rate: Samples per second [Hz].
-        rng: Random stream; it decides the motion, the rate does not.
-
-    Returns:
-        The motion, with round(duration * rate) samples.
+    """Draw one motion of some seconds at a rate [Hz], which does not decide it.
 
     Raises:
         ValueError: If there is no such family.
@@ -86,17 +78,10 @@ def draw_cyclic(
 def move_stop_move(
     space: UsualLimits, t: Array, duration: float, rng: np.random.Generator
 ) -> tuple[Array, Array, Array]:
-    """Draw a program of moves and repeat it until the time is over.
+    """Draw a program of moves and repeat it; return q, qd and qdd at times from 0.
 
     Each move follows q = a + (b - a)(10x^3 - 15x^4 + 6x^5), so speed and acceleration
     are zero at its ends. The log starts and ends with a dwell.
-
-    Args:
-        t: Sample times from 0 [s]. Shape (n,).
-        duration: Length of the motion [s].
-
-    Returns:
-        Positions, velocities and accelerations. Shapes (n, dof).
     """
     dof = len(space.centre)
     reach = 0.9 * space.amplitude * rng.uniform(-1, 1, (_POINTS, dof))
