@@ -14,7 +14,7 @@ from flows.requests import Validate
 from flows.specs.experiment import experiment_of
 from flows.steps import experiment
 from flows.steps import rerun as reruns
-from flows.steps.models import calibration_of
+from flows.steps.models import TABLES, calibration_of, tables_to_drive
 from flows.steps.rerun import apart
 from flows.steps.rerun import made_again as again
 from flows.steps.track import LOOP, MODEL, NOMINAL, Motion, Track, track, tracked
@@ -34,7 +34,7 @@ from residual.model.record import to_record
 from residual.robot.dynamics import inertial_parameters
 from residual.robot.robot import load_robot
 from residual.tables.components import state_names
-from residual.tables.lookup import Axis, Lookup, Table
+from residual.tables.lookup import Axis, Lookup, Table, export_lookup
 from sim.engine.records import Noise, PlantEffect, PlantSpec, TrajectorySpec
 from sim.plant.controller import maker_of
 from sim.trajectories import make_reference
@@ -362,3 +362,31 @@ def test_a_model_of_another_robot_is_refused(runs, tmp_path):
     model = kept(store, replace(corrected(), robot=other))
     with pytest.raises(InputError, match="as it was described then"):
         experiment.run(spec(model=model), store)
+
+
+def test_tables_of_the_papers_form_drive_on_the_model_as_described(runs):
+    store, _, run, _ = runs
+    record = {
+        "robot": ROBOT.name,
+        "stage": "calibrated",
+        "mode": "paper",
+        "joints": [1, 2, 3],
+        "request": {"robot_hash": ROBOT.content_hash},
+    }
+    whole, first = tables(), range(3)
+    lookup = replace(
+        whole,
+        joints=whole.joints[:3],
+        tables=(Table((0,), whole.tables[0].values[:, first]),),
+        offset=whole.offset[first],
+        slope=whole.slope[:, first],
+    )
+    made = commit_record(store, "models", record, files=export_lookup(lookup))
+    kept = {"robot": ROBOT.name, "kind": "calibration", "model_id": made}
+    assert calibration_of(store, commit_record(store, "validations", kept)) == made
+    _, done = track(Track((run,), None, 0, store, calibration=made))
+    assert done.names == (NOMINAL, TABLES)
+    assert done.gain(NOMINAL, TABLES).ratio < 0.9
+    other = replace(nominal(), robot=replace(ROBOT, urdf=ROBOT.urdf + " "))
+    with pytest.raises(InputError, match="as it was described then"):
+        tables_to_drive(store, made, other)

@@ -2,7 +2,10 @@
 
 import os
 import stat
+import subprocess
+import sys
 from itertools import pairwise
+from pathlib import Path
 
 import numpy as np
 import pyarrow as pa
@@ -18,6 +21,8 @@ from warehouse.layout import find, find_run, read_record
 from warehouse.provenance import plant_code_hash
 from warehouse.runs import open_seal, read_channels, read_manifest, read_run
 
+ROOT = Path(__file__).parents[2]
+
 
 def tree(store):
     """Every file of a store, without its index and what all records share."""
@@ -31,6 +36,31 @@ def test_a_new_store_is_its_owners_and_one_that_is_there_keeps_its_rights(tmp_pa
         made.commit(tmp_path / name)
     modes = [stat.S_IMODE((tmp_path / n).stat().st_mode) for n in ("new", "shared")]
     assert modes == [0o700, 0o755]
+
+
+ENTERED = """
+import sys, threading
+from pathlib import Path
+from tests.warehouse import store_samples as made
+
+log, entered = made.recording(), set()
+def see(frame, event, argument):
+    entered.add(frame.f_globals.get("__name__", ""))
+threading.setprofile(see)
+sys.setprofile(see)
+made.commit_run(Path(sys.argv[1]), log, made.manifest(), made.sealed())
+sys.setprofile(None)
+ours = ("flows.", "residual.", "sim.", "warehouse.")
+print(*sorted(name for name in entered if name.startswith(ours)))
+"""
+
+
+def test_a_commit_is_read_in_eight_files(tmp_path):
+    asked = [sys.executable, "-c", ENTERED, str(tmp_path / "store")]
+    done = subprocess.run(asked, cwd=ROOT, capture_output=True, text=True, check=True)
+    names = done.stdout.split()
+    assert "warehouse.commit" in names
+    assert len(names) <= 8, names
 
 
 def test_a_run_lies_where_the_layout_says(tmp_path):

@@ -1,5 +1,6 @@
 """The list of a bucket: a tail, catalogue files, and who compacts at once."""
 
+import numpy as np
 import pytest
 
 import warehouse
@@ -143,3 +144,18 @@ def test_files_of_one_size_are_joined_and_old_ones_cleared_away(
     assert len(keys(memory, "_index/files")) < 15
     mirror.forget()
     assert listed(mirror_for(memory, store)) == began | more
+
+
+def test_rows_of_another_version_are_read_from_their_records(
+    store, memory, began, tmp_path, monkeypatch
+):
+    head = read_head(memory)
+    (name, _), *_ = head.files["runs"]
+    rows = listing.read_rows(store, head, catalogue.KINDS["runs"])
+    (made_,) = listing._write(memory, "runs", rows.drop_columns(["seed"]))
+    key = f"_index/files/{name}.parquet"
+    memory.put(key, memory.get(f"_index/files/{made_[0]}.parquet"))
+    other = mirror_for(memory, tmp_path / "cache" / "other")
+    with warehouse.open(other) as opened:
+        seeds = opened.sql("SELECT seed FROM runs").column(0).to_pylist()
+    assert np.array_equal(sorted(seeds), [0, 1, 2])
