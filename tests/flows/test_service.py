@@ -1,10 +1,11 @@
 """What `up`, `status` and `down` decide, without starting a server."""
 
 import os
-import socket
 import subprocess
 import sys
 from dataclasses import replace
+from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
+from threading import Thread
 
 import pytest
 
@@ -156,12 +157,13 @@ def test_the_key_goes_to_server_and_worker_and_is_written_nowhere(tmp_path):
 
 
 def test_a_taken_port_is_said_with_another_to_try(tmp_path, capsys):
-    with socket.socket() as taken:
-        taken.bind(("127.0.0.1", 0))
-        taken.listen()
-        port = taken.getsockname()[1]
+    # One that answers: of a mute one it takes ten seconds to know what it is not.
+    with ThreadingHTTPServer(("127.0.0.1", 0), BaseHTTPRequestHandler) as taken:
+        Thread(target=taken.serve_forever, daemon=True).start()
+        port = taken.server_port
         assert not port_is_free("127.0.0.1", port)
         assert main(["up", "--store", str(tmp_path), "--port", str(port)]) == 2
+        taken.shutdown()
     told = capsys.readouterr().err
     assert f"Port {port} of 127.0.0.1 is taken by another program" in told
     assert f"modelgap up --port {port + 1}" in told
