@@ -8,6 +8,7 @@ from functools import partial
 from pathlib import Path
 
 import numpy as np
+import tomli_w
 
 from flows.blind.draw import Draft, StudyRequest, arm_of, drafts, motions
 from flows.blind.row import measured
@@ -202,7 +203,7 @@ def drawn_arm(folder: Path, seed: int, number: int) -> Path:
     place.mkdir(parents=True, exist_ok=True)
     (place / URDF.format(name)).write_text(robot.urdf, encoding="utf-8")
     content = {"robot": {"name": name}, **json.loads(robot.toml)}
-    (place / TOML).write_text(_toml(content), encoding="utf-8")
+    (place / TOML).write_text(tomli_w.dumps(content), encoding="utf-8")
     return place
 
 
@@ -217,22 +218,6 @@ def describe(robot: Robot, folder: Path) -> None:
     own["gravity"] = [float(x) for x in robot.model.gravity.linear]
     text = json.dumps(content, indent=1, sort_keys=True)
     (place / DECLARED).write_text(text + "\n", encoding="utf-8")
-
-
-def _toml(content: Mapping, name: str = "") -> str:
-    """Return tables of numbers, texts and lists as TOML."""
-    lines = [f"[{name}]"] if name else []
-    lines += [
-        f"{key} = {json.dumps(value)}"
-        for key, value in content.items()
-        if not isinstance(value, Mapping)
-    ]
-    tables = [
-        _toml(value, f"{name}.{key}" if name else key)
-        for key, value in content.items()
-        if isinstance(value, Mapping)
-    ]
-    return "\n".join([*lines, *tables]) + "\n"
 
 
 BODY, JOINT, OTHER = "body", "joint", "other"

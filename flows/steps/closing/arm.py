@@ -6,6 +6,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated
 
+import tomli_w
 from cyclopts import Parameter
 
 from flows.inputs.given import load
@@ -139,20 +140,8 @@ def _numbered(robot: Robot, serial: str, store: Path) -> str:
     own = {**content.get("robot", {}), "name": robot.name, "serial": serial}
     with tempfile.TemporaryDirectory() as folder:
         (Path(folder) / f"{robot.name}.urdf").write_text(robot.urdf, encoding="utf-8")
-        text = "\n".join(_toml({**content, "robot": own}))
+        text = tomli_w.dumps({**content, "robot": own})
         (Path(folder) / "robot.toml").write_text(text, encoding="utf-8")
         made = load(folder)
         keep_robot(store, folder, made)
     return str(robot_folder(store, made.content_hash))
-
-
-def _toml(table: dict, path: tuple[str, ...] = ()) -> list[str]:
-    """Write tables as TOML: its numbers, texts and lists are those of JSON."""
-    own = [f"{json.dumps(k)} = {json.dumps(v)}" for k, v in _values(table)]
-    head = [f"[{'.'.join(map(json.dumps, path))}]"] if path else []
-    inner = [(k, v) for k, v in table.items() if isinstance(v, dict)]
-    return head + own + [line for k, v in inner for line in _toml(v, (*path, k))]
-
-
-def _values(table: dict) -> list[tuple[str, object]]:
-    return [(k, v) for k, v in table.items() if not isinstance(v, dict)]
