@@ -90,6 +90,10 @@ TrustLog = Annotated[
     Flag,
     Parameter(help="Go on although a fault of the logs is certain (modelgap check)."),
 ]
+TrustNetwork = Annotated[
+    Flag,
+    Parameter(help="Let the cluster be on other machines; Dask is not encrypted."),
+]
 Which = Annotated[
     str | None,
     Parameter(
@@ -409,15 +413,16 @@ class Campaign(Request):
         path: The campaign file.
         held_out: Kind of motion of the runs that are held out; "" for none.
         seed: Replaces the seed of the file; None for that one.
-        runner: Where it is computed; None for the usual place (`flows.workers.pool`).
-        trust_network: Whether that may be on other machines.
+        runner: Where to compute: threads (the default) is a process per core here,
+            dask://HOST:PORT a Dask cluster that reaches the store too. Without it
+            $MODELGAP_RUNNER.
     """
 
-    path: str
-    held_out: str = ""
-    seed: int | None = None
+    path: GivenWord = ""
+    held_out: GivenWord = ""
+    seed: Annotated[int | None, Parameter(parse=False)] = None
     runner: str | None = None
-    trust_network: bool = False
+    trust_network: TrustNetwork = False
     store: Store = None
 
 

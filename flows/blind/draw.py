@@ -7,14 +7,18 @@ one, so that it can be made longer at any time.
 from collections.abc import Iterator
 from dataclasses import dataclass
 from functools import cache
+from typing import Annotated
+
+from cyclopts import Parameter
 
 from flows.blind.score import NOTHING, PAIR, SINGLE, UNKNOWN
 from flows.inputs.given import load
+from flows.requests import GivenWord, Request
 from flows.specs.experiment import derived_seed
 from residual.effects import registry
 from residual.errors import InputError, check_name
 from residual.robot.robot import Robot
-from sim.engine.records import BACKGROUNDS, CLEAN, BackgroundWord, stream
+from sim.engine.records import BACKGROUNDS, WORKSHOP, BackgroundWord, stream
 from sim.plant.catalogue import kinds, unnamed
 
 SHARED = 10  # cases per excitation
@@ -30,20 +34,28 @@ _PAUSE = 10.0  # s
 
 
 @dataclass(frozen=True, slots=True)
-class StudyRequest:
-    """Which study."""
+class StudyRequest(Request):
+    """Which study.
 
-    n: int  # how many cases
-    seed: int  # seed of everything
-    robot: str = "irb140"
-    duration: float = 20.0  # length of each experiment [s]
-    background: BackgroundWord = CLEAN  # what all joints have beside what is hidden
+    Attributes:
+        n: Number of cases; 20 to 30 s of one core each.
+        seed: Seed of everything; the same seed is the same study.
+        duration: Length of every experiment [s].
+        background: What all joints have beside what is hidden: nothing, that of an arm
+            in use, or twice as much.
+    """
+
+    n: Annotated[int, Parameter(name="--n")] = 20
+    seed: int = 0
+    robot: GivenWord = "irb140"
+    duration: float = 20.0
+    background: BackgroundWord = WORKSHOP
 
     def __post_init__(self) -> None:
         if self.n < 1:
             raise InputError(f"--n is {self.n}, expected 1 or more.")
         if not 0 <= self.seed < 2**63:
-            raise InputError(f"--seed is {self.seed}, expected 0 or more.")
+            raise InputError(f"--seed {self.seed}: expected 0 to {2**63 - 1}.")
         check_name(self.background, BACKGROUNDS, "background")
 
 

@@ -24,13 +24,12 @@ from flows.steps.diagnose import diagnose_runs, request_of
 from flows.storage.diagnosis import read_outcome
 from flows.workers.pool import Pool
 from residual.errors import InputError, RunError
-from sim.engine.records import WORKSHOP, BackgroundWord
 from warehouse.mirror import shown
 
 MOST_ARMS = 20
 # As it was once called; a demonstration is always plain now.
 Plain = Annotated[Flag, Parameter(show=False)]
-_USUAL = steps.Demo()
+_USUAL, _STUDY = steps.Demo(), StudyRequest()
 
 
 def demo(*, request: steps.Demo = _USUAL, plain: Plain = False) -> None:
@@ -67,13 +66,10 @@ def demo(*, request: steps.Demo = _USUAL, plain: Plain = False) -> None:
 
 def blind(
     *,
-    n: Annotated[int, Parameter(name="--n")] = 20,
-    seed: int = 0,
+    request: StudyRequest = _STUDY,
     store: Store = None,
     report: str | None = None,
     workers: int | None = None,
-    duration: float = 20.0,
-    background: BackgroundWord = WORKSHOP,
     export: str | None = None,
     arms: int = 1,
 ) -> None:
@@ -97,22 +93,15 @@ def blind(
     ```
 
     Args:
-        n: Number of cases; 20 to 30 s of one core each.
-        seed: Seed of everything; the same seed is the same study.
         report: HTML page to write; it is in the store in any case.
         workers: Number of processes; one per core without it.
-        duration: Length of every experiment [s].
-        background: What all joints have beside what is hidden: nothing, that of an arm
-            in use, or twice as much.
         export: New folder for the cases as CSV, URDF and JSON, the truth apart, with a
             program that scores answers (README.md in it); nothing is diagnosed but arms
             with nothing to hide, for their detectable sizes.
         arms: Number of arms of an export: the built-in one, the others drawn.
     """
     place, console = store_folder(store), Console()
-    check_between("--seed", seed, 0, SEEDS)
-    check_between("--duration", duration, 0.1, LONGEST)
-    request = StudyRequest(n, seed, duration=duration, background=background)
+    check_between("--duration", request.duration, 0.1, LONGEST)
     check_workers(workers)
     if export is not None:
         if report is not None:
@@ -129,7 +118,9 @@ def blind(
     out.write({"--report": page.read_bytes})
     say(console, f"\nreport: {report or page}")
     if study.failed:
-        raise RunError(f"{len(study.failed)} of {n} cases failed: {study.failed[0]}")
+        raise RunError(
+            f"{len(study.failed)} of {request.n} cases failed: {study.failed[0]}"
+        )
 
 
 def _export(

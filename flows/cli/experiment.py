@@ -1,6 +1,6 @@
 """modelgap experiment, campaign, fleet, validate and trajectory: the simulated arm."""
 
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Annotated
 
@@ -21,7 +21,16 @@ from flows.report import experiments
 from flows.report.console import show
 from flows.report.experiments import motion_parts, motion_png
 from flows.report.words.verdict import headline
-from flows.requests import Flag, RobotWord, Store, Validate
+from flows.requests import (
+    Campaign,
+    Flag,
+    GivenWord,
+    Request,
+    RobotWord,
+    Store,
+    TrustNetwork,
+    Validate,
+)
 from flows.settings import cores, store_folder
 from flows.specs.campaign import load_campaign
 from flows.specs.experiment import load_spec
@@ -34,7 +43,6 @@ from flows.steps.track import Track, track
 from flows.storage.diagnosis import read_verdict
 from flows.workers.pool import chosen_runner, workers_of
 from residual.errors import InputError, RunError
-from residual.model.control import AS_MEASURED
 from sim.engine.records import TrajectorySpec
 from sim.engine.render import animate
 from sim.trajectories import make_reference
@@ -48,11 +56,7 @@ DryRun = Annotated[
         "planned, and those that break a limit of the arm are told. Nothing is run."
     ),
 ]
-TrustNetwork = Annotated[
-    Flag,
-    Parameter(help="Let the cluster be on other machines; Dask is not encrypted."),
-]
-_PLAIN = Validate()
+_PLAIN, _DRIVE, _MANY = Validate(), Track(), Campaign()
 
 
 def experiment(spec: str, *, store: Store = None, dry_run: DryRun = False) -> None:
@@ -77,14 +81,7 @@ def experiment(spec: str, *, store: Store = None, dry_run: DryRun = False) -> No
         say(console, f"stored in {shown(place)}: modelgap show {planned.run_id}")
 
 
-def campaign(
-    spec: str,
-    *,
-    store: Store = None,
-    dry_run: DryRun = False,
-    runner: str | None = None,
-    trust_network: TrustNetwork = False,
-) -> None:
+def campaign(spec: str, *, request: Campaign = _MANY, dry_run: DryRun = False) -> None:
     """Run many experiments on the simulated arm, over all cores.
 
     ```
@@ -99,12 +96,9 @@ def campaign(
 
     Args:
         spec: The campaign file.
-        runner: Where to compute: threads (the default) is a process per core here,
-            dask://HOST:PORT a Dask cluster that reaches the store too. Without it
-            $MODELGAP_RUNNER.
     """
-    place, console = store_folder(store), Console()
-    where = chosen_runner(runner, trust_network)
+    place, console = store_folder(request.store), Console()
+    where = chosen_runner(request.runner, request.trust_network)
     planned = steps.plan(load_campaign(spec), place)
     failing = _list(planned, console, True) if dry_run else 0
     missing = sum(not p.stored for p in planned)
@@ -196,9 +190,7 @@ def validate(
     request: Validate = _PLAIN,
     model: str | None = None,
     calibration: str | None = None,
-    seeds: int = 0,
-    encoder_step: float = AS_MEASURED.encoder_step,
-    rise: float = AS_MEASURED.rise,
+    drive: Track = _DRIVE,
     report: str | None = None,
 ) -> None:
     """Try a model on runs of the store, without fitting anything.
@@ -229,18 +221,13 @@ def validate(
             (modelgap models).
         calibration: Id of a calibration, or corrected.json of calibrate --export: its
             tables, on the model that they correct, drive too.
-        seeds: With a model: how many further motions of each family to drive.
-        encoder_step: With a model: step of the encoders at the joints in rad; with the
-            rate of the controller it says over which speed dry friction turns.
-        rise: With a model: seconds in which a drive goes from nothing to its torque
-            limit; friction turns at that torque rate at most. 0 for none.
         report: HTML page to write.
     """
     out, place = Outputs({"--report": report}), store_folder(request.store)
     console, found, done = out.console, {}, None
-    check_between("--seeds", seeds, 0, 1000)
-    check_between("--encoder-step", encoder_step, 1e-9, 0.1)
-    check_between("--rise", rise, 0, 10)
+    check_between("--seeds", drive.seeds, 0, 1000)
+    check_between("--encoder-step", drive.encoder_step, 1e-9, 0.1)
+    check_between("--rise", drive.rise, 0, 10)
     if not runs:
         raise InputError("No run to validate on. Name it: modelgap validate RUN")
     choice = chosen_to_drive(place, runs[0], model)
@@ -258,23 +245,41 @@ def validate(
         show(console, *figures, told, *made.notes, stored)
     if choice.diagnosis or tables:
         with progress_bar() as bar:
-            turning = encoder_step, rise
-            drive = Track(runs, choice.diagnosis, seeds, place, *turning, tables)
-            id, done = track(drive, bar)
+            models = {"model": choice.diagnosis, "calibration": tables}
+            id, done = track(replace(drive, runs=runs, store=place, **models), bar)
         stored = f"stored in {shown(place)}: modelgap show {id}"
         show(console, *experiments.tracking(done), stored)
     out.write({"--report": lambda: experiments.validation_page(found, done)})
     out.finish()
 
 
+@dataclass(frozen=True, slots=True)
+class Trajectory(Request):
+    """Which motion is planned.
+
+    Attributes:
+        kind: Its family.
+        duration: Length in seconds, up to 600.
+        periods: How often the motion is repeated within it.
+        seed: Seed of what is drawn: starts of the search, work piece, places.
+        rate: Samples per second of the CSV.
+    """
+
+    kind: GivenWord = "fourier"
+    robot: RobotWord = "irb140"
+    duration: float = 20.0
+    periods: int = 2
+    seed: int = 0
+    rate: float = 250.0
+
+
+_MOTION = Trajectory()
+
+
 def trajectory(
     kind: str,
     *,
-    robot: RobotWord = "irb140",
-    duration: float = 20.0,
-    periods: int = 2,
-    seed: int = 0,
-    rate: float = 250.0,
+    request: Trajectory = _MOTION,
     csv: str | None = None,
     plot: str | None = None,
     gif: str | None = None,
@@ -293,21 +298,19 @@ def trajectory(
     Args:
         kind: fourier (optimised excitation), cyclic (spray painting), welding (seams
             with air moves) or move_stop_move (pick and place with dwells).
-        duration: Length in seconds, up to 600.
-        periods: How often the motion is repeated within it.
-        seed: Seed of what is drawn: starts of the search, work piece, places.
-        rate: Samples per second of the CSV.
         csv: File for a controller: t (s), q1... (rad), qd1... (rad/s), qdd1...
             (rad/s^2).
         plot: PNG of the curves to write.
         gif: GIF of the moving arm to write.
     """
-    out = Outputs({"--csv": csv, "--plot": plot, "--gif": gif}, [Path(robot)])
-    check_between("--duration", duration, 0.1, LONGEST)
-    check_between("--periods", periods, 1, MOST_PERIODS)
+    files, rate = {"--csv": csv, "--plot": plot, "--gif": gif}, request.rate
+    out = Outputs(files, [Path(request.robot)])
+    check_between("--duration", request.duration, 0.1, LONGEST)
+    check_between("--periods", request.periods, 1, MOST_PERIODS)
     check_between("--rate", rate, 1, FASTEST)
-    check_between("--seed", seed, 0, SEEDS)
-    spec, arm = TrajectorySpec(kind, duration, periods, seed), load(robot)
+    check_between("--seed", request.seed, 0, SEEDS)
+    arm = load(request.robot)
+    spec = TrajectorySpec(kind, request.duration, request.periods, request.seed)
     motion = make_reference(arm, spec, rate)
     make = {
         "--csv": lambda: as_csv(motion),

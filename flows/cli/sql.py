@@ -4,6 +4,7 @@ import sys
 import threading
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import suppress
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Annotated
 
@@ -38,23 +39,43 @@ HELP = (
 )
 LIST = "list"  # what a lone --named asks for
 _ONE_OF = 'Give one of: a query in quotes ("SELECT ..."), --named NAME, --schema.'
-_Values = Annotated[tuple[str, ...], Parameter(name="--with", negative="")]
 
 
-def sql(
-    query: str | None = None,
-    /,
-    *,
-    named: str | None = None,
-    with_: _Values = (),
-    schema: requests.Flag = False,
-    format: Format = "table",
-    out: str | None = None,
-    timeout: float = 60.0,
-    without_damaged: requests.Flag = False,
-    attach: str | None = None,
-    store: requests.Store = None,
-) -> None:
+@dataclass(frozen=True, slots=True)
+class Sql(requests.Request):
+    """What is asked of the store, and where the answer goes.
+
+    Attributes:
+        query: One SELECT over the views, in the SQL of DuckDB.
+        named: A query that comes with the program, by its name; without one they are
+            listed.
+        with_: A value for a named query, as name=value.
+        schema: Show the views with every column and its unit, and the named queries.
+        format: How to print the answer; parquet needs --out on a terminal.
+        out: File for the answer, not among the records of the store.
+        timeout: Seconds that a query may take; inf for no end.
+        without_damaged: Answer from what is whole, and say what was left out.
+        attach: Write a DuckDB database of the views, for DuckDB itself, DBeaver or a
+            notebook. It reads the files of the store, is an export outside of it, and
+            is not guarded (docs/sql.md).
+    """
+
+    query: Annotated[str | None, Parameter(parse=False)] = None
+    named: str | None = None
+    with_: Annotated[requests.Tags, Parameter(name="--with")] = ()
+    schema: requests.Flag = False
+    format: Format = "table"
+    out: str | None = None
+    timeout: float = 60.0
+    without_damaged: requests.Flag = False
+    attach: str | None = None
+    store: requests.Store = None
+
+
+_NOTHING = Sql()
+
+
+def sql(query: str | None = None, /, *, request: Sql = _NOTHING) -> None:
     """Ask the store in SQL; it can only be read.
 
     ```
@@ -76,43 +97,35 @@ def sql(
 
     Args:
         query: One SELECT over the views, in the SQL of DuckDB.
-        named: A query that comes with the program, by its name; without one they are
-            listed.
-        with_: A value for a named query, as name=value.
-        schema: Show the views with every column and its unit, and the named queries.
-        format: How to print the answer; parquet needs --out on a terminal.
-        out: File for the answer, not among the records of the store.
-        timeout: Seconds that a query may take; inf for no end.
-        without_damaged: Answer from what is whole, and say what was left out.
-        attach: Write a DuckDB database of the views, for DuckDB itself, DBeaver or a
-            notebook. It reads the files of the store, is an export outside of it, and
-            is not guarded (docs/sql.md).
     """
-    if attach is not None:
-        _attach(attach, [query, named, schema or None, out], store_folder(store))
+    request = replace(request, query=query, store=store_folder(request.store))
+    if request.attach is not None:
+        _attach(request)
         return
-    asked = [query is not None, named is not None, schema]
-    if sum(asked) > 1:
+    chosen = [query is not None, request.named is not None, request.schema]
+    if sum(chosen) > 1:
         raise InputError(_ONE_OF)
-    if with_ and named in (None, LIST):
+    if request.with_ and request.named in (None, LIST):
         raise InputError("--with gives a value to a query of --named NAME.")
+    format, out = request.format, request.out
     check_shown(format, out)
     check_writable({"--out": Path(out)} if out else {}, ())
-    check_outside("--out", out, store_folder(store))
-    how = {"without_damaged": without_damaged, "timeout": _limit(timeout)}
-    if schema:
+    check_outside("--out", out, request.store)
+    limit = _limit(request.timeout)
+    how = {"without_damaged": request.without_damaged, "timeout": limit}
+    if request.schema:
         _give(schema_table(), format, out)
         if out is None and format == "table":
             print()
             print_table(named_table(), "table")
-    elif named == LIST:
+    elif request.named == LIST:
         _give(named_table(), format, out)
-    elif not any(asked) and sys.stdin.isatty():
-        with open_store(store_folder(store)) as opened:
+    elif not any(chosen) and sys.stdin.isatty():
+        with open_store(request.store) as opened:
             prompt(opened, format, **how)
     else:
-        text, values = _asked(query, named, with_)
-        with open_store(store_folder(store)) as opened:
+        text, values = _query_of(request)
+        with open_store(request.store) as opened:
             _give(opened.sql(text, values, **how), format, out)
             tell_damage(opened)
 
@@ -124,8 +137,10 @@ def _limit(timeout: float) -> float | None:
     return timeout if timeout <= threading.TIMEOUT_MAX else None
 
 
-def _attach(file: str, others: Sequence[object], store: Path) -> None:
+def _attach(request: Sql) -> None:
     """Write a database of views outside of the store."""
+    file, store = request.attach, request.store
+    others = request.query, request.named, request.schema or None, request.out
     if any(each is not None for each in others):
         raise InputError("--attach writes a database of views and takes no query.")
     if not store.is_dir():
@@ -178,17 +193,16 @@ def _typed() -> Iterator[str]:
                 yield query
 
 
-def _asked(
-    query: str | None, named: str | None, given: Sequence[str]
-) -> tuple[str, Mapping[str, str]]:
+def _query_of(request: Sql) -> tuple[str, Mapping[str, str]]:
     """Return the SQL, and the values of what stands for something in it."""
-    if named is None:
+    if request.named is None:
+        query = request.query
         query = query if query is not None else sys.stdin.read(LONGEST + 1)
         if not query.strip():
             raise InputError(_ONE_OF)
         return query, {}
-    name = check_name(named, NAMED, "named query")
-    return NAMED[name][1], _values(name, given)
+    name = check_name(request.named, NAMED, "named query")
+    return NAMED[name][1], _values(name, request.with_)
 
 
 def _values(name: str, given: Sequence[str]) -> dict[str, str]:

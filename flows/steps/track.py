@@ -9,13 +9,15 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from itertools import product
 from pathlib import Path
+from typing import Annotated
 
 import numpy as np
 import pyarrow as pa
+from cyclopts import Parameter
 from scipy import stats
 
 from flows.outputs import Progress
-from flows.requests import Request, Store
+from flows.requests import GivenWords, Request
 from flows.settings import store_folder
 from flows.specs.experiment import derived_seed
 from flows.steps.experiment import torque_of
@@ -67,19 +69,21 @@ class Track(Request):
     Attributes:
         runs: Ids of simulated runs of one arm, whose references are driven.
         model: Id of a diagnosis, a model or a calibration of the store; None for none.
-        seeds: How many further motions of each family, with seeds of their own.
-        encoder_step, rise: How dry friction turns at reversals
-            (`residual.model.control.Turning`).
+        seeds: With a model: how many further motions of each family to drive.
+        encoder_step: With a model: step of the encoders at the joints in rad; with the
+            rate of the controller it says over which speed dry friction turns.
+        rise: With a model: seconds in which a drive goes from nothing to its torque
+            limit; friction turns at that torque rate at most. 0 for none.
         calibration: Id of a calibration, whose tables drive too; None for none.
     """
 
-    runs: tuple[str, ...]
-    model: str | None
+    runs: GivenWords = ()
+    model: Annotated[str | None, Parameter(parse=False)] = None
     seeds: int = 0
-    store: Store = None
+    store: Annotated[Path | None, Parameter(parse=False)] = None
     encoder_step: float = AS_MEASURED.encoder_step
     rise: float = AS_MEASURED.rise
-    calibration: str | None = None
+    calibration: Annotated[str | None, Parameter(parse=False)] = None
 
 
 @dataclass(frozen=True, eq=False, slots=True)

@@ -10,6 +10,7 @@ from flows.report import study as blind_report
 from flows.report.study import render
 from flows.workers.pool import Here
 from residual.errors import RunError
+from sim.engine.records import CLEAN
 from tests.flows.blind_rows import row
 from tests.flows.report_pages import Page
 from tests.verdict_documents import whole
@@ -19,7 +20,7 @@ from warehouse.query.store import open_store
 
 # Short motions that need no optimisation, so that all of it takes some seconds.
 SHORT = Excitation(0, ("cyclic", "cyclic"), ("cyclic",), 0.005, 1e-4)
-ASKED = StudyRequest(2, 3, duration=4.0)
+ASKED = StudyRequest(2, 3, duration=4.0, background=CLEAN)
 DRAFTS = [
     Draft(0, "none", (), SHORT),
     Draft(1, "single", (Wish("torque_gain", 10.0),), SHORT),
@@ -141,7 +142,9 @@ def test_a_case_that_fails_is_told_and_the_others_go_on(short, monkeypatch, tmp_
     assert study.failed == ("case 0: ValueError: the arm broke",)
     assert len(study.rows) == 1
     with pytest.raises(RunError, match="No case"):
-        blind_run.run_study(StudyRequest(1, 3, duration=4.0), tmp_path, pool=Here())
+        blind_run.run_study(
+            StudyRequest(1, 3, duration=4.0, background=CLEAN), tmp_path, pool=Here()
+        )
 
 
 def test_the_page_shows_what_went_wrong_and_loads_nothing():

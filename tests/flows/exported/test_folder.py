@@ -12,6 +12,7 @@ from flows.blind.export import write
 from flows.blind.export.write import classes, words
 from flows.workers.pool import Here
 from residual.errors import InputError, RunError
+from sim.engine.records import CLEAN
 
 
 def test_every_effect_has_a_class_and_three_are_bodies():
@@ -28,7 +29,7 @@ def test_every_effect_has_a_class_and_three_are_bodies():
 # -- a whole export, of motions that need no search -----------------------------------
 
 SHORT = Excitation(0, ("cyclic",), ("cyclic",), 0.005, 1e-4)
-ASKED = StudyRequest(2, 3, duration=4.0)
+ASKED = StudyRequest(2, 3, duration=4.0, background=CLEAN)
 DRAFTS = [
     Draft(0, "single", (Wish("torque_gain", 10.0),), SHORT),
     Draft(1, "unknown", (Wish("x_square_wave", None),), SHORT),
@@ -93,11 +94,13 @@ def test_a_case_that_fails_leaves_no_folder(monkeypatch, tmp_path):
 
 
 def test_every_ten_cases_have_another_arm(tmp_path):
-    cases = write.parts(StudyRequest(40, 1), range(3), tmp_path)
+    cases = write.parts(StudyRequest(40, 1, background=CLEAN), range(3), tmp_path)
     arms = [own.robot for own, _ in cases][::10]
     assert arms[0] == arms[3] == "irb140"
     assert len(set(arms)) == 3
     assert {Path(word).parent for word in arms[1:3]} == {tmp_path / "open" / "robots"}
-    again = write.parts(StudyRequest(40, 1), range(3), tmp_path / "again")
+    again = write.parts(
+        StudyRequest(40, 1, background=CLEAN), range(3), tmp_path / "again"
+    )
     names = [[Path(own.robot).name for own, _ in part] for part in (cases, again)]
     assert names[0] == names[1]
