@@ -71,9 +71,9 @@ def main() -> int:
 def is_whole(name: str) -> bool:
     """Whether a benchmark has a whole run of the code as it is."""
     content = _read(name)
-    runs = content.get("by_group", {"": content}).values()
+    runs = content.get("by_group", {"": content})
     partial = content.get("quick", True) or not content.get("whole", True)
-    return not partial and all(is_current(name, run) for run in runs)
+    return not partial and all(is_current(name, r, group) for group, r in runs.items())
 
 
 def missed(name: str) -> list[str]:

@@ -23,7 +23,9 @@ from flows.steps.closing.rule import (
     ADOPT,
     DIAGNOSE,
     DRIVE,
+    PROOF,
     RUN,
+    SLOW,
     STOP,
     Asked,
     Known,
@@ -136,6 +138,8 @@ def _run(loop: Loop, how: Mapping, tell: Progress | None) -> Came:
 
 def _standard(loop: Loop, kind: str, number: int) -> TrajectorySpec:
     seed = derived_seed(loop.asked.seed, f"close/motion/{number}")
+    if kind == SLOW:  # once round in twice the time, where others go round twice
+        return TrajectorySpec(PROOF, 2 * loop.asked.seconds, 1, seed)
     return TrajectorySpec(kind, loop.asked.seconds, 2, seed)
 
 

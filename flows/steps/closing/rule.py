@@ -81,8 +81,11 @@ DIAGNOSE, ADOPT, DRIVE, STOP = "diagnose", "adopt", "drive", "stop"
 SPENT, NOTHING, UNDECIDED = "budget", "nothing left", "undecided"
 
 FIT, HELD_OUT = "fit", "held out"
-# What is run where nothing better is known: fast and slow, reversing and standing.
-STANDARD = ("fourier", "move_stop_move", "cyclic", "welding")
+# What is run where nothing better is known: fast and slow, reversing and standing. The
+# others pass low speeds at reversals alone, of which friction at standstill masks all:
+# what friction does below a tenth of a radian per second shows in the slow one only.
+SLOW = "slow_cyclic"
+STANDARD = ("fourier", SLOW, "move_stop_move", "cyclic", "welding")
 PROOF = "cyclic"  # the family of the motion that no fit sees
 CLEAN = 2  # motions without a finding after which nothing is left
 TRIES = 2  # designed motions for one question
@@ -132,19 +135,30 @@ def next_step(history: Sequence[Decision], asked: Asked) -> Step | None:
         return _look(known)
     if last.action == DIAGNOSE:
         return _judge(known, last.result, asked)
-    if last.action == ADOPT and last.result["adopted"]:
+    if last.action == ADOPT:
+        return _answered(known, asked)
+    return _more(known, asked, "is anything left above noise, now that it is adopted?")
+
+
+def _answered(known: Known, asked: Asked) -> Step:
+    """Drive by what was adopted; where the gate refused it, show the gate more."""
+    last = known.last
+    if last.result["adopted"]:
         why = "does the arm follow its path better with what was adopted?"
         return Step(DRIVE, why, {"diagnosis": known.adopted["diagnosis"]})
-    if last.action == ADOPT:
-        return _doubt(known, asked, f"the gate refused it: {last.outcome}")
-    return _more(known, asked, "is anything left above noise, now that it is adopted?")
+    why = f"the gate refused it: {last.outcome}"
+    if len(known.held_out) > 1 or len(known.runs) >= asked.budget:
+        return _doubt(known, asked, why)
+    return _run(SLOW, HELD_OUT, f"{why}; a slow motion may show what it could not")
 
 
 def _look(known: Known) -> Step:
     """Diagnose: all logs at first, and the new ones once a model is adopted."""
     if known.adopted is None:
         why = "what does the model as described lack, by all logs so far?"
-        return _diagnose(known.fit, known.held_out, None, why)
+        return _whole(known, why)
+    if known.last.result["role"] != FIT:
+        return _whole(known, "does the new held-out motion bear it out?")
     why = "what does the adopted model lack, by the logs since it was adopted?"
     return _diagnose(known.since, known.held_out, known.adopted["diagnosis"], why)
 
@@ -160,12 +174,12 @@ def _judge(known: Known, found: Mapping, asked: Asked) -> Step:
             f"{_said(found)} beside the adopted model: all logs together, from the "
             "model as described, say whether that holds"
         )
-        return _diagnose(known.fit, known.held_out, None, why)
+        return _whole(known, why)
     if found["verdict"] == "unknown":
         return _open(known, found, asked) or _doubt(known, asked, _said(found))
     if known.adopted and _same(known.adopted["effects"], found["classes"]):
         why = "all logs together name just what is adopted, and nothing new"
-        return _doubt(known, asked, why)
+        return _nothing(known, why) if _quiet(known) else _doubt(known, asked, why)
     return _open(known, found, asked) or _settled(found)
 
 
@@ -177,9 +191,23 @@ def _clean(known: Known, found: Mapping, asked: Asked) -> Step:
     if len(known.since) < CLEAN:
         why = "nothing found on one motion: another family shows other effects"
         return _more(known, asked, why)
-    beside = "the adopted model" if known.adopted else "the model as described"
-    why = f"nothing is left above noise beside {beside}, on {len(known.since)} motions"
-    return Step(STOP, why, {"why": NOTHING})
+    if known.adopted:
+        why = "nothing is left beside the adopted model; what do all logs together say?"
+        return _whole(known, why)
+    return _nothing(known, "nothing is left above noise beside the model as described")
+
+
+def _nothing(known: Known, why: str) -> Step:
+    return Step(STOP, f"{why}, on {len(known.since)} motions", {"why": NOTHING})
+
+
+def _quiet(known: Known) -> bool:
+    """Whether nothing was left beside the adopted model, before all logs were asked.
+
+    A few motions since may show too little of what the many before add to.
+    """
+    before = known.looks[-2] if len(known.looks) > 1 else None
+    return bool(before and before["model"] and before["verdict"] == "none")
 
 
 def _open(known: Known, found: Mapping, asked: Asked) -> Step | None:
@@ -239,6 +267,11 @@ def _diagnose(
 ) -> Step:
     runs = {"fit": list(fit), "held_out": list(held_out), "model": model}
     return Step(DIAGNOSE, why, runs)
+
+
+def _whole(known: Known, why: str) -> Step:
+    """Diagnose all logs together, from the model as described."""
+    return _diagnose(known.fit, known.held_out, None, why)
 
 
 def _said(found: Mapping) -> str:

@@ -15,8 +15,9 @@ def found(*names, rivals=(), twins=()):
     return told | {"classes": [[n] for n in names], "twins": list(twins)}
 
 
-# Two effects, of which the second shows on the second family of motions.
-SCRIPT = (found(SPRING, rivals=(SPRING, OFFSET)), found(SPRING), QUIET, QUIET)
+# Rivals that one motion tells apart, and nothing besides.
+ONE = (found(SPRING),)
+SCRIPT = (found(SPRING, rivals=(SPRING, OFFSET)), *ONE, QUIET, QUIET, *ONE)
 
 
 def act(loop, step, tell=None, script=SCRIPT):

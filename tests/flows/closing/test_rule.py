@@ -7,6 +7,7 @@ from flows.steps.closing.rule import (
     DIAGNOSE,
     DRIVE,
     NOTHING,
+    SLOW,
     SPENT,
     STANDARD,
     STOP,
@@ -52,7 +53,9 @@ REFUSED = (ADOPT, {"adopted": False, "diagnosis": "d", "effects": [SPRING]})
 
 NAMED, SEEN = looked(found(SPRING)), (*ADOPTED, run(), looked(found(OFFSET), "m"))
 TWICE = (*ADOPTED, run(), looked(QUIET, "m"))
+CALM = (*TWICE, run(), looked(QUIET, "m"))
 APART = (*SEEN, looked(found(SPRING)))  # the other is not found without the model
+UNSEEN = (*FIRST, NAMED, REFUSED, run("held out"))
 BODY = found("payload on joint 6")
 SETTLE = {"design": "d", "rivals": [SPRING, OFFSET]}
 NEXT = [
@@ -68,7 +71,10 @@ NEXT = [
     (ADOPTED, "run", {"kind": STANDARD[1]}),
     ((*ADOPTED, run()), DIAGNOSE, {"fit": ["id6"], "model": "m"}),
     (TWICE, "run", {"kind": STANDARD[2]}),
-    ((*TWICE, run(), looked(QUIET, "m")), STOP, {"why": NOTHING}),
+    # Before the end all logs say together what a few since then may show too little of.
+    (CALM, DIAGNOSE, {"fit": ["id1", "id6", "id8"], "model": None}),
+    ((*CALM, looked(found(SPRING))), STOP, {"why": NOTHING}),
+    ((*CALM, looked(BOTH)), ADOPT, {"diagnosis": "d"}),
     # What is found beside an adopted model has to hold by all logs together.
     (SEEN, DIAGNOSE, {"fit": ["id1", "id6"], "model": None}),
     ((*SEEN, looked(BOTH)), ADOPT, {"diagnosis": "d"}),
@@ -82,9 +88,13 @@ NEXT = [
     ((*FIRST, *2 * (looked(OPEN), DESIGNED), looked(OPEN)), ADOPT, {"diagnosis": "d"}),
     # Without a name nothing is adopted.
     ((*FIRST, looked(NAMELESS)), "run", {"kind": STANDARD[1]}),
-    ((*FIRST, *3 * (run(),), looked(NAMELESS)), STOP, {"why": UNDECIDED}),
-    ((*FIRST, NAMED, REFUSED), "run", {"kind": STANDARD[1]}),
-    ((*FIRST, *3 * (run(),), NAMED, REFUSED), STOP, {"why": UNDECIDED}),
+    ((*FIRST, *4 * (run(),), looked(NAMELESS)), STOP, {"why": UNDECIDED}),
+    # The gate goes by held-out motion, of which the first has no slow part.
+    ((*FIRST, NAMED, REFUSED), "run", {"kind": SLOW, "role": "held out"}),
+    (UNSEEN, DIAGNOSE, {"held_out": ["id2", "id5"], "model": None}),
+    ((*CALM, looked(BOTH), REFUSED, run("held out")), DIAGNOSE, {"model": None}),
+    ((*UNSEEN, NAMED, REFUSED), "run", {"kind": STANDARD[1], "role": "fit"}),
+    ((*UNSEEN, *4 * (run(),), NAMED, REFUSED), STOP, {"why": UNDECIDED}),
 ]
 
 
