@@ -1,7 +1,7 @@
 """modelgap watch, monitor and wear: is the arm, and are its sensors, as they were?"""
 
 from collections.abc import Callable
-from dataclasses import replace
+from dataclasses import asdict, replace
 from functools import partial
 from pathlib import Path
 from typing import Annotated
@@ -218,8 +218,8 @@ def document(found: Wear) -> dict:
                 {
                     "joint": one.joint,
                     "logs": one.logs,
-                    "wear_per_30_days": _rate(one.wear),
-                    "cold_to_warm": _rate(one.warming),
+                    "wear_per_30_days": one.wear and asdict(one.wear),
+                    "cold_to_warm": one.warming and asdict(one.warming),
                     "why_not": one.why,
                 }
                 for one in found.joints
@@ -230,10 +230,3 @@ def document(found: Wear) -> dict:
             ],
         }
     )
-
-
-def _rate(rate) -> dict | None:
-    if rate is None:
-        return None
-    keys = ("value", "low", "high", "real")
-    return {key: getattr(rate, key) for key in keys}

@@ -153,7 +153,6 @@ def rerun_lines(made) -> list[str]:
 
 def rerun_record(made) -> Mapping:
     """Return the same as JSON can hold it."""
-    cause = made.cause and {"kind": made.cause.kind, "why": made.cause.why}
     return {
         "id": made.id,
         "kind": made.kind,
@@ -161,7 +160,7 @@ def rerun_record(made) -> Mapping:
         "same_code": made.same_code,
         "imported": made.imported,
         "differences": [asdict(channel) for channel in made.apart],
-        "cause": cause,
+        "cause": made.cause and asdict(made.cause),
         "changes": made.changes,
         "made": made.made,
         "noted": made.noted,

@@ -1,7 +1,7 @@
 """Export a model, and try the export in the program that it is for."""
 
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 from pathlib import Path
 
 from flows.inputs.given import read_sets
@@ -30,6 +30,7 @@ from residual.export.numpy_file import to_numpy
 from residual.export.simulators import to_mjcf, to_urdf
 from residual.export.table import to_table
 from residual.lazy import plugins
+from residual.quantity import plain
 from residual.recording import Recording
 
 TARGETS: Mapping[str, tuple[Callable[[Whole], Exported], Prove]] = {
@@ -128,28 +129,13 @@ def words(made: Made) -> list[str]:
 
 def document(made: Made) -> dict:
     """Return an export as plain values: what is left out, and its proof."""
-    found, proof = made.export, made.proof
+    found = made.export
     return {
         "schema": 1,
         "files": sorted(found.files),
-        "left": [
-            {
-                "name": each.name,
-                "joints": list(each.joints),
-                "why": each.why,
-                "rms": each.rms,
-                "largest": each.largest,
-            }
-            for each in found.left
-        ],
+        "left": plain([asdict(each) for each in found.left]),
         "missing": {"rms": found.rms, "largest": found.largest},
-        "proof": {
-            "by": proof.by,
-            "states": proof.states,
-            "difference": proof.difference,
-            "torque": proof.torque,
-            "notes": list(proof.notes),
-        },
+        "proof": plain(asdict(made.proof)),
     }
 
 

@@ -6,7 +6,7 @@ taken motion by motion, with a 95 % interval of Student's t over the motions.
 """
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import asdict, dataclass, replace
 from itertools import product
 from pathlib import Path
 from typing import Annotated
@@ -33,6 +33,7 @@ from residual.errors import InputError
 from residual.export.exported import Whole
 from residual.lazy import one_blas_thread
 from residual.model.control import AS_MEASURED, Turning, Use
+from residual.quantity import plain
 from residual.robot.robot import Robot
 from sim.engine.records import PlantSpec, Reference, TrajectorySpec
 from sim.trajectories import make_reference
@@ -289,24 +290,15 @@ def _put(store: Path, robot: Robot, asked: Mapping, made: Tracked) -> str:
         for what, metric in METRICS.items()
         for joint, value in enumerate(getattr(one, what), 1)
     ]
-    rates = made.torque_rate
     record = {
         "robot": robot.name,
         "kind": KIND,
         "model_id": asked["model"] or asked["calibration"],
         "request": asked,
-        "gains": [_plain(gain) for gain in made.gains],
-        "turning": {
-            "width": made.width.tolist(),
-            "torque_rate": [float(x) if np.isfinite(x) else None for x in rates],
-        },
+        "gains": plain([asdict(gain) for gain in made.gains]),
+        "turning": plain({"width": made.width, "torque_rate": made.torque_rate}),
     }
     table = pa.Table.from_pylist(rows, schema=arrow_schema(VIEWS["errors"][1:]))
     of_models = [asked[k] for k in ("model", "calibration") if asked[k] is not None]
     parents = {"run": list(asked["runs"]), "model": of_models}
     return commit_record(store, "validations", record, {"errors": table}, parents)
-
-
-def _plain(gain: Gain) -> dict:
-    values = {name: getattr(gain, name) for name in gain.__slots__}
-    return {k: None if v != v else v for k, v in values.items()}

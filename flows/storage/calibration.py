@@ -2,7 +2,7 @@
 
 import math
 from collections.abc import Iterable, Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 from pathlib import Path
 
 import numpy as np
@@ -52,7 +52,7 @@ def document(
         "default": {
             "proven": made.proven,
             "options": [
-                {"joint": j, **_option(o)}
+                {"joint": j, **asdict(o)}
                 for j, o in zip(made.rows.joints, made.chosen, strict=True)
             ],
         },
@@ -197,7 +197,7 @@ def store_calibration(
         "declared": list(made.declared),
         # None for the simulated twin.
         "nominal": None if made.nominal is None else to_record(made.nominal),
-        "options": [_option(o) for o in made.chosen],
+        "options": [asdict(o) for o in made.chosen],
         "variables": list(made.lookup.names),
         "joints": list(made.rows.joints),
     }
@@ -303,10 +303,6 @@ def _joints(term: Term) -> str:
 def _words(effect: Finding) -> str:
     joints = " ".join(f"J{j}" for j in effect.joints)
     return f"{effect.name} {joints}".strip()
-
-
-def _option(option) -> dict:
-    return {"kind": option.kind, "ridge": option.ridge, "count": option.count}
 
 
 def _rows(score: Score, ids: Sequence[str]) -> Iterator[dict]:
