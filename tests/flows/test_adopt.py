@@ -93,6 +93,7 @@ def said(command, runs, store, capsys, *more):
     return told, told.split("modelgap show ")[1].split()[0]
 
 
+@pytest.mark.long
 def test_a_rerun_goes_by_the_model_of_then(fresh, arm_nights):
     store, *_, id = fresh
     adopt(Adopt(id, store=store))

@@ -38,7 +38,7 @@ def place(tmp_path, monkeypatch):
     Of four runs a choice leaves out runs, of fewer blocks of them: many more fits.
     """
     monkeypatch.chdir(tmp_path)
-    return workplace(tmp_path, "ABCD", 3.0)
+    return workplace(tmp_path, "ABCD", 2.4)
 
 
 @pytest.fixture(scope="module")

@@ -9,7 +9,6 @@ from hypothesis import strategies as st
 from scipy.ndimage import maximum_filter1d
 
 from flows.cli import main
-from flows.report import experiments
 from flows.requests import Validate
 from flows.specs.experiment import experiment_of
 from flows.steps import experiment
@@ -73,9 +72,9 @@ def corrected(joint=2, stiffness=60.0):
 @pytest.fixture(scope="module")
 def motions(compiled_plant):
     made = []
-    for kind, seed in (("cyclic", 1), ("welding", 2)):
-        reference = make_reference(ROBOT, TrajectorySpec(kind, 4.0, 1, seed), 1000.0)
-        made.append(Motion(reference, QUIET, None))
+    for seed in (1, 2):
+        moves = TrajectorySpec("cyclic", 2.5, 1, seed)
+        made.append(Motion(make_reference(ROBOT, moves, 1000.0), QUIET, None))
     return made
 
 
@@ -133,7 +132,7 @@ def test_computed_torque_on_the_reference_is_the_feed_forward(motions):
     t, motion = parts(motions[0])
     law = computed_torque(corrected(), t, motion, Use())
     along = feed_forward(corrected(), t, motion, Use())
-    for k in (0, 1234, 3999):
+    for k in (0, 1234, 2499):
         q, qd, qdd = (x[k] for x in motion)
         np.testing.assert_allclose(law(k, q, qd, qdd), along[k], atol=1e-9)
         bare = computed_torque(corrected(), t, motion, Use(acceleration=False))
@@ -247,12 +246,13 @@ def test_tables_step_no_faster_than_the_drives_may_follow(motions, rise):
 def spec(**controller):
     return experiment_of(
         {
-            "trajectory": {"kind": "cyclic", "duration": 4.0, "periods": 1},
+            "trajectory": {"kind": "cyclic", "duration": 2.5, "periods": 1},
             "plant": {
                 "scatter": 0.0,
                 "effect": [{"name": "spring", "joints": [2], "stiffness": 60.0}],
                 "noise": {"torque": 0.0},
             },
+            "rates": {"control": 500, "log": 250},
             **({"controller": controller} if controller else {}),
         },
         "SPEC.toml",
@@ -296,6 +296,7 @@ def test_the_command_drives_keeps_and_tells(runs, capsys):
     assert main(words) == 0
     told = capsys.readouterr().out
     assert f"model: {model[:8]}" in told.splitlines()[0]
+    assert "single motion" in told
     assert float(told.split("rms, model for nominal: ")[1].split()[0]) < 0.9
     id = told.split("modelgap show ")[-1].split()[0]
     record = read_record(store, id)
@@ -307,10 +308,6 @@ def test_the_command_drives_keeps_and_tells(runs, capsys):
         told = " ".join(opened.sql(query).column(0).to_pylist())
     metrics = "chatter_tau energy peak_tracking_q reversal_step_tau rms_tracking_q"
     assert told == metrics
-    same, made = track(Track((run,), model, 0, store))
-    assert same == id
-    *_, gain = experiments.tracking(made)
-    assert "single motion" in gain
 
 
 def test_a_validation_with_a_model_has_it_both_ways_and_is_made_again(runs):
