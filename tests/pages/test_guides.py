@@ -23,7 +23,7 @@ def folder(tmp_path, monkeypatch):
 def test_your_own_robot(folder, capsys):
     shutil.copytree(EXAMPLES / "own_robot", folder, dirs_exist_ok=True)
     (folder / "COLUMNS.toml").unlink()
-    assert run("guide/own_robot.md", folder, capsys) == 4
+    assert run("guide/own_robot.md", folder, capsys) == 6
     mended = (folder / "COLUMNS.toml").read_text(encoding="utf-8")
     kept = (EXAMPLES / "own_robot" / "COLUMNS.toml").read_text(encoding="utf-8")
     assert kept.endswith(mended)

@@ -1,5 +1,6 @@
 """The notebooks of the examples run in the order of their cells."""
 
+import re
 import shutil
 
 import nbformat
@@ -43,8 +44,13 @@ def test_the_notebook_of_run_history_answers_from_its_store(tmp_path):
 
 
 @pytest.mark.long
-def test_the_notebook_of_an_own_robot_finds_the_hose_and_its_double(tmp_path):
+def test_the_notebook_of_an_own_robot_finds_the_hose_and_settles_what_is_open(
+    tmp_path,
+):
     shown = _run("own_robot", tmp_path)
     assert "gear_ratio () certain" in shown
     assert "LogCheck(clean)" in shown
-    assert "cannot be told from: ['balancer']" in shown
+    assert "cannot be told from: []" in shown
+    assert "cannot be told from: ['spring']" in shown
+    answers = re.findall(r"^Diagnosis\(bench-arm: (.+?), prob", shown, re.M)
+    assert answers == ["spring on joint 2", "spring on joint 2"]
