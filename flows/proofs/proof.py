@@ -74,9 +74,9 @@ def compared(by: str, got: Array, want: Array, notes: tuple[str, ...] = ()) -> P
     return Proof(by, len(want), float(gap), float(size), notes)
 
 
-def text_of(made: Exported) -> str:
+def text_of(exported: Exported) -> str:
     """Return the first file of an export as text."""
-    return next(iter(made.files.values())).decode()
+    return next(iter(exported.files.values())).decode()
 
 
 def extra(package: str) -> ModuleType:
@@ -99,38 +99,38 @@ def unpacked(files: Mapping[str, bytes]) -> Iterator[Path]:
         yield Path(folder)
 
 
-def prove_numpy(made: Exported) -> Proof:
+def prove_numpy(exported: Exported) -> Proof:
     """Run the file along a motion; its time per row is a note."""
-    motion = exciting(body_of(made.whole).robot)
-    with exported_names(made) as names:
+    motion = exciting(body_of(exported.whole).robot)
+    with exported_names(exported) as names:
         torque = names["torque"]
         start = perf_counter()
         got = torque(motion.t, *motion.parts)
         each = (perf_counter() - start) / len(motion.t)
-    want = made.carried.along(motion.t, motion.parts)
+    want = exported.carried.along(motion.t, motion.parts)
     note = f"{1e6 * each:.2g} microseconds a row"
     return compared("run with NumPy alone", got, want, (note,))
 
 
 @contextmanager
-def exported_names(made: Exported) -> Iterator[dict]:
+def exported_names(exported: Exported) -> Iterator[dict]:
     """Give the functions of the file by name, while they are needed."""
-    with unpacked(made.files) as place:
+    with unpacked(exported.files) as place:
         yield runpy.run_path(str(place / "torque.py"))
 
 
-def prove_json(made: Exported) -> Proof:
+def prove_json(exported: Exported) -> Proof:
     """Read the file and predict with it, along a motion."""
-    again = from_record(json.loads(text_of(made)))
-    motion = exciting(body_of(made.whole).robot)
-    torques = [m.along(motion.t, motion.parts) for m in (again, made.carried)]
+    again = from_record(json.loads(text_of(exported)))
+    motion = exciting(body_of(exported.whole).robot)
+    torques = [m.along(motion.t, motion.parts) for m in (again, exported.carried)]
     return compared("read again and predicted", *torques)
 
 
-def prove_urdf(made: Exported) -> Proof:
+def prove_urdf(exported: Exported) -> Proof:
     """Let Pinocchio read inertias, damping and friction, and compute torque."""
-    model = body_of(made.carried)
-    read = build_model(text_of(made), "the URDF")
+    model = body_of(exported.carried)
+    read = build_model(text_of(exported), "the URDF")
     # A URDF says nothing of gravity.
     read.gravity.linear = model.robot.model.gravity.linear
     speed = saturated_speed(model)
@@ -146,12 +146,12 @@ def prove_urdf(made: Exported) -> Proof:
     return compared("Pinocchio", got, model.torque(*states.parts), tuple(notes))
 
 
-def prove_table(made: Exported) -> Proof:
+def prove_table(exported: Exported) -> Proof:
     """Read the support points and go along lines between them."""
-    model, gaps, sizes, points = body_of(made.carried), [0.0], [0.0], 0
+    model, gaps, sizes, points = body_of(exported.carried), [0.0], [0.0], 0
     notes = ["between support points the torque is taken along straight lines"]
-    for name in (name for name in (SPEED, POSITION) if name in made.files):
-        text = made.files[name].decode().splitlines()
+    for name in (name for name in (SPEED, POSITION) if name in exported.files):
+        text = exported.files[name].decode().splitlines()
         rows = np.loadtxt(text, delimiter=",", skiprows=1, ndmin=2)
         for j in range(model.robot.dof):
             _, x, y = rows[rows[:, 0] == j + 1].T
@@ -167,16 +167,16 @@ def prove_table(made: Exported) -> Proof:
     return Proof(by, points, max(gaps), max(sizes), tuple(notes))
 
 
-def prove_mjcf(made: Exported) -> Proof:
+def prove_mjcf(exported: Exported) -> Proof:
     """Compare MuJoCo's inverse dynamics on random states of full friction."""
     mujoco = extra("mujoco")
-    model, text = body_of(made.carried), text_of(made)
+    model, text = body_of(exported.carried), text_of(exported)
     speed = saturated_speed(model)
     states = random_states(model.robot, STATES, speed)
     got = inverse(text, states)
     notes: tuple[str, ...] = ()
     if (np.array(mujoco_model(text).dof_frictionloss) > 0).any():
-        notes = (_creeping(made, text, speed),)
+        notes = (_creeping(exported, text, speed),)
     by = f"inverse dynamics of MuJoCo {mujoco.__version__}"
     return compared(by, got, model.torque(*states.parts), notes)
 
@@ -197,9 +197,9 @@ def inverse(text: str, states: Motion) -> Array:
     return out
 
 
-def _creeping(made: Exported, text: str, speed: Array) -> str:
+def _creeping(exported: Exported, text: str, speed: Array) -> str:
     """By how much the two differ where our dry friction is smooth."""
-    model = body_of(made.carried)
+    model = body_of(exported.carried)
     fast = random_states(model.robot, STATES, speed)
     rng = np.random.default_rng(1)  # the same states at every call
     qd = rng.uniform(-1, 1, fast.qd.shape) * speed
@@ -242,25 +242,28 @@ def compiler() -> str | None:
     return next((found for n in names if n and (found := shutil.which(n))), None)
 
 
-def prove_c99(made: Exported) -> Proof:
+def prove_c99(exported: Exported) -> Proof:
     """Compile the header and run it along a motion; its time per call is a note."""
     if compiler() is None:
         return Proof(NONE_HERE, 0, None, 0.0)
-    motion = exciting(body_of(made.whole).robot)
-    with compiled(made) as along:
+    motion = exciting(body_of(exported.whole).robot)
+    with compiled(exported) as along:
         got = along(motion)
         start = perf_counter()
         along(motion)
         each = (perf_counter() - start) / len(motion.t)
-    want = made.carried.along(motion.t, motion.parts)
+    want = exported.carried.along(motion.t, motion.parts)
     note = f"{1e6 * each:.2g} microseconds a call"
     return compared("compiled with the C compiler of this machine", got, want, (note,))
 
 
 @contextmanager
-def compiled(made: Exported) -> Iterator:
+def compiled(exported: Exported) -> Iterator:
     """Give the compiled header as a function of a motion, while it is needed."""
-    dof, (name, text) = body_of(made.whole).robot.dof, next(iter(made.files.items()))
+    dof, (name, text) = (
+        body_of(exported.whole).robot.dof,
+        next(iter(exported.files.items())),
+    )
     p = prefix_of(name.removesuffix(".h"))
     around = AROUND.format(header=name, p=p, dof=dof).encode()
     with unpacked({name: text, "around.c": around}) as place:
@@ -296,17 +299,17 @@ def make_fmu(whole: Whole) -> Exported:
         return to_fmu(parts, (place / "library.so").read_bytes())
 
 
-def prove_fmu(made: Exported) -> Proof:
+def prove_fmu(exported: Exported) -> Proof:
     """Let FMPy check the FMU and play it along a motion."""
     if compiler() is None:
         return Proof(f"{NONE_HERE}: the FMU has sources alone", 0, None, 0.0)
-    fmpy, motion = extra("fmpy"), exciting(body_of(made.whole).robot)
-    (content,) = made.files.values()
+    fmpy, motion = extra("fmpy"), exciting(body_of(exported.whole).robot)
+    (content,) = exported.files.values()
     with unpacked({"model.fmu": content}) as place:
         path = place / "model.fmu"
         problems = extra("fmpy.validation").validate_fmu(str(path))
         ways = [played(path, motion, kind) for kind in KINDS]
-    want = made.carried.along(motion.t, motion.parts)
+    want = exported.carried.along(motion.t, motion.parts)
     by = f"played by FMPy {fmpy.__version__}, as {' and as '.join(KINDS)}"
     notes = tuple(f"FMPy objects: {p}" for p in problems)
     return compared(by, np.hstack(ways), np.hstack([want] * len(ways)), notes)
@@ -369,31 +372,31 @@ def _stepped(path: Path, motion: Motion) -> Array:
     return out
 
 
-def prove_mujoco(made: Exported) -> Proof:
+def prove_mujoco(exported: Exported) -> Proof:
     """Let MuJoCo find the torque along a motion, with what the module beside adds."""
-    mujoco, model = extra("mujoco"), body_of(made.carried)
+    mujoco, model = extra("mujoco"), body_of(exported.carried)
     if compiler() is None:
         return Proof(NONE_HERE, 0, None, 0.0)
     motion = exciting(model.robot)
     got = np.empty_like(motion.q)
-    with passive(made) as simulated:
+    with passive(exported) as simulated:
         data = mujoco.MjData(simulated)
         for k in range(len(got)):
             data.time = motion.t[k]
             data.qpos[:], data.qvel[:], data.qacc[:] = (x[k] for x in motion.parts)
             mujoco.mj_inverse(simulated, data)
             got[k] = data.qfrc_inverse
-    want = made.carried.along(motion.t, motion.parts)
+    want = exported.carried.along(motion.t, motion.parts)
     note = f"time step {simulated.opt.timestep:.3g} s"
     by = f"inverse dynamics of MuJoCo {mujoco.__version__}, with the callback"
     return compared(by, got, want, (note,))
 
 
 @contextmanager
-def passive(made: Exported, timestep: float | None = None) -> Iterator:
+def passive(exported: Exported, timestep: float | None = None) -> Iterator:
     """Give the compiled MJCF of an export, its callback set meanwhile."""
-    with unpacked(made.files) as place:
-        (module,) = (n for n in made.files if n.endswith(".py"))
+    with unpacked(exported.files) as place:
+        (module,) = (n for n in exported.files if n.endswith(".py"))
         beside = runpy.run_path(str(place / module))
         try:
             yield beside["load"](timestep)

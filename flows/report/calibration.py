@@ -37,31 +37,31 @@ _TILES = (
 
 def told(outcome: Calibrated) -> list[str | Table]:
     """Return a calibration for the terminal: the table, and what it shows."""
-    made = outcome.made
+    result = outcome.made
     return [
-        _errors(made),
-        about_rows(made),
-        chosen_words(made),
-        *filter(None, [level_words(made)]),
-        *sentences(made),
-        *(f"note: {n}" for n in made.notes),
+        _errors(result),
+        about_rows(result),
+        chosen_words(result),
+        *filter(None, [level_words(result)]),
+        *sentences(result),
+        *(f"note: {n}" for n in result.notes),
         *(f"warning: {w}" for w in outcome.warnings),
     ]
 
 
-def _errors(made: Calibration) -> Table:
-    paper = made.rows.mode == PAPER
-    joints = [f"J{j}" for j in made.rows.joints]
+def _errors(result: Calibration) -> Table:
+    paper = result.rows.mode == PAPER
+    joints = [f"J{j}" for j in result.rows.joints]
     heads = ["RMSEV (RMSEC) [%]", "model", *joints, "all"]
     heads += [f"mean {joint}" for joint in joints] if paper else []
-    schemes = [one.scheme for one in made.scores]
+    schemes = [one.scheme for one in result.scores]
     first = [i for i, name in enumerate(schemes) if name not in schemes[:i]]
     least = {
-        name: min(one.overall for one in made.scores if one.scheme == name)
+        name: min(one.overall for one in result.scores if one.scheme == name)
         for name in schemes
     }
     rows = []
-    for i, one in enumerate(made.scores):
+    for i, one in enumerate(result.scores):
         # The best of each scheme stands out.
         kind = Strong if one.overall == least[one.scheme] else str
         cells = [
@@ -79,9 +79,9 @@ def _percent(value: float) -> str:
     return "–" if not np.isfinite(value) else f"{value:.1f}"
 
 
-def about_rows(made: Calibration) -> str:
+def about_rows(result: Calibration) -> str:
     """Return in a sentence what X and Y are, so that the errors can be read."""
-    rows = made.rows
+    rows = result.rows
     common = f"{len(rows.X)} rows of {len(rows.labels)} runs; errors are per cent of "
     common += "the measured torque"
     if rows.mode == PAPER:
@@ -90,17 +90,17 @@ def about_rows(made: Calibration) -> str:
             f"X: reference of joints {joints} and its derivatives; Y: torque minus "
             f"that of the simulated twin, one sample ahead; {common}."
         )
-    declared = ", ".join(made.declared) or "nothing"
+    declared = ", ".join(result.declared) or "nothing"
     return (
         "X: measured motion of all joints; Y: torque minus that of a model (declared: "
         f"{declared}) identified without the held-out runs; {common}."
     )
 
 
-def chosen_words(made: Calibration) -> str:
+def chosen_words(result: Calibration) -> str:
     """Return in a sentence what the default form takes for each joint."""
     taken = []
-    for joint, option in zip(made.rows.joints, made.chosen, strict=True):
+    for joint, option in zip(result.rows.joints, result.chosen, strict=True):
         what = option.kind
         if option.kind == NAMED:
             what = f"main effects and {option.count} pair table(s)"
@@ -111,82 +111,84 @@ def chosen_words(made: Calibration) -> str:
             if option.count:
                 what = f"PLSR, {option.count} component(s)"
         taken.append(f"J{joint} {what}")
-    where = "runs" if made.proven else "blocks of the runs, which are fewer than four,"
+    where = (
+        "runs" if result.proven else "blocks of the runs, which are fewer than four,"
+    )
     return f"default form, chosen on {where} left out: {'; '.join(taken)}."
 
 
-def level_words(made: Calibration) -> str | None:
+def level_words(result: Calibration) -> str | None:
     """Return in a sentence which levels the paper form takes; None where given."""
-    if made.levels is None:
+    if result.levels is None:
         return None
-    form, names = made.levels.form, made.rows.names
+    form, names = result.levels.form, result.rows.names
     pairs = zip(names, form.levels, strict=True)
     return (
-        f"paper form, levels chosen on runs left out: {made.levels.components} "
+        f"paper form, levels chosen on runs left out: {result.levels.components} "
         f"component(s), levels {', '.join(f'{n} {k}' for n, k in pairs)}; cells that "
         "no row visited are filled from coarser levels."
     )
 
 
-def render(made: Calibration, warnings: Sequence[str] = ()) -> str:
+def render(result: Calibration, warnings: Sequence[str] = ()) -> str:
     """Return the page of a calibration."""
-    return render_page(_document(made, warnings))
+    return render_page(_document(result, warnings))
 
 
-def _document(made: Calibration, warnings: Sequence[str]) -> Document:
-    words = sentences(made)
+def _document(result: Calibration, warnings: Sequence[str]) -> Document:
+    words = sentences(result)
     return Document(
-        title=f"modelgap calibration: {made.robot}",
-        about=f"modelgap calibration of {made.robot}",
+        title=f"modelgap calibration: {result.robot}",
+        about=f"modelgap calibration of {result.robot}",
         headline=words[0] if words else "A data-driven correction",
         lead=words[1:],
-        tiles=_tiles(made.scores),
-        setting=f"{about_rows(made)} Logs: {', '.join(made.rows.labels)}.",
+        tiles=_tiles(result.scores),
+        setting=f"{about_rows(result)} Logs: {', '.join(result.rows.labels)}.",
         callouts=[Callout("Warnings", warnings)],
         sections=(
-            _every_model(made),
+            _every_model(result),
             Section(
                 "bars",
                 "The same as bars (figure 10 of the paper)",
-                [_schemes(made), *_bars(made)],
+                [_schemes(result), *_bars(result)],
             ),
             Section(
                 "time",
                 "Corrections over time (figure 9)",
-                _over_time(made),
+                _over_time(result),
                 _TEXT["time"],
             ),
-            _plane(made),
-            _components(made),
+            _plane(result),
+            _components(result),
             Section(
-                "curves", "Components (figure 8)", [_curves(made)], _TEXT["curves"]
+                "curves", "Components (figure 8)", [_curves(result)], _TEXT["curves"]
             ),
-            Section("levels", "Levels (figure 12)", _sweep(made), _TEXT["levels"]),
+            Section("levels", "Levels (figure 12)", _sweep(result), _TEXT["levels"]),
             Section(
                 "importance",
                 "Which tables matter",
-                [_importance(made)],
+                [_importance(result)],
                 _TEXT["matter"],
             ),
-            _oddities(made),
+            _oddities(result),
             Section("read", "How to read this page", [texts()["read_calibration"]]),
-            Section("notes", "Notes", [made.notes]),
+            Section("notes", "Notes", [result.notes]),
         ),
     )
 
 
-def _every_model(made: Calibration) -> Section:
+def _every_model(result: Calibration) -> Section:
     note = (
         "RMSEV on rows held out, RMSEC in brackets on rows fitted, per cent of the "
         "measured torque, pooled over folds"
     )
-    if made.rows.mode == PAPER:
+    if result.rows.mode == PAPER:
         note += "; the paper's mean over subsets beside it"
-    below = f"{sentence_case(chosen_words(made))} {_TEXT['flatters']}"
+    below = f"{sentence_case(chosen_words(result))} {_TEXT['flatters']}"
     return Section(
         "table",
         "Every model under every scheme",
-        [_errors(made)],
+        [_errors(result)],
         f"{note}. {_TEXT['newness']}",
         below,
     )
@@ -202,66 +204,71 @@ def _tiles(scores: Sequence[Score]) -> list[Tile]:
     return out
 
 
-def _schemes(made: Calibration) -> Chart:
+def _schemes(result: Calibration) -> Chart:
     """All schemes in one view, all joints together."""
-    told = "; ".join(
-        f"{SCHEMES[o.scheme]}, {MODELS[o.model]} {o.overall:.3g} %" for o in made.scores
+    text = "; ".join(
+        f"{SCHEMES[o.scheme]}, {MODELS[o.model]} {o.overall:.3g} %"
+        for o in result.scores
     )
-    return Chart(figures.schemes_figure(made.scores), f"{told}.")
+    return Chart(figures.schemes_figure(result.scores), f"{text}.")
 
 
-def _over_time(made: Calibration) -> list[Chart]:
-    if made.unseen is None:
+def _over_time(result: Calibration) -> list[Chart]:
+    if result.unseen is None:
         return []
     out = []
-    for column, joint in enumerate(made.rows.joints):
-        uri = figures.over_time_figure(made.unseen, joint, column)
-        alt = f"Joint {joint}: residual of {made.unseen.label} and corrections over t."
+    for column, joint in enumerate(result.rows.joints):
+        uri = figures.over_time_figure(result.unseen, joint, column)
+        alt = (
+            f"Joint {joint}: residual of {result.unseen.label} and corrections over t."
+        )
         out.append(Chart(uri, alt))
     return out
 
 
-def _plane(made: Calibration) -> Section:
+def _plane(result: Calibration) -> Section:
     heading = "Scores and loadings of PLSR"
-    if made.plane is None:
+    if result.plane is None:
         return Section("plane", heading, ())
-    words = plane_words(made.plane)
-    chart = Chart(figures.plane_figure(made.plane, made.rows.labels), " ".join(words))
+    words = plane_words(result.plane)
+    chart = Chart(
+        figures.plane_figure(result.plane, result.rows.labels), " ".join(words)
+    )
     return Section("plane", heading, (*words, chart), below=_TEXT["plane"])
 
 
-def _bars(made: Calibration) -> list[Chart]:
+def _bars(result: Calibration) -> list[Chart]:
     out = []
-    for scheme in made.schemes:
-        own = [one for one in made.scores if one.scheme == scheme.name]
-        uri = figures.bars_figure(own, made.rows.joints)
-        told = "; ".join(f"{MODELS[o.model]} {o.overall:.3g} %" for o in own)
-        out.append(Chart(uri, f"{SCHEMES[scheme.name]}: {told}."))
+    for scheme in result.schemes:
+        own = [one for one in result.scores if one.scheme == scheme.name]
+        uri = figures.bars_figure(own, result.rows.joints)
+        text = "; ".join(f"{MODELS[o.model]} {o.overall:.3g} %" for o in own)
+        out.append(Chart(uri, f"{SCHEMES[scheme.name]}: {text}."))
     return out
 
 
-def _curves(made: Calibration) -> list[Chart]:
+def _curves(result: Calibration) -> list[Chart]:
     out = []
     for model in (PLSR, PAPER_FORM, SPARSE):
-        own = [find(made.scores, scheme, model) for scheme in (RUN, RANDOM)]
+        own = [find(result.scores, scheme, model) for scheme in (RUN, RANDOM)]
         own = [one for one in own if one is not None and one.curve is not None]
         if own:
-            told = "; ".join(
+            text = "; ".join(
                 f"{SCHEMES[o.scheme]}: least at {o.components} components" for o in own
             )
-            uri = figures.curve_figure(own, made.rows.joints)
-            out.append(Chart(uri, f"{MODELS[model]}: {told}."))
+            uri = figures.curve_figure(own, result.rows.joints)
+            out.append(Chart(uri, f"{MODELS[model]}: {text}."))
     return out
 
 
-def _components(made: Calibration) -> Section:
-    heading, every = "Principal components (figures 4 to 6)", made.components
+def _components(result: Calibration) -> Section:
+    heading, every = "Principal components (figures 4 to 6)", result.components
     if not every:
         return Section("pca", heading, ())
-    told = "; ".join(
+    text = "; ".join(
         f"{o.family}, {o.block}: {o.explained[0]:.0f} % in the first" for o in every
     )
-    chart = Chart(figures.components_figure(every), f"{told}.")
+    chart = Chart(figures.components_figure(every), f"{text}.")
     rows = [
         (
             one.family.replace("_", " "),
@@ -277,27 +284,29 @@ def _components(made: Calibration) -> Section:
     return Section("pca", heading, ([chart], table), _TEXT["pca"])
 
 
-def _sweep(made: Calibration) -> list[Chart]:
-    if made.sweep is None:
+def _sweep(result: Calibration) -> list[Chart]:
+    if result.sweep is None:
         return []
-    levels = made.sweep.levels
+    levels = result.sweep.levels
     alt = f"RMSEV over {levels[0]} to {levels[-1]} levels, and time."
-    return [Chart(figures.sweep_figure(made.sweep, made.rows.joints), alt)]
+    return [Chart(figures.sweep_figure(result.sweep, result.rows.joints), alt)]
 
 
-def _importance(made: Calibration) -> list[Chart]:
-    if made.terms is None:
+def _importance(result: Calibration) -> list[Chart]:
+    if result.terms is None:
         return []
     out = []
-    for column, joint in enumerate(made.rows.joints):
-        largest = int(made.terms.sizes.values[:, column].argmax())
-        alt = f"Joint {joint}: the largest contribution is {made.terms.names[largest]}."
-        out.append(Chart(figures.importance_figure(made.terms, joint, column), alt))
+    for column, joint in enumerate(result.rows.joints):
+        largest = int(result.terms.sizes.values[:, column].argmax())
+        alt = (
+            f"Joint {joint}: the largest contribution is {result.terms.names[largest]}."
+        )
+        out.append(Chart(figures.importance_figure(result.terms, joint, column), alt))
     return out
 
 
-def _oddities(made: Calibration) -> Section:
-    heading, odd = "Outliers, and how new each run is to the others", made.oddities
+def _oddities(result: Calibration) -> Section:
+    heading, odd = "Outliers, and how new each run is to the others", result.oddities
     if odd is None:
         return Section("outliers", heading, ())
     shares = (odd.x, odd.y, *zip(*odd.by_class, strict=True))

@@ -20,46 +20,46 @@ MOST_LOGS = 6
 CLOUD_HEIGHT, SPECTRUM_HEIGHT, BARS_HEIGHT, TORQUE_HEIGHT = 290, 280, 270, 400
 
 
-def error_charts(found: Diagnosis) -> list[Chart]:
+def error_charts(diagnosis: Diagnosis) -> list[Chart]:
     """Return bars of the held-out error: while moving, and over all samples."""
-    joints = [row for row in error_rows(found) if row.joint is not None]
-    level = found.unexplained.noise_floor
+    joints = [row for row in error_rows(diagnosis) if row.joint is not None]
+    level = diagnosis.unexplained.noise_floor
     floor = 100 * level if known(level) else None
     # As logged, the picture is that of the filtered error: the table is enough.
     metrics = [m for m in ("moving", "filtered") if has(joints, m, "identified")]
     metrics = metrics or [m for m in METRICS if has(joints, m, "identified")]
     charts = []
     for metric in metrics:
-        stages = [s for s in _stages(found) if has(joints, metric, s)]
+        stages = [s for s in _stages(diagnosis) if has(joints, metric, s)]
         plot = bars_plot(joints, metric, stages, floor)
         alt = _bars_alt(joints, metric, stages)
         charts.append(Chart("", alt, "", plot=plot, height=BARS_HEIGHT))
     return charts
 
 
-def finding_charts(found: Diagnosis) -> list[list[Chart]]:
+def finding_charts(diagnosis: Diagnosis) -> list[list[Chart]]:
     """Return the figures of each finding: measured over what explains it."""
-    usable = [c for c in found.clouds if len(c.x) > 1]
+    usable = [c for c in diagnosis.clouds if len(c.x) > 1]
     charts = [_cloud_chart(c, len(usable)) for c in usable]
-    return [_clouds_of(charts, effect) for effect in found.effects]
+    return [_clouds_of(charts, effect) for effect in diagnosis.effects]
 
 
-def left_charts(found: Diagnosis) -> list[Chart]:
+def left_charts(diagnosis: Diagnosis) -> list[Chart]:
     """Return what each unexplained joint keeps, over what it depends on most."""
-    usable = [c for c in found.left if len(c.x) > 1]
+    usable = [c for c in diagnosis.left if len(c.x) > 1]
     return [_left_chart(c, len(usable)) for c in usable]
 
 
-def motions(found: Diagnosis) -> tuple[list[tuple[str, list[Chart]]], int]:
+def motions(diagnosis: Diagnosis) -> tuple[list[tuple[str, list[Chart]]], int]:
     """Return (label and figures of held-out logs, number of logs not drawn).
 
     The joints that the findings concern come first. Of many logs those that the model
     predicts worst.
     """
-    usable = [p for p in found.proofs if len(p.t) > 1]
+    usable = [p for p in diagnosis.proofs if len(p.t) > 1]
     kept = sorted(usable, key=_miss, reverse=True)[:MOST_LOGS]
     kept = [p for p in usable if p in kept]
-    stages, joints = _stages(found), _in_order(found)
+    stages, joints = _stages(diagnosis), _in_order(diagnosis)
     curves = max(1, len(kept) * len(joints) * 2 * len(stages))
     most = min(_MOST_POINTS, _POINTS // curves)
     drawn = [
@@ -69,36 +69,36 @@ def motions(found: Diagnosis) -> tuple[list[tuple[str, list[Chart]]], int]:
     return drawn, len(usable) - len(kept)
 
 
-def _in_order(found: Diagnosis) -> list[int]:
+def _in_order(diagnosis: Diagnosis) -> list[int]:
     """All joints, those that are concerned first."""
-    dof = found.verdict.dof
-    focus = [j for j in concerned(found) if j <= dof]
+    dof = diagnosis.verdict.dof
+    focus = [j for j in concerned(diagnosis) if j <= dof]
     return [*focus, *(j for j in range(1, dof + 1) if j not in focus)]
 
 
-def spectrum_charts(found: Diagnosis) -> tuple[list[Chart], list[Chart]]:
+def spectrum_charts(diagnosis: Diagnosis) -> tuple[list[Chart], list[Chart]]:
     """Return spectra of the residual (of the joints concerned, of the others)."""
-    focus = concerned(found)
-    usable = [p for p in found.proofs if len(p.t) > 1]
-    stages = [s for s in _stages(found) if s not in ("nominal", "plsr")]
-    drawn = [_spectrum_chart(usable, j, stages) for j in _in_order(found)]
+    focus = concerned(diagnosis)
+    usable = [p for p in diagnosis.proofs if len(p.t) > 1]
+    stages = [s for s in _stages(diagnosis) if s not in ("nominal", "plsr")]
+    drawn = [_spectrum_chart(usable, j, stages) for j in _in_order(diagnosis)]
     charts = [chart for chart in drawn if chart]
     first = [chart for chart in charts if chart.joint in focus]
     return first, [chart for chart in charts if chart.joint not in focus]
 
 
-def concerned(found: Diagnosis) -> list[int]:
+def concerned(diagnosis: Diagnosis) -> list[int]:
     """Return the joints whose curves are shown first, the most telling one first.
 
     Those of the findings; of an effect on the whole arm, the two it changes most;
     then those that stay unexplained; failing all that the worst one.
     """
-    named = found.effects
+    named = diagnosis.effects
     whole = [f for f in named if effect_named(f.name).scope == "flange" or not f.joints]
     joints = [j for f in named if f not in whole for j in f.joints]
-    joints += _most_changed(found) if whole else []
-    joints += found.unexplained.joints
-    return list(dict.fromkeys(joints)) or _worst(found)
+    joints += _most_changed(diagnosis) if whole else []
+    joints += diagnosis.unexplained.joints
+    return list(dict.fromkeys(joints)) or _worst(diagnosis)
 
 
 def _clouds_of(charts: Sequence[Chart], finding: Finding) -> list[Chart]:
@@ -110,27 +110,27 @@ def _clouds_of(charts: Sequence[Chart], finding: Finding) -> list[Chart]:
     return at_home or mine
 
 
-def _most_changed(found: Diagnosis) -> list[int]:
+def _most_changed(diagnosis: Diagnosis) -> list[int]:
     falls = []
-    for row in error_rows(found):
+    for row in error_rows(diagnosis):
         before, after = map(row.values["filtered"].get, ("identified", "augmented"))
         if row.joint and known(before) and known(after):
             falls.append((after - before, row.joint))
     return [joint for fall, joint in sorted(falls)[:2] if fall < 0]
 
 
-def _worst(found: Diagnosis) -> list[int]:
+def _worst(diagnosis: Diagnosis) -> list[int]:
     errors = [
         (row.values["filtered"].get("identified"), row.joint)
-        for row in error_rows(found)
+        for row in error_rows(diagnosis)
         if row.joint and known(row.values["filtered"].get("identified"))
     ]
     return [max(errors)[1]] if errors else [1]
 
 
-def _stages(found: Diagnosis) -> list[str]:
+def _stages(diagnosis: Diagnosis) -> list[str]:
     """Return the models worth drawing: augmented only where something was added."""
-    added = bool(found.effects)
+    added = bool(diagnosis.effects)
     return [stage for stage in STAGES if added or stage != "augmented"]
 
 
@@ -156,15 +156,15 @@ def _bars_alt(rows: Sequence[ErrorRow], metric: str, stages: Sequence[str]) -> s
 def _cloud_chart(shown: Cloud, many: int) -> Chart:
     logs = len(set(shown.log.tolist()))
     share = fraction(_explained_share(shown))
-    said = f"It explains {share} of what was measured there."
+    text = f"It explains {share} of what was measured there."
     alt = (
         f"Residual torque of joint {shown.joint} over {shown.variable}, "
         f"{logs} log{'' if logs == 1 else 's'}, with medians in bins and what "
         f"{noun(shown.name)} explains. The residual spans {_span(shown.residual)}, "
-        f"what is explained {_span(shown.fitted)}. {said}"
+        f"what is explained {_span(shown.fitted)}. {text}"
     )
     plot = cloud_plot(shown, many)
-    return Chart("", alt, said, shown.joint, shown.name, plot, CLOUD_HEIGHT)
+    return Chart("", alt, text, shown.joint, shown.name, plot, CLOUD_HEIGHT)
 
 
 def _left_chart(shown: Cloud, many: int) -> Chart:
@@ -194,12 +194,12 @@ def _curve_chart(
 ) -> Chart:
     stages = [s for s in stages if s in proof.tau_hat]
     errors = _errors(proof, joint, stages)
-    said = listing([f"{look.LABELS[s].split(' (')[0]} {e}" for s, e in errors.items()])
-    caption = f"Joint {joint}, error over the samples shown: {said}."
+    text = listing([f"{look.LABELS[s].split(' (')[0]} {e}" for s, e in errors.items()])
+    caption = f"Joint {joint}, error over the samples shown: {text}."
     alt = (
         f"Measured torque of joint {joint} on log {proof.id} over "
         f"{proof.t[-1] - proof.t[0]:.1f} s with the predictions of "
-        f"{len(stages)} models; below, what each leaves. Error: {said}."
+        f"{len(stages)} models; below, what each leaves. Error: {text}."
     )
     plot = torque_plot(proof, joint, stages, most)
     return Chart("", alt, caption, joint, None, plot, TORQUE_HEIGHT)
@@ -209,11 +209,11 @@ def _errors(proof: LogProof, joint: int, stages: Sequence[str]) -> dict[str, str
     """Return the error of each model on the samples drawn, as text."""
     tau = proof.tau[:, joint - 1]
     size = np.linalg.norm(tau)
-    found = {}
+    errors = {}
     for stage in stages:
         miss = np.linalg.norm(tau - proof.tau_hat[stage][:, joint - 1])
-        found[stage] = f"{bare_percent(100 * miss / size)} %" if size else "–"
-    return found
+        errors[stage] = f"{bare_percent(100 * miss / size)} %" if size else "–"
+    return errors
 
 
 def _spectrum_chart(
@@ -224,8 +224,8 @@ def _spectrum_chart(
     if plot is None:
         return None
     peaks = [_peak(proofs, joint, stage) for stage in stages]
-    said = f"Spectrum of the residual of joint {joint}: {listing(peaks)}."
-    return Chart("", said, "", joint, None, plot, SPECTRUM_HEIGHT)
+    text = f"Spectrum of the residual of joint {joint}: {listing(peaks)}."
+    return Chart("", text, "", joint, None, plot, SPECTRUM_HEIGHT)
 
 
 def _peak(proofs: Sequence[LogProof], joint: int, stage: str) -> str:
@@ -339,10 +339,10 @@ def spectrum_plot(
     """Return the amplitude density of the residual of a joint; None of too little."""
     traces, ceiling = [], 0.0
     for stage in stages:
-        found = density(proofs, joint, stage)
-        if found is None:
+        spectrum = density(proofs, joint, stage)
+        if spectrum is None:
             return None
-        f, amplitude = found
+        f, amplitude = spectrum
         points = {"x": look.packed(f[1:]), "y": look.packed(amplitude[1:])}
         traces.append(look.line(look.LABELS[stage], look.STAGES[stage], 1.6) | points)
         ceiling = max(ceiling, float(amplitude[1:].max()))
@@ -444,9 +444,9 @@ def _bars(names: list[str], values: list, stage: str, top: float) -> look.Trace:
 
 def _top(values: Sequence[Mapping], stages: Sequence[str]) -> float:
     """Return the axis limit; a nominal model far off is cut, so the rest shows."""
-    found = {s: [v[s] for v in values if known(v.get(s))] for s in stages}
-    rest = [v for s, listed in found.items() if s != "nominal" for v in listed]
-    everything = [v for listed in found.values() for v in listed]
+    errors = {s: [v[s] for v in values if known(v.get(s))] for s in stages}
+    rest = [v for s, listed in errors.items() if s != "nominal" for v in listed]
+    everything = [v for listed in errors.values() for v in listed]
     most = max(everything, default=1.0)
     return max(min(most, _CLIP * max(rest, default=most)), 1e-6)
 

@@ -56,9 +56,9 @@ def pairs(hidden: Sequence[Mapping], verdict: Verdict | None) -> list[Pair]:
     Args:
         verdict: That of the diagnosis whose model is adopted, None for none.
     """
-    said = members(verdict) if verdict else []
+    findings = members(verdict) if verdict else []
     truths = [Name(h["name"], tuple(h["joints"])) for h in hidden]
-    exact, near, free = matched(truths, said)
+    exact, near, free = matched(truths, findings)
     out = []
     for truth, own, other in zip(hidden, exact, near, strict=True):
         judged = RIGHT if own else CLASS if other else MISSED
@@ -66,18 +66,18 @@ def pairs(hidden: Sequence[Mapping], verdict: Verdict | None) -> list[Pair]:
     return out + [Pair(MISSING, MISSING, *_adopted(s), FALSE) for s in free]
 
 
-def headline(done: Closed, found: Sequence[Pair]) -> str:
+def headline(done: Closed, compared: Sequence[Pair]) -> str:
     """Return in a sentence what came of a loop."""
     hidden = len(done.hidden)
-    there = sum(p.right for p in found)
-    wrong = sum(p.judged == FALSE for p in found)
+    there = sum(p.right for p in compared)
+    wrong = sum(p.judged == FALSE for p in compared)
     if hidden == 0:
-        told = "Nothing was hidden, and nothing was adopted"
-        return f"{told}." if not wrong else f"Nothing was hidden; {wrong} adopted."
-    told = f"{there} of {hidden} hidden effects adopted"
+        text = "Nothing was hidden, and nothing was adopted"
+        return f"{text}." if not wrong else f"Nothing was hidden; {wrong} adopted."
+    text = f"{there} of {hidden} hidden effects adopted"
     if wrong:
-        told += f", and {wrong} that {'is' if wrong == 1 else 'are'} not there"
-    return f"{told}."
+        text += f", and {wrong} that {'is' if wrong == 1 else 'are'} not there"
+    return f"{text}."
 
 
 def ended(done: Closed) -> str:
@@ -97,12 +97,12 @@ def versions(done: Closed) -> list[tuple[str, str, str, str]]:
             continue
         error = decision.outcome.partition("motion ")[2]
         after = done.decisions[i + 1 : i + 2]
-        path, told = [d for d in after if d.action == DRIVE and d.made], MISSING
+        path, text = [d for d in after if d.action == DRIVE and d.made], MISSING
         if path:
             ends = path[0].result
-            told = f"{ends['before']:.3g} -> {ends['after']:.3g} mrad"
+            text = f"{ends['before']:.3g} -> {ends['after']:.3g} mrad"
         model = f"adoption {int(decision.made)}"
-        out.append((model, listing(decision.result["effects"]), error, told))
+        out.append((model, listing(decision.result["effects"]), error, text))
     return out
 
 
@@ -128,19 +128,19 @@ def _hidden(truth: Mapping) -> tuple[str, str]:
     return phrase(Place(truth["name"], tuple(truth["joints"]))), ", ".join(values)
 
 
-def _adopted(said: Said | None) -> tuple[str, str]:
-    if said is None:
+def _adopted(member: Said | None) -> tuple[str, str]:
+    if member is None:
         return MISSING, MISSING
     values = []
-    for key, own in said.finding.parameters.items():
-        value, std = own.pairs[said.place or 0]
+    for key, own in member.finding.parameters.items():
+        value, std = own.pairs[member.place or 0]
         values.append(f"{key.replace('_', ' ')} {measured(value, std, own.unit)}")
-    name = Place(said.name.effect, said.name.joints)
-    told = phrase(name)
-    if said.alike:
-        others = [phrase(Place(a.effect, a.joints)) for a in said.alike]
-        told += f" (or {listing(others)})"
-    return told, ", ".join(values)
+    name = Place(member.name.effect, member.name.joints)
+    text = phrase(name)
+    if member.alike:
+        others = [phrase(Place(a.effect, a.joints)) for a in member.alike]
+        text += f" (or {listing(others)})"
+    return text, ", ".join(values)
 
 
 KIND = "close"
@@ -149,17 +149,17 @@ _WHAT = {DIAGNOSE: "diagnose", ADOPT: "adopt", DRIVE: "drive", STOP: "stop"}
 
 def render(done: Closed, verdict: Verdict | None) -> str:
     """Return the page of a loop: one HTML document that needs nothing else."""
-    found = pairs(done.hidden, verdict)
+    compared = pairs(done.hidden, verdict)
     robot = f"{done.arm.robot.name} {done.arm.robot.serial}"
     return render_page(
         Document(
             title=f"modelgap close: {robot}",
             about=Markup("modelgap close, simulated arm <b>{}</b>").format(robot),
-            headline=headline(done, found),
+            headline=headline(done, compared),
             lead=[ended(done)],
-            tiles=_tiles(done, found),
+            tiles=_tiles(done, compared),
             sections=(
-                _truth(found, verdict),
+                _truth(compared, verdict),
                 _decisions(done),
                 _models(done),
                 Section("again", "Look closer", [Note(_commands(done), "lines")]),
@@ -168,7 +168,7 @@ def render(done: Closed, verdict: Verdict | None) -> str:
     )
 
 
-def _truth(found: Sequence[Pair], verdict: Verdict | None) -> Section:
+def _truth(compared: Sequence[Pair], verdict: Verdict | None) -> Section:
     rows = [
         (
             sentence_case(one.hidden),
@@ -177,7 +177,7 @@ def _truth(found: Sequence[Pair], verdict: Verdict | None) -> Section:
             one.found,
             tag("span", one.judged, "yes" if one.right else "no"),
         )
-        for one in found
+        for one in compared
     ]
     heads = ("Hidden", "Its values", "Adopted", "Estimated values", "Judged")
     table = words_table(heads, rows, "The seal was opened after the last decision")
@@ -215,13 +215,13 @@ def keep_page(done: Closed, store: Path, page: str) -> Path:
     return record_folder(store, "reports", id) / "close.html"
 
 
-def _tiles(done: Closed, found: Sequence[Pair]) -> list[Tile]:
+def _tiles(done: Closed, compared: Sequence[Pair]) -> list[Tile]:
     driven = [d.result for d in done.decisions if d.action == DRIVE and d.made]
     rows, path = versions(done), MISSING
     if driven:
         path = f"{driven[-1]['before']:.2g} → {driven[-1]['after']:.2g} mrad"
-    wrong = sum(p.judged == FALSE for p in found)
-    right = f"{sum(p.right for p in found)} of {len(done.hidden)}"
+    wrong = sum(p.judged == FALSE for p in compared)
+    right = f"{sum(p.right for p in compared)} of {len(done.hidden)}"
     motion = f"{done.seconds:.0f} s of motion"
     return [
         Tile("Experiments", str(len(done.known.runs)), motion),
@@ -253,9 +253,9 @@ def _row(decision: Decision) -> tuple[str, ...]:
 
 
 def _commands(done: Closed) -> str:
-    made = [d.made for d in done.decisions if d.action == DIAGNOSE]
+    diagnoses = [d.made for d in done.decisions if d.action == DIAGNOSE]
     return (
-        f"modelgap models\nmodelgap show {made[-1][:8]}\n"
+        f"modelgap models\nmodelgap show {diagnoses[-1][:8]}\n"
         'modelgap sql "SELECT number, action, reason, outcome FROM decisions '
         f"WHERE loop = '{done.loop}' ORDER BY number\""
     )

@@ -52,7 +52,7 @@ _NEVER = f"{outlook.NEVER}: not detectable here; no arm has so much."
 
 
 def render(
-    found: Diagnosis,
+    result: Diagnosis,
     robot_name: str,
     staged: Staged | None = None,
     motion: Chart | None = None,
@@ -67,27 +67,27 @@ def render(
     Returns:
         One self-contained HTML document; the same diagnosis gives the same bytes.
     """
-    return render_page(document(found, robot_name, staged, motion, origin))
+    return render_page(document(result, robot_name, staged, motion, origin))
 
 
-def print_diagnosis(found: Diagnosis, console: Console, verbose: bool = False) -> None:
+def print_diagnosis(result: Diagnosis, console: Console, verbose: bool = False) -> None:
     """Print a diagnosis: verdict, findings, errors, what is left, what to do next.
 
     Args:
         console: Where to print; 80 columns and no colour are enough.
         verbose: List the effects that these logs could not tell apart.
     """
-    told = document(found, drawn=False)
+    report = document(result, drawn=False)
     first = ("missing", "given", "proof", "left", "sizes")
-    print_document(console, told, first, ("else",))
-    if verbose and not found.effects:
-        pairs = outlook.confusable_pairs(found.verdict)
+    print_document(console, report, first, ("else",))
+    if verbose and not result.effects:
+        pairs = outlook.confusable_pairs(result.verdict)
         show(console, *(f"  look alike: {pair}" for pair in pairs), wrapped=True)
     line(console, "")
 
 
 def document(
-    found: Diagnosis,
+    result: Diagnosis,
     robot: str = "",
     staged: Staged | None = None,
     motion: Chart | None = None,
@@ -99,21 +99,21 @@ def document(
     Args:
         drawn: Whether it has its figures, which no terminal needs.
     """
-    verdict = found.verdict
+    verdict = result.verdict
     first, *lead = words.sentences(verdict)
     weak = [_TEXT["weak"]] if verdict.error.same_run and drawn else []
     sections = (
         _staged(staged),
-        _missing(found, charts.finding_charts(found) if drawn else ()),
-        _proof(found, charts.error_charts(found) if drawn else ()),
-        _curves(found, *(charts.motions(found) if drawn else ((), 0))),
-        _else(found, motion),
-        _evidence(found),
+        _missing(result, charts.finding_charts(result) if drawn else ()),
+        _proof(result, charts.error_charts(result) if drawn else ()),
+        _curves(result, *(charts.motions(result) if drawn else ((), 0))),
+        _else(result, motion),
+        _evidence(result),
         _given(verdict),
-        _left(verdict, charts.left_charts(found) if drawn else ()),
+        _left(verdict, charts.left_charts(result) if drawn else ()),
         _sizes(verdict),
-        _spectra(verdict, *(charts.spectrum_charts(found) if drawn else ((), ()))),
-        Section("notes", "What was understood of the logs", [found.notes], open=False),
+        _spectra(verdict, *(charts.spectrum_charts(result) if drawn else ((), ()))),
+        Section("notes", "What was understood of the logs", [result.notes], open=False),
         _origin(verdict, origin),
         _read(verdict),
     )
@@ -122,33 +122,33 @@ def document(
         about=Markup("modelgap diagnosis of <b>{}</b>").format(robot),
         headline=first,
         lead=[" ".join(lead)] if lead else (),
-        tiles=tiles_of(found),
+        tiles=tiles_of(result),
         callouts=[Callout("Warnings", [*weak, *verdict.warnings])],
         sections=sections,
     )
 
 
-def tiles_of(found: Diagnosis) -> tuple[Tile | None, ...]:
+def tiles_of(result: Diagnosis) -> tuple[Tile | None, ...]:
     """Return up to five figures that say what is missing, and what naming it gains."""
-    return _size(found), _torque(found), _fall(found), _sure(found), _rest(found)
+    return _size(result), _torque(result), _fall(result), _sure(result), _rest(result)
 
 
-def _size(found: Diagnosis) -> Tile | None:
+def _size(result: Diagnosis) -> Tile | None:
     """The size of one finding; of several, how many there are."""
-    named = found.effects
+    named = result.effects
     if len(named) == 1:
-        name, value = tables.size_of(named[0], found.verdict)
-        of = f"of {tables.title(named[0], found.verdict)}"
+        name, value = tables.size_of(named[0], result.verdict)
+        of = f"of {tables.title(named[0], result.verdict)}"
         return Tile(sentence_case(name), value, of) if name else None
     confirmed = sum(one.evidence.held_out == "confirmed" for one in named)
     note = f"{confirmed} of them confirmed on unseen motion"
     return Tile("Effects found", str(len(named)), note) if named else None
 
 
-def _torque(found: Diagnosis) -> Tile | None:
+def _torque(result: Diagnosis) -> Tile | None:
     """What the robot's controller does not know: the most that a model lacks."""
-    named = found.effects
-    lacking = [(m, one) for one in named for m in tables.missing_torque(found, one)]
+    named = result.effects
+    lacking = [(m, one) for one in named for m in tables.missing_torque(result, one)]
     if not lacking:
         return None
     most, effect = max(lacking, key=lambda pair: pair[0].share or 0.0)
@@ -160,25 +160,25 @@ def _torque(found: Diagnosis) -> Tile | None:
     return Tile("Torque that the model lacks", f"up to {number(most.peak)} N m", note)
 
 
-def _fall(found: Diagnosis) -> Tile | None:
+def _fall(result: Diagnosis) -> Tile | None:
     label = "Error on unseen motion"
-    change = words.change(found.verdict) if found.effects else None
+    change = words.change(result.verdict) if result.effects else None
     if change:
         fall = f"{change.before:.1f} → {percent(change.after)}"
         where = change.where.removesuffix(",")
         return Tile(label, fall, f"of the torque {where}, before → after")
-    level, where = words.level(found.errors)
+    level, where = words.level(result.errors)
     note = f"of the torque {where}, refitted"
-    return None if found.effects else Tile(label, percent(level), note)
+    return None if result.effects else Tile(label, percent(level), note)
 
 
-def _sure(found: Diagnosis) -> Tile | None:
-    named = found.effects
+def _sure(result: Diagnosis) -> Tile | None:
+    named = result.effects
     if not named:
         return None
     if len(named) == 1:
         (one,) = named
-        other = f", or {tables.others(one, found)}" if one.equivalent else ""
+        other = f", or {tables.others(one, result)}" if one.equivalent else ""
         note = f"that it is {noun(one.name)}{other}; "
         note += held_out_words(one.evidence.held_out)
         return Tile("How sure", sure(one.probability), note)
@@ -187,8 +187,8 @@ def _sure(found: Diagnosis) -> Tile | None:
     return Tile("How sure", weakest, "of the least certain name, against all others")
 
 
-def _rest(found: Diagnosis) -> Tile | None:
-    left = found.unexplained
+def _rest(result: Diagnosis) -> Tile | None:
+    left = result.unexplained
     if not known(left.fraction):
         return None
     note = "of the torque"
@@ -223,28 +223,28 @@ def _staged(staged: Staged | None) -> Section:
     return Section("staged", "The experiment, and what was hidden", parts)
 
 
-def _missing(found: Diagnosis, figures: Sequence[Sequence[Chart]]) -> Section:
+def _missing(result: Diagnosis, figures: Sequence[Sequence[Chart]]) -> Section:
     parts: list[Part] = []
     for at, own in enumerate(figures):
-        parts += _finding(found, at, own)
+        parts += _finding(result, at, own)
     note = _TEXT["clouds"] if any(figures) else ""
     brief = [
-        *tables.findings_table(found),
-        *(outlook.other_sets(found.verdict) if found.effects else ()),
-        *baseline_sentences(found.verdict),
+        *tables.findings_table(result),
+        *(outlook.other_sets(result.verdict) if result.effects else ()),
+        *baseline_sentences(result.verdict),
     ]
     return Section("missing", "What is missing", parts, note, brief=brief)
 
 
-def _finding(found: Diagnosis, at: int, figures: Sequence[Chart]) -> list[Part]:
+def _finding(result: Diagnosis, at: int, figures: Sequence[Chart]) -> list[Part]:
     """One finding: what it does, its size, and what was measured of it."""
-    effect, verdict = found.effects[at], found.verdict
+    effect, verdict = result.effects[at], result.verdict
     title = sentence_case(tables.title(effect, verdict))
-    said = sentence_case("".join(found.sentences[at : at + 1]).strip())
-    said += "." if said and said[-1] not in ".!?" else ""
-    text: list[Part | None] = [said, tables.means(found, effect)]
+    sentence = sentence_case("".join(result.sentences[at : at + 1]).strip())
+    sentence += "." if sentence and sentence[-1] not in ".!?" else ""
+    text: list[Part | None] = [sentence, tables.means(result, effect)]
     if effect.equivalent:
-        text.append(Note(_cannot_tell(effect, found), "callout"))
+        text.append(Note(_cannot_tell(effect, result), "callout"))
     if effect.parameters or effect.combinations:
         frame = tables.frame_words(effect, verdict.frames)
         text.append(tables.parameter_table(effect, verdict))
@@ -257,32 +257,32 @@ def _finding(found: Diagnosis, at: int, figures: Sequence[Chart]) -> list[Part]:
     return [heading, *text, figures[:shown], _folded(figures[shown:], more)]
 
 
-def _cannot_tell(effect: Finding, found: Diagnosis) -> Markup:
+def _cannot_tell(effect: Finding, result: Diagnosis) -> Markup:
     return Markup(
         "<b>These data cannot tell {} from {}.</b> How sure the name is goes for all "
         "of these together; only another motion can tell which one it is."
-    ).format(noun(effect.name), tables.others(effect, found, " or from "))
+    ).format(noun(effect.name), tables.others(effect, result, " or from "))
 
 
-def _proof(found: Diagnosis, bars: Sequence[Chart]) -> Section:
-    lines, worse = tables.error_rows(found), "; ".join(rising(found.verdict))
+def _proof(result: Diagnosis, bars: Sequence[Chart]) -> Section:
+    lines, worse = tables.error_rows(result), "; ".join(rising(result.verdict))
     worse = worse and f"Worse with the findings by more than 2 % (moving): {worse}."
-    table, few = tables.error_table(lines), len(found.effects) < _MANY
+    table, few = tables.error_table(lines), len(result.effects) < _MANY
     parts: list[Part | None] = [
         *bars[:1],
         _folded(bars[1:], "The same over all samples, standstill too", False),
         Fold("The errors of each joint", [table], few) if table else None,
     ]
     parts += [Note(worse, "callout")] if worse and any(parts) else []
-    after = _TEXT["after" if found.effects else "no_after"]
+    after = _TEXT["after" if result.effects else "no_after"]
     note = _TEXT["stages"].format(after) if bars else ""
     heading = "Before and after, on unseen motion"
-    brief = [*tables.brief_errors(found, lines), worse]
+    brief = [*tables.brief_errors(result, lines), worse]
     return Section("proof", heading, parts, note, brief=brief)
 
 
 def _curves(
-    found: Diagnosis, motions: Sequence[tuple[str, list[Chart]]], undrawn: int
+    result: Diagnosis, motions: Sequence[tuple[str, list[Chart]]], undrawn: int
 ) -> Section:
     note, parts, count = _TEXT["curves"], [], len(motions)
     if undrawn:
@@ -294,28 +294,28 @@ def _curves(
         rest = "The other joints" if first else "All joints"
         parts += [Heading(title), *figures[:first]]
         parts.append(_folded(figures[first:], rest, False))
-    few = len(found.effects) < _MANY - 1
+    few = len(result.effects) < _MANY - 1
     return Section("curves", "Measured and predicted torque", parts, note, open=few)
 
 
-def _else(found: Diagnosis, motion: Chart | None) -> Section:
-    parts: list[Part | None] = [outlook.other_sets(found.verdict)]
-    plan, brief = outlook.next_words(found.verdict), []
+def _else(result: Diagnosis, motion: Chart | None) -> Section:
+    parts: list[Part | None] = [outlook.other_sets(result.verdict)]
+    plan, brief = outlook.next_words(result.verdict), []
     if plan:
         none = "No other set of effects explains these logs as well."
-        parts += [none if found.effects and not parts[0] else None]
+        parts += [none if result.effects and not parts[0] else None]
         parts += [Heading("The next experiment"), [*map(sentence_case, plan)], motion]
         brief = [Heading("Next experiment:"), *(f"  {line}" for line in plan)]
     heading = "What else it could be, and what would settle it"
     return Section("else", heading, parts, brief=brief)
 
 
-def _evidence(found: Diagnosis) -> Section:
-    parts: list[Part] = [tables.evidence_table(found)] if found.effects else []
-    edits = baseline_sentences(found.verdict)
+def _evidence(result: Diagnosis) -> Section:
+    parts: list[Part] = [tables.evidence_table(result)] if result.effects else []
+    edits = baseline_sentences(result.verdict)
     if parts and edits:
         parts += [Heading("The edit test"), Note(_TEXT["edits"]), edits]
-    few = len(found.effects) < _MANY
+    few = len(result.effects) < _MANY
     return Section("evidence", "How sure that is", parts, open=few)
 
 
@@ -342,10 +342,10 @@ def _values(rows: Sequence[tuple[str, ...]]) -> Table:
 
 
 def _left(verdict: Verdict, figures: Sequence[Chart]) -> Section:
-    said = " ".join(outlook.unexplained_words(verdict))
+    text = " ".join(outlook.unexplained_words(verdict))
     about = Note(_TEXT["left"], "soft spaced") if figures else None
-    brief = [f"\n{said}" if said else ""]
-    parts = [said, about, figures] if said else ()
+    brief = [f"\n{text}" if text else ""]
+    parts = [text, about, figures] if text else ()
     return Section("left", "What stays unexplained", parts, brief=brief)
 
 
@@ -355,10 +355,10 @@ def _sizes(verdict: Verdict) -> Section:
     if not rows:
         return Section("sizes", heading, ())
     never = _NEVER if any(outlook.NEVER in row for row in rows) else ""
-    told = [(sentence_case(name), *rest) for name, *rest in rows]
+    cells = [(sentence_case(name), *rest) for name, *rest in rows]
     alike = outlook.confusable_words(verdict)
     parts = [
-        Table(heads, told, left=(0, 1), look="tight sizes"),
+        Table(heads, cells, left=(0, 1), look="tight sizes"),
         Note(never, "soft spaced") if never else None,
         Fold(alike, [outlook.confusable_pairs(verdict)]) if alike else None,
     ]
@@ -410,11 +410,11 @@ def print_truth(staged: Staged, console: Console) -> None:
     show(console, *truth(staged), wrapped=True)
 
 
-def summary(found: Diagnosis) -> str:
+def summary(result: Diagnosis) -> str:
     """Return the headline, the effects, and the errors before and after, escaped."""
-    errors, dof = found.errors, found.verdict.dof
-    parts: list[Part] = [tag("strong", words.sentences(found.verdict)[0])]
-    if found.effects:
+    errors, dof = result.errors, result.verdict.dof
+    parts: list[Part] = [tag("strong", words.sentences(result.verdict)[0])]
+    if result.effects:
         heads = ("missing", "size", "probability", "cannot be told from")
         rows = [
             (
@@ -423,7 +423,7 @@ def summary(found: Diagnosis) -> str:
                 probability(one.probability),
                 ", ".join(other.name for other in one.equivalent) or MISSING,
             )
-            for one in found.effects
+            for one in result.effects
         ]
         parts.append(words_table(heads, rows))
     parts.append(f"Error on held-out motion ({', '.join(errors.logs)}), filtered:")
@@ -433,5 +433,5 @@ def summary(found: Diagnosis) -> str:
         if values is not None
     ]
     heads = ("model", *(f"joint {j}" for j in range(1, dof + 1)), "all")
-    parts += [Table(heads, rows), *(f"Warning: {w}" for w in found.warnings)]
+    parts += [Table(heads, rows), *(f"Warning: {w}" for w in result.warnings)]
     return fragment(parts)

@@ -37,12 +37,12 @@ _UNITS = {
 }
 
 
-def validation(made: Validation) -> Table:
+def validation(result: Validation) -> Table:
     """Return the errors of a validation, a joint a row."""
     columns = {
-        "open loop\n[mrad]": made.open_loop,
-        "feed-forward,\nnominal [mrad]": made.nominal,
-        "feed-forward, the\narm's own [mrad]": made.arm,
+        "open loop\n[mrad]": result.open_loop,
+        "feed-forward,\nnominal [mrad]": result.nominal,
+        "feed-forward, the\narm's own [mrad]": result.arm,
     }
     columns = {title: c for title, c in columns.items() if c is not None}
     rows = [
@@ -52,21 +52,21 @@ def validation(made: Validation) -> Table:
     return Table(("joint", *columns), rows, left=())
 
 
-def both_ways(made: Validation) -> Table:
+def both_ways(result: Validation) -> Table:
     """Return both directions of each model, a joint a row, and its mass matrix."""
-    rows, dof = [], len(made.open_loop)
+    rows, dof = [], len(result.open_loop)
     for joint in range(dof):
         row = [str(joint + 1)]
-        for each in made.models.values():
+        for each in result.models.values():
             ways = (each.torque, each.acceleration)
             row += ["–" if w is None else _percent(w[joint]) for w in ways]
         rows.append(row)
     least = [
         word
-        for each in made.models.values()
+        for each in result.models.values()
         for word in ("M(q) >", f"{each.least_mass:.2g} kg m²")
     ]
-    heads = [f"{name}\n{way} [%]" for name in made.models for way in ("τ", "q̈")]
+    heads = [f"{name}\n{way} [%]" for name in result.models for way in ("τ", "q̈")]
     about = "torque from motion (τ) and acceleration from torque (q̈), error"
     return Table(("joint", *heads), [*rows, ["", *least]], about, left=())
 
@@ -75,37 +75,38 @@ def _percent(share: float) -> str:
     return "stands" if np.isnan(share) else f"{share:.2f}"
 
 
-def meaning(made: Validation) -> str:
+def meaning(result: Validation) -> str:
     """Return what a validation shows, in one sentence."""
-    worst = int(made.open_loop.argmax())
-    told = (
-        f"Under the logged torque the nominal model strays, within {made.window:g} s, "
-        f"by {1e3 * made.open_loop[worst]:.3g} mrad on joint {worst + 1}, the worst"
+    worst = int(result.open_loop.argmax())
+    text = (
+        "Under the logged torque the nominal model strays, within "
+        f"{result.window:g} s, by {1e3 * result.open_loop[worst]:.3g} mrad on joint "
+        f"{worst + 1}, the worst"
     )
-    if made.nominal is None:
-        return f"{told}."
+    if result.nominal is None:
+        return f"{text}."
     # The joint with most to gain in angle, not in proportion: where errors are tiny, a
     # large factor between them says little.
-    most = int((made.nominal - made.arm).argmax())
-    nominal, arm = 1e3 * made.nominal[most], 1e3 * made.arm[most]
+    most = int((result.nominal - result.arm).argmax())
+    nominal, arm = 1e3 * result.nominal[most], 1e3 * result.arm[most]
     if nominal < 1.1 * arm:
         return (
-            f"{told}; as feed-forward its torque tracks about as well as the arm's own."
+            f"{text}; as feed-forward its torque tracks about as well as the arm's own."
         )
     return (
-        f"{told}; its torque as feed-forward leaves {nominal:.3g} mrad on joint "
+        f"{text}; its torque as feed-forward leaves {nominal:.3g} mrad on joint "
         f"{most + 1} where the arm's own leaves {arm:.3g}: about the "
         "difference is what a better model can gain."
     )
 
 
 def validation_page(
-    made: Mapping[str, Validation], driven: Tracked | None = None
+    results: Mapping[str, Validation], driven: Tracked | None = None
 ) -> str:
     """Return the page of validations.
 
     Args:
-        made: What was found, by run.
+        results: What was found, by run.
         driven: Drives by a model, where there were some.
     """
     sections = [
@@ -115,12 +116,12 @@ def validation_page(
             [both_ways(each), validation(each)],
             _TEXT["both"],
         )
-        for run, each in made.items()
+        for run, each in results.items()
     ]
     if driven is not None:
         sections.append(Section("driven", "Driven by the model", tracking(driven)))
-    first, *more = (meaning(each) for each in made.values())
-    notes = dict.fromkeys(note for each in made.values() for note in each.notes)
+    first, *more = (meaning(each) for each in results.values())
+    notes = dict.fromkeys(note for each in results.values() for note in each.notes)
     return render(
         Document(
             title="modelgap validation",
@@ -133,37 +134,37 @@ def validation_page(
     )
 
 
-def tracking(made: Tracked) -> list[str | Table]:
+def tracking(tracked: Tracked) -> list[str | Table]:
     """Return drives by models: the 2 x 2 design, joint by joint, what they gain."""
-    _, *others = made.names
-    gains = [gain for name in others for gain in _gains(made, name)]
-    return [_cells(made), _joints(made), _turned(made), *gains]
+    _, *others = tracked.names
+    gains = [gain for name in others for gain in _gains(tracked, name)]
+    return [_cells(tracked), _joints(tracked), _turned(tracked), *gains]
 
 
-def _gains(made: Tracked, model: str) -> list[str]:
+def _gains(tracked: Tracked, model: str) -> list[str]:
     pairs = [(NOMINAL, model, "rms"), (NOMINAL, model, "peak")]
     pairs += [(NOMINAL + LOOP, model + LOOP, "rms")]
     pairs += [
         (f"{model}{less}", model, "rms")
         for less in (", no effects", ", no acceleration")
     ]
-    return [_gain(made.gain(*pair)) for pair in pairs]
+    return [_gain(tracked.gain(*pair)) for pair in pairs]
 
 
-def _turned(made: Tracked) -> str:
+def _turned(tracked: Tracked) -> str:
     """How dry friction turned at reversals, and what the drives saw of it."""
-    steps = [f"{made.values(name, 'step').max():.2g}" for name in made.names]
-    held = np.isfinite(made.torque_rate)
-    rates = " ".join(f"{rate:.4g}" for rate in made.torque_rate[held])
+    steps = [f"{tracked.values(name, 'step').max():.2g}" for name in tracked.names]
+    held = np.isfinite(tracked.torque_rate)
+    rates = " ".join(f"{rate:.4g}" for rate in tracked.torque_rate[held])
     limit = f", at {rates} N m/s at most" if held.any() else ""
-    width = " ".join(f"{w:.3g}" for w in np.unique(made.width))
+    width = " ".join(f"{w:.3g}" for w in np.unique(tracked.width))
     return (
         f"dry friction turns over {width} rad/s of the reference{limit}; largest step "
         f"of torque at a reversal {' → '.join(steps)} N m"
     )
 
 
-def _cells(made: Tracked) -> Table:
+def _cells(tracked: Tracked) -> Table:
     """What each cell leaves, all joints and motions together."""
     measures = (("rms", 2), ("peak", 1), ("chatter", 3), ("step", 2), ("energy", 0))
     rows = []
@@ -171,25 +172,27 @@ def _cells(made: Tracked) -> Table:
         row = [words]
         for what, digits in measures:
             scale = _UNITS.get(what, (1, ""))[0]
-            each = (_mean(made, name + cell, what) for name in made.names)
+            each = (_mean(tracked, name + cell, what) for name in tracked.names)
             row.append(" → ".join(f"{scale * value:.{digits}f}" for value in each))
         rows.append(row)
     titles = ("rms [mrad]", "peak [mrad]", "chatter [N m]", "step [N m]", "energy [J]")
-    whose = " → ".join(made.names)
+    whose = " → ".join(tracked.names)
     heads = [f"{whose}\n{title}" for title in titles]
     return Table(("torque by the model's", *heads), rows)
 
 
-def _joints(made: Tracked) -> Table:
+def _joints(tracked: Tracked) -> Table:
     """Root mean square and peak per joint, all of each model fed forward."""
-    rms = [(made.values(name, "rms") ** 2).mean(axis=0) ** 0.5 for name in made.names]
-    peak = [made.values(name, "peak").max(axis=0) for name in made.names]
+    rms = [
+        (tracked.values(name, "rms") ** 2).mean(axis=0) ** 0.5 for name in tracked.names
+    ]
+    peak = [tracked.values(name, "peak").max(axis=0) for name in tracked.names]
     columns = [1e3 * values for values in (*rms, *peak)]
     rows = [
         (str(joint), *(f"{value:.2f}" for value in row))
         for joint, row in enumerate(zip(*columns, strict=True), 1)
     ]
-    _, *others = (f"{name} [mrad]" for name in made.names)
+    _, *others = (f"{name} [mrad]" for name in tracked.names)
     heads = [h for what in ("rms", "peak") for h in (f"{what}, {NOMINAL}", *others)]
     return Table(("joint", *heads), rows, left=())
 
@@ -206,8 +209,8 @@ def _gain(gain: Gain) -> str:
     )
 
 
-def _mean(made: Tracked, cell: str, what: str) -> float:
-    values = made.values(cell, what)
+def _mean(tracked: Tracked, cell: str, what: str) -> float:
+    values = tracked.values(cell, what)
     if what == "energy":
         return float(values.sum(axis=1).mean())
     if what in ("peak", "step"):
@@ -254,15 +257,15 @@ def _share(share: float) -> str:
 
 
 def _excitation(used: Usage) -> str:
-    found = used.excitation
-    if np.isinf(found.condition):
+    excitation = used.excitation
+    if np.isinf(excitation.condition):
         return (
             f"condition number: infinite; this motion alone does not tell all "
-            f"{found.parameters} base parameters"
+            f"{excitation.parameters} base parameters"
         )
     return (
-        f"condition number {found.condition:.3g} (column-normalised regressor of "
-        f"{found.parameters} base parameters), log det {found.log_det:.4g}"
+        f"condition number {excitation.condition:.3g} (column-normalised regressor of "
+        f"{excitation.parameters} base parameters), log det {excitation.log_det:.4g}"
     )
 
 

@@ -52,20 +52,20 @@ class Sheet:
     command: str
 
 
-def page_with_motion(found: Diagnosis, origin: Pairs = ()) -> str:
+def page_with_motion(result: Diagnosis, origin: Pairs = ()) -> str:
     """Return the page of a diagnosis, with the motion that it proposes drawn."""
-    motion = motion_chart(found)
-    return diagnosis.render(found, found.verdict.robot, motion=motion, origin=origin)
+    motion = motion_chart(result)
+    return diagnosis.render(result, result.verdict.robot, motion=motion, origin=origin)
 
 
-def motion_chart(found: Diagnosis) -> Chart | None:
+def motion_chart(result: Diagnosis) -> Chart | None:
     """Return the picture of the motion that a diagnosis proposes; None for none."""
-    plan, nominal = found.verdict.next_experiment, found.models.get("nominal")
+    plan, nominal = result.verdict.next_experiment, result.models.get("nominal")
     if not plan or plan["family"] is None or nominal is None:
         return None
-    told = plan["parameters"]
+    parameters = plan["parameters"]
     spec = TrajectorySpec.from_record(
-        {"kind": plan["family"], "duration": plan["seconds"], **told}
+        {"kind": plan["family"], "duration": plan["seconds"], **parameters}
     )
     return angles_chart(make_reference(nominal.robot, spec, _RATE))
 
@@ -91,22 +91,22 @@ def angles_chart(reference: Reference) -> Chart:
 
 def render_sheet(sheet: Sheet) -> str:
     """Return the page: what the motion settles, how to run it, and what to do then."""
-    made, robot = sheet.made, sheet.asked.robot
-    apart = [*map(sentence_case, _inseparable(made))]
-    rivals = from_one_another(made.rivals)
-    whole = f"that all {number(made.best.spec.duration)} s of it settle the question"
+    design, robot = sheet.made, sheet.asked.robot
+    apart = [*map(sentence_case, _inseparable(design))]
+    rivals = from_one_another(design.rivals)
+    whole = f"that all {number(design.best.spec.duration)} s of it settle the question"
     return render(
         Document(
             title=f"modelgap: next experiment of {robot.name}",
             about=Markup("modelgap next experiment of <b>{}</b>").format(robot.name),
-            headline=f"{made.best.spec.duration:g} s of motion to tell {rivals}",
+            headline=f"{design.best.spec.duration:g} s of motion to tell {rivals}",
             tiles=[
                 Tile(
                     "Settled after",
-                    _seconds(made.best.after),
+                    _seconds(design.best.after),
                     f"chance {probability(SURE)}",
                 ),
-                Tile("Chance", probability(made.best.sure.chance), whole),
+                Tile("Chance", probability(design.best.sure.chance), whole),
             ],
             sections=(
                 Section(
@@ -115,7 +115,9 @@ def render_sheet(sheet: Sheet) -> str:
                     [angles_chart(sheet.reference), limits(robot, sheet.reference)],
                 ),
                 Section("run", "How to run it", [_how_to_run(sheet)]),
-                Section("compared", "What other motions would do", [comparison(made)]),
+                Section(
+                    "compared", "What other motions would do", [comparison(design)]
+                ),
                 Section("apart", "What no motion tells", [apart]),
             ),
         )
@@ -144,8 +146,8 @@ def _how_to_run(sheet: Sheet) -> Steps:
     )
 
 
-def _inseparable(made: Design) -> list[str]:
-    same, cases = apart_by_no_motion(made.search.question, made.search.twins)
+def _inseparable(design: Design) -> list[str]:
+    same, cases = apart_by_no_motion(design.search.question, design.search.twins)
     return [*same_words(same), *case_words(cases)]
 
 
@@ -157,34 +159,34 @@ def limits(robot: Robot, reference: Reference) -> Table:
         low, high = np.degrees([reference.q[:, j].min(), reference.q[:, j].max()])
         ends = np.degrees([known.lower[j], known.upper[j]])
         shares = (used.speed[j], used.acceleration[j], used.torque[j])
-        told = ["no limit" if np.isnan(x) else f"{100 * x:.0f} %" for x in shares]
+        shown = ["no limit" if np.isnan(x) else f"{100 * x:.0f} %" for x in shares]
         span = f"{low:.1f} to {high:.1f} ({ends[0]:.0f} to {ends[1]:.0f})"
-        rows.append((str(j + 1), span, *told))
+        rows.append((str(j + 1), span, *shown))
     heads = ("Joint", "Angles [deg]", "Speed", "Acceleration", "Torque")
     about = "What it uses of the limits; in brackets the range that is kept to"
     return Table(heads, rows, about, left=(0, 1))
 
 
-def told(made: Design) -> list[str]:
+def told(design: Design) -> list[str]:
     """Return what a motion settles and how surely, a sentence each."""
-    best, spec = made.best, made.best.spec
+    best, spec = design.best, design.best.spec
     words = sure_words(spec.duration, best.after, best.sure.chance)
     return [
         f"next experiment: {spec.duration:g} s of {spec.kind} motion in {spec.periods} "
-        f"periods, to tell {from_one_another(made.rivals)}",
+        f"periods, to tell {from_one_another(design.rivals)}",
         f"the question is {words}",
-        *_inseparable(made),
+        *_inseparable(design),
         "range, speed, acceleration, torque, floor and self-collision checked between "
         "samples too",
     ]
 
 
-def comparison(made: Design) -> Table:
+def comparison(design: Design) -> Table:
     """Return what other motions of the same length and limits would do."""
-    best = made.best
+    best = design.best
     rows = [("this one", _seconds(best.after), probability(best.sure.chance))]
     rows += [
-        (c.name, _seconds(c.seconds), probability(c.chance)) for c in made.compared
+        (c.name, _seconds(c.seconds), probability(c.chance)) for c in design.compared
     ]
     heads = ("motion", "settled after", "chance by all of it")
     return Table(heads, rows, "same length, same limits")
@@ -194,20 +196,20 @@ def _seconds(value: float | None) -> str:
     return MISSING if value is None else f"{value:.1f} s"
 
 
-def nothing_open(asked: Asked, made: Design | None) -> list[str]:
+def nothing_open(asked: Asked, design: Design | None) -> list[str]:
     """Return why there is no experiment to propose.
 
     Args:
-        made: The best motion, which promises nothing; None where nothing was asked.
+        design: The best motion, which promises nothing; None where nothing was asked.
     """
     question, left = asked.question, asked.found.verdict.unexplained.joints
-    if made is None and left:
+    if design is None and left:
         return [
             f"{joint_words(left)}: more remains than noise, and nothing speaks for any "
             "candidate there, so no motion could choose among them. The page of the "
             "diagnosis shows what it depends on."
         ]
-    if made is None:
+    if design is None:
         return [
             "nothing is open: no finding has an equivalent, and no joint keeps more "
             "than noise. With --want you can ask for an effect of a given size."
@@ -215,8 +217,8 @@ def nothing_open(asked: Asked, made: Design | None) -> list[str]:
     every = [r.place for c in question.contests for r in c.rivals]
     names = ", ".join(dict.fromkeys(map(in_words, every)))
     return [
-        *_inseparable(made),
+        *_inseparable(design),
         f"no motion within the limits tells {names} from one another: the best one "
-        f"brings {fraction(made.best.seen.share)} of the evidence that is needed. "
+        f"brings {fraction(design.best.seen.share)} of the evidence that is needed. "
         "Another load, or a value that is known for sure, may.",
     ]

@@ -53,9 +53,9 @@ class ErrorRow:
     flagged: bool
 
 
-def error_rows(found: Diagnosis) -> list[ErrorRow]:
+def error_rows(diagnosis: Diagnosis) -> list[ErrorRow]:
     """Return one row per joint and one for all joints together."""
-    left, error = found.unexplained, found.errors
+    left, error = diagnosis.unexplained, diagnosis.errors
     rows = []
     for joint, share in enumerate(left.per_joint, start=1):
         values = {
@@ -101,9 +101,9 @@ def parameter_table(effect: Finding, verdict: Verdict) -> Table:
         cells = [(name, text) for name, _, text in rows]
         return Table(("Parameter", "Value"), cells, about)
     names = list(dict.fromkeys(name for name, _, _ in rows))
-    found = {(name, joint): text for name, joint, text in rows}
+    texts = {(name, joint): text for name, joint, text in rows}
     cells = [
-        (f"Joint {j}", *(found.get((name, j), MISSING) for name in names))
+        (f"Joint {j}", *(texts.get((name, j), MISSING) for name in names))
         for j in joints
     ]
     return Table(("On", *map(sentence_case, names)), cells, about)
@@ -141,22 +141,22 @@ class Missing(NamedTuple):
     share: float | None
 
 
-def missing_torque(found: Diagnosis, effect: Finding) -> list[Missing]:
+def missing_torque(diagnosis: Diagnosis, effect: Finding) -> list[Missing]:
     """Return what the torque lacks without a finding, the largest share first."""
-    mine = [c for c in found.clouds if c.name == effect.name and len(c.x)]
+    mine = [c for c in diagnosis.clouds if c.name == effect.name and len(c.x)]
     if effect_named(effect.name).variable is not None and effect.joints:
         mine = [c for c in mine if c.joint in effect.joints] or mine
     out = []
     for cloud in mine:
         peak = float(np.abs(cloud.fitted).max())
-        whole = _largest(found, cloud.joint)
+        whole = _largest(diagnosis, cloud.joint)
         out.append(Missing(cloud.joint, peak, peak / whole if whole else None))
     return sorted(out, key=lambda one: -(one.share or 0.0))
 
 
-def means(found: Diagnosis, effect: Finding) -> str:
+def means(diagnosis: Diagnosis, effect: Finding) -> str:
     """Return in one sentence what a model without it gets wrong; empty if unknown."""
-    lacking = missing_torque(found, effect)[:2]
+    lacking = missing_torque(diagnosis, effect)[:2]
     if not lacking:
         return ""
     parts = [
@@ -179,10 +179,10 @@ def sure(probability: float | None) -> str:
     return f"probability = {probability:.2f}"
 
 
-def _largest(found: Diagnosis, joint: int) -> float | None:
+def _largest(diagnosis: Diagnosis, joint: int) -> float | None:
     sizes = [
         float(np.abs(p.tau[:, joint - 1]).max())
-        for p in found.proofs
+        for p in diagnosis.proofs
         if len(p.t) and joint <= p.tau.shape[1]
     ]
     return max(sizes, default=None)
@@ -220,10 +220,10 @@ class Size:
         """The size with its deviation: '+4.99 ± 0.12 N m (8.0 → 13.0)'."""
         if self.value is None:
             return OPEN
-        said = measured(self.value, self.std, self.unit)
-        if self.signed and self.value > 0 and not said.startswith("("):
-            said = f"+{said}"
-        return said if self.change is None else f"{said} ({self.from_to})"
+        text = measured(self.value, self.std, self.unit)
+        if self.signed and self.value > 0 and not text.startswith("("):
+            text = f"+{text}"
+        return text if self.change is None else f"{text} ({self.from_to})"
 
     @property
     def from_to(self) -> str:
@@ -238,9 +238,9 @@ class Size:
 
 def sizes(effect: Finding, verdict: Verdict) -> list[Size]:
     """Return the sizes of a finding: as its effect tells them, else its parameters."""
-    told = effect_named(effect.name).told
+    sizes_of = effect_named(effect.name).told
     clear = all(p.determined for p in effect.parameters.values())
-    parts = list(_told(effect) if told and clear else _plain(effect))
+    parts = list(_told(effect) if sizes_of and clear else _plain(effect))
     if not is_wrong_value(effect, verdict):
         return parts
     keys = {key.replace("_", " "): key for key in effect.parameters}
@@ -301,17 +301,17 @@ def _joints(effect: Finding) -> Sequence[int | None]:
 
 def _told(effect: Finding) -> Iterator[Size]:
     """As the effect tells its values, deviations taken along as independent."""
-    told = effect_named(effect.name).told
+    sizes_of = effect_named(effect.name).told
     pairs = [p.pairs for p in effect.parameters.values()]
-    if told is None or any(not known(v) for own in pairs for v, _ in own):
+    if sizes_of is None or any(not known(v) for own in pairs for v, _ in own):
         yield from _plain(effect)
         return
     for joint, own in zip(_joints(effect), zip(*pairs, strict=True), strict=False):
         values = np.array([v for v, _ in own], dtype=float)
         stds = np.array([s if known(s) else 0.0 for _, s in own])
-        at, spread = told(values), dict.fromkeys(told(values), 0.0)
+        at, spread = sizes_of(values), dict.fromkeys(sizes_of(values), 0.0)
         for i, std in enumerate(stds):
-            near = told(values + STEP * std * np.eye(len(values))[i])
+            near = sizes_of(values + STEP * std * np.eye(len(values))[i])
             for name in at:
                 spread[name] += ((near[name][0] - at[name][0]) / STEP) ** 2
         for name, (value, unit) in at.items():
@@ -332,23 +332,23 @@ def _changed(one: Size, key: str | None, effect: Finding, verdict: Verdict) -> S
 # Tables of findings and of errors.
 
 
-def others(effect: Finding, found: Diagnosis, between: str = " or ") -> str:
+def others(effect: Finding, diagnosis: Diagnosis, between: str = " or ") -> str:
     """What an effect cannot be told from."""
-    return between.join(alternatives(effect, found.verdict.dof))
+    return between.join(alternatives(effect, diagnosis.verdict.dof))
 
 
 _NARROW = 26  # characters of a size in the terminal
 
 
-def findings_table(found: Diagnosis) -> list[Table]:
+def findings_table(diagnosis: Diagnosis) -> list[Table]:
     """Return what was found as a terminal has it; none where nothing was."""
-    verdict = found.verdict
-    if not found.effects:
+    verdict = diagnosis.verdict
+    if not diagnosis.effects:
         return []
-    sizes = [parameter_lines(e, verdict, _NARROW) for e in found.effects]
+    sizes = [parameter_lines(e, verdict, _NARROW) for e in diagnosis.effects]
     rows = [
-        (str(e.order), _effect_cell(e, found), "\n".join(size), _evidence_cell(e))
-        for e, size in zip(found.effects, sizes, strict=True)
+        (str(e.order), _effect_cell(e, diagnosis), "\n".join(size), _evidence_cell(e))
+        for e, size in zip(diagnosis.effects, sizes, strict=True)
     ]
     # Short cells keep their width, so that no verdict is cut at 80 columns.
     widths = [len(line) for size in sizes for line in size]
@@ -357,10 +357,10 @@ def findings_table(found: Diagnosis) -> list[Table]:
     return [Table(heads, rows, "What is missing", left=range(4), least=least)]
 
 
-def _effect_cell(effect: Finding, found: Diagnosis) -> str:
-    same = others(effect, found)
+def _effect_cell(effect: Finding, diagnosis: Diagnosis) -> str:
+    same = others(effect, diagnosis)
     tail = f"\nor {same}: these data cannot tell" if same else ""
-    return Strong(title(effect, found.verdict) + tail)
+    return Strong(title(effect, diagnosis.verdict) + tail)
 
 
 def _evidence_cell(effect: Finding) -> str:
@@ -420,7 +420,7 @@ _HEADS[PLAIN] = "least\nsquares"
 _PAIR = 12  # characters of an error before and after
 
 
-def brief_errors(found: Diagnosis, lines: Sequence[ErrorRow]) -> list[str | Table]:
+def brief_errors(diagnosis: Diagnosis, lines: Sequence[ErrorRow]) -> list[str | Table]:
     """As many errors as eighty columns hold; the page and the JSON have all."""
     refit = ("nominal", "identified")
     metrics = [m for m in METRICS if any(has(lines, m, s) for s in refit)]
@@ -437,8 +437,8 @@ def brief_errors(found: Diagnosis, lines: Sequence[ErrorRow]) -> list[str | Tabl
         flag = " !" if row.flagged else "  "
         rest = [bare_percent(row.unexplained) + flag] if share else []
         rows.append((row.label, *cells, *rest))
-    where = f" on {', '.join(found.errors.logs)}" if found.errors.logs else ""
-    weak = " (the same run: a weak proof)" if found.errors.same_run else ""
+    where = f" on {', '.join(diagnosis.errors.logs)}" if diagnosis.errors.logs else ""
+    weak = " (the same run: a weak proof)" if diagnosis.errors.same_run else ""
     heads = ["joint", *(_HEADS.get(s, s) for s in stages)]
     heads += [*(METRICS[m] for m in second), *(["unex-\nplained"] if share else [])]
     pairs = [len(stages) + 1] if second else []
@@ -459,9 +459,9 @@ def _both_errors(row: ErrorRow, metric: str) -> str:
     return f"{before} → {after:>5}" if any(map(known, values)) else ""
 
 
-def evidence_table(found: Diagnosis) -> Table:
+def evidence_table(diagnosis: Diagnosis) -> Table:
     """Return how sure each finding is."""
-    named = found.effects
+    named = diagnosis.effects
     again = any(map(found_again, named))
     chance = any(known(e.evidence.p_value) for e in named)
     heads = ["Effect", "Probability", "Evidence, nats", "By", "Held-out motion", "Gain"]
@@ -469,7 +469,7 @@ def evidence_table(found: Diagnosis) -> Table:
     rows = []
     for effect in named:
         evidence = effect.evidence
-        row = [_class_cell(effect, found), probability(effect.probability)]
+        row = [_class_cell(effect, diagnosis), probability(effect.probability)]
         row += [number(evidence.nats), evidence.by or MISSING, _tag(evidence.held_out)]
         row += [fraction(evidence.held_out_gain)]
         row += [found_again(effect) or MISSING] * again
@@ -477,9 +477,9 @@ def evidence_table(found: Diagnosis) -> Table:
     return Table(heads, rows, left=(0, 3, 4))
 
 
-def _class_cell(effect: Finding, found: Diagnosis) -> str:
-    name = sentence_case(title(effect, found.verdict))
-    other = tag("span", f"or {others(effect, found)}", "soft")
+def _class_cell(effect: Finding, diagnosis: Diagnosis) -> str:
+    name = sentence_case(title(effect, diagnosis.verdict))
+    other = tag("span", f"or {others(effect, diagnosis)}", "soft")
     return Markup("{}<br>{}").format(name, other) if effect.equivalent else name
 
 

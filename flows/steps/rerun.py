@@ -62,8 +62,8 @@ def again(store: Path, run_id: str, manifest: Mapping) -> Simulated:
     halves = plain(sealed_half(spec)), plain(open_half(spec, checked_robot(spec)))
     if halves != (hidden, manifest["spec"]):
         raise InputError(f"Run {run_id} cannot be made again: {_OTHER}")
-    made = make(spec, store)
-    return replace(made, manifest={**made.manifest, "robot": manifest["robot"]})
+    run = make(spec, store)
+    return replace(run, manifest={**run.manifest, "robot": manifest["robot"]})
 
 
 def spec_of(manifest: Mapping, hidden: Mapping) -> ExperimentSpec:
@@ -211,87 +211,87 @@ class Rerun:
 
 def rerun(id: str, store: Path, verify: bool = False) -> Rerun:
     """Make a record again from what it says of itself."""
-    found, now = find(store, id), asdict(provenance())
-    if found.kind == "runs":
-        return _rerun_run(found, store, now, verify)
-    return _rerun_record(found, store, now, verify)
+    record, now = find(store, id), asdict(provenance())
+    if record.kind == "runs":
+        return _rerun_run(record, store, now, verify)
+    return _rerun_record(record, store, now, verify)
 
 
-def _rerun_run(found: Found, store: Path, now: Mapping, verify: bool) -> Rerun:
-    manifest = read_manifest(store, found.id)
+def _rerun_run(record: Found, store: Path, now: Mapping, verify: bool) -> Rerun:
+    manifest = read_manifest(store, record.id)
     if manifest.get("spec") is None:
-        return _check_imported(found, store, manifest, verify)
-    made = again(store, found.id, manifest)
-    apart = _run_apart(found, store, manifest, made)
-    facts = _facts(found, store, manifest["provenance"], now, apart)
+        return _check_imported(record, store, manifest, verify)
+    simulated = again(store, record.id, manifest)
+    apart = _run_apart(record, store, manifest, simulated)
+    facts = _facts(record, store, manifest["provenance"], now, apart)
     if verify:
         return facts
     id = None
     if not facts.same_code:
-        id = experiment.keep(made, store, {RERUN_OF: [found.id]})
-    note = _note(store, facts, found.folder.parent.name[6:], id)
+        id = experiment.keep(simulated, store, {RERUN_OF: [record.id]})
+    note = _note(store, facts, record.folder.parent.name[6:], id)
     return replace(facts, made=id, noted=note)
 
 
-def _rerun_record(found: Found, store: Path, now: Mapping, verify: bool) -> Rerun:
-    if found.kind == "reports":
+def _rerun_record(record: Found, store: Path, now: Mapping, verify: bool) -> Rerun:
+    if record.kind == "reports":
         raise InputError(
-            f"{found.id} is a report: a page about a diagnosis. Make that one again: "
+            f"{record.id} is a report: a page about a diagnosis. Make that one again: "
             "modelgap lineage names it."
         )
-    row = read_row(found)
+    row = read_row(record)
     then = json.loads(row.get("provenance") or "{}")
-    with made_again(store, found) as (own, made):
-        facts = _facts(found, store, then, now, apart(found, made))
+    with made_again(store, record) as (own, new):
+        facts = _facts(record, store, then, now, apart(record, new))
         if verify:
             return facts
-        other = made.id != found.id and not facts.same_code
-        id = keep_record(own, store, found, made) if other else None
+        other = new.id != record.id and not facts.same_code
+        id = keep_record(own, store, record, new) if other else None
         return replace(facts, made=id, noted=_note(store, facts, row["robot"], id))
 
 
 def _facts(
-    found: Found, store: Path, then: Mapping, now: Mapping, apart: tuple[Channel, ...]
+    record: Found, store: Path, then: Mapping, now: Mapping, apart: tuple[Channel, ...]
 ) -> Rerun:
     """Return what a rerun shows, before anything of it is kept."""
-    key = "code_hash" if found.kind == "runs" else "program_hash"
-    apart, wrong = differing(apart), faults(found)
+    key = "code_hash" if record.kind == "runs" else "program_hash"
+    apart, wrong = differing(apart), faults(record)
     cause = None
     if apart or wrong:
         cause = cause_of(then, now, key, wrong, store)
     same = then.get(key) == now[key]
-    return Rerun(found.id, found.kind, apart, same, cause, about_changes(store, then))
+    return Rerun(record.id, record.kind, apart, same, cause, about_changes(store, then))
 
 
-def _run_apart(found: Found, store: Path, manifest: Mapping, made) -> tuple:
+def _run_apart(record: Found, store: Path, manifest: Mapping, simulated) -> tuple:
     # Past the check of the hash: what was changed is to be found, not only refused.
-    stored = to_arrays(read_parquet(found.folder / SAMPLES_FILE))
+    stored = to_arrays(read_parquet(record.folder / SAMPLES_FILE))
     names = ("t", "q", "qd", "qdd", "tau", "q_ref")
-    logged = {name: getattr(made.log, name) for name in names}
+    logged = {name: getattr(simulated.log, name) for name in names}
     logged = {k: v for k, v in logged.items() if v is not None}
-    apart = compare(stored, {**logged, **made.twin})
-    if data_hash(made.truth) == manifest["truth_hash"]:
+    apart = compare(stored, {**logged, **simulated.twin})
+    if data_hash(simulated.truth) == manifest["truth_hash"]:
         return apart
     # Which of its channels would tell what is hidden.
     return (*apart, Channel(_TRUTH, "", False, note="other values"))
 
 
 def _check_imported(
-    found: Found, store: Path, manifest: Mapping, verify: bool
+    record: Found, store: Path, manifest: Mapping, verify: bool
 ) -> Rerun:
     if not verify:
         raise InputError(
-            f"Run {found.id} was measured, not simulated: it cannot be made again. "
-            f"modelgap rerun {found.id[:8]} --verify checks its values against their "
+            f"Run {record.id} was measured, not simulated: it cannot be made again. "
+            f"modelgap rerun {record.id[:8]} --verify checks its values against their "
             "hash."
         )
-    wrong = faults(found)
+    wrong = faults(record)
     cause = Cause("damaged", "; ".join(wrong)) if wrong else None
     known = about_changes(store, manifest["provenance"])
-    return Rerun(found.id, found.kind, (), True, cause, known, imported=True)
+    return Rerun(record.id, record.kind, (), True, cause, known, imported=True)
 
 
-def _note(store: Path, outcome: Rerun, robot: str, made: str | None) -> str | None:
+def _note(store: Path, outcome: Rerun, robot: str, new: str | None) -> str | None:
     """Keep on record that a rerun did not reproduce; None if it did."""
     if outcome.cause is None:
         return None
@@ -305,7 +305,7 @@ def _note(store: Path, outcome: Rerun, robot: str, made: str | None) -> str | No
         "differences": [asdict(c) for c in outcome.apart[:_MOST]],
         "changes": outcome.changes,
     }
-    parents = {RERUN_OF: [outcome.id], **({KIND: [made]} if made else {})}
+    parents = {RERUN_OF: [outcome.id], **({KIND: [new]} if new else {})}
     return commit_record(store, "validations", record, parents=parents)
 
 
@@ -317,39 +317,39 @@ def _note(store: Path, outcome: Rerun, robot: str, made: str | None) -> str | No
 
 
 @contextmanager
-def made_again(store: Path, found: Found) -> Iterator[tuple[Path, Found]]:
+def made_again(store: Path, record: Found) -> Iterator[tuple[Path, Found]]:
     """Make a record once more.
 
     Yields:
         A store for the time being, and the new record in it.
     """
-    request = read_record(store, found.id).get("request") or {}
+    request = read_record(store, record.id).get("request") or {}
     step = _STEPS.get(request.get("step"))
     if step is None:
         raise InputError(
-            f"{found.id} ({found.kind}) does not say how it was made, so it cannot be "
-            "made again. Records of identify, calibrate, diagnose, validate and "
+            f"{record.id} ({record.kind}) does not say how it was made, so it cannot "
+            "be made again. Records of identify, calibrate, diagnose, validate and "
             "monitor by this version do."
         )
-    before = [each for each in needed(store, found.id) if each.id != found.id]
+    before = [each for each in needed(store, record.id) if each.id != record.id]
     with TemporaryDirectory(prefix="modelgap-rerun-") as folder:
         own = Path(folder).resolve()
-        _link(store, own, before, _tracks(store, found))
+        _link(store, own, before, _tracks(store, record))
         with instead(_robots(store, request, before)):
             verb, make = step
             make(verb.from_record(request, own))
-        made = _counterpart(own, found, {each.id for each in before})
-        yield own, made
+        new = _counterpart(own, record, {each.id for each in before})
+        yield own, new
 
 
-def apart(found: Found, made: Found) -> tuple[Channel, ...]:
+def apart(record: Found, other: Found) -> tuple[Channel, ...]:
     """Return where two records of one kind differ, value by value."""
-    one, two = read_row(found), read_row(made)
+    one, two = read_row(record), read_row(other)
     out = values_apart(json.loads(one["record"]), json.loads(two["record"]), "")
-    old, new = (list_tables(each) | _parquets(each) for each in (found, made))
+    old, new = (list_tables(each) | _parquets(each) for each in (record, other))
     for name in old | new:
         out += _table_apart(name, old.get(name), new.get(name))
-    old, new = _bytes(found), _bytes(made)
+    old, new = _bytes(record), _bytes(other)
     out += [
         Channel(name, "", False, note="another file")
         for name in old | new
@@ -358,20 +358,20 @@ def apart(found: Found, made: Found) -> tuple[Channel, ...]:
     return tuple(out)
 
 
-def keep_record(own: Path, store: Path, old: Found, made: Found) -> str:
+def keep_record(own: Path, store: Path, old: Found, new: Found) -> str:
     """Put a record that was made again, and what was made with it, into the store.
 
     Returns:
         The id that the new one has in the store; the first one is its parent.
     """
     renamed: dict[str, str] = {}
-    for each in needed(own, made.id):
+    for each in needed(own, new.id):
         if is_there(store / each.folder.relative_to(own)):
             continue
         row = read_row(each)
         parents = [(p["parent"], p["role"]) for p in row["lineage"] or []]
         parents = [(renamed.get(id, id), role) for id, role in parents]
-        if each.id == made.id:
+        if each.id == new.id:
             parents.append((old.id, RERUN_OF))
         text = row["record"]
         for before, after in renamed.items():
@@ -381,7 +381,7 @@ def keep_record(own: Path, store: Path, old: Found, made: Found) -> str:
         renamed[each.id] = commit_record(
             store, each.kind, json.loads(text), tables, parents, _bytes(each)
         )
-    return renamed[made.id]
+    return renamed[new.id]
 
 
 def _link(store: Path, own: Path, before: Sequence[Found], sealed: bool) -> None:
@@ -404,18 +404,18 @@ def _share(folder: Path, target: Path) -> None:
             shutil.copyfile(path, target / path.name)
 
 
-def _tracks(store: Path, found: Found) -> bool:
+def _tracks(store: Path, record: Found) -> bool:
     """Whether a record was made with the hidden half of a run: feed-forward is."""
-    kind = read_record(store, found.id).get("kind") or ""
+    kind = read_record(store, record.id).get("kind") or ""
     drives = "feed_forward" in kind or kind == TRACKING
-    return found.kind == "validations" and drives
+    return record.kind == "validations" and drives
 
 
-def _counterpart(own: Path, found: Found, before: set[str]) -> Found:
-    new = [id for id in list_folders(own, found.kind) if id not in before]
+def _counterpart(own: Path, record: Found, before: set[str]) -> Found:
+    new = [id for id in list_folders(own, record.kind) if id not in before]
     if len(new) != 1:
         raise InputError(
-            f"Making {found.id} again gave {len(new)} records of {found.kind}, "
+            f"Making {record.id} again gave {len(new)} records of {record.kind}, "
             "expected 1. Its request does not fit this version of the program."
         )
     return find(own, new[0])
@@ -459,13 +459,13 @@ _STEPS: Mapping[str, tuple[type[Request], Callable]] = {
 }
 
 
-def _parquets(found: Found) -> dict:
-    paths = other_files(found).values()
+def _parquets(record: Found) -> dict:
+    paths = other_files(record).values()
     return {p.stem: read_parquet(p) for p in paths if p.suffix == ".parquet"}
 
 
-def _bytes(found: Found) -> dict[str, bytes]:
-    paths = other_files(found).values()
+def _bytes(record: Found) -> dict[str, bytes]:
+    paths = other_files(record).values()
     return {p.name: p.read_bytes() for p in paths if p.suffix != ".parquet"}
 
 

@@ -23,19 +23,19 @@ HIDDEN = 1.25  # ratio from which random rows are said to hide something
 WORSE = 1.03  # ... from which one error is said to be above another
 
 
-def sentences(made: Calibration) -> tuple[str, ...]:
+def sentences(result: Calibration) -> tuple[str, ...]:
     """Return what the table shows, the verdict on random rows first."""
-    said = [
-        _random_words(made.scores),
-        _repeat_words(made.scores),
-        _default_words(made.scores),
-        _block_words(made.scores),
-        _family_words(made.scores),
-        _effect_words(made.scores),
-        _level_words(made),
-        _jackknife_words(made),
+    parts = [
+        _random_words(result.scores),
+        _repeat_words(result.scores),
+        _default_words(result.scores),
+        _block_words(result.scores),
+        _family_words(result.scores),
+        _effect_words(result.scores),
+        _level_words(result),
+        _jackknife_words(result),
     ]
-    return tuple(s for s in said if s)
+    return tuple(s for s in parts if s)
 
 
 def plane_words(plane: Plane) -> tuple[str, ...]:
@@ -45,16 +45,16 @@ def plane_words(plane: Plane) -> tuple[str, ...]:
         strong = plane.strong(component)
         states = [_loading(*s) for s in strong if not s[0].startswith("residual")]
         joints = [_loading(*s) for s in strong if s[0].startswith("residual")]
-        told = f"Component {component + 1} explains {share:.0f} % of the residuals"
+        text = f"Component {component + 1} explains {share:.0f} % of the residuals"
         if not states:
-            told += ", and no variable has a correlation of 0.5 with it"
+            text += ", and no variable has a correlation of 0.5 with it"
         else:
-            told += f" and goes with {', '.join(states)}"
+            text += f" and goes with {', '.join(states)}"
         if states and joints:
-            told += f"; with {', '.join(joints)}{_meaning(strong)}"
+            text += f"; with {', '.join(joints)}{_meaning(strong)}"
         elif states:
-            told += "; no joint's residual goes with it"
-        out.append(f"{told}.")
+            text += "; no joint's residual goes with it"
+        out.append(f"{text}.")
     return tuple(out)
 
 
@@ -116,15 +116,15 @@ def _default_words(scores: Sequence[Score]) -> str | None:
     ls = find(scores, RUN, LS)
     if ours is None or none is None or ls is None:
         return None
-    told = f"On unseen runs the default form leaves {_p(ours)}, no compensation "
-    told += f"{_p(none)}, LS {_p(ls)}"
+    text = f"On unseen runs the default form leaves {_p(ours)}, no compensation "
+    text += f"{_p(none)}, LS {_p(ls)}"
     worse = _above(ours, none)
     if worse:
-        return f"{told}; it is above no compensation on {_joints(worse)}."
+        return f"{text}; it is above no compensation on {_joints(worse)}."
     gain = 1 - ours.overall / none.overall
     if gain < 0.03:
-        return f"{told}: there is little that tables can add to this model."
-    return f"{told}; it is nowhere more than 3 % above no compensation."
+        return f"{text}: there is little that tables can add to this model."
+    return f"{text}; it is nowhere more than 3 % above no compensation."
 
 
 def _block_words(scores: Sequence[Score]) -> str | None:
@@ -133,15 +133,15 @@ def _block_words(scores: Sequence[Score]) -> str | None:
     if none is None:
         return None
     rng = np.random.default_rng(0)
-    told = []
+    text = []
     for model in (DEFAULT, PAPER_FORM, EFFECTS):
         one = find(scores, BLOCK, model)
         if one is not None:
             ratio = ratio_interval(one, none, rng)
-            told.append(f"{WORDS[model]} {_p(one)}, which is {ratio} times that")
+            text.append(f"{WORDS[model]} {_p(one)}, which is {ratio} times that")
     return (
         f"On unseen blocks of the same runs, which ask less than an unseen run, no "
-        f"compensation leaves {_p(none)}; {'; '.join(told)}."
+        f"compensation leaves {_p(none)}; {'; '.join(text)}."
     )
 
 
@@ -150,12 +150,12 @@ def _family_words(scores: Sequence[Score]) -> str | None:
     none = find(scores, FAMILY, NONE)
     if runs is None or families is None or none is None:
         return None
-    told = (
+    text = (
         f"On a kind of motion that it never saw, the default form leaves "
         f"{_p(families)}, no compensation {_p(none)}"
     )
     worse = _above(families, none)
-    return f"{told}; above it on {_joints(worse)}." if worse else f"{told}."
+    return f"{text}; above it on {_joints(worse)}." if worse else f"{text}."
 
 
 def _effect_words(scores: Sequence[Score]) -> str | None:
@@ -170,35 +170,37 @@ def _effect_words(scores: Sequence[Score]) -> str | None:
     )
 
 
-def _level_words(made: Calibration) -> str | None:
-    if made.sweep is None:
+def _level_words(result: Calibration) -> str | None:
+    if result.sweep is None:
         return None
     best = {
-        name: made.sweep.levels[int(np.nansum(errors**2, axis=1).argmin())]
-        for name, errors in made.sweep.errors.items()
+        name: result.sweep.levels[int(np.nansum(errors**2, axis=1).argmin())]
+        for name, errors in result.sweep.errors.items()
     }
     if set(best) != {RUN, RANDOM}:
         return None
-    told = f"Of {made.sweep.levels[0]} to {made.sweep.levels[-1]} levels, random rows "
+    text = (
+        f"Of {result.sweep.levels[0]} to {result.sweep.levels[-1]} levels, random rows "
+    )
     if best[RUN] == best[RANDOM]:
-        return f"{told}and unseen runs both ask for {best[RUN]}."
-    return f"{told}ask for {best[RANDOM]}, unseen runs for {best[RUN]}."
+        return f"{text}and unseen runs both ask for {best[RUN]}."
+    return f"{text}ask for {best[RANDOM]}, unseen runs for {best[RUN]}."
 
 
-def _jackknife_words(made: Calibration) -> str | None:
+def _jackknife_words(result: Calibration) -> str | None:
     """What random rows say of the terms' significance, and what runs say."""
-    if made.terms is None:
+    if result.terms is None:
         return None
-    parts = made.terms.by_rows, made.terms.sizes
+    parts = result.terms.by_rows, result.terms.sizes
     over_rows, over_runs = (100 * float(part.significant.mean()) for part in parts)
-    told = (
+    text = (
         f"Jack-knifed over random rows {over_rows:.0f} % of all contributions are "
         f"significant, over runs {over_runs:.0f} %"
     )
     if over_rows < HIDDEN * over_runs:
-        return f"{told}."
+        return f"{text}."
     return (
-        f"{told}: rows left out have their neighbours in the fit, so that they say how "
+        f"{text}: rows left out have their neighbours in the fit, so that they say how "
         "well a contribution is known on these paths, and not whether another has it."
     )
 
