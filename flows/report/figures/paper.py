@@ -35,12 +35,6 @@ from residual.calibration.views import (
     Unseen,
 )
 
-LABELS = {
-    "nominal": "nominal",
-    "identified": "identified (refit)",
-    "augmented": "augmented (with the findings)",
-    "plsr": "PLSR",
-}
 INK, SOFT, GRID = "#222222", "#5c6670", "#e3e7ea"
 
 _FONTS = "'Helvetica Neue', Arial, 'Liberation Sans', 'DejaVu Sans', sans-serif"

@@ -1,6 +1,5 @@
 """Motions within the limits of an arm that may answer a question, and their course."""
 
-from collections.abc import Callable
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -23,7 +22,6 @@ from sim.trajectories.move_stop_move import given_places, round_time
 from sim.trajectories.reference import make_plan
 
 Array = np.ndarray
-Curve = Callable[[Array], tuple[Array, Array, Array]]
 
 FOURIER, MOVES = "fourier", "move_stop_move"
 PERIODS = (2.5, 5.0, 10.0)  # s, of Fourier motions, about; all are tried
