@@ -4,6 +4,8 @@ import json
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 
+from pydantic import TypeAdapter
+
 from flows.inputs.given import load
 from flows.outputs import json_text
 from flows.report.diagnosis import render
@@ -12,13 +14,13 @@ from flows.report.page import made_of, of_record
 from flows.report.words.phrases import Hidden, Staged
 from flows.report.words.verdict import sentences
 from flows.storage.diagnosis import read_outcome, store_report
-from residual.diagnosis.result import Edit
 from residual.diagnosis.verdict import to_json
 from sim.engine.render import gif_of
 from warehouse.layout import read_record
 from warehouse.runs import read_run
 
 CLIP = 6.0  # s of motion in the picture
+_HIDDEN = TypeAdapter(tuple[Hidden, ...])
 
 
 def diagnosis_page(
@@ -69,13 +71,4 @@ def words(proof: str, store: Path) -> str:
 
 def as_hidden(found: Sequence[Mapping]) -> tuple[Hidden, ...]:
     """Return what a seal held as the report takes it."""
-    return tuple(
-        Hidden(
-            e["name"], tuple(e["joints"]), dict(e["parameters"]), _edit(e.get("edit"))
-        )
-        for e in found
-    )
-
-
-def _edit(entry: Mapping | None) -> Edit | None:
-    return entry and Edit(**{**entry, "joints": tuple(entry["joints"])})
+    return _HIDDEN.validate_python(found)

@@ -9,6 +9,7 @@ from pathlib import Path
 from time import perf_counter
 
 import numpy as np
+from pydantic import TypeAdapter
 
 from flows.inputs.given import load
 from flows.specs.experiment import NOMINAL, ControllerTable, ExperimentSpec
@@ -22,8 +23,6 @@ from residual.recording import Recording
 from residual.robot.robot import Robot
 from sim.engine.records import (
     NAMES,
-    Noise,
-    PlantEffect,
     PlantSpec,
     Reference,
     TrajectorySpec,
@@ -44,6 +43,7 @@ ADOPTED, FEED_FORWARD = "adopted", "feed_forward"
 Given = np.ndarray | Callable
 
 _LATER = ("background", "worked_before")
+_PLANT = TypeAdapter(PlantSpec)
 
 
 @dataclass(frozen=True, slots=True)
@@ -191,18 +191,8 @@ def plant_of(sealed: Mapping) -> PlantSpec:
         InputError: If it is not a sealed half as this version writes it.
     """
     try:
-        effects = tuple(
-            PlantEffect(
-                effect["name"],
-                tuple(effect["joints"]),
-                tuple((key, value) for key, value in effect["parameters"]),
-                effect["onset"],
-            )
-            for effect in sealed["effects"]
-        )
-        noise = Noise(**sealed["noise"])
-        plant = PlantSpec(**{**sealed, "effects": effects, "noise": noise})
-    except (KeyError, TypeError, ValueError):
+        plant = _PLANT.validate_python(sealed)
+    except ValueError:
         plant = None
     # A key too many or too few would be another arm, and nobody would see it. What is
     # hidden stays hidden: the message has no values, and no error that has some.
