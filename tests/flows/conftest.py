@@ -18,6 +18,7 @@ from residual.diagnosis.result import Diagnosis
 from residual.recording import Recording
 from residual.tables.form import EffectForm
 from residual.tables.nominal_pls import NominalForm
+from sim.engine.records import PlantRun
 from tests.flows import report_outcomes
 from tests.flows.adopted_arm import make_nights
 from tests.flows.prefect_server import asked, started
@@ -62,6 +63,32 @@ def arm_nights(nights_made, tmp_path_factory):
     store = tmp_path_factory.mktemp("nights") / "store"
     copytree(nights_made.store, store)
     return replace(nights_made, store=store)
+
+
+@pytest.fixture
+def own_folder(tmp_path, monkeypatch):
+    """A folder to work in; no store is named."""
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.delenv("MODELGAP_STORE", raising=False)
+    return tmp_path
+
+
+@pytest.fixture
+def plant(monkeypatch):
+    """Replace plant and motion by noise of the seeds; more is added to its torque."""
+    more = {"tau": 0.0, "specs": []}
+
+    def simulate(spec, robot, store):
+        more["specs"].append(spec)
+        rng = np.random.default_rng([spec.reference().seed, spec.plant_spec().seed])
+        q, tau, error = rng.normal(size=(3, 50, robot.dof))
+        tau[20:, 2] += more["tau"]
+        log = Recording("", robot.name, spec.start + np.arange(50) / 250, q, tau)
+        run = PlantRun(log, {"tau_spring": 2 * q}, {"e_q": error})
+        return run, {"reference_s": 0.1, "plant_s": 0.2}
+
+    monkeypatch.setattr("flows.steps.experiment._simulate", simulate)
+    return more
 
 
 @pytest.fixture

@@ -32,13 +32,12 @@ def run(words):
 
 
 @pytest.fixture
-def place(tmp_path, monkeypatch):
+def place(own_folder):
     """A working directory with an arm and its logs A.csv to D.csv.
 
     Of four runs a choice leaves out runs, of fewer blocks of them: many more fits.
     """
-    monkeypatch.chdir(tmp_path)
-    return workplace(tmp_path, "ABCD", 2.4)
+    return workplace(own_folder, "ABCD", 2.4)
 
 
 @pytest.fixture(scope="module")
@@ -115,18 +114,6 @@ def test_runs_are_calibrated_as_in_the_paper_and_kept(stored, capsys):
     pooled = [r["value"] for r in errors if r["stage"] == "ls" and not r["run_id"]]
     row = next(r for r in made["table"] if (r["scheme"], r["model"]) == ("run", "ls"))
     assert pooled == [pytest.approx(row["rmsev"][1])]
-
-
-@pytest.mark.long
-def test_levels_components_and_joints_are_options(place, capsys):
-    words = "calibrate A.csv B.csv C.csv D.csv --robot arm.urdf --joints 1,2 --levels 4"
-    assert run(f"{words} --components 3 --json o.json") == 0
-    made = json.loads(Path("o.json").read_text())
-    assert made["joints"] == [1, 2]
-    assert made["variables"] == ["q1", "q2", "qd1", "qd2", "qdd1", "qdd2"]
-    assert made["paper_form"] is None
-    paper = next(row for row in made["table"] if row["model"] == "paper")
-    assert paper["components"] <= 3
 
 
 @pytest.mark.long

@@ -22,11 +22,9 @@ JOINTS = [(j, f"j{j}") for j in (1, 2, 3)]
 
 
 @pytest.fixture
-def place(tmp_path, monkeypatch):
+def place(own_folder):
     """A working directory with an arm and its logs A.csv and B.csv."""
-    monkeypatch.chdir(tmp_path)
-    monkeypatch.delenv("MODELGAP_STORE", raising=False)
-    return workplace(tmp_path, "AB", 8.0)
+    return workplace(own_folder, "AB", 8.0)
 
 
 @pytest.fixture

@@ -32,11 +32,9 @@ def run(words):
 
 
 @pytest.fixture
-def place(tmp_path, monkeypatch):
+def place(own_folder):
     """A working directory with an arm and its logs A.csv to D.csv."""
-    monkeypatch.chdir(tmp_path)
-    monkeypatch.delenv("MODELGAP_STORE", raising=False)
-    return workplace(tmp_path, "ABCD", 4.0)
+    return workplace(own_folder, "ABCD", 4.0)
 
 
 @pytest.fixture

@@ -48,19 +48,12 @@ def test_nothing_is_adopted_and_nothing_runs_until_somebody_answers(asked):
     assert given == []
 
 
-def test_yes_adopts_with_the_note_of_who_answered(asked):
+@pytest.mark.parametrize(("yes", "note"), [(True, "looked at it"), (False, "")])
+def test_yes_adopts_with_the_note_of_who_answered_and_no_ends_it(asked, yes, note):
     run, go, given = asked
     go()
-    answered(run, adopt=True, note="looked at it")
-    state = go()
-    assert state.type.value == "COMPLETED"
-    ((diagnosis, _, note),) = given
-    assert (diagnosis, note) == ("ab" * 10, "looked at it")
-
-
-def test_no_ends_it(asked):
-    run, go, given = asked
-    go()
-    answered(run, adopt=False, note="")
+    answered(run, adopt=yes, note=note)
     assert go().type.value == "COMPLETED"
-    assert given == []
+    assert [(diagnosis, said) for diagnosis, _, said in given] == (
+        [("ab" * 10, note)] if yes else []
+    )

@@ -4,7 +4,6 @@ import json
 import shutil
 from dataclasses import asdict, replace
 
-import numpy as np
 import pyarrow.parquet as pq
 import pytest
 
@@ -16,8 +15,6 @@ from flows.steps.diagnose import diagnose_runs
 from flows.steps.diff import diff
 from flows.steps.rerun import cause_of
 from residual.errors import InputError
-from residual.recording import Recording
-from sim.engine.records import PlantRun
 from tests.verdict_documents import typed
 from tests.warehouse import store_samples
 from warehouse import provenance
@@ -42,23 +39,6 @@ def spec(**changes):
         "plant": {"effect": EFFECTS, "salt": "ü"},
     }
     return experiment_of(content | changes, "SPEC.toml")
-
-
-@pytest.fixture
-def plant(monkeypatch):
-    """Replace plant and motion by noise of the seeds; more is added to its torque."""
-    more = {"tau": 0.0}
-
-    def simulate(spec, robot, store):
-        rng = np.random.default_rng([spec.reference().seed, spec.plant_spec().seed])
-        q, tau, error = rng.normal(size=(3, 50, robot.dof))
-        tau[20:, 2] += more["tau"]
-        log = Recording("", robot.name, spec.start + np.arange(50) / 250, q, tau)
-        run = PlantRun(log, {"tau_spring": 2 * q}, {"e_q": error})
-        return run, {"reference_s": 0.1, "plant_s": 0.2}
-
-    monkeypatch.setattr(experiment, "_simulate", simulate)
-    return more
 
 
 @pytest.fixture

@@ -391,7 +391,7 @@ def few_runs():
     """Two runs of an arm whose dry friction its model lacks."""
     declared = ("viscous", "rotor_inertia")
     settings = replace(QUICK, declared=declared, views=False, schemes=(RUN, BLOCK))
-    runs = [Run(log) for log in logs(2, noise=0.3, duration=8.0)]
+    runs = [Run(log) for log in logs(2, noise=0.3, duration=6.0)]
     return calibrate(truth().robot, runs, settings)
 
 
@@ -455,7 +455,7 @@ def test_a_choice_that_other_nominal_models_do_not_bear_out_is_dropped():
 
 
 def test_a_single_log_is_cut_into_parts_and_effects_of_a_diagnosis_are_judged():
-    (log,) = logs(1, noise=0.3, duration=12.0)
+    (log,) = logs(1, noise=0.3, duration=9.0)
     settings = replace(QUICK, declared=("viscous", "rotor_inertia"), views=False)
     settings = replace(settings, schemes=(RUN,))
     coulomb = registry()["coulomb"]

@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 import pinocchio as pin
 import pytest
-from hypothesis import given
+from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from residual import effects
@@ -410,6 +410,7 @@ def test_payload_inertia_is_reported_only_where_it_is_known_and_positive():
 
 
 @pytest.mark.parametrize("name", NAMES)
+@settings(max_examples=25)
 @given(speed=st.floats(1e-3, 5), travel=st.floats(1e-3, 6), duration=st.floats(0, 4000))
 def test_shapes_are_usable_however_the_arm_moved(name, speed, travel, duration):
     effect, robot = registry()[name], arm()

@@ -1,6 +1,5 @@
 """Laws of the exports: what is carried is right, and the rest is said with its size."""
 
-import json
 import re
 from dataclasses import replace
 
@@ -28,7 +27,6 @@ from residual.export.numpy_file import to_numpy
 from residual.export.simulators import saturated_speed, to_mjcf, to_urdf
 from residual.model.corrected import NEAREST, NOTHING, Corrected, Tables
 from residual.model.model import Model
-from residual.model.record import from_record
 from residual.signals.logs import CHOICES
 from residual.tables.form import MAIN
 from tests.residual.test_model_record import lookup
@@ -149,15 +147,6 @@ def _corrected(robot) -> Corrected:
     columns = (("qd", (0,), ""), ("q", (1,), ""))
     own = tuple(Tables(j, columns, lookup(rng), MAIN) for j in (1, 2))
     return Corrected(model_with(robot, "viscous", "torque_gain"), own)
-
-
-def test_json_has_all_of_it_tables_and_all():
-    whole = _corrected(robot_of("seven"))
-    made = to_json(whole)
-    (text,) = made.files.values()
-    again, motion = from_record(json.loads(text)), exciting(whole.model.robot)
-    want = whole.along(motion.t, motion.parts)
-    assert again.along(motion.t, motion.parts).tobytes() == want.tobytes()
 
 
 @pytest.mark.parametrize("target", ["urdf", "mjcf"])

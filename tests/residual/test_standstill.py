@@ -4,7 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from hypothesis import given
+from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from residual.effects import registry
@@ -27,6 +27,7 @@ def motion(seed=0, n=400):
 
 
 @pytest.mark.parametrize("shape", CHOICES, ids=str)
+@settings(max_examples=25)
 @given(seed=st.integers(0, 2000))
 def test_direction_stays_between_minus_one_and_one(shape, seed):
     q, qd = motion(seed)

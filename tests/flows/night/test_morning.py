@@ -44,12 +44,10 @@ ALARMS = 14
 
 
 @pytest.fixture
-def project(tmp_path, monkeypatch):
-    monkeypatch.chdir(tmp_path)
-    monkeypatch.delenv("MODELGAP_STORE", raising=False)
-    (tmp_path / "arm.urdf").write_text(urdf_text())
-    (tmp_path / "modelgap.toml").write_text(TEXT)
-    return read_project(tmp_path)
+def project(own_folder):
+    (own_folder / "arm.urdf").write_text(urdf_text())
+    (own_folder / "modelgap.toml").write_text(TEXT)
+    return read_project(own_folder)
 
 
 def measured(project, seed: int, *tags: str) -> str:

@@ -60,14 +60,12 @@ def csv():
 
 
 @pytest.fixture
-def place(tmp_path, monkeypatch):
+def place(own_folder):
     """A project with an inbox."""
-    monkeypatch.chdir(tmp_path)
-    monkeypatch.delenv("MODELGAP_STORE", raising=False)
-    (tmp_path / "arm.urdf").write_text(urdf_text(AXES))
-    (tmp_path / "modelgap.toml").write_text(TEXT)
-    (tmp_path / "in").mkdir()
-    return tmp_path
+    (own_folder / "arm.urdf").write_text(urdf_text(AXES))
+    (own_folder / "modelgap.toml").write_text(TEXT)
+    (own_folder / "in").mkdir()
+    return own_folder
 
 
 def ask(query):

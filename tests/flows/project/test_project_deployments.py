@@ -32,11 +32,9 @@ folder = "in"
 
 
 @pytest.fixture
-def project(tmp_path, monkeypatch):
-    monkeypatch.chdir(tmp_path)
-    monkeypatch.delenv("MODELGAP_STORE", raising=False)
-    (tmp_path / "modelgap.toml").write_text(TEXT)
-    return read_project(tmp_path)
+def project(own_folder):
+    (own_folder / "modelgap.toml").write_text(TEXT)
+    return read_project(own_folder)
 
 
 def by_name(project):

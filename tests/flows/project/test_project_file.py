@@ -22,12 +22,10 @@ HEAD = "schema = 1\n[[robot]]\nname = 'a'\nurdf = 'arm.urdf'\n"
 
 
 @pytest.fixture
-def place(tmp_path, monkeypatch):
+def place(own_folder):
     """A folder with the URDF of an arm, to work in."""
-    monkeypatch.chdir(tmp_path)
-    monkeypatch.delenv("MODELGAP_STORE", raising=False)
-    (tmp_path / "arm.urdf").write_text(urdf_text(AXES))
-    return tmp_path
+    (own_folder / "arm.urdf").write_text(urdf_text(AXES))
+    return own_folder
 
 
 def test_init_writes_a_project_that_is_usable_at_once(place, capsys):
