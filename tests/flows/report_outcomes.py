@@ -8,7 +8,7 @@ import numpy as np
 from residual.diagnosis.result import Diagnosis
 from residual.diagnosis.verdict import from_json, to_json
 from residual.model.compare import Cloud, LogProof
-from tests.verdict_documents import MODELS, typed, unexplained
+from tests.verdict_documents import MODELS, typed, unexplained, whole
 
 DOF = 6
 STAGES = ("nominal", "identified", "augmented")
@@ -38,6 +38,19 @@ def effect(name: str, joints: list[int], parameters: dict, **more: object) -> di
 def parameter(value: object, std: object, unit: str) -> dict:
     """Return one entry of an effect's parameters."""
     return {"value": value, "std": std, "unit": unit}
+
+
+KEYS = {"viscous": "coefficient", "coulomb": "level", "rotor_inertia": "inertia"}
+
+
+def given_value(
+    name: str, joint: int, nominal: float = 4.0, identified: float = 4.6, **more: object
+) -> dict:
+    """Return one entry of verdict["changes"]."""
+    told = {"parameter": KEYS.get(name, "m3 + m4"), "unit": "N m", "std": 0.1}
+    told |= {"sigma": 6.0, "beyond": True, "explained": False} | more
+    numbers = {"nominal": nominal, "identified": identified}
+    return {"name": name, "joints": [joint], **numbers, **told}
 
 
 BALANCER = effect(
@@ -107,39 +120,26 @@ def verdict(kind: str, effects: list[dict], **changes: object) -> dict:
     after = 7.9 if effects else 12.4
     overall = {"nominal": 66.3, "identified": 12.4, "augmented": after, "plsr": None}
     error = {
-        "metric": "100*||tau-tau_hat||/||tau||",
         "filter": {"cutoff_hz": 8.0},
         "logs": ["C"],
-        "same_run": False,
         "held_out": raw,
         "filtered": filtered,
         "moving": moving,
         "overall": {k: v and v + 3.0 for k, v in overall.items()},
         "overall_filtered": overall,
         "overall_moving": overall,
-        "worse": [],
     }
-    return {
-        "schema": 1,
+    left = {"fraction": 0.04, "noise_floor": 0.011, "noise_model": "autocorrelation"}
+    part = {
         "robot": "kr300",
         "declared": ["viscous", "coulomb", "rotor_inertia"],
         "verdict": kind,
         "effects": effects,
-        "minimum_detectable": [],
-        "unexplained": {
-            "joints": [],
-            "fraction": 0.04,
-            "noise_floor": 0.011,
-            "depends_on": [],
-            "kind": None,
-            "per_joint": [0.03, 0.02, 0.02, 0.04, 0.03, 0.03],
-            "noise_model": "autocorrelation",
-        },
+        "unexplained": left | {"per_joint": [0.03, 0.02, 0.02, 0.04, 0.03, 0.03]},
         "error": error | changes,
         "nominal_scale": 0.3,
-        "next_experiment": None,
-        "warnings": [],
     }
+    return whole(part, DOF)
 
 
 def made(result: dict, sentences: tuple, proofs: tuple, clouds: tuple) -> Diagnosis:

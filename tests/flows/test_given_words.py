@@ -4,23 +4,14 @@ import pytest
 
 from flows.report.words.outlook import off_rows, off_words, other_sets
 from residual.diagnosis.result import Verdict
-from tests.flows.report_outcomes import effect, parameter
+from tests.flows.report_outcomes import effect, given_value, parameter
 from tests.verdict_documents import typed
 
 DRIVES = ("viscous", "coulomb", "rotor_inertia")
-KEYS = dict(zip(DRIVES, ("coefficient", "level", "inertia"), strict=True))
 SPRING = {"name": "spring", "joints": [2]}
 BALANCER = {"name": "balancer", "joints": [2]}
 STRIBECK = {"name": "stribeck", "joints": [3]}
 MOTION, TELLS = "motion", "Another motion would tell them apart."
-
-
-def given(name: str, joint: int, nominal=4.0, identified=4.6, **more) -> dict:
-    """Return one entry of verdict["changes"]."""
-    told = {"parameter": KEYS.get(name, "m3 + m4"), "unit": "N m", "std": 0.1}
-    told |= {"sigma": 6.0, "beyond": True, "explained": False} | more
-    numbers = {"nominal": nominal, "identified": identified}
-    return {"name": name, "joints": [joint], **numbers, **told}
 
 
 def another(*places: dict, by: str = MOTION) -> dict:
@@ -36,19 +27,19 @@ def verdict(*effects: dict, **part: object) -> Verdict:
     ("changes", "sentence"),
     [
         ([], ""),
-        ([given("coulomb", 1, beyond=False)], ""),
-        ([given("coulomb", 1, explained=True)], ""),
+        ([given_value("coulomb", 1, beyond=False)], ""),
+        ([given_value("coulomb", 1, explained=True)], ""),
         (
-            [given("coulomb", 1)],
+            [given_value("coulomb", 1)],
             "But one of its values is off: coulomb level of joint 1 (4 → 4.6 N m).",
         ),
         (
-            [given("inertial", 3), given("coulomb", 2)],
+            [given_value("inertial", 3), given_value("coulomb", 2)],
             "But two of its values are off: coulomb level of joint 2 (4 → 4.6 N m) and "
             "one sum of masses and inertias.",
         ),
         (
-            [given("inertial", 3), given("inertial", 4)],
+            [given_value("inertial", 3), given_value("inertial", 4)],
             "But two of its values are off: two sums of masses and inertias.",
         ),
     ],
@@ -60,15 +51,18 @@ def test_values_that_are_off_are_counted_and_named(changes, sentence):
 @pytest.mark.parametrize(
     ("change", "cells"),
     [
-        (given("coulomb", 1), ("coulomb level of joint 1", "4 N m", "+15 %")),
-        (given("rotor_inertia", 2), ("rotor inertia of joint 2", "4 N m", "+15 %")),
+        (given_value("coulomb", 1), ("coulomb level of joint 1", "4 N m", "+15 %")),
         (
-            given("viscous", 3, 0.0, 1.0),
+            given_value("rotor_inertia", 2),
+            ("rotor inertia of joint 2", "4 N m", "+15 %"),
+        ),
+        (
+            given_value("viscous", 3, 0.0, 1.0),
             ("viscous coefficient of joint 3", "0 N m", ""),
         ),
-        (given("inertial", 2, -4.0, -5.0), ("m3 + m4", "-4 N m", "-25 %")),
+        (given_value("inertial", 2, -4.0, -5.0), ("m3 + m4", "-4 N m", "-25 %")),
         (
-            given("inertial", 2, parameter="m3 + m4 + m5"),
+            given_value("inertial", 2, parameter="m3 + m4 + m5"),
             ("m3 + m4 + ...", "4 N m", "+15 %"),
         ),
     ],

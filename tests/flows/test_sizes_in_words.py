@@ -7,6 +7,7 @@ from flows.report.diagnosis import tiles_of
 from flows.report.tables import size_of
 from residual.diagnosis.result import Diagnosis
 from residual.effects import registry
+from tests.flows.report_outcomes import effect, given_value, parameter
 from tests.verdict_documents import typed
 
 URDF = ("base_to_turret", "shoulder_lift", "joint_3", "j4", "axis_5", "wrist_roll")
@@ -14,31 +15,10 @@ URDF = ("base_to_turret", "shoulder_lift", "joint_3", "j4", "axis_5", "wrist_rol
 
 def verdict(name, joints, changes=(), declared=(), **parameters):
     """A verdict with one finding: each parameter as (value, std, unit)."""
-    own = {
-        key: {"value": v, "std": s, "unit": unit, "determined": True}
-        for key, (v, s, unit) in parameters.items()
-    }
-    effect = {"name": name, "joints": list(joints), "parameters": own}
-    effect |= {"probability": 0.999, "evidence": {"held_out": "confirmed"}}
+    own = {k: parameter(*told) | {"determined": True} for k, told in parameters.items()}
     frames = {"joints": list(URDF), "flange": "tool0"}
-    part = {"effects": [effect], "changes": list(changes), "frames": frames}
-    return typed({**part, "declared": list(declared)})
-
-
-def change(name, joint, parameter, nominal, identified):
-    """An entry of the table of what the model was given."""
-    return {
-        "name": name,
-        "joints": [joint],
-        "parameter": parameter,
-        "nominal": nominal,
-        "identified": identified,
-        "std": 0.1,
-        "unit": "N m",
-        "sigma": 9.0,
-        "beyond": True,
-        "explained": True,
-    }
+    part = {"effects": [effect(name, list(joints), own)], "changes": list(changes)}
+    return typed({**part, "declared": list(declared), "frames": frames})
 
 
 def tile(said):
@@ -58,17 +38,17 @@ def test_a_balancer_is_an_amplitude_and_where_it_is_largest():
 @pytest.mark.parametrize("angle", [-2.8, -0.4, 0.0, 1.1, 3.0])
 def test_the_wave_is_largest_where_it_is_told_to_be(angle):
     """a sin q + b cos q on a grid, against its amplitude and place in words."""
-    effect, q = registry()["balancer"], np.linspace(-np.pi, np.pi, 7201)
+    balancer, q = registry()["balancer"], np.linspace(-np.pi, np.pi, 7201)
     values = 4.0 * np.array([np.sin(angle), np.cos(angle)])
     wave = values[0] * np.sin(q) + values[1] * np.cos(q)
-    told = effect.told(values)
+    told = balancer.told(values)
     assert told["amplitude"][0] == pytest.approx(wave.max(), rel=1e-6)
     there = np.deg2rad(told["largest at"][0])
     assert np.cos(there - q[np.argmax(wave)]) == pytest.approx(1, abs=1e-6)
 
 
 def test_a_change_is_told_from_what_to_what():
-    given = change("coulomb", 3, "level", 8.0, 13.1)
+    given = given_value("coulomb", 3, 8.0, 13.1, explained=True)
     more = verdict("coulomb", (3,), [given], ["coulomb"], level=(4.99, 0.12, "N m"))
     assert tile(more).value == "+4.99 ± 0.12 N m (8.0 → 13.0)"
     less = verdict("coulomb", (3,), [given], ["coulomb"], level=(-4.99, 0.12, "N m"))
@@ -79,8 +59,8 @@ def test_a_change_is_told_from_what_to_what():
 
 def test_every_effect_tells_what_it_tells_in_numbers():
     """Whatever its values are."""
-    for effect in registry().values():
-        assert effect.frame.format(flange="tool0").count("{") == 0
-        if effect.told:
-            told = effect.told(np.linspace(0.1, 0.2, len(effect.parameters)))
+    for own in registry().values():
+        assert own.frame.format(flange="tool0").count("{") == 0
+        if own.told:
+            told = own.told(np.linspace(0.1, 0.2, len(own.parameters)))
             assert all(np.isfinite(v) and unit for v, unit in told.values())
