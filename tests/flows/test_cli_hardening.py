@@ -74,10 +74,7 @@ def test_a_query_nested_too_deep_or_too_long_is_bad_input(run, query):
     assert code == 2, err
     assert "Recursion" not in err
     assert len(err) < 1000
-
-
-def test_a_query_nested_as_people_do_runs(run):
-    assert run("sql", nested(20))[0] == 0
+    assert run("sql", nested(20))[0] == 0  # as people do
 
 
 @pytest.mark.parametrize("format", ["json", "parquet"])

@@ -12,7 +12,7 @@ from flows.report.words.verdict import headline
 from residual import quantity
 from residual.check.result import Fault, LogCheck
 from residual.diagnosis.result import Place, Verdict
-from residual.effects import vocabulary
+from residual.effects import registry, vocabulary
 from tests.flows import report_outcomes as made
 from tests.verdict_documents import typed
 
@@ -127,7 +127,13 @@ def test_joints_in_words(joints: list[int], dof: int | None, words: str) -> None
 
 @pytest.mark.parametrize("name", vocabulary())
 def test_every_effect_has_words_of_its_own(name: str) -> None:
-    assert "_" not in noun(name)
+    effect = registry()[name]
+    assert effect.sentence[0].islower()
+    for words in (noun(name), effect.noun, effect.sentence):
+        assert words
+        assert "_" not in words
+        assert not words.startswith("The")
+        assert not words.endswith(".")
     others = [noun(other) for other in vocabulary() if other != name]
     assert noun(name) not in others
     assert phrase(Place(name, (2,))).startswith(noun(name))

@@ -115,9 +115,6 @@ def test_nothing_is_told_to_who_has_no_key(served):
     assert send(served, "GET", "/health") == 200
     with pytest.raises(RunError, match="401"):
         api.ask(api.Api(served.api.url, "modelgap:guessed"), "/flows/filter", {})
-
-
-def test_the_key_of_the_store_opens_it(served):
     assert api.ask(served.api, "/admin/version")
 
 

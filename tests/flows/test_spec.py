@@ -120,15 +120,12 @@ def test_the_open_half_tells_nothing_of_what_is_hidden():
         assert run_id_of(spec(old, new)) != run_id_of(spec())
 
 
-def test_the_seeds_of_motion_and_arm_are_their_own():
+def test_the_seeds_of_motion_and_arm_are_their_own_and_no_effect_moves_them():
     made = spec()
     assert made.reference().seed != made.plant_spec().seed
     same = spec("periods = 2", "periods = 2\nseed = 5")
     assert same.plant_spec() == made.plant_spec()
     assert same.reference().seed == 5
-
-
-def test_another_effect_leaves_every_seed_as_it_was():
     without = spec(SPEC[SPEC.index("[[plant") : SPEC.index("[rates]")])
     assert without.plant_spec().seed == spec().plant_spec().seed
     assert without.reference() == spec().reference()

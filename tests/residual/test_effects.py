@@ -70,17 +70,6 @@ def test_the_registry_is_the_folder():
     assert all(name == effect.name for name, effect in registry().items())
 
 
-@pytest.mark.parametrize("name", NAMES)
-def test_an_effect_is_told_in_words_that_fit_into_a_sentence(name):
-    effect = registry()[name]
-    assert effect.sentence[0].islower()
-    assert effect.noun
-    assert not effect.noun.startswith("The")
-    for words in (effect.sentence, effect.noun):
-        assert not words.endswith(".")
-        assert "_" not in words
-
-
 # -- rows and linearity ------------------------------------------------------------
 
 
@@ -299,22 +288,17 @@ ODD = sorted({*LOSSES, "position_friction"})
 
 
 @pytest.mark.parametrize("name", ODD)
-def test_friction_turns_round_with_the_motion(name):
+def test_friction_turns_round_with_the_motion_and_stands_with_it(name):
     seen = state(arm())
+    still = replace(seen, qd=0 * seen.qd, sign=0 * seen.sign)
     for term in terms(name, arm()):
         if name == "coupled_friction":
             term = replace(term, theta=np.array([1.0, 1.0, 0.0]))
         np.testing.assert_allclose(
             term.torque(backwards(seen)), -term.torque(seen), atol=ROUNDING
         )
-
-
-@pytest.mark.parametrize("name", [n for n in ODD if n != "coupled_friction"])
-def test_a_joint_that_stands_has_no_friction(name):
-    seen = state(arm())
-    still = replace(seen, qd=0 * seen.qd, sign=0 * seen.sign)
-    for term in terms(name, arm()):
-        np.testing.assert_array_equal(term.torque(still), 0)
+        if name != "coupled_friction":
+            np.testing.assert_array_equal(term.torque(still), 0)
 
 
 # -- payload -----------------------------------------------------------------------

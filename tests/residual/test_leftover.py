@@ -111,9 +111,11 @@ def test_a_wave_in_time_is_found_with_its_frequency(rng, frequency):
 
 
 @pytest.mark.parametrize("seed", range(8))
-def test_red_noise_is_no_wave(seed):
+def test_red_noise_is_no_wave_and_what_is_soon_forgotten_does_not_drift(seed):
     rng = np.random.default_rng(seed)
     assert line_of(line(red(rng, 15), rng)) is None
+    rng = np.random.default_rng(seed)
+    assert drift_of(line(red(rng, 8), rng)) is None
 
 
 def test_a_slow_walk_drifts_and_a_jump_of_friction_drifts_with_direction(rng):
@@ -125,12 +127,6 @@ def test_a_slow_walk_drifts_and_a_jump_of_friction_drifts_with_direction(rng):
     told = drift_of(line(side * late, rng, side))
     assert (told.on, told.by_direction) == ("t", True)
     assert told.share > 0.5
-
-
-@pytest.mark.parametrize("seed", range(8))
-def test_what_is_forgotten_within_a_second_does_not_drift(seed):
-    rng = np.random.default_rng(seed)
-    assert drift_of(line(red(rng, 8), rng)) is None
 
 
 def test_nothing_left_says_nothing():

@@ -29,6 +29,9 @@ def test_equal_levels_are_equally_wide_and_an_edge_belongs_above():
     np.testing.assert_allclose(levels.edges[0], [2, 4, 6, 8])
     values = np.array([0, 1.9, 2, 5, 9.9, 10])
     assert levels.encode(values).values[:, 0].tolist() == [0, 0, 1, 2, 4, 4]
+    x = np.linspace(0, 1, 600)  # beyond 256 levels a code takes two bytes
+    codes = equal_levels(x, 300).encode(x)
+    assert (codes.values.dtype, codes.values.max()) == (np.uint16, 299)
 
 
 def test_levels_of_quantiles_hold_equally_many_rows_unless_values_are_equal(rng):
@@ -56,13 +59,6 @@ def test_values_outside_are_put_in_the_nearest_level_and_flagged():
     codes = levels.encode(X)
     assert codes.values.tolist() == [[0, 2], [2, 3], [2, 2], [0, 3]]
     assert levels.outside(X).tolist() == [[1, 0], [0, 1], [0, 0], [1, 1]]
-
-
-def test_beyond_256_levels_a_code_takes_two_bytes():
-    x = np.linspace(0, 1, 600)
-    codes = equal_levels(x, 300).encode(x)
-    assert codes.values.dtype == np.uint16
-    assert codes.values.max() == 299
 
 
 @pytest.mark.parametrize("levels", [3, 300])  # 64-bit keys, and wider ones
