@@ -90,11 +90,13 @@ def test_files_give_table_page_json_and_tables_that_evaluate_alone(place, capsys
 def test_runs_are_calibrated_as_in_the_paper_and_kept(stored, capsys):
     store, ids = stored
     words = f"calibrate {' '.join(i[:8] for i in ids)} --robot irb140 --paper"
-    assert run(f"{words} --store {store} --json -") == 0
+    assert run(f"{words} --joints 1,2 --components 1 --store {store} --json -") == 0
     made = json.loads(capsys.readouterr().out)
-    assert (made["mode"], made["joints"]) == ("paper", [1, 2, 3])
+    assert (made["mode"], made["joints"]) == ("paper", [1, 2])
     assert made["families"] == ["cyclic", "cyclic", *2 * ["move_stop_move"]]
     assert [c["block"] for c in made["components"]][:2] == ["input", "twin error"]
+    paper = next(row for row in made["table"] if row["model"] == "paper")
+    assert paper["components"] == 1
     kept = made["stored"]
     with open_store(store) as opened:
         asked = "SELECT stage FROM models WHERE model_id = '{}'"
