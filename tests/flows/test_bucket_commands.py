@@ -9,8 +9,8 @@ schema = 1
 robot = "irb140"
 seed = 3
 [trajectory]
-kind = "fourier"
-duration = 2.0
+kind = "cyclic"
+duration = 3.0
 periods = 1
 """
 
@@ -40,7 +40,7 @@ def test_a_run_is_made_asked_for_verified_and_made_again(
     assert (code, "is there" in out) == (0, True)
     query = "SELECT run_id, count(*) AS n, max(t) AS last FROM samples GROUP BY run_id"
     code, out, _ = run("sql", query, "--format", "json")
-    assert (code, json.loads(out)) == (0, [{"run_id": id, "n": 501, "last": 2.0}])
+    assert (code, json.loads(out)) == (0, [{"run_id": id, "n": 751, "last": 3.0}])
     code, out, _ = run("verify")
     assert (code, "verified 1 runs, 1 sealed" in out) == (0, True)
     code, out, _ = run("rerun", id[:6], "--verify")

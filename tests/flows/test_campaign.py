@@ -69,7 +69,7 @@ def test_the_same_command_completes_what_was_left(tmp_path, done):
 
 
 MOTIONS = """
-trajectory.kind = "fourier"
+trajectory.kind = "cyclic"
 trajectory.duration = 4.0
 [grid]
 trajectory.periods = [1, 60]

@@ -37,7 +37,7 @@ def place(tmp_path_factory):
 @pytest.fixture
 def here(place, monkeypatch):
     monkeypatch.chdir(place)
-    monkeypatch.setattr("flows.steps.planning.design.MANY", 4)
+    monkeypatch.setattr("flows.steps.planning.design.MANY", 2)
     monkeypatch.setattr("flows.steps.planning.design._LOOKS", 70)
     return place
 
@@ -59,7 +59,7 @@ def test_a_verdict_says_by_itself_what_a_motion_could_settle(place):
 
 def test_a_program_is_found_written_and_explained(here, capsys):
     files = ("--out", "p.csv", "--report", "p.html", "--json", "n.json")
-    assert main(["next", *GIVEN, "--seconds", "10", *files]) == 0
+    assert main(["next", *GIVEN, "--seconds", "8", *files]) == 0
     shown = capsys.readouterr().out
     assert "next experiment: " in shown
     assert "the question is settled " in shown
@@ -67,7 +67,7 @@ def test_a_program_is_found_written_and_explained(here, capsys):
     assert "wrote p.csv" in shown
     table = np.genfromtxt("p.csv", delimiter=",", names=True)
     assert len(table) == pytest.approx(250 * table["t"][-1] + 1)
-    assert table["t"][-1] <= 10.0
+    assert table["t"][-1] <= 8.0
     assert [n for n in table.dtype.names if n[0] == "t"] == ["t"]
     document = json.loads(Path("n.json").read_text())
     plan = document["next_experiment"]
