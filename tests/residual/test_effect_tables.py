@@ -133,7 +133,7 @@ def test_tables_of_speed_and_load_solve_the_ridge_equations(rng):
 
 
 def test_friction_that_grows_with_the_load_is_learnt_for_unseen_runs(rng):
-    X, Y, torque, run = motion(rng, runs=5, rows=1000)
+    X, Y, torque, run = motion(rng, runs=4, rows=800)
     X, Y = carried(X, Y)
     folds = leave_one_out(run)
     _, ours = nested_errors(X, Y, folds, run, torque, LOADS).pooled()

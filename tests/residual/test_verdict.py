@@ -35,13 +35,11 @@ def half_dead(moving, silent=()):
     return diagnose(arm(), logs[:4], held_out=logs[4:])
 
 
-def two_effects():
-    return short_case(arm(), OFFSET, CHURN, seed=51, duration=6.0)
-
-
 MAKE = {
     "none": lambda: diagnose_case(short_case(arm(), seed=50)),
-    "effects": lambda: diagnose_case(two_effects()),
+    "effects": lambda: diagnose_case(
+        short_case(arm(), OFFSET, CHURN, seed=51, duration=6.0)
+    ),
     "several joints": lambda: diagnose_case(short_case(arm(), seed=52), ["viscous"]),
     "unknown": lambda: diagnose_case(short_case(arm(), KNOCK, seed=53)),
     "baseline": lambda: diagnose_case(short_case(arm(), GROWN, seed=54)),

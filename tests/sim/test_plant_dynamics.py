@@ -17,7 +17,6 @@ from tests.sim.plant_cases import ROBOT, drive, effect, motion
 pytestmark = pytest.mark.usefixtures("compiled_plant")
 
 SHORT = motion("move_stop_move", 1.5)
-RIGID = [n for n in kinds() if n not in ("elasticity", "backlash")]
 
 
 def miss(trace):

@@ -124,12 +124,7 @@ def test_twins_are_told_as_such():
     ],
 )
 def test_coefficients_that_are_no_motion_are_refused(search, change, message):
-    rows = [list(r) for r in drawn_rows(search)]
+    rows = [list(r) for r in written(drawn(search, 1)[0][1])]
     rows = tuple(tuple(r) for r in change(rows))
     with pytest.raises(Exception, match=message):
         make_reference(search.robot, TrajectorySpec(FOURIER, 12.0, 2, 0, rows), 100.0)
-
-
-def drawn_rows(search):
-    _, series = drawn(search, 1)[0]
-    return written(series)

@@ -223,13 +223,9 @@ def test_no_name_of_a_log_ends_a_run_of_the_inbox(place, csv, capsys, name, good
     assert len(notes) == (0 if good else 2)
     assert all("missing column" in note.read_text() for note in notes)
     if good:
-        files = [row["manifest"]["log"]["file"] for row in manifests()]
+        ids = [row["run_id"] for row in ask("SELECT run_id FROM runs")]
+        files = [read_manifest(Path("store"), id)["log"]["file"] for id in ids]
         assert all(file.isprintable() for file in files)
-
-
-def manifests():
-    ids = [row["run_id"] for row in ask("SELECT run_id FROM runs")]
-    return [{"manifest": read_manifest(Path("store"), id)} for id in ids]
 
 
 def test_a_log_that_cannot_be_moved_waits_and_stops_no_other(place, csv, monkeypatch):
