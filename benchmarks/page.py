@@ -18,6 +18,7 @@ from types import SimpleNamespace
 sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
 
 from benchmarks.bench import PLAN
+from benchmarks.changes_parts.picture import draw
 from benchmarks.harness.origin import RESULTS, ROOT, is_current
 
 README = ROOT / "README.md"
@@ -162,6 +163,7 @@ def readme_table() -> str:
 def main() -> int:
     for which, path in PAGES.items():
         path.write_text(page(which), encoding="utf-8")
+    draw(results()["changes"]["cases"], ROOT / "docs" / "img" / "power.png")
     before, _, rest = README.read_text(encoding="utf-8").partition(FENCES[0])
     README.write_text(before + readme_table() + rest.partition(FENCES[1])[2], "utf-8")
     return 0
