@@ -7,8 +7,9 @@
 Each seed is a study as `modelgap blind --export` writes it: ten cases, of the built-in
 arm for odd seeds, of a drawn one for even ones. Programs read the folder `open` alone:
 ours, plain least squares, and a sparse selection after SAPC: our reading of its
-description, not that program. Seeds 114101:114102 decide and are used for nothing else;
-1 to 99 are for development. Studies and finished cases are kept in store/benchmarks, by
+description, not that program. Seeds 114101:114102 decide and are used for nothing else
+(where its arm can make no motion of a kind, the second seed after, and so on); 1 to 99
+are for development. Studies and finished cases are kept in store/benchmarks, by
 a hash of the code: an interrupted run goes on where it was. The last line is one JSON
 object.
 """
@@ -24,9 +25,11 @@ from benchmarks.peers_parts import bars, cases
 from flows.blind.draw import StudyRequest
 from flows.blind.export.write import export_study
 from flows.workers.pool import Pool
+from residual.errors import RunError
 from sim.engine.records import CLEAN
 
 _SEEDS = "114101:114102"
+_TRIES = 5
 _FULL, _QUICK = (10, 20.0), (2, 8.0)  # cases, seconds of a log
 
 
@@ -40,8 +43,8 @@ def main() -> int:
     place = harness.kept_file(name, "benchmarks/peers_parts", "flows/blind/export")
     rows: dict[str, list] = {program: [] for program in args.groups}
     with Pool(2) as pool:
-        for seed in harness.seed_range(args.seeds):
-            folder = _exported(args.quick, seed, place.with_suffix(""), pool)
+        for first in harness.seed_range(args.seeds):
+            seed, folder = _study(args.quick, first, place.with_suffix(""), pool)
             tasks = [
                 cases.Task(program, seed, case, str(folder))
                 for case in cases.names(folder)
@@ -57,6 +60,19 @@ def main() -> int:
         print("\n" + table["title"])
         print("\n".join(" | ".join(row) for row in table["rows"]))
     return finish(figures)
+
+
+def _study(quick: bool, seed: int, place: Path, pool: Pool) -> tuple[int, Path]:
+    """Return the first study from a seed on whose arm can make all motions, its seed.
+
+    Some drawn arms reach no place for a work piece: every second seed draws one.
+    """
+    for own in range(seed, seed + 2 * _TRIES, 2):
+        try:
+            return own, _exported(quick, own, place, pool)
+        except RunError as error:
+            print(f"seed {own}: {error}", flush=True)
+    raise RunError(f"No arm of {_TRIES} from seed {seed} on can make all motions.")
 
 
 def _exported(quick: bool, seed: int, place: Path, pool: Pool) -> Path:
