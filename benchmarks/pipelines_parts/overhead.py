@@ -57,7 +57,7 @@ class Sleepers:
         for done in self._pool.run(sleep, [_NAP] * len(jobs)):
             spec, store, _ = jobs[done.index].args
             id = run_id_of(spec)
-            record_folder(store, "runs", id, "irb140").mkdir(parents=True)
+            record_folder(Path(store), "runs", id, "irb140").mkdir(parents=True)
             yield Done(done.index, id, done.error)
 
 
