@@ -65,7 +65,7 @@ def test_page_is_well_formed_and_accessible(several_page: str) -> None:
     assert page.open == []
     assert page.all("html")[0]["lang"] == "en"
     assert len(page.figures) == len(page.plots) > 20
-    assert all(len(words) > 30 for words in page.figures)
+    assert all(len(words) > 40 for words in page.figures)
     assert not any(re.search(r"the fitted an? ", words) for words in page.figures)
     assert all(cell.get("scope") for cell in page.all("th"))
     ids = [attrs["id"] for _, attrs in page.tags if "id" in attrs]
@@ -136,6 +136,7 @@ def test_everything_that_may_be_null_may_be(name: str) -> None:
     outcome = made.ALL[name]()
     document = to_json(outcome.verdict)
     found = [p for p in paths(document) if p[:2] != ("error", "logs")]
+    assert len(found) > 80
     # Of entries of one list that are alike, the first one.
     kinds = {tuple("#" if isinstance(k, int) else k for k in p): p for p in found[::-1]}
     found = kinds.values()

@@ -88,9 +88,10 @@ def test_a_load_that_the_model_lacks_shows_in_both_validations(made, loaded):
     )
 
 
-def test_the_record_has_every_figure_in_rad(made, loaded):
+def test_the_record_has_every_figure_in_rad_and_is_kept_once(made, loaded):
     store, run_id, _ = made
     id, found = loaded
+    assert validate.validate(Validate(run_id, 0.25, store))[0] == id
     record = read_record(store, id)
     assert (record["robot"], record["kind"]) == ("irb140", found.kind)
     assert (record["unit"], record["window_s"]) == ("rad", 0.25)
@@ -197,3 +198,5 @@ def test_the_command_prints_a_table_and_what_it_means(made, loaded, capsys):
     assert "arm's own [mrad]" in shown
     assert "a better model can gain" in shown
     assert f"modelgap show {loaded[0]}" in shown
+    assert main([*words, "--window", "0"]) == 2
+    assert "--window 0" in capsys.readouterr().err

@@ -35,11 +35,13 @@ def half_dead(moving, silent=()):
     return diagnose(arm(), logs[:4], held_out=logs[4:])
 
 
+def two_effects():
+    return short_case(arm(), OFFSET, CHURN, seed=51, duration=6.0)
+
+
 MAKE = {
     "none": lambda: diagnose_case(short_case(arm(), seed=50)),
-    "effects": lambda: diagnose_case(
-        short_case(arm(), OFFSET, CHURN, seed=51, duration=6.0)
-    ),
+    "effects": lambda: diagnose_case(two_effects()),
     "several joints": lambda: diagnose_case(short_case(arm(), seed=52), ["viscous"]),
     "unknown": lambda: diagnose_case(short_case(arm(), KNOCK, seed=53)),
     "baseline": lambda: diagnose_case(short_case(arm(), GROWN, seed=54)),
@@ -399,27 +401,20 @@ def test_warmup_is_no_candidate_where_the_order_of_the_logs_is_unknown():
 # -- repeatability and the held-out log --------------------------------------------
 
 
-@cache
-def one_effect():
-    """A case of one effect, and its diagnosis."""
-    case = short_case(arm(), OFFSET, seed=51, duration=6.0)
-    return case, diagnose_case(case)
-
-
 def test_the_same_input_gives_the_same_verdict_and_progress_runs_to_the_proof():
     told = []
-    case, first = one_effect()
+    case = two_effects()
     again = diagnose_case(case, progress=lambda *x: told.append(x))
-    assert json.dumps(to_json(again.verdict)) == json.dumps(to_json(first.verdict))
+    assert json.dumps(to_json(again.verdict)) == json.dumps(document("effects"))
     assert list(dict(told)) == ["features", "search", "gate", "proof"]
     assert all(0 <= share <= 1 for _, share in told)
     assert told[-1] == ("proof", 1.0)
 
 
 def test_the_order_of_the_logs_does_not_change_what_is_found():
-    case, found = one_effect()
+    case = two_effects()
     other = to_json(diagnose_case(case, fit=case.fit[::-1]).verdict)
-    first = to_json(found.verdict)
+    first = document("effects")
     assert {n for n, _ in names(from_json(other))} == {
         n for n, _ in names(from_json(first))
     }
@@ -430,12 +425,13 @@ def test_the_order_of_the_logs_does_not_change_what_is_found():
 
 def test_the_held_out_log_never_changes_what_is_fitted():
     """Another torque there changes the errors, and nothing that the fit logs say."""
-    case, one = one_effect()
+    case = two_effects()
     rng = np.random.default_rng(0)
     (held_out,) = case.held_out
     noise = rng.normal(size=held_out.tau.shape)
     tau = 1.01 * held_out.tau + 0.1 * held_out.tau.std(axis=0) * noise
-    two = diagnose_case(case, held_out=[replace(held_out, tau=tau)])
+    changed = diagnose_case(case, held_out=[replace(held_out, tau=tau)])
+    one, two = outcome_of("effects"), changed
     assert names(one.verdict) == names(two.verdict)
     for a, b in zip(
         to_json(one.verdict)["effects"], to_json(two.verdict)["effects"], strict=True

@@ -187,6 +187,18 @@ def test_a_robot_that_is_no_slug_makes_no_folder(tmp_path, robot):
     assert tree(tmp_path) == []
 
 
+def test_a_failure_while_writing_leaves_no_run(tmp_path, monkeypatch):
+    def full(*_, **__):
+        raise OSError(28, "No space left on device")
+
+    monkeypatch.setattr("warehouse.files.os.fsync", full)
+    with pytest.raises(OSError, match="No space left"):
+        made.commit(tmp_path)
+    assert tree(tmp_path) == []
+    monkeypatch.undo()
+    assert read_run(tmp_path, made.commit(tmp_path)).dof == 2
+
+
 def test_a_record_is_kept_once_with_its_tables_and_files(tmp_path):
     run = made.commit(tmp_path)
     curve = pa.table({"x": [1.0, None, float("nan")], "log": ["a", "b", "c"]})
