@@ -18,7 +18,6 @@ from types import SimpleNamespace
 sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
 
 from benchmarks.bench import PLAN
-from benchmarks.changes_parts.picture import draw
 from benchmarks.harness.origin import RESULTS, ROOT, is_current
 
 README = ROOT / "README.md"
@@ -161,6 +160,9 @@ def readme_table() -> str:
 
 
 def main() -> int:
+    # Tests and bench.py read pages, and need no Matplotlib for it.
+    from benchmarks.changes_parts.picture import draw
+
     for which, path in PAGES.items():
         path.write_text(page(which), encoding="utf-8")
     draw(results()["changes"]["cases"], ROOT / "docs" / "img" / "power.png")

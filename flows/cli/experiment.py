@@ -24,7 +24,6 @@ from flows.report.words.verdict import headline
 from flows.requests import (
     Campaign,
     Flag,
-    GivenWord,
     Request,
     RobotWord,
     Store,
@@ -245,8 +244,8 @@ def validate(
         show(console, *figures, told, *made.notes, stored)
     if choice.diagnosis or tables:
         with progress_bar() as bar:
-            models = {"model": choice.diagnosis, "calibration": tables}
-            id, done = track(replace(drive, runs=runs, store=place, **models), bar)
+            drive = replace(drive, runs=runs, store=place, calibration=tables)
+            id, done = track(replace(drive, model=choice.diagnosis), bar)
         stored = f"stored in {shown(place)}: modelgap show {id}"
         show(console, *experiments.tracking(done), stored)
     out.write({"--report": lambda: experiments.validation_page(found, done)})
@@ -258,14 +257,12 @@ class Trajectory(Request):
     """Which motion is planned.
 
     Attributes:
-        kind: Its family.
         duration: Length in seconds, up to 600.
         periods: How often the motion is repeated within it.
         seed: Seed of what is drawn: starts of the search, work piece, places.
         rate: Samples per second of the CSV.
     """
 
-    kind: GivenWord = "fourier"
     robot: RobotWord = "irb140"
     duration: float = 20.0
     periods: int = 2
