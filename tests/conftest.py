@@ -61,6 +61,14 @@ def pytest_xdist_make_scheduler(config, log):
     return OneServer(config, log) if config.getvalue("dist") == "loadfile" else None
 
 
+@pytest.fixture
+def own_folder(tmp_path, monkeypatch):
+    """A folder to work in; no store is named, so that of the checkout is not read."""
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.delenv("MODELGAP_STORE", raising=False)
+    return tmp_path
+
+
 @pytest.fixture(scope="session")
 def compiled_plant(tmp_path_factory):
     """Compile the plant in one process, so that all others find it on disk."""

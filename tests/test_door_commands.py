@@ -20,9 +20,8 @@ FIT = [f"{HIDDEN / name}.csv@0:4" for name in ("fit_2", "fit_3", "held_out")]
         pytest.param("calibrate", FIT, [], marks=pytest.mark.long),
     ],
 )
-def test_the_door_says_what_the_command_says(verb, fit, proof, tmp_path, monkeypatch):
-    monkeypatch.chdir(tmp_path)  # the command reads the store of where it is called
-    path = tmp_path / "said.json"
+def test_the_door_says_what_the_command_says(verb, fit, proof, own_folder):
+    path = own_folder / "said.json"
     held_out = ["--holdout", *proof] if proof else []
     words = [verb, *fit, "--robot", "irb140", *held_out, "--json", str(path)]
     # A fault of so short logs is no matter here: both are to say the same of it.

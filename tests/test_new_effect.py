@@ -36,12 +36,12 @@ def new_effect(tmp_path, monkeypatch):
 
 
 @pytest.mark.usefixtures("new_effect")
-def test_an_effect_of_two_new_files_is_hidden_found_named_and_shown(tmp_path, capsys):
+def test_an_effect_of_two_new_files_is_hidden_found_named_and_shown(own_folder, capsys):
     case = short_case(arm(), Hidden(NAME, (JOINT,), {"coefficient": SIZE}), seed=5)
-    logs = [_written(log, tmp_path) for log in (*case.fit, *case.held_out)]
-    (tmp_path / "arm.urdf").write_text(urdf_text())
-    files = [str(tmp_path / name) for name in ("verdict.json", "page.html")]
-    options = ["--holdout", logs[-1], "--robot", str(tmp_path / "arm.urdf")]
+    logs = [_written(log, own_folder) for log in (*case.fit, *case.held_out)]
+    (own_folder / "arm.urdf").write_text(urdf_text())
+    files = [str(own_folder / name) for name in ("verdict.json", "page.html")]
+    options = ["--holdout", logs[-1], "--robot", str(own_folder / "arm.urdf")]
     options += ["--json", files[0], "--report", files[1]]
     assert main(["diagnose", *logs[:-1], *options]) == 0
     shown = capsys.readouterr().out

@@ -66,14 +66,6 @@ def arm_nights(nights_made, tmp_path_factory):
 
 
 @pytest.fixture
-def own_folder(tmp_path, monkeypatch):
-    """A folder to work in; no store is named."""
-    monkeypatch.chdir(tmp_path)
-    monkeypatch.delenv("MODELGAP_STORE", raising=False)
-    return tmp_path
-
-
-@pytest.fixture
 def plant(monkeypatch):
     """Replace plant and motion by noise of the seeds; more is added to its torque."""
     more = {"tau": 0.0, "specs": []}
