@@ -6,6 +6,7 @@ from dataclasses import astuple, replace
 from pathlib import Path
 
 import numpy as np
+import tomli_w
 
 from residual.errors import InputError, check_nesting
 from residual.model.corrected import Corrected
@@ -191,20 +192,16 @@ def robot_files(model: Model, source: str = "") -> dict[str, bytes]:
 def robot_toml(model: Model, source: str) -> bytes:
     """Return the robot.toml of a model: the robot's own, its declared values new."""
     content = json.loads(model.robot.toml)
-    tables = {k: dict(v) for k, v in content.items() if k != "declared"}
-    tables.setdefault("robot", {})["name"] = model.robot.name
-    tables["robot"]["gravity"] = [float(g) for g in model.robot.model.gravity.linear]
-    for effect, values in declared_values(model).items():
-        entry: dict = {key: [float(v) for v in array] for key, array in values.items()}
-        if source:
-            entry["source"] = source
-        tables[f"declared.{effect}"] = entry
-    lines = [_HEAD.format(name=model.robot.name)]
-    for title, table in tables.items():
-        lines.append(f"[{title}]")
-        lines += [f"{key} = {_value(value)}" for key, value in table.items()]
-        lines.append("")
-    return "\n".join(lines).encode()
+    own = {"name": model.robot.name}
+    own["gravity"] = [float(g) for g in model.robot.model.gravity.linear]
+    content["robot"] = content.get("robot", {}) | own
+    content["declared"] = {
+        effect: {key: [float(v) for v in array] for key, array in values.items()}
+        | ({"source": source} if source else {})
+        for effect, values in declared_values(model).items()
+    }
+    head = _HEAD.format(name=model.robot.name)
+    return (head + tomli_w.dumps(content)).encode()
 
 
 def declared_values(model: Model) -> Mapping[str, Mapping[str, np.ndarray]]:
@@ -229,12 +226,3 @@ def declared_values(model: Model) -> Mapping[str, Mapping[str, np.ndarray]]:
         for key, value in zip(term.effect.parameters, values, strict=True):
             table.setdefault(key, np.zeros(model.robot.dof))[anchor] = value
     return out
-
-
-def _value(value: object) -> str:
-    """One value as TOML; JSON writes these kinds the same way."""
-    if isinstance(value, list):
-        return f"[{', '.join(_value(v) for v in value)}]"
-    if isinstance(value, bool | str):
-        return json.dumps(value, ensure_ascii=False)
-    return repr(value)

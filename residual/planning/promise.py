@@ -90,19 +90,6 @@ class Course:
         return flat.T @ flat
 
 
-def planned_gram(
-    question: Question, motion: Sequence[Array], rate: float, seconds: float
-) -> Array:
-    """Return X' X of the shared columns on a planned motion, whitened. Shape (m, m).
-
-    Args:
-        motion: q, qd and qdd of the whole motion, or of one of its periods.
-        rate: Samples per second [Hz].
-        seconds: Length of the log that it, or its repetition, will fill [s].
-    """
-    return Course.of(question, motion, rate).gram(seconds)
-
-
 def _whitened(question: Question, motion: Sequence[Array], rate: float) -> Array:
     """The shared columns in units of the noise, 0 where a joint stands. (n, dof, m)."""
     signals = question.signals

@@ -302,8 +302,20 @@ def question_of(basis: Basis, contests: Sequence[Contest]) -> Question:
         seen_with=physical(as_model(examined.nominal, basis.fitted)),
         effects=(*terms, *groups),
         signals=_signals(basis),
-        contests=tuple(contests),
+        contests=tuple(c for c in contests if all(map(_has_spread, c.rivals))),
     )
+
+
+def _has_spread(rival: Rival) -> bool:
+    """Whether the precision of a rival can be inverted in double precision.
+
+    Of logs that no arm of that description gives it may not: then what another log of
+    it would bring cannot be computed, and nothing is promised.
+    """
+    scale = 1 / np.sqrt(np.diag(rival.precision))
+    scaled = rival.precision * np.outer(scale, scale)
+    least = len(scale) * np.finfo(float).eps
+    return bool(np.linalg.eigvalsh(scaled)[0] > least)
 
 
 def _signals(basis: Basis) -> Signals:

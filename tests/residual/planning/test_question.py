@@ -12,8 +12,8 @@ from residual.errors import InputError, UnknownNameError
 from residual.planning import question as gather
 from residual.planning.outlook import outlook
 from residual.planning.promise import (
+    Course,
     logged_products,
-    planned_gram,
     promised,
     settled_by,
     structural_twins,
@@ -77,7 +77,7 @@ def test_a_planned_motion_is_seen_as_its_log_will_be():
     q = np.column_stack([np.convolve(c, np.ones(9) / 9, "same") for c in log.q.T])
     qd = np.gradient(q, 1 / 250, axis=0)
     every = [x[10:-10:5] for x in (q, qd, np.gradient(qd, 1 / 250, axis=0))]
-    planned = planned_gram(question, every, RATE, SECONDS)
+    planned = Course.of(question, every, RATE).gram(SECONDS)
     own = question.contests[0].rivals[0].own
     ratio = np.diag(planned)[own] / np.diag(seen)[own]
     # Rows within 0.1 s of a turn are a matter of a sample more or less.
@@ -90,10 +90,11 @@ def test_a_wish_asks_for_an_effect_against_nothing_on_every_joint_that_may_have_
     assert [r.place for r in contest.rivals] == [Place("payload", (6,)), NOTHING]
     values = [
         outlook(
-            asked("spring", 2, f"payload>={mass}")[1],
-            planned_gram(question, motion(robot, "fourier"), RATE, 10.0),
+            wished,
+            Course.of(wished, motion(robot, "fourier"), RATE).gram(10.0),
         ).nats[0, 0, 1]
         for mass in (0.25, 0.5)
+        for wished in [asked("spring", 2, f"payload>={mass}")[1]]
     ]
     assert values[1] > 2 * values[0]  # all but the Occam part grows by four
     _, question = asked("spring", 2, "stribeck>=3")
@@ -158,3 +159,19 @@ def test_sets_that_are_as_good_are_rivals_of_what_they_would_replace(monkeypatch
     ]
     # Two names cost more than the one that is really there, and nothing explains less.
     assert contest.rivals[0].nats > contest.rivals[2].nats
+
+
+def test_a_rival_whose_precision_cannot_be_inverted_makes_nothing_be_promised():
+    """As of logs that no arm of that description gives, and that are trusted all the
+    same."""
+    examined, fitted, named = seen("spring", 2)
+    question = open_question(examined, fitted, named)
+    basis = gather.Basis.of(examined, fitted, fitted.members)
+    (contest,) = question.contests
+    first, *others = contest.rivals
+    flat = np.ones_like(first.precision)
+    broken = replace(contest, rivals=(replace(first, precision=flat), *others))
+    left = gather.question_of(basis, [broken])
+    assert left.contests == ()
+    assert promised(left) is None
+    assert promised(question) is not None
