@@ -7,7 +7,7 @@
 
 A change's size is the RMS of its torque over that of the joint, never a multiple of
 what the program says; only `edge` asks the program. Silence is a miss. Seeds
-111101:111105 decide and are used for nothing else, and their cases are listed in
+121101:121104 decide and are used for nothing else, and their cases are listed in
 benchmarks/changes_parts/listed.json before any method has seen one; 1 to 99 are for
 development. The peer is a plain regression of both epochs, on the same cases in the
 same run. Finished cases are kept in store/benchmarks, by a hash of the code: an

@@ -4,7 +4,7 @@
     python benchmarks/diagnosis.py --seeds 1:2 --groups singles      to look at
     python benchmarks/diagnosis.py --full-json benchmarks/results/diagnosis.json
 
-Seeds 118101:118106 decide and are used for nothing else; 1 to 99 are for development.
+Seeds 128101:128104 decide and are used for nothing else; 1 to 99 are for development.
 Sizes are in minimum detectable ones, as the diagnosis says them of an arm with nothing
 hidden in the same motions. Finished cases are kept in store/benchmarks, by a hash of
 the code: an interrupted run goes on where it was. The last line is one JSON object;
@@ -44,7 +44,7 @@ from benchmarks.synthetic.logs import standard_case
 from flows.workers.pool import Pool
 from residual.robot.robot import load_robot
 
-_SEEDS = "118101:118106"
+_SEEDS = "128101:128104"
 _CASES = ("singles", "nulls", "unknown", "pairs", "forms", "detection", "known")
 _GROUPS = (*_CASES, "cost", "measured")
 # What draws and judges, besides the product.

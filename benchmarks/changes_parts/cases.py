@@ -36,7 +36,7 @@ from benchmarks.measured_parts.arms import absent
 from flows.workers.pool import Here
 from sim.engine.records import stream
 
-DECIDING = "111101:111105"
+DECIDING = "121101:121104"
 LIST = Path(__file__).parent / "listed.json"
 
 # Cases of each seed; of those with a size, of each size.

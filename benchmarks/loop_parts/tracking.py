@@ -150,7 +150,7 @@ EFFECTS = (
 # Of which an arm gains most where its dry friction is fed forward along the reference.
 GAINING = ("stribeck", "payload", "load_friction")
 QUICK = ("spring",)
-SEED, MOTIONS, SECONDS = 119101, 5, 5.0
+SEED, MOTIONS, SECONDS = 129101, 5, 5.0
 LOGGED, LOGGED_QUICK = 20.0, 8.0  # s, of each experiment to fit
 REACHED, HALF, NEAR, NO_HARM = 0.4, 0.5, 1.15, 1.02
 GAINED = 0.35

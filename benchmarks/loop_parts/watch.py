@@ -156,7 +156,7 @@ def days() -> Iterator[tuple[Robot, list[Recording], list[Recording]]]:
         yield robot, list(real.read(case, first)), list(real.read(case, second))
 
 
-SEEDS = "115101:115120"  # of the deciding run: 11 h unchanged
+SEEDS = "125101:125116"  # of the deciding run: 9 h unchanged
 DAYS = 0  # in place of a seed: the measured arm
 _HEALTHY = (0.0, 240.0, 480.0, 900.0, 1600.0, 3000.0)  # s of work before healthy runs
 _LONG, _RUN, _PAUSE = 30.0, 20.0, 1.0  # s
