@@ -244,13 +244,13 @@ def out_of_proportion(robot: Robot, motion: Motion) -> tuple[float, Fault | None
     table = np.array(
         [[_evidence(parts, sigma, j, s) for s in _SCALES] for j in range(robot.dof)]
     )
-    best = table.argmax(axis=1)
-    gain = table.max(axis=1) - given
-    # At an end of the scales it is a torque that says nothing, not a factor.
-    gain[(best == 0) | (best == len(_SCALES) - 1)] = 0.0
+    best, gain = table.argmax(axis=1), table.max(axis=1) - given
     j = int(np.argmax(gain))
+    # At an end of the scales a torque says nothing of the body: a rival, not a factor.
+    nothing = max(table[j, 0], table[j, -1]) - given
     if (
         gain[j] < CHECK.scale_worth
+        or nothing > gain[j] - CHECK.scale_says
         or (np.delete(gain, j) > gain[j] - CHECK.scale_clearer).any()
     ):
         return 0.0, None
@@ -327,7 +327,8 @@ def _evidence(parts: list[_Part], sigma: Array, joint: int, factor: float) -> fl
     return -0.5 * (square + size)
 
 
-_SCALES = np.geomspace(1 / 30, 30, 35)  # factors on one torque that are tried
+# Factors on one torque that are tried; one that is nearer to 1 is an arm's effect.
+_SCALES = np.geomspace(1 / 36, 36, 13)
 
 
 def other_world(robot: Robot, motion: Motion) -> list[Fault]:

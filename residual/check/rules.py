@@ -128,6 +128,7 @@ class Rules:
     certain_time: float = 150.0
     scale_worth: float = 12.0  # nats: the odds against it, times the joints
     scale_clearer: float = 6.0  # nats more than a factor on any other joint
+    scale_says: float = 4.0  # nats more than a torque that is all friction
     # What the fit leaves says how rough a model is; none is nearer than this to the
     # torque, or to the strongest joint's.
     scale_noise: float = 0.01
