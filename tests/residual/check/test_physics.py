@@ -7,6 +7,7 @@ import numpy as np
 import pinocchio as pin
 import pytest
 
+from residual.check import physics
 from residual.check.check import check_logs
 from residual.check.late import delay_of
 from residual.check.motion import thin_rows
@@ -187,6 +188,20 @@ def test_a_factor_is_found_by_the_body_that_joints_share_not_by_their_friction(f
     wrist = np.where(np.arange(1, 7) == 6, factor, 1.0)
     found = out_of_proportion(robot, replace(motion, tau=motion.tau * wrist))
     assert found == (0.0, None)
+
+
+@pytest.mark.parametrize(("end", "is_found"), [(15.0, True), (17.0, False)])
+def test_a_factor_has_to_beat_a_torque_that_says_nothing_of_the_body(
+    monkeypatch, end, is_found
+):
+    """Nats of joint 5, times about 6 and times anything large."""
+    robot, logs = clean_logs("irb140")
+    nats = {(4, physics._SCALES[9]): 20.0, (4, physics._SCALES[-1]): end}
+    monkeypatch.setattr(
+        physics, "_evidence", lambda *given: nats.get((given[2], given[3]), 0.0)
+    )
+    gain, fault = out_of_proportion(robot, thin_rows(logs))
+    assert (gain, fault is not None) == ((20.0, True) if is_found else (0.0, False))
 
 
 def logs():
