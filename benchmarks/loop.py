@@ -6,7 +6,7 @@
     python benchmarks/loop.py --full-json OUT       benchmarks/results/...
 
 The groups next and close have seeds of their own that decide (126101:126116 and
-130101:130120) and are used for nothing else; 1 to 99 are for development. Their
+130101:130110) and are used for nothing else; 1 to 99 are for development. Their
 finished cases are kept in store/benchmarks, by a hash of the code: an interrupted run
 goes on where it was. The last line is one JSON object; exit code 1 for a missed bar.
 """

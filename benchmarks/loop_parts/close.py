@@ -19,7 +19,7 @@ from flows.steps.closing.arm import Close
 from flows.steps.closing.close import Closed, adopted_verdict, close
 from flows.steps.closing.rule import ADOPT, DIAGNOSE
 
-SEEDS = range(130101, 130121)  # of the deciding run
+SEEDS = range(130101, 130111)  # of the deciding run
 ROBOT, BUDGET, EFFECTS = "irb140", 8, 2
 BOTH, FALSE, QUIET = 0.90, 0.0, 0.95
 WAYS = {"designed": True, "fixed": False}
