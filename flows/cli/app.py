@@ -14,7 +14,13 @@ from collections.abc import Callable, Iterable, Mapping, Sequence
 from importlib.util import find_spec
 from pathlib import Path
 
-from cyclopts import App, CycloptsError, Group, UnusedCliTokensError
+from cyclopts import (
+    App,
+    CycloptsError,
+    Group,
+    MissingArgumentError,
+    UnusedCliTokensError,
+)
 from rich.console import Console
 
 from flows.outputs import check_writable, json_text, say, write_all
@@ -261,6 +267,7 @@ def run(words: Sequence[str]) -> None:
 
 
 STDOUT = "-"
+_PICTURES = {"--plot": ".png", "--gif": ".gif"}  # what they write, whatever the name
 # As in the files of experiments (flows/specs/experiment.py).
 LONGEST, MOST_PERIODS, FASTEST, SEEDS = 600.0, 100, 20_000.0, 2**63 - 1
 
@@ -298,11 +305,16 @@ class Outputs:
             inputs: Files that are read and must not be lost.
 
         Raises:
-            InputError: If a file cannot be written, or two options name one.
+            InputError: If a file cannot be written, two options name one, or a name
+                says that it is another kind of picture.
         """
         named = {k: v for k, v in options.items() if v not in (None, STDOUT)}
         self.files = {option: Path(str(file)) for option, file in named.items()}
         check_writable(self.files, inputs)
+        for option, ending in _PICTURES.items():
+            path = self.files.get(option)
+            if path and path.suffix.lower() not in ("", ending):
+                raise InputError(f"{option} {path}: expected a file *{ending}.")
         self._on_stdout = options.get("--json") == STDOUT
         self._json = ""
         self.console = Console(stderr=self._on_stdout)
@@ -350,8 +362,8 @@ _WORD = re.compile(rf"\S{{{2 * LINE},}}")
 _INSTEAD = {
     "a verdict": "what is stored of a diagnosis of runs has an id: modelgap sql "
     "'SELECT diagnosis_id FROM diagnoses'.",
-    "a model": "modelgap predict, export and track take such a file, with --model or "
-    "by its place.",
+    "a model": "modelgap predict takes such a file with --model, and modelgap export "
+    "as its first word.",
     None: "a log becomes a run with an id by modelgap import.",
 }
 TRACEBACK = "MODELGAP_TRACEBACK"
@@ -437,11 +449,14 @@ def _lacking(error: BaseException | None) -> Exception | None:
 
 
 def _misused(error: CycloptsError) -> str:
-    """Return what is wrong; of words without a place where the first may belong."""
-    if not isinstance(error, UnusedCliTokensError):
-        return f"{' '.join(str(error).split())} See modelgap --help."
-    words, chain = error.unused_tokens or [""], error.command_chain or ()
+    """Return what is wrong, and whose help says what would be right."""
+    chain = error.command_chain or ()
     command = " ".join(("modelgap", *chain))
+    if isinstance(error, MissingArgumentError) and error.argument and chain:
+        return f"{_missing(error, command)} See {command} --help."
+    if not isinstance(error, UnusedCliTokensError):
+        return f"{' '.join(str(error).split())} See {command} --help."
+    words = error.unused_tokens or [""]
     options = () if error.app is None else error.app.assemble_argument_collection()
     takes = any("--robot" in option.names for option in options)
     meant = f" For one robot: {command} --robot {words[0]}." if takes else ""
@@ -449,6 +464,17 @@ def _misused(error: CycloptsError) -> str:
         f"'{' '.join(words)}' has no place here, expected options after "
         f"{command}.{meant} See {command} --help."
     )
+
+
+def _missing(error: MissingArgumentError, command: str) -> str:
+    """Return which option lacks its value, or which word or option is not there."""
+    name, kind = error.argument.name, error.argument.field_info.kind
+    shown = f"{name} {_KINDS.get(name, 'WORD')}"
+    if error.keyword is not None:
+        return f"{name} has nothing behind it, expected {shown}."
+    if kind is not kind.KEYWORD_ONLY:  # it has its place on the line
+        shown = name.lstrip("-").upper()
+    return f"{command.partition(' ')[2]} needs {shown}, which is missing."
 
 
 def _say(text: str, code: int) -> int:

@@ -11,7 +11,10 @@ from tests.residual.test_model_record import model_of
 from warehouse.commit import commit_run
 
 HAS_NO_MODEL = "holds a verdict, expected a model"
-FILE = {"p.json": "It is a file that holds a verdict", "m.json": "that holds a model"}
+FILE = {
+    "p.json": "It is a file that holds a verdict",
+    "m.json": "that holds a model; modelgap predict takes such a file with --model",
+}
 CASES = {
     "export p.json --to urdf --out o": HAS_NO_MODEL,
     "predict A.csv --model p.json": HAS_NO_MODEL,
