@@ -22,7 +22,8 @@ from flows.steps.planning.execute import execute, next_spec, settle
 from flows.storage.diagnosis import read_verdict
 from residual.diagnosis.verdict import to_json
 from residual.errors import InputError
-from sim.engine.records import Reference, TrajectorySpec
+from residual.model.nominal import declared_names
+from sim.engine.records import TrajectorySpec
 from sim.trajectories import make_reference
 from warehouse.mirror import shown
 
@@ -100,7 +101,9 @@ def next_(
     outputs.write(
         {
             "--out": lambda: as_csv(reference),
-            "--report": lambda: _page(opened, made, reference, program),
+            "--report": lambda: render_sheet(
+                Sheet(opened, made, reference, program, _command(opened, request.store))
+            ),
         },
         lambda: to_json(replace(opened.verdict, next_experiment=plan)),
     )
@@ -127,17 +130,23 @@ def _checked(
     return outputs
 
 
-def _page(
-    opened: Asked, made: Design, reference: Reference, program: str | None
-) -> str:
-    request = opened.request
+def _command(opened: Asked, store: str | Path | None) -> str:
+    """Return what diagnoses the new log with the others, asked as they were."""
+    request, usual = opened.request, declared_names(opened.robot, None)
+    said = usual if request.declared is None else tuple(request.declared)
+    declared = () if set(said) == set(usual) else (",".join(said) or "none",)
     words = ["modelgap", "diagnose", *request.logs, "NEW_LOG", "--robot", request.robot]
     for option, more in (
         ("--holdout", request.held_out),
         ("--baseline", request.baseline),
+        ("--declared", declared),
+        *(("--known", (one,)) for one in request.known),
+        ("--map", (request.columns,) if request.columns else ()),
+        ("--model", (request.model,) if request.model else ()),
+        ("--store", (str(store),) if store else ()),
     ):
         words += [option, *more] if more else []
-    return render_sheet(Sheet(opened, made, reference, program, shlex.join(words)))
+    return shlex.join(words + ["--trust-log"] * request.trust_log)
 
 
 def _run(opened: Asked, made: Design, console: Console) -> None:

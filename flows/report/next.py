@@ -15,7 +15,7 @@ from flows.report.words.outlook import (
     in_words,
     same_words,
 )
-from flows.report.words.phrases import joint_words, sentence_case, texts
+from flows.report.words.phrases import joint_words, many, sentence_case, texts
 from flows.steps.planning.ask import Asked
 from flows.steps.planning.design import Design, apart_by_no_motion
 from residual.diagnosis.result import Diagnosis
@@ -172,8 +172,8 @@ def told(design: Design) -> list[str]:
     best, spec = design.best, design.best.spec
     words = sure_words(spec.duration, best.after, best.sure.chance)
     return [
-        f"next experiment: {spec.duration:g} s of {spec.kind} motion in {spec.periods} "
-        f"periods, to tell {from_one_another(design.rivals)}",
+        f"next experiment: {spec.duration:g} s of {spec.kind} motion in "
+        f"{many(spec.periods, 'period')}, to tell {from_one_another(design.rivals)}",
         f"the question is {words}",
         *_inseparable(design),
         "range, speed, acceleration, torque, floor and self-collision checked between "

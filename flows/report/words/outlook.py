@@ -8,6 +8,7 @@ from flows.report.words.phrases import (
     joint_words,
     kind,
     listing,
+    many,
     noun,
     phrase,
     sentence_case,
@@ -328,7 +329,7 @@ def next_words(verdict: Verdict) -> list[str]:
     if plan["family"] is None:
         return [_promise(plan, apart)]
     periods = plan["parameters"].get("periods")
-    times = f" in {periods} periods" if periods else ""
+    times = f" in {many(periods, 'period')}" if periods else ""
     family = _FAMILIES.get(plan["family"], f"a motion of kind {plan['family']}")
     out = [f"{family} of {number(plan['seconds'])} s{times} tells {apart}"]
     if known(plan["chance"]):

@@ -1,12 +1,21 @@
 """modelgap next: from a verdict and its logs to a program."""
 
 import json
+from dataclasses import replace
 from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
 
 from flows.cli import main
+from flows.cli.next import _command
+from flows.inputs.given import load
+from flows.report.next import told
+from flows.requests import Diagnose
+from flows.steps.planning.ask import Asked
+from residual.diagnosis.result import Place
+from sim.engine.records import TrajectorySpec
 from tests.residual.planning.asked import logs
 
 NAMES = ["t", *(f"{x}{j}" for x in ("q", "tau") for j in range(1, 7))]
@@ -105,6 +114,32 @@ def test_what_cannot_be_done_is_told_in_two_lines(here, capsys, words, message):
     told = capsys.readouterr().err
     assert message in told
     assert len(told.strip().splitlines()) <= 3
+
+
+def test_the_command_for_the_new_log_asks_as_the_others_were_asked():
+    known = ("payload.mass=2", "link.3.mass=4")
+    asked = Diagnose(("a b.csv",), robot="irb140", declared=("coulomb",), known=known)
+    asked = replace(asked, columns="C.toml", model="3f2a", trust_log=True)
+    opened = Asked(None, None, None, load("irb140"), asked)
+    assert _command(opened, "s") == (
+        "modelgap diagnose 'a b.csv' NEW_LOG --robot irb140 --declared coulomb --known "
+        "payload.mass=2 --known link.3.mass=4 --map C.toml --model 3f2a --store s "
+        "--trust-log"
+    )
+    usual = ("viscous", "coulomb", "rotor_inertia")
+    opened = replace(opened, request=Diagnose(("A",), robot="irb140", declared=usual))
+    assert _command(opened, None) == "modelgap diagnose A NEW_LOG --robot irb140"
+
+
+@pytest.mark.parametrize(
+    ("periods", "said"), [(1, "in 1 period,"), (2, "in 2 periods,")]
+)
+def test_one_period_is_no_periods(periods, said, monkeypatch):
+    monkeypatch.setattr("flows.report.next._inseparable", lambda _: [])
+    spec = TrajectorySpec("fourier", 10.0, periods, 0)
+    best = SimpleNamespace(spec=spec, after=1.0, sure=SimpleNamespace(chance=0.9))
+    design = SimpleNamespace(best=best, rivals=[Place("spring", (1,))] * 2)
+    assert said in told(design)[0]
 
 
 def test_where_nothing_is_open_nothing_is_proposed(here, capsys, monkeypatch):
