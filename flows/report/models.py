@@ -138,9 +138,9 @@ def prediction(errors: ErrorTables) -> Table | str:
         (str(j + 1), *(_known(values and values[j]) for values, _ in columns))
         for j in range(dof)
     ]
-    every = (errors.overall, errors.overall_filtered)
-    overall = [_known(of[name]) for of in every for name in _WHICH if name in of]
-    rows.append(("all", *overall, *[""] * (len(columns) - len(overall))))
+    every = (errors.overall, errors.overall_filtered, errors.overall_moving)
+    names = [name for name in _WHICH if name in errors.overall]
+    rows.append(("all", *(_known(of.get(name)) for of in every for name in names)))
     return Table(heads, rows, f"Error in % of torque ({', '.join(errors.logs)})")
 
 

@@ -47,6 +47,11 @@ def test_the_error_of_a_model_and_of_the_edited_one(place, tmp_path, capsys):
     told = capsys.readouterr().out
     assert "Error in % of torque (log)" in told
     assert "edited: Model(irb140: rigid body, viscous" in told
+    # All joints together have each of the six errors that a joint has.
+    (last,) = (row.split() for row in told.splitlines()[-12:] if row[:3] == "all")
+    moving = both["error"]["overall_moving"]
+    assert len(last) == 7
+    assert float(last[-1]) == pytest.approx(moving[EDITED], rel=0.01)
 
 
 @pytest.mark.parametrize("form", ["csv", "parquet"])
