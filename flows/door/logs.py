@@ -15,7 +15,7 @@ from flows.steps.export import Made, export_model, in_place
 from residual.check.result import LogCheck
 from residual.diagnosis.conclude import error_tables
 from residual.diagnosis.result import ErrorTables
-from residual.errors import InputError
+from residual.errors import InputError, shortened
 from residual.export.exported import Whole
 from residual.model.compare import compare as core_compare
 from residual.model.compare import prepare_held_out
@@ -26,6 +26,45 @@ from residual.robot.robot import Robot
 from warehouse.logs import ColumnMap, check_distinct, columns_of, read_table
 
 Given = str | Path | Mapping[str, Any] | Any  # file, id, columns by name, data frame
+
+
+def check_robot(robot: Any) -> None:
+    """Refuse what is no robot: a name is a word for one."""
+    if not isinstance(robot, Robot):
+        raise InputError(
+            f"robot: expected what mg.load_robot returns, got {_kind(robot)}."
+        )
+
+
+def as_logs(name: str, logs: Any) -> tuple[Recording, ...]:
+    """Return recordings; names of files have to be read before.
+
+    Raises:
+        InputError: If one is none.
+    """
+    alone = isinstance(logs, str | Recording) or not isinstance(logs, Iterable)
+    given = (logs,) if alone else tuple(logs)
+    wrong = [one for one in given if alone or not isinstance(one, Recording)]
+    if wrong:
+        raise InputError(
+            f"{name}: expected a list of recordings, such as mg.read_logs returns, got "
+            f"{_kind(wrong[0])}."
+        )
+    return given
+
+
+def check_declared(declared: Any) -> None:
+    """Refuse one name for a list: its letters would be taken for names."""
+    if isinstance(declared, str):
+        raise InputError(
+            f"declared: expected a list of names, got '{shortened(declared)}'. "
+            f"Write {declared.split(',')}."
+        )
+
+
+def _kind(given: Any) -> str:
+    text = isinstance(given, str)
+    return f"'{shortened(given)}'" if text else f"a {type(given).__name__}"
 
 
 def read_logs(
@@ -52,6 +91,7 @@ def read_logs(
     Raises:
         InputError: If a log is not usable, or two share samples.
     """
+    check_robot(robot)
     named = _named(logs)
     files = [str(log) for _, log in named if isinstance(log, str | Path)]
     read = read_sets((files, (), ()), robot, columns and str(columns), store)
@@ -164,6 +204,12 @@ def compare(
     Raises:
         InputError: If there is no model or no log.
     """
+    if not isinstance(models, Mapping):
+        raise InputError(
+            'models: expected models by name, as {"with": model}, got '
+            f"{_kind(models)}."
+        )
+    logs = as_logs("logs", logs)
     if not models or not logs:
         raise InputError("Nothing to compare: give one model or more, and one log.")
     first = next(iter(models.values()))
@@ -217,7 +263,11 @@ def check(
     Raises:
         InputError: If a file is not usable.
     """
+    check_robot(robot)
+    check_declared(declared)
     given = [logs] if isinstance(logs, Recording | str | Path) else list(logs)
+    if not given:
+        raise InputError("No log to check: give one recording or file, or several.")
     read = [log for log in given if isinstance(log, Recording)]
     if len(read) < len(given):
         words = [str(log) for log in given if not isinstance(log, Recording)]

@@ -8,6 +8,7 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from types import MappingProxyType
 
+from flows.door.logs import as_logs
 from flows.door.results import Diagnosis, as_door, log_sets
 from flows.outputs import Progress, write_all
 from flows.specs.experiment import experiment_of
@@ -90,8 +91,9 @@ def monitor(
     Raises:
         InputError: If there are too few healthy logs, or one is of another arm.
     """
-    check_distinct([*healthy, *watched])
-    sets = [{log.id: log for log in logs} for logs in (healthy, watched)]
+    given = as_logs("healthy", healthy), as_logs("watched", watched)
+    check_distinct([*given[0], *given[1]])
+    sets = [{log.id: log for log in logs} for logs in given]
     return watch(model, *sets, per_hour)
 
 

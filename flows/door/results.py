@@ -1,13 +1,14 @@
 """Diagnose, identify and calibrate from Python: the results of the steps, to keep."""
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, fields
+from dataclasses import dataclass, fields, replace
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pyarrow as pa
 
+from flows.door.logs import as_logs, check_declared, check_robot
 from flows.door.store import Table
 from flows.inputs.given import LogSets
 from flows.outputs import Progress, write_all
@@ -25,6 +26,7 @@ from residual.calibration.rows import Run
 from residual.calibration.scores import RUN, find
 from residual.diagnosis import result
 from residual.diagnosis.verdict import to_json
+from residual.errors import InputError
 from residual.identification.estimate import Options
 from residual.identification.prove import Identified
 from residual.lazy import Lazy
@@ -63,9 +65,18 @@ def log_sets(
     baseline: Sequence[Recording] = (),
     held_out: Sequence[Recording] = (),
 ) -> LogSets:
-    """Return recordings by what they are for, none of them twice."""
-    check_distinct([*fit, *baseline, *held_out])
-    return LogSets(robot, tuple(fit), tuple(baseline), tuple(held_out))
+    """Return recordings by what they are for, none of them twice.
+
+    Raises:
+        InputError: If one is none, two share samples, or there is nothing to fit.
+    """
+    check_robot(robot)
+    named = {"fit": fit, "baseline": baseline, "held_out": held_out}
+    sets = LogSets(robot, **{name: as_logs(name, logs) for name, logs in named.items()})
+    if not sets.fit:
+        raise InputError("No log to fit: give one recording or more.")
+    check_distinct([*sets.fit, *sets.baseline, *sets.held_out])
+    return sets
 
 
 class Diagnosis(result.Diagnosis):
@@ -148,9 +159,10 @@ def diagnose(  # noqa: PLR0913  each an option of the command
         InputError: If a log or a name is not usable, two logs share samples, or a fault
             of them is certain.
     """
-    robot = known_robot(robot, known or {}, baseline)
+    logs = log_sets(robot, fit, baseline, held_out)
+    check_declared(declared)
     found = diagnose_logs(
-        log_sets(robot, fit, baseline, held_out),
+        replace(logs, robot=known_robot(robot, known or {}, logs.baseline)),
         declared=declared,
         trust_log=trust_log,
         nulls=null or (),
@@ -227,6 +239,7 @@ def identify(
             of them is certain.
     """
     sets = log_sets(robot, fit, held_out=held_out)
+    check_declared(declared)
     made = identify_logs(sets, declared, options, consistent, trust_log)
     return as_door(Identification, made)
 
@@ -289,9 +302,10 @@ def calibrate(
         InputError: If a log or a name is not usable, two logs share samples, or a fault
             of them is certain.
     """
+    sets = log_sets(robot, fit)
+    check_declared(declared)
     names = None if declared is None else tuple(declared)
     settings = core.Settings(declared=names, views=figures)
-    runs = [Run(log) for log in fit]
-    sets = log_sets(robot, fit)
+    runs = [Run(log) for log in sets.fit]
     made, warnings = calibrate_logs(sets, runs, settings, trust_log=trust_log)
     return as_door(Calibration, made, warnings=warnings)
