@@ -41,7 +41,7 @@ from flows.steps.watch.run import (
 from flows.steps.watch.run import watch as run
 from flows.steps.watch.session import Session, Watch, start
 from flows.storage.diagnosis import read_verdict
-from residual.errors import ModelgapError, RunError
+from residual.errors import InputError, ModelgapError, RunError
 from residual.monitoring.rows import Samples
 from residual.monitoring.watch import Change
 from residual.quantity import plain
@@ -83,6 +83,9 @@ def watch(
         once: Read what is there, diagnose, and stop.
         alarms_only: Store alarms and their rows, and diagnose nothing.
     """
+    if once and file != STDOUT and not Path(file).exists():
+        # Without --once it may come yet; with it a wrong name would be "0 alarms".
+        raise InputError(f"--file {file}: there is no such file, and --once waits not.")
     console = Console()
     tell = partial(say, console)
     begun = start(replace(request, robot=robot))
