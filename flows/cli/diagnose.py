@@ -59,8 +59,8 @@ def diagnose(
             FILE@60%: the last 40 percent.
         report: HTML page to write.
         json: File for the verdict as JSON; "-" prints it and nothing else.
-        save_model: File for the model with what was found, which predict, export and
-            track take.
+        save_model: File for the model with what was found, which predict and
+            export take.
         verbose: List the effects that these logs could not tell apart.
     """
     request = replace(request, logs=logs)

@@ -85,7 +85,9 @@ def watch(
     """
     if once and file != STDOUT and not Path(file).exists():
         # Without --once it may come yet; with it a wrong name would be "0 alarms".
-        raise InputError(f"--file {file}: there is no such file, and --once waits not.")
+        raise InputError(
+            f"--file {file}: there is no such file, and with --once none is waited for."
+        )
     console = Console()
     tell = partial(say, console)
     begun = start(replace(request, robot=robot))

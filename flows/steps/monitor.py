@@ -80,8 +80,8 @@ def monitor(request: Request) -> tuple[str, Watched, dict[str, Recording]]:
     """
     store = store_folder(request.store)
     source = source_of(request.model, store)
-    healthy = _read(store, request.good or source.good)
-    watched = _read(store, request.runs)
+    healthy = usable_runs(store, request.good or source.good)
+    watched = usable_runs(store, request.runs)
     _check(source, healthy, watched)
     robot = source.robot_of(next(iter(healthy.values())), store)
     for run in (*healthy.values(), *watched.values()):
@@ -207,7 +207,12 @@ def latest_diagnosis(runs: Sequence[str], store: Path) -> str | None:
     return found[0]["diagnosis_id"] if found else None
 
 
-def _read(store: Path, ids: Sequence[str]) -> dict[str, Recording]:
+def usable_runs(store: Path, ids: Sequence[str]) -> dict[str, Recording]:
+    """Return runs by id, in their order.
+
+    Raises:
+        InputError: If one is in quarantine, or given twice.
+    """
     out = {}
     for word in ids:
         run = read_run(store, word)

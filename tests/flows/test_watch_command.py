@@ -15,7 +15,7 @@ from tests.residual.arms import urdf_text
 from tests.residual.monitored import healthy, spoilt
 from warehouse.layout import read_record
 from warehouse.query.store import open_store
-from warehouse.runs import read_manifest, read_run
+from warehouse.runs import quarantine, read_manifest, read_run
 
 HEADER = "t,q1,q2,tau1,tau2\n"
 
@@ -105,6 +105,16 @@ def test_a_state_is_whole_or_not_there_and_a_damaged_one_is_said(made, tmp_path)
     state.write_bytes(state.read_bytes()[:100])
     with pytest.raises(InputError, match="delete it to begin anew"):
         read(state)
+
+
+def test_it_learns_from_no_run_that_is_in_quarantine(made, tmp_path, capsys):
+    urdf, store, _ = made
+    log, path = healthy(500), tmp_path / "live.csv"
+    written(path, log)
+    id = keep_run(store, str(urdf), load(str(urdf)), Samples(log.t, log.q, log.tau))
+    quarantine(store, id, "the brake was on")
+    assert watch(made, path, "--calibrate", *made[2], id) == 2
+    assert f"Run {id} is in quarantine" in " ".join(capsys.readouterr().err.split())
 
 
 def test_it_says_what_it_needs(made, tmp_path, capsys):

@@ -15,6 +15,7 @@ from flows.outputs import write_all
 from flows.requests import GivenWord, Request, Store, Words
 from flows.settings import store_folder
 from flows.steps.models import Choice, choose, source_of
+from flows.steps.monitor import usable_runs
 from residual.errors import InputError
 from residual.lazy import one_blas_thread
 from residual.monitoring.learn import PER_HOUR, learn
@@ -231,7 +232,7 @@ def _good(
     request: Watch, store: Path, choice: Choice, before: Session | None
 ) -> tuple[str, ...]:
     if request.good:
-        return tuple(read_run(store, id).id for id in request.good)
+        return tuple(usable_runs(store, request.good))
     if before:
         return before.origin.good
     good = source_of(choice.diagnosis, store).good if choice.diagnosis else ()
