@@ -1,13 +1,12 @@
 """Runs back out of the store, with seals, tombstones, descriptions of their robots."""
 
 import json
+import re
 import shutil
 import tomllib
 from datetime import UTC, datetime
 from functools import lru_cache
 from pathlib import Path
-
-import tomli_w
 
 from residual.errors import InputError, ModelgapError
 from residual.recording import Recording
@@ -176,14 +175,19 @@ def _is_built_in(word: str, robot: Robot) -> bool:
 
 
 def _toml_text(path: Path, robot: Robot) -> str | None:
-    """The robot.toml of a robot, which says its serial number too; None for none."""
+    """The robot.toml of a robot, which says its serial number too; None for none.
+
+    A line is put into the user's own text, so that comments stay.
+    """
     own = path / TOML if path.is_dir() else None
     text = own.read_text(encoding="utf-8") if own and own.is_file() else None
-    content = tomllib.loads(text or "")
-    if robot.serial is None or "serial" in content.get("robot", {}):
+    if robot.serial is None or "serial" in tomllib.loads(text or "").get("robot", {}):
         return text
-    content["robot"] = {"serial": robot.serial, **content.get("robot", {})}
-    return tomli_w.dumps(content)
+    line = f"serial = {json.dumps(robot.serial)}\n"
+    table = re.search(r"^\[robot\][^\n]*\n", text or "", re.MULTILINE)
+    if table:
+        return text[: table.end()] + line + text[table.end() :]
+    return f"[robot]\n{line}\n{text or ''}"
 
 
 def robot_of_hash(store: Path, content_hash: str) -> str:
