@@ -453,7 +453,7 @@ def _misused(error: CycloptsError) -> str:
     chain = error.command_chain or ()
     command = " ".join(("modelgap", *chain))
     if isinstance(error, MissingArgumentError) and error.argument and chain:
-        return f"{_missing(error, command)} See {command} --help."
+        return f"{_missing(error)} See {command} --help."
     if not isinstance(error, UnusedCliTokensError):
         return f"{' '.join(str(error).split())} See {command} --help."
     words = error.unused_tokens or [""]
@@ -466,7 +466,7 @@ def _misused(error: CycloptsError) -> str:
     )
 
 
-def _missing(error: MissingArgumentError, command: str) -> str:
+def _missing(error: MissingArgumentError) -> str:
     """Return which option lacks its value, or which word or option is not there."""
     name, kind = error.argument.name, error.argument.field_info.kind
     shown = f"{name} {_KINDS.get(name, 'WORD')}"
@@ -474,7 +474,7 @@ def _missing(error: MissingArgumentError, command: str) -> str:
         return f"{name} has nothing behind it, expected {shown}."
     if kind is not kind.KEYWORD_ONLY:  # it has its place on the line
         shown = name.lstrip("-").upper()
-    return f"{command.partition(' ')[2]} needs {shown}, which is missing."
+    return f"{' '.join(error.command_chain)} needs {shown}, which is missing."
 
 
 def _say(text: str, code: int) -> int:

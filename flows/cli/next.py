@@ -1,6 +1,5 @@
 """modelgap next: the motion that would settle what a verdict leaves open."""
 
-import shlex
 from collections.abc import Mapping
 from dataclasses import replace
 from pathlib import Path
@@ -12,6 +11,7 @@ from flows.inputs.given import is_run
 from flows.outputs import progress_bar, read_files, say
 from flows.report.console import show
 from flows.report.next import Sheet, comparison, nothing_open, render_sheet, told
+from flows.report.page import command
 from flows.report.words.verdict import sentences
 from flows.requests import Flag, Log, Next
 from flows.settings import store_folder
@@ -133,20 +133,11 @@ def _checked(
 def _command(opened: Asked, store: str | Path | None) -> str:
     """Return what diagnoses the new log with the others, asked as they were."""
     request, usual = opened.request, declared_names(opened.robot, None)
-    said = usual if request.declared is None else tuple(request.declared)
-    declared = () if set(said) == set(usual) else (",".join(said) or "none",)
-    words = ["modelgap", "diagnose", *request.logs, "NEW_LOG", "--robot", request.robot]
-    for option, more in (
-        ("--holdout", request.held_out),
-        ("--baseline", request.baseline),
-        ("--declared", declared),
-        *(("--known", (one,)) for one in request.known),
-        ("--map", (request.columns,) if request.columns else ()),
-        ("--model", (request.model,) if request.model else ()),
-        ("--store", (str(store),) if store else ()),
-    ):
-        words += [option, *more] if more else []
-    return shlex.join(words + ["--trust-log"] * request.trust_log)
+    declared = request.declared
+    if declared is not None and set(declared) == set(usual):
+        declared = None
+    logs = (*request.logs, "NEW_LOG")
+    return command(replace(request, logs=logs, declared=declared, store=store), None)
 
 
 def _run(opened: Asked, made: Design, console: Console) -> None:

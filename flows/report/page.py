@@ -137,17 +137,17 @@ def of_record(made: Made, record: Mapping) -> Pairs:
     return [*made.facts[:-1], (_AGAIN, tag("kbd", again))]
 
 
-def command(request: Diagnose, page: str) -> str:
-    """Return the command line of a diagnosis with its page."""
+def command(request: Diagnose, page: str | None) -> str:
+    """Return the command line of a diagnosis, with its page if there is one."""
     words = ["modelgap", "diagnose", *request.logs, "--robot", request.robot]
     for option, values in (
         ("--holdout", request.held_out),
         ("--baseline", request.baseline),
-        ("--known", request.known),
     ):
         words += [word for value in values for word in (option, value)]
     if request.declared is not None:
         words += ["--declared", ",".join(request.declared) or "none"]
+    words += [word for value in request.known for word in ("--known", value)]
     for option, value in (
         ("--map", request.columns),
         ("--null", request.null),
@@ -156,7 +156,7 @@ def command(request: Diagnose, page: str) -> str:
     ):
         words += [option, str(value)] if value else []
     words += ["--trust-log"] if request.trust_log else []
-    return shlex.join([*words, "--report", page])
+    return shlex.join([*words, "--report", page] if page else words)
 
 
 _TEMPLATES = Path(__file__).parent / "templates"
