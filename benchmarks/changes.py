@@ -18,13 +18,12 @@ for a missed bar.
 import argparse
 import sys
 from collections.abc import Mapping, Sequence
-from functools import partial
 from pathlib import Path
 
 sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
 
 from benchmarks.changes_parts import ask, bars, cases, real
-from benchmarks.changes_parts.case import EDGE, GROUPS, MEASURED, Case
+from benchmarks.changes_parts.case import GROUPS, MEASURED, Case
 from benchmarks.harness import cases as harness
 from benchmarks.harness.figures import Figures, finish, one_blas_thread
 from benchmarks.harness.origin import ROOT
@@ -32,6 +31,7 @@ from benchmarks.measured_parts.arms import absent
 from flows.workers.pool import Pool
 
 _QUICK_GROUPS = ("unchanged", "change", "measured_change")
+_ASKED = (*cases.OWN, "ask.py", "peer.py")
 
 
 def main() -> int:
@@ -67,31 +67,16 @@ def _listed(args: argparse.Namespace, pool: Pool) -> list[Case]:
 
 def _rows(listed: Sequence[Case], pool: Pool) -> list[Mapping]:
     """Return a row of each case by each method, ours and the peer's."""
+    plan = [f"benchmarks/changes_parts/{name}" for name in _ASKED]
+    kept = harness.kept_file("changes", *plan, *cases.BELOW)
+    done = harness.run_kept(kept, ask.words, pool, ask.run, {c.name: c for c in listed})
     rows: list[Mapping] = []
-    for method in ask.METHODS:
-        run_all = partial(harness.run_kept, _kept(method), ask.words, pool, ask.run)
-        minimum: dict[str, Sequence] = {}
-        # What the program says of an arm is nothing to the peer.
-        own = [c for c in listed if method == ask.PRODUCT or c.group != EDGE]
-        if method == ask.PRODUCT:
-            edge = [ask.Job(c, ask.BENCH) for c in own if c.group == EDGE]
-            benches = {job.name: job for job in edge}
-            for name, row in run_all(benches).items():
-                minimum[benches[name].case.name] = row.get("minimum", ())
-        jobs = [ask.Job(c, method, minimum.get(c.name, ())) for c in own]
-        done = run_all({job.name: job for job in jobs})
-        # What a process took with it has no row of its own: it said nothing.
-        rows += [{**ask.nothing(job), **done[job.name]} for job in jobs]
+    for case in listed:
+        result = done[case.name]
+        # What a process took with it has no rows: no method said anything.
+        silent = [{**ask.nothing(case, m), **result} for m in ask.methods_of(case)]
+        rows += result.get("rows", silent)
     return rows
-
-
-def _kept(method: str) -> Path:
-    """Return where rows of this very method on these very cases are kept."""
-    own = ["peer.py"] if method == ask.PEER else []
-    plan = [f"benchmarks/changes_parts/{name}" for name in (*cases.OWN, "ask.py", *own)]
-    # The peer does not change with the program.
-    code = "peer" if method == ask.PEER else None
-    return harness.kept_file(f"changes-{method}", *plan, *cases.BELOW, code=code)
 
 
 def _absent(args: argparse.Namespace) -> Figures:

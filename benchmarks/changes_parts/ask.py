@@ -5,8 +5,8 @@ or if the answer itself says that the logs cannot tell the two apart.
 """
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import asdict, dataclass, field, replace
-from functools import lru_cache
+from dataclasses import dataclass, field, replace
+from functools import lru_cache, partial
 from time import process_time
 
 import numpy as np
@@ -18,7 +18,7 @@ from benchmarks.harness.cases import guarded
 from flows.blind.row import smallest
 from flows.blind.score import Name, matched, members
 from flows.blind.score import Said as Member
-from residual.diagnosis.result import Detectable, Verdict
+from residual.diagnosis.result import Verdict
 from residual.errors import ModelgapError
 from residual.method.diagnose import diagnose
 from sim.plant.catalogue import amount, main_parameter, stated
@@ -149,8 +149,6 @@ def _measured(case: Case) -> Made:
 
 
 PRODUCT, PEER = "product", "peer"
-METHODS = (PRODUCT, PEER)
-BENCH = "bench"
 
 # Of what the peer names: the parameter that its first coefficient is.
 _FIRST = {
@@ -165,36 +163,31 @@ _FIRST = {
 }
 
 
-@dataclass(frozen=True, slots=True)
-class Job:
-    """One case for one method."""
-
-    case: Case
-    # One of METHODS, or BENCH: what the product would see of that arm, unchanged
-    method: str
-    # Of a case of EDGE what the bench said would be seen
-    minimum: Sequence[Mapping] = ()
-
-    @property
-    def name(self) -> str:
-        """Key of its row."""
-        return f"{self.method} {self.case.name}"
+def methods_of(case: Case) -> tuple[str, ...]:
+    """Return who is asked: what the program says of an arm is nothing to the peer."""
+    return (PRODUCT,) if case.group == EDGE else (PRODUCT, PEER)
 
 
-def run(job: Job) -> dict:
-    """Do one job; a crash is a row like any other, and says nothing."""
-    return guarded(nothing(job), lambda: {**_about(job), **_row(job)})
+def run(case: Case) -> dict:
+    """Ask every method about one made plant, a row each.
+
+    A crash is a row like any other, and says nothing.
+    """
+    rows = [
+        guarded(nothing(case, method), partial(_row, case, method))
+        for method in methods_of(case)
+    ]
+    return {"rows": rows}
 
 
-def nothing(job: Job) -> dict:
+def nothing(case: Case, method: str) -> dict:
     """Return the row of a method that says nothing, as of one that crashed."""
-    return {**_about(job), **judged(_truths(job.case), Answer((), (), 0.0))}
+    return _about(case, method) | judged(_truths(case), Answer((), (), 0.0))
 
 
-def _about(job: Job) -> dict:
-    case = job.case
+def _about(case: Case, method: str) -> dict:
     return {
-        "method": job.method,
+        "method": method,
         "group": case.group,
         "seed": case.seed,
         "index": case.index,
@@ -205,27 +198,22 @@ def _about(job: Job) -> dict:
     }
 
 
-def _row(job: Job) -> dict:
-    case = job.case
-    if job.method == BENCH:
-        case = replace(case, planted=(), noise=(case.noise + 1) % 2**31)
-        sizes = _diagnosed(make(case)).minimum_detectable
-        return {"minimum": [asdict(size) for size in sizes]}
+def _row(case: Case, method: str) -> dict:
     if case.group == EDGE:
-        sized = _at_the_edge(case, job.minimum)
+        sized = _at_the_edge(case)
         if sized is None:
-            return {"unsized": True, **judged(_truths(case), Answer((), (), 0.0))}
+            return {"unsized": True, **nothing(case, method)}
         case = sized
-    made = make(case)
+    made, about = make(case), _about(case, method)
     try:
-        answer = _ASK[job.method](made)
+        answer = _ASK[method](made)
     except ModelgapError as refusal:
         # A log that is too short is refused: that is no crash, and no answer either.
         refused = {"refused": f"{type(refusal).__name__}: {refusal}"}
-        return refused | judged(made.truth, Answer((), (), 0.0))
-    row = judged(made.truth, answer)
+        return about | refused | judged(made.truth, Answer((), (), 0.0))
     planted = [[t.size, dict(t.parameters)] for t in made.truth]
-    return row | {"planted": planted, "true_factor": made.factor}
+    more = {"planted": planted, "true_factor": made.factor}
+    return about | judged(made.truth, answer) | more
 
 
 def _diagnosed(made: Made) -> Verdict:
@@ -283,10 +271,15 @@ def _truths(case: Case) -> tuple[Truth, ...]:
     )
 
 
-def _at_the_edge(case: Case, minimum: Sequence[Mapping]) -> Case | None:
-    """Return a case as large as half would be seen of; None where no size is said."""
+def _at_the_edge(case: Case) -> Case | None:
+    """Return a case as large as half would be seen of; None where no size is said.
+
+    The program says the size, of that arm unchanged and with other noise.
+    """
+    unchanged = replace(case, planted=(), noise=(case.noise + 1) % 2**31)
+    sizes = _diagnosed(make(unchanged)).minimum_detectable
     one = case.planted[0]
-    least = smallest([Detectable(**m) for m in minimum], one.name, one.joints)
+    least = smallest(sizes, one.name, one.joints)
     values = dict(one.parameters)
     usual = amount(one.name, values)
     if least is None or not usual:
@@ -296,9 +289,13 @@ def _at_the_edge(case: Case, minimum: Sequence[Mapping]) -> Case | None:
     return replace(case, planted=(replace(one, parameters=many),))
 
 
-def words(row: Mapping) -> str:
-    if "minimum" in row:
-        return f"{len(row['minimum'])} sizes"
+def words(result: Mapping) -> str:
+    return "; ".join(f"{row['method']} {_words(row)}" for row in result["rows"])
+
+
+def _words(row: Mapping) -> str:
+    if "error" in row:
+        return f"crash: {row['error'][:80]}"
     if "refused" in row:
         return row["refused"][:80]
     names = "; ".join(f"{n} {j}" for n, j in row["names"]) or "nothing"

@@ -38,6 +38,10 @@ from warehouse.verify import verify_all
 
 _ROWS = 5_000  # 20 s at 250 Hz, 43 columns
 _FILLERS = 4
+# Hundreds of processes, forked from one that has loaded this file: each would load the
+# libraries anew, which takes ten times as long as what it does.
+_PROCESSES = multiprocessing.get_context("forkserver")
+_PROCESSES.set_forkserver_preload([__name__])
 
 
 @dataclass(frozen=True, slots=True)
@@ -53,7 +57,7 @@ class Costs:
 
 def one_winner(address: str, writers: int, runs: int) -> list[int]:
     """Let several processes write the same runs; return how many wrote each."""
-    with multiprocessing.get_context("forkserver").Pool(writers) as pool:
+    with _PROCESSES.Pool(writers) as pool:
         wrote = pool.starmap(_write_all, [(address, range(runs))] * writers, 1)
     counts = Counter(id for ids in wrote for id in ids)
     store = mirror_of(address)
@@ -64,12 +68,12 @@ def one_winner(address: str, writers: int, runs: int) -> list[int]:
 
 def killed(address: str, kills: int) -> tuple[int, int]:
     """Kill a writer again and again; return what is partial then, and all runs."""
-    rng, context = random.Random(7), multiprocessing.get_context("forkserver")
+    rng = random.Random(7)
     first, usual = 0, _usual_commit(address)
     for _ in range(kills):
-        started = context.Event()
+        started = _PROCESSES.Event()
         work = (address, first, started)
-        process = context.Process(target=_write_until_killed, args=work)
+        process = _PROCESSES.Process(target=_write_until_killed, args=work)
         process.start()
         # One run is stored then; it is killed somewhere in the next three.
         started.wait()
@@ -98,7 +102,7 @@ def _usual_commit(address: str) -> float:
 def timed_questions(address: str, runs: int) -> dict[str, float]:
     """Fill a store and time questions of a machine that has no copies yet [s]."""
     parts = [(address, range(k, runs, _FILLERS)) for k in range(_FILLERS)]
-    with multiprocessing.get_context("forkserver").Pool(_FILLERS) as pool:
+    with _PROCESSES.Pool(_FILLERS) as pool:
         pool.starmap(_write_all, parts, 1)
     with warehouse.open(address) as opened:
         # What the last writers left is added once, by whoever comes first.

@@ -1,6 +1,7 @@
 """modelgap check, map and import: logs before any modelling; and explain: words."""
 
 from dataclasses import replace
+from pathlib import Path
 
 from rich.console import Console
 
@@ -14,6 +15,7 @@ from flows.requests import Check, Flag, Import, Json, Log, Map, Word
 from flows.settings import store_folder
 from flows.steps import check as checking
 from flows.steps import imports
+from residual.errors import InputError
 from residual.lazy import Lazy
 from warehouse.mirror import shown
 
@@ -71,6 +73,12 @@ def map_(log: Log, *, request: Map, out: str | None = None) -> None:
     if out is None:
         print(text, end="")
         return
+    if Path(out).exists() and Path(out).read_bytes() != text.encode():
+        # A draft is there to be edited: what somebody set right is not lost.
+        raise InputError(
+            f"--out {out}: there is a file of other lines, and they may be yours. "
+            "Name another one, or delete it."
+        )
     unsure = [line[4:] for line in text.splitlines() if line.startswith("# ?")]
     outputs.say(*(f"not certain: {line}" for line in unsure))
     outputs.write({"--out": lambda: text})
