@@ -13,6 +13,7 @@ from flows.inbox.take import (
     Inbox,
     Taken,
     inboxes,
+    look,
     look_twice,
     take_all,
 )
@@ -89,6 +90,8 @@ def inbox(
     while True:
         sums = _round(project, of, import_only)
         if once:
+            # What is still written, or empty, waits too, though nobody has tried it.
+            sums[WAITING] = sum(len(look(inbox.folder)) for inbox in of)
             words = ", ".join(f"{sums[what]} {what}" for what in _WORDS)
             print(words)
             return

@@ -88,7 +88,9 @@ def test_logs_are_stored_refused_or_known_and_moved(place, csv, capsys):
     assert "missing column" in (place / "in/rejected/bad.csv.txt").read_text()
     # Renamed by its writer, it is a log.
     (place / "in/half.csv.part").rename(place / "in/half.csv")
+    (place / "in/empty.csv").touch()
     assert main(["inbox", "--once", "--import-only"]) == 0
+    assert "1 stored, 0 known, 0 refused, 1 waiting" in capsys.readouterr().out
     assert len(ask("FROM runs")) == 2
 
 
