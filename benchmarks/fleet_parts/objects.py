@@ -39,7 +39,7 @@ from warehouse.verify import verify_all
 _ROWS = 5_000  # 20 s at 250 Hz, 43 columns
 _FILLERS = 4
 # Hundreds of processes, forked from one that has loaded this file: each would load the
-# libraries anew, which takes ten times as long as what it does.
+# libraries anew, some seconds for commits of a twentieth of one.
 _PROCESSES = multiprocessing.get_context("forkserver")
 _PROCESSES.set_forkserver_preload([__name__])
 
