@@ -73,9 +73,10 @@ def _rows(listed: Sequence[Case], pool: Pool) -> list[Mapping]:
     rows: list[Mapping] = []
     for case in listed:
         result = done[case.name]
-        # What a process took with it has no rows: no method said anything.
-        silent = [{**ask.nothing(case, m), **result} for m in ask.methods_of(case)]
-        rows += result.get("rows", silent)
+        if "rows" in result:
+            rows += result["rows"]
+        else:  # a process took it with it: no method said anything
+            rows += [ask.nothing(case, m) | result for m in ask.methods_of(case)]
     return rows
 
 

@@ -4,7 +4,6 @@ The server is moto in a process of its own, on this machine. The runs are synthe
 samples of six joints, put in by the program's own commit; nothing is simulated.
 """
 
-import multiprocessing
 import os
 import random
 import subprocess
@@ -25,7 +24,7 @@ from boto3 import client
 import warehouse
 from benchmarks.harness.figures import Figures, figure, missing, partial
 from benchmarks.harness.rates import wall
-from benchmarks.harness.shell import free_port, wait_for
+from benchmarks.harness.shell import forked, free_port, wait_for
 from benchmarks.store_parts.made import run, synthetic
 from warehouse import catalogue
 from warehouse.bucket import Bucket
@@ -38,10 +37,6 @@ from warehouse.verify import verify_all
 
 _ROWS = 5_000  # 20 s at 250 Hz, 43 columns
 _FILLERS = 4
-# Hundreds of processes, forked from one that has loaded this file: each would load the
-# libraries anew, some seconds for commits of a twentieth of one.
-_PROCESSES = multiprocessing.get_context("forkserver")
-_PROCESSES.set_forkserver_preload([__name__])
 
 
 @dataclass(frozen=True, slots=True)
@@ -57,7 +52,7 @@ class Costs:
 
 def one_winner(address: str, writers: int, runs: int) -> list[int]:
     """Let several processes write the same runs; return how many wrote each."""
-    with _PROCESSES.Pool(writers) as pool:
+    with forked(__name__).Pool(writers) as pool:
         wrote = pool.starmap(_write_all, [(address, range(runs))] * writers, 1)
     counts = Counter(id for ids in wrote for id in ids)
     store = mirror_of(address)
@@ -68,12 +63,12 @@ def one_winner(address: str, writers: int, runs: int) -> list[int]:
 
 def killed(address: str, kills: int) -> tuple[int, int]:
     """Kill a writer again and again; return what is partial then, and all runs."""
-    rng = random.Random(7)
+    rng, context = random.Random(7), forked(__name__)
     first, usual = 0, _usual_commit(address)
     for _ in range(kills):
-        started = _PROCESSES.Event()
+        started = context.Event()
         work = (address, first, started)
-        process = _PROCESSES.Process(target=_write_until_killed, args=work)
+        process = context.Process(target=_write_until_killed, args=work)
         process.start()
         # One run is stored then; it is killed somewhere in the next three.
         started.wait()
@@ -102,7 +97,7 @@ def _usual_commit(address: str) -> float:
 def timed_questions(address: str, runs: int) -> dict[str, float]:
     """Fill a store and time questions of a machine that has no copies yet [s]."""
     parts = [(address, range(k, runs, _FILLERS)) for k in range(_FILLERS)]
-    with _PROCESSES.Pool(_FILLERS) as pool:
+    with forked(__name__).Pool(_FILLERS) as pool:
         pool.starmap(_write_all, parts, 1)
     with warehouse.open(address) as opened:
         # What the last writers left is added once, by whoever comes first.

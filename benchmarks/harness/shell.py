@@ -1,5 +1,6 @@
 """Commands of the program as a user gives them: what they say, and what they cost."""
 
+import multiprocessing
 import os
 import socket
 import subprocess
@@ -15,6 +16,16 @@ from benchmarks.harness.origin import ROOT
 _EVERY = 0.2  # s between two looks at the memory
 # The same as the console script, also where that is not installed.
 _START = "import sys; from flows.cli import main; sys.exit(main())"
+
+
+def forked(module: str) -> multiprocessing.context.ForkServerContext:
+    """Return what starts processes, each forked from one that has loaded a module.
+
+    Each would load the libraries anew, some seconds for commits of a twentieth of one.
+    """
+    context = multiprocessing.get_context("forkserver")
+    context.set_forkserver_preload([module])
+    return context
 
 
 def command(*words: str) -> list[str]:

@@ -5,13 +5,13 @@ experiment is run, sealed and stored by the code of `modelgap campaign`. In plac
 simulated arm stand arrays that its spec decides.
 """
 
-import multiprocessing
 import random
 from pathlib import Path
 from time import perf_counter, sleep
 
 import warehouse
 from benchmarks.harness.figures import Figures, all_partial, figure
+from benchmarks.harness.shell import forked
 from benchmarks.store_parts.made import folder, stand_in
 from flows.specs.campaign import load_campaign
 from flows.steps import experiment
@@ -45,8 +45,7 @@ provenance()  # slow the first time, and the same in every process forked from h
 def kill_figures(quick: bool, kills: int | None = None) -> Figures:
     """Kill campaigns, look at their stores, resume them, and compare what there is."""
     kills = kills or (8 if quick else FULL)
-    context = multiprocessing.get_context("forkserver")
-    context.set_forkserver_preload([__name__])
+    context = forked(__name__)
     rng = random.Random(5)
     with folder() as place:
         spec = place / "campaign.toml"

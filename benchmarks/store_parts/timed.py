@@ -1,6 +1,5 @@
 """A commit against the bare Parquet file, ten thousand runs, three writers at once."""
 
-import multiprocessing
 from functools import partial
 from pathlib import Path
 from time import monotonic, perf_counter
@@ -11,6 +10,7 @@ import pyarrow.parquet as pq
 import warehouse
 from benchmarks.harness.figures import Figures, all_partial, figure
 from benchmarks.harness.rates import wall
+from benchmarks.harness.shell import forked
 from benchmarks.store_parts.made import folder, small, synthetic
 from residual.recording import Recording
 from warehouse.catalogue import flush
@@ -140,8 +140,7 @@ def _median(spent: list[float], bar: float | None) -> dict:
 
 
 def _fill(place: Path, count: int) -> None:
-    context = multiprocessing.get_context("forkserver")
-    context.set_forkserver_preload([__name__])
+    context = forked(__name__)
     half = count // 2
     jobs = [(place, 0, half), (place, half, count)]
     writers = [context.Process(target=_write, args=job) for job in jobs]
@@ -171,8 +170,7 @@ WRITERS, _LONG, WHILE = 3, 400, 60.0
 def together_figures(quick: bool) -> Figures:
     """Let three processes write for a while; every fifth run is of all of them."""
     seconds = 10.0 if quick else WHILE
-    context = multiprocessing.get_context("forkserver")
-    context.set_forkserver_preload([__name__])
+    context = forked(__name__)
     told = context.Queue()
     with folder() as place:
         until = monotonic() + seconds
