@@ -116,12 +116,9 @@ def alternatives(task: Task, fitted: Fit, group: Group) -> tuple[list[Group], fl
         Candidates within 6 nats of the member when swapped in, nearest first; the
         probability of that class against every other candidate and against nothing.
     """
-    known = task.design.remembered
-    key = ("alternatives", id(task), id(fitted), id(group))
-    if key not in known:
-        # Kept with what it is of, so that nothing else can get these ids.
-        known[key] = (task, fitted, group), _alternatives(task, fitted, group)
-    return known[key][1]
+    if (fitted, group) not in task.alternatives:
+        task.alternatives[fitted, group] = _alternatives(task, fitted, group)
+    return task.alternatives[fitted, group]
 
 
 def _alternatives(task: Task, fitted: Fit, group: Group) -> tuple[list[Group], float]:
@@ -355,11 +352,9 @@ def near_sets(task: Task, fitted: Fit) -> list[Rival]:
     """Return the sets of those that another motion may tell from the one named."""
     if not fitted.members or any(g.fellows > 1 for g in fitted.members):
         return []
-    known, key = task.design.remembered, ("sets", id(task), id(fitted))
-    if key not in known:
-        # Kept with what it is of, so that nothing else can get these ids.
-        known[key] = (task, fitted), _near_sets(task, fitted)
-    return known[key][1]
+    if fitted not in task.near_sets:
+        task.near_sets[fitted] = _near_sets(task, fitted)
+    return task.near_sets[fitted]
 
 
 def _near_sets(task: Task, fitted: Fit) -> list[Rival]:

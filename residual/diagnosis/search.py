@@ -176,12 +176,19 @@ def every_candidate(
 
 @dataclass(frozen=True, eq=False, slots=True)
 class Task:
-    """What a search works on: data, prior, candidates and rules."""
+    """What a search works on: data, prior, candidates and rules.
+
+    What stands in for a member of a fit, and which sets are near one, is computed once.
+    """
 
     design: Design
     prior: Prior
     candidates: Candidates
     rules: Rules
+    alternatives: dict[tuple[Fit, Group], tuple[list[Group], float]] = field(
+        default_factory=dict, init=False
+    )
+    near_sets: dict[Fit, list] = field(default_factory=dict, init=False)
 
     def fit(self, members: Sequence[Group], like: Fit, rounds: int = 3) -> Fit:
         """Fit a set with the row counts and noise of another fit to start from."""

@@ -4,7 +4,6 @@ A new effect is one new file in this folder with a module-level ``EFFECT``; the
 registry is the folder listing.
 """
 
-from collections import OrderedDict
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from itertools import pairwise
@@ -12,9 +11,10 @@ from typing import Any, Literal, NamedTuple
 
 import numpy as np
 import pinocchio as pin
+from cachetools import LRUCache, cached
 
 from residual.recording import Array
-from residual.robot.dynamics import LazyRegressor, with_inertial_parameters
+from residual.robot.dynamics import LazyRegressor, motion_key, with_inertial_parameters
 from residual.robot.robot import Robot
 from residual.signals.logs import low_pass
 
@@ -431,30 +431,20 @@ def dissipates_with_speed(theta: Array, shape: Shape, limits: Limits) -> bool:
 # of a noisy angle: only what is slow is told apart from noise.
 SLOW = 5.0  # Hz
 
-KEPT = 140_000  # rows whose derivatives are remembered: they are looked at many times
-
-_Known = OrderedDict[tuple, tuple[tuple, Array]]
-_KNOWN: _Known = OrderedDict()
+KEPT = 1 << 27  # bytes of derivatives that are kept: they are read many times
 
 
+def _key(state: State) -> tuple:
+    own = b"" if state.inertial is None else state.inertial.tobytes()
+    return *motion_key(state.robot, state.q, state.qd, state.qdd), own
+
+
+@cached(LRUCache(KEPT, getsizeof=lambda slopes: slopes.nbytes), key=_key)
 def sensitivity(state: State) -> Array:
     """Derivatives of the rigid torque to q, qd and qdd. Shape (3, n, dof, dof).
 
     The last axis is the joint that moves, the one before it the row of torque.
     """
-    own = b"" if state.inertial is None else state.inertial.tobytes()
-    # They are kept with the result, so that nothing else can get these ids.
-    known = state.robot, state.q, state.qd, state.qdd
-    key = (*map(id, known), own)
-    if key not in _KNOWN:
-        _KNOWN[key] = known, _derivatives(state)
-    _KNOWN.move_to_end(key)
-    while len(_KNOWN) > 1 and sum(d.shape[1] for _, d in _KNOWN.values()) > KEPT:
-        _KNOWN.popitem(last=False)
-    return _KNOWN[key][1]
-
-
-def _derivatives(state: State) -> Array:
     model = model_of(state)
     data = model.createData()
     q, qd, qdd = map(np.ascontiguousarray, (state.q, state.qd, state.qdd))

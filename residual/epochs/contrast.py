@@ -104,7 +104,8 @@ class Table:
     def __init__(self, joints: Mapping[int, Joint], blocks: int, noise: Noise) -> None:
         """Take the joints, the number of blocks in all, and the noise."""
         self.joints, self.blocks, self.noise = joints, blocks, noise
-        self._between: dict = {}
+        self._products: dict[tuple[Candidate, Candidate, int], Array] = {}
+        self._leverage: dict[tuple[Candidate, Candidate, int], Array] = {}
 
     @property
     def degrees(self) -> float:
@@ -114,7 +115,7 @@ class Table:
     def with_noise(self, noise: Noise) -> "Table":
         """The same under other noise."""
         out = Table(self.joints, self.blocks, noise)
-        out._between = self._between
+        out._products, out._leverage = self._products, self._leverage
         return out
 
     def sums(self, some: Sequence[Candidate]) -> Sums:
@@ -157,19 +158,17 @@ class Table:
         self._add(out, j, (to, at), turned)
 
     def _product(self, one: Candidate, other: Candidate, j: int) -> Array:
-        key = (id(one), id(other), j)
-        if key not in self._between:
-            own = one.pieces[j].columns.T @ other.pieces[j].raw
-            # With both, so that no other candidate gets their place in memory.
-            self._between[key] = own, one, other
-        return self._between[key][0]
+        key = one, other, j
+        if key not in self._products:
+            self._products[key] = one.pieces[j].columns.T @ other.pieces[j].raw
+        return self._products[key]
 
     def _levers(self, one: Candidate, other: Candidate, j: int) -> Array:
-        key = (id(one), id(other), j, "blocks")
-        if key not in self._between:
-            own = self.joints[j].levers(one.pieces[j], other.pieces[j])
-            self._between[key] = own, one, other
-        return self._between[key][0]
+        key = one, other, j
+        if key not in self._leverage:
+            pieces = one.pieces[j], other.pieces[j]
+            self._leverage[key] = self.joints[j].levers(*pieces)
+        return self._leverage[key]
 
     def fits(self, every: Sequence[Candidate], given: Sequence[Candidate]) -> Array:
         """Evidence of each candidate by the fall of the squared error. Shape (c,).

@@ -56,7 +56,8 @@ class Design:
         folds: Number of folds.
         fold_rows: Rows of each fold and joint. Shape (folds, dof).
         power, tau_power: Sum of squares of target and torque. Shape (folds, dof).
-        remembered: What is made of groups of its columns once (``evidence.screen``).
+        flat, stacks: Flat priors and stacks of groups, computed once
+            (``evidence.priors``).
     """
 
     _kept: Array | None = None  # the folds of a part; None for all
@@ -94,7 +95,7 @@ class Design:
         self._targets: list[list[Array]] = [[] for _ in range(self.dof)]
         self._totals: list = [None] * self.dof
         self._lines: dict[int, tuple[Array, int]] = {}
-        self.remembered: dict = {}
+        self.flat, self.stacks = {}, {}
         self._measure_torque()
         self._take_nominal()
 
@@ -301,7 +302,7 @@ class Design:
         out.rows = np.maximum(self.fold_rows[folds].sum(axis=0), 1.0)
         if alone:
             out.rms = np.maximum(np.sqrt(out.tau_power.sum(axis=0) / out.rows), 1e-9)
-        out._totals, out.remembered = [None] * self.dof, {}
+        out._totals, out.flat, out.stacks = [None] * self.dof, {}, {}
         return out
 
     def with_target(self, target: Sequence[Array]) -> "Design":
@@ -315,7 +316,7 @@ class Design:
         """
         out = copy(self)
         out._targets = [[y] for y in target]
-        out._totals, out.remembered = [None] * self.dof, {}
+        out._totals, out.flat, out.stacks = [None] * self.dof, {}, {}
         out._columns, cross = self._columns.copy(), []
         for j, y in enumerate(target):
             x, own = self._columns.read((j, 0), len(y)), np.zeros_like(self.cross[j])

@@ -150,12 +150,12 @@ def _flat(design: Design, ids: Array, rows: Joints) -> Array:
 
     The same under every prior, so the design remembers it.
     """
-    key = ("flat", int(ids[0]), len(ids))
-    if key not in design.remembered:
+    key = int(ids[0]), len(ids)
+    if key not in design.flat:
         flat = design.unit_information(ids, rows)
         flat += 1e-6 * np.diag(np.diag(flat)) + TINY * np.eye(len(ids))
-        design.remembered[key] = flat
-    return design.remembered[key]
+        design.flat[key] = flat
+    return design.flat[key]
 
 
 def _prior(precision: Array, scale: float, widths: Mapping[str, float]) -> Prior:
@@ -316,16 +316,16 @@ class Stack:
 
 
 def stacks(design: Design, groups: Sequence[Group]) -> list[Stack]:
-    """Return groups, put together where they are alike; remembered by the design."""
-    known = design.remembered
-    if id(groups) not in known:
+    """Return groups, put together where they are alike; kept by the design."""
+    key = tuple(groups)
+    if key not in design.stacks:
         alike: dict[int, list[int]] = {}
         for i, g in enumerate(groups):
             alike.setdefault(len(g.ids), []).append(i)
-        # The groups are kept with them, so that nothing else can get their id.
-        made = [_stack(design, groups, np.array(m)) for m in alike.values()]
-        known[id(groups)] = groups, made
-    return known[id(groups)][1]
+        design.stacks[key] = [
+            _stack(design, groups, np.array(m)) for m in alike.values()
+        ]
+    return design.stacks[key]
 
 
 def acting(design: Design, groups: Sequence[Group], joints: Iterable[int]) -> Array:

@@ -5,12 +5,12 @@ parameters of a link is m, mx, my, mz, Ixx, Ixy, Iyy, Ixz, Iyz, Izz, about the l
 frame.
 """
 
-from collections import OrderedDict
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 
 import numpy as np
 import pinocchio as pin
+from cachetools import LRUCache, cached
 
 from residual.recording import Array
 from residual.robot.robot import Robot
@@ -21,22 +21,6 @@ _LEAST_MASS = 1e-6
 AT_ONCE = 1 << 11  # rows of a regressor
 LARGEST = 1 << 26  # bytes of one that is remembered: 40 000 rows for six joints
 KEPT = 1 << 27  # bytes of all of them: thirteen minutes for six joints
-
-
-class _Remembered(OrderedDict[tuple, tuple[tuple, tuple[Array, ...]]]):
-    """Columns by the motion that they are of; what was not asked for longest goes."""
-
-    bytes = 0  # of all: to add them up again at each look would cost more than a look
-
-    def keep(self, known: tuple[object, ...], blocks: tuple[Array, ...]) -> None:
-        self[tuple(map(id, known))] = known, blocks
-        self.bytes += sum(x.nbytes for x in blocks)
-        while len(self) > 1 and self.bytes > KEPT:
-            _, (_, blocks) = self.popitem(last=False)
-            self.bytes -= sum(x.nbytes for x in blocks)
-
-
-_KNOWN = _Remembered()
 
 
 def _over(shape: tuple[int, ...], one: Callable, model: pin.Model, *motion) -> Array:
@@ -277,6 +261,13 @@ class LazyRegressor:
         known = self._remembered()
         return self._by_link() if known is None else known
 
+    def _remembered(self) -> tuple[Array, ...] | None:
+        """All of it, where it is small enough to be kept."""
+        n, dof = self.motion[0].shape
+        if 8 * PER_LINK * n * dof * (dof + 1) // 2 > LARGEST:
+            return None
+        return _kept_links(self)
+
     def _by_link(self) -> tuple[Array, ...]:
         n, dof = self.motion[0].shape
         out = tuple(np.empty((n, i + 1, PER_LINK)) for i in range(dof))
@@ -288,19 +279,18 @@ class LazyRegressor:
                 block[rows] = dense[:, : i + 1, own]
         return out
 
-    def _remembered(self) -> tuple[Array, ...] | None:
-        """All of it, where it is small enough to be kept."""
-        n, dof = self.motion[0].shape
-        if 8 * PER_LINK * n * dof * (dof + 1) // 2 > LARGEST:
-            return None
-        # They are kept with the result, so that nothing else can get these ids.
-        known = self.robot, *self.motion
-        key = tuple(map(id, known))
-        if key in _KNOWN:
-            _KNOWN.move_to_end(key)
-        else:
-            _KNOWN.keep(known, self._by_link())
-        return _KNOWN[key][1]
+
+def motion_key(robot: Robot, *motion: Array) -> tuple:
+    """Return a key of a cache for what is computed of a motion: its values."""
+    return robot, *(x.tobytes() for x in motion)
+
+
+@cached(
+    LRUCache(KEPT, getsizeof=lambda blocks: sum(x.nbytes for x in blocks)),
+    key=lambda lazy: motion_key(lazy.robot, *lazy.motion),
+)
+def _kept_links(lazy: LazyRegressor) -> tuple[Array, ...]:
+    return lazy._by_link()
 
 
 def links_of(regressor: Array | LazyRegressor, dof: int) -> Iterator[Array]:

@@ -120,18 +120,11 @@ def test_flange_jacobian_is_the_derivative_of_the_flange_position():
     np.testing.assert_allclose(jacobian[0, :3] @ qd[0], speed, atol=1e-6)
 
 
-def test_of_the_motions_that_are_remembered_the_latest_fit_into_what_is_kept(
-    monkeypatch,
-):
-    robot, own = load_robot("irb140"), dynamics._Remembered()
-    monkeypatch.setattr(dynamics, "_KNOWN", own)
-    monkeypatch.setattr(dynamics, "KEPT", 60_000)
-    made = [dynamics.LazyRegressor(robot, tuple(states(k, 10))) for k in range(6)]
-    blocks = [one.links() for one in made]
-    size = sum(x.nbytes for x in blocks[0])
-    assert own.bytes == size * len(own) <= 60_000 < size * (len(own) + 1)
-    assert made[-1].links() is blocks[-1]
-    again = made[0].links()
-    assert again is not blocks[0]
-    np.testing.assert_array_equal(again[3], blocks[0][3])
-    assert own.bytes == size * len(own)
+def test_a_motion_of_equal_values_has_its_columns_once():
+    robot, motion = load_robot("irb140"), states(3, 10)
+    blocks = dynamics.LazyRegressor(robot, motion).links()
+    same = tuple(values.copy() for values in motion)
+    assert dynamics.LazyRegressor(robot, same).links() is blocks
+    other = dynamics.LazyRegressor(robot, (*same[:2], same[2] + 1e-9))
+    assert other.links() is not blocks
+    assert dynamics._kept_links.cache.currsize <= dynamics.KEPT
