@@ -14,9 +14,6 @@ from rich.progress import BarColumn, TextColumn, TimeElapsedColumn
 from rich.progress import Progress as Bar
 
 from residual.errors import InputError, plain
-from residual.lazy import Lazy
-
-kinds = Lazy("warehouse.schema")
 
 
 def json_text(document: Mapping) -> str:
@@ -55,10 +52,12 @@ def check_writable(files: Mapping[str, Path], inputs: Iterable[Path]) -> None:
 
 def check_outside(option: str, file: str | None, store: Path) -> None:
     """Refuse to write among the records of a store, which nothing may change."""
+    from warehouse.schema import FOLDERS
+
     place, store = Path(file or store).resolve(), store.resolve()
     # A store may be a folder with other things beside its own.
     inside = place.relative_to(store).parts[:1] if place.is_relative_to(store) else ()
-    if set(inside) & kinds.FOLDERS:
+    if set(inside) & FOLDERS:
         raise InputError(
             f"{option} {file} is among the records of the store. Name a file elsewhere."
         )

@@ -8,10 +8,7 @@ import tomllib
 from pathlib import Path
 
 from residual.errors import InputError
-from residual.lazy import Lazy
 from warehouse.bucket import is_address
-
-mirror = Lazy("warehouse.mirror")
 
 HEALTHY = "healthy"  # tag of the runs of an arm in good order, unless a project has one
 PROJECT = "modelgap.toml"  # file of a project, which names its store
@@ -38,7 +35,9 @@ def store_folder(option: str | None = None) -> Path:
     """
     word = str(option or os.environ.get(STORE) or _of_project())
     if is_address(word):
-        return mirror.mirror_of(word)
+        from warehouse.mirror import mirror_of
+
+        return mirror_of(word)
     place = Path(word).resolve()
     for folder in (place, *place.parents):
         if folder.exists():

@@ -130,7 +130,7 @@ class Diagnosis(result.Diagnosis):
         return summary(self)
 
 
-def diagnose(  # noqa: PLR0913  each an option of the command
+def diagnose(
     robot: Robot,
     fit: Sequence[Recording],
     held_out: Sequence[Recording] = (),

@@ -11,7 +11,6 @@ from flows.requests import Request
 from flows.settings import store_folder
 from residual.effects import registry, vocabulary
 from residual.errors import InputError, check_name, shortened
-from residual.lazy import Lazy
 from residual.recording import Recording
 from residual.robot.robot import Robot, load_robot, with_serial
 from warehouse.logs import (
@@ -24,8 +23,7 @@ from warehouse.logs import (
     read_log,
     unique_ids,
 )
-
-stored = Lazy("warehouse.runs")
+from warehouse.runs import read_manifest, read_run, robot_of_hash
 
 
 @dataclass(frozen=True, eq=False, slots=True)
@@ -198,7 +196,7 @@ def _use(*sets: tuple[Recording, ...]) -> str:
 
 
 def _read_run(word: str, robot: Robot, store: Path) -> tuple[Recording, str, str]:
-    log = stored.read_run(store, word)
+    log = read_run(store, word)
     if log.dof != robot.dof:
         raise InputError(
             f"Run {log.id} has {log.dof} joints, {robot.name} has {robot.dof}. Give "
@@ -231,9 +229,9 @@ def robot_of(runs: Sequence[str], store: Path) -> str:
     """Return the name or file of the robot of some runs."""
     if not runs:
         raise InputError("No run given, expected one or more ids.")
-    manifest = stored.read_manifest(store, runs[0])
+    manifest = read_manifest(store, runs[0])
     if "spec" not in manifest:
-        return stored.robot_of_hash(store, manifest["robot_hash"])
+        return robot_of_hash(store, manifest["robot_hash"])
     return manifest.get("robot") or manifest["spec"]["robot"]["name"]
 
 
@@ -262,7 +260,7 @@ def load_of(word: str, runs: Sequence[str], store: str | Path | None) -> Robot:
 
 def serial_of(run: str, store: str | Path | None) -> str | None:
     """Return the serial number of the arm of a run, None where it has none."""
-    return stored.read_manifest(store_folder(store), run).get("serial")
+    return read_manifest(store_folder(store), run).get("serial")
 
 
 def known_of(words: Sequence[str]) -> dict[str, float]:

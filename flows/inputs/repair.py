@@ -10,12 +10,10 @@ import math
 from collections.abc import Iterable, Sequence
 from dataclasses import replace
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 import numpy as np
 
 from residual.check.result import Repair
-from residual.lazy import Lazy
 from residual.robot.robot import Robot
 from warehouse.logs.columns import (
     LOGGED_UNITS,
@@ -26,11 +24,8 @@ from warehouse.logs.columns import (
     default_signal,
     shorten,
 )
-
-if TYPE_CHECKING:
-    from warehouse.logs.draft import Draft
-
-presets = Lazy("warehouse.logs.presets")  # a diagnosis names no format
+from warehouse.logs.draft import Draft
+from warehouse.logs.presets import PRESETS
 
 _MISSING = {
     "time": '{column = "...", unit = "s"}',
@@ -195,10 +190,10 @@ def signal_line(name: str, signal: SignalMap) -> str:
     return f"{name} = {{{', '.join(words)}}}"
 
 
-def drafted(draft: "Draft", log: str, robot: Robot) -> str:
+def drafted(draft: Draft, log: str, robot: Robot) -> str:
     """Return the text of a drafted map, what is not certain as comments."""
     columns, format = draft.columns, draft.format
-    about = f" Format: {presets.PRESETS[format].about}." if format else ""
+    about = f" Format: {PRESETS[format].about}." if format else ""
     where = printable(Path(log).name)
     lines = [
         f"# Drafted by modelgap map from {where} for {robot.name}.{about}",

@@ -10,11 +10,10 @@ from flows.requests import Check, Map
 from residual.check.check import check_logs
 from residual.check.result import Fault, LogCheck
 from residual.errors import InputError
-from residual.lazy import Lazy, one_blas_thread
+from residual.lazy import one_blas_thread
 from residual.recording import Recording
+from warehouse.logs.draft import draft
 from warehouse.logs.window import split_spec
-
-drafting = Lazy("warehouse.logs.draft")  # of use to one command
 
 
 def read_logs(request: Check) -> LogSets:
@@ -25,7 +24,7 @@ def read_logs(request: Check) -> LogSets:
 def draft_map(request: Map) -> str:
     """Return the text of a map for a log, drafted from what the log says of itself."""
     robot, (path, _) = load(request.robot), split_spec(request.log)
-    return drafted(drafting.draft(path, robot, request.format), request.log, robot)
+    return drafted(draft(path, robot, request.format), request.log, robot)
 
 
 @one_blas_thread

@@ -22,7 +22,6 @@ from residual.calibration.calibrate import with_tables
 from residual.calibration.rows import MEASURED, PAPER
 from residual.errors import InputError, check_name
 from residual.export.exported import Whole, body_of
-from residual.lazy import Lazy
 from residual.model.corrected import Corrected
 from residual.model.model import Model
 from residual.model.nominal import declared_names, prepare_logs, start_nominal
@@ -36,8 +35,6 @@ from warehouse.layout import Found, find, list_folders, read_record
 from warehouse.mirror import shown
 from warehouse.numbered import Adoption, adopted
 from warehouse.runs import read_manifest
-
-sql = Lazy("warehouse.query.store")  # a database, for one question of few
 
 NOMINAL = "nominal"
 AUGMENTED = "augmented"
@@ -356,10 +353,12 @@ def _one_of(kept: Mapping[str, Whole], which: str | None) -> Whole:
 
 def _ended_with(store: Path, model_id: str) -> list[str]:
     """Diagnoses that ended with a model, the first one first."""
+    from warehouse.query.store import ask
+
     query = (
         "SELECT diagnosis_id AS id FROM diagnoses WHERE model_id = $id ORDER BY created"
     )
-    return [row["id"] for row in sql.ask(store, query, id=model_id)]
+    return [row["id"] for row in ask(store, query, id=model_id)]
 
 
 def _check_robot(robot: Robot, store: Path, diagnosis: str) -> None:

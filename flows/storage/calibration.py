@@ -14,7 +14,6 @@ from residual.diagnosis.result import Finding
 from residual.export.c99 import tables_header, to_c99
 from residual.export.exported import to_json
 from residual.export.numpy_file import to_numpy
-from residual.lazy import Lazy
 from residual.model.model import Model, Term
 from residual.model.nominal import declared_names
 from residual.model.record import to_record
@@ -24,8 +23,6 @@ from residual.tables.figures import CLASSES
 from residual.tables.lookup import export_lookup
 from warehouse.commit import commit_record
 from warehouse.schema import rows_table
-
-sql = Lazy("warehouse.query.store")  # a database, for one question of few
 
 STAGE, KIND, CORRECTED = "calibrated", "calibration", "corrected.json"
 
@@ -240,6 +237,8 @@ def found_effects(
     It must be of these runs alone, held-out ones included or not, and of a model with
     the same declared effects.
     """
+    from warehouse.query.store import ask
+
     if not ids:
         return Found()
     query = (
@@ -248,7 +247,7 @@ def found_effects(
         "ORDER BY d.created DESC"
     )
     runs: dict[str, set[str]] = {}
-    for row in sql.ask(store, query):
+    for row in ask(store, query):
         runs.setdefault(row["id"], set()).add(row["run"])
     names = sorted(declared_names(robot, declared))
     for id, fitted in runs.items():

@@ -16,12 +16,10 @@ from scipy.special import log_ndtr
 
 from residual.check.motion import Motion, columns
 from residual.check.rules import CHECK
-from residual.lazy import Lazy
 from residual.recording import Array
 from residual.robot.robot import Robot
 
 # Logs in the order that they say are the rule, and need none of it.
-optimize = Lazy("scipy.optimize")
 
 # Noise and all that the model lacks, as a share of the channel's rms.
 # A rough model is not said to be nearer than 5 %: what is left is no witness.
@@ -139,7 +137,9 @@ def best_order(value: Array) -> Array:
     """
     if np.all(value.argmax(axis=1) == np.arange(len(value))):
         return np.arange(len(value))
-    return optimize.linear_sum_assignment(value, maximize=True)[1]
+    from scipy.optimize import linear_sum_assignment
+
+    return linear_sum_assignment(value, maximize=True)[1]
 
 
 # N m, N mm, kN m, N cm, and torques of the motors.

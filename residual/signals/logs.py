@@ -209,6 +209,19 @@ def power_density(x: Array, length: int, robust: bool = False) -> tuple[Array, A
     return np.fft.rfftfreq(length), 2 * middle.T
 
 
+def randomise_phases(spectrum: Array, rows: int, rng: np.random.Generator) -> Array:
+    """Return signals of given one-sided spectra with independent random phases.
+
+    Mean and amplitude at every frequency are kept. (rows // 2 + 1, k) to (rows, k).
+    """
+    turn = np.exp(2j * np.pi * rng.random(spectrum.shape))
+    # Mean and, for an even length, the highest frequency must stay real.
+    turn[0] = 1
+    if rows % 2 == 0:
+        turn[-1] = np.sign(turn[-1].real)
+    return np.fft.irfft(spectrum * turn, n=rows, axis=0)
+
+
 # Long logs, cut into pieces that are worked through one after the other.
 #
 # A log of an hour would take gigabytes: the regressor of its motion alone has 360

@@ -21,6 +21,7 @@ from sklearn.decomposition import PCA
 
 from residual.errors import InputError
 from residual.recording import Array
+from residual.signals.logs import randomise_phases
 from residual.tables.crossval import (
     EXHAUSTED,
     as_block,
@@ -196,19 +197,6 @@ def real_components(
     # only an unbroken start is a count.
     counts = [int(np.logical_and.accumulate(own > limit).sum()) for limit in limits]
     return RealComponents(*counts, frozen(limits[0]))
-
-
-def randomise_phases(spectrum: Array, rows: int, rng: np.random.Generator) -> Array:
-    """Return signals of given one-sided spectra with independent random phases.
-
-    Mean and amplitude at every frequency are kept. (rows // 2 + 1, k) to (rows, k).
-    """
-    turn = np.exp(2j * np.pi * rng.random(spectrum.shape))
-    # Mean and, for an even length, the highest frequency must stay real.
-    turn[0] = 1
-    if rows % 2 == 0:
-        turn[-1] = np.sign(turn[-1].real)
-    return np.fft.irfft(spectrum * turn, n=rows, axis=0)
 
 
 def _parts(rows: int, run: Array | None) -> list[Array]:

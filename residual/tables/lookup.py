@@ -20,7 +20,6 @@ from pathlib import Path
 
 import numpy as np
 
-from residual.lazy import Lazy
 from residual.quantity import plain
 from residual.recording import Array
 from residual.tables.crossval import as_rows
@@ -142,9 +141,6 @@ def _grids(axes: Sequence[Axis], low: Array, high: Array) -> tuple[Array, ...]:
     )
 
 
-kernels = Lazy("residual.tables.kernels")
-
-
 # No slots: the packed form is made once and kept in the instance.
 @dataclass(frozen=True, eq=False, repr=False)
 class Lookup:
@@ -169,9 +165,11 @@ class Lookup:
 
     def predict(self, X: Array) -> Array:
         """Return the correction of rows, in units of the responses. Shape (m, j)."""
+        from residual.tables.kernels import evaluate_rows
+
         X = np.ascontiguousarray(as_rows(X, self.names, "the tables are of"))
         out = np.empty((len(X), len(self.joints)))
-        kernels.evaluate_rows(X, self.packed, out)
+        evaluate_rows(X, self.packed, out)
         return out
 
     def outside(self, X: Array) -> Array:

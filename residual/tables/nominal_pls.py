@@ -12,7 +12,6 @@ from itertools import combinations
 import numpy as np
 
 from residual.errors import InputError
-from residual.lazy import Lazy
 from residual.recording import Array
 from residual.tables.crossval import EXHAUSTED, as_names, as_pair, check_count, frozen
 from residual.tables.levels import (
@@ -23,8 +22,6 @@ from residual.tables.levels import (
     quantile_levels,
 )
 from residual.tables.lookup import Axis, Lookup, Table
-
-kernels = Lazy("residual.tables.kernels")
 
 
 @dataclass(frozen=True, slots=True)
@@ -114,10 +111,12 @@ class NominalPls:
 
     def read(self, X: Array, table: Array) -> Array:
         """X's columns, which nobody forms, times a table. Shapes (m, d), (p, k)."""
+        from residual.tables.kernels import gather_pairs
+
         codes = self.levels.encode(X)
         values, sizes = codes.values.astype(np.uint16), np.array(codes.sizes, np.int64)
         out = np.empty((len(values), table.shape[1]))
-        kernels.gather_pairs(values, sizes, np.ascontiguousarray(table), out)
+        gather_pairs(values, sizes, np.ascontiguousarray(table), out)
         return out
 
 
@@ -140,6 +139,8 @@ def fit_nominal_pls(
         InputError: On fewer than 2 levels or variables, a constant column, more
             components than the rank can be, or a value that is not finite.
     """
+    from residual.tables.kernels import scatter_pairs
+
     X, Y = as_pair(X, Y)
     form = form or NominalForm()
     levels = form.make_levels(X) if levels is None else levels
@@ -157,7 +158,7 @@ def fit_nominal_pls(
     n, y_mean = len(Y), Y.mean(axis=0)
     table = np.zeros((cells.pair_columns, Y.shape[1] + 1))
     weighted = np.column_stack([cells.sums((Y - y_mean) / scale), cells.count])
-    kernels.scatter_pairs(cells.codes, cells.sizes, weighted, table)
+    scatter_pairs(cells.codes, cells.sizes, weighted, table)
     x_mean = table[:, -1] / n
     # The responses are centred, so that their product with X - xbar is that with X.
     S = np.ascontiguousarray(table[:, :-1].T)
@@ -203,6 +204,8 @@ def _components(
     cells: Cells, S: Array, x_mean: Array, form: NominalForm
 ) -> tuple[Array, ...]:
     """Return V, P, Q and t't."""
+    from residual.tables.kernels import aim, explain, score, turn
+
     count = form.components
     W, V, P = (np.zeros((count, S.shape[1])) for _ in range(3))
     Q, energy = np.zeros((count, len(S))), np.zeros(count)
@@ -212,13 +215,13 @@ def _components(
         first = first or size
         if size <= EXHAUSTED * first:
             break
-        kernels.aim(S, q, W[a], form.sparsity)
-        kernels.turn(W, V, P, a)
+        aim(S, q, W[a], form.sparsity)
+        turn(W, V, P, a)
         middle = float(x_mean @ V[a])
-        energy[a], total = kernels.score(
+        energy[a], total = score(
             cells.codes, cells.sizes, cells.count, V[a], middle, P[a]
         )
-        Q[a] = kernels.explain(S, V[a], P[a], x_mean, energy[a], total)
+        Q[a] = explain(S, V[a], P[a], x_mean, energy[a], total)
         done = a + 1
     return V[:done], P[:done], Q[:done], energy[:done]
 
