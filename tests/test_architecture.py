@@ -236,10 +236,13 @@ def test_imports_stand_at_the_top_of_a_file_but_for_those_that_are_listed():
     listed = _settings()["modelgap"]["late-imports"]
     late = _late_imports()
     assert [e for e in late if not _within(e[1], set(listed.get(e[0], ())))] == []
-    used = {(file, name) for file, names in listed.items() for name in names}
-    assert [
-        e for e in used if not any(f == e[0] and _within(n, {e[1]}) for f, n in late)
-    ] == []
+    unused = [
+        (file, name)
+        for file, names in listed.items()
+        for name in names
+        if not any(f == file and _within(n, {name}) for f, n in late)
+    ]
+    assert unused == []
 
 
 def test_no_folder_has_more_files_than_a_reader_takes_in():
