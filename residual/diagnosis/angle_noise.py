@@ -286,8 +286,8 @@ class Doubt:
 
 
 def standard_deviations(
-    examined: Examined, fitted: Fit, sizes: Mapping[int, tuple[Array, Array]]
-) -> dict[int, Doubt]:
+    examined: Examined, fitted: Fit, sizes: Mapping[Group, tuple[Array, Array]]
+) -> dict[Group, Doubt]:
     """Standard deviation of every parameter of every member.
 
     The largest of three: by the noise, by how much logs disagree, and by other forms of
@@ -295,14 +295,14 @@ def standard_deviations(
     (Gauss-Newton), and the parameters' covariance follows by linearisation.
 
     Args:
-        sizes: For the id of each member its coefficients and what is doubtful of them
+        sizes: For each member its coefficients and what is doubtful of them
             beside the noise. Shapes (k,), (k, k).
 
     Returns:
-        What is known of the member, for the id of each.
+        What is known of each member.
     """
     task, robot = examined.task, examined.logs.robot
-    extra = {id(g): _slope(task.design, g, fitted.of(g)) for g in fitted.members}
+    extra = {g: _slope(task.design, g, fitted.of(g)) for g in fitted.members}
     slopes = [s for s in extra.values() if s is not None]
     members = (*fitted.members, *slopes)
     known = fitted.counted, fitted.variance, 1
@@ -311,7 +311,7 @@ def standard_deviations(
     sharp = fit(task.design, doubtful(examined), members, *known).covariance()
     out = {}
     for g in fitted.members:
-        slope, (theta, doubt) = extra[id(g)], sizes[id(g)]
+        slope, (theta, doubt) = extra[g], sizes[g]
         slots = full.slots(g)
         if slope is not None:
             slots = np.concatenate([slots, full.slots(slope)])
@@ -322,7 +322,7 @@ def standard_deviations(
             c[: len(theta), : len(theta)] += doubt
         form = _form_doubt(examined, fitted, g)
         prior = _prior_std(g, slope, jacobian)
-        out[id(g)] = _doubt(g, theta, own, jacobian, form, prior)
+        out[g] = _doubt(g, theta, own, jacobian, form, prior)
     return out
 
 

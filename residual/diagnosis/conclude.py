@@ -10,7 +10,7 @@ from residual.diagnosis.changes import changes
 from residual.diagnosis.detectable import minimum_detectable, neighbours
 from residual.diagnosis.examine import Examined
 from residual.diagnosis.findings import Named, public_joints
-from residual.diagnosis.gate import rivals
+from residual.diagnosis.gate import Tested, rivals
 from residual.diagnosis.held_out import Splits, Verdicts, judgement
 from residual.diagnosis.result import (
     LOAD,
@@ -53,8 +53,7 @@ class Case:
     same_run: bool  # whether they are a part of a fit log
     left: Sequence[Leftover]  # what is known of each unexplained joint
     warnings: Sequence[str]  # sentences
-    # For the id of each tested member, how often it was found again.
-    splits: Mapping[int, Splits]
+    splits: Mapping[Tested, Splits]  # how often each tested member was found again
     bodies: Embodied  # the augmented model, and what of it no body could be
     contradictions: Sequence[str] = ()  # what of the fit no arm can be, in sentences
     # Chance of so many nats where nothing is missing; None without a null.
@@ -126,8 +125,8 @@ def _alternatives(case: Case, least: Sequence[Detectable]) -> tuple[Alternative,
 
 def _finding(named: Named, order: int, case: Case) -> Finding:
     single = len(named.tested) == 1
-    gains = {id(t): gain for t, gain in case.judged.kept}
-    gain = float(np.mean([gains[id(t)] for t in named.tested]))
+    gains = dict(case.judged.kept)
+    gain = float(np.mean([gains[t] for t in named.tested]))
     fits = [t for t in named.tested if t.by == "fit"]
     parameters = {
         key: Parameter(
@@ -152,9 +151,7 @@ def _finding(named: Named, order: int, case: Case) -> Finding:
             held_out=judgement(gain),
             held_out_gain=plain(gain),
             p_value=case.p_value(named.nats) if case.p_value else None,
-            splits=min(
-                (case.splits[id(t)] for t in named.tested), key=lambda s: s.found
-            ),
+            splits=min((case.splits[t] for t in named.tested), key=lambda s: s.found),
         ),
     )
 

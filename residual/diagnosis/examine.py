@@ -15,7 +15,6 @@ from residual.diagnosis.gate import (
     wrong_forms,
 )
 from residual.diagnosis.search import (
-    Candidates,
     Task,
     every_candidate,
     refined,
@@ -195,11 +194,15 @@ def examine(
     Args:
         closed: Joints (from 0) of which nothing of their own may be named.
     """
+
+    def searching(share: float) -> None:
+        progress("search", share)
+
     design = first_design(logs, nominal)
     progress("features", 0.0)
     everything = every_candidate(design, nominal, logs.span, logs.clock is not None)
     everything = everything.closing(closed)
-    selection = _search(design, nominal, everything, (rules, progress))
+    selection = select(Space(design, nominal), everything, rules, searching)
     if _needs_second_search(selection):
         settled = _refit_named(logs, nominal, selection)
         design.show_torque(physical(as_model(nominal, settled)))
@@ -207,7 +210,7 @@ def examine(
         everything = renewed(design, everything)
         prior, wide = selection.task.prior, selection.wide
         again = replace(nominal, scale=prior.scale, widths=prior.widths)
-        selection = _search(design, again, everything, (rules, progress))
+        selection = select(Space(design, again), everything, rules, searching)
         selection = replace(selection, wide=wide)
     found = best_set(selection.task, selection.fit)
     selection = replace(selection, fit=found)
@@ -265,14 +268,6 @@ def _adequacy(
     """What is left of the logs, beside the noise of torque and angles."""
     angles = carried(as_model(nominal, fits[1]), logs.sketch, logs.shaken)
     return adequacy(design, logs.sketch, *fits, angles)
-
-
-def _search(
-    design: Design, nominal: Nominal, everything: Candidates, options
-) -> Selection:
-    rules, progress = options
-    space = Space(design, nominal)
-    return select(space, everything, rules, lambda share: progress("search", share))
 
 
 def _needs_second_search(selection: Selection) -> bool:

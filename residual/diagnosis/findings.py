@@ -82,13 +82,13 @@ def findings(
     Args:
         checks: What noise of the angles does to the fit; None where nobody looked.
     """
-    sizes = {id(t.group): _size(fitted, t, checks) for t in tested}
+    sizes = {t.group: _size(fitted, t, checks) for t in tested}
     doubts = standard_deviations(examined, fitted, sizes)
-    near = {id(t): alternatives(examined.task, fitted, t.group) for t in tested}
+    near = {t: alternatives(examined.task, fitted, t.group) for t in tested}
     out = []
     for members in _merged(tested):
-        options = [near[id(t)] for t in members]
-        known = [doubts[id(t.group)] for t in members]
+        options = [near[t] for t in members]
+        known = [doubts[t.group] for t in members]
         sure = [Sureness(p, d) for (_, p), d in zip(options, known, strict=True)]
         values = _parameters(examined, members, sizes, sure)
         out.append(
@@ -198,7 +198,7 @@ def _parameters(examined: Examined, members, sizes, sure) -> dict:
     robot = examined.logs.robot
     effect = members[0].group.effect
     values = np.array(
-        [effect.values(sizes[id(t.group)][0], t.group.shape, robot) for t in members]
+        [effect.values(sizes[t.group][0], t.group.shape, robot) for t in members]
     )
     sds = np.array([s.doubt.std for s in sure])
     keys = list(effect.parameters.items())
@@ -220,7 +220,7 @@ def _combined(examined: Examined, member: Tested, sizes, sure, known) -> dict:
         Value, standard deviation and unit of those known better than before.
     """
     effect, robot = member.group.effect, examined.logs.robot
-    theta, _ = sizes[id(member.group)]
+    theta, _ = sizes[member.group]
     if effect.combined is None or all(clear for *_, clear in known.values()):
         return {}
     units = [effect.combined(one, robot) for one in np.eye(len(theta))]

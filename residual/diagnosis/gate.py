@@ -263,17 +263,23 @@ def only_curves(
             had = ((left + drawn) ** 2).sum()
             explained = had - (left**2).sum()
             if had - (rest**2).sum() > RULES.drawn * explained:
-                out += _waves(design, fitted, (mine, j), (left + drawn, explained))
+                out += _waves(design, fitted, mine, j, left + drawn, explained)
     return out
 
 
-def _waves(design: Design, fitted: Fit, names, target) -> list[Tested]:
+def _waves(
+    design: Design,
+    fitted: Fit,
+    mine: list[Tested],
+    j: int,
+    whole: Array,
+    explained: float,
+) -> list[Tested]:
     """Those of the names on a joint that draw the curve: all, or what rides on one.
 
     Where one name that is no wave explains nearly all of it, it is no drawing: the
     waves are what its textbook form leaves.
     """
-    (mine, j), (whole, explained) = names, target
     for t in mine:
         left = ((whole - _torque(design, fitted, t, j)) ** 2).sum()
         alone = (whole**2).sum() - left

@@ -121,8 +121,7 @@ class Standing:
     # What noise of the angles does to their fit; None where nobody looked.
     checks: Checked | None
     named: tuple[Named, ...]  # the findings, most important first
-    # For the id of each tested name, how often it was found again.
-    splits: dict[int, Splits]
+    splits: dict[Tested, Splits]  # how often each tested name was found again
     withdrawn: tuple[Withdrawn, ...]  # names that fell, of all searches
 
 
@@ -164,7 +163,7 @@ def stand(
     again = found_again(now.examined.task, now.judged.fit, tested)
     return replace(
         now,
-        splits={id(t): s for t, s in zip(tested, again, strict=True)},
+        splits=dict(zip(tested, again, strict=True)),
         examined=without_refuted(now.examined, now.judged.fit),
         withdrawn=tuple(w for w in gone if _place(w.tested) not in known),
     )

@@ -72,7 +72,7 @@ def leftovers(
         told: What remains; the joints it doubts are looked at.
     """
     memory = np.array([_motion_memory(track) for track in tracks])
-    return tuple(_of(design, tracks, (fitted, told, memory), j) for j in told.doubted)
+    return tuple(_of(design, tracks, fitted, told, memory, j) for j in told.doubted)
 
 
 def depends_on(found: Sequence[Leftover]) -> tuple[Dependence, ...]:
@@ -93,8 +93,14 @@ def depends_on(found: Sequence[Leftover]) -> tuple[Dependence, ...]:
     return tuple(out)
 
 
-def _of(design: Design, tracks, what, j: int) -> Leftover:
-    fitted, told, memory = what
+def _of(
+    design: Design,
+    tracks: Sequence[Track],
+    fitted: Fit,
+    told: Adequacy,
+    memory: Array,
+    j: int,
+) -> Leftover:
     left = design.residual(j, fitted.ids, fitted.theta)
     power = (told.structured[j] * design.rms[j]) ** 2 * len(left)
     log = _stack(tracks, j, [np.full(len(t.tau), k) for k, t in enumerate(tracks)])
@@ -121,7 +127,7 @@ def _of(design: Design, tracks, what, j: int) -> Leftover:
     clocks = [c for c in (line_of(line), drift_of(line)) if c is not None]
     clocks = sorted(clocks, key=lambda c: -c.share)[:1]
     kind = _kind(told.kind[j], found, clocks, tracks)
-    cloud = _cloud(rows, (found, clocks), line, [t.id for t in tracks], j)
+    cloud = _cloud(rows, found, clocks, line, [t.id for t in tracks], j)
     return Leftover(j, tuple(found), tuple(clocks), kind, cloud)
 
 
@@ -182,9 +188,15 @@ def _foreign(frequency: float, tracks: Sequence[Track]) -> bool:
     return len(tracks) > 1 and free
 
 
-def _cloud(rows: Rows, told, line: Line, names: Sequence[str], j: int) -> Cloud:
+def _cloud(
+    rows: Rows,
+    found: Sequence[Curve],
+    clocks: Sequence[Clock],
+    line: Line,
+    names: Sequence[str],
+    j: int,
+) -> Cloud:
     """Leftover over the variable it depends on most; over time where there is none."""
-    found, clocks = told
     x, y, fitted, label = line.t, rows.left, np.zeros(len(line.t)), "t [s]"
     first = clocks[0] if clocks else None
     if found and (first is None or found[0].share >= first.share):

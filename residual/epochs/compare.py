@@ -162,13 +162,13 @@ def epoch_of(
 
 def _judged(
     found: Found, proof: Sequence[HeldOutLog], model_of: Callable[[Found], Embodied]
-) -> tuple[Found, Mapping[int, Judged], Embodied]:
+) -> tuple[Found, Mapping[Change, Judged], Embodied]:
     """Let the held-out logs judge each name; what they refute falls.
 
     Each name against the best that can be said without it.
 
     Returns:
-        What stands, the judgement of each by its `id`, and the augmented model.
+        What stands, the judgement of each, and the augmented model.
     """
     refuted: list[Change] = []
     while True:
@@ -179,10 +179,10 @@ def _judged(
             less = replace(
                 found, changes=tuple(c for c in found.changes if c is not change)
             )
-            judged[id(change)] = _judgement(
+            judged[change] = _judgement(
                 change, whole, moving_error(model_of(less).model, proof)
             )
-        worst = [c for c in found.changes if judged[id(c)].word == "refuted"]
+        worst = [c for c in found.changes if judged[c].word == "refuted"]
         if made.contradicted and not worst:
             # Not of a body what no body can be.
             of_bodies = [c for c in found.changes if _is_body(c)]
@@ -192,7 +192,7 @@ def _judged(
                 continue
         if not worst:
             return replace(found, refuted=tuple(refuted)), judged, made
-        gone = min(worst, key=lambda c: judged[id(c)].gain)
+        gone = min(worst, key=lambda c: judged[c].gain)
         refuted.append(gone)
         found = replace(found, changes=tuple(c for c in found.changes if c is not gone))
 

@@ -124,7 +124,7 @@ class Judged:
 def conclude(
     found: Found,
     rest: Rest,
-    judged: Mapping[int, Judged],
+    judged: Mapping[Change, Judged],
     error: ErrorTables,
     epochs: tuple[Epoch, Epoch],
     declared: Sequence[str],
@@ -139,7 +139,7 @@ def conclude(
         declared=tuple(declared),
         verdict="effects" if every else nothing,
         effects=tuple(
-            _finding(c, i, judged[id(c)], robot, found) for i, c in enumerate(every, 1)
+            _finding(c, i, judged[c], robot, found) for i, c in enumerate(every, 1)
         ),
         minimum_detectable=tuple(minimum_detectable(found)),
         unexplained=_unexplained(found, rest, flagged),

@@ -126,8 +126,7 @@ class Table:
             at = slice(ends[a], ends[a + 1])
             out.precision[at, at] = WIDE * one.group.precision
             for j, piece in one.pieces.items():
-                own = piece.gram, piece.plain, piece.lever
-                self._add(out, j, (at, at), own)
+                self._add(out, j, (at, at), piece.gram, piece.plain, piece.lever)
                 out.cross[at] += self.noise.weight[j] * piece.cross
                 where = self.joints[j].layout.blocks
                 for i, factor in enumerate((1.0, self.noise.unrest[j])):
@@ -135,12 +134,20 @@ class Table:
                     out.pull[i, where, at] += pull
                 for b, other in enumerate(some[:a]):
                     if j in other.pieces:
-                        self._add_mixed(out, j, (one, other), (at, ends[b : b + 2]))
+                        to = slice(ends[b], ends[b + 1])
+                        self._add_mixed(out, j, one, other, at, to)
         return out
 
-    def _add(self, out: Sums, j: int, at, own) -> None:
+    def _add(
+        self,
+        out: Sums,
+        j: int,
+        at: tuple[slice, slice],
+        gram: Array,
+        plain: Array,
+        lever: Array,
+    ) -> None:
         """Add a joint's products of two candidates to where they belong."""
-        gram, plain, lever = own
         weight, where = self.noise.weight[j], self.joints[j].layout.blocks
         out.gram[at] += weight * gram
         out.plain[at] += weight * plain
@@ -148,14 +155,19 @@ class Table:
         out.lever[0, where, *at] += weight * lever
         out.lever[1, where, *at] += weight * self.noise.unrest[j] * lever
 
-    def _add_mixed(self, out: Sums, j: int, pair, places) -> None:
-        one, other = pair
-        at, to = places[0], slice(*places[1])
+    def _add_mixed(
+        self,
+        out: Sums,
+        j: int,
+        one: Candidate,
+        other: Candidate,
+        at: slice,
+        to: slice,
+    ) -> None:
         gram, lever = self._product(one, other, j), self._levers(one, other, j)
         plain = one.pieces[j].columns.T @ other.pieces[j].columns
-        self._add(out, j, (at, to), (gram, plain, lever))
-        turned = gram.T, plain.T, lever.transpose(0, 2, 1)
-        self._add(out, j, (to, at), turned)
+        self._add(out, j, (at, to), gram, plain, lever)
+        self._add(out, j, (to, at), gram.T, plain.T, lever.transpose(0, 2, 1))
 
     def _product(self, one: Candidate, other: Candidate, j: int) -> Array:
         key = one, other, j

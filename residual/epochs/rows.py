@@ -216,8 +216,8 @@ def _pressed(both: Both, changed: Sequence[tuple[Group, Array]]) -> Both:
             for i, track in enumerate(both.logs.tracks)
         ]
     )
-    old = set(map(id, both.loaded))
-    plain = [g for g in both.known if id(g) not in old]
+    old = set(both.loaded)
+    plain = [g for g in both.known if g not in old]
     loaded = both.design.add([g.placed for g in both.loaded])
     ids = [both.design.nominal, *(g.ids for g in (*plain, *loaded))]
     return replace(

@@ -163,7 +163,7 @@ class _Look:
         self.both, self.joints, self.table = both, joints, table
         self.every = list(every)
         self._start = table.noise
-        self._refined: set[int] = set()
+        self._refined: set[Candidate] = set()
 
     def search(self, named: list[Candidate], most: int) -> list[Candidate]:
         """Add, swap and drop names until nothing is gained."""
@@ -278,17 +278,17 @@ class _Look:
         out = list(looks)
         for look in sorted(wanted, key=lambda x: -x.fit)[:LOOKS]:
             for width in WIDTHS:
-                if id(look.candidate) in self._refined:
+                if look.candidate in self._refined:
                     break
                 tried = refined(self.both, self.joints, look.candidate, width)
-                self._refined.add(id(look.candidate))
+                self._refined.add(look.candidate)
                 self.every += tried
                 fresh = [self.table.contrast(c, named) for c in tried]
                 fresh = [x for x in fresh if self._possible(x)]
                 out += fresh
                 look = max([look, *fresh], key=lambda x: x.fit)
-                self._refined.discard(id(look.candidate))
-            self._refined.add(id(look.candidate))
+                self._refined.discard(look.candidate)
+            self._refined.add(look.candidate)
         return out
 
     def _plainer(self, named: list[Candidate]) -> list[Candidate]:

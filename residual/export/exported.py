@@ -166,8 +166,8 @@ def split(whole: Whole, refuse: Callable[[Term], str], tables: str = "") -> Spli
     model = body_of(whole)
     whole = _with_terms(whole, (*model.terms, *model.tables))
     reasons = [(t, why) for t in body_of(whole).terms if (why := refuse(t))]
-    gone = {id(term) for term, _ in reasons}
-    kept = _with_terms(whole, (t for t in body_of(whole).terms if id(t) not in gone))
+    gone = {term for term, _ in reasons}
+    kept = _with_terms(whole, (t for t in body_of(whole).terms if t not in gone))
     if tables and isinstance(whole, Corrected):
         reasons.append((None, tables))
         kept = body_of(kept)

@@ -69,12 +69,12 @@ def to_mujoco(whole: Whole) -> Exported:
 
 def _split(whole: Whole) -> Split:
     """Part what the two together can carry from the rest."""
-    said = {id(term) for term, _ in split_program(whole).reasons}
+    said = {term for term, _ in split_program(whole).reasons}
 
     def refuse(term: Term) -> str:
         if term.effect.of_report:
             return REPORT
-        return term.effect.portable.why_not if id(term) in said else ""
+        return term.effect.portable.why_not if term in said else ""
 
     return split(whole, refuse)
 

@@ -121,8 +121,8 @@ def taken_out(terms: Terms, name: str, joints: Sequence[int] | None) -> Terms:
         InputError: If it is not there.
         UnknownNameError: If no term has that name.
     """
-    out = {id(term) for term in _terms_of(terms, name, joints)}
-    back = (_before(term) if id(term) in out else term for term in terms)
+    out = set(_terms_of(terms, name, joints))
+    back = (_before(term) if term in out else term for term in terms)
     return tuple(term for term in back if term is not None)
 
 
@@ -154,7 +154,7 @@ def with_values(
     own = _terms_of(terms, name, joints)
     for key in values:
         check_name(key, own[0].effect.parameters, f"parameter of {name}")
-    changed: dict[int, Term] = {}
+    changed: dict[Term, Term] = {}
     for on in dict.fromkeys(term.joints for term in own):
         first, *more = (term for term in own if term.joints == on)
         alike = [t.theta for t in (first, *more) if t.shape == first.shape]
@@ -162,9 +162,9 @@ def with_values(
         numbers = np.array([float(known[k]) for k in first.effect.parameters])
         theta, shape = first.effect.from_values(numbers, robot)
         theta = np.asarray(theta, dtype=float)
-        changed[id(first)] = replace(first, theta=theta, shape=tuple(shape))
-    gone = {id(term) for term in own} - set(changed)
-    return tuple(changed.get(id(t), t) for t in terms if id(t) not in gone)
+        changed[first] = replace(first, theta=theta, shape=tuple(shape))
+    gone = set(own) - set(changed)
+    return tuple(changed.get(t, t) for t in terms if t not in gone)
 
 
 def _terms_of(terms: Terms, name: str, joints: Sequence[int] | None) -> list[Term]:
