@@ -38,7 +38,7 @@ def deviation(problem, shape):
     logs = SimpleNamespace(robot=arm(), span=None)
     diagnosis = SimpleNamespace(task=task, logs=logs, wide=task.prior)
     theta = fitted.of(group)
-    exact = {id(group): (theta, np.zeros((len(theta), len(theta))))}
+    exact = {group: (theta, np.zeros((len(theta), len(theta))))}
     (sd,) = standard_deviations(diagnosis, fitted, exact).values()
     return theta[0], sd.std, np.sqrt(np.diag(fitted.covariance())[fitted.slots(group)])
 
@@ -100,8 +100,8 @@ def test_only_columns_that_read_the_model_are_made_anew(rng):
     plain = union(design.add([(OTHER, (0,), ()), (OTHER, (1,), ())]))
     named = (*groups, every, plain)
     known = Candidates(named, {g.key: 1.0 for g in named})
-    seen = {id(t): replace(s, tau_model=s.q + 1.0) for t, s in problem.logs}
-    design.show_torque(SimpleNamespace(observe=lambda track: seen[id(track)]))
+    seen = {t: replace(s, tau_model=s.q + 1.0) for t, s in problem.logs}
+    design.show_torque(SimpleNamespace(observe=lambda track: seen[track]))
     line, one, two, both, same = renewed(design, known).groups
     assert line is groups[0]
     assert same.parts == plain.parts

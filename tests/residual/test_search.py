@@ -412,7 +412,7 @@ def test_error_bars_of_a_searched_shape_hold_the_truth():
         members = refined(task, group, task.fit(group, task.start()))
         fitted = task.settle(task.fit(members, task.start()))
         diagnosis = judged_by(task)
-        exact = {id(members[0]): (fitted.of(members[0]), np.zeros((2, 2)))}
+        exact = {members[0]: (fitted.of(members[0]), np.zeros((2, 2)))}
         (sd,) = standard_deviations(diagnosis, fitted, exact).values()
         values = [*fitted.of(members[0]), members[0].shape[0]]
         inside += list(np.abs(np.array(values) - [2.0, -1.0, 7.37]) < 2 * sd.std)
