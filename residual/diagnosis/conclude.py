@@ -10,8 +10,9 @@ from residual.diagnosis.changes import changes
 from residual.diagnosis.detectable import minimum_detectable, neighbours
 from residual.diagnosis.examine import Examined
 from residual.diagnosis.findings import Named, public_joints
-from residual.diagnosis.gate import Tested, rivals
+from residual.diagnosis.gate import Tested
 from residual.diagnosis.held_out import Splits, Verdicts, judgement
+from residual.diagnosis.neighbours import rivals
 from residual.diagnosis.result import (
     LOAD,
     MOTION,

@@ -6,14 +6,8 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from residual.diagnosis.detectable import Selection, select
-from residual.diagnosis.gate import (
-    Tested,
-    best_set,
-    only_curves,
-    passed,
-    simplest,
-    wrong_forms,
-)
+from residual.diagnosis.gate import Tested, only_curves, passed, wrong_forms
+from residual.diagnosis.neighbours import best_set, simplest
 from residual.diagnosis.search import (
     Task,
     every_candidate,

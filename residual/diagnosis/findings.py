@@ -7,7 +7,8 @@ import numpy as np
 
 from residual.diagnosis.angle_noise import Checked, Doubt, standard_deviations
 from residual.diagnosis.examine import Examined
-from residual.diagnosis.gate import Tested, alternatives
+from residual.diagnosis.gate import Tested
+from residual.diagnosis.neighbours import alternatives
 from residual.effects.base import Effect
 from residual.evidence.design import Design, Group
 from residual.evidence.fit import Fit

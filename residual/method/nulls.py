@@ -16,7 +16,8 @@ import numpy as np
 
 from residual.diagnosis.detectable import select
 from residual.diagnosis.examine import examine
-from residual.diagnosis.gate import passed, simplest
+from residual.diagnosis.gate import passed
+from residual.diagnosis.neighbours import simplest
 from residual.diagnosis.search import Candidates, Task, _shortlist, every_candidate
 from residual.evidence.design import LAGS, Design
 from residual.evidence.fit import Fit, System, fit, gain, possible

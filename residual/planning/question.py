@@ -9,7 +9,7 @@ import numpy as np
 
 from residual.diagnosis.examine import Examined
 from residual.diagnosis.findings import Named, public_joints
-from residual.diagnosis.gate import alternatives, near_sets
+from residual.diagnosis.neighbours import alternatives, near_sets
 from residual.diagnosis.result import Place
 from residual.diagnosis.search import Task
 from residual.effects import registry

@@ -12,7 +12,8 @@ from residual.diagnosis import held_out as holdout
 from residual.diagnosis.angle_noise import standard_deviations
 from residual.diagnosis.detectable import minimum_detectable, select
 from residual.diagnosis.findings import findings
-from residual.diagnosis.gate import alternatives, gate, leave_out, passed, simplest
+from residual.diagnosis.gate import gate, leave_out, passed
+from residual.diagnosis.neighbours import alternatives, simplest
 from residual.diagnosis.search import (
     admissible,
     best,

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from benchmarks.synthetic.motions import make_motion
-from residual.diagnosis.gate import Rival
+from residual.diagnosis.neighbours import Rival
 from residual.diagnosis.result import Alternative, Place
 from residual.errors import InputError, UnknownNameError
 from residual.planning import question as gather
