@@ -27,7 +27,7 @@ from benchmarks.synthetic.motions import make_motion
 from residual.check.motion import Motion, thin_rows
 from residual.recording import Recording
 from residual.robot.dynamics import gravity_torque, inverse_dynamics
-from residual.signals.logs import low_pass
+from residual.signals.filters import low_pass
 from sim.plant.sizes import usual_limits
 
 Array = np.ndarray

@@ -20,7 +20,7 @@ from residual.model.compare import prepare_held_out
 from residual.model.nominal import declared_names, prepare_logs, start_nominal
 from residual.recording import Recording
 from residual.robot.robot import Robot
-from residual.signals.logs import session_clock
+from residual.signals.splitting import session_clock
 from residual.signals.track import Filters, at_samples
 
 WHITE, SHUFFLED = "white", "shuffled"

@@ -25,7 +25,7 @@ from residual.model.model import Model
 from residual.model.nominal import declared_names, prepare_logs, start_nominal
 from residual.recording import Array, Recording
 from residual.robot.robot import Robot
-from residual.signals.logs import session_clock
+from residual.signals.splitting import session_clock
 from residual.signals.track import Filters, Track
 
 

@@ -16,7 +16,7 @@ from residual.model.model import Model
 from residual.model.record import from_record as read_model
 from residual.model.record import to_record as model_record
 from residual.recording import Recording
-from residual.signals.logs import sketch_of
+from residual.signals.splitting import sketch_of
 from residual.signals.track import Filters, thinned
 from warehouse.commit import Rows, commit_record, store_rows
 from warehouse.files import read_parquet

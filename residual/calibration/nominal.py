@@ -33,7 +33,7 @@ from residual.model.nominal import (
 )
 from residual.recording import Array
 from residual.robot.robot import Robot
-from residual.signals.logs import spread
+from residual.signals.splitting import spread
 from residual.signals.track import Filters, Track
 
 

@@ -32,7 +32,7 @@ from residual.errors import InputError, listed
 from residual.recording import Recording
 from residual.robot.dynamics import joints_length
 from residual.robot.robot import Robot
-from residual.signals.logs import sketch_of
+from residual.signals.splitting import sketch_of
 
 _VELOCITY = "velocity_mismatch"
 

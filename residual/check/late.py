@@ -15,7 +15,7 @@ from residual.errors import joints_listed, listed
 from residual.recording import Array, Recording
 from residual.robot.dynamics import PER_LINK, regressor
 from residual.robot.robot import Robot
-from residual.signals.logs import power_density
+from residual.signals.filters import power_density
 from residual.signals.track import Filters, at_times, motion_of
 
 _NOTHING = 1e-16

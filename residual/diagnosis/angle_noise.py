@@ -36,7 +36,7 @@ from residual.evidence.priors import SCALES, Space, first_design
 from residual.evidence.rules import RULES
 from residual.recording import Array, Recording
 from residual.robot.robot import Robot
-from residual.signals.logs import in_pieces
+from residual.signals.splitting import in_pieces
 from residual.signals.track import on_rows_of, prepare
 
 INSTRUMENTS, EFFECTIVE = "instruments", "effective variance"

@@ -29,7 +29,7 @@ from residual.model.nominal import prepare_logs
 from residual.quantity import plain
 from residual.recording import Array, Recording
 from residual.robot.base_parameters import base_parameters
-from residual.signals.logs import session_clock
+from residual.signals.splitting import session_clock
 
 LOOSE = 1e-4  # of the prior's information: what stays, so that nothing is infinite
 BODY = "inertial"

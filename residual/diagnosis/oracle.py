@@ -30,7 +30,7 @@ from residual.model.nominal import (
 )
 from residual.recording import Recording
 from residual.robot.robot import Robot
-from residual.signals.logs import session_clock
+from residual.signals.splitting import session_clock
 from residual.signals.track import Filters
 
 Told = tuple[str, tuple[int, ...]]

@@ -17,7 +17,7 @@ from scipy.sparse import csr_array
 from residual.evidence.rules import RULES
 from residual.model.corrected import DIFFERENCE
 from residual.recording import Array
-from residual.signals.logs import randomise_phases
+from residual.signals.filters import randomise_phases
 
 BINS = (8, 24, 72)  # from a slope to a ripple; the chance is drawn over all of them
 DRAWS = 59  # surrogates: the best of them is a chance of 1 in 60

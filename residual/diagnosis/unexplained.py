@@ -36,7 +36,7 @@ from residual.model.compare import Cloud
 from residual.model.corrected import DIFFERENCE, Column, Corrected, Tables, read
 from residual.model.model import Model
 from residual.recording import Array
-from residual.signals.logs import logs_of
+from residual.signals.splitting import logs_of
 from residual.signals.track import Track
 from residual.tables.choose import fit_effect_tables
 from residual.tables.form import EffectForm

@@ -32,7 +32,8 @@ from residual.model.nominal import (
 )
 from residual.recording import Array, Recording
 from residual.robot.dynamics import regressor
-from residual.signals.logs import in_pieces, let_go, low_pass, power_density
+from residual.signals.filters import low_pass, power_density
+from residual.signals.splitting import in_pieces, let_go
 from residual.signals.track import sample_rate
 
 

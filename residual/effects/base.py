@@ -16,7 +16,7 @@ from cachetools import LRUCache, cached
 from residual.recording import Array
 from residual.robot.dynamics import LazyRegressor, motion_key, with_inertial_parameters
 from residual.robot.robot import Robot
-from residual.signals.logs import low_pass
+from residual.signals.filters import low_pass
 
 Property = Literal[
     "damping", "quadratic_damping", "friction", "armature", "stiffness", "constant"

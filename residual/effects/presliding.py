@@ -13,7 +13,7 @@ from residual.effects.base import (
     local,
     shaped,
 )
-from residual.signals.logs import bristle
+from residual.signals.standstill import bristle
 
 
 def _feature(state, j, shape):

@@ -33,7 +33,7 @@ from residual.model.model import Model
 from residual.model.nominal import Logs, Nominal, begin, prepare_logs
 from residual.recording import Array, Recording
 from residual.robot.robot import Robot
-from residual.signals.logs import session_clock, sketch_of
+from residual.signals.splitting import session_clock, sketch_of
 from residual.signals.track import Filters
 
 Progress = Callable[[str, float], None]

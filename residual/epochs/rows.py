@@ -20,7 +20,7 @@ from residual.evidence.priors import relative_prior
 from residual.model.model import Model, Term
 from residual.model.nominal import Logs, Nominal
 from residual.recording import Array
-from residual.signals.logs import logs_of
+from residual.signals.splitting import logs_of
 
 LOOSE = 10.0  # relative scale of the bodies: a tool may weigh more than any link
 FIRM = (1.0, 10.0, 100.0, 1000.0)  # times the precision of what any arm has a little of

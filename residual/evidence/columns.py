@@ -13,7 +13,7 @@ import numpy as np
 
 from residual.effects.base import Effect, Joints, Placed, Shape
 from residual.recording import Array
-from residual.signals.logs import logs_of
+from residual.signals.splitting import logs_of
 from residual.signals.track import Track
 
 

@@ -31,7 +31,7 @@ from residual.model.known import held, of_effect
 from residual.model.model import Model
 from residual.recording import Array
 from residual.robot.dynamics import links_of
-from residual.signals.logs import is_cut, spread
+from residual.signals.splitting import is_cut, spread
 from residual.signals.track import Track
 
 LAGS = 80  # rows over which noise is asked whether it remembers

@@ -13,7 +13,7 @@ from residual.model.corrected import DIFFERENCE, Corrected, Tables
 from residual.model.model import LEAST_SPEED, Model, Term
 from residual.recording import Array
 from residual.robot.dynamics import Chain, chain_of
-from residual.signals.logs import SMOOTH, Standstill
+from residual.signals.standstill import SMOOTH, Standstill
 from residual.tables.form import NONE
 
 WORD = re.compile(r"[a-z]\w*")

@@ -25,7 +25,7 @@ from residual.model.model import LEAST_SPEED, Model, Term
 from residual.recording import Array
 from residual.robot.dynamics import chain_of
 from residual.robot.robot import with_inertials
-from residual.signals.logs import SMOOTH
+from residual.signals.standstill import SMOOTH
 
 FULL = 20.0  # tanh of it is one, to the last bit
 NOT_NEGATIVE = ("damping", "quadratic_damping", "friction", "armature", "stiffness")

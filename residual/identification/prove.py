@@ -19,7 +19,7 @@ from residual.model.forward import (
 from residual.model.model import Model
 from residual.recording import Array, Recording
 from residual.robot.robot import Robot
-from residual.signals.logs import hold_out_end, session_clock
+from residual.signals.splitting import hold_out_end, session_clock
 
 # Full parameters that a body can have, nearest to the nominal among those that fit.
 #

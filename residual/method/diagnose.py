@@ -56,7 +56,7 @@ from residual.planning.promise import promised, settled_by
 from residual.planning.question import open_question, places_of
 from residual.recording import Recording
 from residual.robot.robot import Robot, check_joints
-from residual.signals.logs import hold_out_end, session_clock
+from residual.signals.splitting import hold_out_end, session_clock
 from residual.signals.track import Filters
 
 # The diagnosis, the fit of exactly what is named, and the findings.

@@ -34,7 +34,8 @@ from residual.model.nominal import (
 )
 from residual.recording import Array, Recording
 from residual.robot.robot import Robot
-from residual.signals.logs import SMOOTH, Standstill, session_clock, sketch_of
+from residual.signals.splitting import session_clock, sketch_of
+from residual.signals.standstill import SMOOTH, Standstill
 from residual.signals.track import Filters, encoder_noise, smooth
 
 FARTHEST = 0.3  # of the inertial parameters: a prior that is wider is as good as none

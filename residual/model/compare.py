@@ -9,7 +9,7 @@ from scipy.special import stdtrit
 from residual.model.corrected import Corrected
 from residual.model.model import Model
 from residual.recording import Array, Recording
-from residual.signals.logs import are_long, in_pieces, logs_of, overlap, spread
+from residual.signals.splitting import are_long, in_pieces, logs_of, overlap, spread
 from residual.signals.track import Filters, Track, at_samples, prepare
 
 # Whether a model predicts worse than another beyond chance: one rule for all of them.

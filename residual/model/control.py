@@ -21,7 +21,7 @@ from residual.model.model import Model
 from residual.recording import Array
 from residual.robot.dynamics import inverse_dynamics, with_inertial_parameters
 from residual.robot.robot import Robot
-from residual.signals.logs import Standstill
+from residual.signals.standstill import Standstill
 
 _TURN = Standstill("smooth", 1.0)
 

@@ -15,7 +15,7 @@ from residual.model.corrected import Corrected
 from residual.model.model import Model, Term
 from residual.recording import Array, Recording
 from residual.robot import dynamics
-from residual.signals.logs import are_long, in_pieces
+from residual.signals.splitting import are_long, in_pieces
 from residual.signals.track import Track, prepare
 
 POSES = 10_000

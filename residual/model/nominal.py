@@ -13,7 +13,8 @@ from residual.model.model import Model, Term
 from residual.recording import Array, Recording
 from residual.robot.dynamics import PER_LINK, inertial_parameters
 from residual.robot.robot import Robot
-from residual.signals.logs import CHOICES, SMOOTH, Standstill, in_pieces, spread
+from residual.signals.splitting import in_pieces, spread
+from residual.signals.standstill import CHOICES, SMOOTH, Standstill
 from residual.signals.track import Filters, Track, prepare, shaken
 
 MOST_SHAPES = 4

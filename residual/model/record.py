@@ -13,7 +13,7 @@ from residual.model.corrected import Corrected
 from residual.model.model import Model, Term
 from residual.recording import Array
 from residual.robot.robot import with_inertials
-from residual.signals.logs import CHOICES
+from residual.signals.standstill import CHOICES
 
 SLOWEST = 1e-3  # Hz: a period of a quarter of an hour is no filter of a motion
 LARGEST = 64 << 20  # bytes of a file whose kind is still asked for

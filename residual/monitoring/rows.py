@@ -18,7 +18,7 @@ from scipy.signal import savgol_coeffs
 from residual.errors import InputError
 from residual.monitoring.rules import MONITOR
 from residual.recording import Array, Recording
-from residual.signals.logs import LONG
+from residual.signals.splitting import LONG
 from residual.signals.track import Track, at_times, sample_rate
 
 _AT_ONCE = 1 << 13  # windows: their copies are larger than the samples

@@ -15,7 +15,7 @@ from residual.monitoring.rows import LogRows, period_of, rows_of
 from residual.monitoring.rules import MONITOR
 from residual.recording import Array, Recording
 from residual.robot.dynamics import torque_by_angle
-from residual.signals import logs as pieces
+from residual.signals import splitting as pieces
 
 _TINY = 1e-9
 AT_ONCE = 40_000  # rows: ten minutes

@@ -12,7 +12,8 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from residual.recording import Array, Recording
-from residual.signals.logs import cut, let_go, low_pass, overlap
+from residual.signals.filters import low_pass
+from residual.signals.splitting import cut, let_go, overlap
 
 ROWS = 4.2  # rows per period of the cut-off: some 33 a second behind 8 Hz
 SEED = 0  # of the redrawn noise: a diagnosis says the same twice

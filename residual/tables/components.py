@@ -21,7 +21,7 @@ from sklearn.decomposition import PCA
 
 from residual.errors import InputError
 from residual.recording import Array
-from residual.signals.logs import randomise_phases
+from residual.signals.filters import randomise_phases
 from residual.tables.crossval import (
     EXHAUSTED,
     as_block,

@@ -13,7 +13,7 @@ from residual.evidence.fit import autocorrelation_time
 from residual.method.diagnose import diagnose
 from residual.model.nominal import declared_names, prepare_logs, start_nominal
 from residual.robot.dynamics import inverse_dynamics
-from residual.signals.logs import session_clock
+from residual.signals.splitting import session_clock
 from residual.signals.track import Filters
 
 JOINT = 2  # from 0

@@ -30,7 +30,7 @@ from residual.export.exported import Motion, exciting
 from residual.export.mujoco import to_mujoco
 from residual.model.corrected import Corrected, Tables
 from residual.model.record import to_record
-from residual.signals.logs import CHOICES
+from residual.signals.standstill import CHOICES
 from residual.tables.form import MAIN
 from tests.residual.test_model_record import lookup
 from warehouse.commit import commit_record

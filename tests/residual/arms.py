@@ -17,7 +17,7 @@ from residual.model.nominal import DEFAULT_DECLARED, prepare_logs, start_nominal
 from residual.recording import Recording
 from residual.robot.dynamics import inverse_dynamics
 from residual.robot.robot import Robot, load_robot
-from residual.signals.logs import session_clock
+from residual.signals.splitting import session_clock
 from residual.signals.track import Filters
 from sim.draw import draw
 from sim.engine.records import Hidden, stream

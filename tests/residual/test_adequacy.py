@@ -12,7 +12,7 @@ from residual.evidence.fit import fit
 from residual.model.model import Model
 from residual.model.nominal import prepare_logs
 from residual.robot.dynamics import inertial_parameters, inverse_dynamics
-from residual.signals.logs import session_clock
+from residual.signals.splitting import session_clock
 from residual.signals.track import Filters, prepare
 from tests.residual.arms import SEVEN, arm, recording, smooth_motion
 from tests.residual.linear import DOF, LINE, Problem, build

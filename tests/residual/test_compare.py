@@ -8,7 +8,7 @@ import pytest
 from residual.model.compare import Errors, compare, moving_error, prepare_held_out
 from residual.model.model import Model
 from residual.robot.dynamics import inertial_parameters, inverse_dynamics
-from residual.signals.logs import hold_out_end, session_clock
+from residual.signals.splitting import hold_out_end, session_clock
 from residual.signals.track import Filters
 from tests.residual.arms import arm, recording, smooth_motion
 

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from residual.errors import InputError
-from residual.signals.logs import randomise_phases
+from residual.signals.filters import randomise_phases
 from residual.tables.components import (
     fit_pca,
     fit_pls,

@@ -8,7 +8,7 @@ from residual.diagnosis.unexplained import corrected, leftovers
 from residual.evidence.rules import Rules
 from residual.model.compare import compare, prepare_held_out
 from residual.model.nominal import DEFAULT_DECLARED, prepare_logs, start_nominal
-from residual.signals.logs import session_clock
+from residual.signals.splitting import session_clock
 from residual.signals.track import Filters
 from tests.residual.arms import arm, plain_logs, quiet
 

@@ -27,7 +27,7 @@ from residual.export.numpy_file import to_numpy
 from residual.export.simulators import saturated_speed, to_mjcf, to_urdf
 from residual.model.corrected import NEAREST, NOTHING, Corrected, Tables
 from residual.model.model import Model
-from residual.signals.logs import CHOICES
+from residual.signals.standstill import CHOICES
 from residual.tables.form import MAIN
 from tests.residual.test_model_record import lookup
 

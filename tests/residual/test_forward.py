@@ -23,7 +23,7 @@ from residual.model.model import Model, Term
 from residual.recording import Recording
 from residual.robot.dynamics import flange_placement, inertial_parameters
 from residual.robot.robot import load_robot
-from residual.signals.logs import Standstill
+from residual.signals.standstill import Standstill
 from residual.signals.track import prepare
 
 ROBOT = load_robot("irb140")

@@ -19,7 +19,7 @@ from residual.monitoring.usual import block_maxima
 from residual.recording import Recording
 from residual.robot import dynamics as lazy
 from residual.robot.dynamics import LazyRegressor, inertial_parameters, regressor
-from residual.signals import logs as pieces
+from residual.signals import splitting as pieces
 from residual.signals.track import Filters, prepare
 from tests.residual.arms import arm, plain_logs
 

@@ -16,7 +16,7 @@ from residual.model.model import Model, Term
 from residual.model.record import from_record, load_model, to_record
 from residual.robot.dynamics import inertial_parameters
 from residual.robot.robot import Robot, load_robot
-from residual.signals.logs import CHOICES
+from residual.signals.standstill import CHOICES
 from residual.signals.track import Filters, prepare
 from residual.tables.form import MAIN, NONE
 from residual.tables.lookup import Axis, Lookup, Table

@@ -14,7 +14,8 @@ from residual.effects.backlash import _flight
 from residual.evidence.fit import System, fit
 from residual.model.nominal import prepare_logs, start_nominal
 from residual.robot.robot import load_robot
-from residual.signals.logs import bristle, low_pass, power_density
+from residual.signals.filters import low_pass, power_density
+from residual.signals.standstill import bristle
 from residual.signals.track import Filters, widened
 from sim.quasi_static import Plant
 from tests.residual.linear import DOF, Problem, every_group

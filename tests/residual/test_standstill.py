@@ -11,7 +11,13 @@ from residual.effects import registry
 from residual.model.model import Model, Term
 from residual.model.nominal import with_standstill
 from residual.robot.dynamics import inertial_parameters
-from residual.signals.logs import CHOICES, SMOOTH, Standstill, direction, directions
+from residual.signals.standstill import (
+    CHOICES,
+    SMOOTH,
+    Standstill,
+    direction,
+    directions,
+)
 from residual.signals.track import prepare
 from tests.residual.arms import arm, recording
 

@@ -17,7 +17,7 @@ from residual.monitoring.rows import Samples, Window, rows_of, start, take
 from residual.monitoring.watch import begin, state_from_record, state_to_record, step
 from residual.recording import Recording
 from residual.robot.dynamics import regressor
-from residual.signals.logs import low_pass
+from residual.signals.filters import low_pass
 from tests.residual.monitored import RATE, ROBOT, good_runs, healthy, model_of, spoilt
 
 

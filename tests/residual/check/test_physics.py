@@ -13,7 +13,7 @@ from residual.check.late import delay_of
 from residual.check.motion import thin_rows
 from residual.check.physics import out_of_proportion
 from residual.check.result import Repair
-from residual.signals.logs import low_pass
+from residual.signals.filters import low_pass
 from sim.draw import draw
 from sim.engine.records import stream
 from tests.residual.arms import arm, bare_irb140

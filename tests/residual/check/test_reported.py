@@ -16,7 +16,7 @@ from residual.check.kinematics import out_of_range
 from residual.check.result import Repair
 from residual.robot.dynamics import gravity_torque, inverse_dynamics
 from residual.robot.robot import load_robot
-from residual.signals.logs import low_pass
+from residual.signals.filters import low_pass
 from sim.quasi_static import Plant
 from tests.residual.arms import arm, plain_logs
 from tests.residual.check.damaged import clean_logs, edited, kinds, swapped, times

@@ -1,0 +1,140 @@
+"""The zero-phase low-pass, every k-th value of it as one product; power spectra.
+
+Written out here since `scipy.signal`, with all that it brings, takes longer to import
+than most logs take to be diagnosed.
+"""
+
+from functools import cache
+
+import numpy as np
+
+from residual.recording import Array
+
+CUTOFF = 8.0  # Hz, of the identification filter; lower for slow logs
+ORDER = 4  # of the Butterworth filter, which runs forwards and backwards
+REACH = 4.5  # periods of the cut-off after which it has forgotten all but 1e-5
+BLOCK = 16  # rows that are made at once
+_HARRIS = (0.35875, 0.48829, 0.14128, 0.01168)  # Blackman-Harris, four terms
+
+
+def low_pass(
+    x: Array,
+    cutoff: float,
+    rate: float,
+    step: int = 1,
+    ahead: float = 0.0,
+    order: int = 0,
+) -> Array:
+    """Butterworth low-pass of order 4, forwards and backwards, along the first axis.
+
+    As a product with the filter's own impulse response: what is thrown away is not
+    made. Beyond its ends the signal goes on turned about its last value.
+
+    Args:
+        x: Signals. Shape (n, ...).
+        cutoff: Of the low-pass [Hz].
+        rate: Of the signals [Hz].
+        step: Which values are wanted: 0, step, 2 step, ...
+        ahead: Time by which the values are of a later signal [s].
+        order: Of the time derivative that is wanted, by central differences; above 0
+            the cut-off must be well below half of the rate.
+
+    Returns:
+        Shape (ceil(n / step), ...).
+    """
+    x = np.asarray(x, dtype=float)
+    if cutoff >= 0.45 * rate and not ahead:
+        return x[::step]
+    band, reach = _band(cutoff, rate, step, ahead, order)
+    rows = -(-len(x) // step)
+    blocks = -(-rows // BLOCK)
+    flat = x.reshape(len(x), -1).T  # time last: a signal lies together
+    longer = _with_ends(flat, reach, (blocks - 1) * BLOCK * step + len(band))
+    out = np.empty((len(flat), blocks * BLOCK))
+    for b in range(blocks):
+        first, row = b * BLOCK * step, b * BLOCK
+        out[:, row : row + BLOCK] = longer[:, first : first + len(band)] @ band
+    return out[:, :rows].T.reshape(rows, *x.shape[1:])
+
+
+def _with_ends(x: Array, reach: int, length: int) -> Array:
+    """The signal from ``reach`` before its start on, to the length asked for."""
+    n = x.shape[1]
+    ends, first, last = min(reach, n - 1), x[:, :1], x[:, -1:]
+    out = np.empty((len(x), length))
+    out[:, reach : reach + n] = x
+    out[:, reach - ends : reach] = 2 * first - x[:, ends:0:-1]
+    out[:, : reach - ends] = out[:, [reach - ends]]
+    stop = min(reach + n + ends, length)
+    after = x[:, n - 1 - (stop - reach - n) : n - 1]
+    out[:, reach + n : stop] = 2 * last - after[:, ::-1]
+    out[:, stop:] = out[:, [stop - 1]]
+    return out
+
+
+@cache
+def _band(
+    cutoff: float, rate: float, step: int, ahead: float, order: int
+) -> tuple[Array, int]:
+    """What makes a block of rows of the samples around it, and how far it reaches."""
+    reach = int(np.ceil((REACH / cutoff + abs(ahead)) * rate))
+    taps = _impulse_response(cutoff, rate, reach, ahead)
+    for _ in range(order):  # d/dt of the output: the response differenced, turned
+        taps = np.convolve(taps, [-rate / 2, 0.0, rate / 2])
+    reach += order
+    band = np.zeros(((BLOCK - 1) * step + len(taps), BLOCK))
+    for row in range(BLOCK):
+        band[row * step : row * step + len(taps), row] = taps
+    return band, reach
+
+
+def _impulse_response(cutoff: float, rate: float, reach: int, ahead: float) -> Array:
+    """Values from -reach to reach. The filter is |H|^2, in closed form.
+
+    1 / (1 + (tan(w / 2) / tan(w_c / 2))^(2 N))    (bilinear transform, w in rad/sample)
+    """
+    half = np.linspace(0, np.pi / 2, 4 * reach + 1)[:-1]  # at pi it is zero
+    warped = np.tan(half) / np.tan(np.pi * min(cutoff / rate, 0.49))
+    gain = np.exp(-2j * half * ahead * rate) / (1 + warped ** (2 * ORDER))
+    pulse = np.fft.irfft(np.append(gain, 0.0))
+    taps = np.concatenate([pulse[-reach:], pulse[: reach + 1]])
+    return taps / taps.sum()
+
+
+def power_density(x: Array, length: int, robust: bool = False) -> tuple[Array, Array]:
+    """Power per share of the sampling rate, of segments that overlap by half.
+
+    By averaged periodograms (Welch 1967).
+
+    Args:
+        x: Signals. Shape (n, k), n at least the length.
+        length: Samples of a segment; its mean is taken out.
+        robust: Take the median of the segments instead of their mean.
+
+    Returns:
+        Frequencies as shares of the sampling rate, and densities [x^2]. Shapes (f,),
+        (f, k).
+    """
+    turn = 2 * np.pi * np.arange(length) / length
+    terms = (a * (-1) ** i * np.cos(i * turn) for i, a in enumerate(_HARRIS))
+    window = np.sum(list(terms), axis=0)
+    parts = np.lib.stride_tricks.sliding_window_view(x, length, axis=0)
+    parts = parts[:: max(length // 2, 1)]
+    parts = (parts - parts.mean(axis=-1, keepdims=True)) * window
+    power = np.abs(np.fft.rfft(parts)) ** 2 / (window**2).sum()
+    # The median of a squared normal is short of its mean by the logarithm of 2.
+    middle = np.median(power, axis=0) / np.log(2) if robust else power.mean(axis=0)
+    return np.fft.rfftfreq(length), 2 * middle.T
+
+
+def randomise_phases(spectrum: Array, rows: int, rng: np.random.Generator) -> Array:
+    """Return signals of given one-sided spectra with independent random phases.
+
+    Mean and amplitude at every frequency are kept. (rows // 2 + 1, k) to (rows, k).
+    """
+    turn = np.exp(2j * np.pi * rng.random(spectrum.shape))
+    # Mean and, for an even length, the highest frequency must stay real.
+    turn[0] = 1
+    if rows % 2 == 0:
+        turn[-1] = np.sign(turn[-1].real)
+    return np.fft.irfft(spectrum * turn, n=rows, axis=0)

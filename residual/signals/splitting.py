@@ -1,0 +1,153 @@
+"""Long logs cut into pieces that are worked through one by one; the last quarter.
+
+A log of an hour would take gigabytes: the regressor of its motion alone has 360
+numbers a row. What a fit needs of it are sums over rows, and these may be taken piece
+by piece. Pieces overlap by what is dropped at their ends, and the filter forgets
+within that: the rows of the pieces are those of the whole. They keep the id of their
+log.
+"""
+
+import mmap
+from collections.abc import Sequence
+from dataclasses import fields, replace
+from itertools import groupby, pairwise
+
+import numpy as np
+
+from residual.recording import Recording
+from residual.signals.filters import CUTOFF
+
+LONG = 600.0  # s of logs in all from which on they are cut
+MANY = 300_000  # samples likewise: memory goes with them
+PIECE = 60.0  # s
+FORGETS = 8.0  # periods of the identification filter that are dropped at the ends
+SKETCH = 420.0  # s of long logs that are kept whole, for what no sum can tell
+# So that no piece lies in two folds of a log (evidence/design.py).
+_MULTIPLE = 6
+
+
+def in_pieces(
+    recordings: Sequence[Recording], cutoff: float = CUTOFF
+) -> tuple[Recording, ...]:
+    """Cut the logs, where they are long.
+
+    Returns:
+        The logs, or in place of each of two minutes or more its pieces, in order.
+    """
+    if not are_long(recordings):
+        return tuple(recordings)
+    return tuple(piece for r in recordings for piece in _pieces(r, cutoff))
+
+
+def are_long(recordings: Sequence[Recording]) -> bool:
+    """Whether logs are more than ten minutes, or 300 000 samples, in all."""
+    samples = sum(len(r.t) for r in recordings)
+    return samples > MANY or sum(r.duration for r in recordings) > LONG
+
+
+def _pieces(recording: Recording, cutoff: float) -> tuple[Recording, ...]:
+    count = _MULTIPLE * round(recording.duration / PIECE / _MULTIPLE)
+    if count < 2:
+        return (recording,)
+    n = len(recording.t)
+    rate = (n - 1) / recording.duration
+    # The rows of a slow log come from a slower filter (``Filters.cutoff``).
+    over = round(overlap(min(cutoff, 0.08 * rate), rate) * rate)
+    edges = np.linspace(0, n, count + 1).astype(int)
+    return tuple(
+        rows_of(recording, max(a - over, 0), min(b + over, n))
+        for a, b in pairwise(edges)
+    )
+
+
+def overlap(cutoff: float, rate: float) -> float:
+    """How far a piece reaches beyond its own part of the log, at both ends [s]."""
+    return float(np.ceil(FORGETS / cutoff * rate)) / rate
+
+
+def rows_of(recording: Recording, first: int, last: int) -> Recording:
+    """Return the samples from ``first`` up to ``last`` of a log, without a copy."""
+    arrays = {f.name: getattr(recording, f.name) for f in fields(recording)[2:]}
+    own = {k: x[first:last] for k, x in arrays.items() if x is not None}
+    return replace(recording, **own)
+
+
+def sketch_of(
+    recordings: Sequence[Recording],
+    most: float | None = None,
+    kept: float | None = None,
+) -> Sequence[Recording]:
+    """Return pieces, evenly spread, of long logs; the logs where they are not long.
+
+    Args:
+        most: From how many seconds on they are long; ten minutes where None.
+        kept: Seconds that are kept of them; seven minutes where None.
+    """
+    most = LONG if most is None else most
+    if not are_long(recordings) and sum(r.duration for r in recordings) <= most:
+        return recordings
+    pieces = [piece for r in recordings for piece in _pieces(r, CUTOFF)]
+    return [pieces[i] for i in spread([r.duration for r in pieces], most, kept)]
+
+
+def let_go(recording: Recording) -> None:
+    """Let samples that lie in a file go from memory; they come back when read."""
+    for array in (recording.q, recording.tau):
+        while isinstance(array, np.ndarray):
+            array = array.base
+        if isinstance(array, mmap.mmap):
+            array.madvise(mmap.MADV_DONTNEED)
+
+
+def cut(ids: Sequence[str]) -> list[bool]:
+    """Of each of several logs whether it is a piece of one: its id comes again."""
+    return [ids.count(own) > 1 for own in ids]
+
+
+def logs_of(ids: Sequence[str]) -> list[list[int]]:
+    """Numbers of the pieces of each log, by their ids."""
+    by_id = groupby(range(len(ids)), key=lambda i: ids[i])
+    return [list(numbers) for _, numbers in by_id]
+
+
+def is_cut(seconds: Sequence[float]) -> bool:
+    """Whether logs are too long to be kept whole, by the length of each [s]."""
+    return len(spread(seconds)) < len(seconds)
+
+
+def spread(
+    seconds: Sequence[float], most: float | None = None, kept: float | None = None
+) -> list[int]:
+    """Choose pieces, evenly spread, of long logs, by number; of short ones all.
+
+    Args:
+        seconds: Length of each piece [s].
+        most: From how many seconds in all on a choice is made; ten minutes where None.
+        kept: How many are chosen; seven minutes where None.
+    """
+    total = float(sum(seconds))
+    if total <= (LONG if most is None else most):
+        return list(range(len(seconds)))
+    middle = np.cumsum(seconds) - 0.5 * np.asarray(seconds)
+    count = max(int((SKETCH if kept is None else kept) / max(seconds)), 1)
+    wanted = (np.arange(count) + 0.5) / count * total
+    return sorted({int(np.argmin(np.abs(middle - at))) for at in wanted})
+
+
+def session_clock(recordings: Sequence[Recording]) -> float | None:
+    """Start of the session if the logs' times show their order, else None [s]."""
+    spans = sorted((float(r.t[0]), float(r.t[-1])) for r in recordings)
+    ordered = all(a[1] < b[0] for a, b in pairwise(spans))
+    return spans[0][0] if ordered else None
+
+
+def hold_out_end(
+    fit: Sequence[Recording],
+) -> tuple[list[Recording], list[Recording]]:
+    """Cut the last quarter off the longest log and hold it out."""
+    longest = max(fit, key=lambda r: r.duration)
+    cut = longest.t[0] + 0.75 * longest.duration
+    row = int(np.searchsorted(longest.t, cut))
+    head, tail = rows_of(longest, 0, row), rows_of(longest, row, len(longest.t))
+    tail = replace(tail, id=f"{longest.id} (last quarter)")
+    return [head if r is longest else r for r in fit], [tail]
