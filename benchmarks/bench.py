@@ -33,7 +33,6 @@ PLAN: Mapping[str, tuple[str, ...]] = {
     "changes": ("benchmarks/changes.py",),
     "check": ("benchmarks/check.py",),
     "loop": ("benchmarks/loop.py", "--resume"),
-    "watch": ("-m", "benchmarks.loop_parts.watch"),
     "peers": ("benchmarks/peers.py",),
     "export": ("benchmarks/groups.py", "export", "--resume"),
     "plsr": ("benchmarks/plsr.py", "--resume"),

@@ -57,7 +57,7 @@ SUMS = "_sums.json"
 PRIVATE = 0o700
 # What lies in the bucket by its own name, and not as the file of a record.
 _PLAIN = (QUARANTINE, "made_with")
-_LOCAL = (STAGING, INDEX, "_prefect", "_watch")
+_LOCAL = (STAGING, INDEX, "_prefect")
 _open: dict[str, Bucket] = {}
 _writable: set[str] = set()
 

@@ -376,6 +376,6 @@ KINDS = {
 
 # All that a store has, by the names of its folders; nobody else writes there.
 FOLDERS = frozenset(
-    {STAGING, INDEX, SEALED, QUARANTINE, "made_with", "robots", "_prefect", "_watch"}
+    {STAGING, INDEX, SEALED, QUARANTINE, "made_with", "robots", "_prefect"}
     | {kind.folder for kind in KINDS.values()}
 )

@@ -86,7 +86,6 @@ _COMMANDS = {
     },
     "Sensors and wear": {
         "monitor": ("watch:monitor", "MODEL RUN..."),
-        "watch": ("watch:watch", "ROBOT --file FILE|-"),
         "wear": ("watch:wear", "[RUN...] --robot ROBOT"),
         "calibrate-null": ("fit:calibrate_null", _LOGS),
     },

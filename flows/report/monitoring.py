@@ -1,4 +1,4 @@
-"""Watched runs and streams, wear, and nulls: alarms, and what they mean."""
+"""Watched runs, wear, and nulls: alarms, and what they mean."""
 
 from collections.abc import Mapping, Sequence
 from pathlib import Path
@@ -7,19 +7,10 @@ from flows.report.document import Table, words_table
 from flows.report.words.phrases import many
 from flows.steps.monitor import Watched, Wear
 from flows.steps.null import CalibratedNull
-from flows.steps.watch.session import Session
 from residual.evidence.rules import RULES
-from residual.monitoring.watch import Change
 from residual.monitoring.wear import JointTrend, Rate
 from residual.recording import Recording
 from warehouse.mirror import shown
-
-_NOUN = {
-    "load": "the load on the flange",
-    "gain": "the gain of joint {joint}",
-    "bias": "a constant torque of joint {joint}",
-    "friction": "the friction of joint {joint}",
-}
 
 
 def meaning(found: Watched) -> str:
@@ -54,36 +45,6 @@ def alarm_table(found: Watched, watched: Mapping[str, Recording]) -> Table:
     ]
     heads = ("run", "since start [s]", "joint", "sensor", "fault", "over limit")
     return Table(heads, rows, left=(0, 3, 4))
-
-
-def alarm_line(alarm: Change) -> str:
-    """Return an alarm of a stream in one sentence."""
-    what = _NOUN[alarm.quantity].format(joint=alarm.joint)
-    others = [_NOUN[name].format(joint=joint) for name, joint in alarm.or_else]
-    other = f" (or {', or '.join(others)})" if others else ""
-    scale, unit = (100, " %") if alarm.unit == "1" else (1, f" {alarm.unit}")
-    return (
-        f"ALARM at {alarm.time:.3f} s, as if {what} had changed by "
-        f"{scale * alarm.size:+.3g} ± {scale * alarm.std:.2g}{unit}, "
-        f"{alarm.motion:.2g} s of motion ago{other}; what it is the diagnosis says; "
-        f"by chance {_by_chance(alarm.per_hour)}"
-    )
-
-
-def _by_chance(per_hour: float) -> str:
-    if per_hour <= 0:
-        return "never in the healthy runs"
-    return f"once in {1 / per_hour:.2g} h of motion (extrapolated)"
-
-
-def end_line(session: Session) -> str:
-    """Return how much of a stream was watched, in one sentence."""
-    heard, state = session.state.tail.heard, session.state
-    minutes = state.moved / session.reference.window.row_rate / 60
-    return (
-        f"read to the end: {heard.samples} samples, {minutes:.3g} min of motion, "
-        f"{many(state.alarms, 'alarm')} in all"
-    )
 
 
 def wear_table(wear: Wear) -> Table:

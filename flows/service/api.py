@@ -13,9 +13,7 @@ from urllib.request import Request, urlopen
 
 from flows.report.night import look, questions
 from flows.report.night.look import FlowRun, History, Past
-from flows.requests import Diagnose
 from flows.service.state import Running, read_running, store_key, worker_name
-from flows.settings import PREFECT
 from residual.errors import RunError
 from warehouse.query.store import open_store
 
@@ -213,15 +211,14 @@ def _due(api: Api) -> dict[str, datetime]:
     return due
 
 
-def start_flow(api: Api, deployment: str, parameters: Mapping | None = None) -> str:
+def start_flow(api: Api, deployment: str) -> None:
     """Start a deployment now, beside its schedule; a worker takes it in its turn.
 
     Raises:
         RunError: If the server does not answer or has no such deployment.
     """
     known = ask(api, f"/deployments/name/{deployment}")
-    place = f"/deployments/{known['id']}/create_flow_run"
-    return ask(api, place, {"parameters": dict(parameters or {})})["name"]
+    ask(api, f"/deployments/{known['id']}/create_flow_run", {"parameters": {}})
 
 
 def past_of(to: Api) -> Past:
@@ -291,11 +288,10 @@ def _iso(when: datetime) -> str:
     return when.replace(tzinfo=UTC).isoformat()
 
 
-# Whether what runs for a store is well, and a diagnosis given to it.
+# Whether what runs for a store is well.
 
 
 _LATELY = timedelta(days=1)
-_DEPLOYMENT = "diagnose/diagnose"
 
 
 @dataclass(frozen=True, slots=True)
@@ -383,26 +379,3 @@ def _refused(store: Path) -> tuple[Mapping, ...]:
     with open_store(store) as opened:
         rows = look.ask(opened, questions.REFUSED)
     return tuple(row for row in rows if row["created"] and row["created"] > since)
-
-
-def start_diagnosis(request: Diagnose, store: Path) -> str | None:
-    """Let the service of a store make a diagnosis of runs.
-
-    Returns:
-        The name of the flow run; None where nobody would run it, so that it is left to
-        the caller.
-    """
-    home = store / PREFECT
-    running = read_running(home)
-    if running is None or running.server is None or not answers(running.url):
-        return None
-    to = Api(running.url, store_key(home))
-    if not workers_online(to):
-        return None
-    parameters = {
-        "runs": list(request.logs),
-        "good": list(request.baseline),
-        "model": request.model,
-        "store": str(store),
-    }
-    return start_flow(to, _DEPLOYMENT, parameters)

@@ -2,7 +2,7 @@
 
 import hashlib
 import re
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from contextlib import suppress
 from dataclasses import dataclass, replace
 from datetime import datetime
@@ -122,36 +122,17 @@ def _read_one(
         known=known,
         run_id=run_id,
         stored=is_there(record_folder(store, "runs", run_id, robot.name)),
-        manifest=about_log(
-            robot,
-            request.kind,
-            _printable(plain_json(_about(known, columns))),
-            request.trajectory,
-            iso(_moment(request, known)),
-            check_tags(request.tags),
-        ),
+        manifest={
+            "source": "imported",
+            "kind": request.kind,
+            "trajectory": request.trajectory,
+            "robot_hash": robot.content_hash,
+            "serial": robot.serial,
+            "recorded_at": iso(_moment(request, known)),
+            "tags": check_tags(request.tags),
+            "log": _printable(plain_json(_about(known, columns))),
+        },
     )
-
-
-def about_log(
-    robot: Robot,
-    kind: str,
-    log: Mapping,
-    trajectory: str | None = None,
-    recorded_at: str | None = None,
-    tags: Sequence[str] = (),
-) -> dict:
-    """Return how a measured run came to be, as its record has it."""
-    return {
-        "source": "imported",
-        "kind": kind,
-        "trajectory": trajectory,
-        "robot_hash": robot.content_hash,
-        "serial": robot.serial,
-        "recorded_at": recorded_at,
-        "tags": list(tags),
-        "log": log,
-    }
 
 
 def _moment(request: Import, known: Understood) -> datetime | None:

@@ -4,47 +4,6 @@ from dataclasses import dataclass
 
 
 @dataclass(frozen=True, slots=True)
-class Watching:
-    """What a watch goes by."""
-
-    rows: int = 31  # rows of a bin in which a joint moves
-    # Lengths of the windows [bins], ascending.
-    windows: tuple[int, ...] = (2, 4, 10, 20, 40)
-    uncertain: int = 12  # most directions of the nuisance that are kept uncertain
-    memory: float = 100.0  # time over which the slow of an arm keeps its course [s]
-    pause: float = 90.0  # longest time that an arm does not cool within [s]
-    # Behind a longer pause an arm has cooled: by how much its course differs more, as a
-    # factor on deviations.
-    fresh: float = 3.0
-    # Least that the slow changes with the motion, as a share of the deviation between
-    # healthy runs.
-    quick: float = 0.1
-    warmth: float = 0.02  # least deviation of friction between runs, as a share
-    offset: float = 0.003  # the same of the constant, as a share of torque rms
-    # Torque of each nuisance column that healthy runs are to tell, one deviation, as a
-    # share of torque rms.
-    free: float = 0.1
-    quiet: int = 20  # bins of motion without a crossing after which an alarm is over
-    # Least and most bins that an alarm waits for its name to be sure.
-    patience: tuple[int, int] = (2, 4)
-    # Longest window whose name may change soon [bins]; longer ones wait for no least.
-    short: int = 4
-    # Evidence by which the best name has to lead for that [nats], and as a part of its
-    # own.
-    sure: tuple[float, float] = (10.0, 0.3)
-    # Part of the evidence of the best window that the shortest needs, which says since
-    # when.
-    enough: float = 0.8
-    # Part of the evidence of the best name that another needs to be told.
-    as_well: float = 0.5
-
-    @property
-    def longest(self) -> int:
-        """Bins of the longest window."""
-        return self.windows[-1]
-
-
-@dataclass(frozen=True, slots=True)
 class Rules:
     """What decides whether something changed."""
 
@@ -96,5 +55,3 @@ class Rules:
     # Length of an epoch from which on a part of it is looked at [s].
     most_seconds: float = 300.0
     seconds: float = 280.0  # how much of it, evenly spread [s]
-    # What a watch of a stream goes by, which compares its rows with such an epoch.
-    watch: Watching = Watching()

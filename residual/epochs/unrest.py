@@ -42,33 +42,18 @@ def joined(
 ) -> Array:
     """Columns of the vocabulary that one joint has, by its first epoch.
 
-    As `chosen`; as the design has them. Shape (rows, k).
-    """
-    ids = [g.ids for g in chosen(design, j, groups, first, alone, rules)]
-    if not ids:
-        return np.zeros((len(first), 0))
-    return design.columns(j, design.present(j, np.concatenate(ids))[0])
-
-
-def chosen(
-    design: Design,
-    j: int,
-    groups: Sequence[Group],
-    first: Array,
-    alone: Joint,
-    rules: Rules,
-) -> list[Group]:
-    """Effects of the vocabulary that one joint has, by its first epoch.
-
     Args:
         j: The joint, from 0.
         first: Rows of the first epoch. Shape (rows,), bool.
         alone: The joint on these rows, the usual nuisance taken out.
+
+    Returns:
+        As the design has them. Shape (rows, k).
     """
     some = [g for g in groups if len(g.ids) <= WIDEST]
     some = [g for g in some if len(design.present(j, g.ids)[0]) == len(g.ids)]
     if not some:
-        return []
+        return np.zeros((len(first), 0))
     ids = np.concatenate([g.ids for g in some])
     raw = design.columns(j, design.present(j, ids)[0])
     y, power = alone.y, (raw[first] ** 2).sum(axis=0)
@@ -82,11 +67,13 @@ def chosen(
         price = 0.5 * (ends[i + 1] - ends[i]) * np.log(counted) + np.log(len(some))
         if worth - price < rules.worth:
             break
-        found.append(some[i])
+        found.append(some[i].ids)
         basis, _ = np.linalg.qr(left[:, ends[i] : ends[i + 1]])
         left = left - basis @ (basis.T @ left)
         y = y - basis @ (basis.T @ y)
-    return found
+    if not found:
+        return np.zeros((len(first), 0))
+    return design.columns(j, design.present(j, np.concatenate(found))[0])
 
 
 def _gains(left: Array, y: Array, power: Array, ends: Array) -> Array:

@@ -1,16 +1,11 @@
-"""Rows of filtered motion and torque, of whole logs and of streams, and their cycles.
+"""Rows of filtered motion and torque of a log, and its cycles.
 
 All filters are windows of fixed length (Savitzky and Golay 1964). A row is stamped with
 the time of the last sample that it is made of, never with the middle of its window, so
-no alarm knows what comes after it. Rows of a stream are made of the samples of their
-window and its place in an unbroken piece of them, never of the batch that they came in:
-cut otherwise, the same samples make the same rows.
+no alarm knows what comes after it.
 """
 
-import itertools
-from collections.abc import Iterator, Sequence
-from dataclasses import dataclass, fields, replace
-from typing import Self
+from dataclasses import dataclass, replace
 
 import numpy as np
 from scipy.signal import savgol_coeffs
@@ -51,8 +46,6 @@ class Window:
         Shape (m, dof).
         """
         width, out = 2 * self.half + 1, np.zeros((len(starts), x.shape[1]))
-        if not len(starts):
-            return out
         weights = savgol_coeffs(
             width, MONITOR.order, deriv=times, delta=1 / self.rate, use="dot"
         )
@@ -61,149 +54,6 @@ class Window:
             part = slice(i, i + _AT_ONCE)
             out[part] = windows[starts[part]] @ weights
         return out
-
-
-class _Arrays:
-    """Arrays side by side, as long as each other."""
-
-    __slots__ = ()
-
-    def __getitem__(self, rows: slice | Array) -> Self:
-        return type(self)(*(getattr(self, f.name)[rows] for f in fields(self)))
-
-    @classmethod
-    def joined(cls, parts: Sequence[Self]) -> Self:
-        """Return them one after the other."""
-        names = (f.name for f in fields(cls))
-        return cls(*(np.concatenate([getattr(p, n) for p in parts]) for n in names))
-
-
-@dataclass(frozen=True, eq=False, slots=True)
-class Samples(_Arrays):
-    """What an arm has logged since the last batch."""
-
-    t: Array  # times [s], (n,)
-    q: Array  # positions [rad], (n, dof)
-    tau: Array  # torques [N m], (n, dof)
-
-
-@dataclass(frozen=True, slots=True)
-class Heard:
-    """What there was to say of the samples, counted from the begin of the stream."""
-
-    samples: int = 0  # that were used
-    broken: int = 0  # without a number in every column, and left out
-    late: int = 0  # at a time that had been already, and left out
-    gaps: int = 0  # longer than one and a half periods
-    restarts: int = 0  # of the clock, by more than a second back
-
-
-@dataclass(frozen=True, eq=False, slots=True)
-class Pending:
-    """What has to be known of the samples before."""
-
-    kept: Samples  # the last samples of the piece, a window less one at most
-    count: int = 0  # samples in the piece so far
-    heard: Heard = Heard()  # what there was to say
-
-
-@dataclass(frozen=True, eq=False, slots=True)
-class Rows(_Arrays):
-    """Filtered motion and torque, stamped with the last sample of each window."""
-
-    t: Array  # times [s], (m,)
-    # Motion in the middle of the window [rad, ...], (m, dof).
-    q: Array
-    qd: Array
-    qdd: Array
-    tau: Array  # torque through the same window [N m], (m, dof)
-    begins: Array  # it is the first of a piece. Shape (m,), bool
-
-    @classmethod
-    def none(cls, dof: int) -> Self:
-        """Return no row."""
-        empty = (np.empty((0, dof)) for _ in range(4))
-        return cls(np.empty(0), *empty, np.empty(0, bool))
-
-
-def start(dof: int) -> Pending:
-    """Return what is known before the first sample."""
-    return Pending(Samples(np.empty(0), np.empty((0, dof)), np.empty((0, dof))))
-
-
-def take(tail: Pending, new: Samples, window: Window) -> tuple[Pending, Rows]:
-    """Make the rows that a batch completes.
-
-    Samples without a number, or at a time that was already, are left out. Over a gap,
-    and where the clock was set back, nothing is filtered: a new piece begins.
-
-    Returns:
-        What is to be known for the next batch, and the rows, none at all maybe.
-    """
-    used, heard = _in_order(new, tail)
-    parts: list[Rows] = []
-    for piece, fresh in _pieces(used, tail, window.rate):
-        if fresh:
-            if len(tail.kept.t):
-                what = "restarts" if piece.t[0] <= tail.kept.t[-1] else "gaps"
-                heard = replace(heard, **{what: getattr(heard, what) + 1})
-            tail = start(new.q.shape[1])
-        tail, rows = _of_piece(tail, piece, window)
-        parts.append(rows)
-    return replace(tail, heard=heard), Rows.joined([Rows.none(new.q.shape[1]), *parts])
-
-
-def _in_order(new: Samples, tail: Pending) -> tuple[Samples, Heard]:
-    """Leave out what cannot be used, and count it."""
-    signals = np.column_stack([new.t, new.q, new.tau])
-    finite = np.isfinite(signals).all(axis=1)
-    good = new[finite]
-    keep = _rising(good.t, tail.kept.t[-1] if len(tail.kept.t) else -np.inf)
-    now = {"samples": keep.sum(), "broken": (~finite).sum(), "late": (~keep).sum()}
-    heard = {k: getattr(tail.heard, k) + int(n) for k, n in now.items()}
-    return good[keep], replace(tail.heard, **heard)
-
-
-def _rising(t: Array, last: float) -> Array:
-    """Where time goes on, or was set back by more than a second. Shape (n,), bool."""
-    keep = np.ones(len(t), bool)
-    if (np.diff(t, prepend=last) > 0).all():
-        return keep
-    for i, now in enumerate(t):
-        keep[i] = now > last or now < last - MONITOR.restart
-        last = now if keep[i] else last
-    return keep
-
-
-def _pieces(
-    used: Samples, tail: Pending, rate: float
-) -> Iterator[tuple[Samples, bool]]:
-    """Cut samples where there is a gap; say of each part whether one is before it."""
-    if not len(used.t):
-        return
-    last = tail.kept.t[-1] if len(tail.kept.t) else used.t[0]
-    step = np.diff(used.t, prepend=last)
-    breaks = np.flatnonzero((step > MONITOR.gap / rate) | (step < 0))
-    edges = [0, *(int(i) for i in breaks if i > 0), len(used.t)]
-    fresh = {int(i) for i in breaks}
-    for first, stop in itertools.pairwise(edges):
-        yield used[first:stop], first in fresh
-
-
-def _of_piece(tail: Pending, piece: Samples, window: Window) -> tuple[Pending, Rows]:
-    width, had = 2 * window.half + 1, len(tail.kept.t)
-    whole = Samples.joined([tail.kept, piece])
-    offset = tail.count - had  # place in the piece of the first sample at hand
-    total = tail.count + len(piece.t)
-    first = max(width - 1, tail.count)
-    first += (width - 1 - first) % window.step
-    ends = np.arange(first, total, window.step)
-    starts = ends - offset - (width - 1)
-    kept = whole[np.arange(max(0, len(whole.t) - (width - 1)), len(whole.t))]
-    moved = [window.filtered(whole.q, starts, times) for times in range(3)]
-    torque, begins = window.filtered(whole.tau, starts), ends == width - 1
-    rows = Rows(whole.t[starts + width - 1], *moved, torque, begins)
-    return Pending(kept, total, tail.heard), rows
 
 
 @dataclass(frozen=True, eq=False, slots=True)
@@ -259,12 +109,12 @@ def rows_of(recording: Recording) -> LogRows:
     return replace(rows, goal=recording.q_ref[starts + half], e_q=e_q, e_qd=e_qd)
 
 
-def states_of(rows: Rows | LogRows) -> Array:
+def states_of(rows: LogRows) -> Array:
     """Return q, qd and qdd side by side. Shape (m, 3, dof)."""
     return np.stack([rows.q, rows.qd, rows.qdd], axis=1)
 
 
-def beyond(rows: Rows | LogRows, lowest: Array, highest: Array, share: float) -> Array:
+def beyond(rows: LogRows, lowest: Array, highest: Array, share: float) -> Array:
     """Where a state is outside of a range by more than a share of it. (m, dof), bool.
 
     The range is of q, qd and qdd. Shape (3, dof).

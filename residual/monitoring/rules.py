@@ -1,7 +1,7 @@
-"""The thresholds of monitor, watch and wear, in one place (docs/monitoring.md).
+"""The thresholds of monitor and wear, in one place (docs/monitoring.md).
 
-Where no reason stands beside a value, benchmarks/plsr.py holds it for sensors and
-benchmarks/loop.py for a watch: they count what is missed, and false alarms.
+Where no reason stands beside a value, benchmarks/plsr.py holds it: it counts what is
+missed, and false alarms.
 """
 
 from dataclasses import dataclass, field
@@ -9,11 +9,7 @@ from dataclasses import dataclass, field
 
 @dataclass(frozen=True, slots=True)
 class Rules:
-    """What decides whether a sensor or an arm is as it was.
-
-    The windows and priors of a watch are `residual.epochs.window.Rules`, which each
-    reference keeps.
-    """
+    """What decides whether a sensor or the friction of a joint is as it was."""
 
     # Rows: windows of fixed length (Savitzky and Golay 1964).
     half: float = 0.03  # s: half a window
@@ -21,7 +17,6 @@ class Rules:
     order: int = 3  # of the polynomial: fits what a servo does within 60 ms
     gap: float = 1.5  # sample periods: more is a gap
     shortest: float = 1.0  # s
-    restart: float = 1.0  # s: a clock that falls back by more was set anew
 
     # Where a model is not to be trusted.
     slow: float = 3.0  # standstill thresholds below which friction is not
@@ -57,22 +52,6 @@ class Rules:
     later: float = 0.6  # s in which the best matched feature is
     quiet: float = 1.0  # s without a crossing after which an alarm is over
     complex: float = 1.25  # by which an encoder has to explain more than a torque
-
-    # What healthy runs teach a watch.
-    room: float = 0.02  # of a range by which a state may be outside of it
-    floor: float = 1e-3  # of torque rms: no residual is smaller
-    most_rows: int = 12000  # that one arm is fitted to
-    real: float = 1e-7  # of the largest: what no motion shows
-    unknown: float = 1e6  # s that a clock that was set anew may have been away
-    usual: float = 0.3  # of torque rms: a change of usual size
-    far: float = 2.0  # times what healthy runs showed: no limit is further
-    safe: float = 1.6  # times the evidence that chance shows
-    warm: float = 1.1  # of friction, times this again: it has most ways to change
-    steps: float = 1.81  # deviations: two normal values differ by less in 80 %
-    # Of the largest value: least deviation that it is taken to come from.
-    largest: float = 0.6
-    calm: float = 0.85  # least factor by which windows differ beyond noise
-    squares: tuple[float, float] = (0.97, 4.71)  # share of a normal one's below that
 
     # Trends of friction.
     least_logs: int = 6  # two more than the model has parameters

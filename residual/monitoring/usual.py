@@ -137,38 +137,17 @@ def limits_of(runs: Sequence[Scores], per_hour: float) -> Array:
     return np.where(peaks.max(axis=0) > 0, usual * factor, np.inf)
 
 
-@dataclass(frozen=True, slots=True)
-class Tail:
-    """How maxima of blocks decay: P(M > u + x) = share exp(-x / beta)."""
-
-    threshold: float  # u
-    beta: float  # its upper end; 0 where nothing is over the threshold
-    share: float  # of the blocks that are over it
-
-    def chance(self, value: float) -> float:
-        """Return the probability that a block exceeds a value."""
-        if self.beta == 0:
-            return 0.0
-        return float(self.share * np.exp(-(value - self.threshold) / self.beta))
-
-
-def tail_of(peaks: Array) -> Tail:
-    """Return the tail of maxima of blocks. Shape (b,)."""
+def tail_limit(peaks: Array, wanted: float) -> float:
+    """Return what a block exceeds with the wanted probability at most. Shape (b,)."""
+    least = MONITOR.margin * float(peaks.max())
     threshold = float(np.quantile(peaks, 1.0 - MONITOR.tail))
     above = peaks[peaks > threshold] - threshold
     if len(above) == 0:
-        return Tail(threshold, 0.0, 0.0)
-    beta = float(above.mean()) * (1.0 + MONITOR.sure / np.sqrt(len(above)))
-    return Tail(threshold, beta, len(above) / len(peaks))
-
-
-def tail_limit(peaks: Array, wanted: float) -> float:
-    """Return what a block exceeds with the wanted probability at most. Shape (b,)."""
-    least, tail = MONITOR.margin * float(peaks.max()), tail_of(peaks)
-    if tail.beta == 0:
         return least
-    further = tail.beta * max(0.0, float(np.log(tail.share / wanted)))
-    return max(tail.threshold + further, least)
+    beta = float(above.mean()) * (1.0 + MONITOR.sure / np.sqrt(len(above)))
+    share = len(above) / len(peaks)
+    further = beta * max(0.0, float(np.log(share / wanted)))
+    return max(threshold + further, least)
 
 
 def next_run_limit(largest: Array, wanted: float) -> float:

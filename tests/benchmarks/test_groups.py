@@ -52,8 +52,8 @@ def test_the_exit_code_is_one_for_a_missed_bar_only(capsys):
 @pytest.mark.parametrize("name", PLAN)
 def test_what_a_run_of_all_starts_can_be_loaded(name):
     """What it imports of the program, groups that are loaded late among it."""
-    path = PLAN[name][-1] if PLAN[name][0] == "-m" else Path(PLAN[name][0]).stem
-    module = import_module(path if "." in path else f"benchmarks.{path}")
+    path = Path(PLAN[name][0]).stem
+    module = import_module(f"benchmarks.{path}")
     groups = getattr(module, "GROUPS", ())
     if path == "groups":
         groups = groups[name]

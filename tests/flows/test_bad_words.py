@@ -74,7 +74,6 @@ BAD = {
     "close --seed -1": "--seed",
     "close --robot irb14": "irb140",
     "close --report nowhere/page.html": "no folder",
-    "watch irb140 --file no.csv --once": "--file no.csv: there is no such file",
     "trajectory weldin": "did you mean 'welding'",
     "trajectory cyclic --duration 3 --periods 2": "breaks its",
     "trajectory cyclic --csv no/such/out.csv": "no folder",

@@ -39,9 +39,9 @@ def told(tmp_path_factory):
     nothing = made.verdict(runs[:1], verdict="unknown", effects=[])
     second = made.store_verdict(store, nothing, MODEL, {"fit": runs[:2]})
     row = {"run_id": runs[1], "time": 0.2, "joint": 2, "sensor": "torque"}
-    row |= {"fault": "load", "kind": "change", "score": 1.5, "until": 0.2}
+    row |= {"fault": "gain drop", "kind": "model", "score": 1.5, "until": 0.2}
     table = pa.Table.from_pylist([row], schema=arrow_schema(VIEWS["alarms"][1:]))
-    record = {"robot": "two_link", "kind": "watch"}
+    record = {"robot": "two_link", "kind": "monitor"}
     commit_record(store, "validations", record, {"alarms": table}, {})
     return store, runs, imported, (first, second)
 
@@ -136,7 +136,11 @@ def test_runs_by_robot_tag_code_and_campaign(told, ask):
 
 def test_alarms_by_joint_and_runs_that_nobody_looked_at(told, ask):
     (row,) = named(ask, "alarms_by_joint")
-    assert (row["joint"], row["fault"], row["first_run"]) == (2, "load", told[1][1])
+    assert (row["joint"], row["fault"], row["first_run"]) == (
+        2,
+        "gain drop",
+        told[1][1],
+    )
     assert named(ask, "never_diagnosed") == []  # the third is in quarantine
 
 

@@ -1,1 +1,0 @@
-"""A robot watched while it runs: from samples that come to alarms and diagnoses."""
