@@ -256,7 +256,7 @@ def _loaded() -> tuple[str, ...]:
     """Return what a process has loaded after three commands, then after all of logs."""
     page, logs = (
         ", ".join(f"flows.cli.{name}" for name in names.split())
-        for names in ("diagnose fit", "app logs watch")
+        for names in ("diagnose fit", "app logs monitor")
     )
     code = (
         f"import sys, {page}\nprint('matplotlib' in sys.modules)\n"

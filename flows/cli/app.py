@@ -84,9 +84,8 @@ _COMMANDS = {
         "export": ("models:export", "MODEL --to TARGET --out DIR"),
         "validate": ("experiment:validate", None),
     },
-    "Sensors and wear": {
-        "monitor": ("watch:monitor", "MODEL RUN..."),
-        "wear": ("watch:wear", "[RUN...] --robot ROBOT"),
+    "Sensors": {
+        "monitor": ("monitor:monitor", "MODEL RUN..."),
         "calibrate-null": ("fit:calibrate_null", _LOGS),
     },
     "Your experiments": {
@@ -124,7 +123,7 @@ _COMMANDS = {
 # names alone the commands are taken too, as in 0.1.0, and not listed.
 _BELOW = {
     "Your robot's model": ("model", "Models: adopted, predicted with, exported."),
-    "Sensors and wear": ("sensors", "Alarms of sensors, of joints that wear."),
+    "Sensors": ("sensors", "Alarms of sensors."),
     "Your experiments": ("sim", "Simulated arms: motions, experiments, studies."),
     "History": ("store", "All that was ever run: list, ask in SQL, rerun, keep."),
     "Schedule": ("project", "A project with an inbox, and the service of each night."),

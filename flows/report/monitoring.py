@@ -1,14 +1,13 @@
-"""Watched runs, wear, and nulls: alarms, and what they mean."""
+"""Watched runs and nulls: alarms, and what they mean."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from pathlib import Path
 
-from flows.report.document import Table, words_table
+from flows.report.document import Table
 from flows.report.words.phrases import many
-from flows.steps.monitor import Watched, Wear
+from flows.steps.monitor import Watched
 from flows.steps.null import CalibratedNull
 from residual.evidence.rules import RULES
-from residual.monitoring.wear import JointTrend, Rate
 from residual.recording import Recording
 from warehouse.mirror import shown
 
@@ -45,52 +44,6 @@ def alarm_table(found: Watched, watched: Mapping[str, Recording]) -> Table:
     ]
     heads = ("run", "since start [s]", "joint", "sensor", "fault", "over limit")
     return Table(heads, rows, left=(0, 3, 4))
-
-
-def wear_table(wear: Wear) -> Table:
-    """Return what each joint's friction does, a row each."""
-    heads = ("joint", "logs", "wear per 30 days", "cold to warm", "")
-    rows = [
-        (str(one.joint), str(one.logs), _rate(one.wear), _rate(one.warming), one.why)
-        for one in wear.joints
-    ]
-    return words_table(heads, rows)
-
-
-# Below that table.
-WEAR_KEY = "in brackets: where it lies with 95 %; * told from none"
-
-
-def wear_sentence(wear: Wear) -> str:
-    """Return what was found of wear, in a sentence."""
-    spell = f"{wear.time:.0f} s" if wear.time < 120 else f"{wear.time / 60:.0f} min"
-    said = [
-        *_real(wear.joints, "wear", "wear per 30 days on"),
-        *_real(wear.joints, "warming", f"warming up (in {spell}) on"),
-    ]
-    if said:
-        return f"{wear.robot}: " + "; ".join(said)
-    if all(one.why for one in wear.joints):
-        return f"{wear.robot}: these runs cannot tell wear from warming up"
-    return f"{wear.robot}: neither wear nor warming up stands out"
-
-
-def _real(joints: Sequence[JointTrend], name: str, what: str) -> list[str]:
-    rates = [(one.joint, getattr(one, name)) for one in joints]
-    real = [
-        f"joint {j}: {100 * r.value:+.0f} %"
-        for j, r in rates
-        if r is not None and r.real
-    ]
-    return [f"{what} {', '.join(real)}"] if real else []
-
-
-def _rate(rate: Rate | None) -> str:
-    if rate is None:
-        return "–"
-    low, high = 100 * rate.low, 100 * rate.high
-    mark = " *" if rate.real else ""
-    return f"{100 * rate.value:+.1f} % ({low:+.1f} to {high:+.1f}){mark}"
 
 
 def null_lines(made: CalibratedNull, draws: int, store: Path) -> list[str]:

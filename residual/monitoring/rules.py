@@ -1,4 +1,4 @@
-"""The thresholds of monitor and wear, in one place (docs/monitoring.md).
+"""The thresholds of monitor, in one place (docs/monitoring.md).
 
 Where no reason stands beside a value, benchmarks/plsr.py holds it: it counts what is
 missed, and false alarms.
@@ -9,7 +9,7 @@ from dataclasses import dataclass, field
 
 @dataclass(frozen=True, slots=True)
 class Rules:
-    """What decides whether a sensor or the friction of a joint is as it was."""
+    """What decides whether a sensor is as it was."""
 
     # Rows: windows of fixed length (Savitzky and Golay 1964).
     half: float = 0.03  # s: half a window
@@ -52,15 +52,6 @@ class Rules:
     later: float = 0.6  # s in which the best matched feature is
     quiet: float = 1.0  # s without a crossing after which an alarm is over
     complex: float = 1.25  # by which an encoder has to explain more than a torque
-
-    # Trends of friction.
-    least_logs: int = 6  # two more than the model has parameters
-    least_days: float = 1.0  # that the logs span before anything is said of wear
-    alpha: float = 0.01  # chance of a false word on an arm that stays, over all joints
-    alike: float = 0.95  # correlation of days and warmth: not to be told apart beyond
-    as_well: float = 6.0  # of n log(sum of squares): twice three nats
-    warmer: float = 0.1  # of what warming up takes off that the logs must differ by
-    small: float = 0.01  # relative change that is worth no word
 
 
 MONITOR = Rules()

@@ -101,7 +101,6 @@ BAD = {
     f"import A.csv {ROBOT} --tag cell=4 --tag cell=5": "say two things of one key",
     f"import A.csv {ROBOT} --tag =4": "expected a word, or KEY=VALUE",
     f"import A.csv {ROBOT} --serial a/b": "expected a text of 1 to 40 letters",
-    f"wear {ROBOT} --store empty": "There is no store at",
     "runs --store s3:/robots/cell": "a folder, or s3://BUCKET/PREFIX",
     "runs --store gs://robots/cell": "a folder, or s3://BUCKET/PREFIX",
     "runs --store s3://r/cell": "'r' is no name of a bucket",
