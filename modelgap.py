@@ -28,7 +28,6 @@ if TYPE_CHECKING:  # for editors
     )
     from flows.door.store import Store, Table, open_store
     from flows.inputs.given import load as load_robot
-    from flows.storage.null import read_null as load_null
     from residual.check.result import LogCheck
     from residual.diagnosis.result import (
         ErrorTables,
@@ -67,7 +66,6 @@ __all__ = [
     "export",
     "identify",
     "load_model",
-    "load_null",
     "load_robot",
     "monitor",
     "next_experiment",
@@ -90,7 +88,6 @@ _PLACES = {
     ),
     "flows.door.store": ("Store", "Table", "open_store"),
     "flows.inputs.given": ("load_robot",),
-    "flows.storage.null": ("load_null",),
     "residual.check.result": ("LogCheck",),
     "residual.diagnosis.result": ("ErrorTables", "Finding", "Parameter", "Verdict"),
     "residual.errors": ("InputError",),
@@ -101,7 +98,6 @@ _PLACES = {
     "residual.robot.robot": ("Robot",),
 }
 _RENAMED = {
-    "load_null": "read_null",
     "load_robot": "load",
 }
 _PLACE = {name: place for place, names in _PLACES.items() for name in names}

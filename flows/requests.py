@@ -3,7 +3,7 @@
 The command line takes a record as its options, with the meanings that stand here; words
 that stand on the line by their place are handed over by the command. Of what is stored,
 the record of its request says how to make it again; where things are (store, map of
-columns, file of a null) is no part of that.
+columns) is no part of that.
 """
 
 from collections.abc import Mapping, Sequence
@@ -15,7 +15,7 @@ from cyclopts import Parameter, Token
 
 from residual.errors import InputError
 
-_PLACES = ("columns", "null", "store")
+_PLACES = ("columns", "store")
 _FORMERLY = {"fit": "logs"}  # keys of records of 0.1.0
 
 # A switch without a value; there is no --no-switch.
@@ -136,8 +136,7 @@ class Request:
     @property
     def command(self) -> str:
         """The command that takes it."""
-        name = type(self).__name__.lower()
-        return "calibrate-null" if name == "null" else name
+        return type(self).__name__.lower()
 
     @classmethod
     def from_record(cls, record: Mapping, store: Path) -> Self:
@@ -195,10 +194,6 @@ class Diagnose(Request):
 
     Attributes:
         baseline: Logs of healthy runs of the robot; then what has changed is named.
-        null: What modelgap calibrate-null wrote with --out; without it, one that fits
-            is looked for in the store.
-        store: Folder of the store with runs and nulls; else $MODELGAP_STORE, else
-            ./store.
         trust_log: Go on although a fault of the logs is certain (modelgap check); the
             answer is then "unknown", and names nothing.
         known: A value that is known for sure, such as payload.mass=2.8 (kg) of a load
@@ -216,8 +211,7 @@ class Diagnose(Request):
     declared: Declared = None
     columns: Columns = None
     known: Tags = ()
-    null: str | None = None
-    store: str | Path | None = None
+    store: Store = None
     trust_log: Flag = False
     model: str | None = None
 
@@ -285,25 +279,6 @@ class Calibrate(Request):
     components: int | None = None
     joints: Numbers = None
     model: str | None = None
-
-
-@dataclass(frozen=True, slots=True)
-class Null(Request):
-    """Which logs the false-alarm rate of a diagnosis is found for.
-
-    Attributes:
-        draws: Number of recordings; one in 200 is the least p-value of 200.
-        seed: Seed of their noise.
-    """
-
-    logs: GivenWords = ()
-    _: KW_ONLY
-    robot: RobotWord
-    declared: Declared = None
-    columns: Columns = None
-    draws: int = 200
-    seed: int = 0
-    store: Store = None
 
 
 @dataclass(frozen=True, slots=True)

@@ -9,7 +9,7 @@ small an effect would still be seen there; the sizes of the cases are told in th
 import hashlib
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import asdict, dataclass
-from functools import partial
+from functools import cache, partial
 from pathlib import Path
 from time import perf_counter
 
@@ -26,7 +26,6 @@ from flows.steps import experiment
 from flows.steps.diagnose import diagnose_runs, request_of
 from flows.steps.edit import sealed_edits
 from flows.storage.diagnosis import read_outcome, read_verdict
-from flows.storage.null import method_hash
 from flows.workers.pool import Pool, Runs, outcomes
 from residual.diagnosis.oracle import oracle
 from residual.diagnosis.result import Detectable
@@ -214,6 +213,17 @@ def key_of(specs: Sequence[ExperimentSpec]) -> str:
     """Return the key of a case: of its runs and of all code that decides its row."""
     ids = [experiment.run_id_of(spec) for spec in specs]
     return hashlib.sha256("\n".join([*ids, method_hash()]).encode()).hexdigest()[:20]
+
+
+@cache
+def method_hash() -> str:
+    """Return the hash of the code that diagnoses and judges, 16 hex digits."""
+    root, total = Path(__file__).parents[2], hashlib.sha256()
+    diagnosing, judging = (root / "residual").rglob, (root / "flows" / "blind").glob
+    for path in sorted([*diagnosing("*.py"), *judging("*.py")]):
+        total.update(path.relative_to(root).as_posix().encode())
+        total.update(path.read_bytes())
+    return total.hexdigest()[:16]
 
 
 def make_case(request: StudyRequest, draft: Draft, minimum: Minimum) -> Case:

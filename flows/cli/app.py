@@ -86,7 +86,6 @@ _COMMANDS = {
     },
     "Sensors": {
         "monitor": ("monitor:monitor", "MODEL RUN..."),
-        "calibrate-null": ("fit:calibrate_null", _LOGS),
     },
     "Your experiments": {
         "trajectory": ("experiment:trajectory", None),
@@ -133,8 +132,7 @@ _SHORTER = {"models": "list"}  # below its word
 
 # What the word after an option is, where its type says no more than that it is one.
 _WORDS = {
-    "FILE": "report json out map export csv plot gif null attach file state spec "
-    "save-model",
+    "FILE": "report json out map export csv plot gif attach file state spec save-model",
     "FOLDER": "store move",
     "ROBOT": "robot",
     "LOG": "baseline holdout log",

@@ -67,7 +67,7 @@ def diagnose(
     choice = models.choose_for(request)
     request = replace(request, model=choice.diagnosis)
     words = (*logs, *request.baseline, *request.held_out, request.robot)
-    inputs = read_files(words, request.columns, request.null)
+    inputs = read_files(words, request.columns)
     files = {"--report": report, "--json": json, "--save-model": save_model}
     out = Outputs(files, inputs)
     read = steps.read_logs(request)

@@ -1,28 +1,21 @@
-"""modelgap identify, calibrate and calibrate-null: what is fitted to logs."""
+"""modelgap identify and calibrate: what is fitted to logs."""
 
 from dataclasses import replace
 from pathlib import Path
 
-from rich.console import Console
-
-from flows.cli.app import SEEDS, Outputs, check_between, check_workers
-from flows.outputs import check_new_folder, in_folder, progress_bar, read_files, say
+from flows.cli.app import Outputs
+from flows.outputs import check_new_folder, in_folder, progress_bar, read_files
 from flows.report import calibration as calibrated
 from flows.report.console import show, wide
 from flows.report.models import identification as identified
-from flows.report.monitoring import null_lines
 from flows.report.words.calibration import sentences
-from flows.requests import Calibrate, Identify, Json, Log, Null, Words
-from flows.settings import store_folder
+from flows.requests import Calibrate, Identify, Json, Log
 from flows.steps import calibrate as calibration
 from flows.steps import identify as identification
-from flows.steps import null as nulls
 from flows.steps.models import choose_for
 from flows.storage.calibration import calibration_files
 from flows.storage.calibration import document as calibration_document
 from flows.storage.identification import document as identification_document
-from flows.storage.null import null_json
-from residual.errors import InputError
 from residual.lazy import Lazy
 from residual.model.record import robot_files
 
@@ -126,51 +119,3 @@ def _kept(done: calibration.Calibrated) -> list[str]:
         f"stored: model {model}, validation {validation}: modelgap show "
         f"{validation[:8]}"
     ]
-
-
-def calibrate_null(
-    *logs: Log,
-    request: Null,
-    baseline: Words = (),
-    out: str | None = None,
-    workers: int | None = None,
-) -> None:
-    """State the false-alarm rate of a diagnosis: once per robot, motion and noise.
-
-    Makes recordings in which nothing is missing, with the motion, the model and the
-    noise of the logs, encoder and torque noise drawn anew, and searches them as a
-    diagnosis does. The store keeps what they show; a later diagnosis of such logs with
-    that robot finds it there, and states a p-value.
-
-    ```
-    modelgap calibrate-null A.csv B.csv --robot arm.urdf
-    modelgap calibrate-null A.csv B.csv --robot arm.urdf --out null.json
-    modelgap diagnose A.csv B.csv --robot arm.urdf --null null.json
-    ```
-
-    Interrupted, it keeps what is finished; the same command goes on.
-
-    Args:
-        logs: Logs as they will be diagnosed: CSV, Parquet, or ids of runs.
-        baseline: Refused: what is compared with healthy runs needs no null.
-        out: JSON file to write as well.
-        workers: Number of processes; one per core without it.
-    """
-    if baseline:
-        raise InputError(
-            "--baseline: a comparison with healthy runs needs no null: those runs show "
-            "what chance does. Leave it out, or diagnose at once: "
-            "modelgap diagnose LOG ... --baseline HEALTHY ... --robot R."
-        )
-    check_between("--seed", request.seed, 0, SEEDS)
-    check_between("--draws", request.draws, 1, 1_000_000)
-    check_workers(workers)
-    outputs = Outputs({"--out": out}, read_files(logs))
-    request = replace(request, logs=logs)
-    with progress_bar() as progress:
-        made = nulls.calibrate_null(request, progress, workers=workers)
-    outputs.write({"--out": lambda: null_json(made.null)})
-    say(Console(), *null_lines(made, request.draws, store_folder(request.store)))
-    outputs.finish()
-    if not made.complete:
-        raise KeyboardInterrupt

@@ -30,7 +30,6 @@ from residual.errors import InputError
 from residual.identification.estimate import Options
 from residual.identification.prove import Identified
 from residual.lazy import Lazy
-from residual.method.null_record import Null
 from residual.model.corrected import Corrected
 from residual.model.model import Model
 from residual.model.record import robot_files
@@ -136,7 +135,6 @@ def diagnose(
     held_out: Sequence[Recording] = (),
     baseline: Sequence[Recording] = (),
     declared: Sequence[str] | None = None,
-    null: Null | None = None,
     progress: Progress | None = None,
     trust_log: bool = False,
     known: Mapping[str, float] | None = None,
@@ -149,7 +147,6 @@ def diagnose(
         held_out: Logs for the proof; none: the last quarter of the longest of ``fit``.
         baseline: Logs of healthy runs. With them only what has changed is named.
         declared: Effects that the model has; None for the robot's own list.
-        null: What ``load_null`` reads; p-values and threshold come from it.
         progress: Called with the stage and the share done.
         trust_log: Whether to go on where a fault of the logs is certain (``check``);
             the answer is then "unknown", and names nothing.
@@ -165,7 +162,6 @@ def diagnose(
         replace(logs, robot=known_robot(robot, known or {}, logs.baseline)),
         declared=declared,
         trust_log=trust_log,
-        nulls=null or (),
         progress=progress,
     )
     return as_door(Diagnosis, found)

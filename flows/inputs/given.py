@@ -156,9 +156,7 @@ def offer_map(log: str, robot: str) -> Iterator[None]:
         ) from error
 
 
-def read_logs(
-    request: Request, purpose: str, robot: Robot | None = None, to_check: bool = True
-) -> LogSets:
+def read_logs(request: Request, purpose: str, robot: Robot | None = None) -> LogSets:
     """Read the robot and every log of a request once.
 
     Args:
@@ -172,7 +170,7 @@ def read_logs(
     need_logs(request.logs, purpose, request.command)
     sets = (request.logs, getattr(request, "baseline", ()), held_out)
     columns, store = request.columns, request.store
-    return read_sets(sets, robot, columns, store, to_check, called=request.robot)
+    return read_sets(sets, robot, columns, store, True, called=request.robot)
 
 
 def need_logs(words: Sequence[str], purpose: str, command: str) -> None:

@@ -400,8 +400,6 @@ def _read(verdict: Verdict) -> Section:
     cutoff = number(verdict.error.cutoff_hz)
     at = "" if cutoff == MISSING else f" at {cutoff} Hz"
     terms = {word: text.format(cutoff=at) for word, text in texts()["reading"].items()}
-    if not any(known(effect.evidence.p_value) for effect in verdict.effects):
-        del terms["p"]
     return Section("read", "How to read this page", [terms], open=False)
 
 

@@ -1,15 +1,11 @@
-"""Watched runs and nulls: alarms, and what they mean."""
+"""Watched runs: alarms, and what they mean."""
 
 from collections.abc import Mapping
-from pathlib import Path
 
 from flows.report.document import Table
 from flows.report.words.phrases import many
 from flows.steps.monitor import Watched
-from flows.steps.null import CalibratedNull
-from residual.evidence.rules import RULES
 from residual.recording import Recording
-from warehouse.mirror import shown
 
 
 def meaning(found: Watched) -> str:
@@ -44,26 +40,3 @@ def alarm_table(found: Watched, watched: Mapping[str, Recording]) -> Table:
     ]
     heads = ("run", "since start [s]", "joint", "sensor", "fault", "over limit")
     return Table(heads, rows, left=(0, 3, 4))
-
-
-def null_lines(made: CalibratedNull, draws: int, store: Path) -> list[str]:
-    """Return what a null says, a sentence each."""
-    null, least = made.null, RULES.threshold
-    threshold = null.threshold(least)
-    beyond = null.beyond(threshold)
-    chance = f"{100 * beyond:.2g} %" if beyond > 1e-4 else "less than 0.01 %"
-    lines = [
-        null.sentence(least),
-        f"an exponential tail, fitted to the largest fifth, has {chance} of such "
-        f"recordings reach {threshold:.1f} nats: an extrapolation",
-        f"draws: {len(null.net)} in {len(set(null.block))} recordings of encoder noise "
-        f"(worth {null.independent:.0f} independent ones), {made.known} known "
-        "before",
-        f"stored in {shown(store)}: modelgap show {null.id}",
-    ]
-    if not made.complete:
-        lines.append(
-            f"interrupted: {len(null.net)} of {draws} draws are kept; the same command "
-            "goes on"
-        )
-    return lines

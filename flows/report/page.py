@@ -150,7 +150,6 @@ def command(request: Diagnose, page: str | None) -> str:
     words += [word for value in request.known for word in ("--known", value)]
     for option, value in (
         ("--map", request.columns),
-        ("--null", request.null),
         ("--model", request.model),
         ("--store", request.store),
     ):

@@ -463,9 +463,8 @@ def evidence_table(diagnosis: Diagnosis) -> Table:
     """Return how sure each finding is."""
     named = diagnosis.effects
     again = any(map(found_again, named))
-    chance = any(known(e.evidence.p_value) for e in named)
     heads = ["Effect", "Probability", "Evidence, nats", "By", "Held-out motion", "Gain"]
-    heads += ["Found again"] * again + ["p"] * chance
+    heads += ["Found again"] * again
     rows = []
     for effect in named:
         evidence = effect.evidence
@@ -473,7 +472,7 @@ def evidence_table(diagnosis: Diagnosis) -> Table:
         row += [number(evidence.nats), evidence.by or MISSING, _tag(evidence.held_out)]
         row += [fraction(evidence.held_out_gain)]
         row += [found_again(effect) or MISSING] * again
-        rows.append([*row, *[number(evidence.p_value)] * chance])
+        rows.append(row)
     return Table(heads, rows, left=(0, 3, 4))
 
 

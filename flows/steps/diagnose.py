@@ -25,7 +25,6 @@ check = Lazy("flows.steps.check")
 method = Lazy("residual.method.diagnose")
 result = Lazy("residual.diagnosis.result")
 kept = Lazy("flows.storage.diagnosis")
-null = Lazy("flows.storage.null")
 sure = Lazy("residual.model.known")
 stored = Lazy("warehouse.runs")
 
@@ -81,7 +80,7 @@ def diagnose(
     progress: Progress | None = None,
     inside: "method.Inside | None" = None,
 ) -> "result.Diagnosis":
-    """Find what the model lacks, by a store: its nulls, its models, its runs.
+    """Find what the model lacks, by a store: its models, its runs.
 
     Args:
         inside: Shown what the search knows, before it is let go.
@@ -91,13 +90,8 @@ def diagnose(
         model = kept.read_known(store, request.model)
         before = logs.baseline or _behind(request.model, logs, store)
         logs = replace(logs, baseline=before)
-    nulls = null.read_null(request.null) if request.null else ()
-    if not request.null and not logs.baseline and store.is_dir():
-        nulls = null.nulls_in(store)
     how = {"declared": request.declared, "trust_log": request.trust_log}
-    return diagnose_logs(
-        logs, **how, nulls=nulls, model=model, progress=progress, inside=inside
-    )
+    return diagnose_logs(logs, **how, model=model, progress=progress, inside=inside)
 
 
 @one_blas_thread
@@ -106,7 +100,6 @@ def diagnose_logs(
     *,
     declared: Sequence[str] | None = None,
     trust_log: bool = False,
-    nulls: "null.Null | Sequence[null.Null]" = (),
     model: "method.Model | None" = None,
     progress: Progress | None = None,
     inside: "method.Inside | None" = None,
@@ -115,13 +108,9 @@ def diagnose_logs(
 
     Args:
         declared: Effects that the model has; None for the robot's own list.
-        nulls: A null that is to be taken, or some of which one may fit.
         model: The adopted model; None for the nominal one.
     """
     report = check.checked(logs, declared, trust_log)
-    # What is compared with logs of before needs no null: these show what chance does.
-    listed = [nulls] if isinstance(nulls, null.Null) else nulls
-    good, outdated = null.of_this_version(() if logs.baseline else listed, logs.robot)
     # One thread: the products are small, two threads only wait for each other.
     found = method.diagnose(
         logs.robot,
@@ -130,11 +119,10 @@ def diagnose_logs(
         held_out=logs.held_out,
         declared=declared if model is None else model,
         progress=progress,
-        null=good[0] if good and listed is not nulls else good,
         inside=inside,
     )
     found = method.with_check(found, report)
-    warnings = (*logs.warnings, *outdated, *found.warnings)
+    warnings = (*logs.warnings, *found.warnings)
     return replace(
         found,
         verdict=replace(found.verdict, warnings=warnings),

@@ -1,6 +1,6 @@
 """From what was found to the verdict: findings, errors and what is left, as one."""
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -57,8 +57,6 @@ class Case:
     splits: Mapping[Tested, Splits]  # how often each tested member was found again
     bodies: Embodied  # the augmented model, and what of it no body could be
     contradictions: Sequence[str] = ()  # what of the fit no arm can be, in sentences
-    # Chance of so many nats where nothing is missing; None without a null.
-    p_value: Callable[[float], float] | None = None
     # Joints from 1 that the findings make worse beyond chance.
     worse: Sequence[int] = ()
     folded: Sequence[Named] = ()  # those that any used arm has
@@ -151,7 +149,6 @@ def _finding(named: Named, order: int, case: Case) -> Finding:
             by="fit" if fits else "plausibility",
             held_out=judgement(gain),
             held_out_gain=plain(gain),
-            p_value=case.p_value(named.nats) if case.p_value else None,
             splits=min((case.splits[t] for t in named.tested), key=lambda s: s.found),
         ),
     )

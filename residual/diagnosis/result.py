@@ -243,7 +243,6 @@ class Evidence:
         by: "fit" or "plausibility".
         held_out: "confirmed" or "neutral".
         held_out_gain: Part of the held-out error that it removes.
-        p_value: Chance of such evidence where nothing is missing; None without a null.
         splits: How often it was found again without a part of the data; None in
             records of earlier versions.
     """
@@ -252,7 +251,6 @@ class Evidence:
     by: str | None
     held_out: str | None
     held_out_gain: Number
-    p_value: Number
     splits: Splits | None = None
 
 

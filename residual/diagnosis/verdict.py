@@ -162,7 +162,7 @@ def _effect(finding: Finding) -> dict:
             "by": evidence.by,
             "held_out": evidence.held_out,
             "held_out_gain": evidence.held_out_gain,
-            "p_value": evidence.p_value,
+            "p_value": None,
             "splits": evidence.splits and asdict(evidence.splits),
         },
     }
@@ -203,9 +203,10 @@ def _read_effect(entry: Mapping) -> Finding:
 
 
 def _read_evidence(entry: Mapping) -> Evidence:
-    # Records of earlier versions have no splits.
+    # Records of earlier versions have no splits, and may have a p-value.
     splits = entry.get("splits")
-    known = {key: value for key, value in entry.items() if key != "splits"}
+    rest = ("splits", "p_value")
+    known = {key: value for key, value in entry.items() if key not in rest}
     return Evidence(**known, splits=splits and Splits(**splits))
 
 

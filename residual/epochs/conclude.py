@@ -172,7 +172,6 @@ def _finding(
             by="fit",
             held_out=judged.word,
             held_out_gain=plain(judged.gain),
-            p_value=None,
             splits=None,
         ),
     )

@@ -149,14 +149,6 @@ class Rules:
     # s: blocks for a drift are never shorter, since noise remembers too
     shortest: float = 1.0
 
-    # Null records.
-    # factor within which noise, speeds and durations count as the same
-    like: float = 1.5
-    like_share: float = 0.15  # by which the shares of moving rows may differ
-    like_cutoff: float = 1.05  # factor within which cut-offs count as the same
-    null_quantile: float = 0.95  # of the draws that the threshold is
-    null_tail: float = 0.2  # share of the draws that the tail is fitted to
-
     def lower(self, fall: Array, share: Array) -> Array:
         """Where an error falls by enough: of torque rms, and of what was left."""
         usual = (fall >= self.tolerance) & (share >= self.share)

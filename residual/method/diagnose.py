@@ -33,8 +33,7 @@ from residual.diagnosis.whole import (
 from residual.epochs.compare import Asked, compared
 from residual.errors import InputError
 from residual.evidence.fit import Fit
-from residual.evidence.rules import RULES, Rules
-from residual.method.null_record import Null, choose_null, key_of, null_sentences
+from residual.evidence.rules import RULES
 from residual.model.compare import (
     Errors,
     HeldOutLog,
@@ -70,7 +69,6 @@ def diagnose(
     held_out: Sequence[Recording] = (),
     declared: Sequence[str] | Model | None = None,
     progress: Progress | None = None,
-    null: Null | Sequence[Null] | None = None,
     inside: Inside | None = None,
 ) -> Diagnosis:
     """Find what a robot's model lacks, add it, and prove it on held-out motion.
@@ -82,13 +80,11 @@ def diagnose(
         declared: Effects that the model has; None for the robot's own list. Or the
             model that was adopted (`Diagnosis.known`), with the logs behind it as the
             baseline.
-        null: The calibrated null to go by, or several to choose a fitting one from;
-            with a baseline none is needed.
         inside: Shown what the search knows, before it is let go.
 
     Raises:
-        InputError: If a log does not belong to the robot, an effect is unknown, the
-            null was made for other logs, or an adopted model comes without its logs.
+        InputError: If a log does not belong to the robot, an effect is unknown, or an
+            adopted model comes without its logs.
     """
     tell = progress or (lambda stage, share: None)
     check_joints(robot, [*fit, *baseline, *held_out])
@@ -102,7 +98,7 @@ def diagnose(
         )
     wanted = _Wanted(fit, held_out, same_run, tell, inside)
     if not baseline:
-        return _alone(robot, declared, wanted, null)
+        return _alone(robot, declared, wanted)
     if robot.known:
         raise InputError(
             f"Known values ({', '.join(robot.known)}) are of one state of the arm, and "
@@ -117,10 +113,7 @@ def diagnose(
 
 
 def _alone(
-    robot: Robot,
-    start: Sequence[str] | Model | None,
-    asked: "_Wanted",
-    nulls: Null | Sequence[Null] | None = None,
+    robot: Robot, start: Sequence[str] | Model | None, asked: "_Wanted"
 ) -> Diagnosis:
     """Diagnose logs by themselves: what they show and the model lacks."""
     clock = session_clock([*asked.fit, *asked.held_out])
@@ -129,19 +122,15 @@ def _alone(
         nominal = Nominal(begin(logs, start), (GIVEN,) * len(start.terms))
     else:
         nominal = start_nominal(logs, declared_names(logs.robot, start))
-    null, rules = choose_null(nulls, key_of(logs, nominal)), RULES
-    if null:
-        rules = replace(rules, threshold=null.threshold(rules.threshold))
-        asked = replace(asked, null=null)
     plain = plain_fit(logs)
-    examined, proof, standing = _stood(logs, nominal, rules, asked)
+    examined, proof, standing = _stood(logs, nominal, asked)
     behind = outdone(examined.task, standing.judged.fit, plain)
     if behind and not isinstance(start, Model):
         # Never worse than what anyone has at hand: with what that one has and the
         # model has not, everything is searched again.
         wider = start_nominal(logs, plain_names(nominal.names))
         # What is there and has no better name than a constant may be anything.
-        examined, proof, standing = _stood(logs, wider, rules, asked, tuple(behind))
+        examined, proof, standing = _stood(logs, wider, asked, tuple(behind))
         said = given_constants(examined.task, standing.judged.fit, behind)
         asked = replace(asked, said=(said,))
     found = _concluded(examined, proof, standing, plain, asked)
@@ -153,12 +142,11 @@ def _alone(
 def _stood(
     logs: Logs,
     nominal: Nominal,
-    rules: Rules,
     asked: "_Wanted",
     closed: Sequence[int] = (),
 ) -> tuple[Examined, Sequence[HeldOutLog], Standing]:
     """Search, and let the held-out logs judge what was found."""
-    examined = examine(logs, nominal, rules, asked.tell, closed)
+    examined = examine(logs, nominal, RULES, asked.tell, closed)
     asked.tell("proof", 0.0)
     proof = prepare_held_out(asked.held_out, examined.nominal.model)
     standing = stand(examined, proof, asked.fit, asked.tell)
@@ -174,7 +162,6 @@ class _Wanted:
     same_run: bool
     tell: Progress
     inside: Inside | None
-    null: Null | None = None
     said: tuple[str, ...] = ()
 
 
@@ -214,7 +201,6 @@ def _concluded(
             *contradictions(examined, judged.fit, errors),
             *bodies.doubts,
         ),
-        p_value=asked.null.p_value if asked.null else None,
     )
     question = open_question(examined, judged.fit, listed)
     verdict, places = conclude(case), places_of(judged.fit.members)
@@ -244,10 +230,8 @@ def _said(
     left: Remains,
 ) -> tuple[list[str], list[str]]:
     """Sentences that qualify the answer, and what was understood of the signals."""
-    by_chance, by_rule = null_sentences(asked.null, RULES.threshold)
     warned = [
         *warnings(standing.examined, standing.withdrawn, asked.same_run),
-        *by_chance,
         *unproven(standing.examined, errors["augmented"]),
         *asked.said,
         *left.sentences,
@@ -255,7 +239,6 @@ def _said(
     noted = [
         *signal_notes(standing.examined, asked.fit, models["augmented"]),
         *noise_notes(standing.checks, [t for t, _ in standing.judged.kept]),
-        *by_rule,
     ]
     return warned, noted
 

@@ -28,7 +28,6 @@ def effect(name: str, joints: list[int], parameters: dict, **more: object) -> di
         "by": more.pop("by", "fit"),
         "held_out": more.pop("held_out", "confirmed"),
         "held_out_gain": 0.31,
-        "p_value": more.pop("p_value", None),
     }
     base = {"name": name, "joints": joints, "probability": 0.97, "order": 1}
     base |= {"equivalent": [], "parameters": parameters, "evidence": evidence}
@@ -71,7 +70,6 @@ COULOMB_ALL = effect(
     },
     nats=4120.0,
     probability=0.9999,
-    p_value=0.005,
 )
 OFFSET = effect(
     "offset",

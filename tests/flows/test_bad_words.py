@@ -88,8 +88,6 @@ BAD = {
     "trajectory cyclic --duration nan": "--duration nan: expected",
     "trajectory cyclic --periods 0": "--periods 0: expected",
     "trajectory cyclic --seed -1": "--seed -1: expected",
-    "calibrate-null A.csv --robot irb140 --seed -1": "--seed -1: expected",
-    "calibrate-null A.csv --robot irb140 --draws 0": "--draws 0: expected",
     "blind --seed -1": "--seed -1: expected",
     "blind --n 2 --arms 2": "--arms is for --export",
     "blind --n 2 --export new --arms 0": "--arms is 0, expected 1 to 20",

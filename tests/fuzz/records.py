@@ -1,4 +1,4 @@
-"""Readers of JSON: models, nulls, verdicts; and the words for a part of a log."""
+"""Readers of JSON: models, verdicts; and the words for a part of a log."""
 
 import json
 from functools import cache
@@ -8,10 +8,8 @@ import numpy as np
 from hypothesis import strategies as st
 
 from flows.storage.diagnosis import checked_verdict
-from flows.storage.null import null_json, read_null
 from residual.diagnosis.verdict import from_json, to_json
 from residual.errors import InputError
-from residual.method.null_record import Key, Null
 from residual.model.corrected import Corrected
 from residual.model.model import Model, Term
 from residual.model.record import from_record, load_model, to_record
@@ -59,48 +57,6 @@ def _read_model(data: bytes, place: Path) -> None:
         assert model.predict(_log()).shape == (400, 2)
     model.save(place / "again.json")
     assert same_json(to_record(load_model(place / "again.json")), record)
-
-
-@cache
-def _nulls() -> list[dict]:
-    key = Key(
-        robot="a" * 64,
-        declared=("viscous",),
-        candidates=("payload", "spring"),
-        clock=True,
-        cutoff=8.0,
-        duration=20.0,
-        noise=(0.1, 0.2),
-        speed=(1.0, 1.5),
-        moving=(0.9, 0.8),
-    )
-    draws = ((3.0, 4.0, 9.0, 1.0), (1.0, 2.0, 7.0, -1.0))
-    null = Null("n", key, *draws, (False, False, True, False), (0, 0, 1, 1), 7, 0.03)
-    return [json.loads(null_json(null))]
-
-
-def _read_null(data: bytes, place: Path) -> None:
-    file = place / "null.json"
-    file.write_bytes(data)
-    null = read_null(str(file))
-    assert null.sentence(10.0)
-    assert 0 < null.p_value(5.0) <= 1
-    assert 0 <= null.beyond(5.0) <= 1
-    p, low, high = null.rate(10.0)
-    assert 0 <= low <= p <= high <= 1
-    if len(null.key.noise) == 2:
-        null.key.mismatch(read_null(str(_good_null(place))).key)
-    again = place / "again.json"
-    again.write_text(null_json(null))
-    assert same_json(
-        json.loads(null_json(read_null(str(again)))), json.loads(null_json(null))
-    )
-
-
-def _good_null(place: Path) -> Path:
-    path = place / "good.json"
-    path.write_text(json.dumps(_nulls()[0]))
-    return path
 
 
 @cache
@@ -164,7 +120,6 @@ def _json(name: str, documents, read) -> Reader:
 
 RECORDS = (
     _json("model", _models, _read_model),
-    _json("null", _nulls, _read_null),
     _json("verdict", _verdicts, _read_verdict),
     Reader(
         "window",

@@ -142,10 +142,12 @@ def test_a_record_of_before_the_check_is_read_and_nothing_is_known_of_its_logs()
         del record[key]
     for effect in record["effects"]:
         del effect["combinations"], effect["evidence"]["splits"]
+        effect["evidence"]["p_value"] = 0.005  # of a null that was calibrated
     bare = from_json(record)
     assert (bare.log_check, bare.contradictions) == (None, ())
     assert (bare.drift, bare.background) == (None, ())
     assert all(f.evidence.splits is None for f in bare.effects)
+    assert all(e["evidence"]["p_value"] is None for e in to_json(bare)["effects"])
 
 
 @pytest.mark.parametrize("key", sorted(FORM[""] - LATER))

@@ -129,10 +129,9 @@ def test_the_command_for_the_new_log_asks_as_the_others_were_asked():
     usual = ("viscous", "coulomb", "rotor_inertia")
     opened = replace(opened, request=Diagnose(("A",), robot="irb140", declared=usual))
     assert _command(opened, None) == "modelgap diagnose A NEW_LOG --robot irb140"
-    held = Diagnose(("A",), robot="irb140", held_out=("B", "C"), null="n.json")
+    held = Diagnose(("A",), robot="irb140", held_out=("B", "C"))
     assert _command(replace(opened, request=held), None) == (
-        "modelgap diagnose A NEW_LOG --robot irb140 --holdout B --holdout C "
-        "--null n.json"
+        "modelgap diagnose A NEW_LOG --robot irb140 --holdout B --holdout C"
     )
 
 
