@@ -35,10 +35,6 @@ from residual.errors import (
     plain,
     shortened,
 )
-from residual.lazy import Lazy
-
-documents = Lazy("residual.model.record")
-origin = Lazy("warehouse.provenance")
 
 _HELP = """Find what a robot's dynamic model is missing.
 
@@ -160,7 +156,6 @@ _WORDS = {
     "1,2,3": "levels joints",
 }
 _KINDS = {f"--{name}": kind for kind, names in _WORDS.items() for name in names.split()}
-drawing = Lazy("cyclopts.help")
 
 
 class Formatter:
@@ -169,7 +164,9 @@ class Formatter:
     def __call__(self, console, options, panel) -> None:
         """Draw one panel."""
         named = [entry.copy(metavar=_kind(entry)) for entry in panel.entries]
-        usual = drawing.DefaultFormatter()
+        from cyclopts.help import DefaultFormatter
+
+        usual = DefaultFormatter()
         usual(console, options, panel.copy(entries=named))
 
 
@@ -182,12 +179,18 @@ def _kind(entry) -> str | None:
     return re.sub(r"STR(\|PATH)?|FLOAT|INT(\.\.\.)?", kind, shown) or None
 
 
+def _version() -> str:
+    from warehouse.provenance import version_text
+
+    return version_text()
+
+
 app = App(
     name="modelgap",
     help_formatter=Formatter(),
     help=_HELP,
     help_format="plaintext",  # what draws Markdown is a slow import
-    version=lambda: origin.version_text(),
+    version=_version,
     suppress_keyboard_interrupt=False,
 )
 app.register_install_completion_command(add_to_startup=False)
@@ -425,10 +428,12 @@ def _explain(error: Exception) -> int:
 
 def _of_file(error: ModelgapError) -> str:
     """Return what to add where a word that is no id is the name of a file."""
+    from residual.model.record import held_in
+
     if not isinstance(error, NotAnIdError):
         return ""
     try:
-        kind = documents.held_in(error.args[1])
+        kind = held_in(error.args[1])
     except (OSError, ValueError):
         return ""
     return f"\nIt is a file that holds {kind}; {_INSTEAD.get(kind, _INSTEAD[None])}"

@@ -5,16 +5,6 @@ from dataclasses import replace
 from flows.cli.app import Outputs
 from flows.outputs import progress_bar, read_files
 from flows.requests import Diagnose, Flag, Log
-from flows.steps import diagnose as steps
-from residual.lazy import Lazy
-
-models = Lazy("flows.steps.models")
-page = Lazy("flows.report.next")
-origin = Lazy("flows.report.page")
-terminal = Lazy("flows.report.diagnosis")
-verdict = Lazy("residual.diagnosis.verdict")
-result = Lazy("residual.diagnosis.result")
-kept = Lazy("residual.model.record")
 
 
 def diagnose(
@@ -63,8 +53,15 @@ def diagnose(
             export take.
         verbose: List the effects that these logs could not tell apart.
     """
+    from flows.report.diagnosis import print_diagnosis
+    from flows.report.page import of_request
+    from flows.steps import diagnose as steps
+    from flows.steps.models import choose_for
+    from residual.diagnosis.verdict import to_json
+    from residual.model.record import to_text
+
     request = replace(request, logs=logs)
-    choice = models.choose_for(request)
+    choice = choose_for(request)
     request = replace(request, model=choice.diagnosis)
     words = (*logs, *request.baseline, *request.held_out, request.robot)
     inputs = read_files(words, request.columns)
@@ -78,17 +75,19 @@ def diagnose(
     # Those of the logs were printed before the work.
     out.say(*found.notes[len(read.lines) :])
 
-    def written() -> str:
-        return page.page_with_motion(found, origin.of_request(request, str(report)))
+    def page() -> str:
+        # It draws the motion that is proposed, by the simulator.
+        from flows.report.next import page_with_motion
+
+        return page_with_motion(found, of_request(request, str(report)))
 
     out.write(
-        {"--report": written, "--save-model": lambda: _model(found)},
-        lambda: verdict.to_json(found.verdict),
+        {
+            "--report": page,
+            "--save-model": lambda: to_text(found.models["augmented"]),
+        },
+        lambda: to_json(found.verdict),
     )
-    terminal.print_diagnosis(found, out.console, verbose)
+    print_diagnosis(found, out.console, verbose)
     kept = steps.keep(request, stored, found)[0] if stored else None
     out.finish(*([f"stored as a diagnosis: modelgap show {kept}"] if kept else []))
-
-
-def _model(found: "result.Diagnosis") -> str:
-    return kept.to_text(found.models["augmented"])

@@ -5,7 +5,6 @@ from pathlib import Path
 
 from flows.cli.app import Outputs
 from flows.outputs import check_new_folder, in_folder, progress_bar, read_files
-from flows.report import calibration as calibrated
 from flows.report.console import show, wide
 from flows.report.models import identification as identified
 from flows.report.words.calibration import sentences
@@ -16,10 +15,7 @@ from flows.steps.models import choose_for
 from flows.storage.calibration import calibration_files
 from flows.storage.calibration import document as calibration_document
 from flows.storage.identification import document as identification_document
-from residual.lazy import Lazy
 from residual.model.record import robot_files
-
-engine = Lazy("flows.steps.experiment")  # who calibrates in another way needs none
 
 
 def identify(
@@ -88,6 +84,8 @@ def calibrate(
         export: New folder for the tables, the model that they correct, and programs
             that evaluate both.
     """
+    from flows.report.calibration import render, told
+
     request = replace(request, logs=logs)
     choice = choose_for(request)
     request = replace(request, model=choice.diagnosis)
@@ -97,17 +95,19 @@ def calibrate(
         check_new_folder("--export", Path(export))
     read, runs = calibration.read_logs(request)
     if request.paper:
-        runs = engine.with_twins(read.robot, runs)
+        from flows.steps.experiment import with_twins
+
+        runs = with_twins(read.robot, runs)
     out.say(*read.lines[:1], *choice.lines, *read.lines[1:])
     with progress_bar() as progress:
         done = calibration.calibrate(request, read, runs, progress)
     made = done.made
     out.write(
-        {"--report": lambda: calibrated.render(made, done.warnings)},
+        {"--report": lambda: render(made, done.warnings)},
         lambda: calibration_document(made, sentences(made), done.warnings, done.kept),
         in_folder(export, calibration_files(made)) if export is not None else {},
     )
-    show(wide(out.console), *calibrated.told(done))
+    show(wide(out.console), *told(done))
     out.finish(*_kept(done))
 
 

@@ -12,7 +12,6 @@ from flows.door.logs import as_logs, check_declared, check_robot
 from flows.door.store import Table
 from flows.inputs.given import LogSets
 from flows.outputs import Progress, write_all
-from flows.report import calibration as calibration_page
 from flows.report.diagnosis import summary
 from flows.report.words.calibration import sentences
 from flows.steps.calibrate import calibrate_logs
@@ -29,15 +28,12 @@ from residual.diagnosis.verdict import to_json
 from residual.errors import InputError
 from residual.identification.estimate import Options
 from residual.identification.prove import Identified
-from residual.lazy import Lazy
 from residual.model.corrected import Corrected
 from residual.model.model import Model
 from residual.model.record import robot_files
 from residual.recording import Recording
 from residual.robot.robot import Robot
 from warehouse.logs import check_distinct
-
-page = Lazy("flows.report.next")  # draws the motion that is proposed: a simulation
 
 _FINDINGS = pa.schema(
     [
@@ -85,7 +81,10 @@ class Diagnosis(result.Diagnosis):
 
     def save_report(self, path: str | Path) -> None:
         """Write the page: one HTML file that needs nothing else."""
-        write_all({Path(path): page.page_with_motion(self)})
+        # It draws the motion that is proposed, by the simulator.
+        from flows.report.next import page_with_motion
+
+        write_all({Path(path): page_with_motion(self)})
 
     @property
     def nominal(self) -> Model:
@@ -252,7 +251,9 @@ class Calibration(core.Calibration):
 
     def save_report(self, path: str | Path) -> None:
         """Write the page: one HTML file that needs nothing else."""
-        write_all({Path(path): calibration_page.render(self, self.warnings)})
+        from flows.report.calibration import render
+
+        write_all({Path(path): render(self, self.warnings)})
 
     def save_tables(self, folder: str | Path) -> None:
         """Write tables and model, with evaluators that need only NumPy or C."""

@@ -3,16 +3,16 @@
 from collections.abc import Iterator, Mapping
 from html import escape
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import pyarrow as pa
 
 from flows.settings import store_folder
 from residual.errors import InputError
-from residual.lazy import Lazy
 from warehouse.query.named import NAMED
 
-query = Lazy("warehouse.query.store")
+if TYPE_CHECKING:
+    from warehouse.query.store import Store as OpenedStore
 
 # A finished table: rows of named columns, to read, print and hand on.
 
@@ -117,7 +117,7 @@ class Store:
         path: Its folder.
     """
 
-    def __init__(self, opened: "query.Store") -> None:
+    def __init__(self, opened: "OpenedStore") -> None:
         self._opened = opened
         self.path = opened.path
 
@@ -163,4 +163,6 @@ def open_store(path: str | Path | None = None) -> Store:
     Raises:
         InputError: If there is none.
     """
-    return Store(query.open_store(store_folder(path and str(path))))
+    from warehouse.query import store
+
+    return Store(store.open_store(store_folder(path and str(path))))

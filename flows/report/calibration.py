@@ -8,6 +8,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from flows.report.document import Callout, Chart, Document, Section, Strong, Table, Tile
+from flows.report.figures import paper as figures
 from flows.report.page import render as render_page
 from flows.report.words.calibration import plane_words, sentences
 from flows.report.words.phrases import sentence_case, texts
@@ -18,14 +19,10 @@ from residual.calibration.methods import WORDS as MODELS
 from residual.calibration.rows import PAPER
 from residual.calibration.scores import RANDOM, RUN, Score, find
 from residual.calibration.scores import WORDS as SCHEMES
-from residual.lazy import Lazy
 from residual.tables.form import NAMED, PAIRS
 from residual.tables.form import PLSR as LINES
 
 _TEXT = texts()["calibration"]
-
-# Who wants no page need not wait for a plotting library.
-figures = Lazy("flows.report.figures.paper")
 
 _TILES = (
     (RANDOM, PAPER_FORM, "Paper form, random rows"),

@@ -16,17 +16,16 @@ from flows.inputs.given import (
 from flows.outputs import Progress
 from flows.requests import Diagnose
 from flows.settings import store_folder
+from flows.steps.check import checked
+from flows.storage import diagnosis as kept
+from residual.diagnosis.result import Diagnosis
 from residual.errors import InputError
-from residual.lazy import Lazy, one_blas_thread
+from residual.lazy import one_blas_thread
+from residual.method import diagnose as method
+from residual.model.known import known_values
 from residual.recording import Recording
 from residual.robot.robot import Robot, with_known
-
-check = Lazy("flows.steps.check")
-method = Lazy("residual.method.diagnose")
-result = Lazy("residual.diagnosis.result")
-kept = Lazy("flows.storage.diagnosis")
-sure = Lazy("residual.model.known")
-stored = Lazy("warehouse.runs")
+from warehouse.runs import read_run
 
 _ROLES = {"fit": "logs", "held_out": "held_out", "baseline": "baseline"}
 
@@ -51,7 +50,7 @@ def known_robot(robot: Robot, known: Mapping[str, float], baseline: Sequence) ->
         InputError: If one cannot be known, or there is a baseline.
     """
     robot = with_known(robot, known)
-    sure.known_values(robot)
+    known_values(robot)
     if robot.known and baseline:
         raise InputError(
             f"Known values ({', '.join(robot.known)}) are of one state of the arm, and "
@@ -78,8 +77,8 @@ def diagnose(
     request: Diagnose,
     logs: LogSets,
     progress: Progress | None = None,
-    inside: "method.Inside | None" = None,
-) -> "result.Diagnosis":
+    inside: method.Inside | None = None,
+) -> Diagnosis:
     """Find what the model lacks, by a store: its models, its runs.
 
     Args:
@@ -100,17 +99,17 @@ def diagnose_logs(
     *,
     declared: Sequence[str] | None = None,
     trust_log: bool = False,
-    model: "method.Model | None" = None,
+    model: method.Model | None = None,
     progress: Progress | None = None,
-    inside: "method.Inside | None" = None,
-) -> "result.Diagnosis":
+    inside: method.Inside | None = None,
+) -> Diagnosis:
     """Find what the model lacks, and say whether an experiment would tell more.
 
     Args:
         declared: Effects that the model has; None for the robot's own list.
         model: The adopted model; None for the nominal one.
     """
-    report = check.checked(logs, declared, trust_log)
+    report = checked(logs, declared, trust_log)
     # One thread: the products are small, two threads only wait for each other.
     found = method.diagnose(
         logs.robot,
@@ -144,7 +143,7 @@ def _behind(diagnosis: str, logs: LogSets, store: Path) -> tuple[Recording, ...]
             "nominal."
         )
     try:
-        return tuple(stored.read_run(store, id) for id in ids)
+        return tuple(read_run(store, id) for id in ids)
     except InputError as error:
         # Runs are pruned, or stayed elsewhere: the model has their motion with it.
         motion = tuple(m for m in kept.read_motion(store, diagnosis) if m.id in ids)
@@ -161,7 +160,7 @@ def runs_of(request: Diagnose) -> LogSets:
     """Read runs of the store; nothing but them is read."""
     store, robot = store_folder(request.store), _robot(request)
     sets = {
-        role: tuple(stored.read_run(store, id) for id in getattr(request, name))
+        role: tuple(read_run(store, id) for id in getattr(request, name))
         for role, name in _ROLES.items()
     }
     return LogSets(robot, **sets)
@@ -181,9 +180,7 @@ def diagnose_runs(
     return keep(request, logs, diagnose(request, logs, progress))
 
 
-def keep(
-    request: Diagnose, logs: LogSets, found: "result.Diagnosis"
-) -> tuple[str, str]:
+def keep(request: Diagnose, logs: LogSets, found: Diagnosis) -> tuple[str, str]:
     """Store a diagnosis of runs; one on the same runs that says the same is kept once.
 
     Args:
