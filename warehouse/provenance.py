@@ -264,15 +264,6 @@ def keep_made_with(store: Path) -> None:
             replace_file(store, target, content)
 
 
-def files_of(store: Path, known: Mapping | None) -> list[Path]:
-    """Return the kept files that a record's provenance names, those that are there."""
-    changes = ((known or {}).get("uncommitted") or {}).get("sha256")
-    paths = [store / MADE_WITH / name for name in (_patch(changes), _list(known))]
-    for path in paths:
-        ensure_local(path)
-    return [path for path in paths if path.is_file()]
-
-
 def read_packages(store: Path, known: Mapping | None) -> dict[str, str] | None:
     """Return versions by package; None where they were not kept."""
     path = store / MADE_WITH / _list(known)

@@ -20,7 +20,6 @@ import warehouse
 from benchmarks.harness.figures import Figures, all_partial, figure
 from benchmarks.store_parts import made as stores
 from residual.errors import InputError
-from warehouse.bundle import read_bundle, write_bundle
 from warehouse.commit import commit_run
 from warehouse.query import store as query
 from warehouse.query.store import open_store
@@ -117,19 +116,10 @@ def _compact(store: Path, ids: list[str]) -> Callable:
     return work
 
 
-def _unbundle(store: Path, ids: list[str]) -> Callable:
-    other, bundle = store.parent / "other", store.parent / "b.tar"
-    write_bundle(
-        other, stores.records(other, [stores.run(other, s) for s in (8, 9)])[1], bundle
-    )
-    return lambda: read_bundle(bundle, store)
-
-
 _OPERATIONS = {
     "commit": _commit,
     "record": _record,
     "compact": _compact,
-    "unbundle": _unbundle,
 }
 
 

@@ -11,7 +11,6 @@ from benchmarks.store_parts.made import records, run
 from residual.robot.robot import load_robot
 from sim.engine.records import TrajectorySpec
 from sim.trajectories import make_reference
-from warehouse.bundle import write_bundle
 
 SEEDS = 12  # random edits of each file
 
@@ -26,8 +25,7 @@ def prepare(place: Path) -> dict[str, Path]:
     table = np.column_stack([motion.t, motion.q, tau])
     np.savetxt(log, table, "%.9g", ",", header=",".join(names), comments="")
     origin = place / "origin"
-    found = records(origin, [run(origin, seed) for seed in range(2)])
-    write_bundle(origin, found[1], place / "good.tar")
+    records(origin, [run(origin, seed) for seed in range(2)])
     (place / "map.toml").write_text(_MAP)
     (place / "spec.toml").write_text(_SPEC)
     (place / "arm.urdf").write_text(robot.urdf)
@@ -110,21 +108,6 @@ _VALUES: Mapping[str, Callable] = {
 }
 
 
-def _of_bundle(base: Mapping[str, Path]) -> list[Input]:
-    good = base["good"].read_bytes()
-    words = ("unbundle", "good.tar", "--store", "store")
-    rng = np.random.default_rng(2)
-    made = []
-    for seed in range(2 * SEEDS):
-        data = bytearray(good)
-        data[int(rng.integers(len(data)))] ^= 1 << int(rng.integers(8))
-        made.append((f"bit {seed}", bytes(data), "bundle"))
-    for share in (0.0, 0.1, 0.5, 0.9):
-        made.append((f"cut {share}", good[: int(share * len(good))], "refuse"))
-    made.append(("noise", rng.bytes(50_000), "refuse"))
-    return [Input("bundle", name, words, "good.tar", *rest) for name, *rest in made]
-
-
 def _of_http(base: Mapping[str, Path]) -> list[Input]:
     return [
         Input("http", name, (), judge="answer" if own else "refuse", request=asked)
@@ -194,8 +177,6 @@ _WORDS = {
 TABLE = {
     **{k: _of_text(k, file, tuple(w.split())) for k, (file, w) in _WORDS.items()},
     "sql": _of_sql,
-    "bundle": _of_bundle,
-    "record": strangers.of_records,
     "name": strangers.of_names,
     "inbox": strangers.of_inboxes,
     "table": strangers.of_tables,

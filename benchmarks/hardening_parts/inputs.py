@@ -9,7 +9,6 @@ import multiprocessing
 import os
 import sys
 from collections import Counter
-from collections.abc import Mapping
 from contextlib import redirect_stderr, redirect_stdout
 from importlib import import_module
 from multiprocessing.connection import Connection
@@ -21,7 +20,7 @@ from benchmarks.hardening_parts.hostile import TABLE, prepare
 from benchmarks.hardening_parts.http import let_through
 from benchmarks.hardening_parts.strangers import Input
 from benchmarks.harness.figures import Figures, all_partial, figure
-from benchmarks.store_parts.made import damaged, folder
+from benchmarks.store_parts.made import folder
 from flows.cli import main
 from warehouse.layout import list_folders
 from warehouse.runs import read_run
@@ -48,7 +47,7 @@ def outcome_of(place: Path, given: Input, out: Connection) -> None:
     out.send((code, printed.getvalue(), told.getvalue()))
 
 
-def judged(place: Path, given: Input, out: str, base: Mapping[str, Path]) -> bool:
+def judged(place: Path, given: Input, out: str) -> bool:
     """Return whether an answer may be right; True where nobody can say."""
     if given.judge == "refuse":
         return False
@@ -56,10 +55,6 @@ def judged(place: Path, given: Input, out: str, base: Mapping[str, Path]) -> boo
         return any(each.is_file() for each in (place / "in").glob("done*/z.csv"))
     if given.judge == "samples":
         return _same_samples(place, given.content, _LEFT_OUT in out)
-    if given.judge == "bundle":
-        store = place / "store"
-        known = list_folders(base["origin"], "runs")
-        return not damaged(store) and set(list_folders(store, "runs")) <= set(known)
     return given.answer is None or given.answer in out
 
 
@@ -116,7 +111,7 @@ def input_figures(quick: bool) -> Figures:
         told: dict[str, list[str]] = {"traceback": [], "hang": [], "wrong": []}
         seen: Counter = Counter()
         for number, given in enumerate(chosen):
-            outcome = _answered(place / f"at-{number}", given, base)
+            outcome = _answered(place / f"at-{number}", given)
             seen[given.kind, outcome] += 1
             if outcome in told:
                 told[outcome].append(f"{given.kind} {given.name}")
@@ -143,7 +138,7 @@ def _some(inputs: list[Input], each: int | None) -> list[Input]:
     return inputs[:: -(-len(inputs) // each)]
 
 
-def _answered(place: Path, given: Input, base: Mapping[str, Path]) -> str:
+def _answered(place: Path, given: Input) -> str:
     """Return "answered", "refused", or what went wrong."""
     place.mkdir()
     context = multiprocessing.get_context("fork")
@@ -165,4 +160,4 @@ def _answered(place: Path, given: Input, base: Mapping[str, Path]) -> str:
         return "traceback"
     if code == 2:
         return "wrong" if given.judge == "answer" else "refused"
-    return "answered" if judged(place, given, out, base) else "wrong"
+    return "answered" if judged(place, given, out) else "wrong"

@@ -19,7 +19,6 @@ from flows.steps import experiment
 from flows.steps.rerun import rerun
 from residual.recording import Recording
 from warehouse import commit
-from warehouse.bundle import read_bundle, write_bundle
 from warehouse.commit import commit_run
 from warehouse.provenance import provenance
 from warehouse.query.store import open_store
@@ -72,12 +71,6 @@ def kill_figures(quick: bool) -> Figures:
     bad: list[str] = []
     others = kills - kills // 2
     with stores.folder() as place:
-        shared = place / "shared"
-        shared.mkdir()
-        made = stores.records(
-            shared / "from", [stores.run(shared / "from", s) for s in (30, 31)]
-        )
-        write_bundle(shared / "from", made[1], shared / "b.tar")
         for number in range(others):
             name = list(_WORK)[number % len(_WORK)]
             store, calm = place / f"store-{number}", place / f"calm-{number}"
@@ -151,15 +144,10 @@ def _compact(store: Path) -> None:
         opened.compact()
 
 
-def _unbundle(store: Path) -> None:
-    read_bundle(store.parent / "shared" / "b.tar", store)
-
-
 _WORK = {
     "commit": _commits,
     "import": _imports,
     "record": _records,
     "compact": _compact,
-    "unbundle": _unbundle,
     "rerun": rerun_old,
 }

@@ -1,11 +1,7 @@
-"""What a stranger may leave lying about: names, records, rows, large bodies."""
+"""What a stranger may leave lying about: names, rows, large bodies."""
 
-import hashlib
-import io
 import json
 import os
-import tarfile
-import tempfile
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from pathlib import Path
@@ -15,8 +11,6 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 
 from benchmarks.hardening_parts.http import KEY, scope_of
-from warehouse.bundle import CONTENTS
-from warehouse.files import read_parquet, write_parquet
 
 LONG = "x" * 5000
 NAMES = ("t", *(f"{c}{j}" for c in ("q", "tau") for j in range(1, 7)))
@@ -41,7 +35,7 @@ class Input:
     file: str = ""
     content: bytes | None = None  # content of the file; None for no file
     # How an answer is judged: "refuse" for none is right, "answer" for only one is,
-    # "samples", "bundle", "inbox" for the log beside it is stored, or None where nobody
+    # "samples", "inbox" for the log beside it is stored, or None where nobody
     # can say
     judge: str | None = None
     answer: str | None = None
@@ -60,7 +54,6 @@ def of_names(base: Mapping[str, Path]) -> list[Input]:
         ("check", log, "--robot", "irb140", "--map", "{}"),
         ("diagnose", "{}", "--robot", "irb140"),
         ("experiment", "{}", "--dry-run"),
-        ("unbundle", "{}"),
         ("runs", "--store", "{}"),
         ("sql", "SELECT 1", "--out", "{}"),
     )
@@ -106,59 +99,6 @@ def of_inboxes(base: Mapping[str, Path]) -> list[Input]:
         for name, raw in names.items()
         for what, content in bodies.items()
     ]
-
-
-def of_records(base: Mapping[str, Path]) -> list[Input]:
-    """Give bundles of which one record says what none may, and its hash fits."""
-    with tarfile.open(base["good"]) as tar:
-        files = {m.name: tar.extractfile(m).read() for m in tar}
-    values = {
-        "nothing": None,
-        "escapes": "\x1b]0;owned\x07\x1b[31m",
-        "a turned line": "\u202egnp.exe",
-        "C1": "\x9b31m",
-    }
-    made = []
-    for column in ("created", "trajectory", "kind", "source", "robot", "serial"):
-        for what, value in values.items():
-            bad = _changed(files, column, value)
-            if bad is not None and not (column in _FREE and value is None):
-                made.append((f"{column}: {what}", _packed(bad)))
-    words = ("unbundle", "bad.tar", "--store", "store")
-    return [Input("record", n, words, "bad.tar", data, "refuse") for n, data in made]
-
-
-_FREE = ("trajectory", "serial")  # what a record may say nothing of
-
-
-def _changed(files: Mapping[str, bytes], column: str, value: object) -> dict | None:
-    name = next(n for n in files if n.endswith("_run.parquet"))
-    with tempfile.TemporaryDirectory() as folder:
-        path = Path(folder) / "row.parquet"
-        path.write_bytes(files[name])
-        table = read_parquet(path)
-        at = table.column_names.index(column)
-        field = table.schema.field(at)
-        if value is not None and not pa.types.is_string(field.type):
-            return None
-        table = table.set_column(at, field, pa.array([value], field.type))
-        write_parquet(path, table)
-        return {**files, name: path.read_bytes()}
-
-
-def _packed(files: dict[str, bytes]) -> bytes:
-    contents = json.loads(files.pop(CONTENTS))
-    contents["files"] = {
-        name: {"sha256": hashlib.sha256(data).hexdigest(), "bytes": len(data)}
-        for name, data in files.items()
-    }
-    out = io.BytesIO()
-    with tarfile.open(fileobj=out, mode="w") as tar:
-        for name, data in ((CONTENTS, json.dumps(contents).encode()), *files.items()):
-            member = tarfile.TarInfo(name)
-            member.size = len(data)
-            tar.addfile(member, io.BytesIO(data))
-    return out.getvalue()
 
 
 def of_tables(base: Mapping[str, Path]) -> list[Input]:

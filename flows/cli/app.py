@@ -98,8 +98,6 @@ _COMMANDS = {
         "diff": ("history:diff", None),
         "lineage": ("history:lineage", None),
         "rerun": ("history:rerun", None),
-        "bundle": ("history:bundle", "ID --out FILE.tar"),
-        "unbundle": ("history:unbundle", None),
         "pages": ("service:pages", "--out FOLDER"),
         "compact": ("store:compact", None),
         "verify": ("store:verify", None),

@@ -1,13 +1,11 @@
-"""modelgap diff, lineage, rerun, bundle and unbundle: where a record comes from."""
+"""modelgap diff, lineage and rerun: where a record comes from."""
 
 import json
 from dataclasses import asdict
-from pathlib import Path
 from typing import Literal
 
 from rich.console import Console
 
-from flows.outputs import check_outside
 from flows.report.console import show, wide
 from flows.report.records import (
     as_record,
@@ -21,8 +19,6 @@ from flows.settings import store_folder
 from flows.steps import diff as steps
 from flows.steps import rerun as reruns
 from residual.errors import RunError
-from warehouse.bundle import read_bundle, write_bundle
-from warehouse.mirror import shown
 from warehouse.query.lineage import tree
 from warehouse.query.store import open_store
 
@@ -132,71 +128,3 @@ def rerun(
         print("\n".join(rerun_lines(made)))
     if not made.reproduced and (verify or made.same_code):
         raise RunError(f"{made.kind} {made.id} was not reproduced.")
-
-
-def bundle(
-    id: str,
-    /,
-    *,
-    out: str,
-    without_seal: Flag = False,
-    store: Store = None,
-) -> None:
-    """Write a record with all that it was made from into one file.
-
-    ```
-    modelgap bundle 3f2a --out run.tar
-    ```
-
-    On the other machine, with this program at the same commit:
-
-    ```
-    modelgap unbundle run.tar --store there
-    modelgap rerun 3f2a --verify --store there
-    ```
-
-    The sealed halves of simulated runs are in it: without them no run can be made
-    again, with them its reader can look at what was hidden.
-
-    Args:
-        id: Its id; the beginning is enough.
-        out: The file to write; its name ends in .tar.
-        without_seal: Leave out what simulated runs hide.
-    """
-    place = store_folder(store)
-    check_outside("--out", out, place)
-    made = write_bundle(place, id, Path(out), not without_seal)
-    for kind, each in made.records:
-        print(f"{kind:12} {each}")
-    print(f"wrote {out}, {made.size / 1e6:.1f} MB")
-    if made.seals:
-        print("It has sealed halves: its reader can look at what was hidden.")
-    if made.changes:
-        print("It has uncommitted changes of the code, as a patch.")
-    if made.left_out:
-        print(
-            f"{made.left_out} sealed halves were left out: those runs cannot be made "
-            "again from it."
-        )
-
-
-def unbundle(file: str, /, *, store: Store = None) -> None:
-    """Add the records of a bundle to a store.
-
-    ```
-    modelgap unbundle run.tar --store there
-    ```
-
-    Paths, sizes and hashes are checked, and that each record is what its id says,
-    before any of it is in the store. A record that is there already is left as it is.
-
-    Args:
-        file: A file that modelgap bundle wrote.
-    """
-    place = store_folder(store)
-    done = read_bundle(Path(file), place)
-    for path in done.added:
-        print(f"added   {path}")
-    for path in done.known:
-        print(f"is there {path}")
-    print(f"{len(done.added)} added to {shown(place)}: modelgap show {done.about[:8]}")

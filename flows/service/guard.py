@@ -40,7 +40,7 @@ _PAGE = (
     "object-src 'none'; base-uri 'none'; form-action 'self'; frame-ancestors 'none'"
 )
 # Pages over the store that are made now run no script. One that is stored may be of
-# another store and another author (`modelgap unbundle`), and may have scripts, for its
+# another store and another author, copied into this one, and may have scripts, for its
 # curves: it gets an origin of its own, without key or storage, that may ask nothing.
 _NO = "base-uri 'none'; form-action 'none'; frame-ancestors 'none'"
 MADE = f"default-src 'none'; style-src 'unsafe-inline'; img-src data:; {_NO}"

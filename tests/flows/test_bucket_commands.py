@@ -47,10 +47,6 @@ def test_a_run_is_made_asked_for_verified_and_made_again(
     assert (code, "bit for bit" in out) == (0, True)
     code, out, _ = run("compact")
     assert (code, "again from 1 records" in out) == (0, True)
-    code, out, _ = run("bundle", id, "--out", "run.tar")
-    assert code == 0
-    code, out, _ = run("unbundle", "run.tar", "--store", "folder")
-    assert (code, "added to" in out) == (0, True)
     # Nothing but what was asked for lies about.
     names = {path.name for path in (tmp_path / "work").iterdir()}
-    assert names == {"spec.toml", "run.tar", "folder"}
+    assert names == {"spec.toml"}

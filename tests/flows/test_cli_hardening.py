@@ -18,9 +18,8 @@ from residual.errors import DEEPEST, InputError, check_nesting
 from residual.model.record import load_model
 from residual.robot.files import parse_toml
 from tests.warehouse import store_samples as made
-from warehouse.bundle import write_bundle
 from warehouse.files import SUMS, read_parquet, write_parquet
-from warehouse.layout import find_run, list_folders
+from warehouse.layout import find_run
 from warehouse.query.guard import LONGEST
 from warehouse.toml import LARGEST, read_toml
 
@@ -95,14 +94,13 @@ def test_a_number_with_more_digits_than_json_keeps_is_a_text(run):
 
 
 def test_nothing_is_written_among_the_records(run, store):
-    folder, (id, _) = store
+    folder, _ = store
     (folder / "_index").mkdir(exist_ok=True)
     before = sorted(folder.rglob("*"))
     for place in ("samples", "sealed", "_index"):
         out = str(folder / place / "x.tar")
-        for words in (("sql", "SELECT 1"), ("bundle", id)):
-            code, _, err = run(*words, "--out", out)
-            assert (code, "among the records of the store" in err) == (2, True)
+        code, _, err = run("sql", "SELECT 1", "--out", out)
+        assert (code, "among the records of the store" in err) == (2, True)
     assert sorted(folder.rglob("*")) == before
     assert run("sql", "SELECT 1", "--format", "csv", "--out", "x.csv")[0] == 0
 
@@ -182,29 +180,12 @@ def test_a_read_only_store_says_so_and_that_nothing_was_lost(run, store, read_on
         made.commit(store[0], 5)
 
 
-def test_a_full_disk_is_no_fault_of_the_bundle(run, store, tmp_path, monkeypatch):
-    folder, (id, _) = store
-    write_bundle(folder, id, tmp_path / "b.tar")
-
-    def full(*_):
-        raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
-
-    with monkeypatch.context() as patch:
-        patch.setattr("shutil.copyfileobj", full)
-        patch.setattr("tarfile.copyfileobj", full)
-        code, _, err = run("unbundle", "b.tar", "--store", "there")
-    assert code == 1
-    assert "the disk is full; nothing was lost" in err
-    assert list_folders(Path("there"), "runs") == {}
-    assert run("unbundle", "b.tar", "--store", "there")[0] == 0
-
-
 def test_a_strangers_text_does_nothing_to_the_terminal(run, tmp_path):
     (tmp_path / "A.csv").write_text("t,\x1b[31mq1\x1b]0;x\x07\n1,2\n")
-    code, _, err = run("unbundle", "\x1b[31mA.tar")
+    code, _, err = run("check", "\x1b[31mA.csv", "--robot", "irb140")
     assert code == 2
     assert "\x1b" not in err
-    assert "\\x1b[31mA.tar" in err
+    assert "\\x1b[31mA.csv" in err
     code, _, err = run("check", "A.csv", "--robot", "irb140")
     assert code == 2
     assert "\x1b" not in err
@@ -222,7 +203,6 @@ TOO_LONG = "x" * 5000
         ("check", "A.csv", "--robot", "irb140", "--map", "{}"),
         ("import", "{}", "--robot", "irb140"),
         ("experiment", "{}"),
-        ("unbundle", "{}"),
         ("runs", "--store", "{}"),
         ("sql", "SELECT 1", "--out", "{}"),
         ("view", "{}", "--robot", "irb140"),

@@ -3,12 +3,18 @@
 import csv
 import io
 import json
+import os
+import re
+import shutil
+import subprocess
+import sys
 from pathlib import Path
 
 import pyarrow.parquet as pq
 import pytest
 
 from flows.cli import sql as sql_command
+from tests.checkout import ROOT
 from tests.warehouse import store_samples as made
 from warehouse.query.store import open_store
 from warehouse.runs import quarantine
@@ -206,3 +212,19 @@ def test_the_prompt_answers_until_the_end(ids, tmp_path, monkeypatch, capsys):
     assert "Only one SELECT" in out
     assert "seven\n7\n" in out
     assert "'cancelled'" not in out
+
+
+def test_what_the_page_says_packs_a_record_with_all_that_it_needs(run, ids, tmp_path):
+    page = (ROOT / "docs" / "store.md").read_text(encoding="utf-8")
+    block = page.split("*To another machine.*")[1].split("```")[1]
+    lines = "\n".join(re.findall(r"^\$ (.*)$", block, re.M))
+    ours = f"modelgap() {{ '{sys.executable}' -c '{_MODELGAP}' \"$@\"; }}"
+    script = "\n".join(("set -e", ours, lines.replace("3f2a", ids["diagnosis"])))
+    shutil.copytree(ids["store"], tmp_path / "store")
+    env = {**os.environ, "PYTHONPATH": str(ROOT), "MODELGAP_STORE": "store"}
+    subprocess.run(["bash", "-c", script], env=env, check=True)
+    code, out, _ = run("verify", "--store", "there")
+    assert (code, "2 runs, 1 models, 1 diagnoses, 2 sealed" in out) == (0, True)
+
+
+_MODELGAP = "import sys; from flows.cli import main; sys.exit(main(sys.argv[1:]))"

@@ -18,7 +18,6 @@ from residual.errors import InputError
 from tests.verdict_documents import typed
 from tests.warehouse import store_samples
 from warehouse import provenance
-from warehouse.bundle import read_bundle, write_bundle
 from warehouse.commit import commit_run
 from warehouse.files import write_parquet, write_sums
 from warehouse.layout import RERUN_OF, find, list_folders, read_record
@@ -204,13 +203,10 @@ def test_the_robot_of_a_run_is_kept_and_travels_with_it(tmp_path, plant, monkeyp
     (arm / "x.urdf").write_text(load_robot("irb140").urdf)
     (arm / "robot.toml").write_text('[robot]\nname = "mine"\n')
     id = experiment.run(spec(robot=str(arm)), tmp_path / "here")
-    write_bundle(tmp_path / "here", id, tmp_path / "b.tar")
     shutil.rmtree(arm)
     experiment._robot.cache_clear()
     there = tmp_path / "there"
-    assert any(
-        "robots/sha256=" in p for p in read_bundle(tmp_path / "b.tar", there).added
-    )
+    shutil.copytree(tmp_path / "here", there)
     assert rerun.rerun(id, there, verify=True).reproduced
     shutil.rmtree(there / "robots")
     with pytest.raises(InputError, match="robot that this was made with is not here"):
@@ -303,12 +299,11 @@ def test_two_runs_side_by_side(tmp_path, plant, capsys):
     assert f"runs {one}, gave" in capsys.readouterr().out
 
 
-NO_ID = [["rerun", "--verify"], ["diff", "a"], ["lineage"], ["bundle"]]
+NO_ID = [["rerun", "--verify"], ["diff", "a"], ["lineage"]]
 
 
 @pytest.mark.parametrize("words", NO_ID)
 def test_what_is_no_id_is_refused(tmp_path, capsys, words):
     command, *more = words
-    more += ["--out", str(tmp_path / "b.tar")] if command == "bundle" else []
     assert main([command, "../x", *more, "--store", str(tmp_path)]) == 2
     assert "is not an id" in capsys.readouterr().err

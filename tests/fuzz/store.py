@@ -1,27 +1,19 @@
-"""Readers of the store: SQL, and bundles from another machine."""
+"""The reader of the store: SQL."""
 
 import atexit
-import hashlib
-import io
 import json
 import shutil
-import tarfile
 import tempfile
 from functools import cache
 from pathlib import Path
-
-from hypothesis import strategies as st
 
 from benchmarks.store_parts.made import records, run
 from flows.report.answers import as_bytes
 from residual.errors import InputError
 from tests.checkout import listing
-from tests.fuzz.mutation import Draw, changed, flipped, mutated
+from tests.fuzz.mutation import mutated
 from tests.fuzz.reader import Reader
-from warehouse.bundle import CONTENTS, read_bundle, write_bundle
-from warehouse.layout import list_folders
 from warehouse.query.store import Store, open_store
-from warehouse.verify import verify_all
 
 _QUERIES = [
     text.encode()
@@ -88,77 +80,4 @@ def _no(word: str) -> None:
     raise AssertionError(f"{word} is no JSON")
 
 
-@cache
-def _bundle() -> bytes:
-    origin = _origin()
-    (report,) = list_folders(origin, "reports")
-    with tempfile.TemporaryDirectory() as place:
-        write_bundle(origin, report, Path(place) / "good.tar")
-        return (Path(place) / "good.tar").read_bytes()
-
-
-def _unbundle(data: bytes, place: Path) -> None:
-    file, store = place / "bundle.tar", place / "store"
-    file.write_bytes(data)
-    try:
-        read_bundle(file, store)
-    except InputError:
-        kept = [p for p in store.rglob("*") if p.is_file()] if store.exists() else []
-        assert kept == [], "a bundle that was refused has left something"
-        raise
-    faults = [line for each in verify_all(store) for line in each.faults]
-    assert faults == []
-    outside = {p.name for p in place.iterdir()} - {"bundle.tar", "store"}
-    assert outside == set()
-
-
-@cache
-def _members() -> dict[str, bytes]:
-    with tarfile.open(fileobj=io.BytesIO(_bundle())) as tar:
-        return {m.name: tar.extractfile(m).read() for m in tar}
-
-
-@st.composite
-def _repacked(draw: Draw) -> bytes:
-    """A bundle whose sums hold though a file, a name or the list was changed."""
-    files = {name: data for name, data in _members().items() if name != CONTENTS}
-    contents = json.loads(_members()[CONTENTS])
-    name = draw(st.sampled_from(sorted(files)))
-    kind = draw(st.sampled_from(("content", "content", "name", "list", "gone")))
-    if kind == "content":
-        files[name] = draw(flipped([files[name]]))
-    elif kind == "name":
-        files[draw(st.sampled_from(_NAMES)).format(name)] = files.pop(name)
-    elif kind == "gone":
-        del files[name]
-    contents["files"] = {
-        n: {"sha256": hashlib.sha256(d).hexdigest(), "bytes": len(d)}
-        for n, d in files.items()
-    }
-    if kind == "list":
-        contents = draw(changed([contents]))
-    return _tar({CONTENTS: json.dumps(contents).encode(), **files})
-
-
-_NAMES = ("../{}", "/{}", "{}/x", "./{}", "{}\n", "x", "_index/{}", "{}.json")
-
-
-def _tar(files: dict[str, bytes]) -> bytes:
-    out = io.BytesIO()
-    with tarfile.open(fileobj=out, mode="w", errors="surrogatepass") as tar:
-        for name, data in files.items():
-            member = tarfile.TarInfo(name)
-            member.size = len(data)
-            tar.addfile(member, io.BytesIO(data))
-    return out.getvalue()
-
-
-STORES = (
-    Reader("sql", lambda: mutated(_QUERIES, _SQL_WORDS), lambda: _QUERIES, _ask),
-    Reader(
-        "bundle",
-        lambda: st.one_of(_repacked(), flipped([_bundle()])),
-        lambda: [_bundle()],
-        _unbundle,
-    ),
-)
+STORES = (Reader("sql", lambda: mutated(_QUERIES, _SQL_WORDS), lambda: _QUERIES, _ask),)

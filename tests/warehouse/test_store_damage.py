@@ -1,13 +1,14 @@
 """Damage is found by who reads: one flipped bit, in Python, in SQL and by verify."""
 
 import numpy as np
+import pyarrow as pa
 import pytest
 
 import warehouse
 from residual.errors import InputError
 from tests.warehouse import store_samples as made
 from tests.warehouse.store_samples import flip
-from warehouse.files import BLOCK, SUMS
+from warehouse.files import BLOCK, SUMS, read_parquet, write_parquet
 from warehouse.layout import find_run
 from warehouse.query.store import Watched
 from warehouse.runs import quarantine
@@ -111,6 +112,62 @@ def test_a_record_of_before_is_checked_by_the_hash_of_its_values(store):
         pytest.raises(InputError, match=f"{runs[1]}.* is damaged"),
     ):
         opened.sql(SUM, {"id": runs[1]})
+
+
+def row(column, value):
+    def change(table):
+        at = table.column_names.index(column)
+        field = table.schema.field(at)
+        return table.set_column(at, field, pa.array([value], field.type))
+
+    return change
+
+
+def other(column, before, after):
+    def change(table):
+        at = table.column_names.index(column)
+        text = table.column(column)[0].as_py().replace(before, after)
+        return table.set_column(at, column, [[text]])
+
+    return change
+
+
+def louder(table):
+    at = table.column_names.index("tau1")
+    values = table.column("tau1").to_numpy() * 2
+    return table.set_column(at, table.schema.field(at), [values])
+
+
+def mistyped(table):
+    at = table.column_names.index("created")
+    return table.set_column(at, "created", [["yesterday"]])
+
+
+@pytest.mark.parametrize(
+    ("name", "change", "match"),
+    [
+        ("_run", row("signals", ["t", "q", "tau) FROM x --"]), "names channels"),
+        ("_run", row("dof", 1_000_000), "other numbers"),
+        ("_run", row("robot", "other"), "another robot"),
+        ("_run", row("manifest", "[" * 100_000), "recursion depth"),
+        ("part-0", louder, "not those that were committed"),
+        ("_run", other("manifest", "fourier", "welding"), "spec is not the one"),
+        ("_diagnosis", other("record", "payload", "nothing"), "its id is"),
+        ("_run", mistyped, "another form"),
+        ("_run", row("created", None), "its created has no value"),
+        ("_run", row("kind", None), "its kind has no value"),
+        ("_diagnosis", row("created", None), "its created has no value"),
+        ("truth", lambda table: table.slice(1), "not the seal"),
+    ],
+)
+def test_verify_names_what_is_not_as_its_id_says(store, name, change, match):
+    folder, _, _ = store
+    path = next(folder.rglob(f"{name}.parquet"))
+    table = change(read_parquet(path))
+    write_parquet(path, table)
+    (path.parent / SUMS).unlink()  # a stranger's sums would fit
+    (wrong,) = damaged(folder)
+    assert match in wrong.faults[0]
 
 
 def test_a_damaged_copy_changes_no_answer(store):

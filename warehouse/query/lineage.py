@@ -120,10 +120,7 @@ def move_away(store: Path, old: Old, to: Path) -> Path:
     """
     to = to.resolve()
     if bucket_of(store):
-        raise InputError(
-            f"{shown(store)} is in a bucket, of which nothing is moved. Copy what "
-            "is to stay with modelgap bundle."
-        )
+        raise InputError(f"{shown(store)} is in a bucket, of which nothing is moved.")
     if to == store or store in to.parents:
         raise InputError(f"{to} is in the store {store}. Give a folder outside of it.")
     seal = seal_folder(store, old.id)

@@ -11,9 +11,8 @@ from residual.errors import InputError
 from tests.warehouse import store_samples as made
 from tests.warehouse.objects.buckets import Breaking, Careless, KilledError, mirror_for
 from warehouse import catalogue, mirror
-from warehouse.bundle import read_bundle, write_bundle
-from warehouse.commit import commit_record, commit_run
-from warehouse.layout import find, list_folders, read_record
+from warehouse.commit import commit_run
+from warehouse.layout import find, list_folders
 from warehouse.mirror import IDENTITY
 from warehouse.numbered import ADOPTED, Adoption, MeanwhileError, commit_adoption
 from warehouse.runs import (
@@ -185,24 +184,6 @@ def test_of_two_adoptions_with_one_number_one_is_told(store, memory, tmp_path):
     then = Adoption("two_link", None, ADOPTED, None, None, "000001", "two")
     assert commit_adoption(other, then) == "000002"
     assert sorted(list_folders(store, "adoptions")) == ["000001", "000002"]
-
-
-def test_a_bundle_takes_records_from_a_folder_to_a_bucket_and_back(
-    store, memory, tmp_path
-):
-    folder, back = tmp_path / "folder", tmp_path / "back"
-    run = made.commit(folder, 4)
-    model = commit_record(
-        folder, "models", {"robot": "two_link"}, None, [run], {"a.html": b"page"}
-    )
-    write_bundle(folder, model, tmp_path / "a.tar")
-    assert len(read_bundle(tmp_path / "a.tar", store).added) >= 3
-    other = forget_copies(store, memory, tmp_path)
-    assert read_record(other, model) == {"robot": "two_link"}
-    assert (find(other, model).folder).name == f"model_id={model}"
-    write_bundle(other, model, tmp_path / "b.tar")
-    assert (tmp_path / "a.tar").read_bytes() == (tmp_path / "b.tar").read_bytes()
-    assert read_bundle(tmp_path / "b.tar", back).known == ()
 
 
 def test_another_store_at_the_same_address_is_not_taken_for_the_first(
