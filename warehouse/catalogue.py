@@ -29,10 +29,10 @@ from warehouse.layout import list_folders
 from warehouse.listing import (
     all_records,
     append,
+    begin,
     bring_rows,
     read_listing,
     read_rows,
-    replace,
     still_noted,
 )
 from warehouse.mirror import bucket_of
@@ -106,7 +106,7 @@ def _with_origin(table: pa.Table) -> pa.Table:
 def _read_bucket(store: Path, before: Catalogue | None) -> Catalogue:
     listing = read_listing(store)
     if not listing.head.number:
-        return rebuild(store)[0]
+        return _rebuilt(store)
     if before is not None and before.folders == _folders(store, listing.places):
         return before
     known = {k: read_rows(store, listing.head, kind) for k, kind in KINDS.items()}
@@ -118,17 +118,13 @@ def _read_bucket(store: Path, before: Catalogue | None) -> Catalogue:
     return catalogue
 
 
-def rebuild(store: Path) -> tuple[Catalogue, bool]:
-    """Make the catalogue of a store again, from its records.
-
-    Returns:
-        The catalogue, and whether it could be written.
-    """
+def _rebuilt(store: Path) -> Catalogue:
+    """Return the catalogue of a bucket, made again from its records."""
     none = {name: kind.fields.empty_table() for name, kind in KINDS.items()}
     catalogue, rows = _of_bucket(store, all_records(store), none)
     with suppress(InputError):
-        return catalogue, replace(store, rows)
-    return catalogue, False
+        begin(store, rows)
+    return catalogue
 
 
 def _folders(store: Path, places: Places) -> dict[str, dict[str, str]]:

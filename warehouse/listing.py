@@ -2,7 +2,7 @@
 
 `_index/heads/<number>.json` names the catalogue files of each kind; the highest number
 holds. A new one is written under the condition that its number is free, so of two that
-compact at once one begins anew from the other's. Catalogue files never change; small
+append at once one begins anew from the other's. Catalogue files never change; small
 ones are joined when there are many of one size, so a row is written anew only as often
 as the store grows by a factor.
 
@@ -42,6 +42,10 @@ from warehouse.schema import INDEX, KINDS, Kind
 
 HEADS = f"{INDEX}/heads"
 FILES = f"{INDEX}/files"
+AGAIN = (
+    f"Delete {INDEX} of the bucket while nobody writes: who opens the store next makes "
+    "it again."
+)
 _DIGITS = 10
 _AT_ONCE = 16
 # Names in a bucket become paths here, so they are what we write, letter by letter.
@@ -168,18 +172,15 @@ def _table(store: Path, name: str, columns: list[str] | None = None) -> pa.Table
     if not path.exists():
         data = bucket_of(store).get(f"{FILES}/{name}.parquet")
         if data is None:
-            raise InputError(
-                f"The catalogue file {name} is missing. Make the catalogue again: "
-                "modelgap compact."
-            )
+            raise InputError(f"The catalogue file {name} is missing. {AGAIN}")
         keep(path, data)
     try:
         return pq.read_table(path, columns=columns, partitioning=None)
     except (pa.ArrowException, OSError) as error:
         path.unlink(missing_ok=True)
         raise InputError(
-            f"The catalogue file {name} is damaged. Try again, and if that does not "
-            "help, make the catalogue anew: modelgap compact."
+            f"The catalogue file {name} is damaged. Try again; if that does not help: "
+            f"{AGAIN}"
         ) from error
 
 
@@ -195,10 +196,7 @@ def parse_head(key: str, text: bytes) -> Head:
             raise ValueError(text)
         return Head(int(key.rpartition("/")[2].removesuffix(".json")), known)
     except (ValueError, KeyError, TypeError, AttributeError) as error:
-        raise InputError(
-            f"{key} in the bucket is damaged. Make the catalogue again: modelgap "
-            "compact."
-        ) from error
+        raise InputError(f"{key} in the bucket is damaged. {AGAIN}") from error
 
 
 def _named(note: str) -> tuple[str, str, str] | None:
@@ -215,7 +213,7 @@ def append(store: Path, rows: Mapping[str, pa.Table]) -> bool:
 
     Returns:
         Whether it was done; False where there is no catalogue yet, which only
-        `replace` makes, or others were faster again and again.
+        `begin` makes, or others were faster again and again.
     """
     bucket = bucket_of(store)
     if not any(map(len, rows.values())):
@@ -239,14 +237,11 @@ def still_noted(store: Path, kind: str, rows: pa.Table) -> pa.Table:
     return rows.filter(pa.array([note in tail for note in _notes({kind: rows})]))
 
 
-def replace(store: Path, rows: Mapping[str, pa.Table]) -> bool:
-    """Write the catalogue of a bucket anew; False where somebody else did meanwhile."""
+def begin(store: Path, rows: Mapping[str, pa.Table]) -> None:
+    """Write the first catalogue of a bucket, unless somebody else did meanwhile."""
     bucket = bucket_of(store)
-    # Of a damaged head the number is still known.
-    heads = bucket.objects(HEADS)
-    number = int(heads[-1].key.rpartition("/")[2].removesuffix(".json")) if heads else 0
     files = {kind: _write(bucket, kind, table) for kind, table in rows.items()}
-    return _put_head(store, Head(number + 1, files), rows)
+    _put_head(store, Head(1, files), rows)
 
 
 def all_records(store: Path) -> dict[str, dict[str, str]]:

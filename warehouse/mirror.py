@@ -328,8 +328,8 @@ def _file_of_record(bucket: Bucket, path: Path, key: str) -> bytes | None:
     if data is None or hashlib.sha256(data).hexdigest() != known["sha256"]:
         what = "is missing" if data is None else "is damaged"
         raise InputError(
-            f"{path.name} of {folder} {what} in the bucket. Take that record out of it "
-            "and run modelgap compact; what can be made again is, by the same command."
+            f"{path.name} of {folder} {what} in the bucket. Take that record out of "
+            f"it, and {INDEX}; what can be made again is, by the same command."
         )
     return data
 

@@ -21,7 +21,7 @@ from warehouse import ids
 from warehouse.commit import manifest_id
 from warehouse.files import file_faults, read_parquet, staged, table_hash, to_arrays
 from warehouse.layout import Found, list_folders
-from warehouse.listing import all_records, read_listing
+from warehouse.listing import AGAIN, all_records, read_listing
 from warehouse.mirror import SUMS, brought, bucket_of, names_in, object_key, sums_in
 from warehouse.provenance import MADE_WITH, check_kept
 from warehouse.runs import ROBOTS, open_seal
@@ -223,8 +223,7 @@ class _Bucket(_Folder):
             for id in sorted(gone):
                 yield Verified(kind, id, ("it is listed and not in the bucket",))
             for id in sorted(set(records[kind]) - set(found)):
-                why = "it is in no catalogue: modelgap compact makes that again"
-                yield Verified(kind, id, (why,))
+                yield Verified(kind, id, (f"it is in no catalogue. {AGAIN}",))
 
     def _fetch(self, scratch: Path, folder: str, only: str | None = None) -> None:
         """Write the files of a record as the bucket has them, whatever is in them."""

@@ -22,7 +22,6 @@ from benchmarks.store_parts import made as stores
 from residual.errors import InputError
 from warehouse.commit import commit_run
 from warehouse.query import store as query
-from warehouse.query.store import open_store
 from warehouse.schema import channel_names
 
 MOMENTS = 10
@@ -108,18 +107,9 @@ def _record(store: Path, ids: list[str]) -> Callable:
     return lambda: stores.records(store, ids[1:])
 
 
-def _compact(store: Path, ids: list[str]) -> Callable:
-    def work() -> None:
-        with open_store(store) as opened:
-            opened.compact()
-
-    return work
-
-
 _OPERATIONS = {
     "commit": _commit,
     "record": _record,
-    "compact": _compact,
 }
 
 
@@ -181,7 +171,7 @@ class Unwatched:
     """In place of the watched reads: nothing is logged and nothing checked."""
 
     def __init__(self, _: object) -> None:
-        self.copies: dict = {}
+        pass
 
     def forget(self) -> None:
         """Do nothing."""

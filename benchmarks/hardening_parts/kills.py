@@ -21,7 +21,6 @@ from residual.recording import Recording
 from warehouse import commit
 from warehouse.commit import commit_run
 from warehouse.provenance import provenance
-from warehouse.query.store import open_store
 
 _OTHER = "f" * 64  # hash of the code of that version
 _RUNS, _ROWS = 6, 400
@@ -139,15 +138,9 @@ def _records(store: Path) -> None:
     stores.records(store, sorted(ids)[:2])
 
 
-def _compact(store: Path) -> None:
-    with open_store(store) as opened:
-        opened.compact()
-
-
 _WORK = {
     "commit": _commits,
     "import": _imports,
     "record": _records,
-    "compact": _compact,
     "rerun": rerun_old,
 }

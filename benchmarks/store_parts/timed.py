@@ -100,11 +100,7 @@ def many_figures(quick: bool) -> Figures:
         figures = {
             "first_open_s": figure(first, None, 1, what="after the writers, no reader")
         }
-        figures |= _asked(place, rounds, "")
-        with warehouse.open(place) as store:
-            packing = wall(store.compact)
-        figures |= _asked(place, rounds, "_compact")
-        figures["compact_s"] = figure(packing, None, 1)
+        figures |= _asked(place, rounds)
         index = sum(p.stat().st_size for p in (place / "_index").iterdir())
     figures["fill_ms_per_run"] = figure(1e3 * filled / count, None, count, writers=2)
     figures["index_mb"] = figure(index / 1e6, None, 1)
@@ -112,9 +108,9 @@ def many_figures(quick: bool) -> Figures:
     return all_partial(figures, why)
 
 
-def _asked(place: Path, rounds: int, tail: str) -> Figures:
+def _asked(place: Path, rounds: int) -> Figures:
     opening = [wall(lambda: warehouse.open(place).close()) for _ in range(rounds)]
-    figures = {f"open{tail}_s": _median(opening, 1.0)}
+    figures = {"open_s": _median(opening, 1.0)}
     with warehouse.open(place) as store:
         ids = store.sql("SELECT run_id FROM runs")["run_id"].to_pylist()
         some = np.random.default_rng(0).choice(ids, rounds)
@@ -129,9 +125,9 @@ def _asked(place: Path, rounds: int, tail: str) -> Figures:
         }
         for name, (bar, query, each) in questions.items():
             spent = [wall(partial(store.sql, query.format(id))) for id in each]
-            figures[f"{name}{tail}_s"] = _median(spent, bar)
+            figures[f"{name}_s"] = _median(spent, bar)
     reading = [wall(lambda id=id: read_run(place, id)) for id in some]
-    figures[f"one_run_read{tail}_s"] = _median(reading, 0.05)
+    figures["one_run_read_s"] = _median(reading, 0.05)
     return figures
 
 

@@ -99,7 +99,6 @@ _COMMANDS = {
         "lineage": ("history:lineage", None),
         "rerun": ("history:rerun", None),
         "pages": ("service:pages", "--out FOLDER"),
-        "compact": ("store:compact", None),
         "verify": ("store:verify", None),
         "prune": ("store:prune", "--older-than DAYS"),
         "quarantine": ("store:quarantine", "RUN --reason TEXT"),
@@ -145,7 +144,6 @@ _WORDS = {
     "SECONDS": "seconds duration window timeout wait every rise",
     "DAYS": "older-than",
     "HERTZ": "rate",
-    "MEGABYTES": "largest",
     "RADIANS": "encoder-step",
     "COUNT": "per-hour workers n arms budget effects draws components periods seeds "
     "limit",

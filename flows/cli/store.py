@@ -1,4 +1,4 @@
-"""modelgap runs, show, compact, verify, prune, quarantine: what the store remembers."""
+"""modelgap runs, show, verify, prune, quarantine: what the store remembers."""
 
 import json
 import sys
@@ -13,9 +13,7 @@ from flows.requests import Store, Tags
 from flows.settings import store_folder
 from flows.steps import diff as steps
 from residual.errors import InputError
-from warehouse.catalogue import rebuild
 from warehouse.layout import find, read_record
-from warehouse.mirror import bucket_of
 from warehouse.query import store as opening
 from warehouse.query.lineage import move_away, old_runs
 from warehouse.query.views import text as quoted
@@ -54,40 +52,6 @@ def runs(
         print_table(rows, format)
         tell_damage(opened)
         _tell_rows(opened, rows.column("run_id").to_pylist())
-
-
-def compact(*, largest: float = 1.0, store: Store = None) -> None:
-    """Copy the samples of many small runs into a few files, for SQL.
-
-    ```
-    modelgap compact
-    ```
-
-    Queries over thousands of small runs spend their time on opening files; after this
-    they take a hundredth of it. The runs stay where they are; the copies lie in _index
-    and can be deleted. Runs committed later are read as before, until the next compact.
-    Of a store on object storage it makes the catalogue again, from the records.
-
-    Args:
-        largest: Runs with up to so many megabytes of samples are copied.
-    """
-    if not 0 < largest < float("inf"):
-        raise InputError(f"--largest {largest}: expected megabytes above 0.")
-    place = store_folder(store)
-    if bucket_of(place) and place.is_dir():
-        catalogue, done = rebuild(place)
-        if not done:
-            raise InputError("Somebody else has written a catalogue meanwhile.")
-        count = sum(map(len, catalogue.rows.values()))
-        print(f"the catalogue was made again from {count} records")
-        return
-    with opening.open_store(place) as opened:
-        done = opened.compact(int(1e6 * largest))
-        tell_damage(opened)
-    print(
-        f"{done.runs} runs copied into {done.files} files of {done.size / 1e6:.1f} MB; "
-        f"{done.left} larger or damaged ones are read as they are"
-    )
 
 
 def verify(*, store: Store = None) -> None:

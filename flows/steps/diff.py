@@ -12,6 +12,7 @@ from warehouse.compare import Channel, compare, values_apart
 from warehouse.layout import Found, find
 from warehouse.mirror import bucket_of, shown
 from warehouse.runs import read_channels, read_manifest
+from warehouse.schema import INDEX
 from warehouse.verify import open_to_others, read_row, verify_all
 
 _CODE = ("commit", "dirty", "code_hash", "program_hash", "lock_hash", "machine")
@@ -135,9 +136,9 @@ def verify(place: Path) -> Iterator[str]:
         )
     if bucket_of(place) is None and open_to_others(place):
         yield f"note: other users of this machine may look into it: chmod 700 {place}"
-    again = " and run modelgap compact" if bucket_of(place) else ""
+    index = f", and {INDEX}" if bucket_of(place) else ""
     if damaged:
         raise RunError(
             f"{damaged} of {counts.total()} are damaged. Take their folders out of the "
-            f"store{again}; what can be made again is, by the same command as before."
+            f"store{index}; what can be made again is, by the same command as before."
         )

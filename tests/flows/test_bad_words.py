@@ -111,8 +111,6 @@ BAD = {
     "sql --named findings --with a=1": "takes no --with",
     "sql FROM/**/runs --with a=1": "--with gives a value to",
     "sql FROM/**/runs --out nowhere/a.csv": "there is no folder",
-    "compact --largest 0": "expected megabytes above 0",
-    "compact --store nowhere": "There is no store at",
     "sql --named finding": "did you mean 'findings'",
     "sql FROM": "Parser Error",
     "sql COPY/**/runs/**/TO'x.csv'": "got COPY",

@@ -45,8 +45,6 @@ def test_a_run_is_made_asked_for_verified_and_made_again(
     assert (code, "verified 1 runs, 1 sealed" in out) == (0, True)
     code, out, _ = run("rerun", id[:6], "--verify")
     assert (code, "bit for bit" in out) == (0, True)
-    code, out, _ = run("compact")
-    assert (code, "again from 1 records" in out) == (0, True)
     # Nothing but what was asked for lies about.
     names = {path.name for path in (tmp_path / "work").iterdir()}
     assert names == {"spec.toml"}

@@ -170,13 +170,9 @@ def read_only(monkeypatch, store):
 
 
 def test_a_read_only_store_says_so_and_that_nothing_was_lost(run, store, read_only):
-    code, _, err = run("compact")
-    assert code == 2
-    assert "is read-only here" in err
-    assert "nothing was lost" in err
     assert run("runs")[0] == 0
     assert run("verify")[0] == 0
-    with pytest.raises(InputError, match="read-only"):
+    with pytest.raises(InputError, match=r"read-only here.*nothing was lost"):
         made.commit(store[0], 5)
 
 

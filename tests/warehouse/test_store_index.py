@@ -1,4 +1,4 @@
-"""The index and the packs: copies that make many runs quick, and nothing more."""
+"""The index: a copy that makes many runs quick, and nothing more."""
 
 import resource
 import shutil
@@ -10,9 +10,7 @@ import warehouse
 from residual.errors import InputError
 from tests.warehouse import store_samples as made
 from warehouse import catalogue as segments
-from warehouse.commit import commit_run
-from warehouse.layout import find_run, list_folders
-from warehouse.query.store import open_store
+from warehouse.layout import find_run
 from warehouse.schema import DEFAULT_DOF, NUMBER, WHOLE, all_views
 
 SUMS = "SELECT run_id, count(*) AS n, sum(q1) AS q, sum(tau2) AS tau FROM samples"
@@ -64,81 +62,6 @@ def test_segments_may_be_torn_doubled_or_of_runs_that_are_gone(tmp_path, monkeyp
     shutil.rmtree(find_run(tmp_path, ids[-1]).folder)
     rows = ask(tmp_path, "FROM runs")
     assert sorted(row["run_id"] for row in rows) == sorted(ids[:-1])
-
-
-@pytest.fixture
-def packed(tmp_path):
-    """A store with eight small runs and a large one, compacted."""
-    fill(tmp_path, 8)
-    large = commit_run(tmp_path, made.recording(50, 4000), made.manifest(50))
-    before = ask(tmp_path)
-    with open_store(tmp_path) as store:
-        done = store.compact(largest=50_000)
-    assert (done.runs, done.files, done.left) == (8, 1, 1)
-    return tmp_path, before, large
-
-
-def test_packed_samples_are_the_samples(packed):
-    store, before, _ = packed
-    assert ask(store) == before
-    new = made.commit(store, 90)
-    assert [r["run_id"] for r in ask(store)] == sorted(
-        [*(r["run_id"] for r in before), new]
-    )
-    one = before[0]
-    assert ask(store, f"{SUMS} WHERE run_id = '{one['run_id']}' GROUP BY ALL") == [one]
-
-
-def test_small_runs_are_read_from_the_pack_alone(packed):
-    store, _, large = packed
-    plan = ask(store, f"EXPLAIN ANALYZE {ASKED}")[0]["explain_value"]
-    assert "Total Files Read: 1" in plan, plan
-    for id in list_folders(store, "runs"):
-        if id != large:
-            (find_run(store, id).folder / "part-0.parquet").write_bytes(b"")
-    assert len(ask(store)) == 9
-
-
-@pytest.mark.parametrize("how", ["deleted", "torn", "list", "evil", "gone"])
-def test_a_pack_that_is_no_good_costs_time_and_no_run(packed, how, tmp_path):
-    store, before, _ = packed
-    (file,) = (store / "_index").glob("packed-*.parquet")
-    listed = store / "_index" / "packed.json"
-    if how == "deleted":
-        shutil.rmtree(store / "_index")
-    elif how == "torn":
-        file.write_bytes(file.read_bytes()[:4000])
-    elif how == "list":
-        listed.write_text("[1, {")
-    elif how == "evil":
-        told = listed.read_text()
-        listed.write_text(told.replace(file.name, "../../secret.parquet"))
-    else:
-        gone = before.pop(0)["run_id"]
-        shutil.rmtree(find_run(store, gone).folder)
-    with warehouse.open(store) as opened:
-        assert opened.sql(ASKED).to_pylist() == before
-        assert opened.damaged == ()
-
-
-def test_a_pack_that_vanishes_under_a_reader_is_no_error(packed):
-    store, before, _ = packed
-    with warehouse.open(store) as reader, warehouse.open(store) as other:
-        assert reader.sql(ASKED).to_pylist() == before
-        other.compact(largest=50_000)
-        assert len(list((store / "_index").glob("packed-*.parquet"))) == 1
-        assert reader.sql(ASKED).to_pylist() == before
-        assert other.sql(ASKED).to_pylist() == before
-
-
-def test_a_damaged_run_is_not_packed(tmp_path):
-    ids = fill(tmp_path, 3)
-    path = find_run(tmp_path, ids[0]).folder / "part-0.parquet"
-    path.write_bytes(path.read_bytes()[:500])
-    with open_store(tmp_path) as store:
-        assert store.compact().runs == 2
-        rows = store.sql(ASKED, without_damaged=True).to_pylist()
-        assert sorted(r["run_id"] for r in rows) == sorted(ids[1:])
 
 
 @contextmanager

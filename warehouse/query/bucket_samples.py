@@ -42,7 +42,6 @@ class BucketSamples(AbstractFileSystem):
         self._blocks: OrderedDict[tuple[str, int], bytes] = OrderedDict()
         self._held, self._lock = 0, Lock()
         self._broken: dict[str, str] = {}
-        self.copies: Mapping[str, Mapping] = {}
 
     def forget(self) -> None:
         """Begin anew: what was read so far is of no answer."""

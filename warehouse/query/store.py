@@ -14,7 +14,7 @@ import pyarrow as pa
 from residual.errors import InputError
 from warehouse.bucket import is_address
 from warehouse.catalogue import read_catalogue
-from warehouse.files import BLOCK, check_blocks, check_file, read_parquet
+from warehouse.files import BLOCK, check_file, read_parquet
 from warehouse.mirror import bucket_of, damaged, mirror_of, shown
 from warehouse.query.guard import (
     check_reads_only,
@@ -25,7 +25,6 @@ from warehouse.query.guard import (
     lock,
     reads_only,
 )
-from warehouse.query.packs import Pack, Packed, read_packs, write_packs
 from warehouse.query.views import Held, catalogue_views, samples_view, signal_rows
 from warehouse.runs import check_samples, quarantined
 from warehouse.schema import KINDS, SAMPLES_FILE, TEXT, VIEWS
@@ -37,8 +36,6 @@ _READS = """
 # One core hashes about as fast as two decode; more would take them from other work.
 _THREADS = 2
 
-# A run of up to this size is read faster from a copy beside others [bytes].
-SMALL = 1_000_000
 _BATCH = 100_000  # samples that are fetched at once
 
 
@@ -51,14 +48,9 @@ _BATCH = 100_000  # samples that are fetched at once
 
 
 class Watched:
-    """The reads of one connection.
-
-    Attributes:
-        copies: Sums of files that lie in no record, by their path (`files.sums_of`).
-    """
+    """The reads of one connection."""
 
     def __init__(self, connection: duckdb.DuckDBPyConnection) -> None:
-        self.copies: Mapping[str, Mapping] = {}
         self._connection = connection
         self._whole: dict[tuple, set[int]] = defaultdict(set)
         # Before the settings are locked.
@@ -94,9 +86,7 @@ class Watched:
         if not new:
             return None
         try:
-            if file in self.copies:
-                check_blocks(Path(file), self.copies[file], new)
-            elif not check_file(Path(file), new) and Path(file).name == SAMPLES_FILE:
+            if not check_file(Path(file), new) and Path(file).name == SAMPLES_FILE:
                 # Of a version without sums: its values against their hash.
                 check_samples(Path(file).parent)
                 new = set(range(about.st_size // BLOCK + 1))
@@ -169,7 +159,6 @@ class Store:
         self._left_out: dict[str, str] = {}
         self._quarantined = quarantined(path)
         self._catalogue = read_catalogue(path)
-        self._packs: tuple[Pack, ...] = ()
         self._table("signals", signal_rows())
         self._load_quarantined()
         self._load_catalogue()
@@ -229,18 +218,6 @@ class Store:
             self._catalogue = catalogue
             self._load_catalogue()
 
-    def compact(self, largest: int = SMALL) -> Packed:
-        """Copy the samples of runs of up to so many bytes into a few files, for SQL."""
-        if self._remote:
-            raise InputError(
-                "The samples of a store in a bucket are not copied together; its "
-                "catalogue is (modelgap compact)."
-            )
-        self.refresh()
-        done = write_packs(self.path, self._groups(), largest)
-        self._load_catalogue()
-        return done
-
     def close(self) -> None:
         """Let go of the connection."""
         self._connection.close()
@@ -285,11 +262,7 @@ class Store:
 
     def _drop(self, broken: Mapping[str, str]) -> bool:
         """Read no more of some files; whether there are any."""
-        copies = {pack.file for pack in self._packs}
-        if copies & broken.keys():
-            # Copies, so nothing is lost: the runs themselves are read instead.
-            self._packs = ()
-        self._left_out |= {f: why for f, why in broken.items() if f not in copies}
+        self._left_out |= broken
         return bool(broken)
 
     def _table(self, name: str, rows: pa.Table) -> None:
@@ -306,17 +279,13 @@ class Store:
     def _load_catalogue(self) -> None:
         for kind, rows in self._catalogue.rows.items():
             self._table(kind, rows)
-        self._packs = read_packs(self.path, self._catalogue.folders["runs"])
-        self._watched.copies = {pack.file: pack.sums for pack in self._packs}
         # Every file of a bucket is asked for, so only where a query is about samples.
         self._make_samples(self._remote is None)
 
     def _make_samples(self, full: bool = True) -> None:
         self._shown = full
         while True:
-            packs = [(pack.held, pack.file) for pack in self._packs]
-            packed = frozenset().union(*(pack.runs for pack in self._packs))
-            view = samples_view(self._groups(packed) if full else {}, packs)
+            view = samples_view(self._groups() if full else {})
             query = f"CREATE OR REPLACE VIEW samples AS {view}"
             try:
                 self._connection.execute(query)
@@ -325,13 +294,11 @@ class Store:
                 if not self._leave_out(error):
                     raise InputError(explain(error)) from error
 
-    def _groups(self, without: frozenset[str] = frozenset()) -> dict[Held, list[str]]:
+    def _groups(self) -> dict[Held, list[str]]:
         """Return the files with samples by the signals and joints that they hold."""
         groups: dict = {}
         rows = self._catalogue.rows["runs"].select(["run_id", "signals", "dof"])
         for row in rows.to_pylist():
-            if row["run_id"] in without:
-                continue
             folder = self._catalogue.folders["runs"][row["run_id"]]
             file = self._file(folder)
             if file not in self._left_out:
@@ -347,11 +314,6 @@ class Store:
 
     def _leave_out(self, error: duckdb.Error) -> bool:
         """Leave out the damaged files that an error is about; whether there are any."""
-        copies = any(pack.file in str(error) for pack in self._packs)
-        if self._packs and (copies or is_of_files(error)):
-            # Copies, so nothing is lost: the runs themselves are read instead.
-            self._packs = ()
-            return True
         if self._remote:
             broken = self._watched.broken()
             self._watched.forget()

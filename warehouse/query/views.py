@@ -77,23 +77,15 @@ class Held(NamedTuple):
     dof: int
 
 
-def samples_view(
-    groups: Mapping[Held, Sequence[str]], packs: Iterable[tuple[Held, str]] = ()
-) -> str:
+def samples_view(groups: Mapping[Held, Sequence[str]]) -> str:
     """Return the query behind ``samples``.
 
     Runs with the same channels are read together: then one footer says what all of
     them hold, and nobody has to open thousands before the first query.
-
-    Args:
-        packs: What each file of many runs holds, and its path.
     """
-    packed = list(packs)
-    held = [*groups, *(held for held, _ in packed)]
-    most = max((dof for _, dof in held), default=DEFAULT_DOF)
+    most = max((held.dof for held in groups), default=DEFAULT_DOF)
     columns = sample_columns(max(most, DEFAULT_DOF))
-    parts = [_part(columns, *held, files, True) for held, files in groups.items()]
-    parts += [_part(columns, *held, [file], False) for held, file in packed]
+    parts = [_part(columns, *held, files) for held, files in groups.items()]
     return " UNION ALL ".join(parts) or _nothing(columns)
 
 
@@ -102,7 +94,6 @@ def _part(
     signals: Sequence[str],
     dof: int,
     files: Iterable[str],
-    hive: bool,
 ) -> str:
     held = {"robot", "run_id"}
     held.update(name for signal in signals for name in channel_names(signal, dof))
@@ -111,9 +102,7 @@ def _part(
         for c in columns
     ]
     listed = ", ".join(text(file) for file in files)
-    how = "hive_partitioning = false"
-    if hive:
-        how = "hive_partitioning = true, hive_types = {robot: VARCHAR, run_id: VARCHAR}"
+    how = "hive_partitioning = true, hive_types = {robot: VARCHAR, run_id: VARCHAR}"
     return f"SELECT {', '.join(wanted)} FROM read_parquet([{listed}], {how})"
 
 
