@@ -87,7 +87,6 @@ _COMMANDS = {
         "trajectory": ("experiment:trajectory", None),
         "experiment": ("experiment:experiment", None),
         "campaign": ("experiment:campaign", None),
-        "fleet": ("experiment:fleet", "CAMPAIGN.toml|RUN,RUN ..."),
         "blind": ("demo:blind", None),
         "close": ("close:close", None),
     },

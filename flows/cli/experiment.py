@@ -1,4 +1,4 @@
-"""modelgap experiment, campaign, fleet, validate and trajectory: the simulated arm."""
+"""modelgap experiment, campaign, validate and trajectory: the simulated arm."""
 
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -20,17 +20,15 @@ from flows.outputs import progress_bar, say
 from flows.report import experiments
 from flows.report.console import show
 from flows.report.experiments import motion_parts, motion_png
-from flows.report.words.verdict import headline
 from flows.requests import (
     Campaign,
     Flag,
     Request,
     RobotWord,
     Store,
-    TrustNetwork,
     Validate,
 )
-from flows.settings import cores, store_folder
+from flows.settings import store_folder
 from flows.specs.campaign import load_campaign
 from flows.specs.experiment import load_spec
 from flows.steps import campaign as campaigns
@@ -39,7 +37,6 @@ from flows.steps import validate as trial
 from flows.steps.experiment import as_csv, refusal_of
 from flows.steps.models import calibration_of, chosen_to_drive
 from flows.steps.track import Track, track
-from flows.storage.diagnosis import read_verdict
 from flows.workers.pool import chosen_runner, workers_of
 from residual.errors import InputError, RunError
 from sim.engine.records import TrajectorySpec
@@ -132,56 +129,6 @@ def _list(planned: list[steps.Planned], console: Console, rehearsed: bool) -> in
                 failing += 1
                 say(console, f"  {why}")
     return failing
-
-
-def fleet(
-    arms: Annotated[tuple[str, ...], Parameter(consume_multiple=(1, None))],
-    /,
-    *,
-    held_out: str = "welding",
-    store: str | None = None,
-    runner: str | None = None,
-    trust_network: TrustNetwork = False,
-) -> None:
-    """Run the campaigns of many arms, and diagnose each of them, over all cores.
-
-    ```
-    modelgap fleet cell1.toml cell2.toml 3f2a91,77c0e4 --store s3://robots/hall
-    modelgap fleet cell*.toml --runner dask://127.0.0.1:8786
-    ```
-
-    An arm is a campaign file, or ids of runs of the store with commas between them. The
-    experiments of all campaigns are run together, then each arm is diagnosed against
-    the model that it has; an arm that fails is named, and the others go on.
-    Interrupted, the same command runs no experiment twice.
-
-    Args:
-        arms: Campaign files, or ids of runs with commas between them.
-        held_out: Kind of motion of the campaigns that is held out for the proof.
-        store: Folder of the store, or s3://BUCKET/PREFIX; else $MODELGAP_STORE, else
-            ./store. With a cluster of several machines it is in a bucket.
-        runner: Where to compute: a process per core, or dask://HOST:PORT. Without it
-            $MODELGAP_RUNNER.
-    """
-    place, console = store_folder(store), Console()
-    where = chosen_runner(runner, trust_network)
-    with workers_of(where, max(cores(), len(arms))) as workers:
-        with progress_bar() as bar:
-            found, failed = campaigns.arms_of(arms, held_out, place, workers, bar)
-        with progress_bar() as bar:
-            done = campaigns.diagnose_arms(found, place, workers, bar)
-    for why in failed:
-        say(console, f"failed: {why}")
-    for label, (id, why) in done.items():
-        words = id and headline(read_verdict(place, id))
-        say(console, f"{label}: {words or 'failed: ' + why}")
-        if id:
-            say(console, f"  modelgap show {id[:8]}")
-    wrong = sum(not id for id, _ in done.values())
-    if wrong or failed:
-        raise RunError(
-            f"{wrong} of {len(done)} diagnoses and {len(failed)} experiments failed."
-        )
 
 
 def validate(

@@ -4,28 +4,23 @@ There is no journal to go wrong: the id of a run says what it is, and a run is i
 store whole or not at all. So whatever ends a campaign, the same command completes it.
 """
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
 from time import perf_counter
 
-from flows.inputs.given import instead, robot_of
 from flows.outputs import Progress
 from flows.requests import Campaign
 from flows.settings import cores, store_folder
 from flows.specs.campaign import load_campaign
 from flows.specs.experiment import ExperimentSpec
 from flows.steps import experiment
-from flows.steps.diagnose import diagnose_runs, request_of
 from flows.steps.experiment import Planned, plan
-from flows.steps.models import in_force
 from flows.workers.pool import Pool, chosen_runner, outcomes, workers_of
 from flows.workers.pool import Runs as Workers
 from residual.errors import InputError, RunError
-from warehouse.layout import find_run
 from warehouse.mirror import shown
-from warehouse.runs import read_manifest, robot_word
 
 Runs = dict[str, list[str]]  # ids by role
 
@@ -80,7 +75,7 @@ def run_all(
     return Summary(tuple(planned), failed, round(perf_counter() - begun, 2))
 
 
-def planned(request: Campaign) -> list[Planned]:
+def _planned(request: Campaign) -> list[Planned]:
     """Return the experiments of a campaign, and which of them are stored.
 
     Raises:
@@ -98,14 +93,14 @@ def run_campaign(
     request: Campaign, tell: Progress | None = None
 ) -> tuple[Runs, Summary]:
     """Run what is not in the store; returns ids by role, and what became of all."""
-    experiments = planned(request)
+    experiments = _planned(request)
     runner = chosen_runner(request.runner, request.trust_network)
     with workers_of(runner, sum(not p.stored for p in experiments)) as pool:
         summary = run_all(experiments, store_folder(request.store), tell, pool)
-    return by_role(request, experiments, summary), summary
+    return _by_role(request, experiments, summary), summary
 
 
-def by_role(
+def _by_role(
     request: Campaign, experiments: Sequence[Planned], summary: Summary
 ) -> Runs:
     """Return the stored runs by role: fit and held_out."""
@@ -137,78 +132,3 @@ def _misplaced(planned: Planned, run_id: str, store: Path) -> str:
             "its machines share"
         )
     return ""
-
-
-# Many arms: their campaigns and their diagnoses over processes or a cluster.
-#
-# What goes to a worker is the name of the store and ids, and ids come back: with a
-# store on object storage the machines share no disk.
-
-
-def arms_of(
-    words: Iterable[str],
-    held_out: str,
-    store: Path,
-    pool: Workers,
-    tell: Progress | None = None,
-) -> tuple[dict[str, Runs], tuple[str, ...]]:
-    """Run the campaigns of a fleet, all at once.
-
-    Args:
-        words: A campaign file, or ids of runs with commas between them, for each arm.
-        held_out: Kind of motion of a campaign that is held out, "" for none.
-    """
-    requests = {
-        w: Campaign(w, held_out, store=store) for w in words if Path(w).is_file()
-    }
-    planned_of = {word: planned(campaign) for word, campaign in requests.items()}
-    every = {each.run_id: each for found in planned_of.values() for each in found}
-    summary = run_all(list(every.values()), store, tell, pool)
-    arms = {
-        word: by_role(requests[word], planned_of[word], summary)
-        if word in requests
-        else _named(word, store)
-        for word in words
-    }
-    return arms, tuple(summary.failed.values())
-
-
-def diagnose_arms(
-    arms: Mapping[str, Runs], store: Path, pool: Workers, tell: Progress | None = None
-) -> dict[str, tuple[str | None, str]]:
-    """Diagnose every arm, each against the model that it has.
-
-    Returns:
-        The id of each diagnosis, None if it failed, and why.
-    """
-    jobs = [partial(_diagnose, dict(runs), shown(store)) for runs in arms.values()]
-    labels, found = list(arms), {}
-    for count, (index, id, why) in enumerate(outcomes(pool, jobs), start=1):
-        found[labels[index]] = id, why
-        if tell:
-            stage = f"diagnosed {count} of {len(arms)}: {labels[index]}"
-            tell(stage, count / len(arms))
-    return {label: found[label] for label in labels}
-
-
-def _named(word: str, store: Path) -> Runs:
-    if set(word) - set("0123456789abcdef,"):
-        raise InputError(
-            f"'{word}' is no campaign file that is there, and no ids of runs. Expected "
-            "CAMPAIGN.toml, or ids with commas between them."
-        )
-    return {"fit": [find_run(store, id).id for id in word.split(",") if id]}
-
-
-def _diagnose(runs: Runs, word: str) -> str:
-    store = store_folder(word)
-    with instead(_robots(runs, store)):
-        model = in_force(runs["fit"], store).diagnosis
-        return diagnose_runs(request_of(runs, store, model))[0]
-
-
-def _robots(runs: Runs, store: Path) -> dict[str, str]:
-    """Return where to load the robot from: its file may be on another machine."""
-    word = robot_of(runs["fit"], store)
-    hash = read_manifest(store, runs["fit"][0]).get("robot_hash")
-    return {word: robot_word(store, word, hash)}

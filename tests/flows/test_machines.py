@@ -1,6 +1,5 @@
-"""Many arms over workers that share nothing but a store on object storage."""
+"""A campaign over workers that share nothing but a store on object storage."""
 
-import os
 import subprocess
 import sys
 from operator import attrgetter
@@ -11,11 +10,10 @@ import pytest
 from flows.settings import store_folder
 from flows.specs.experiment import experiment_of
 from flows.steps import campaign
-from flows.steps.campaign import arms_of, diagnose_arms, run_all
+from flows.steps.campaign import run_all
 from flows.steps.experiment import plan
 from flows.workers import pool as module
 from flows.workers.pool import Cluster, Here
-from residual.errors import InputError
 from tests import s3
 from tests.waiting import PATIENCE
 from tests.warehouse import store_samples as made
@@ -113,58 +111,3 @@ def test_a_campaign_gives_its_workers_the_name_of_the_store(
     assert [job.args[1] for job in given] == [bucket_store]
     # It came back, though as another run than that of the spec.
     assert "the code was changed" in next(iter(summary.failed.values()))
-
-
-@pytest.fixture
-def diagnosed(monkeypatch):
-    """Replace the diagnosis; returns the store and the runs that it was asked for."""
-    asked = []
-
-    def diagnose(request):
-        asked.append((request.store, request.logs, request.held_out))
-        if len(asked) == 2:
-            raise ZeroDivisionError("a fault")
-        return f"{len(asked):020x}", "0" * 20
-
-    monkeypatch.setattr(campaign, "diagnose_runs", diagnose)
-    monkeypatch.setattr(campaign, "_robots", lambda *_: {})
-    monkeypatch.setattr(
-        campaign, "in_force", lambda *_: type("C", (), {"diagnosis": None})
-    )
-    return asked
-
-
-def test_what_goes_to_a_worker_is_the_name_of_the_store(
-    bucket_store, tmp_path, monkeypatch, diagnosed
-):
-    store = store_folder(bucket_store)
-    runs = [made.commit(store, seed, robot="irb140") for seed in range(3)]
-    arms = {f"arm {k}": {"fit": [id]} for k, id in enumerate(runs)}
-    there = tmp_path / "another machine"
-
-    class Elsewhere(Here):
-        def run(self, work, jobs):
-            monkeypatch.setenv(mirror.CACHE, str(there))
-            mirror.forget()
-            return super().run(work, jobs)
-
-    told = []
-    found = diagnose_arms(arms, store, Elsewhere(), lambda *a: told.append(a))
-    assert list(found) == ["arm 0", "arm 1", "arm 2"]
-    assert [id is None for id, _ in found.values()] == [False, True, False]
-    assert found["arm 1"][1] == "ZeroDivisionError: a fault"
-    assert [logs for _, logs, _ in diagnosed] == [(id,) for id in runs]
-    assert {place.parent for place, _, _ in diagnosed} == {there}
-    assert told[-1] == ("diagnosed 3 of 3: arm 2", 1.0)
-
-
-def test_an_arm_is_a_campaign_or_ids_of_runs(tmp_path):
-    store = tmp_path / "store"
-    runs = [made.commit(store, seed) for seed in range(2)]
-    words = [f"{runs[0][:8]},{runs[1]}", runs[1]]
-    arms, failed = arms_of(words, "welding", store, Here())
-    assert list(arms.values()) == [{"fit": runs}, {"fit": [runs[1]]}]
-    assert failed == ()
-    with pytest.raises(InputError, match=r"no campaign file that is there"):
-        arms_of(["night.toml"], "", store, Here())
-    assert os.listdir(store / "samples") == ["robot=two_link"]
