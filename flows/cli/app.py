@@ -97,7 +97,6 @@ _COMMANDS = {
         "diff": ("history:diff", None),
         "lineage": ("history:lineage", None),
         "rerun": ("history:rerun", None),
-        "pages": ("service:pages", "--out FOLDER"),
         "verify": ("store:verify", None),
         "prune": ("store:prune", "--older-than DAYS"),
         "quarantine": ("store:quarantine", "RUN --reason TEXT"),

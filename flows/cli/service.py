@@ -1,4 +1,4 @@
-"""modelgap up, status, down and pages: the server of a store, and what it serves."""
+"""modelgap up, status and down: the server of a store, and what it serves."""
 
 import os
 import sys
@@ -10,17 +10,15 @@ from pathlib import Path
 from rich.console import Console
 
 from flows.inbox.take import inboxes
-from flows.outputs import check_new_folder, check_outside, json_text, say, write_all
+from flows.outputs import json_text, say
 from flows.project.read import project_here
 from flows.report.console import show, wide
 from flows.report.document import Table, words_table
-from flows.report.night.look import unknown
-from flows.report.night.site import Site
 from flows.requests import Flag, Store
-from flows.service.api import Api, Status, answers, opening_address, past_of
+from flows.service.api import Status, opening_address
 from flows.service.api import status as state_of
 from flows.service.request import DATABASE, ServiceRequest, checked
-from flows.service.state import read_running, store_key
+from flows.service.state import store_key
 from flows.service.up import down as stop
 from flows.service.up import stay
 from flows.service.up import up as bring_up
@@ -122,42 +120,6 @@ def down(*, wait: float = 60.0, store: Store = None) -> None:
     home = place / PREFECT
     stopped = stop(home, wait, _say) if home.is_dir() else None
     print(f"{shown(place)}: {'stopped' if stopped else 'nothing runs'}")
-
-
-def pages(*, out: str, store: Store = None) -> None:
-    """Write the pages of all nights, robots and reports into a folder.
-
-    ```
-    modelgap pages --out morning
-    ```
-
-    They are those that modelgap up serves: a page per night and per robot, an index of
-    all reports, and a page of every record that one of them links. They need no server
-    and load nothing from elsewhere; open index.html, or send the folder to somebody.
-    What failed in a night is known to the server of the store only: while that does
-    not run, the pages say so.
-
-    Args:
-        out: Folder to write them into; a new one, or an empty one.
-    """
-    place, folder = store_folder(store), Path(out)
-    check_new_folder("--out", folder)
-    check_outside("--out", out, place)
-    count = 0
-    for address, page in _site(place).files():
-        path = folder / address
-        path.parent.mkdir(parents=True, exist_ok=True)
-        write_all({path: page})
-        count += 1
-    print(f"{count} pages: {folder / 'index.html'}")
-
-
-def _site(store: Path) -> Site:
-    home = store / PREFECT
-    running = read_running(home)
-    if running is None or not running.server or not answers(running.url):
-        return Site(store, None, unknown)
-    return Site(store, f"{running.ui}/", past_of(Api(running.url, store_key(home))))
 
 
 def _say(text: str) -> None:

@@ -95,6 +95,6 @@ def app() -> ASGIApp:
         raise RunError("The server was given no key. Start it by modelgap up.")
     rules = rules_for(host, port, key.get_secret_value())
     to = Api(Running(host, port, "").url, rules.key)
-    site = Site(store_folder(), "/", past_of(to))
+    site = Site(store_folder(), past_of(to))
     served = with_entry(patient(create_app(final=True)), rules, Tickets())
     return Guard(with_pages(served, rules, site, Tickets()), rules)

@@ -160,11 +160,6 @@ class History:
 Past = Callable[[datetime, datetime], History | None]
 
 
-def unknown(_begin: datetime, _end: datetime) -> None:
-    """Where no server is asked."""
-    return
-
-
 LATEST = "latest"
 ALL = "all"
 # What the index can be narrowed to, and what is said of it.
@@ -195,12 +190,10 @@ class Place:
 
     Attributes:
         up: What leads to the first folder: "", "../" or "../../".
-        prefect: Address of Prefect's pages, None where no server runs.
         has_report: Whether a record of reports has a file of that name.
     """
 
     up: str
-    prefect: str | None
     has_report: Callable[[str, str], bool]
 
     def night(self, night: date | str = LATEST) -> str:
@@ -232,9 +225,9 @@ class Place:
         more = f"-{part}" if part > 1 else ""
         return f"{self.up}reports/{slug(robot) if robot else ALL}/{kind}{more}.html"
 
-    def flow_run(self, id: str) -> str | None:
-        """Return the address of a flow run at Prefect; None without a server."""
-        return f"{self.prefect}runs/flow-run/{id}" if self.prefect else None
+    def flow_run(self, id: str) -> str:
+        """Return the address of a flow run at Prefect."""
+        return f"/runs/flow-run/{id}"
 
 
 def coloured(state: str, words: str) -> Markup:

@@ -272,13 +272,12 @@ def _title(look: Look, row: Mapping) -> str:
 def _failed(run: FlowRun, place: Place) -> Markup:
     why = run.message or "without a word"
     return Markup("{}, {:%H:%M} UTC, {}: {}").format(
-        _flow(run, place, "b"), run.begun, run.state.lower(), why
+        _flow(run, place), run.begun, run.state.lower(), why
     )
 
 
-def _flow(run: FlowRun, place: Place, look: str = "span") -> Markup:
-    at = place.flow_run(run.id)
-    return link(at, run.name) if at else tag(look, run.name)
+def _flow(run: FlowRun, place: Place) -> Markup:
+    return link(place.flow_run(run.id), run.name)
 
 
 def _tiles(

@@ -1,17 +1,16 @@
-"""All pages over a store by their address: on request for a server, or as files.
+"""All pages over a store by their address, made when a server is asked for one.
 
 An address is taken apart by patterns; nothing of it is ever joined to a path but an id
 of hex digits, and a file name that a record of the store has.
 """
 
 import re
-from collections.abc import Iterator
 from dataclasses import dataclass, field, replace
 from datetime import UTC, date, datetime
 from pathlib import Path
 from threading import Lock
 
-from flows.report.document import Document, link, tag
+from flows.report.document import Document, link
 from flows.report.night import index, night, robot
 from flows.report.night.look import (
     ALL,
@@ -23,7 +22,6 @@ from flows.report.night.look import (
     look,
     slug,
     span_of,
-    unknown,
 )
 from flows.report.page import render
 from residual.errors import InputError
@@ -75,13 +73,11 @@ class Site:
 
     Attributes:
         store: Its folder.
-        prefect: Address of Prefect's pages, None where no server runs.
         past: What tells of flow runs.
     """
 
     store: Path
-    prefect: str | None = None
-    past: Past = unknown
+    past: Past
     # Opening a store takes as long as a page of it; it sees what is stored meanwhile.
     _kept: list[Store] = field(default_factory=list, repr=False)
     _one: Lock = field(default_factory=Lock, repr=False)
@@ -94,28 +90,9 @@ class Site:
         """
         try:
             with self._one:
-                return self._stored(address) or self._page(address, None)
+                return self._stored(address) or self._page(address)
         except InputError:
             return None
-
-    def files(self) -> Iterator[tuple[str, bytes]]:
-        """Give every page that a link leads to, with its address: all that there is.
-
-        Raises:
-            InputError: If there is no store.
-        """
-        seen = look(self._open())
-        todo, done = ["index.html", f"night/{LATEST}.html"], set()
-        while todo:
-            address = todo.pop()
-            if address in done:
-                continue
-            done.add(address)
-            made = self._stored(address) or self._page(address, seen)
-            if made is not None:
-                yield address, made.body
-                if not made.stored:
-                    todo += _links(made.body.decode(), address)
 
     def _open(self) -> Store:
         if not self._kept:
@@ -134,11 +111,11 @@ class Site:
         check_file(path)
         return Answer(path.read_bytes(), kind, stored=True)
 
-    def _page(self, address: str, seen: Look | None) -> Answer | None:
-        place = Place("../" * address.count("/"), self.prefect, self._has_report)
+    def _page(self, address: str) -> Answer | None:
+        place = Place("../" * address.count("/"), self._has_report)
         if match := _RECORD.fullmatch(address):
-            return self._made(index.record(self._open(), match[1], place), place, seen)
-        seen = seen or look(self._open())
+            return self._made(index.record(self._open(), match[1], place), place)
+        seen = look(self._open())
         page = self._document(address, seen, place)
         return page and self._made(page, place, seen)
 
@@ -163,21 +140,17 @@ class Site:
             return None
         return night.document(seen, which, told, place)
 
-    def _made(self, page: Document, place: Place, seen: Look | None) -> Answer:
+    def _made(self, page: Document, place: Place, seen: Look | None = None) -> Answer:
         """Return a page with the links that all have, and where it is from."""
         robots = seen.robots[:_LINKED] if seen else ()
         links = [
             link(place.night(), "last night"),
             link(place.index(), "all reports"),
             *(link(place.robot(name), name) for name in robots),
-            *([link(place.prefect, "flows")] if place.prefect else []),
+            link("/", "flows"),
         ]
         read = f"{datetime.now(UTC):%Y-%m-%d %H:%M:%S} UTC by modelgap {version_text()}"
-        foot = [
-            ("Store", self.store.name),
-            ("Read", read),
-            ("Again", tag("kbd", "modelgap pages --out DIR")),
-        ]
+        foot = [("Store", self.store.name), ("Read", read)]
         page = replace(page, links=links, foot=page.foot or foot)
         return Answer(render(page).encode())
 
@@ -194,12 +167,3 @@ def _named(seen: Look, word: str) -> str:
         if slug(name) == word:
             return name
     raise InputError(f"There is no robot {word} in {seen.opened.path}.")
-
-
-def _links(page: str, address: str) -> list[str]:
-    """Return the addresses of other pages that one of ours leads to."""
-    depth = address.count("/")
-    found = re.findall(r'href="([^"#?]+)"', page)
-    up = "../" * depth
-    own = (link[len(up) :] for link in found if link.startswith(up))
-    return [link for link in own if "://" not in link and not link.startswith(".")]

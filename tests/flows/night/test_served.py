@@ -52,7 +52,7 @@ def clock():
 
 @pytest.fixture
 def app(nights, clock):
-    site = Site(nights.store, "/")
+    site = Site(nights.store, lambda *_: None)
     return Guard(with_pages(prefect, OURS, site, Tickets(clock)), OURS)
 
 
@@ -185,7 +185,7 @@ def test_other_files_of_a_report_are_no_pages(nights):
         def answer(self, _):
             return Answer(b'{"a": "<script>"}', "application/json", stored=True)
 
-    site = Data(nights.store)
+    site = Data(nights.store, lambda *_: None)
     told = get(with_pages(prefect, OURS, site, Tickets()), "/pages/a", signed())
     assert told[1]["content-type"] == "application/json"
     assert told[1]["content-security-policy"] == MADE
