@@ -437,22 +437,3 @@ class Predict(Request):
     without: Words = ()
     columns: Columns = None
     store: Store = None
-
-
-@dataclass(frozen=True, slots=True)
-class View(Request):
-    """Which log is looked at, and with which model beside it.
-
-    Attributes:
-        robot: Built-in name (irb140), URDF file, or folder with one *.urdf; a run of
-            the store and a verdict know theirs.
-        verdict: Id of a diagnosis of the store: its models predict the torque, and
-            each of its findings is drawn.
-    """
-
-    log: GivenWord = ""
-    _: KW_ONLY
-    robot: str | None = None
-    verdict: str | None = None
-    columns: Columns = None
-    store: Store = None

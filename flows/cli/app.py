@@ -70,7 +70,6 @@ _COMMANDS = {
         "import": ("logs:import_", _LOGS),
         "identify": ("fit:identify", _LOGS),
         "calibrate": ("fit:calibrate", _LOGS),
-        "view": ("models:view", "RUN|LOG [--robot ROBOT] [--verdict ID]"),
     },
     "Your robot's model": {
         "models": ("models:models", None),

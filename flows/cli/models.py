@@ -1,4 +1,4 @@
-"""modelgap models, adopt, rollback, export, predict and view: models and their use."""
+"""modelgap models, adopt, rollback, export and predict: models and their use."""
 
 from dataclasses import replace
 from pathlib import Path
@@ -14,8 +14,7 @@ from flows.report.models import (
     adoptions,
     prediction,
 )
-from flows.report.view import render
-from flows.requests import Export, Log, Predict, Store, View
+from flows.requests import Export, Log, Predict, Store
 from flows.settings import store_folder
 from flows.steps import adopt as steps
 from flows.steps import export as exporting
@@ -23,8 +22,7 @@ from flows.steps import predict as predicting
 from residual.model.compare import WHOLE
 from warehouse.mirror import shown
 
-_PAGE = "view.html"
-_PLAIN, _ANY = steps.Adopt(), View()
+_PLAIN = steps.Adopt()
 
 
 def models(*, robot: str | None = None, store: Store = None) -> None:
@@ -173,38 +171,4 @@ def predict(
         {"--out": lambda: predicting.written(made, outputs.files["--out"])},
         lambda: predicting.document(made, request),
     )
-    outputs.finish()
-
-
-def view(
-    log: str,
-    *,
-    request: View = _ANY,
-    out: str = _PAGE,
-) -> None:
-    """Show a log as the arm moves: torque, residual and effects beside it.
-
-    Writes one HTML file that needs nothing else, for any browser that draws 3-D. The
-    arm has the shapes of its URDF, with meshes where their files are found beside it;
-    links without shapes are rods.
-
-    ```
-    modelgap view e125 --verdict f4b4
-    modelgap view monday.csv --robot arm.urdf --out monday.html
-    ```
-
-    Args:
-        log: CSV, Parquet, ROS bag or MCAP, a window as in FILE@0:16.5, or the id of a
-            run of the store.
-        out: Page to write.
-    """
-    check_outside("--out", out, store_folder(request.store))
-    words = [word for word in (log, request.robot) if word]
-    outputs = Outputs({"--out": out}, read_files(words, request.columns))
-    found = predicting.view(replace(request, log=log))
-    outputs.say(*found.lines)
-    if found.look.lacking:
-        some = ", ".join(found.look.lacking[:3])
-        outputs.say(f"rods instead of meshes that were not found: {some}")
-    outputs.write({"--out": lambda: render(found)})
     outputs.finish()

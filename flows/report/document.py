@@ -172,18 +172,10 @@ class Card:
     parts: Sequence["Part"]
 
 
-@dataclass(frozen=True, eq=False, slots=True)
-class Scene:
-    """An arm that a page moves, and what it is drawn from."""
-
-    alt: str
-    data: Mapping[str, Any]
-
-
 # Also a list, charts or cards side by side, words and what they mean.
 Part = (
     str | Table | Chart | Note | Heading | Steps | Callout | Facts | Fold | Beside
-) | (Scene | Sequence[Chart] | Sequence[Card] | Sequence[str] | Mapping[str, str])
+) | (Sequence[Chart] | Sequence[Card] | Sequence[str] | Mapping[str, str])
 
 
 @dataclass(frozen=True, slots=True)

@@ -20,7 +20,6 @@ from markupsafe import Markup
 from flows.report.document import Document, Part, Strong, tag
 from flows.report.words.phrases import sentence_case
 from flows.requests import Diagnose
-from residual.errors import InputError
 from warehouse.files import read_parquet
 from warehouse.layout import find
 from warehouse.provenance import version_text
@@ -165,42 +164,21 @@ _HEADING = re.compile(r'<h2 id="([^"]+)">(.*?)</h2>', re.DOTALL)
 @cache
 def library() -> str:
     """Return the script of the plotting library, as its package has it."""
-    return _packaged("plotly", "package_data", "plotly.min.js")
-
-
-@cache
-def scene_library() -> str:
-    """Return the script that draws in 3-D, as its package has it.
-
-    Raises:
-        InputError: If that package, an extra, is not installed.
-    """
-    if find_spec("meshcat") is None:
-        raise InputError(
-            "An arm in 3-D needs MeshCat, which is not installed. It comes with the "
-            'extra: pip install "modelgap[view]".'
-        )
-    return _packaged("meshcat", "viewer", "dist", "main.min.js")
-
-
-def _packaged(package: str, *parts: str) -> str:
     # Found and not imported: only its file is needed, and importing it takes longer.
-    (folder,) = find_spec(package).submodule_search_locations
-    return Path(folder, *parts).read_text(encoding="utf-8").strip()
+    (folder,) = find_spec("plotly").submodule_search_locations
+    path = Path(folder, "package_data", "plotly.min.js")
+    return path.read_text(encoding="utf-8").strip()
 
 
 @cache
-def own(name: str = "page.js") -> str:
-    """Return a script of ours: page.js draws what a page has the data of."""
-    return (_TEMPLATES / name).read_text(encoding="utf-8").strip()
+def own() -> str:
+    """Return our script, which draws what a page has the data of."""
+    return (_TEMPLATES / "page.js").read_text(encoding="utf-8").strip()
 
 
 def scripts(body: str) -> list[str]:
     """Return the scripts that a page runs; none where it has nothing to draw."""
-    if 'class="plot"' not in body:
-        return []
-    moving = 'class="stage"' in body
-    return [library(), own(), *([scene_library(), own("view.js")] if moving else [])]
+    return [library(), own()] if 'class="plot"' in body else []
 
 
 @cache

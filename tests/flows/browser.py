@@ -135,12 +135,10 @@ def browser(folder: Path, *options: str) -> Iterator[Tab]:
 
 
 @contextmanager
-def alone(folder: Path, rule: str, *options: str) -> Iterator[Tab]:
+def alone(folder: Path, rule: str) -> Iterator[Tab]:
     """Start one for which names lead nowhere but by a rule; none skips the test."""
     if PROGRAM is None:
         pytest.skip("no chromium on this machine (Debian: apt-get install chromium)")
     folder.mkdir(exist_ok=True)
-    with browser(
-        folder, f"--host-resolver-rules=MAP * ~NOTFOUND{rule}", *options
-    ) as tab:
+    with browser(folder, f"--host-resolver-rules=MAP * ~NOTFOUND{rule}") as tab:
         yield tab

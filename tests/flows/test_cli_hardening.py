@@ -202,7 +202,6 @@ TOO_LONG = "x" * 5000
         ("experiment", "{}"),
         ("runs", "--store", "{}"),
         ("sql", "SELECT 1", "--out", "{}"),
-        ("view", "{}", "--robot", "irb140"),
         ("explain", "{}"),
     ],
     ids=" ".join,

@@ -19,7 +19,6 @@ CASES = {
     "export p.json --to urdf --out o": HAS_NO_MODEL,
     "predict A.csv --model p.json": HAS_NO_MODEL,
     "next m.json A.csv --robot irb140": "holds a model, expected a verdict",
-    **{f"view A.csv --verdict {name}": said for name, said in FILE.items()},
     **{f"adopt {name}": said for name, said in FILE.items()},
     **{f"show {name}": said for name, said in FILE.items()},
     **{f"rerun {name}": said for name, said in FILE.items()},

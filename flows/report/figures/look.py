@@ -135,12 +135,6 @@ def packed(values: np.ndarray) -> dict[str, str]:
     return {"dtype": "f4", "bdata": code}
 
 
-def whole(values: np.ndarray) -> dict[str, str]:
-    """Return whole numbers from zero on: four bytes each, as base64."""
-    code = base64.b64encode(np.asarray(values, "<u4").tobytes()).decode()
-    return {"dtype": "u4", "bdata": code}
-
-
 def over_time(t: np.ndarray, y: np.ndarray, most: int) -> Trace:
     """Return a curve over time of at most about so many points, broken at gaps.
 
