@@ -26,7 +26,6 @@ Words = Annotated[tuple[str, ...], Parameter(consume_multiple=(1, None), negativ
 Tags = Annotated[tuple[str, ...], Parameter(negative="")]
 # What stands on the line by its place.
 Log = Annotated[str, Parameter(name="LOG")]
-Word = Annotated[str, Parameter(name="WORD")]
 GivenWord = Annotated[str, Parameter(parse=False)]
 GivenWords = Annotated[tuple[str, ...], Parameter(parse=False)]
 

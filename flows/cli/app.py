@@ -62,7 +62,6 @@ _COMMANDS = {
         "demo": ("demo:demo", None),
         "diagnose": ("diagnose:diagnose", _LOGS),
         "next": ("next:next_", "VERDICT.json|ID [LOG...]"),
-        "explain": ("logs:explain", "[WORD...]"),
     },
     "Your logs": {
         "check": ("logs:check", _LOGS),

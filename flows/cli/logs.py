@@ -1,4 +1,4 @@
-"""modelgap check, map and import: logs before any modelling; and explain: words."""
+"""modelgap check, map and import: logs before any modelling."""
 
 from dataclasses import replace
 from pathlib import Path
@@ -9,17 +9,13 @@ from flows.cli.app import Outputs
 from flows.outputs import read_files, say
 from flows.report.console import show
 from flows.report.records import channels, log_lines
-from flows.report.words import explain as words
 from flows.report.words.verdict import check_lines
-from flows.requests import Check, Flag, Import, Json, Log, Map, Word
+from flows.requests import Check, Flag, Import, Json, Log, Map
 from flows.settings import store_folder
 from flows.steps import check as checking
 from flows.steps import imports
 from residual.errors import InputError
-from residual.lazy import Lazy
 from warehouse.mirror import shown
-
-drawing = Lazy("rich.markdown")  # a slow import
 
 
 def check(*logs: Log, request: Check, json: Json = None) -> None:
@@ -120,21 +116,3 @@ def import_(*logs: Log, request: Import, dry_run: Flag = False) -> None:
         say(console, f"{id}  {log.known.id}: {word} {shown(place)}")
         if log.stored and (request.tags or request.recorded_at):
             say(console, "  its tags and time stay as they were stored")
-
-
-def explain(*word: Word) -> None:
-    """Explain an effect, a verdict or any other word of the program.
-
-    Without a word it lists all there are.
-
-    ```
-    modelgap explain stribeck
-    modelgap explain minimum detectable
-    ```
-
-    Args:
-        word: Name of an effect (stribeck), of a verdict (unknown), or a word that a
-            report uses (nats).
-    """
-    text = words.explain(" ".join(word)) if word else words.overview()
-    Console().print(drawing.Markdown(text))

@@ -400,7 +400,8 @@ def _read(verdict: Verdict) -> Section:
     cutoff = number(verdict.error.cutoff_hz)
     at = "" if cutoff == MISSING else f" at {cutoff} Hz"
     terms = {word: text.format(cutoff=at) for word, text in texts()["reading"].items()}
-    return Section("read", "How to read this page", [terms], open=False)
+    below = "All words: docs/glossary.md."
+    return Section("read", "How to read this page", [terms], below=below, open=False)
 
 
 def print_truth(staged: Staged, console: Console) -> None:

@@ -1,9 +1,10 @@
-"""The generated pages of the site, as Markdown: effects, their list, the glossary."""
+"""The generated pages of the site, as Markdown: each effect, and the commands."""
 
 import json
+import sys
 from collections import Counter, defaultdict
 from functools import cache
-from inspect import cleandoc
+from inspect import cleandoc, getdoc
 from pathlib import Path
 
 from cyclopts import Argument
@@ -11,7 +12,7 @@ from cyclopts import Argument
 import modelgap as mg
 from flows.blind.score import is_clear
 from flows.cli.app import _BELOW, _COMMANDS, app
-from flows.report.words.explain import TERMS, VERDICTS, effect_page
+from flows.report.words.phrases import sentence_case
 from residual.effects import registry
 from scripts.docs_site import curve
 
@@ -21,17 +22,32 @@ RIGHT = ("right", "class")  # by its own name, or by an equivalent
 NOT_MEASURED = "not measured"
 EXAMPLE = Path(__file__).parents[2] / "examples" / "hidden"
 FOLDER = "effects"
+_WHERE = {
+    "local": "one joint; its torque is on that joint alone",
+    "pair": "two neighbouring joints that share gearing",
+    "link": "one joint, and through the arm on the torque of all others",
+    "flange": "the flange, reported at the last joint",
+    "global": "the whole arm; reported without a joint",
+}
+_WRONG_VALUE = (
+    " Where the model has it already, a verdict means that its value is wrong, and the "
+    "number is the change to it."
+)
 
 
 def generated() -> dict[str, str]:
     """Return every generated page by its place below docs/."""
     pages = {f"{FOLDER}/{name}.md": _effect(name) for name in registry()}
-    return {**pages, "glossary.md": glossary(), "commands.md": commands_page()}
+    return {**pages, "commands.md": commands_page()}
 
 
 def _effect(name: str) -> str:
     effect = registry()[name]
-    text = effect_page(effect).partition("\n\n## Easily confused with")[0].rstrip()
+    units = "\n".join(f"- `{key}` [{unit}]" for key, unit in effect.parameters.items())
+    # The text at the top of the file that the effect stands in.
+    about = getdoc(sys.modules[f"residual.effects.{name}"]) or effect.sentence
+    wrong = _WRONG_VALUE if effect.is_parameter else ""
+    law = "\n".join(f"    {line.strip()}" for line in effect.law.split(";"))
     caption = (
         "Its torque on made-up motion of the built-in arm, at a size whose largest "
         "torque is one."
@@ -40,11 +56,15 @@ def _effect(name: str) -> str:
         f'<figure class="effect">\n{curve.svg(effect)}\n'
         f"<figcaption>{caption}</figcaption>\n</figure>"
     )
-    head, equation, rest = text.partition("## Equation")
     return "\n\n".join(
         [
-            f"{head}{drawn}",
-            f"{equation}{rest}",
+            f"# {sentence_case(effect.noun or name.replace('_', ' '))}",
+            f"`{name}`: {effect.sentence}.",
+            drawn,
+            f"## Equation\n\n{law}",
+            f"## Parameters\n\n{units}",
+            f"It acts on {_WHERE[effect.scope]}.{wrong}",
+            f"## What it is\n\n{about}",
             f"## What it is confused with\n\n{confused_with(name)}",
             f"## How often it is found\n\n{how_often_found(name)}",
             "What the rows mean, and all other figures: "
@@ -52,15 +72,6 @@ def _effect(name: str) -> str:
             f"Its file: `residual/effects/{name}.py`.",
         ]
     )
-
-
-def glossary() -> str:
-    """Return the page of words; `modelgap explain` prints the same entries."""
-    parts = ["# Glossary", "`modelgap explain WORD` prints each of these."]
-    for title, words in (("Words of a verdict", VERDICTS), ("Other words", TERMS)):
-        parts.append(f"## {title}")
-        parts += [f"### {word}\n\n{text}" for word, text in words.items()]
-    return "\n\n".join(parts) + "\n"
 
 
 def commands_page() -> str:

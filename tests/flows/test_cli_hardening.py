@@ -202,7 +202,6 @@ TOO_LONG = "x" * 5000
         ("experiment", "{}"),
         ("runs", "--store", "{}"),
         ("sql", "SELECT 1", "--out", "{}"),
-        ("explain", "{}"),
     ],
     ids=" ".join,
 )

@@ -72,7 +72,7 @@ def run(lines, folder):
     return done.stderr
 
 
-READS = ("check A.csv --robot irb140", "map A.csv --robot irb140", "--help", "explain")
+READS = ("check A.csv --robot irb140", "map A.csv --robot irb140", "--help")
 
 
 @pytest.mark.slow

@@ -33,7 +33,7 @@ def test_your_own_robot(folder, capsys):
 def test_the_first_hour(folder, capsys, monkeypatch):
     monkeypatch.delenv("MODELGAP_STORE", raising=False)
     shutil.copytree(EXAMPLES / "hidden", folder, dirs_exist_ok=True)
-    assert run("guide/first_hour.md", folder, capsys) == 10
+    assert run("guide/first_hour.md", folder, capsys) == 8
     assert (folder / "friction.html").exists()
 
 

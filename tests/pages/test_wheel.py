@@ -72,12 +72,11 @@ def test_every_file_of_the_packages_is_in_the_wheel(clone, wheel):
 
 
 @pytest.mark.long
-def test_it_says_its_commit_explains_itself_and_diagnoses(clone, program, tmp_path):
+def test_it_says_its_commit_and_diagnoses(clone, program, tmp_path):
     head = _run("git", "rev-parse", "HEAD", cwd=clone).strip()
     said = _run(program, "--version", cwd=tmp_path).strip()
     assert re.fullmatch(rf"\S+ \(commit {head[:12]}\)", said)
     assert "hides from its model" in _run(program, "demo", "--help", cwd=tmp_path)
-    assert "Stribeck" in _run(program, "explain", "stribeck", cwd=tmp_path)
     own = ROOT / "examples" / "own_robot"
     logs = [own / f"{day}.csv" for day in ("monday", "tuesday", "thursday")]
     options = ("--robot", own / "arm", "--map", own / "COLUMNS.toml")
