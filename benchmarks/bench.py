@@ -72,7 +72,7 @@ def is_whole(name: str) -> bool:
     content = _read(name)
     runs = content.get("by_group", {"": content})
     partial = content.get("quick", True) or not content.get("whole", True)
-    return not partial and all(is_current(name, r, group) for group, r in runs.items())
+    return not partial and all(is_current(name, run) for run in runs.values())
 
 
 def missed(name: str) -> list[str]:

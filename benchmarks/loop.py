@@ -2,13 +2,13 @@
 
     python benchmarks/loop.py --quick           under 50 s on two cores
     python benchmarks/loop.py --groups tracking
-    python benchmarks/loop.py --groups close --seeds 1:4        to look at
+    python benchmarks/loop.py --groups next --seeds 1:4         to look at
     python benchmarks/loop.py --full-json OUT       benchmarks/results/...
 
-The groups next and close have seeds of their own that decide (126101:126116 and
-130101:130110) and are used for nothing else; 1 to 99 are for development. Their
-finished cases are kept in store/benchmarks, by a hash of the code: an interrupted run
-goes on where it was. The last line is one JSON object; exit code 1 for a missed bar.
+The group next has seeds of its own that decide (126101:126116) and are used for
+nothing else; 1 to 99 are for development. Its finished cases are kept in
+store/benchmarks, by a hash of the code: an interrupted run goes on where it was. The
+last line is one JSON object; exit code 1 for a missed bar.
 """
 
 import argparse
@@ -23,11 +23,8 @@ from benchmarks.harness.cases import kept_file, run_kept, seed_range
 from benchmarks.harness.figures import Figures, all_missing, function_of, run_groups
 from flows.workers.pool import Pool
 
-GROUPS = {
-    name: f"loop_parts.{name}:figures_of" for name in ("tracking", "next", "close")
-}
-_CLOSING = ("flows/steps/closing", "flows/steps/planning")
-# Those of many drawn cases; the figures that a quick run leaves to the full one.
+GROUPS = {name: f"loop_parts.{name}:figures_of" for name in ("tracking", "next")}
+# Of many drawn cases; the figures that a quick run leaves to the full one.
 _SEEDED = {
     "next": {
         "next_settled": 0.80,
@@ -35,13 +32,12 @@ _SEEDED = {
         "next_nats_within_two": 0.80,
         "next_beyond_limits": 0,
     },
-    "close": {"close_both_adopted": 0.90, "close_false_adopted": 0.0},
 }
 
 
 def main() -> int:
     own = argparse.ArgumentParser(add_help=False)
-    text = "of next and close, both included; without it those that decide"
+    text = "of next, both included; without it those that decide"
     own.add_argument("--seeds", metavar="A:B", help=text)
     args, _ = own.parse_known_args()
     return run_groups(__doc__, GROUPS, partial(_measure, args.seeds), own)
@@ -55,7 +51,8 @@ def _measure(asked: str | None, name: str, quick: bool) -> Figures:
         return all_missing(_SEEDED[name], why)
     part = import_module(f"benchmarks.loop_parts.{name}")
     seeds = seed_range(asked) if asked else part.SEEDS
-    place = kept_file(f"loop-{name}", f"benchmarks/loop_parts/{name}.py", *_CLOSING)
+    parts = f"benchmarks/loop_parts/{name}.py", "flows/steps/planning"
+    place = kept_file(f"loop-{name}", *parts)
     with Pool(2) as pool:
         rows = run_kept(place, part.words, pool, part.run, part.jobs(seeds))
     return part.figures_of(list(rows.values()), seeds == part.SEEDS)

@@ -217,16 +217,16 @@ def _origin(name: str, content: Mapping) -> str:
     seeds = f", seeds {content['seeds']}" if content.get("seeds") else ""
     runs: dict[str, list[str]] = {}
     for group, run in content.get("by_group", {}).items():
-        runs.setdefault(_of_run(name, run, group), []).append(group)
+        runs.setdefault(_of_run(name, run), []).append(group)
     if len(runs) > 1:  # each group has the circumstances of the run that it is from
         return "; ".join(f"{', '.join(own)}: {run}" for run, own in runs.items())
     return "".join(runs or [_of_run(name, content)]) + seeds
 
 
-def _of_run(name: str, run: Mapping, group: str = "") -> str:
+def _of_run(name: str, run: Mapping) -> str:
     dirty = " with changes" if run["dirty"] else ""
     # Said by the page itself: a reader cannot know when the method changed.
-    old = "" if is_current(name, run, group) else " **of older code**"
+    old = "" if is_current(name, run) else " **of older code**"
     return f"commit {run['commit'][:7]}{dirty}, {run['date'][:10]}{old}"
 
 

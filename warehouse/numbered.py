@@ -1,16 +1,14 @@
-"""Numbered records that are never changed: which model a robot has, what a loop did.
+"""Numbered records that are never changed: which model a robot has.
 
 A number can be taken only once, since its folder is renamed into place; whoever comes
 second is told of the first. Of the adoptions of a robot the last one holds; rolling
-back is one more, which names the model of before. The decisions of a loop are its whole
-memory: it goes on from them after any kill.
+back is one more, which names the model of before.
 """
 
 import json
 from collections.abc import Mapping
-from dataclasses import asdict, dataclass, field, fields
+from dataclasses import asdict, dataclass, fields
 from pathlib import Path
-from typing import Any
 
 from residual.errors import InputError
 from warehouse import ids
@@ -18,10 +16,9 @@ from warehouse.commit import commit_row, lineage_rows
 from warehouse.files import read_cell
 from warehouse.ids import record_folder
 from warehouse.layout import list_folders
-from warehouse.mirror import is_there
 from warehouse.schema import KINDS
 
-ADOPTIONS, DECISIONS = "adoptions", "decisions"
+ADOPTIONS = "adoptions"
 ADOPTED, FORCED, ROLLED_BACK = "adopted", "forced", "rolled back"
 _DIGITS = 6
 
@@ -48,23 +45,6 @@ class Adoption:
     evidence: Mapping | None = None  # everything that the gate saw
 
 
-@dataclass(frozen=True, slots=True)
-class Decision:
-    """One step of a loop: what was done, why, and what came of it."""
-
-    loop: str  # id of the loop
-    number: int  # its place in the loop, from 1
-    robot: str  # slug of the arm
-    serial: str | None  # its serial number, None where it has none
-    action: str  # run, diagnose, adopt, drive or stop
-    reason: str
-    outcome: str  # what came of it, in a few words
-    made: str | None = None  # id of the record that it left in the store, None for none
-    seconds: float = 0.0  # motion of the arm so far, this step included [s]
-    # What later steps go by, as JSON can hold it.
-    result: Mapping = field(default_factory=dict)
-
-
 def commit_adoption(store: Path, adoption: Adoption) -> str:
     """Put an adoption into the store under the next number.
 
@@ -87,8 +67,10 @@ def commit_adoption(store: Path, adoption: Adoption) -> str:
 
 
 def read_adoption(store: Path, id: str) -> Adoption:
-    """Return an adoption."""
-    return _read(Adoption, record_folder(store, ADOPTIONS, id), ADOPTIONS)
+    """Return an adoption; what else is in its record is left out."""
+    row = record_folder(store, ADOPTIONS, id) / KINDS[ADOPTIONS].row
+    record = json.loads(read_cell(row, "record"))
+    return Adoption(**{each.name: record[each.name] for each in fields(Adoption)})
 
 
 def adopted(
@@ -100,40 +82,6 @@ def adopted(
         if (found.robot, found.serial) == (robot, serial):
             return id, found
     return None
-
-
-def commit_decision(store: Path, decision: Decision) -> str:
-    """Put a decision into the store; its number is the next one of its loop.
-
-    Raises:
-        InputError: If that number is taken: the same loop runs elsewhere, too.
-    """
-    id = ids.decision_id(decision.loop, decision.number)
-    parents = {decision.action: [decision.made]} if decision.made else {}
-    record, lists = ids.plain(decision), {"lineage": lineage_rows(parents)}
-    if not commit_row(store, DECISIONS, id, record, lists):
-        raise InputError(
-            f"Decision {decision.number} of loop {decision.loop} is there already: "
-            "the same loop runs in another process. Let that one go on."
-        )
-    return id
-
-
-def read_decisions(store: Path, loop: str) -> tuple[Decision, ...]:
-    """Return what a loop has decided so far, the first one first."""
-    found: list[Decision] = []
-    while True:
-        id = ids.decision_id(loop, len(found) + 1)
-        folder = record_folder(store, DECISIONS, id)
-        if not is_there(folder):
-            return tuple(found)
-        found.append(_read(Decision, folder, DECISIONS))
-
-
-def _read(form: type, folder: Path, kind: str) -> Any:
-    """Return a record of one of the two forms; what else is in it is left out."""
-    record = json.loads(read_cell(folder / KINDS[kind].row, "record"))
-    return form(**{each.name: record[each.name] for each in fields(form)})
 
 
 def _check_parent(store: Path, adoption: Adoption) -> None:

@@ -267,7 +267,7 @@ VIEWS: dict[str, tuple[Column, ...]] = {
     "adopted": _ADOPTION,
     "decisions": (
         Column("decision_id", TEXT, "id of the decision"),
-        Column("loop", TEXT, "id of the loop that decided it (modelgap close)"),
+        Column("loop", TEXT, "id of the loop that decided it"),
         Column("number", WHOLE, "its place in the loop, from 1", "1"),
         _ROBOT,
         Column("serial", TEXT, "serial number of the arm"),

@@ -11,7 +11,7 @@ from importlib import import_module
 from pathlib import Path
 from time import perf_counter
 
-from benchmarks.harness.origin import circumstances, code_of, is_current, save
+from benchmarks.harness.origin import circumstances, is_current, save
 
 Figures = dict[str, dict]
 
@@ -115,7 +115,7 @@ def run_groups(
     about_run = circumstances(name, quick=args.quick, **facts)
     for group in args.groups:
         run = earlier.get("by_group", {}).get(group, {})
-        if args.resume and is_current(name, run, group):
+        if args.resume and is_current(name, run):
             print(f"{group}: known", flush=True)
             continue
         start = perf_counter()
@@ -123,8 +123,7 @@ def run_groups(
         made[group] = work(group, args.quick)
         print(f"{group}: {perf_counter() - start:.1f} s", flush=True)
         if args.full_json:  # after each: what is measured is not lost with the rest
-            about_group = about_run | {"code": code_of(name, group)}
-            earlier = merged(earlier, {group: made[group]}, about_group, list(groups))
+            earlier = merged(earlier, {group: made[group]}, about_run, list(groups))
             save(args.full_json, earlier)
     fresh = {name: entry for own in made.values() for name, entry in own.items()}
     return finish(earlier["figures"] if args.resume else fresh)

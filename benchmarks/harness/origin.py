@@ -35,7 +35,6 @@ _ROOMS = {
     "identification": (*_METHOD, "residual/identification"),
     "plant": ("sim",),
     **dict.fromkeys(("store", "fleet", "hardening"), ("warehouse",)),
-    "loop/close": ("residual", "flows/steps/closing"),  # of a group alone
     "pipelines": ("warehouse", "flows/settings.py", "flows/workers"),
 }
 _DATA = (".urdf", ".toml")  # files beside code that decide results
@@ -59,15 +58,14 @@ def circumstances(name: str, **extra: object) -> dict:
 _RUN_BY = ("residual", "sim", "warehouse", "flows", "modelgap.py", "benchmarks/*.py")
 
 
-def is_current(name: str, content: Mapping, group: str = "") -> bool:
+def is_current(name: str, content: Mapping) -> bool:
     """Whether a results file, or a group of one, is of the code as it is now."""
-    return content.get("code") == code_of(name, group)
+    return content.get("code") == code_of(name)
 
 
-def code_of(name: str, group: str = "") -> str:
+def code_of(name: str) -> str:
     """Return the hash of the code that the figures of a results file are of."""
-    rooms = _ROOMS.get(f"{name}/{group}") or _ROOMS.get(name, ("residual",))
-    return code_hash(*rooms)
+    return code_hash(*_ROOMS.get(name, ("residual",)))
 
 
 @cache

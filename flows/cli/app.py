@@ -86,7 +86,6 @@ _COMMANDS = {
         "experiment": ("experiment:experiment", None),
         "campaign": ("experiment:campaign", None),
         "blind": ("demo:blind", None),
-        "close": ("close:close", None),
     },
     "History": {
         "runs": ("store:runs", None),
@@ -141,8 +140,7 @@ _WORDS = {
     "DAYS": "older-than",
     "HERTZ": "rate",
     "RADIANS": "encoder-step",
-    "COUNT": "per-hour workers n arms budget effects draws components periods seeds "
-    "limit",
+    "COUNT": "per-hour workers n arms draws components periods seeds limit",
     "SHARE": "prior",
     "NUMBER": "seed port",
     "1,2,3": "levels joints",

@@ -1,4 +1,4 @@
-"""What closes the loop: models in force and proposed, motions designed, arms closed.
+"""What closes the loop: models in force and proposed, motions designed.
 
 To be imported under `flows.settings.quiet_prefect`.
 """
@@ -10,7 +10,6 @@ from prefect.flow_runs import suspend_flow_run
 from prefect.input import RunInput
 
 from flows.project.deployments import PROPOSED
-from flows.report.closed import ended, headline, keep_page, pairs, render
 from flows.report.models import adoption_lines, proposal_markdown, proposal_page
 from flows.report.page import made_of
 from flows.scheduled import artifacts, tasks
@@ -18,9 +17,6 @@ from flows.scheduled.tasks import task
 from flows.settings import store_folder
 from flows.steps.adopt import Adopt, judge, keep_proposal, known_already, proposal_of
 from flows.steps.adopt import adopt as give
-from flows.steps.closing.arm import Close
-from flows.steps.closing.close import adopted_verdict, begun, closed, decided
-from flows.steps.closing.rule import RUN
 from flows.steps.models import in_force
 from flows.steps.planning import ask, execute
 from flows.steps.planning.ask import Next
@@ -121,59 +117,6 @@ def propose(diagnosis: str, store: str | None = None) -> str | None:
         get_run_logger().info("not adopted: that was the answer")
         return None
     return adopt(diagnosis, place, answer.note)
-
-
-@task(name="decide", task_run_name="decide", tags=["simulation"])
-def decide(asked: Close) -> bool:
-    """Do what comes next, and write it down; says whether the loop goes on."""
-    made = decided(begun(asked))
-    if made is None:
-        return False
-    get_run_logger().info(f"{made.number} {made.action}: {made.reason}")
-    if made.outcome:
-        get_run_logger().info(made.outcome)
-    if made.action == RUN:
-        artifacts.runs_committed([made.made])
-    return True
-
-
-@task(name="close-report", task_run_name="close-report", tags=["analysis"])
-def report(asked: Close) -> str:
-    """Open the seal and write the page; returns its file."""
-    store, done = Path(asked.store), closed(asked)
-    verdict = adopted_verdict(store, done.known.adopted)
-    page = keep_page(done, store, render(done, verdict))
-    answer = headline(done, pairs(done.hidden, verdict))
-    words = f"{answer} {ended(done)}"
-    get_run_logger().info(words)
-    artifacts.verdict(f"{asked.robot}, seed {asked.seed}: {answer}", page, words)
-    return str(page)
-
-
-@flow(name="close", flow_run_name="close {seed}", timeout_seconds=24 * tasks.HOUR)
-def close(
-    robot: str = "irb140",
-    budget: int = 8,
-    seed: int = 7,
-    effects: int | None = None,
-    store: str | None = None,
-) -> str:
-    """Go from a simulated arm with undeclared effects to an adopted model, by itself.
-
-    Every decision is in the store once it is made: a run that was stopped goes on from
-    there when it is started again.
-
-    Args:
-        robot: Built-in name, URDF file or folder; the arm is simulated.
-        budget: How many experiments it may run.
-        seed: Seed of the arm, of what it hides, and of the motions.
-        effects: How many effects it hides; None to draw one to three.
-        store: Folder of the store; else $MODELGAP_STORE, else ./store.
-    """
-    asked = Close(robot, budget, seed, effects, store=str(store_folder(store)))
-    while decide(asked):
-        pass
-    return report(asked)
 
 
 @task(name="settle", task_run_name="settle {id}", tags=["simulation"])

@@ -44,7 +44,6 @@ PART = 200  # entries on one page
 # What reports of several diagnoses are called, and their page.
 _STUDIES = {
     "blind": ("blind study", "report.html"),
-    "close": ("loop closed by itself", "close.html"),
 }
 
 

@@ -24,7 +24,7 @@ DIAGNOSES = f"""
     ), page AS (
         SELECT parent AS diagnosis_id, arg_max(report_id, created) AS report_id
         FROM reports JOIN lineage ON child = report_id AND role = 'diagnosis'
-        WHERE kind NOT IN ('proposal', 'close') GROUP BY ALL
+        WHERE kind IN ('demo', 'nightly') GROUP BY ALL
     ), version AS (
         SELECT diagnosis_id AS parent, min(adoption_id) AS adoption
         FROM adoptions WHERE action <> 'rolled back' GROUP BY ALL
@@ -108,7 +108,7 @@ ADOPTIONS = f"""
 
 STUDIES = """
     SELECT report_id AS id, robot, kind, created FROM reports
-    WHERE kind IN ('blind', 'close') ORDER BY created DESC, report_id
+    WHERE kind = 'blind' ORDER BY created DESC, report_id
 """
 
 MODELS = f"""

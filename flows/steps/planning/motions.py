@@ -55,19 +55,6 @@ class Motion:
         """Less is better: soon sure; where never, a small chance not to be."""
         return np.inf if self.after is None else self.after, -self.sure.chance
 
-    def cut(self, least: float) -> TrajectorySpec:
-        """Return as many whole periods of a designed motion as hold so many seconds.
-
-        Another motion stays as long as it is.
-        """
-        spec = self.spec
-        if not spec.coefficients:
-            return spec
-        opening = spec.duration - spec.periods * self.period
-        periods = max(1, -int(-(least - opening) // self.period))
-        periods = min(periods, spec.periods)
-        return replace(spec, duration=opening + periods * self.period, periods=periods)
-
 
 @dataclass(frozen=True, eq=False, slots=True)
 class Search:

@@ -1,6 +1,5 @@
-"""The flows next and close: experiments that a loop chooses, as runs of Prefect."""
+"""The flow next: an experiment that settles a diagnosis, as a run of Prefect."""
 
-from functools import partial
 from pathlib import Path
 
 import pytest
@@ -8,7 +7,6 @@ import pytest
 from flows.specs.experiment import ExperimentSpec
 from flows.steps import experiment
 from flows.steps.diagnose import diagnose_runs, request_of
-from tests.flows.closing import scripted
 from warehouse.layout import list_folders
 
 pytestmark = [pytest.mark.prefect, pytest.mark.slow]
@@ -54,18 +52,3 @@ def test_the_flow_runs_a_motion_and_reports_all_logs(server, stored, monkeypatch
     assert "<html" in Path(page).read_text(encoding="utf-8")
     for kind, known in before.items():
         assert len(set(list_folders(store, kind)) - known) == 1
-
-
-def test_the_flow_close_decides_until_nothing_is_left_and_reports(
-    server, tmp_path, monkeypatch
-):
-    from flows.scheduled import loop
-
-    quiet = partial(scripted.act, script=(scripted.QUIET,))
-    monkeypatch.setattr("flows.steps.closing.close.act", quiet)
-    monkeypatch.setattr("flows.steps.closing.close.open_seal", lambda *_: [])
-    page = Path(loop.close(budget=4, seed=1, effects=0, store=str(tmp_path)))
-    text = page.read_text(encoding="utf-8")
-    assert "Nothing was hidden, and nothing was adopted" in text
-    assert len(list_folders(tmp_path, "decisions")) == text.count('<th scope="row"')
-    assert loop.close(budget=4, seed=1, effects=0, store=str(tmp_path)) == str(page)
