@@ -7,8 +7,9 @@
 Seeds 128101:128104 decide and are used for nothing else; 1 to 99 are for development.
 Sizes are in minimum detectable ones, as the diagnosis says them of an arm with nothing
 hidden in the same motions. Finished cases are kept in store/benchmarks, by a hash of
-the code: an interrupted run goes on where it was. The last line is one JSON object;
-exit code 1 for a missed bar.
+the code: an interrupted run goes on where it was. What is taken for what is printed,
+and with a results file stands beside it, as FILE_confusion.parquet. The last line is
+one JSON object; exit code 1 for a missed bar.
 """
 
 import argparse
@@ -16,11 +17,14 @@ import sys
 import tempfile
 from collections.abc import Callable, Mapping, Sequence
 from functools import partial
+from itertools import groupby
 from pathlib import Path
 
 sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
 
 import numpy as np
+import pyarrow as pa
+import pyarrow.parquet as pq
 
 from benchmarks.diagnosis_parts import bars, cases, measured
 from benchmarks.harness.cases import (
@@ -40,6 +44,7 @@ from benchmarks.harness.figures import (
 )
 from benchmarks.harness.logs import write_csv
 from benchmarks.harness.shell import run_shell
+from benchmarks.hidden.score import confusion
 from benchmarks.synthetic.logs import standard_case
 from flows.workers.pool import Pool
 from residual.robot.robot import load_robot
@@ -47,8 +52,7 @@ from residual.robot.robot import load_robot
 _SEEDS = "128101:128104"
 _CASES = ("singles", "nulls", "unknown", "pairs", "forms", "detection", "known")
 _GROUPS = (*_CASES, "cost", "measured")
-# What draws and judges, besides the product.
-_PLAN = ("benchmarks/diagnosis_parts", "flows/blind/draw.py")
+_CONFUSED = ("singles", "nulls", "unknown")  # one thing is hidden, or nothing
 _COSTS = {"seconds": 10.0, "peak_gb": 1.0}
 
 
@@ -61,8 +65,9 @@ def main() -> int:
     # For the pool: its processes load NumPy after this.
     one_blas_thread()
     wanted = [g for g in _CASES if g in args.groups]
+    place = kept_file("diagnosis", "benchmarks/diagnosis_parts")
     with Pool(2) as pool:
-        run_all = partial(run_kept, kept_file("diagnosis", *_PLAN), cases.words, pool)
+        run_all = partial(run_kept, place, cases.words, pool)
         rows = _run_cases(args, wanted, partial(run_all, cases.run))
         jobs = measured.jobs(args.quick) if "measured" in args.groups else []
         named = {f"measured {' '.join(job)}": job for job in jobs}
@@ -72,7 +77,24 @@ def main() -> int:
     if "measured" in args.groups:
         figures |= measured.measured_figures(results)
     save_rows(args, figures, cases=rows, measured=results)
+    show_confusion(rows, args.full_json)
     return finish(figures)
+
+
+def show_confusion(rows: Mapping[str, Sequence[Mapping]], beside: Path | None) -> None:
+    """Print what each hidden effect is taken for; write it beside a results file."""
+    told = [r for g in _CONFUSED for r in rows.get(g, ()) if "outcome" in r]
+    cells = confusion(told)
+    if not cells:
+        return
+    print(f"\n{'hidden':22} {'cases':>5}  said")
+    for hidden, own in groupby(cells, lambda cell: cell["hidden"]):
+        said = {cell["said"]: cell["cases"] for cell in own}
+        words = ", ".join(f"{name} {count}" for name, count in said.items())
+        print(f"{hidden:22} {sum(said.values()):5}  {words}")
+    if beside:
+        path = beside.with_name(f"{beside.stem}_confusion.parquet")
+        pq.write_table(pa.Table.from_pylist(cells), path)
 
 
 def _run_cases(

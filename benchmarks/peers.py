@@ -1,20 +1,21 @@
-"""Other programs on the same sealed cases: what does each say, and is it so?
+"""Other programs on the same hidden effects: what does each say, and is it so?
 
     python benchmarks/peers.py --quick                          two short cases
     python benchmarks/peers.py --seeds 1:1 --groups squares sparse      to look at
     python benchmarks/peers.py --full-json benchmarks/results/peers.json
 
-Each seed is a study as `modelgap blind --export` writes it: ten cases, of the built-in
-arm for odd seeds, of a drawn one for even ones. Programs read the folder `open` alone:
-ours, plain least squares, and a sparse selection after SAPC: our reading of its
-description, not that program. Seeds 124101:124102 decide and are used for nothing else
-(where its arm can make no motion of a kind, the second seed after, and so on); 1 to 99
-are for development. Studies and finished cases are kept in store/benchmarks, by
-a hash of the code: an interrupted run goes on where it was. The last line is one JSON
-object.
+Each seed is ten cases in the physics engine, of the built-in arm for odd seeds, of a
+drawn one for even ones. Programs get what anybody may know of a case: ours, plain least
+squares, and a sparse selection after SAPC: our reading of its description, not that
+program. Seeds 124101:124102 decide and are used for nothing else (where its arm can
+make no motion of a kind, the second seed after, and so on); 1 to 99 are for
+development. Finished cases are kept in store/benchmarks, by a hash of the code: an
+interrupted run goes on where it was. The last line is one JSON object.
 """
 
 import sys
+from collections.abc import Callable
+from functools import partial
 from pathlib import Path
 
 sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
@@ -22,11 +23,7 @@ sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
 from benchmarks.harness import cases as harness
 from benchmarks.harness.figures import finish, one_blas_thread
 from benchmarks.peers_parts import bars, cases
-from flows.blind.draw import StudyRequest
-from flows.blind.export.write import export_study
 from flows.workers.pool import Pool
-from residual.errors import RunError
-from sim.engine.records import CLEAN
 
 _SEEDS = "124101:124102"
 _TRIES = 5
@@ -39,21 +36,22 @@ def main() -> int:
     )
     # For the pool: its processes load NumPy after this.
     one_blas_thread()
-    name = f"peers-{CLEAN}-quick" if args.quick else f"peers-{CLEAN}"
-    place = harness.kept_file(name, "benchmarks/peers_parts", "flows/blind/export")
-    rows: dict[str, list] = {program: [] for program in args.groups}
+    place = harness.kept_file("peers", "benchmarks/peers_parts")
+    count, seconds = _QUICK if args.quick else _FULL
+    programs = tuple(args.groups)
+    rows: dict[str, list] = {program: [] for program in programs}
     with Pool(2) as pool:
+        run_all = partial(harness.run_kept, place, cases.words, pool, cases.run)
         for first in harness.seed_range(args.seeds):
-            seed, folder = _study(args.quick, first, place.with_suffix(""), pool)
-            tasks = [
-                cases.Task(program, seed, case, str(folder))
-                for case in cases.names(folder)
-                for program in args.groups
-            ]
-            jobs = {task.name: task for task in tasks}
-            done = harness.run_kept(place, cases.words, pool, cases.run, jobs)
+            seed, minimum = _begun(run_all, first, seconds)
+            names = [f"case_{i + 1:03}" for i in range(count)]
+            tasks = [cases.Task(seed, name, seconds, programs) for name in names]
+            done = run_all({task.name: (task, minimum) for task in tasks})
             for task in tasks:
-                rows[task.program].append(done[task.name])
+                for program in programs:
+                    row = done[task.name].get(program, done[task.name])
+                    about = {"program": program, "seed": seed, "case": task.case}
+                    rows[program].append({**about, **row})
     figures, tables = bars.all_figures(rows), bars.tables(rows)
     harness.save_rows(args, figures, cases=rows, tables=tables)
     for table in tables:
@@ -62,33 +60,18 @@ def main() -> int:
     return finish(figures)
 
 
-def _study(quick: bool, seed: int, place: Path, pool: Pool) -> tuple[int, Path]:
-    """Return the first study from a seed on whose arm can make all motions, its seed.
+def _begun(run_all: Callable, seed: int, seconds: float) -> tuple[int, list]:
+    """Return the first seed from one on whose arm can make all motions, and its sizes.
 
     Some drawn arms reach no place for a work piece: every second seed draws one.
     """
     for own in range(seed, seed + 2 * _TRIES, 2):
-        try:
-            return own, _exported(quick, own, place, pool)
-        except RunError as error:
-            print(f"seed {own}: {error}", flush=True)
-    raise RunError(f"No arm of {_TRIES} from seed {seed} on can make all motions.")
-
-
-def _exported(quick: bool, seed: int, place: Path, pool: Pool) -> Path:
-    """Return the study of a seed; one that was written is not written again."""
-    folder = place / f"seed_{seed}"
-    if not folder.is_dir():
-        place.mkdir(parents=True, exist_ok=True)
-        count, seconds = _QUICK if quick else _FULL
-        asked = StudyRequest(count, seed, duration=seconds, background=CLEAN)
-        arm = (seed + 1) % 2  # the built-in one is 0
-        export_study(asked, (arm,), folder, place / "store", pool, _tell)
-    return folder
-
-
-def _tell(what: str, share: float) -> None:
-    print(what, flush=True)
+        task = cases.Task(own, cases.BENCH, seconds)
+        (found,) = run_all({task.name: (task, ())}).values()
+        if "error" not in found:
+            return own, found["minimum"]
+        print(f"seed {own}: {found['error']}", flush=True)
+    raise SystemExit(f"No arm of {_TRIES} from seed {seed} on can make all motions.")
 
 
 if __name__ == "__main__":

@@ -40,22 +40,15 @@ _LINK = """<link name="link_{i}"><inertial>
 """
 
 
-def draw_hidden(
-    robot: Robot,
-    stream: Rng,
-    name: str | None = None,
-    joint: int | None = None,
-    every: bool = False,
-) -> PlantEffect:
+def draw_hidden(robot: Robot, stream: Rng, name: str | None = None) -> PlantEffect:
     """Draw one hidden effect of the plant in the physics engine.
 
     Args:
         name: Name of the effect; None to draw it too.
-        joint: Joint from 1 (the first of a pair), None to draw it.
     """
     if name is None:
-        name = str(stream.choice(vocabulary() if every else usual_effects()))
-    drawn = draw(robot, name, stream, joint)
+        name = str(stream.choice(usual_effects()))
+    drawn = draw(robot, name, stream)
     return PlantEffect(name, drawn.joints, tuple(sorted(drawn.parameters.items())))
 
 

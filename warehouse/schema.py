@@ -195,7 +195,7 @@ VIEWS: dict[str, tuple[Column, ...]] = {
     "validations": (
         Column("validation_id", TEXT, "id of the validation"),
         _ROBOT,
-        Column("kind", TEXT, "held_out, calibration, monitor, rerun, blind ..."),
+        Column("kind", TEXT, "held_out, calibration, monitor, rerun ..."),
         Column("model_id", TEXT, "the model that was tried, where it is one here"),
         _CREATED,
         Column("verdict", TEXT, "of a rerun: what is not the same, and why"),

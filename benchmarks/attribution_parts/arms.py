@@ -12,9 +12,8 @@ from functools import lru_cache
 import numpy as np
 
 from benchmarks.harness.logs import PAUSE, RATE, sensed
+from benchmarks.hidden.drawn import CLEAR, draw_sized, measured, smallest
 from benchmarks.synthetic.motions import make_motion
-from flows.blind.row import draw_sized, measured, smallest
-from flows.blind.score import CLEAR
 from residual.diagnosis.result import Detectable
 from residual.effects import reported_joints
 from residual.recording import Recording
@@ -268,7 +267,7 @@ def _drive(arm: Arm, rng: Rng, kind: str, minimum: Sequence[Detectable]):
 def _structural(arm: Arm, rng: Rng, kind: str, minimum: Sequence[Detectable]):
     name = str(rng.choice(STRUCTURAL))
     one = draw_sized(arm.robot, rng, name, CLEAR, minimum)
-    found = measured(one, minimum, arm.robot, None)
+    found = measured(one, minimum, arm.robot)
     return one if (found.multiple or 0.0) >= CLEAR - _ROUNDING else None
 
 

@@ -10,9 +10,8 @@ from time import perf_counter
 
 from benchmarks.attribution_parts import arms
 from benchmarks.harness.cases import guarded
-from flows.blind.export.score import matched
-from flows.blind.row import measured, smallest
-from flows.blind.score import Name, members
+from benchmarks.hidden.drawn import measured, smallest
+from benchmarks.hidden.score import Name, members, paired
 from flows.specs.experiment import derived_seed
 from flows.steps.edit import is_named, with_truth
 from residual.diagnosis.changes import MOVING, dense_model, sealed_edit
@@ -37,7 +36,7 @@ def judged(verdict: Verdict, planted: Sequence[Name]) -> dict:
     """
     said, document = members(verdict), to_json(verdict)
     classes = [[s.name, *s.alike] for s in said]
-    owners = matching(planted, classes)
+    owners = paired(planted, classes, lambda truth, own: truth in own)
     listed = alternatives(document)
     exact, wanted = len(said) == len(planted), sorted(map(str, planted))
     return {
@@ -50,14 +49,6 @@ def judged(verdict: Verdict, planted: Sequence[Name]) -> dict:
         "verdict": verdict.verdict,
         "unexplained": list(verdict.unexplained.joints),
     }
-
-
-def matching(planted: Sequence[Name], classes: Sequence[Sequence[Name]]) -> dict:
-    """Give as many names as possible a planted change of their own, by its index.
-
-    Augmenting paths (Kuhn 1955): a name gives way to another if it has a second choice.
-    """
-    return matched(planted, classes, lambda truth, own: truth in own)
 
 
 def alternatives(document: Mapping) -> list[list[Name]] | None:
@@ -241,7 +232,7 @@ def _done(task: Task, minimum: Sequence[Mapping]) -> dict:
     names = planted(effects, arm)
     there = []
     for name, effect in zip(names, effects, strict=True):
-        multiple = measured(effect, least, arm.robot, None).multiple
+        multiple = measured(effect, least, arm.robot).multiple
         there.append([*_plain(name), dict(effect.parameters), multiple])
     row = {
         **asdict(task),

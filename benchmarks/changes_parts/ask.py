@@ -15,9 +15,9 @@ from benchmarks.changes_parts import arms, peer, real
 from benchmarks.changes_parts.case import DRIFT, EDGE, LOAD, MEASURED, Case, Made, Truth
 from benchmarks.changes_parts.plant import as_effect, times
 from benchmarks.harness.cases import guarded
-from flows.blind.row import smallest
-from flows.blind.score import Name, matched, members
-from flows.blind.score import Said as Member
+from benchmarks.hidden.drawn import smallest
+from benchmarks.hidden.score import Name, matched, members
+from benchmarks.hidden.score import Said as Member
 from residual.diagnosis.result import Verdict
 from residual.errors import ModelgapError
 from residual.method.diagnose import diagnose

@@ -6,7 +6,7 @@ from pathlib import Path
 import matplotlib as mpl
 import matplotlib.pyplot as plt
 
-from flows.blind.score import wilson
+from benchmarks.harness.rates import wilson
 
 PANELS = {"change": "simulated arms", "measured_change": "measured UR10e"}
 _METHODS = {"product": ("this program", "o-"), "peer": ("peer", "s--")}

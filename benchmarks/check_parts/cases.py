@@ -20,9 +20,8 @@ from benchmarks.check_parts.arms import (
 from benchmarks.check_parts.judge import given, judged, read, told, trace
 from benchmarks.diagnosis_parts.cases import PYBULLET, SYNTHETIC, as_form, make, the_arm
 from benchmarks.harness.cases import guarded
+from benchmarks.hidden.drawn import draw_sized, vocabulary
 from benchmarks.synthetic.other_forms import FORMS
-from flows.blind.draw import vocabulary
-from flows.blind.row import draw_sized
 from flows.inputs.given import LogSets
 from flows.requests import Diagnose
 from flows.steps.check import check

@@ -18,7 +18,8 @@ from benchmarks.harness.rates import (
     rounded,
     within_two_deviations,
 )
-from flows.blind.score import WRONG, both_clear, is_clear, is_right
+from benchmarks.hidden.drawn import both_clear, is_clear
+from benchmarks.hidden.score import WRONG, is_right
 
 # Families that detection is pooled over; a new effect is in "other" until it is here.
 _NAMES = {

@@ -6,7 +6,7 @@ minimum detectable sizes are known.
 """
 
 from collections.abc import Mapping, Sequence
-from dataclasses import asdict, dataclass, replace
+from dataclasses import asdict, dataclass
 from functools import lru_cache
 from time import perf_counter
 
@@ -15,13 +15,21 @@ import numpy as np
 from benchmarks.diagnosis_parts.power import Power, power
 from benchmarks.harness.cases import guarded
 from benchmarks.harness.logs import PAUSE, RATE, in_engine, sensed
+from benchmarks.hidden.drawn import (
+    CLEAR,
+    MULTIPLES,
+    OF_A_PAIR,
+    ROUNDING,
+    draw_sized,
+    measured,
+    true_parameters,
+    vocabulary,
+)
+from benchmarks.hidden.oracle import oracle
+from benchmarks.hidden.score import NOTHING, PAIR, SINGLE, UNKNOWN, case_row
 from benchmarks.synthetic.motions import make_motion
 from benchmarks.synthetic.other_forms import FORMS
-from flows.blind.draw import MULTIPLES, OF_A_PAIR, vocabulary
-from flows.blind.row import case_row, draw_sized, estimate, measured, true_parameters
-from flows.blind.score import CLEAR, NOTHING, PAIR, SINGLE, UNKNOWN, Name, score
 from flows.specs.experiment import derived_seed
-from residual.diagnosis.oracle import oracle
 from residual.diagnosis.result import Detectable, Verdict
 from residual.method.diagnose import diagnose
 from residual.recording import Recording
@@ -192,8 +200,8 @@ def benches(wanted: Sequence[Task]) -> list[Task]:
 def run(job: tuple[Task, Sequence[Detectable]]) -> dict:
     """Draw a case by the detectable sizes of its motions, diagnose it and judge.
 
-    Its row is as in the view ``blind``, with what one would see who knows the truth
-    (``power``); of a bench it has the sizes, of a crash the error.
+    A row has what one would see who knows the truth (``power``); of a bench it has the
+    sizes, of a crash the error.
     """
     task, minimum = job
     return guarded(asdict(task), lambda: _done(task, minimum))
@@ -215,25 +223,15 @@ def _done(task: Task, minimum: Sequence[Mapping]) -> dict:
     if task.group == "forms":
         meant = _as_taken(task.what, meant, verdict)
         truths = tuple(dict(e.parameters) for e in meant)
-    hidden = [measured(e, minimum, made.robot, None) for e in meant]
+    hidden = [measured(e, minimum, made.robot) for e in meant]
     told = [(h.effect.name, h.joints) for h in hidden]
     best = None
     if task.group in _WITH_ORACLE:
-        errors = oracle(made.robot, made.fit, made.held_out, told)
+        _, errors = oracle(made.robot, made.fit, made.held_out, told)
         best = errors.overall("filtered")
     row = case_row(drawn, hidden, truths, verdict, best)
-    if task.group in _WITH_ORACLE:
-        judged = score(drawn, [Name(h.effect.name, h.joints) for h in hidden], verdict)
-        # Of each of a pair, too; of the row it is the one of a single.
-        found = [
-            estimate(replace(judged, hits=(hit,)), (truth,))
-            for hit, truth in zip(judged.hits, truths, strict=True)
-        ]
-        about["deviations"] = [
-            [h.effect.name, one["z"]]
-            for h, one in zip(hidden, found, strict=True)
-            if one["parameter"]
-        ]
+    if task.group not in _WITH_ORACLE:
+        del row["deviations"]
     if seen := _seen(task, made, effects):
         about["oracle_nats"] = min(one.nats for one in seen)
         about["oracle_sees"] = all(one.sees for one in seen)
@@ -296,9 +294,9 @@ def _clear(rng, name: str, multiples: Sequence[float], minimum) -> PlantEffect:
     robot = the_arm()
     for _ in range(_TRIES):
         one = draw_sized(robot, rng, name, float(rng.choice(multiples)), minimum)
-        found = measured(one, minimum, robot, None)
+        found = measured(one, minimum, robot)
         # In proportion to no parameter, or large enough; not where no size would show.
-        if found.size is None or (found.multiple or 0.0) >= CLEAR - 1e-6:
+        if found.size is None or (found.multiple or 0.0) >= CLEAR - ROUNDING:
             break
     return one
 

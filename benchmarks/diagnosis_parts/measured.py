@@ -10,8 +10,9 @@ from dataclasses import replace
 import numpy as np
 
 from benchmarks.harness.figures import Figures, figure, missing
+from benchmarks.harness.rates import wilson
+from benchmarks.hidden.score import Name, Said, members
 from benchmarks.measured_parts import arms
-from flows.blind.score import Name, Said, members, wilson
 from residual.diagnosis.examine import examine
 from residual.evidence.fit import as_model
 from residual.evidence.rules import Rules

@@ -16,6 +16,7 @@ from benchmarks.harness.origin import ROOT, circumstances, code_hash, save
 Rows = Sequence[Mapping]
 STORE = ROOT / "store" / "benchmarks"
 QUICK_SEEDS = "1:1"
+_DRAWS = ("benchmarks/hidden", "benchmarks/synthetic")
 
 
 def read_options(
@@ -94,8 +95,9 @@ def crash_figures(rows: Mapping[str, Rows]) -> Figures:
 def kept_file(name: str, *parts: str, code: str | None = None) -> Path:
     """Return where rows are kept that are made by this very code.
 
-    `parts` draw, run and judge besides the product (or `code`, in place of its hash);
-    what only makes figures of rows (`bars.py`) does not count.
+    `parts` run and judge besides the product and what hides and finds (or `code`, in
+    place of the hash of those); what only makes figures of rows (`bars.py`) does not
+    count.
     """
     plan = [
         file.relative_to(ROOT).as_posix()
@@ -103,7 +105,7 @@ def kept_file(name: str, *parts: str, code: str | None = None) -> Path:
         for file in (sorted(path.rglob("*.py")) if path.is_dir() else [path])
         if file.name != "bars.py"
     ]
-    product = code or code_hash("residual", "sim", "warehouse/logs", "flows/blind")
+    product = code or code_hash("residual", "sim", "warehouse/logs", *_DRAWS)
     return STORE / f"{name}-{product}-{code_hash(*plan)[:10]}.jsonl"
 
 

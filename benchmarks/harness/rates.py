@@ -9,12 +9,20 @@ from dataclasses import dataclass
 from time import perf_counter, process_time
 
 import numpy as np
+from scipy.stats import binomtest
 
 from benchmarks.harness.figures import NO_BAR, Figures, figure
-from flows.blind.score import wilson
 
 Rows = Sequence[Mapping]
 Hit = Callable[[Mapping], bool]
+
+
+def wilson(hits: int, n: int) -> list[float]:
+    """Return the 95 % Wilson interval of a rate, to four digits; of nothing [0, 1]."""
+    if n == 0:
+        return [0.0, 1.0]
+    interval = binomtest(hits, n).proportion_ci(method="wilson")
+    return [round(float(interval.low), 4), round(float(interval.high), 4)]
 
 
 def share(hits: int, n: int, **extra: object) -> dict:

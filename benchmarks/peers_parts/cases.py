@@ -1,59 +1,69 @@
-"""Cases of each program: what it answers on an exported study, and if it is so.
+"""Cases that each program answers, and whether it is so.
 
-Ours is `modelgap diagnose` of the fit logs of a case. The last quarter of the longest
-log is its proof, as always where no log is held out.
+An arm hides one effect, two, nothing, or something that has no name. A program is given
+logs to fit, logs whose torque it may predict, and two of the same arm without one of
+its effects. All cases of a seed are of one arm's description and have the same motions.
+Ours is `modelgap diagnose` of the fit logs; the last quarter of the longest is its
+proof, as always where no log is held out.
 """
 
-import json
-from collections.abc import Callable, Mapping
-from dataclasses import asdict, dataclass
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import asdict, dataclass, replace
 from functools import lru_cache
-from pathlib import Path
+from itertools import islice
 from time import perf_counter
 
 import numpy as np
 
 import modelgap as mg
 from benchmarks.harness.cases import guarded
-from benchmarks.peers_parts import sparse, squares
-from benchmarks.peers_parts.opened import Answer, Case, Log
-from flows.blind.export import score
-from flows.blind.export.write import OPEN, SEALED
-from flows.blind.score import Said, members
+from benchmarks.harness.logs import CONTROL, PAUSE, RATE
+from benchmarks.hidden.drawn import MULTIPLES, OF_A_PAIR, draw_sized, vocabulary
+from benchmarks.hidden.oracle import oracle
+from benchmarks.hidden.score import NOTHING, PAIR, SINGLE, UNKNOWN, Name, members
+from benchmarks.peers_parts import judge, sparse, squares
+from benchmarks.peers_parts.opened import Answer, Case
+from flows.specs.experiment import derived_seed
+from residual.diagnosis.result import Detectable
+from residual.effects import registry, reported_joints
+from residual.method.diagnose import diagnose
 from residual.recording import Recording
-from residual.robot.robot import Robot, robot_from_texts
+from residual.robot.robot import Robot, load_robot
+from sim.draw import light_arm
+from sim.engine.records import (
+    Noise,
+    PlantEffect,
+    PlantSpec,
+    Rates,
+    Reference,
+    TrajectorySpec,
+    stream,
+)
+from sim.experiment import run_experiment
+from sim.trajectories import make_reference
+
+# Of twenty cases, in an order of their own for every seed.
+_KINDS = (*10 * (SINGLE,), *3 * (PAIR,), *4 * (NOTHING,), *3 * (UNKNOWN,))
+_FAMILIES, _EXPERIMENTS = ("fourier", "cyclic", "move_stop_move"), (3, 4, 5, 6)
+_HELD_OUT = ("welding", "fourier")  # one of a family that is never fitted
+_AFTER = ("fourier", "cyclic")
+_TORQUE, _ENCODER = (0.005, 0.015, 0.03), (5e-5, 1e-4, 2e-4)  # share of range; rad
+_TRIES = 20  # to draw a second effect that is not the first again
+BENCH = "bench"  # the arm with nothing hidden, which says the detectable sizes
 
 
 def answer(case: Case) -> Answer:
-    text = json.dumps(case.declared, sort_keys=True)
-    robot = robot_from_texts(case.entry["robot"], case.urdf, text)
-    fit = [_recording(robot, name, log) for name, log in case.logs("fit").items()]
-    found = mg.diagnose(robot, fit, trust_log=True)
+    found = mg.diagnose(case.robot, list(case.fit.values()), trust_log=True)
     said = members(found.verdict)
     left = list(found.verdict.unexplained.joints)
-    model, predictions = found.models["augmented"], {}
-    for name, log in case.logs("held_out").items():
-        predictions[name] = model.predict(_recording(robot, name, log))
+    model = found.models["augmented"]
+    predictions = {name: model.predict(log) for name, log in case.held_out.items()}
     for k, one in enumerate(said, start=1):
         without = model.without(one.name.effect, one.name.joints or None)
-        for name, log in case.logs("after").items():
-            recording = _recording(robot, name, log)
-            predictions[f"finding_{k}_{name}"] = without.predict(recording)
+        for name, log in case.after.items():
+            predictions[f"finding_{k}_{name}"] = without.predict(log)
     unknown = left or found.verdict.verdict == "unknown"
-    return Answer(tuple(map(_finding, said)), unknown, predictions)
-
-
-def _recording(robot: Robot, name: str, log: Log) -> Recording:
-    # A torque that is to be predicted is not looked at.
-    tau = np.zeros_like(log.q) if log.tau is None else log.tau
-    return Recording(name, robot.name, log.t, log.q, tau)
-
-
-def _finding(said: Said) -> dict:
-    near = [{"effect": n.effect, "joints": list(n.joints)} for n in said.alike]
-    out = {"effect": said.name.effect, "joints": list(said.name.joints), "or": near}
-    sure = said.finding.probability
-    return out | ({} if sure is None else {"confidence": sure})
+    return Answer(tuple((s.name, *s.alike) for s in said), unknown, predictions)
 
 
 PROGRAMS: Mapping[str, Callable[[Case], Answer]] = {
@@ -65,69 +75,191 @@ PROGRAMS: Mapping[str, Callable[[Case], Answer]] = {
 
 @dataclass(frozen=True, slots=True)
 class Task:
-    """One case for one program."""
+    """One case for some programs."""
 
-    program: str
     seed: int
-    case: str
-    folder: str
+    case: str  # "case_001" and so on, or BENCH
+    seconds: float  # length of a log
+    programs: tuple[str, ...] = ()
 
     @property
     def name(self) -> str:
         """Key of the result."""
-        return f"{self.seed} {self.case} {self.program}"
+        return " ".join(map(str, (self.seed, self.seconds, self.case, *self.programs)))
 
 
-def names(folder: Path) -> list[str]:
-    content = json.loads((folder / OPEN / "cases.json").read_text(encoding="utf-8"))
-    return list(content["cases"])
+def run(job: tuple[Task, Sequence[Mapping]]) -> dict:
+    """Let the programs answer one case and judge each; of a crash the error."""
+    task, minimum = job
+    about = {"seed": task.seed, "case": task.case}
+    if task.case == BENCH:
+        return guarded(about, lambda: _bench(task))
+    return guarded(about, lambda: _done(task, [Detectable(**d) for d in minimum]))
 
 
-def run(task: Task) -> dict:
-    """Let a program answer, then open the truth; of a crash the error."""
-    about = {k: v for k, v in asdict(task).items() if k != "folder"}
-    return guarded(about, lambda: about | _done(task))
+def _bench(task: Task) -> dict:
+    """Return the smallest sizes that logs of the same motions would show."""
+    logs, _ = _logs(task, "null/0", (), {})
+    fit = [log for name, log in logs.items() if name[0] == "f"]
+    held = [log for name, log in logs.items() if name[0] == "h"]
+    verdict = diagnose(_arm(task.seed), fit, (), held).verdict
+    for name, (spec, _) in _motions(task).items():
+        if name[0] == "a":  # whether the arm can make it at all
+            _reference(task.seed, spec)
+    return {"minimum": [asdict(d) for d in verdict.minimum_detectable]}
 
 
-def _done(task: Task) -> dict:
-    folder = Path(task.folder)
-    begun = perf_counter()
-    found = PROGRAMS[task.program](Case(folder / OPEN, task.case))
-    seconds = round(perf_counter() - begun, 2)
-    own = folder.parent / "answers" / folder.name / task.program / task.case
-    found.write(own)
-    truth = _truth(folder)
-    true, known = truth["cases"][task.case], truth["classes"]
-    answer = score.read_answer(task.case, found.entry, known)
-    sealed = folder / SEALED / task.case
-    row = score.judged(true, answer, known)
+def _done(task: Task, minimum: Sequence[Detectable]) -> dict:
+    robot, number = _arm(task.seed), int(task.case[-3:]) - 1
+    kind, effects = _hidden(task.seed, number, minimum)
+    there = [
+        Name(e.name, tuple(sorted(reported_joints(e.name, e.joints, robot.dof))))
+        for e in effects
+    ]
+    # Which effect the arm has no more in each log after; none where it has none.
+    after = (name for name in _motions(task) if name[0] == "a")
+    gone = {name: min(i, len(effects) - 1) for i, name in enumerate(after)}
+    logs, case = _logs(task, f"case/{number}", effects, gone)
+    truth = judge.Truth(kind, tuple(there))
+    if kind != UNKNOWN:
+        fit, held = ([logs[n] for n in own] for own in (case.fit, case.held_out))
+        model, _ = oracle(robot, fit, held, [(n.effect, n.joints) for n in there])
+        for name, log in zip(case.held_out, held, strict=True):
+            truth.torque[name] = log, model.predict(log), None
+        for name, number in gone.items() if effects else ():
+            left = model.without(there[number].effect, there[number].joints or None)
+            truth.torque[name] = logs[name], left.predict(logs[name]), number
     return {
-        "answered": True,
-        "seconds": seconds,
-        **row,
-        **score.torque_ratios(true, answer, known, (sealed, own)),
-        "hidden": [[e["effect"], e["joints"]] for e in true["effects"]],
-        "said": found.entry,
-        "outcome": _outcome(row["levels"]),
+        program: guarded({}, lambda program=program: _answered(program, case, truth))
+        for program in task.programs
     }
 
 
-@lru_cache(maxsize=4)
-def _truth(folder: Path) -> dict:
-    return json.loads((folder / SEALED / "truth.json").read_text(encoding="utf-8"))
-
-
-def _outcome(levels: Mapping) -> str:
-    """One word for the log of a run: the finest level at which all is right."""
-    right = (level for level in score.LEVELS if levels[level]["exact"])
-    return next(right, "wrong")
+def _answered(program: str, case: Case, truth: judge.Truth) -> dict:
+    begun = perf_counter()
+    found = PROGRAMS[program](case)
+    seconds = round(perf_counter() - begun, 2)
+    row = judge.judged(truth, found)
+    exact = (level for level in judge.LEVELS if row["levels"][level]["exact"])
+    return {
+        "seconds": seconds,
+        **row,
+        "hidden": list(map(str, truth.effects)),
+        "said": [list(map(str, names)) for names in found.findings],
+        "unknown": found.unknown,
+        # The finest level at which all is right.
+        "outcome": next(exact, "wrong"),
+    }
 
 
 def words(row: Mapping) -> str:
-    if "outcome" not in row:
+    if "minimum" in row:
         return "done"
-    hidden = "; ".join(f"{name} {on}" for name, on in row["hidden"]) or "nothing"
-    found = row["said"]["findings"]
-    said = "; ".join(f"{f['effect']} {f.get('joints', [])}" for f in found) or "nothing"
-    left = f", unknown {row['said']['unknown']}" if row["flagged"] else ""
-    return f"{row['outcome']}: {hidden} -> {said}{left} ({row['seconds']} s)"
+    first = next((own for own in row.values() if "outcome" in own), {"hidden": "?"})
+    said = ", ".join(f"{k} {own.get('outcome', 'crash')}" for k, own in row.items())
+    return f"{'; '.join(first['hidden']) or 'nothing'}: {said}"
+
+
+@lru_cache(maxsize=4)
+def _arm(seed: int) -> Robot:
+    """Return the built-in arm for odd seeds, and a drawn one for even ones."""
+    return load_robot("irb140") if seed % 2 else light_arm(derived_seed(seed, "arm/1"))
+
+
+def _excitation(seed: int) -> tuple[tuple[str, ...], Noise]:
+    """Draw the families of the logs to fit, and the noise; one is always Fourier."""
+    rng = stream(seed, "excitation/0")
+    count = int(rng.choice(_EXPERIMENTS))
+    more = map(str, rng.choice(_FAMILIES, count - 1))
+    fit = ("fourier", *more)
+    return fit, Noise(float(rng.choice(_TORQUE)), float(rng.choice(_ENCODER)))
+
+
+def _motions(task: Task) -> dict[str, tuple[TrajectorySpec, float]]:
+    """Return each log's motion and when it begins [s], by its name."""
+    fit, _ = _excitation(task.seed)
+    roles = {"fit": fit, "held_out": _HELD_OUT, "after": _AFTER}
+    named = [
+        (f"{role}_{i}", kind)
+        for role, kinds in roles.items()
+        for i, kind in enumerate(kinds, start=1)
+    ]
+    out = {}
+    for place, (name, kind) in enumerate(named):
+        seed = derived_seed(task.seed, f"excitation/0/{place}")
+        spec = TrajectorySpec(kind, task.seconds, seed=seed)
+        out[name] = spec, place * (task.seconds + PAUSE)
+    return out
+
+
+@lru_cache(maxsize=12)
+def _reference(seed: int, spec: TrajectorySpec) -> Reference:
+    return make_reference(_arm(seed), spec, CONTROL)
+
+
+def _logs(
+    task: Task, label: str, effects: Sequence[PlantEffect], gone: Mapping[str, int]
+) -> tuple[dict[str, Recording], Case]:
+    """Record a case, and what anybody may know of it.
+
+    Args:
+        label: Whose arm; each has scatter and noise of its own.
+        gone: Number of the effect that it has no more, by the logs after to record.
+    """
+    robot, (_, noise) = _arm(task.seed), _excitation(task.seed)
+    seed, out = derived_seed(task.seed, f"plant/{label}"), {}
+    for name, (spec, start) in _motions(task).items():
+        if name[0] == "a" and name not in gone:
+            continue
+        left = tuple(e for i, e in enumerate(effects) if i != gone.get(name))
+        plant = PlantSpec(left, noise=noise, seed=seed)
+        reference = _reference(task.seed, spec)
+        made = run_experiment(robot, reference, plant, Rates(CONTROL, RATE), start)
+        out[name] = replace(made.log, id=name, q_ref=None)
+    parts: dict[str, dict] = {role: {} for role in "fha"}
+    for name, log in out.items():
+        kept = log if name[0] == "f" else replace(log, tau=np.zeros_like(log.tau))
+        parts[name[0]][name] = kept
+    return out, Case(robot, *parts.values())
+
+
+def _hidden(
+    seed: int, number: int, minimum: Sequence[Detectable]
+) -> tuple[str, tuple[PlantEffect, ...]]:
+    """Draw what a case hides: its kind, and effects with joints and sizes."""
+    robot = _arm(seed)
+    known, unknown = vocabulary(robot)
+    named = _shuffled(seed, "effects", known)
+    strange = _shuffled(seed, "unknown", unknown)
+    for index, kind in enumerate(islice(_shuffled(seed, "kinds", _KINDS), number + 1)):
+        rng, wanted = stream(seed, f"multiples/{index}"), []
+        if kind == SINGLE:
+            wanted = [(next(named), float(rng.choice(MULTIPLES)))]
+        elif kind == PAIR:
+            wanted = [(next(named), float(rng.choice(OF_A_PAIR))) for _ in range(2)]
+        elif kind == UNKNOWN:
+            wanted = [(next(strange), None)]
+    made: list[PlantEffect] = []
+    for place, wish in enumerate(wanted):
+        rng = stream(seed, f"hidden/{number}/{place}")
+        for _ in range(_TRIES):
+            one = draw_sized(robot, rng, *wish, minimum)
+            if not any(_same_thing(one, other) for other in made):
+                break
+        made.append(one)
+    return kind, tuple(made)
+
+
+def _shuffled(seed: int, name: str, items: Sequence[str]) -> Iterator[str]:
+    return (items[i] for i in stream(seed, f"{name}/0").permutation(len(items)))
+
+
+def _same_thing(one: PlantEffect, other: PlantEffect) -> bool:
+    """Whether two effects are one: of one name or one family, on a common joint."""
+
+    def family(effect: PlantEffect) -> str:
+        known = registry().get(effect.name)
+        return (known and known.family) or effect.name
+
+    apart = one.joints and other.joints and not set(one.joints) & set(other.joints)
+    return family(one) == family(other) and not apart

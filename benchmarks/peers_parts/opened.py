@@ -1,4 +1,4 @@
-"""What a program is given of an exported study, and the answer that it writes.
+"""What a program is given of a case, and what it answers.
 
 Least squares and sparse selection share torque as a linear model of bodies and drives.
 Angles are low-passed without phase and differentiated; torque and columns then pass the
@@ -10,89 +10,36 @@ import json
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from functools import cached_property
-from pathlib import Path
 
 import numpy as np
 import pinocchio as pin
 from scipy.signal import butter, sosfiltfilt
 
-Array = np.ndarray
+from benchmarks.hidden.score import Name
+from residual.recording import Array, Recording
+from residual.robot.robot import Robot
 
 
 @dataclass(frozen=True, eq=False, slots=True)
-class Log:
-    """One log."""
-
-    t: Array  # time of the session [s]. Shape (n,).
-    q: Array  # positions [rad]. Shape (n, dof).
-    # Torques [N m], shape (n, dof); None where they are to be predicted
-    tau: Array | None
-
-
-@dataclass(frozen=True)
 class Case:
-    """One case of an exported study; nothing under ``sealed`` is read."""
+    """What anybody may know of one case: logs by their names."""
 
-    folder: Path
-    name: str
-
-    @cached_property
-    def entry(self) -> Mapping:
-        """Its robot and the names of its logs."""
-        content = json.loads((self.folder / "cases.json").read_text(encoding="utf-8"))
-        return content["cases"][self.name]
-
-    @property
-    def urdf(self) -> str:
-        """Text of the robot's URDF."""
-        name = self.entry["robot"]
-        path = self.folder / "robots" / name / f"{name}.urdf"
-        return path.read_text(encoding="utf-8")
-
-    @cached_property
-    def declared(self) -> Mapping:
-        """What else is stated of the robot."""
-        path = self.folder / "robots" / self.entry["robot"] / "declared.json"
-        return json.loads(path.read_text(encoding="utf-8"))
-
-    def logs(self, role: str) -> dict[str, Log]:
-        """Return its logs of a role, by name: "fit", "held_out" or "after"."""
-        return {name: self._read(name) for name in self.entry[role]}
-
-    def _read(self, name: str) -> Log:
-        path = self.folder / "logs" / self.name / f"{name}.csv"
-        with path.open(encoding="utf-8") as file:
-            head = file.readline().strip().split(",")
-            rows = np.loadtxt(file, delimiter=",", ndmin=2)
-        of = {
-            s: [i for i, h in enumerate(head) if h[: len(s)] == s] for s in ("q", "tau")
-        }
-        tau = rows[:, of["tau"]] if of["tau"] else None
-        return Log(rows[:, 0], rows[:, of["q"]], tau)
+    robot: Robot  # the arm as its maker states it
+    fit: Mapping[str, Recording]  # find it in these
+    held_out: Mapping[str, Recording]  # predict the torque, which is told as zero
+    after: Mapping[str, Recording]  # the same of the arm without one of its effects
 
 
 @dataclass(frozen=True, eq=False, slots=True)
 class Answer:
     """What a program says of one case."""
 
-    findings: tuple[Mapping, ...]
+    # Of each finding its name, then what it may be instead
+    findings: tuple[tuple[Name, ...], ...]
     # Whether, or on which joints, something is left that has no name
     unknown: bool | list[int] = False
-    # Torque by name of the file [N m]. Shapes (n, dof).
+    # Torque by name of the log, and by that of finding and log [N m]. Shapes (n, dof).
     predictions: Mapping[str, Array] = field(default_factory=dict)
-
-    @property
-    def entry(self) -> dict:
-        """Its place in an answers file."""
-        return {"findings": list(self.findings), "unknown": self.unknown}
-
-    def write(self, folder: Path) -> None:
-        """Write the predictions as CSV."""
-        folder.mkdir(parents=True, exist_ok=True)
-        for name, tau in self.predictions.items():
-            head = ",".join(f"tau{i}" for i in range(1, tau.shape[1] + 1))
-            path = folder / f"{name}.csv"
-            np.savetxt(path, tau, "%.6g", ",", header=head, comments="")
 
 
 CUTOFF, THIN = 10.0, 10  # Hz; samples of which one is kept
@@ -122,8 +69,8 @@ class Arm:
     @cached_property
     def model(self) -> pin.Model:
         """The rigid body."""
-        model = pin.buildModelFromXML(self.case.urdf)
-        model.gravity.linear = np.array(self.case.declared["robot"]["gravity"])
+        model = pin.buildModelFromXML(self.case.robot.urdf)
+        model.gravity.linear = self.case.robot.model.gravity.linear
         return model
 
     @property
@@ -135,7 +82,7 @@ class Arm:
     def nominal(self) -> Array:
         """Parameters as given; the force at the flange is zero. Shape (p,)."""
         bodies = [b.toDynamicParameters() for b in list(self.model.inertias)[1:]]
-        declared: Mapping = self.case.declared.get("declared", {})
+        declared: Mapping = json.loads(self.case.robot.toml).get("declared", {})
         drives = [
             declared.get(name, {}).get(_KEYS[name], [0.0] * self.dof) for name in DRIVES
         ]
@@ -150,7 +97,7 @@ class Arm:
             return list(range(13 * n, 13 * n + 3))
         return [BODY * n + DRIVES.index(kind) * n + joint - 1]
 
-    def columns(self, log: Log) -> tuple[Array, Array]:
+    def columns(self, log: Recording) -> tuple[Array, Array]:
         """Return torque columns and velocities at all samples of a log."""
         n, rate = self.dof, 1 / np.median(np.diff(log.t))
         q = low_pass(log.q, rate)
@@ -168,7 +115,7 @@ class Arm:
                 out[:, j, (BODY + k) * n + j] = values[:, j]
         return out, qd
 
-    def rows(self, log: Log) -> Rows:
+    def rows(self, log: Recording) -> Rows:
         """Return a log with torque as equations, filtered and thinned out."""
         columns, qd = self.columns(log)
         rate = 1 / np.median(np.diff(log.t))
@@ -179,7 +126,7 @@ class Arm:
         moving = np.abs(qd[THIN:-THIN:THIN]) > STANDS
         return Rows(kept[:, :p].reshape(-1, *columns.shape[1:]), kept[:, p:], moving)
 
-    def predict(self, log: Log, change: Array) -> Array:
+    def predict(self, log: Recording, change: Array) -> Array:
         """Return the torque of changed parameters on a log [N m]. Shape (n, dof)."""
         return self.columns(log)[0] @ (self.nominal + change)
 

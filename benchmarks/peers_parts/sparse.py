@@ -13,8 +13,9 @@ from collections.abc import Sequence
 
 import numpy as np
 
+from benchmarks.hidden.score import Name
 from benchmarks.peers_parts.opened import DRIVES, Answer, Arm, Case, Rows
-from benchmarks.peers_parts.squares import SCATTER, sums
+from benchmarks.peers_parts.squares import SCATTER, body, sums
 
 Array = np.ndarray
 Group = tuple[str, int]  # kind and joint from 1
@@ -28,14 +29,14 @@ RIDGE = 1e-6  # of a column's size
 def answer(case: Case) -> Answer:
     """Return the groups that lower the error on trajectories that were left out."""
     arm = Arm(case)
-    fit = _Fit(arm, [arm.rows(log) for log in case.logs("fit").values()])
+    fit = _Fit(arm, [arm.rows(log) for log in case.fit.values()])
     chosen = _selected(arm, fit)
     change = fit.change(chosen, range(len(fit.gram)))
     findings = tuple(_finding(arm, fit, group, change) for group in chosen)
     predictions = {}
-    for name, log in case.logs("held_out").items():
+    for name, log in case.held_out.items():
         predictions[name] = arm.predict(log, change)
-    for name, log in case.logs("after").items():
+    for name, log in case.after.items():
         columns, _ = arm.columns(log)
         for k, group in enumerate(chosen, start=1):
             left = change.copy()
@@ -123,20 +124,17 @@ def _solved(gram: Array, cross: Array) -> Array:
     return (np.linalg.solve(scaled, (cross.T / size).T).T / size).T
 
 
-def _finding(arm: Arm, fit: _Fit, group: Group, change: Array) -> dict:
+def _finding(arm: Arm, fit: _Fit, group: Group, change: Array) -> tuple[Name, ...]:
     kind, joint = group
     if kind == "force":
-        return {"effect": "tool_force"}
-    if kind == "drive":
-        # It does not tell friction from a rotor: what makes most torque is named.
-        whole = sum(fit.gram)
-        torque = {k: _torque(whole, change, arm.places(k, joint)) for k in DRIVES}
-        most = max(torque, key=lambda name: torque[name])
-        rest = [{"effect": k, "joints": [joint]} for k in DRIVES if k != most]
-        return {"effect": most, "joints": [joint], "or": rest}
-    link = {"effect": "link_inertia", "joints": [joint]}
-    load = {"effect": "payload", "joints": [joint]}
-    return {**load, "or": [link]} if joint == arm.dof else link
+        return (Name("tool_force", ()),)
+    if kind == "body":
+        return body(arm, joint)
+    # It does not tell friction from a rotor: what makes most torque is named.
+    whole = sum(fit.gram)
+    torque = {k: _torque(whole, change, arm.places(k, joint)) for k in DRIVES}
+    most = max(torque, key=lambda name: torque[name])
+    return tuple(Name(k, (joint,)) for k in (most, *(k for k in DRIVES if k != most)))
 
 
 def _torque(gram: Array, change: Array, own: Sequence[int]) -> float:

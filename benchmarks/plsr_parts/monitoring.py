@@ -13,7 +13,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from benchmarks.harness.figures import Figures, figure, missing, partial
-from flows.blind.score import wilson
+from benchmarks.harness.rates import wilson
 from residual.errors import InputError
 from residual.model.nominal import declared_names, prepare_logs, start_nominal
 from residual.monitoring.monitor import Alarm, calibrate

@@ -85,7 +85,6 @@ _COMMANDS = {
         "trajectory": ("experiment:trajectory", None),
         "experiment": ("experiment:experiment", None),
         "campaign": ("experiment:campaign", None),
-        "blind": ("demo:blind", None),
     },
     "History": {
         "runs": ("store:runs", None),
@@ -111,7 +110,7 @@ _COMMANDS = {
 _BELOW = {
     "Your robot's model": ("model", "Models: adopted, predicted with, exported."),
     "Sensors": ("sensors", "Alarms of sensors."),
-    "Your experiments": ("sim", "Simulated arms: motions, experiments, studies."),
+    "Your experiments": ("sim", "Simulated arms: motions, experiments, campaigns."),
     "History": ("store", "All that was ever run: list, ask in SQL, rerun, keep."),
     "Schedule": ("project", "A project with an inbox, and the service of each night."),
 }
@@ -140,7 +139,7 @@ _WORDS = {
     "DAYS": "older-than",
     "HERTZ": "rate",
     "RADIANS": "encoder-step",
-    "COUNT": "per-hour workers n arms draws components periods seeds limit",
+    "COUNT": "per-hour workers draws components periods seeds limit",
     "SHARE": "prior",
     "NUMBER": "seed port",
     "1,2,3": "levels joints",

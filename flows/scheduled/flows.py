@@ -13,7 +13,6 @@ from flows.requests import Campaign
 from flows.scheduled import loop, tasks
 from flows.scheduled import project as projects
 from flows.settings import HEALTHY, store_folder
-from sim.engine.records import WORKSHOP, BackgroundWord
 
 _LIMIT = 12 * tasks.HOUR
 _NIGHT = 24 * tasks.HOUR
@@ -174,31 +173,6 @@ def report(diagnosis: str, proof: str, store: str | None = None) -> str:
     return tasks.report([diagnosis, proof], str(store_folder(store)))
 
 
-@flow(name="blind", timeout_seconds=_NIGHT)
-def blind(
-    n: int = 40,
-    seed: int | None = None,
-    store: str | None = None,
-    background: BackgroundWord = WORKSHOP,
-) -> str:
-    """Hide effects from the diagnosis and count how often it is right.
-
-    Args:
-        n: Number of cases.
-        seed: Seed of the study; without it the date of the schedule, so that every
-            week has cases of its own and the same week the same.
-        store: Folder of the store; else $MODELGAP_STORE, else ./store.
-        background: What all joints have beside what is hidden: clean, workshop, worn.
-    """
-    place = str(store_folder(store))
-    return tasks.study(n, _date() if seed is None else seed, place, background)
-
-
 def _second() -> int:
     """The time of the schedule as a seed: 20261122020000 for two in the morning."""
     return int(f"{flow_run.scheduled_start_time:%Y%m%d%H%M%S}")
-
-
-def _date() -> int:
-    """The date of the schedule as a seed: the same run made again is the same."""
-    return int(f"{flow_run.scheduled_start_time:%Y%m%d}")

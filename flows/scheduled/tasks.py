@@ -14,12 +14,9 @@ from prefect import task as prefect_task
 from prefect.cache_policies import NO_CACHE
 
 from flows import requests
-from flows.blind import run as blind_run
-from flows.blind.draw import StudyRequest
 from flows.inputs.given import robot_of
 from flows.project.deployments import ALARM
 from flows.report import stored
-from flows.report.study import headline, lines, store_page
 from flows.scheduled import artifacts
 from flows.settings import HEALTHY, store_folder
 from flows.specs.experiment import load_spec
@@ -33,7 +30,6 @@ from flows.steps import monitor as monitoring
 from flows.steps import rerun as reruns
 from flows.steps import validate as validation
 from flows.workers.pool import ClusterLostError
-from sim.engine.records import CLEAN, BackgroundWord
 
 HOUR = 3600.0  # s
 
@@ -206,23 +202,6 @@ def report(ids: list[str], store: str) -> str:
     name = artifacts.name_of(ids[0], Path(store))
     artifacts.verdict(name, page, stored.words(ids[1], Path(store)))
     artifacts.rename(name)
-    return str(page)
-
-
-@task(name="study", task_run_name="study", tags=["analysis"], timeout_seconds=None)
-def study(n: int, seed: int, store: str, background: BackgroundWord = CLEAN) -> str:
-    """Run what is not in the store, in a pool of processes; write the page."""
-    request = StudyRequest(n, seed, background=background)
-    log, place = get_run_logger(), Path(store)
-    made = blind_run.run_study(request, place, lambda what, _: log.info(what))
-    for why in made.failed:
-        log.warning(why)
-    page = store_page(request, made, place)
-    figures = (f"- {what}: {value}, {n}" for what, value, n in lines(made.summary))
-    words = "\n".join([f"{headline(made.summary)}\n", *figures])
-    about = f"study {made.id}: how often hidden effects were rightly named"
-    artifacts.linked("blind", page, words, "All cases", about)
-    artifacts.rename(f"{request.robot} blind study: {headline(made.summary)}")
     return str(page)
 
 

@@ -16,7 +16,6 @@ from residual.recording import Array, Recording
 
 BackgroundWord = Literal["clean", "workshop", "worn"]
 CLEAN: BackgroundWord = "clean"
-WORKSHOP: BackgroundWord = "workshop"
 BACKGROUNDS: tuple[BackgroundWord, ...] = get_args(BackgroundWord)
 
 HIDDEN = "hidden"

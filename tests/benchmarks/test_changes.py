@@ -14,8 +14,8 @@ from benchmarks.changes_parts.case import (
     Truth,
     from_json,
 )
+from benchmarks.hidden.score import Name
 from benchmarks.measured_parts.arms import UR10E, absent
-from flows.blind.score import Name
 
 
 @pytest.fixture(autouse=True)

@@ -159,7 +159,7 @@ def test_help_teaches_by_example(capsys, words):
     assert f"\n modelgap {command}" in capsys.readouterr().out
 
 
-@pytest.mark.parametrize("words", ["store runs", "runs", "model list", "sim blind"])
+@pytest.mark.parametrize("words", ["store runs", "runs", "model list", "sim campaign"])
 def test_a_command_is_found_below_its_word_and_by_its_old_name(capsys, words):
     assert run(f"{words} --help") == 0
     assert f"modelgap {words} " in capsys.readouterr().out

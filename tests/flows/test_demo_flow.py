@@ -2,7 +2,6 @@
 
 import json
 from pathlib import Path
-from types import SimpleNamespace
 
 import pytest
 import yaml
@@ -10,7 +9,6 @@ import yaml
 from flows.settings import API, PAGES, quiet_prefect
 from flows.steps import campaign
 from residual.errors import RunError
-from tests.flows.blind_rows import row
 from tests.flows.faked_night import NAME, faked
 
 ROOT = Path(__file__).parents[2]
@@ -92,33 +90,6 @@ def test_a_night_is_called_by_its_verdict_and_leaves_few_artifacts(
         {"run": "cc", "what": "open loop [mrad]", "J1": 1.0}
     ]
     assert Artifact.get("campaign-progress").type == "progress"
-
-
-def test_the_flow_of_a_blind_study_runs_it_and_links_its_page(
-    flows, monkeypatch, tmp_path
-):
-    from flows.blind.score import summary
-    from flows.scheduled import tasks
-
-    asked = []
-    rows = [row("single", "right", multiple=3.0)]
-    made = SimpleNamespace(
-        rows=rows, summary=summary(rows), id="aa", failed=("case 1",)
-    )
-
-    def run_study(study, store, tell):
-        asked.append((study.n, study.seed, store))
-        tell("case 0 judged", 1.0)
-        return made
-
-    page = tmp_path / "report.html"
-    monkeypatch.setattr(tasks.blind_run, "run_study", run_study)
-    monkeypatch.setattr(tasks, "store_page", lambda *given: page)
-    assert flows.blind(7, 3, str(tmp_path)) == str(page)
-    assert asked == [(7, 3, tmp_path)]
-    # Without a seed it is the day of the schedule.
-    flows.blind(2, None, str(tmp_path))
-    assert 20200101 < asked[1][1] < 21000101
 
 
 def _deployments() -> list[dict]:

@@ -75,19 +75,6 @@ NAMED = {
         GROUP BY ALL ORDER BY trajectory, joint
         """,
     ),
-    "blind_confusion": (
-        "what was hidden against what was named first, by the latest code",
-        """
-        SELECT drawn, coalesce(effect, 'none') AS hidden,
-               coalesce(named_first, blind.verdict) AS named, outcome, count(*) AS cases
-        FROM blind JOIN validations USING (validation_id)
-        WHERE method_hash = (
-            SELECT arg_max(method_hash, created)
-            FROM blind JOIN validations USING (validation_id)
-        )
-        GROUP BY ALL ORDER BY ALL
-        """,
-    ),
     "reruns_not_reproduced": (
         "reruns that gave other values: of which record, where, and why",
         """

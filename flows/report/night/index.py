@@ -1,4 +1,4 @@
-"""The index of all reports: nights, diagnoses, decisions, studies, models."""
+"""The index of all reports: nights, diagnoses, decisions, models."""
 
 from collections import Counter
 from collections.abc import Iterator, Mapping, Sequence
@@ -41,10 +41,6 @@ from warehouse.runs import tombstone
 from warehouse.verify import other_files
 
 PART = 200  # entries on one page
-# What reports of several diagnoses are called, and their page.
-_STUDIES = {
-    "blind": ("blind study", "report.html"),
-}
 
 
 class Entry(NamedTuple):
@@ -165,11 +161,6 @@ def _others(look: Look, place: Place) -> Iterator[Entry]:
         title = f"{whose}: {'waits' if row['waits'] else 'answered'}"
         href = place.report(row["report_id"], row["id"], "proposal.html")
         yield Entry(row["created"], "proposal", row["robot"], "decision", title, href)
-    for row in look.studies:
-        title, file = _STUDIES[row["kind"]]
-        href = place.report(row["id"], row["id"], file)
-        title = f"{row['robot']}: {title}"
-        yield Entry(row["created"], "study", row["robot"], "study", title, href)
     for row in look.models:
         title = f"{row['robot']}: {row['stage']} model {row['id'][:8]}"
         href = place.record(row["id"])

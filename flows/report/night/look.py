@@ -31,7 +31,6 @@ class Look:
     watched: Rows
     refused: Rows
     adoptions: Rows
-    studies: Rows
     models: Rows
     runs: Rows
 
@@ -170,7 +169,6 @@ KINDS = {
     "none": "nothing missing",
     "unknown": "unknown",
     "proposal": "decisions",
-    "study": "studies",
     "model": "models",
 }
 _PLAIN = re.compile(r"[a-z0-9_][a-z0-9_-]{0,39}")

@@ -106,11 +106,6 @@ ADOPTIONS = f"""
     FROM adoptions a ORDER BY adoption_id DESC
 """
 
-STUDIES = """
-    SELECT report_id AS id, robot, kind, created FROM reports
-    WHERE kind = 'blind' ORDER BY created DESC, report_id
-"""
-
 MODELS = f"""
     WITH {_UNIT}
     SELECT model_id AS id, coalesce(unit.robot, m.robot) AS robot, stage, created

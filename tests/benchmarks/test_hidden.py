@@ -1,21 +1,54 @@
 """What a verdict is worth beside the truth, case by case."""
 
-from collections import Counter
 from dataclasses import replace
 
+import pyarrow.parquet as pq
 import pytest
 
-from flows.blind.draw import StudyRequest, drafts
-from flows.blind.row import Hidden, case_row, draw_sized, estimate, measured
-from flows.blind.score import Name, members, score, summary, wilson
+from benchmarks import diagnosis
+from benchmarks.harness.rates import wilson
+from benchmarks.hidden.drawn import Hidden, draw_sized, measured, vocabulary
+from benchmarks.hidden.score import (
+    Name,
+    case_row,
+    confusion,
+    estimate,
+    members,
+    paired,
+    score,
+)
 from residual.diagnosis.result import Detectable
 from residual.effects import registry
-from residual.errors import InputError
 from residual.robot.robot import load_robot
 from sim.engine.records import PlantEffect, stream
-from tests.flows.blind_rows import entry, row, verdict
+from tests.verdict_documents import typed
 
 STRIBECK = Name("stribeck", (2,))
+
+
+def entry(name, joints, order=1, alike=(), parameters=None):
+    """Return one finding as a verdict has it."""
+    return {
+        "name": name,
+        "joints": list(joints),
+        "order": order,
+        "equivalent": [{"name": n, "joints": list(j)} for n, j in alike],
+        "parameters": parameters or {"level": {"value": 1.0, "std": 0.1, "unit": ""}},
+    }
+
+
+def verdict(*effects, unexplained=()):
+    """Return a verdict, of which only a part is judged."""
+    nothing = "unknown" if unexplained else "none"
+    part = {
+        "verdict": "effects" if effects else nothing,
+        "effects": list(effects),
+        "unexplained": {"joints": list(unexplained)},
+        "error": {
+            "overall_filtered": {"nominal": 20.0, "identified": 8.0, "augmented": 4.4}
+        },
+    }
+    return typed(part)
 
 
 def said(words):
@@ -73,13 +106,13 @@ def test_a_finding_on_two_joints_is_two_names_and_a_pair_of_gears_is_one():
     assert names == ["stribeck 5", "stribeck 2", "coupled_friction 5,6"]
     judged = score("single", [STRIBECK], verdict(merged))
     assert (judged.outcome, judged.extra) == ("right", 1)
-    found = estimate(judged, [{"level": 2.1}])
+    found = estimate(judged.hits[0], {"level": 2.1})
     assert (found["value"], found["std"]) == (2.0, 0.2)
 
 
 def test_a_row_has_size_parameter_and_the_share_of_the_gap():
     effect = PlantEffect("stribeck", (2,), (("level", 1.2), ("velocity", 0.05)))
-    hidden = [Hidden(effect, (2,), 1.2, "N m", 6.0)]
+    hidden = [Hidden(effect, (2,), 1.2, 6.0)]
     truth = [dict(effect.parameters)]
     made = case_row("single", hidden, truth, verdict(entry("stribeck", [2])), 4.0)
     told = [made[key] for key in ("outcome", "parameter", "multiple")]
@@ -91,35 +124,32 @@ def test_a_row_has_size_parameter_and_the_share_of_the_gap():
     assert flat["z"] is None
 
 
-def test_figures_of_a_study():
+def test_what_is_taken_for_what_is_printed_and_written(tmp_path, capsys):
+    def row(effect, outcome, first=None, flags=()):
+        told = {"named_first": first, "unexplained": list(flags)}
+        return {"effect": effect, "outcome": outcome} | told
+
     rows = [
-        row("single", "right", multiple=5.0, z=0.5, value=1.1, truth=1.0),
-        row("single", "nothing", multiple=1.0),
-        row("single", "wrong", multiple=3.0, named_first="offset"),
-        row("none", "right"),
-        row("none", "wrong", named_first="offset"),
-        row("unknown", "flagged", effect="x_wall"),
-        row("unknown", "flagged", effect="x_wall", unexplained=[4]),
-        row("pair", "right", found=2, multiple=3.0, second_multiple=None),
-        row("pair", "part", found=1, multiple=3.0, second_multiple=0.5),
+        row("stribeck", "right", "stribeck"),
+        row("stribeck", "class", "coulomb"),
+        row("stribeck", "wrong", "offset"),
+        row("stribeck", "nothing"),
+        row("x_wall", "flagged", None, [4]),
+        row(None, "right"),
     ]
-    told = summary(rows)
-    assert told["singles_clear_right"]["hits"] == 1
-    assert told["singles_clear_right"]["n"] == 2
-    assert told["named_right"] | {"interval": 0} == {
-        "value": pytest.approx(0.6),
-        "hits": 3,
-        "n": 5,
-        "interval": 0,
-    }
-    assert (told["false_alarms"]["hits"], told["false_alarms"]["n"]) == (1, 2)
-    assert told["unknown_flagged"]["value"] == 1.0
-    assert told["unknown_joint"]["value"] == 0.5
-    assert told["pairs_clear_both"]["n"] == 1
-    assert told["confusion"]["stribeck"] == {"stribeck": 1, "none": 1, "offset": 1}
-    assert [(p["hits"], p["n"]) for p in told["detection"]] == [(0, 1), (0, 1), (1, 1)]
-    assert told["errors"]["over_oracle"] == pytest.approx(1.1)
-    assert told["parameter_error"]["median"] == pytest.approx(0.1)
+    diagnosis.show_confusion({"singles": rows, "pairs": rows}, tmp_path / "all.json")
+    assert "stribeck                   4  stribeck 2, none 1, offset 1" in (
+        capsys.readouterr().out
+    )
+    written = pq.read_table(tmp_path / "all_confusion.parquet").to_pylist()
+    assert written == confusion(rows)
+    assert written[0] == {"hidden": "none", "said": "none", "cases": 1}
+    assert written[-1] == {"hidden": "x_wall", "said": "unknown", "cases": 1}
+
+
+def test_a_name_gives_way_to_another_if_it_has_a_second_choice():
+    said = [("a", "b"), ("a",)]
+    assert paired("ab", said, lambda truth, own: truth in own) == {0: 1, 1: 0}
 
 
 def test_wilson_is_wide_for_few_and_never_beyond_one():
@@ -129,21 +159,11 @@ def test_wilson_is_wide_for_few_and_never_beyond_one():
     assert 0.88 < low < 0.95 < high < 0.98
 
 
-def test_the_same_seed_draws_the_same_and_a_longer_study_begins_with_a_shorter():
-    assert drafts(StudyRequest(40, 5)) == drafts(StudyRequest(40, 5))
-    assert drafts(StudyRequest(60, 5))[:40] == drafts(StudyRequest(40, 5))
-    assert drafts(StudyRequest(40, 5)) != drafts(StudyRequest(40, 6))
-    kinds = Counter(d.drawn for d in drafts(StudyRequest(20, 5)))
-    assert kinds == {"single": 10, "pair": 3, "none": 4, "unknown": 3}
-    for asked in ((0, 1), (3, -1)):
-        with pytest.raises(InputError):
-            StudyRequest(*asked)
-
-
 def test_every_effect_that_is_looked_for_is_drawn_and_no_fault_of_a_sensor():
-    wishes = [w.effect for d in drafts(StudyRequest(120, 5)) for w in d.wishes]
-    assert set(registry()) <= set(wishes)
-    assert not [w for w in wishes if w.startswith("x_fault")]
+    named, strange = vocabulary(load_robot("irb140"))
+    assert set(registry()) == set(named)
+    assert strange
+    assert not [name for name in strange if name.startswith("x_fault")]
 
 
 def test_a_size_is_so_many_times_detectable_but_never_more_than_an_arm_has():
@@ -151,9 +171,9 @@ def test_a_size_is_so_many_times_detectable_but_never_more_than_an_arm_has():
     minimum = [Detectable("position_friction", (j,), 0.1, "N m") for j in range(1, 7)]
     wish = ("position_friction", 3.0)
     one = draw_sized(robot, stream(4, "t"), *wish, minimum)
-    assert measured(one, minimum, robot, None).multiple == pytest.approx(3.0)
+    assert measured(one, minimum, robot).multiple == pytest.approx(3.0)
     huge = [replace(m, value=1e3) for m in minimum]
-    capped = measured(draw_sized(robot, stream(4, "t"), *wish, huge), huge, robot, None)
+    capped = measured(draw_sized(robot, stream(4, "t"), *wish, huge), huge, robot)
     assert capped.multiple < 0.1
     unknown = draw_sized(robot, stream(4, "t"), "saturation", 3.0, minimum)
-    assert measured(unknown, minimum, robot, None).multiple is None
+    assert measured(unknown, minimum, robot).multiple is None

@@ -2,8 +2,8 @@
 
 import pytest
 
+from benchmarks.hidden.oracle import oracle
 from benchmarks.synthetic.logs import LogPlan, make
-from residual.diagnosis.oracle import oracle
 from residual.errors import UnknownNameError
 from residual.method.diagnose import diagnose
 from residual.robot.robot import load_robot
@@ -27,7 +27,7 @@ def logs():
 def test_the_right_effect_predicts_better_than_another_and_than_none(logs):
     robot = load_robot("irb140")
     told, other, nothing = (
-        oracle(robot, *logs, effects).overall("filtered")
+        oracle(robot, *logs, effects)[1].overall("filtered")
         for effects in (
             [("position_friction", (2,))],
             [("position_friction", (3,))],
@@ -44,7 +44,8 @@ def test_a_diagnosis_that_names_it_is_as_good(logs):
     assert [(e.name, list(e.joints)) for e in verdict.effects] == [
         ("position_friction", [2])
     ]
-    told = oracle(robot, *logs, [("position_friction", (2,))]).overall("filtered")
+    _, errors = oracle(robot, *logs, [("position_friction", (2,))])
+    told = errors.overall("filtered")
     found = verdict.error.overall_filtered
     assert found["augmented"] == pytest.approx(told, rel=0.02)
     assert found["identified"] > 1.2 * told

@@ -41,52 +41,18 @@ def oracle(
     recordings: Sequence[Recording],
     held_out: Sequence[Recording],
     effects: Sequence[Told],
-    declared: Sequence[str] | None = None,
-) -> Errors:
+) -> tuple[Model, Errors]:
     """Fit the effects that one is told of, and predict the held-out logs.
 
     Args:
         effects: Name and joints, from 1, of each missing effect.
-        declared: Effects that the model has; None for the robot's own list.
 
     Raises:
         UnknownNameError: If there is no such effect.
     """
-    found = _examined(robot, recordings, held_out, effects, declared)
-    proof = prepare_held_out(held_out, found.nominal.model)
-    errors, _ = compare({"told": found.model(found.fit).model}, proof, Filters())
-    return errors["told"]
-
-
-def oracle_model(
-    robot: Robot,
-    recordings: Sequence[Recording],
-    held_out: Sequence[Recording],
-    effects: Sequence[Told],
-) -> Model:
-    """Return the model behind ``oracle``, with the effects that the robot declares.
-
-    Args:
-        held_out: Logs of the same session, for its clock only.
-        effects: Name and joints, from 1, of each missing effect.
-
-    Raises:
-        UnknownNameError: If there is no such effect.
-    """
-    found = _examined(robot, recordings, held_out, effects, None)
-    return found.model(found.fit).model
-
-
-def _examined(
-    robot: Robot,
-    recordings: Sequence[Recording],
-    held_out: Sequence[Recording],
-    effects: Sequence[Told],
-    declared: Sequence[str] | None,
-) -> Examined:
     clock = session_clock([*recordings, *held_out])
     logs = prepare_logs(robot, recordings, clock, Filters())
-    nominal = start_nominal(logs, declared_names(robot, declared))
+    nominal = start_nominal(logs, declared_names(robot, None))
     wanted = [pair for told in effects for pair in placed(*told, robot.dof)]
     task, fitted = _best(first_design(logs, nominal), logs, nominal, wanted)
     if wanted:
@@ -95,9 +61,13 @@ def _examined(
         design = first_design(logs, nominal, named)
         task, fitted = _best(design, logs, nominal, wanted)
     # Without an adequacy: nobody asks this one what is left.
-    return Examined(
+    found = Examined(
         logs, nominal, task, task.prior, fitted, fitted, (), (), adequacy=None
     )
+    model = found.model(fitted).model
+    proof = prepare_held_out(held_out, nominal.model)
+    errors, _ = compare({"told": model}, proof, Filters())
+    return model, errors["told"]
 
 
 def placed(name: str, joints: Sequence[int], dof: int) -> list[tuple[Effect, Joints]]:
@@ -107,13 +77,10 @@ def placed(name: str, joints: Sequence[int], dof: int) -> list[tuple[Effect, Joi
         joints: From 1.
     """
     effect = registry()[check_name(name, registry(), "effect")]
-    if effect.scope == "global":
-        return [(effect, ())]
-    if effect.scope == "flange":
-        return [(effect, (dof - 1,))]
-    if effect.scope == "pair":
-        return [(effect, tuple(sorted(j - 1 for j in joints)))]
-    return [(effect, (j - 1,)) for j in joints]
+    on = tuple(sorted(j - 1 for j in joints))
+    if effect.scope in ("global", "flange"):
+        return [(effect, *effect.candidates(dof))]
+    return [(effect, on)] if effect.scope == "pair" else [(effect, (j,)) for j in on]
 
 
 def _best(
@@ -124,25 +91,22 @@ def _best(
 ) -> tuple[Task, Fit]:
     """Return the fit under the prior that these logs are likeliest under."""
     # Columns do not depend on the prior: made anew for each of a score of priors, they
-    # would fill the memory.
-    grid = [_grid(design, logs, *one) for one in wanted]
+    # would fill the memory. Of each effect those of every shape that a search begins
+    # with.
+    grid = []
+    for effect, joints in wanted:
+        shapes = effect.shapes(logs.span, joints[0] if joints else 0)
+        grid.append(design.add([Placed(effect, joints, shape) for shape in shapes]))
     runs = []
     for prior in priors(design, nominal):
         task = Task(design, prior, Candidates((), {}), RULES)
         runs.append((task, _fitted(task, grid)))
     counted = np.max([fitted.counted for _, fitted in runs], axis=0)
-
     worth = [
         fit(design, task.prior, fitted.members, counted, rounds=4).score
         for task, fitted in runs
     ]
     return runs[int(np.argmax(worth))]
-
-
-def _grid(design: Design, logs: Logs, effect: Effect, joints: Joints) -> list[Group]:
-    """An effect in each shape that a search begins with."""
-    shapes = effect.shapes(logs.span, joints[0] if joints else 0)
-    return design.add([Placed(effect, joints, shape) for shape in shapes])
 
 
 def _fitted(task: Task, grid: Sequence[Sequence[Group]]) -> Fit:

@@ -1,0 +1,285 @@
+"""What a verdict is worth beside the truth, as one row; and what is taken for what."""
+
+from collections import Counter
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field
+
+from benchmarks.hidden.drawn import Hidden
+from residual.diagnosis.result import Finding, Place, Verdict
+from sim.plant.catalogue import kinds, main_parameter
+
+SINGLE, PAIR, NOTHING, UNKNOWN = "single", "pair", "none", "unknown"
+
+# What may come out of a case.
+RIGHT = "right"  # named as it is, or rightly nothing
+CLASS = "class"  # the truth is among the equivalents of the name
+PART = "part"  # one of a pair named, the other not
+WRONG = "wrong"  # the first name is none of what is there
+SILENT = "nothing"  # something is there and nothing was said of it
+FLAGGED = "flagged"  # no name, but joints with something unexplained
+
+
+@dataclass(frozen=True, slots=True)
+class Name:
+    """An effect at its place."""
+
+    effect: str
+    joints: tuple[int, ...]  # its joints from 1, in order; () for the whole arm
+
+    @classmethod
+    def of(cls, place: Place | Finding) -> "Name":
+        """Return the name of an effect at its joints."""
+        return cls(place.name, tuple(sorted(place.joints)))
+
+    def __str__(self) -> str:
+        return " ".join([self.effect, ",".join(map(str, self.joints))]).strip()
+
+
+@dataclass(frozen=True, slots=True)
+class Said:
+    """One name that a verdict says, at one place."""
+
+    name: Name  # effect and joints
+    alike: tuple[Name, ...]  # what the verdict says could be there instead
+    finding: Finding = field(compare=False, hash=False)  # the finding that it is from
+    # Its number among the joints of a finding on several; None where the finding is one
+    # thing.
+    place: int | None = None
+
+
+@dataclass(frozen=True, slots=True)
+class Score:
+    """What a verdict is worth."""
+
+    outcome: str  # ``RIGHT`` to ``FLAGGED``
+    first: Name | None  # what was named first, None for nothing
+    found: int  # how many of the drawn effects are named, by name or by class
+    extra: int  # how many names are none of them and no part of them, in all
+    # Whether the first name, or where there is none the flag, is on a joint of what was
+    # drawn; None where nothing was drawn or nothing said.
+    joint_right: bool | None
+    # What was said of each drawn effect by its very name; None otherwise.
+    hits: tuple[Said | None, ...]
+
+
+def score(drawn: str, truths: Sequence[Name], verdict: Verdict) -> Score:
+    """Judge a verdict.
+
+    Args:
+        truths: What is there: one effect, two of a pair, none. Out of the vocabulary
+            ("x_...") no name can be right.
+    """
+    claims = members(verdict)
+    flagged = set(verdict.unexplained.joints)
+    hits, classes, free = matched(truths if drawn != UNKNOWN else (), claims)
+    # One finding may be on several joints, and their order says nothing.
+    first = [s for s in claims if s.finding is claims[0].finding]
+    right = [s for s in first if all(s is not f for f in free)]
+    found = sum(h is not None for h in (*hits, *classes))
+    state = (found == len(hits), any(c is not None for c in classes))
+    return Score(
+        outcome=_outcome(drawn, bool(claims), bool(right), state, bool(flagged)),
+        first=(right or first)[0].name if first else None,
+        found=found,
+        extra=sum(s.name not in _parts(truths, hits) for s in free),
+        joint_right=_joint_right(truths, [s.name for s in first], flagged),
+        hits=hits,
+    )
+
+
+def _parts(truths: Sequence[Name], hits: Sequence[Said | None]) -> set[Name]:
+    """Return the names that are true beside those of what was found by its own."""
+    return {
+        Name(part, truth.joints)
+        for truth, hit in zip(truths, hits, strict=False)
+        if hit is not None
+        for part in kinds()[truth.effect].also
+    }
+
+
+def members(verdict: Verdict) -> list[Said]:
+    """Return what a verdict says, one entry per place, most important first.
+
+    A finding of one effect on several joints is so many names; that of a pair of
+    joints that share gearing is one.
+    """
+    out = []
+    for found in verdict.effects:
+        alike = [Name.of(e) for e in found.equivalent]
+        # With a value per joint it is one thing on each.
+        one_each = any(isinstance(p.value, tuple) for p in found.parameters.values())
+        if len(found.joints) < 2 or not one_each:
+            out.append(Said(Name.of(found), tuple(alike), found))
+            continue
+        for place, joint in enumerate(found.joints):
+            near = tuple(Name(a.effect, (joint,)) for a in alike)
+            out.append(Said(Name(found.name, (joint,)), near, found, place))
+    return out
+
+
+def matched(truths: Sequence[Name], claims: Sequence[Said]) -> tuple:
+    """Give every truth a name of its own: the same first, then one of its class.
+
+    Returns:
+        By its very name and by class, an entry a truth, None for none; and the names
+        that are no truth's.
+    """
+    free = list(claims)
+    hits: list[Said | None] = []
+    for truth in truths:
+        hits.append(next((s for s in free if s.name == truth), None))
+        free = [s for s in free if s is not hits[-1]]
+    classes: list[Said | None] = []
+    for truth, hit in zip(truths, hits, strict=True):
+        near = next((s for s in free if truth in s.alike), None)
+        classes.append(near if hit is None else None)
+        free = [s for s in free if s is not classes[-1]]
+    return tuple(hits), tuple(classes), free
+
+
+def paired(truths: Sequence, said: Sequence, fits: Callable) -> dict[int, int]:
+    """Return the number of a name for as many truths as can have one, by theirs.
+
+    Augmenting paths (Kuhn 1955): a name gives way to another if it has a second choice.
+    """
+    owner: dict[int, int] = {}
+
+    def place(name: int, tried: set[int]) -> bool:
+        for i, truth in enumerate(truths):
+            if i not in tried and fits(truth, said[name]):
+                tried.add(i)
+                if i not in owner or place(owner[i], tried):
+                    owner[i] = name
+                    return True
+        return False
+
+    for name in range(len(said)):
+        place(name, set())
+    return owner
+
+
+def _outcome(
+    drawn: str, named: bool, right_first: bool, state: tuple[bool, bool], flagged: bool
+) -> str:
+    if not named:
+        quiet = RIGHT if drawn == NOTHING else SILENT
+        return FLAGGED if flagged else quiet
+    if drawn in (NOTHING, UNKNOWN) or not right_first:
+        return WRONG
+    complete, by_class = state
+    if not complete:
+        return PART
+    return CLASS if by_class else RIGHT
+
+
+def _joint_right(
+    truths: Sequence[Name], first: Sequence[Name], flagged: set
+) -> bool | None:
+    if not truths or not (first or flagged):
+        return None
+    if first:
+        return any(name.joints == truth.joints for name in first for truth in truths)
+    there = {joint for truth in truths for joint in truth.joints}
+    # What is on the whole arm may show anywhere.
+    return bool(there & flagged) or not there
+
+
+def is_right(row: Mapping) -> bool:
+    """Whether a case was named as it is, or in the class of what is there."""
+    return row["outcome"] in (RIGHT, CLASS)
+
+
+def confusion(rows: Sequence[Mapping]) -> list[dict]:
+    """Return what was said of each hidden effect: true effect, first name, cases.
+
+    What is in the class of the first name counts as named. "none" stands for nothing
+    hidden or nothing said, "unknown" for a flag without a name.
+
+    Args:
+        rows: Cases that hide one effect, or none.
+    """
+    out: Counter[tuple[str, str]] = Counter()
+    for row in rows:
+        true = row["effect"] or NOTHING
+        said = true if row["outcome"] == CLASS else row["named_first"]
+        out[true, said or (UNKNOWN if row["unexplained"] else NOTHING)] += 1
+    cells = sorted(out.items(), key=lambda cell: (cell[0][0], -cell[1], cell[0][1]))
+    return [{"hidden": t, "said": s, "cases": count} for (t, s), count in cells]
+
+
+# A smaller gap than this share of the refit's error says nothing of who closes it.
+_LEAST_GAP = 0.02
+
+
+def case_row(
+    drawn: str,
+    hidden: Sequence[Hidden],
+    truths: Sequence[Mapping[str, float]],
+    verdict: Verdict,
+    oracle: float | None,
+) -> dict:
+    """Return a case as one row: what was hidden, what was said, what that is worth.
+
+    Args:
+        truths: True parameters of each, as a verdict would state them.
+        oracle: Held-out error of the true effects fitted [%], None where they have no
+            name.
+    """
+    judged = score(drawn, [Name(h.effect.name, h.joints) for h in hidden], verdict)
+    row: dict = {"drawn": drawn}
+    for i, start in enumerate(("", "second_")):
+        one = hidden[i] if i < len(hidden) else None
+        row |= {
+            f"{start}effect": one and one.effect.name,
+            f"{start}joints": one and list(one.joints),
+            f"{start}size": one and one.size,
+            f"{start}multiple": one and one.multiple,
+        }
+    first = judged.first
+    row |= {
+        "verdict": verdict.verdict,
+        "named_first": first and first.effect,
+        "named_joints": first and list(first.joints),
+        "named": len(members(verdict)),
+        "outcome": judged.outcome,
+        "found": judged.found,
+        "extra": judged.extra,
+        "joint_right": judged.joint_right,
+        "unexplained": list(verdict.unexplained.joints),
+        **_of_errors(verdict, oracle),
+    }
+    told = [estimate(*pair) for pair in zip(judged.hits, truths, strict=False)]
+    row["deviations"] = [
+        [h.effect.name, one["z"]]
+        for h, one in zip(hidden, told, strict=False)
+        if one["parameter"]
+    ]
+    return row | (told[0] if drawn == SINGLE else estimate(None, {}))
+
+
+def estimate(said: Said | None, true: Mapping[str, float]) -> dict:
+    """Return the main parameter of what was rightly named, beside its truth."""
+    key = main_parameter(said.name.effect, true) if said else None
+    known = said.finding.parameters.get(key) if said else None
+    value, std = (None, None) if known is None else known.pairs[said.place or 0]
+    if value is None or std is None:
+        return dict.fromkeys(("parameter", "value", "std", "truth", "z"))
+    truth = float(true[str(key)])
+    z = (value - truth) / std if std > 0 else None  # in standard deviations
+    own = {"parameter": str(key), "value": value, "std": std}
+    return own | {"truth": truth, "z": z}
+
+
+def _of_errors(verdict: Verdict, oracle: float | None) -> dict:
+    errors = verdict.error.overall_filtered
+    refit, after = errors["identified"], errors["augmented"]
+    closed = None
+    if oracle is not None and refit is not None and refit - oracle > _LEAST_GAP * refit:
+        closed = (refit - after) / (refit - oracle)
+    return {
+        "error_before": errors["nominal"],
+        "error_refit": refit,
+        "error_after": after,
+        "error_oracle": oracle,
+        "gap_closed": closed,
+    }

@@ -1,0 +1,150 @@
+"""What an answer is worth on one case, at three levels; its torque over the oracle's.
+
+`name`: effect and joints as hidden. `equivalent`: as hidden, or one of what the answer
+says it may be instead. `class`: link inertia or load (body), friction or rotor (joint),
+or the rest (other), on a common joint; what falls together is one, and there "unknown"
+stands for a hidden "other" on its joints, so that who has no name for a spring can say
+so. Each truth has one name of its own.
+"""
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from benchmarks.hidden.score import UNKNOWN, Name, paired
+from benchmarks.peers_parts.opened import Answer, Array
+from residual.effects import registry
+from residual.recording import Recording
+
+BLOCK, EDGE = 25, 5  # samples that are averaged; averages dropped at both ends
+# At standstill any torque up to friction holds; it is told over so many samples.
+SPEED, SPAN = 0.05, 10  # rad/s
+BODY, JOINT, OTHER = "body", "joint", "other"
+
+
+@dataclass(frozen=True, eq=False, slots=True)
+class Truth:
+    """What a case hides."""
+
+    kind: str  # one effect, two, nothing, or one that has no name
+    effects: tuple[Name, ...]
+    # By log whose torque is kept back: the log, the oracle's torque [N m], and the
+    # number of the effect that is gone, None where all are there
+    torque: dict[str, tuple[Recording, Array, int | None]] = field(default_factory=dict)
+
+
+def class_of(name: str) -> str:
+    """Return "body", "joint" (friction and rotor) or "other"."""
+    effect = registry()[name]
+    if effect.carries == BODY or effect.of_link:
+        return BODY
+    # Two joints that share a gear share its friction.
+    drive = effect.brakes or effect.carries == "acceleration" or effect.scope == "pair"
+    return JOINT if drive else OTHER
+
+
+def _meets(one: Name, other: Name) -> bool:
+    """Whether two names of classes may be the same: of one class, on a common joint."""
+    apart = one.joints and other.joints and not set(one.joints) & set(other.joints)
+    return one.effect == other.effect and not apart
+
+
+def _alike(truth: Name, names: Sequence[Name]) -> bool:
+    return _meets(_classed(truth), _classed(names[0]))
+
+
+def _classed(name: Name) -> Name:
+    return Name(class_of(name.effect), name.joints)
+
+
+FITS: Mapping[str, Callable[[Name, Sequence[Name]], bool]] = {
+    "name": lambda truth, names: truth == names[0],
+    "equivalent": lambda truth, names: truth in names,
+    "class": _alike,
+}
+LEVELS = tuple(FITS)
+
+
+def judged(true: Truth, answer: Answer) -> dict:
+    """Return what an answer is worth on one case, at every level."""
+    flag, where = bool(answer.unknown), answer.unknown
+    where = tuple(where) if isinstance(where, list) else ()
+    # What has no name cannot be named: only the flag is right.
+    there = () if true.kind == UNKNOWN else true.effects
+    levels = {}
+    for level in LEVELS:
+        truths, said, fits = there, answer.findings, FITS[level]
+        if level == "class":
+            truths = tuple(dict.fromkeys(map(_classed, there)))
+            said = tuple(dict.fromkeys(_classed(names[0]) for names in said))
+            fits = _meets
+        owner = paired(truths, said, fits)
+        found = len(owner)
+        if level == "class" and flag:
+            left = (t for i, t in enumerate(truths) if i not in owner)
+            found += sum(_meets(t, Name(OTHER, where)) for t in left)
+        exact = found == len(truths) and len(owner) == len(said)
+        if not there:
+            exact = not said and flag is (true.kind == UNKNOWN)
+        levels[level] = {
+            "exact": exact,
+            "true": len(owner),
+            "said": len(said),
+            "found": found,
+            "there": len(truths),
+        }
+    on = {j for names in answer.findings for j in names[0].joints} or set(where)
+    real = {j for name in true.effects for j in name.joints}
+    return {
+        "kind": true.kind,
+        "levels": levels,
+        "named": bool(answer.findings),
+        "flagged": flag,
+        # Where there is nothing on a joint, or nothing said of one, none can be right.
+        "joint": bool(on & real) if real and on else None,
+        **_torque_ratios(true, answer),
+    }
+
+
+def _torque_ratios(true: Truth, answer: Answer) -> dict:
+    """Return errors over the oracle's: held-out, and of each effect taken out again."""
+    held, edits = [], []
+    for name, (log, oracle, gone) in true.torque.items():
+        if gone is None:
+            held.append(_misses(log, oracle, answer.predictions[name]))
+        elif k := _stands_for(true.effects[gone], answer):
+            own = answer.predictions[f"finding_{k}_{name}"]
+            edits.append(_ratio([_misses(log, oracle, own)]))
+    return {"held_out": _ratio(held) if held else None, "edits": edits}
+
+
+def _stands_for(truth: Name, answer: Answer) -> int | None:
+    """Return the number (from 1) of the finding that stands for an effect, or None."""
+    for fits in FITS.values():
+        for number, names in enumerate(answer.findings, start=1):
+            if fits(truth, names):
+                return number
+    return None
+
+
+def _misses(log: Recording, *torques: Array) -> list[float]:
+    """Return squared errors of oracle and program where joints move [N^2 m^2]."""
+    later = np.minimum(np.arange(len(log.t)) + SPAN, len(log.t) - 1)
+    before = np.maximum(np.arange(len(log.t)) - SPAN, 0)
+    least = SPEED * (log.t[later] - log.t[before])[:, None]
+    moves = np.abs(log.q[later] - log.q[before]) > least
+    inside = _smooth(moves.astype(float)) > 1 - 1e-6
+    return [float((_smooth(x - log.tau)[inside] ** 2).sum()) for x in torques]
+
+
+def _smooth(rows: Array) -> Array:
+    """Return means of samples in blocks, without the ends. Shape (n // BLOCK, dof)."""
+    n = len(rows) // BLOCK
+    return rows[: n * BLOCK].reshape(n, BLOCK, -1).mean(axis=1)[EDGE:-EDGE]
+
+
+def _ratio(misses: Sequence[Sequence[float]]) -> float | None:
+    """Return the program's error over the oracle's, of all logs together."""
+    oracle, own = np.sum(misses, axis=0)
+    return float(np.sqrt(own / oracle)) if oracle > 0 else None

@@ -1,1 +1,0 @@
-"""The sealed study: hide effects, diagnose, open the seals, count."""

@@ -1,1 +1,0 @@
-"""The sealed study as plain files, for any other program."""
