@@ -16,7 +16,7 @@ from cyclopts import Parameter, Token
 from residual.errors import InputError
 
 _PLACES = ("columns", "store")
-_FORMERLY = {"fit": "logs"}  # keys of records of 0.1.0
+
 
 # A switch without a value; there is no --no-switch.
 Flag = Annotated[bool, Parameter(negative="")]
@@ -145,7 +145,6 @@ class Request:
             record: The record; what is no part of the request is left alone.
             store: Where its runs are, and where what is made is kept.
         """
-        record = {_FORMERLY.get(key, key): value for key, value in record.items()}
         known = {f.name for f in fields(cls)} & set(record)
         values = {name: record[name] for name in known}
         lists = {k: tuple(v) for k, v in values.items() if isinstance(v, list)}

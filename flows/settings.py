@@ -107,7 +107,7 @@ def prefect_home(store: Path) -> Path:
     home = store / PREFECT
     store.mkdir(mode=0o700, parents=True, exist_ok=True)
     home.mkdir(mode=0o700, exist_ok=True)
-    if home.stat().st_mode & 0o077:  # made by an earlier version
+    if home.stat().st_mode & 0o077:  # made by hand, or unpacked
         home.chmod(0o700)
     return home
 

@@ -19,6 +19,7 @@ from residual.diagnosis.result import (
     ErrorTables,
     Evidence,
     Finding,
+    Frames,
     Parameter,
     Place,
     Unexplained,
@@ -123,15 +124,14 @@ def _diagnosis() -> Diagnosis:
     }
     overall = {name: value and value[0] for name, value in both.items()}
     error = ErrorTables(
-        "%", 8.0, ("<script>",), False, both, both, both, overall, overall, overall
+        "%", 8.0, ("<script>",), False, both, both, both, overall, overall, overall, ()
     )
     evidence = Evidence(310.0, "fit", "confirmed", 0.9, None)
     mass = {"mass": Parameter(3.96, 0.35, "kg")}
     effect = Finding("payload", (1,), 0.97, 1, (Place("spring", (1,)),), mass, evidence)
     left = Unexplained((), 0.04, 0.03, (), None, (0.04,), "autocorrelation")
-    return Diagnosis(
-        Verdict("arm", (), "effects", (effect,), (), left, error, 0.03, None, ("<&>",))
-    )
+    rest = left, error, 0.03, None, ("<&>",), Frames(("one",), "flange")
+    return Diagnosis(Verdict("arm", (), "effects", (effect,), (), *rest))
 
 
 def test_a_diagnosis_is_a_line_in_a_terminal_and_a_short_page_in_a_notebook():

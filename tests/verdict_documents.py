@@ -18,6 +18,10 @@ def whole(part: dict, dof: int = 6) -> dict:
         "nominal_scale": None,
         "next_experiment": None,
         "warnings": [],
+        **{key: None for key in ("log_check", "drift", "edit", "bodies")},
+        **{key: [] for key in ("contradictions", "background", "changes")},
+        "alternatives": [],
+        "frames": {"joints": [f"joint_{j}" for j in range(1, dof + 1)], "flange": ""},
         **part,
         "effects": effects,
         "unexplained": unexplained(dof, part.get("unexplained") or {}),
@@ -32,7 +36,8 @@ def typed(part: dict, dof: int = 6) -> Verdict:
 
 def finding(order: int, part: dict) -> dict:
     """Return one entry of its effects."""
-    none = dict.fromkeys(("nats", "by", "held_out", "held_out_gain", "p_value"))
+    keys = ("nats", "by", "held_out", "held_out_gain", "p_value", "splits")
+    none = dict.fromkeys(keys)
     return {
         "name": "",
         "joints": [],
@@ -40,6 +45,7 @@ def finding(order: int, part: dict) -> dict:
         "order": order,
         "equivalent": [],
         "parameters": {},
+        "combinations": {},
         **part,
         "evidence": none | part.get("evidence", {}),
     }

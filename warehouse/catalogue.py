@@ -12,7 +12,6 @@ copies: what a kill takes is read from the records themselves.
 """
 
 import atexit
-import json
 import os
 import threading
 import uuid
@@ -24,7 +23,13 @@ from pathlib import Path
 import pyarrow as pa
 
 from residual.errors import InputError
-from warehouse.files import read_parquet, replace_file, sweep_staging, write_parquet
+from warehouse.files import (
+    read_parquet,
+    read_unsummed,
+    replace_file,
+    sweep_staging,
+    write_parquet,
+)
 from warehouse.layout import list_folders
 from warehouse.listing import (
     all_records,
@@ -36,7 +41,6 @@ from warehouse.listing import (
     still_noted,
 )
 from warehouse.mirror import bucket_of
-from warehouse.provenance import about_origin
 from warehouse.schema import INDEX, KINDS, Kind
 
 # So many rows may be outside of the catalogue files before who reads them adds them:
@@ -78,29 +82,16 @@ def _filled(
 
 
 def _read_row(path: Path, kind: Kind) -> pa.Table:
-    """Read one catalogue row; columns of another version are left out or null."""
+    """Read the columns of one catalogue row that its view has."""
     table = read_parquet(path)
-    if kind.name == "runs":
-        table = _with_origin(table)
-    columns = [
-        table.column(field.name).cast(field.type)
-        if field.name in table.column_names
-        else pa.nulls(len(table), field.type)
-        for field in kind.fields
-    ]
-    return pa.table(columns, schema=kind.fields)
-
-
-def _with_origin(table: pa.Table) -> pa.Table:
-    """Add what rows of an earlier version say of the code in their manifest alone."""
-    if "commit" in table.column_names or "manifest" not in table.column_names:
-        return table
-    made = [about_origin(json.loads(m)) for m in table.column("manifest").to_pylist()]
-    for name in made[0] if made else ():
-        table = table.append_column(
-            name, pa.array([m[name] for m in made], pa.string())
+    lacking = sorted(set(kind.fields.names) - set(table.column_names))
+    if lacking:
+        raise InputError(
+            f"{path} is of another version: it lacks {', '.join(lacking)}, which every "
+            f"record of {kind.name} has. Take its folder out of the store, and make or "
+            "import it again."
         )
-    return table
+    return table.select(kind.fields.names).cast(kind.fields)
 
 
 def _read_bucket(store: Path, before: Catalogue | None) -> Catalogue:
@@ -174,7 +165,7 @@ def _read_segments(store: Path, kind: Kind) -> tuple[list[pa.Table], list[Path]]
     tables, files = [], sorted((store / INDEX).glob(f"{kind.name}-*.parquet"))
     for file in files:
         with suppress(InputError):
-            table = read_parquet(file)
+            table = read_unsummed(file)
             if table.schema.equals(kind.fields):
                 tables.append(table)
     return tables, files
@@ -261,7 +252,7 @@ def _once(rows: pa.Table, kind: Kind, folders: Mapping) -> pa.Table:
 def _read_index(store: Path, kind: Kind) -> pa.Table:
     # Missing, torn, or of a version with other columns: all of it can be read again.
     with suppress(InputError):
-        table = read_parquet(store / INDEX / f"{kind.name}.parquet")
+        table = read_unsummed(store / INDEX / f"{kind.name}.parquet")
         if table.schema.equals(kind.fields):
             return table
     return kind.fields.empty_table()

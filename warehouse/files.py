@@ -3,8 +3,7 @@
 The checksums of Parquet cover its pages and not what lies around them, and DuckDB
 looks at none of them. So every record has ``_sums.json`` beside its files: of each file
 the SHA-256, which ``verify`` takes again, and the CRC-32 of every 64 KB, which a reader
-of a part takes again for that part. It ends with its own SHA-256. A record of an
-earlier version has none.
+of a part takes again for that part. It ends with its own SHA-256.
 """
 
 import errno
@@ -68,32 +67,26 @@ def sums_of(path: Path) -> dict:
     return {"bytes": size, "sha256": total.hexdigest(), "blocks": "".join(blocks)}
 
 
-def read_sums(folder: Path) -> Mapping[str, Mapping] | None:
-    """Return the sums of a folder's files by name; None where it has none."""
+def read_sums(folder: Path) -> Mapping[str, Mapping]:
+    """Return the sums of a folder's files by name."""
     ensure_local(folder / SUMS)
     try:
         return sums_in(folder)
-    except FileNotFoundError:
-        return None
+    except FileNotFoundError as error:
+        raise damaged(folder / SUMS, "it is missing") from error
 
 
-def check_file(path: Path, blocks: Collection[int] | None = None) -> bool:
+def check_file(path: Path, blocks: Collection[int] | None = None) -> None:
     """Check a file, or some of its blocks, against the sums beside it.
 
     Args:
         blocks: Numbers of the blocks; None for all.
-
-    Returns:
-        Whether there are sums; without any nothing was checked.
     """
     sums = read_sums(path.parent)
-    if sums is None:
-        return False
     ensure_local(path)
     if path.name not in sums:
         raise damaged(path, f"it is not in {SUMS}")
     check_blocks(path, sums[path.name], blocks)
-    return True
 
 
 def check_blocks(path: Path, known: Mapping, blocks: Collection[int] | None) -> None:
@@ -118,13 +111,11 @@ def block_sums(known: Mapping) -> list[str]:
 
 
 def file_faults(folder: Path) -> tuple[str, ...]:
-    """Return what of a record's files is not as written; without sums nothing."""
+    """Return what of a record's files is not as written, a line each."""
     try:
         sums = read_sums(folder)
     except InputError as error:
         return (str(error),)
-    if sums is None:
-        return ()
     there = {p.name for p in folder.iterdir()} - {SUMS}
     told = [f"{name} is missing" for name in sorted(set(sums) - there)]
     told += [f"{name} is not in {SUMS}" for name in sorted(there - set(sums))]
@@ -164,8 +155,13 @@ def parquet_options(schema: pa.Schema) -> dict:
 
 
 def read_parquet(path: Path, columns: list[str] | None = None) -> pa.Table:
-    """Read a file of the store, checked against its sums."""
+    """Read a file of a record, checked against its sums."""
     check_file(path)
+    return read_unsummed(path, columns)
+
+
+def read_unsummed(path: Path, columns: list[str] | None = None) -> pa.Table:
+    """Read a file that has no sums, as those of ``_index`` have none."""
     try:
         with pq.ParquetFile(path, page_checksum_verification=True) as file:
             return file.read(columns=columns)

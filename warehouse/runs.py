@@ -77,13 +77,11 @@ def open_seal(store: Path, run_id: str) -> Sealed:
     """
     run = find_run(store, run_id)
     folder = seal_folder(store, run.id)
+    if not is_there(folder):
+        raise InputError(f"Run {run.id} has no sealed half in {shown(store)}.")
     check_file(folder / SPEC)
     try:
         spec = json.loads((folder / SPEC).read_bytes())
-    except FileNotFoundError as error:
-        raise InputError(
-            f"Run {run.id} has no sealed half in {shown(store)}."
-        ) from error
     except ValueError as error:
         raise InputError(f"{folder / SPEC} is damaged: it is no JSON.") from error
     manifest = _manifest(run.folder)

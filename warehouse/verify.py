@@ -169,9 +169,6 @@ class Verified:
     kind: str  # kind of record, or the folder of the store that it is in
     id: str  # its id, or the name of its file
     faults: tuple[str, ...]  # what is not as it was committed, a line each
-    # Whether every byte of it was held against a sum; otherwise its values were held
-    # against the hash in its record, which an earlier version wrote.
-    summed: bool = True
 
 
 class _Folder:
@@ -230,10 +227,10 @@ class _Bucket(_Folder):
         bucket, place = bucket_of(self._store), scratch / folder
         if ".." in place.parts:  # no name of ours
             return
-        place.mkdir(parents=True)
         sums = bucket.get(f"{folder}/{SUMS}")
-        if sums is None:
+        if sums is None:  # it was never committed
             return
+        place.mkdir(parents=True)
         (place / SUMS).write_bytes(sums)
         # Of a damaged list nothing is fetched: who reads it says so.
         with suppress(InputError, KeyError, TypeError, AttributeError):
@@ -252,7 +249,7 @@ def verify_all(store: Path) -> Iterator[Verified]:
         for id, folder in found.items():
             with place.fetched(folder) as root:
                 wrong = faults(Found(kind, id, root / folder))
-                yield Verified(kind, id, wrong, _has_sums(root / folder))
+                yield Verified(kind, id, wrong)
             if kind == "runs" and not wrong:
                 whole[id] = folder
     yield from _verify_other(place, whole)
@@ -264,16 +261,20 @@ def _verify_other(place: _Folder, runs: Mapping[str, str]) -> Iterator[Verified]
     for name in place.names(SEALED):
         id, folder = name.removeprefix("run_id="), f"{SEALED}/{name}"
         with place.fetched(folder, runs.get(id)) as root:
+            if not (root / folder).is_dir():
+                continue
             # Of a run that is damaged or gone only the bytes of its seal are verified.
             opened = _complaint(open_seal, root, id) if id in runs else ()
             wrong = file_faults(root / folder) or opened
-            yield Verified(SEALED, id, wrong, _has_sums(root / folder))
+            yield Verified(SEALED, id, wrong)
     for name in place.names(ROBOTS):
         folder = f"{ROBOTS}/{name}"
         with place.fetched(folder) as root:
             robot = root / folder
+            if not robot.is_dir():
+                continue
             wrong = file_faults(robot) or _complaint(check_robot, robot)
-            yield Verified(ROBOTS, name, wrong, _has_sums(robot))
+            yield Verified(ROBOTS, name, wrong)
     for top, check in ((MADE_WITH, check_kept), (QUARANTINE, _check_tombstone)):
         for name in place.names(top):
             yield Verified(
@@ -309,7 +310,3 @@ def _complaint(check: Callable, *about: object) -> tuple[str, ...]:
     except (ModelgapError, OSError, ValueError, KeyError, RecursionError) as error:
         return (" ".join(str(error).split()),)
     return ()
-
-
-def _has_sums(folder: Path) -> bool:
-    return (folder / SUMS).is_file()

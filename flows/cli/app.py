@@ -106,7 +106,7 @@ _COMMANDS = {
     },
 }
 # The groups whose commands stand below one word, and what it says of itself. By their
-# names alone the commands are taken too, as in 0.1.0, and not listed.
+# names alone the commands are taken too, and not listed.
 _BELOW = {
     "Your robot's model": ("model", "Models: adopted, predicted with, exported."),
     "Sensors": ("sensors", "Alarms of sensors."),

@@ -266,16 +266,14 @@ def size_of(effect: Finding, verdict: Verdict) -> tuple[str, str]:
     return name, span.strip()
 
 
-def frame_words(effect: Finding, frames: Frames | None) -> str:
+def frame_words(effect: Finding, frames: Frames) -> str:
     """Return what the vectors of a finding are in; empty where it has none."""
-    flange = "the flange" if frames is None or not frames.flange else frames.flange
+    flange = frames.flange or "the flange"
     return effect_named(effect.name).frame.format(flange=flange)
 
 
-def named_joints(joints: Iterable[int], frames: Frames | None) -> str:
+def named_joints(joints: Iterable[int], frames: Frames) -> str:
     """Return what the URDF calls joints, where that says more than their numbers."""
-    if frames is None:
-        return ""
     every = [(j, frames.joints[j - 1]) for j in joints if j <= len(frames.joints)]
     return listing([name for j, name in every if tells(name, j)])
 

@@ -145,8 +145,6 @@ class Running:
     database: str  # where the history is, without a password
     deployed: str = ""  # hash of the prefect.yaml and its options that were put on it
     processes: tuple[Process, ...] = ()  # the server, then the workers
-    # Whether the server asks for a key; those of earlier versions did not.
-    guarded: bool = False
 
     @property
     def ui(self) -> str:

@@ -141,7 +141,6 @@ def _count(request: ServiceRequest, before: Running | None) -> int:
 def _complete(running: Running, request: ServiceRequest, count: int) -> bool:
     return (
         running.server is not None
-        and running.guarded
         and len(running.workers) == count
         and running.deployed == deployed_as(request)
         and answers(running.url)
@@ -152,10 +151,6 @@ def _with_server(
     running: Running, home: Path, request: ServiceRequest, say: Say
 ) -> Running:
     server = running.server
-    if server and not running.guarded:
-        say("starting the server anew: that of an earlier version asks for no key")
-        stop([server])
-        server = None
     if server is None:
         # Workers of a server that was killed may have turned to another address.
         stop(running.workers)
@@ -164,7 +159,7 @@ def _with_server(
         env = server_environment(running, home, request.database)
         log = home / "server.log"
         server = start("server", server_command(running), env, log, umask=0o077)
-        running = replace(running, processes=(server,), guarded=True)
+        running = replace(running, processes=(server,))
         write_running(home, running)
     _wait_for_server(running, server, home)
     return running
@@ -284,7 +279,7 @@ def watch_for_stale(to: api.Api) -> None:
     expected = set(rule["trigger"]["expect"])
     if known and set(known[0]["trigger"]["expect"]) == expected:
         return
-    for old in known:  # of an earlier version
+    for old in known:  # with another rule
         api.ask(to, f"/automations/{old['id']}", method="DELETE")
     api.ask(to, "/automations/", rule)
 

@@ -67,7 +67,7 @@ def _runs(store: Path, *found: Found) -> tuple[dict, tuple[Channel, ...]]:
 
 def _records(store: Path, *found: Found) -> tuple[dict, tuple[Channel, ...]]:
     rows = [read_row(each) for each in found]
-    known = [json.loads(row.get("provenance") or "{}") for row in rows]
+    known = [json.loads(row["provenance"]) for row in rows]
     records = [json.loads(row["record"]) for row in rows]
     asked = [record.pop("request", None) or {} for record in records]
     tables = {
@@ -120,20 +120,14 @@ def verify(place: Path) -> Iterator[str]:
             f"There is no store at {shown(place)}. Say where: --store FOLDER."
         )
     counts: Counter = Counter()
-    damaged = unsummed = 0
+    damaged = 0
     for each in verify_all(place):
         counts[each.kind] += 1
-        unsummed += not each.summed
         damaged += bool(each.faults)
         for line in each.faults:
             yield f"DAMAGED  {each.kind} {each.id}: {line}"
     summary = ", ".join(f"{count} {kind}" for kind, count in counts.items())
     yield f"verified {summary or 'an empty store'}"
-    if unsummed:
-        yield (
-            f"{unsummed} of them have no sums of their files, being of an earlier "
-            "version: their values were verified, and not what lies around them."
-        )
     if bucket_of(place) is None and open_to_others(place):
         yield f"note: other users of this machine may look into it: chmod 700 {place}"
     index = f", and {INDEX}" if bucket_of(place) else ""

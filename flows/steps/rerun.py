@@ -240,7 +240,7 @@ def _rerun_record(record: Found, store: Path, now: Mapping, verify: bool) -> Rer
             "modelgap lineage names it."
         )
     row = read_row(record)
-    then = json.loads(row.get("provenance") or "{}")
+    then = json.loads(row["provenance"])
     with made_again(store, record) as (own, new):
         facts = _facts(record, store, then, now, apart(record, new))
         if verify:

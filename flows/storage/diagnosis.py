@@ -276,7 +276,7 @@ def read_outcome(store: Path, validation_id: str) -> Diagnosis:
     tables = {k: read_parquet(path) for k, path in files.items() if path.exists()}
     record = read_record(store, validation_id)
     id = record["diagnosis"]
-    verdict, models = read_verdict(store, id), _kept_models(store, id)
+    verdict, models = read_verdict(store, id), read_models(store, id)
     return from_record(record, tables, verdict, models)
 
 
@@ -302,19 +302,14 @@ def checked_verdict(document: object) -> Verdict:
 
 def read_models(store: Path, diagnosis_id: str) -> dict[str, Model | Corrected]:
     """Return the models of a diagnosis, by name."""
-    kept = _kept_models(store, diagnosis_id)
-    if not kept:
-        raise InputError(
-            f"Diagnosis {diagnosis_id} was stored without its models, by an earlier "
-            "version. Diagnose its runs again."
-        )
-    return kept
-
-
-def _kept_models(store: Path, diagnosis_id: str) -> dict[str, Model | Corrected]:
     model_id = read_record(store, diagnosis_id)["model_id"]
     kept = read_record(store, model_id).get("models")
-    return read_models_record(kept) if kept else {}
+    if not kept:
+        raise InputError(
+            f"Diagnosis {diagnosis_id} was stored without its models. Diagnose its "
+            "runs again."
+        )
+    return read_models_record(kept)
 
 
 def read_known(store: Path, diagnosis_id: str) -> Model:

@@ -243,8 +243,8 @@ class Evidence:
         by: "fit" or "plausibility".
         held_out: "confirmed" or "neutral".
         held_out_gain: Part of the held-out error that it removes.
-        splits: How often it was found again without a part of the data; None in
-            records of earlier versions.
+        splits: How often it was found again without a part of the data; None where
+            the logs are too short for that.
     """
 
     nats: Number
@@ -331,8 +331,8 @@ class ErrorTables:
     moving: PerJoint
     overall: Mapping[str, Number]
     overall_filtered: Mapping[str, Number]
-    overall_moving: Mapping[str, Number] = field(default_factory=dict)
-    worse: tuple[int, ...] = ()
+    overall_moving: Mapping[str, Number]
+    worse: tuple[int, ...]
 
 
 @dataclass(frozen=True, slots=True)
@@ -350,6 +350,7 @@ class Verdict:
         nominal_scale: Scale of the prior of the rigid parameters; None with a baseline.
         next_experiment: Motion that would tell equivalents apart, or None.
         warnings: Sentences that qualify the answer.
+        frames: What joints and flange are called in the URDF.
         log_check: What is wrong with the logs; None where they were not checked.
         contradictions: What of the fit no arm can be, in sentences: then nothing found
             is no answer, and the verdict is "unknown".
@@ -360,7 +361,6 @@ class Verdict:
         edit: What is left of each effect, taken out again; None without a baseline.
         bodies: What of the free fit no body can be, and what the nearest possible one
             costs; None where every body can exist.
-        frames: What joints and flange are called in the URDF; None in older records.
     """
 
     robot: str
@@ -373,6 +373,7 @@ class Verdict:
     nominal_scale: Number
     next_experiment: Mapping | None
     warnings: tuple[str, ...]
+    frames: Frames
     log_check: LogCheck | None = None
     contradictions: tuple[str, ...] = ()
     drift: Drift | None = None
@@ -381,7 +382,6 @@ class Verdict:
     alternatives: tuple[Alternative, ...] = ()
     edit: tuple[Edit, ...] | None = None
     bodies: Moved | None = None
-    frames: Frames | None = None
 
     @property
     def trusted(self) -> bool:
@@ -394,7 +394,7 @@ class Verdict:
         return len(self.unexplained.per_joint)
 
     def __str__(self) -> str:
-        errors = self.error.overall_moving or self.error.overall_filtered
+        errors = self.error.overall_moving
         before, after = (percent(errors[k]) for k in ("identified", "augmented"))
         said = "nothing found" if self.verdict == "none" else "something without a name"
         if not self.trusted:

@@ -58,7 +58,7 @@ def to_json(verdict: Verdict) -> dict:
             "alternatives": [asdict(a) for a in verdict.alternatives],
             "edit": None if verdict.edit is None else [asdict(e) for e in verdict.edit],
             "bodies": verdict.bodies and asdict(verdict.bodies),
-            "frames": verdict.frames and asdict(verdict.frames),
+            "frames": asdict(verdict.frames),
         }
     )
 
@@ -71,7 +71,8 @@ def from_json(document: Mapping) -> Verdict:
     """
     if document.get("schema") != SCHEMA:
         raise InputError(
-            f"A verdict of schema {document.get('schema')!r}, expected {SCHEMA}."
+            f"A verdict of schema {document.get('schema')!r}, expected {SCHEMA}: "
+            "diagnose its logs again."
         )
     try:
         effects = map(_read_effect, document["effects"])
@@ -95,22 +96,21 @@ def from_json(document: Mapping) -> Verdict:
             nominal_scale=document["nominal_scale"],
             next_experiment=document["next_experiment"],
             warnings=tuple(document["warnings"]),
-            log_check=_read_check(document.get("log_check")),
-            contradictions=tuple(document.get("contradictions", ())),
-            drift=_read_drift(document.get("drift")),
-            background=tuple(map(_read_effect, document.get("background", ()))),
-            changes=tuple(map(_read_change, document.get("changes", ()))),
-            alternatives=tuple(map(_read_set, document.get("alternatives", ()))),
-            edit=_read_edit(document.get("edit")),
-            bodies=_read_bodies(document.get("bodies")),
-            frames=_read_frames(document.get("frames")),
+            log_check=_read_check(document["log_check"]),
+            contradictions=tuple(document["contradictions"]),
+            drift=_read_drift(document["drift"]),
+            background=tuple(map(_read_effect, document["background"])),
+            changes=tuple(map(_read_change, document["changes"])),
+            alternatives=tuple(map(_read_set, document["alternatives"])),
+            edit=_read_edit(document["edit"]),
+            bodies=_read_bodies(document["bodies"]),
+            frames=_read_frames(document["frames"]),
         )
     except (AttributeError, KeyError, TypeError) as error:
         raise InputError(f"This is no whole verdict: {shown(error)}.") from error
 
 
 def _read_check(entry: Mapping | None) -> LogCheck | None:
-    """Records of before have no check; theirs is not known."""
     return None if entry is None else read_report(entry)
 
 
@@ -140,8 +140,8 @@ def _read_bodies(entry: Mapping | None) -> Moved | None:
     return Moved(tuple(entry["bodies"]), tuple(entry["price"]), entry["chance"])
 
 
-def _read_frames(entry: Mapping | None) -> Frames | None:
-    return None if entry is None else Frames(tuple(entry["joints"]), entry["flange"])
+def _read_frames(entry: Mapping) -> Frames:
+    return Frames(tuple(entry["joints"]), entry["flange"])
 
 
 def _effect(finding: Finding) -> dict:
@@ -177,7 +177,7 @@ def _parameter(parameter: Parameter) -> dict:
 
 
 def _read_parameters(entries: Mapping) -> dict[str, Parameter]:
-    # Records of earlier versions say nothing of what is determined.
+    # A combination is determined, and does not say so.
     return {
         key: Parameter(
             _read_value(p["value"]),
@@ -197,17 +197,15 @@ def _read_effect(entry: Mapping) -> Finding:
         order=entry["order"],
         equivalent=_read_places(entry["equivalent"]),
         parameters=_read_parameters(entry["parameters"]),
-        combinations=_read_parameters(entry.get("combinations", {})),
+        combinations=_read_parameters(entry["combinations"]),
         evidence=_read_evidence(entry["evidence"]),
     )
 
 
 def _read_evidence(entry: Mapping) -> Evidence:
-    # Records of earlier versions have no splits, and may have a p-value.
-    splits = entry.get("splits")
-    rest = ("splits", "p_value")
-    known = {key: value for key, value in entry.items() if key not in rest}
-    return Evidence(**known, splits=splits and Splits(**splits))
+    known = {key: value for key, value in entry.items() if key != "p_value"}
+    splits = entry["splits"]
+    return Evidence(**{**known, "splits": splits and Splits(**splits)})
 
 
 def _read_value(value: float | list | None) -> Value:
@@ -289,7 +287,6 @@ def _read_error(entry: Mapping) -> ErrorTables:
         logs=tuple(entry["logs"]),
         same_run=entry["same_run"],
         **tables,
-        # Records of before do not have the last two.
-        **{kind: dict(entry.get(kind, {})) for kind in _OVERALL},
-        worse=tuple(entry.get("worse", ())),
+        **{kind: dict(entry[kind]) for kind in _OVERALL},
+        worse=tuple(entry["worse"]),
     )

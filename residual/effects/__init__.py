@@ -5,12 +5,9 @@ from functools import cache
 from importlib import import_module
 from pkgutil import iter_modules
 
-import numpy as np
-
-from residual.effects.base import Effect, local
+from residual.effects.base import Effect
 from residual.errors import InputError
 from residual.lazy import plugins
-from residual.recording import Array
 
 
 @cache
@@ -49,37 +46,3 @@ def reported_joints(name: str, joints: Iterable[int], dof: int) -> tuple[int, ..
     effect = registry().get(name)
     at_flange = effect is not None and effect.scope == "flange"
     return (dof,) if at_flange else tuple(sorted(joints))
-
-
-# Tables on the state of a joint, piecewise linear over the knots of their shape: models
-# of old records have them (G2017 section 2.6.1), no new one does.
-def _hats(x: Array, knots) -> Array:
-    """Piecewise linear functions, one per knot, that sum to one. Shape (n, k)."""
-    return np.column_stack([np.interp(x, knots, one) for one in np.eye(len(knots))])
-
-
-def _speed(state, j, shape):
-    hats, sign = _hats(np.abs(state.qd[:, j]), shape), state.sign[:, [j]]
-    return [hats * (1 + sign) / 2, hats * (1 - sign) / 2]
-
-
-def _position(state, j, shape):
-    return [_hats(state.q[:, j], shape)]
-
-
-def _load(state, j, shape):
-    load, sign = state.rigid[:, j], state.sign[:, [j]]
-    size = sorted(abs(x) for x in shape)
-    return [_hats(load, shape), _hats(np.abs(load), size) * sign]
-
-
-TABLES = {
-    name: Effect(
-        name, "what else depends on the state of the joint", {}, local(feature)
-    )
-    for name, feature in (
-        ("table_of_speed", _speed),
-        ("table_of_position", _position),
-        ("table_of_load", _load),
-    )
-}

@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 import pinocchio
 
-from residual.effects import TABLES, registry
+from residual.effects import registry
 from residual.effects.base import Effect, Joints, Shape, State
 from residual.errors import InputError, check_name, shown
 from residual.recording import Array, Recording
@@ -79,8 +79,7 @@ class Term:
     @classmethod
     def from_record(cls, record: Mapping) -> "Term":
         """The way back."""
-        known = registry() | TABLES
-        effect = known[check_name(record["name"], known, "effect")]
+        effect = registry()[check_name(record["name"], registry(), "effect")]
         joints = tuple(j - 1 for j in record["joints"])
         nominal = record.get("nominal")
 
@@ -243,7 +242,7 @@ class Model:
     def regressor(self, recording: Recording) -> Array:
         """Torque per parameter on a recorded motion: ``predict`` is it times theta.
 
-        Tables of old records are no parameters, and are not in it.
+        What the model has without a name is no parameter, and is not in it.
 
         Returns:
             [N m per SI unit of theta]. Shape (n, dof, p).
@@ -471,7 +470,7 @@ class Model:
                 standstill=tuple(Standstill(**s) for s in record["standstill"]),
                 clock=record["clock"],
                 filters=Filters(**record["filters"]),
-                tables=tuple(map(Term.from_record, record.get("background", ()))),
+                tables=tuple(map(Term.from_record, record["background"])),
             )
         except (KeyError, TypeError, ValueError) as error:
             raise InputError(f"The record of a model is damaged: {error}.") from error

@@ -14,12 +14,10 @@ import pyarrow.parquet as pq
 import pytest
 
 from flows.cli.app import app
-from flows.report.night.site import Site
 from residual.errors import DEEPEST, InputError, check_nesting
 from residual.model.record import load_model
 from residual.robot.files import parse_toml
 from tests.warehouse import store_samples as made
-from warehouse.files import SUMS, read_parquet, write_parquet
 from warehouse.layout import find_run
 from warehouse.query.guard import LONGEST
 from warehouse.toml import LARGEST, read_toml
@@ -243,27 +241,12 @@ def test_a_parquet_file_of_more_rows_than_bytes_is_refused_at_once(run, tmp_path
     assert time.monotonic() - begun < 5
 
 
-def test_an_escape_in_a_record_of_an_earlier_version_is_not_printed(run, store):
+def test_an_escape_in_a_record_is_not_printed(run, store):
     id = made.commit(store[0], 7, trajectory="\x1b[31mred")
     code, out, _ = run("runs")
     assert (code, id in out, "\x1b" in out) == (0, True, False)
     code, out, _ = run("show", id)
     assert (code, "\x1b" in out) == (0, False)
-
-
-def test_pages_are_made_of_a_store_with_a_record_without_a_time(run, store, tmp_path):
-    folder, (id, other) = store
-    path = find_run(folder, id).row
-    table = read_parquet(path)
-    at = table.column_names.index("created")
-    field = table.schema.field(at)
-    write_parquet(path, table.set_column(at, field, pa.array([None], field.type)))
-    (path.parent / SUMS).unlink()
-    site = Site(folder, lambda *_: None)
-    for address in ("index.html", "night/latest.html"):
-        assert site.answer(address), address
-    assert other in site.answer(f"record/{other}.html").body.decode()
-    assert run("runs")[0] == 0
 
 
 @pytest.mark.parametrize("command", [name for name in app if name[:1] != "-"])

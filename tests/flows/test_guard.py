@@ -292,7 +292,7 @@ def test_a_key_that_others_can_read_or_that_is_none_is_refused(tmp_path):
         store_key(tmp_path)
 
 
-def test_the_folder_of_an_earlier_version_is_closed_to_others(tmp_path):
+def test_a_folder_that_was_made_by_hand_is_closed_to_others(tmp_path):
     (tmp_path / "_prefect").mkdir(mode=0o755)
     assert stat.S_IMODE(prefect_home(tmp_path).stat().st_mode) == 0o700
 

@@ -16,13 +16,6 @@ def test_a_request_comes_back_from_its_record(tmp_path):
     )
 
 
-def test_a_record_of_the_first_version_is_read(tmp_path):
-    kept = {"step": "diagnose", "robot": "irb140", "fit": ["a"], "held_out": ["b"]}
-    kept |= {"baseline": [], "declared": None, "robot_hash": "0"}
-    asked = Diagnose.from_record(kept, tmp_path)
-    assert (asked.logs, asked.held_out, asked.baseline) == (("a",), ("b",), ())
-
-
 def test_where_things_lie_is_no_part_of_a_record():
     kept = Monitor("irb140", ("a",), store="/somewhere").to_record()
     assert "store" not in kept

@@ -121,6 +121,13 @@ def test_tables_on_top_of_a_model_come_back_with_the_very_bits(tmp_path):
     assert repr(made).endswith("tables on J1)")
 
 
+def test_a_term_that_is_no_effect_is_refused():
+    record = through_text(to_record(model_of(["coulomb"])))
+    record["background"] = [{**record["terms"][0], "name": "table_of_speed"}]
+    with pytest.raises(InputError, match="table_of_speed"):
+        from_record(record)
+
+
 def test_the_robot_comes_back_without_its_files(tmp_path):
     text = urdf_text().replace('type="revolute"', 'type="continuous"', 1)
     (tmp_path / "arm.urdf").write_text(text)

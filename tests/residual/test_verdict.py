@@ -82,8 +82,6 @@ FORM = {
 }
 FORM = {part: set(keys.split()) for part, keys in FORM.items()}
 EVIDENCE = {"nats", "by", "held_out", "held_out_gain", "p_value", "splits"}
-LATER = {"log_check", "contradictions", "drift", "background", "changes"}
-LATER |= {"alternatives", "edit", "bodies", "frames"}  # of later versions
 DEPENDENCE = {"joint", "on", "of", "form", "share", "frequency"}
 EXPECTED = {
     "none": "none",
@@ -136,21 +134,7 @@ def test_it_goes_through_json_without_a_nan_and_is_read_back_as_it_was(kind):
     assert json.dumps(to_json(from_json(json.loads(text)))) == text
 
 
-def test_a_record_of_before_the_check_is_read_and_nothing_is_known_of_its_logs():
-    record = document("effects")
-    for key in LATER:
-        del record[key]
-    for effect in record["effects"]:
-        del effect["combinations"], effect["evidence"]["splits"]
-        effect["evidence"]["p_value"] = 0.005  # of a null that was calibrated
-    bare = from_json(record)
-    assert (bare.log_check, bare.contradictions) == (None, ())
-    assert (bare.drift, bare.background) == (None, ())
-    assert all(f.evidence.splits is None for f in bare.effects)
-    assert all(e["evidence"]["p_value"] is None for e in to_json(bare)["effects"])
-
-
-@pytest.mark.parametrize("key", sorted(FORM[""] - LATER))
+@pytest.mark.parametrize("key", sorted(FORM[""]))
 def test_a_verdict_that_lacks_a_key_is_refused(key):
     record = document("effects")
     del record[key]

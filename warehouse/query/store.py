@@ -26,7 +26,7 @@ from warehouse.query.guard import (
     reads_only,
 )
 from warehouse.query.views import Held, catalogue_views, samples_view, signal_rows
-from warehouse.runs import check_samples, quarantined
+from warehouse.runs import quarantined
 from warehouse.schema import KINDS, SAMPLES_FILE, TEXT, VIEWS
 
 _READS = """
@@ -86,10 +86,7 @@ class Watched:
         if not new:
             return None
         try:
-            if not check_file(Path(file), new) and Path(file).name == SAMPLES_FILE:
-                # Of a version without sums: its values against their hash.
-                check_samples(Path(file).parent)
-                new = set(range(about.st_size // BLOCK + 1))
+            check_file(Path(file), new)
         except InputError as error:
             return str(error)
         self._whole[key] |= new

@@ -245,7 +245,7 @@ def _glob(store: Path, folders: Mapping[str, str], file: str) -> str | None:
 
 def _typed(made, name: str, fields, where: str | None) -> str:
     """Return a query for some columns, whatever the files at hand have of them."""
-    # An empty table says the types, also where every file is of an earlier version.
+    # An empty table says the types, also of columns that no file has.
     made.register("_none", fields.empty_table())
     made.execute(f"CREATE TABLE catalogue.no_{name} AS FROM _none")
     made.unregister("_none")

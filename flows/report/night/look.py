@@ -74,9 +74,7 @@ def look(opened: Store) -> Look:
     """Read what a store holds; what is damaged is left out."""
     names = [field.name for field in fields(Look) if field.name != "opened"]
     rows = {name: ask(opened, getattr(questions, name.upper())) for name in names}
-    # A record without a time, which an earlier version took from elsewhere, is no news.
-    dated = {name: [r for r in own if r["created"]] for name, own in rows.items()}
-    return Look(opened, **dated)
+    return Look(opened, **rows)
 
 
 def ask(opened: Store, query: str, **values: object) -> list[dict]:

@@ -147,7 +147,7 @@ def level(errors: ErrorTables) -> tuple[Number, str]:
 
 
 def _levels(errors: ErrorTables) -> list[tuple[Mapping[str, Number], str]]:
-    """Errors of all joints, the one that tells most first; older records lack it."""
+    """Errors of all joints, the one that tells most first; null where none moves."""
     return [
         (errors.overall_moving, "over all joints, while they move,"),
         (errors.overall_filtered, "over all joints"),
