@@ -114,8 +114,8 @@ def test_a_page_names_only_files_and_folders_of_code_that_are_there(page):
         for folder in folders
         for path in (ROOT / folder).rglob("*")
     }
-    # The example of an effect, and what an export writes.
-    new = ("/creaking.py", "/residual/effects/creaking.py", "/torque.py")
+    # The example of an effect.
+    new = ("/creaking.py", "/residual/effects/creaking.py")
     there |= {"/modelgap.py", *new}
     text = page.read_text(encoding="utf-8")
     if page.name == "CHANGELOG.md":  # tells of what was, too

@@ -13,9 +13,9 @@ from pathlib import Path
 
 import numpy as np
 
-from benchmarks.export_parts import models
+from benchmarks.export_parts import back, models
 from benchmarks.harness.figures import Figures, figure, missing
-from flows.proofs import proof
+from flows.steps.export import build, compiler
 from residual.effects import registry
 from residual.export.c99 import prefix_of, to_c99
 from residual.export.exported import Exported, Motion, exciting
@@ -94,7 +94,7 @@ void go(int n, int steps, double held, double stiff, double damped,
 def loop_figures(quick: bool) -> Figures:
     """Measure how far the two loops part with the callback, an effect at a time."""
     what = "mujoco_loop_apart"
-    if proof.compiler() is None:
+    if compiler() is None:
         return {what: missing(BAR, "no C compiler here")}
     apart: dict[str, float] = {}
     for name in FEW if quick else models.NAMES:
@@ -113,7 +113,7 @@ def mujoco_figures(quick: bool) -> Figures:
     arms = models.ARMS[:1] if quick else models.ARMS
     short = max(_short(arm) for arm in arms)
     out = {"mjcf_friction_short": figure(short, SHORT, 2 * len(arms))}
-    if proof.compiler() is None:
+    if compiler() is None:
         return out | {"mjcf_loop_apart": missing(None, "no C compiler here")}
     loops = {arm: _mjcf_loop(arm) for arm in arms}
     apart = max(a for a, _ in loops.values())
@@ -131,21 +131,23 @@ def _short(arm: str) -> float:
     whole = models.model_with(robot, "coulomb", speed_floor=np.full(robot.dof, 1e-5))
     (own,) = whole.terms
     (j,), zero = own.joints, np.zeros((2, robot.dof))
-    qd = proof.CREEP * np.array([[1.0], [-1.0]]) * np.ones(robot.dof)
+    qd = back.CREEP * np.array([[1.0], [-1.0]]) * np.ones(robot.dof)
     states = Motion(np.arange(2.0), zero, qd, zero)
-    up, down = proof.inverse(proof.text_of(to_mjcf(whole)), states)[:, j]
+    up, down = back.inverse(back.text_of(to_mjcf(whole)), states)[:, j]
     return float(1 - (up - down) / 2 / own.theta[0])
 
 
 def _mjcf_loop(arm: str) -> tuple[float, float]:
     """Largest distance of the loops, and of ours from its reference [rad]."""
+    import mujoco
+
     robot = models.robot_of(arm)
     more = models.term(robot, "payload"), models.term(robot, "spring", 1)
     model = models.driven(robot, *more, floor=1e-3)
     motion = exciting(robot, MJCF_SECONDS, 1 / PERIOD)
     scale = np.diag(mass_matrix(robot.model, motion.q[:1])[0]) + 0.6
     drive = inverse_dynamics(robot.model, *motion.parts), scale
-    simulated = proof.mujoco_model(proof.text_of(to_mjcf(model)))
+    simulated = mujoco.MjModel.from_xml_string(back.text_of(to_mjcf(model)))
     theirs = _theirs(simulated, motion, drive, 1)
     ours = _ours(model, motion, drive, SUBSTEPS)
     return float(np.abs(theirs - ours).max()), float(np.abs(ours - motion.q).max())
@@ -165,14 +167,15 @@ def loops_apart(made: Exported, seconds: float, step: float = STEP) -> float:
     robot = made.carried.robot
     motion, times = exciting(robot, seconds, 1 / HELD), round(HELD / step)
     drive = inverse_dynamics(robot.model, *motion.parts), np.ones(robot.dof)
-    with proof.passive(made, step) as simulated:
+    with back.passive(made, step) as simulated:
         theirs = _theirs(simulated, motion, drive, times)
     return float(np.abs(theirs - _ours(made.carried, motion, drive, times)).max())
 
 
 def _theirs(model, motion: Motion, drive: tuple, times: int) -> np.ndarray:
-    mujoco, (forward, scale) = proof.extra("mujoco"), drive
-    out = np.empty_like(motion.q)
+    import mujoco
+
+    (forward, scale), out = drive, np.empty_like(motion.q)
     model.actuator_ctrllimited[:] = 0
     model.jnt_limited[:] = 0
     data = mujoco.MjData(model)
@@ -196,7 +199,7 @@ def _ours(model: Model, motion: Motion, drive: tuple, times: int) -> np.ndarray:
         (place / name).write_bytes(text)
         source = OURS.format(header=name, p=p, dof=dof)
         (place / "ours.c").write_text(source, encoding="utf-8")
-        proof.build(place, ["ours.c"], "ours.so")
+        build(place, ["ours.c"], "ours.so")
         library = ctypes.CDLL(str(place / "ours.so"))
         out = np.empty_like(motion.q)
         arrays = [motion.q, motion.qd, *drive, out]

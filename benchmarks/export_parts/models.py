@@ -10,14 +10,13 @@ from functools import cache
 
 import numpy as np
 
+from benchmarks.export_parts.back import BACK, compiled
 from benchmarks.harness.figures import Figures, figure, missing, partial
 from benchmarks.harness.rates import cpu
-from flows.proofs.proof import compiled, compiler, exported_names
-from flows.steps.export import Made, export_model
+from flows.steps.export import TARGETS, compiler
 from residual.effects import registry
 from residual.export.c99 import to_c99
-from residual.export.exported import Motion, exciting
-from residual.export.numpy_file import to_numpy
+from residual.export.exported import Exported, Motion, exciting
 from residual.model.corrected import NEAREST, Corrected, Tables
 from residual.model.model import Model, Term
 from residual.robot.dynamics import inertial_parameters
@@ -123,19 +122,18 @@ def driven(
     return Model(robot, body, (*terms, *more), floors)
 
 
-# Bars of what a target carries [N m]; those of c99 and numpy are per N m of torque.
+# Bars of what a target carries [N m]; that of c99 is per N m of torque.
 BARS = {
     "json": 0.0,
     "urdf": 1e-12,
     "mjcf": 1e-9,
     "mujoco": 1e-9,
     "c99": 1e-12,
-    "numpy": 1e-12,
     "fmu": 1e-9,
     "rrd": 1e-9,
     "table": None,
 }
-RELATIVE = ("c99", "numpy", "table")
+RELATIVE = ("c99", "table")
 COMPILED = ("c99", "fmu", "mujoco")
 BESIDE = "viscous"  # so that there is a torque where the effect cannot be carried
 FEW = ("coulomb", "payload", "elasticity")  # of a quick run
@@ -157,19 +155,20 @@ def target_figures(quick: bool) -> Figures:
     return out
 
 
-def _exported(target: str, arm: str, name: str) -> Made:
+def _exported(target: str, arm: str, name: str) -> Exported:
     robot = robot_of(arm)
     # An MJCF spring holds a constant torque only where there is one.
-    return export_model(model_with(robot, *dict.fromkeys((BESIDE, name))), target)
+    return TARGETS[target](model_with(robot, *dict.fromkeys((BESIDE, name))))
 
 
 def _figure(target: str, bar: float | None, made: dict) -> dict:
-    gaps = {}
+    gaps, states = {}, 0
     for (arm, name), each in made.items():
-        size = max(each.proof.torque, 1e-9) if target in RELATIVE else 1.0
-        gaps[arm, name] = each.proof.difference / size
+        got, want = BACK[target](each)
+        size = max(np.abs(want).max(), 1e-9) if target in RELATIVE else 1.0
+        gaps[arm, name] = float(np.abs(got - want).max() / size)
+        states += len(want)
     (arm, name), worst = max(gaps.items(), key=lambda item: item[1])
-    states = sum(each.proof.states for each in made.values())
     return figure(
         worst, bar, len(gaps), what=f"{states} states", worst=f"{name}, {arm}"
     )
@@ -180,7 +179,7 @@ def _carried(names: Sequence[str], made: dict) -> dict:
     lost, silent = {}, []
     for (_, name), each in made.items():
         kept = {t.effect.name for t in _terms(each)}
-        left = [one for one in each.export.left if one.name == name]
+        left = [one for one in each.left if one.name == name]
         if name not in kept:
             lost[name] = max(lost.get(name, 0.0), *(one.largest for one in left), 0.0)
         if (name in kept) == bool(left):
@@ -191,31 +190,23 @@ def _carried(names: Sequence[str], made: dict) -> dict:
     return entry | {"ok": False if silent else None}
 
 
-def _terms(each: Made):
-    carried = each.export.carried
-    return getattr(carried, "model", carried).terms
+def _terms(each: Exported):
+    return getattr(each.carried, "model", each.carried).terms
 
 
-NUMPY_BAR, C_BAR = 5.0, 2.0  # microseconds a row
+C_BAR = 2.0  # microseconds a row
 LEVELS, ROWS, TIMES = 22, 10_000, 7
 SINGLE = 500  # rows, one a call
-# Of the time of the same row by the call for many: 200 of 2 000 microseconds for a
-# model, 20 of 174 for tables.
-ROW_BAR, TABLES_BAR = 0.1, 0.2
+# Of the time of the same row by the call for many: 20 of 174 microseconds.
+TABLES_BAR = 0.2
 SIGNALS = ("q", "qd", "qdd")
 
 
 def speed_figures(quick: bool) -> Figures:
-    """Time per row of body, friction and tables, NumPy alone and compiled."""
+    """Time per row of tables alone, and of body, friction and tables compiled."""
     whole, motion = _whole(), exciting(robot_of("irb140"), ROWS / 250)
     told = "rigid body, friction of all joints, 18 tables of 22 levels for each joint"
-    out: Figures = {}
-    with exported_names(to_numpy(whole)) as names:
-        each, got = _each(lambda: names["torque"](motion.t, *motion.parts))
-    gap = np.abs(got - whole.along(motion.t, motion.parts)).max()
-    out["numpy_microseconds"] = figure(each, NUMPY_BAR, ROWS, what=told)
-    out |= _single_rows(whole, motion)
-    out["tables_numpy"] = figure(float(gap), 1e-9, ROWS)
+    out = _single_rows(whole, motion)
     if compiler() is None:
         return out | {"c_microseconds": missing(C_BAR, "no C compiler here")}
     with compiled(to_c99(whole)) as along:
@@ -226,22 +217,16 @@ def speed_figures(quick: bool) -> Figures:
 
 
 def _single_rows(whole: Corrected, motion: Motion) -> Figures:
-    """One row at a time: of the model, and of its tables, over that of many's call."""
-    rows = list(zip(motion.t, *motion.parts, strict=True))[:SINGLE]
-    with exported_names(to_numpy(whole)) as names:
-        one, many = names["torque_row"], names["torque"]
-        fast = _spent(lambda: [one(*row) for row in rows])
-        slow = _spent(lambda: [many(*(np.array([x]) for x in row)) for row in rows])
+    """One row of tables at a time, over that of a call for many."""
     lookup = whole.tables[0].lookup
     saved = dict(np.load(io.BytesIO(export_lookup(lookup)["model.npz"])))
     states, correction = np.hstack(motion.parts)[:SINGLE], by_row(saved)
     quick = _spent(lambda: [correction(x) for x in states])
     call = _spent(lambda: [predict(saved, x[None]) for x in states])
     return {
-        "row_over_many": figure(fast / slow, ROW_BAR, SINGLE, microseconds=fast),
         "tables_row_over_many": figure(
             quick / call, TABLES_BAR, SINGLE, microseconds=quick
-        ),
+        )
     }
 
 

@@ -92,7 +92,7 @@ def export(
     out: str,
     json: str | None = None,
 ) -> None:
-    """Write a model in the form of another program, and try it there.
+    """Write a model in the form of another program.
 
     ```
     modelgap export 3f2a --to mjcf --out for_mujoco
@@ -104,20 +104,17 @@ def export(
     urdf: inertias, damping, dry friction. mjcf: for MuJoCo, with armature, springs and
     polynomial damping too. mujoco: that, and a Python module beside it that adds every
     other force that a motion feels, Stribeck's too, as passive force. c99: one header
-    with all named effects and tables. numpy: the same as a Python file that needs NumPy
-    alone. table: friction over speed and torque over position, with few support points.
-    fmu: FMI 2.0, for model exchange and co-simulation. rrd: the moving arm with the
-    torque of each effect, for the Rerun viewer. json: the whole model, for
-    `mg.load_model`. What a target has no place for is listed, with the torque by which
-    the export therefore differs; then the export is run in its target and compared with
-    the model.
+    with all named effects and tables. table: friction over speed and torque over
+    position, with few support points. fmu: FMI 2.0, for model exchange and
+    co-simulation. rrd: the moving arm with the torque of each effect, for the Rerun
+    viewer. json: the whole model, for `mg.load_model`. What a target has no place for
+    is listed, with the torque by which the export therefore differs.
 
     Args:
         model: Id of a diagnosis or model of the store, or a file that a model was
             saved into.
         out: New folder for the files.
-        json: File for what is left out and for the proof; "-" prints it and nothing
-            else.
+        json: File for what is left out; "-" prints it and nothing else.
     """
     check_outside("--out", out, store_folder(request.store))
     check_new_folder("--out", Path(out))

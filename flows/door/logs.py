@@ -11,12 +11,12 @@ import numpy as np
 from flows.inputs.given import LogSets, read_sets
 from flows.outputs import check_new_folder, write_all
 from flows.steps.check import check as check_sets
-from flows.steps.export import Made, export_model, in_place
+from flows.steps.export import export_model, in_place
 from residual.check.result import LogCheck
 from residual.diagnosis.conclude import error_tables
 from residual.diagnosis.result import ErrorTables
 from residual.errors import InputError, shortened
-from residual.export.exported import Whole
+from residual.export.exported import Exported, Whole
 from residual.model.compare import compare as core_compare
 from residual.model.compare import prepare_held_out
 from residual.model.corrected import Corrected
@@ -222,17 +222,17 @@ def compare(
 
 def export(
     model: Whole, to: str, folder: str | Path, log: Recording | None = None
-) -> Made:
-    """Write a model in the form of another program, and try it there.
+) -> Exported:
+    """Write a model in the form of another program.
 
     Args:
         model: The model, with tables on it or without.
-        to: urdf, mjcf, mujoco, c99, numpy, table, fmu, rrd or json.
+        to: urdf, mjcf, mujoco, c99, table, fmu, rrd or json.
         folder: A new folder for the files.
         log: With rrd: a log of the robot, to see its torque and its residual.
 
     Returns:
-        `export.left` is what is not carried, `proof` what came back out of the target.
+        Its files; `left` is what is not carried.
 
     Raises:
         InputError: If there is no such target, it cannot take the model, the folder is

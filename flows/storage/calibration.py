@@ -13,7 +13,6 @@ from residual.calibration.scores import RUN, Score
 from residual.diagnosis.result import Finding
 from residual.export.c99 import tables_header, to_c99
 from residual.export.exported import to_json
-from residual.export.numpy_file import to_numpy
 from residual.model.model import Model, Term
 from residual.model.nominal import declared_names
 from residual.model.record import to_record
@@ -163,16 +162,15 @@ def calibration_files(made: Calibration) -> dict[str, bytes]:
 
     Returns:
         The tables and their evaluator (`export_lookup`); where they correct a model,
-        `corrected.json` with both, and both as a file for NumPy and as a C header; a
-        header of the tables alone where they correct a simulation.
+        `corrected.json` with both, and both as a C header; a header of the tables alone
+        where they correct a simulation.
     """
     files = export_lookup(made.lookup)
     whole = corrected_model(made)
     if whole is None:
         return files | tables_header(made.lookup, made.robot)
     (record,) = to_json(whole).files.values()
-    both = {**to_numpy(whole).files, **to_c99(whole).files}
-    return {**files, CORRECTED: record, **both}
+    return {**files, CORRECTED: record, **to_c99(whole).files}
 
 
 def store_calibration(

@@ -28,12 +28,12 @@ BRISTLE, EARLIER = 3, 258  # numbers that each of the two has to keep in its mem
 class Portable:
     """What of an effect other programs can be told; nothing where all is empty.
 
-    A formula is an expression that C and Python read alike. It may use of the joint it
-    acts on ``q``, ``qd``, ``qdd``, ``sign``, ``rigid`` and ``tau`` (see ``State``), the
-    session time ``t``, the coefficients ``a[i]``, the numbers of the shape ``s[i]``,
-    and ``sin``, ``cos``, ``tanh``, ``exp``, ``pow``, ``fabs``, ``fmin``, ``fmax``,
-    ``sgn``. With ``m``, the effect's own memory, there are ``bristle(m, q, way)`` and
-    ``earlier(m, t, tau, by)``. Of a pair of joints the six names are arrays of two.
+    A formula is an expression of C. It may use of the joint it acts on ``q``, ``qd``,
+    ``qdd``, ``sign``, ``rigid`` and ``tau`` (see ``State``), the session time ``t``,
+    the coefficients ``a[i]``, the numbers of the shape ``s[i]``, and ``sin``, ``cos``,
+    ``tanh``, ``exp``, ``pow``, ``fabs``, ``fmin``, ``fmax``, ``sgn``. With
+    ``m``, the effect's own memory, there are ``bristle(m, q, way)`` and ``earlier(m, t,
+    tau, by)``. Of a pair of joints the six names are arrays of two.
 
     Attributes:
         formula: Torque [N m], one expression per joint that the effect acts on; a

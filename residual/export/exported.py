@@ -63,19 +63,15 @@ def exciting(robot: Robot, seconds: float = SECONDS, rate: float = RATE) -> Moti
     return Motion(t, q + (lower + upper) / 2, qd, qdd)
 
 
-def random_states(robot: Robot, count: int, slowest: Array | float = 0.0) -> Motion:
-    """Return states that have nothing to do with each other.
-
-    No joint is slower than its `slowest` [rad/s].
-    """
+def random_states(robot: Robot, count: int) -> Motion:
+    """Return states that have nothing to do with each other."""
     lower, upper, speed = limits(robot)
     limit = robot.acceleration_limit
     most = np.full(robot.dof, USUAL_ACCELERATION) if limit is None else limit
     # The same states at every call, so that a figure can be had again.
     rng = np.random.default_rng(0)
     shape = (count, robot.dof)
-    fastest = np.maximum(speed, 2.0 * np.asarray(slowest))
-    qd = rng.uniform(slowest, fastest, shape) * rng.choice([-1.0, 1.0], shape)
+    qd = rng.uniform(0.0, speed, shape) * rng.choice([-1.0, 1.0], shape)
     q, qdd = rng.uniform(lower, upper, shape), rng.uniform(-most, most, shape)
     return Motion(np.arange(count) / RATE, q, qd, qdd)
 

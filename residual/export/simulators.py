@@ -21,13 +21,11 @@ from residual.export.exported import (
     split,
     with_bodies,
 )
-from residual.model.model import LEAST_SPEED, Model, Term
+from residual.model.model import Model, Term
 from residual.recording import Array
 from residual.robot.dynamics import chain_of
 from residual.robot.robot import with_inertials
-from residual.signals.standstill import SMOOTH
 
-FULL = 20.0  # tanh of it is one, to the last bit
 NOT_NEGATIVE = ("damping", "quadratic_damping", "friction", "armature", "stiffness")
 URDF_CAN = ("damping", "friction")
 MJCF_CAN = (
@@ -73,15 +71,6 @@ def properties(model: Model) -> dict[str, Array]:
         for name, value in zip(term.effect.portable.joint, term.theta, strict=False):
             out[name][list(term.joints)] += value
     return out
-
-
-def saturated_speed(model: Model) -> Array:
-    """Return the speeds above which its dry friction has its full value. (dof,)."""
-    known = model.speed_floor
-    floor = np.full(model.robot.dof, LEAST_SPEED) if known is None else known
-    shapes = model.standstill or (SMOOTH,) * model.robot.dof
-    times = [max(s.reach, FULL * s.size if s.kind == "smooth" else 0) for s in shapes]
-    return floor * np.array(times)
 
 
 def to_urdf(whole: Whole) -> Exported:

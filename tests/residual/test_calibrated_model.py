@@ -9,7 +9,6 @@ from benchmarks.export_parts.models import model_with, robot_of
 from residual.calibration.calibrate import corrected_model
 from residual.calibration.rows import MEASURED, PAPER
 from residual.export.exported import exciting
-from residual.export.numpy_file import to_numpy
 from residual.model.corrected import NEAREST
 from residual.model.record import from_record, to_record
 from residual.tables.components import state_names
@@ -68,18 +67,12 @@ def test_a_joint_without_a_table_says_so():
     assert [t.kind == NONE for t in whole.tables] == [j == 2 for j in JOINTS]
 
 
-def test_it_comes_back_whole_from_its_record_and_from_its_numpy_file(tmp_path):
+def test_it_comes_back_whole_from_its_record():
     motion = exciting(robot_of("irb140"), 4.0)
     whole = corrected_model(_calibration(nominal=_model()))
     want = whole.along(motion.t, motion.parts)
     again = from_record(to_record(whole)).along(motion.t, motion.parts)
     assert again.tobytes() == want.tobytes()
-    for name, content in to_numpy(whole).files.items():
-        (tmp_path / name).write_bytes(content)
-    names = {"__name__": "torque", "__file__": str(tmp_path / "torque.py")}
-    exec((tmp_path / "torque.py").read_text(), names)
-    got = names["torque"](motion.t, *motion.parts)
-    np.testing.assert_allclose(got, want, atol=1e-10)
 
 
 @pytest.mark.parametrize(

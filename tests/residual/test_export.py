@@ -6,12 +6,14 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from benchmarks.export_parts.back import c99_back, fast_states
 from benchmarks.export_parts.models import (
     ARMS,
     NAMES,
     model_with,
     robot_of,
 )
+from flows.steps.export import compiler
 from residual.effects import registry
 from residual.effects.base import Portable
 from residual.errors import InputError
@@ -23,8 +25,7 @@ from residual.export.exported import (
     to_json,
     with_bodies,
 )
-from residual.export.numpy_file import to_numpy
-from residual.export.simulators import saturated_speed, to_mjcf, to_urdf
+from residual.export.simulators import to_mjcf, to_urdf
 from residual.model.corrected import NEAREST, NOTHING, Corrected, Tables
 from residual.model.model import Model
 from residual.signals.standstill import CHOICES
@@ -36,7 +37,6 @@ WRITERS = {
     "urdf": to_urdf,
     "mjcf": to_mjcf,
     "c99": to_c99,
-    "numpy": to_numpy,
 }
 # What each target can say of one effect alone; all else must be listed.
 JOINTS = {"viscous", "coulomb"}
@@ -48,8 +48,8 @@ CARRIED = {
     "urdf": JOINTS | BODIES,
     "mjcf": JOINTS | BODIES | MUJOCO,
     "c99": set(NAMES) - AHEAD,
-    "numpy": set(NAMES) - AHEAD,
 }
+needs_compiler = pytest.mark.skipif(compiler() is None, reason="no C compiler here")
 FORMULA = {"a", "s", "m", "q", "qd", "qdd", "sign", "rigid", "tau", "t"}
 FUNCTIONS = {"sin", "cos", "tanh", "exp", "pow", "fabs", "fmin", "fmax", "sgn"}
 OWN = {"bristle", "earlier"}
@@ -88,58 +88,30 @@ def test_a_target_carries_an_effect_or_lists_it_with_its_torque(target, name):
         assert one.why
 
 
+@needs_compiler
 @pytest.mark.parametrize("arm", ARMS)
 @pytest.mark.parametrize("name", [n for n in NAMES if n not in AHEAD])
-def test_the_numpy_file_computes_the_torque_of_each_effect(arm, name):
-    robot = robot_of(arm)
-    made = to_numpy(model_with(robot, "viscous", "rotor_inertia", name))
-    motion = exciting(robot)
-    want = made.whole.along(motion.t, motion.parts)
+def test_the_header_computes_the_torque_of_each_effect(arm, name):
+    made = to_c99(model_with(robot_of(arm), "viscous", "rotor_inertia", name))
     assert made.left == ()
-    np.testing.assert_allclose(_torque(made)(motion), want, rtol=0, atol=1e-10)
-    _row_as_many(made)
+    np.testing.assert_allclose(*c99_back(made), rtol=0, atol=1e-10)
 
 
-def _row_as_many(made, folder="nowhere"):
-    names, motion = _names(made, folder), exciting(body_of(made.whole).robot)
-    for k in (0, 700, 1400):
-        row = [x[k] for x in (motion.t, *motion.parts)]
-        many = names["torque"](*(np.array([x]) for x in row))
-        np.testing.assert_allclose(
-            names["torque_row"](*row), many[0], rtol=1e-12, atol=1e-9
-        )
+@needs_compiler
+@pytest.mark.parametrize("beyond", [NOTHING, NEAREST])
+def test_the_header_reads_tables_inside_their_range_and_beyond(beyond):
+    whole = _corrected(robot_of("seven"))
+    tables = tuple(replace(t, beyond=beyond) for t in whole.tables)
+    made = to_c99(replace(whole, tables=tables))
+    np.testing.assert_allclose(*c99_back(made), rtol=0, atol=1e-9)
 
 
-def test_a_single_row_reads_tables_as_many_do(tmp_path):
-    for beyond in (NOTHING, NEAREST):
-        whole = _corrected(robot_of("seven"))
-        tables = tuple(replace(t, beyond=beyond) for t in whole.tables)
-        made = to_numpy(replace(whole, tables=tables))
-        for name, content in made.files.items():
-            (tmp_path / name).write_bytes(content)
-        _row_as_many(made, tmp_path)
-
-
+@needs_compiler
 @pytest.mark.parametrize("choice", CHOICES, ids=str)
-def test_the_numpy_file_stands_still_as_the_model_does(choice):
-    robot = robot_of("irb140")
-    whole = model_with(robot, "coulomb", standstill=(replace(choice, hold=0.6),) * 6)
-    motion = exciting(robot, 4.0)
-    want = whole.along(motion.t, motion.parts)
-    made = to_numpy(whole)
-    np.testing.assert_allclose(_torque(made)(motion), want, rtol=0, atol=1e-10)
-    _row_as_many(made)
-
-
-def _names(made, folder="nowhere"):
-    names = {"__name__": "torque", "__file__": f"{folder}/torque.py"}
-    exec(compile(made.files["torque.py"], "torque.py", "exec"), names)
-    return names
-
-
-def _torque(made):
-    names = _names(made)
-    return lambda motion: names["torque"](motion.t, *motion.parts)
+def test_the_header_stands_still_as_the_model_does(choice):
+    shapes = (replace(choice, hold=0.6),) * 6
+    whole = model_with(robot_of("irb140"), "coulomb", standstill=shapes)
+    np.testing.assert_allclose(*c99_back(to_c99(whole)), rtol=0, atol=1e-10)
 
 
 def _corrected(robot) -> Corrected:
@@ -210,7 +182,7 @@ def test_a_strangers_name_makes_no_path_and_no_code():
         made = write(whole)
         assert all(re.fullmatch(r"[\w-]+\.(?:\w+)", name) for name in made.files)
         for name, content in made.files.items():
-            if name.endswith((".h", ".py")):
+            if name.endswith(".h"):
                 assert b"import os" not in content
 
 
@@ -239,8 +211,7 @@ def test_above_the_saturated_speed_dry_friction_has_its_full_value():
     for choice in CHOICES:
         whole = model_with(robot_of("seven"), "coulomb", standstill=(choice,) * 7)
         (own,) = whole.terms
-        speed = saturated_speed(whole)
-        states = random_states(whole.robot, 50, speed)
+        states = fast_states(whole, 50)
         torque = whole.torque(*states.parts) - whole.without("coulomb").torque(
             *states.parts
         )

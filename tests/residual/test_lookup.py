@@ -10,7 +10,7 @@ from itertools import combinations
 import numpy as np
 import pytest
 
-from flows.proofs.proof import build, compiler
+from flows.steps.export import build, compiler
 from residual.errors import InputError
 from residual.export.c99 import tables_header
 from residual.tables.choose import fit_effect_tables

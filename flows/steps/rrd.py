@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 import pinocchio as pin
 
-from flows.proofs.proof import Proof, extra, unpacked
+from residual.errors import InputError
 from residual.export.exported import (
     Exported,
     Whole,
@@ -37,7 +37,13 @@ class Shown:
 
 def make_rrd(whole: Whole, log: Recording | None = None) -> Exported:
     """Return a recording of a log, or of a usual motion where there is none."""
-    rr = extra("rerun")
+    try:
+        import rerun as rr
+    except ImportError as error:
+        raise InputError(
+            "This target needs Rerun, which is not installed. Install the extra: pip "
+            "install '.[export]' in the checkout."
+        ) from error
     shown = _of_log(whole, log) if log else _of_motion(whole)
     with tempfile.TemporaryDirectory() as folder:
         path = Path(folder) / "arm.rrd"
@@ -49,32 +55,6 @@ def make_rrd(whole: Whole, log: Recording | None = None) -> Exported:
         content = path.read_bytes()
     name = f"{file_stem(whole)}.rrd"
     return split(whole, lambda term: "").exported({name: content})
-
-
-def prove_rrd(made: Exported) -> Proof:
-    """Open the file, count what is in it, and add the torques up again."""
-    dof, found, entities = body_of(made.whole).robot.dof, {}, set()
-    reader = extra("rerun.chunk").RrdReader
-    (content,) = made.files.values()
-    with unpacked({"arm.rrd": content}) as place:
-        for chunk in reader(str(place / "arm.rrd")).stream().to_chunks():
-            entities.add(chunk.entity_path)
-            if chunk.entity_path.startswith("/torque/"):
-                column = chunk.to_record_batch().column("Scalars:scalars")
-                values = column.flatten().to_numpy(zero_copy_only=False)
-                found.setdefault(chunk.entity_path, []).append(values)
-    gaps, sizes, rows = [], [], 0
-    for j in range(dof):
-        under = f"/torque/joint_{j + 1}/"
-        own = {k: np.concatenate(v) for k, v in found.items() if k.startswith(under)}
-        model = own.pop(f"{under}model")
-        parts = [v for k, v in own.items() if k.split("/")[3] == "of"]
-        gaps.append(np.abs(sum(parts) - model).max())
-        sizes.append(np.abs(model).max())
-        rows = len(model)
-    count = f"{len(entities)} entities, {len(content) / 1e6:.2g} MB"
-    by = "opened again, its parts added up"
-    return Proof(by, rows, float(max(gaps)), float(max(sizes)), (count,))
 
 
 def _of_motion(whole: Whole) -> Shown:

@@ -1,0 +1,290 @@
+"""Exports run in the program that each is for: its torque, beside what is carried."""
+
+import ctypes
+import json
+import runpy
+import shutil
+import tempfile
+from collections.abc import Callable, Iterator, Mapping
+from contextlib import contextmanager
+from pathlib import Path
+
+import numpy as np
+
+from flows.steps.export import build
+from residual.export.c99 import prefix_of
+from residual.export.exported import Exported, Motion, body_of, exciting, random_states
+from residual.export.table import POSITION, SPEED, curve_at
+from residual.model.model import LEAST_SPEED, Model
+from residual.model.record import from_record
+from residual.recording import Array
+from residual.robot.dynamics import inverse_dynamics
+from residual.robot.files import build_model
+from residual.signals.standstill import SMOOTH
+
+STATES = 1000  # random ones, of one comparison
+CREEP = 1e-3  # rad/s: dry friction must have its value from here on
+FULL = 20.0  # tanh of it is one, to the last bit
+SIGNALS = ("q", "qd", "qdd")  # inputs of an FMU
+KINDS = ("model exchange", "co-simulation")  # of an FMU
+AROUND = """\
+#include "{header}"
+void along(int n, const double *t, const double *q, const double *qd,
+           const double *qdd, double *tau)
+{{
+    {p}_memory memory;
+    {p}_start(&memory);
+    for (int i = 0; i < n; i++)
+        {p}_torque(&memory, t[i], q + {dof} * i, qd + {dof} * i, qdd + {dof} * i,
+                   tau + {dof} * i);
+}}
+"""
+# The torque of the target, and that of what the export carries [N m].
+Pair = tuple[Array, Array]
+
+
+def text_of(made: Exported) -> str:
+    """Return the first file of an export as text."""
+    return next(iter(made.files.values())).decode()
+
+
+@contextmanager
+def unpacked(files: Mapping[str, bytes]) -> Iterator[Path]:
+    """Give a folder with some files, while it is needed."""
+    with tempfile.TemporaryDirectory() as folder:
+        for name, content in files.items():
+            (Path(folder) / name).write_bytes(content)
+        yield Path(folder)
+
+
+def saturated_speed(model: Model) -> Array:
+    """Return the speeds above which dry friction has its full value. (dof,)."""
+    known = model.speed_floor
+    floor = np.full(model.robot.dof, LEAST_SPEED) if known is None else known
+    shapes = model.standstill or (SMOOTH,) * model.robot.dof
+    times = [max(s.reach, FULL * s.size if s.kind == "smooth" else 0) for s in shapes]
+    return floor * np.array(times)
+
+
+def fast_states(model: Model, count: int = STATES) -> Motion:
+    """Return random states in which no joint is slower than where friction is full."""
+    states, slow = random_states(model.robot, count), saturated_speed(model)
+    return Motion(states.t, states.q, states.qd + np.sign(states.qd) * slow, states.qdd)
+
+
+def _along(made: Exported, got: Callable[[Motion], Array]) -> Pair:
+    motion = exciting(body_of(made.whole).robot)
+    return got(motion), made.carried.along(motion.t, motion.parts)
+
+
+def json_back(made: Exported) -> Pair:
+    """Read the file and predict with it, along a motion."""
+    again = from_record(json.loads(text_of(made)))
+    return _along(made, lambda motion: again.along(motion.t, motion.parts))
+
+
+def urdf_back(made: Exported) -> Pair:
+    """Let Pinocchio read inertias, damping and friction, and compute torque."""
+    model, read = body_of(made.carried), build_model(text_of(made), "the URDF")
+    # A URDF says nothing of gravity.
+    read.gravity.linear = model.robot.model.gravity.linear
+    states = fast_states(model)
+    got = inverse_dynamics(read, *states.parts)
+    got += states.qd * read.damping + np.sign(states.qd) * read.upperDryFrictionLimit
+    return got, model.torque(*states.parts)
+
+
+def table_back(made: Exported) -> Pair:
+    """Read the support points and go along lines between them."""
+    model, got, want = body_of(made.carried), [np.zeros(1)], [np.zeros(1)]
+    for name in (name for name in (SPEED, POSITION) if name in made.files):
+        text = made.files[name].decode().splitlines()
+        rows = np.loadtxt(text, delimiter=",", skiprows=1, ndmin=2)
+        for j in range(model.robot.dof):
+            _, x, y = rows[rows[:, 0] == j + 1].T
+            if len(x):
+                places = np.random.default_rng(j).uniform(x[0], x[-1], STATES)
+                got.append(np.interp(places, x, y))
+                want.append(curve_at(model, name, j, places))
+    return np.concatenate(got), np.concatenate(want)
+
+
+def mjcf_back(made: Exported) -> Pair:
+    """Compare MuJoCo's inverse dynamics on random states of full friction."""
+    model = body_of(made.carried)
+    states = fast_states(model)
+    return inverse(text_of(made), states), model.torque(*states.parts)
+
+
+def inverse(text: str, states: Motion) -> Array:
+    """Return the torque that MuJoCo finds for given states [N m]. Shape (n, dof)."""
+    import mujoco
+
+    return _inverse(mujoco.MjModel.from_xml_string(text), states)
+
+
+def _inverse(model, motion: Motion) -> Array:
+    import mujoco
+
+    data, out = mujoco.MjData(model), np.empty_like(motion.q)
+    for i, t in enumerate(motion.t):
+        data.time = t
+        data.qpos[:], data.qvel[:], data.qacc[:] = (x[i] for x in motion.parts)
+        mujoco.mj_inverse(model, data)
+        out[i] = data.qfrc_inverse
+    return out
+
+
+def mujoco_back(made: Exported) -> Pair:
+    """Let MuJoCo find the torque along a motion, with what the module beside adds."""
+    with passive(made) as simulated:
+        return _along(made, lambda motion: _inverse(simulated, motion))
+
+
+@contextmanager
+def passive(made: Exported, timestep: float | None = None) -> Iterator:
+    """Give the compiled MJCF of an export, its callback set meanwhile."""
+    import mujoco
+
+    with unpacked(made.files) as place:
+        (module,) = (n for n in made.files if n.endswith(".py"))
+        beside = runpy.run_path(str(place / module))
+        try:
+            yield beside["load"](timestep)
+        finally:
+            mujoco.set_mjcb_passive(None)
+
+
+def c99_back(made: Exported) -> Pair:
+    """Compile the header and run it along a motion."""
+    with compiled(made) as along:
+        return _along(made, along)
+
+
+@contextmanager
+def compiled(made: Exported) -> Iterator[Callable[[Motion], Array]]:
+    """Give the compiled header as a function of a motion, while it is needed."""
+    dof, ((name, text),) = body_of(made.whole).robot.dof, made.files.items()
+    p = prefix_of(name.removesuffix(".h"))
+    around = AROUND.format(header=name, p=p, dof=dof).encode()
+    with unpacked({name: text, "around.c": around}) as place:
+        build(place, ["around.c"], "around.so")
+        library = ctypes.CDLL(str(place / "around.so"))
+
+        def along(motion: Motion) -> Array:
+            arrays = [np.ascontiguousarray(x) for x in (motion.t, *motion.parts)]
+            out = np.empty_like(motion.q)
+            ends = [x.ctypes.data_as(ctypes.c_void_p) for x in (*arrays, out)]
+            library.along(len(motion.t), *ends)
+            return out
+
+        yield along
+
+
+def fmu_back(made: Exported) -> Pair:
+    """Let FMPy check the FMU and play it along a motion, in both ways."""
+    from fmpy.validation import validate_fmu
+
+    (content,) = made.files.values()
+    with unpacked({"model.fmu": content}) as place:
+        path = place / "model.fmu"
+        assert validate_fmu(str(path)) == []
+        got, want = _along(
+            made, lambda motion: np.hstack([played(path, motion, k) for k in KINDS])
+        )
+    return got, np.hstack([want] * len(KINDS))
+
+
+def played(path: Path, motion: Motion, kind: str) -> Array:
+    """Return the torque of every sample, at its own time [N m]. Shape (n, dof).
+
+    Args:
+        kind: One of `KINDS`. For model exchange FMPy has a loop; of its loop for
+            co-simulation the recorder reads before the inputs are set, so that here
+            they are set, and the torque read, from the outside.
+    """
+    import fmpy
+
+    if kind == KINDS[1]:
+        return _stepped(path, motion)
+    dof = motion.q.shape[1]
+    names = [f"{signal}{j + 1}" for signal in SIGNALS for j in range(dof)]
+    columns = [motion.t, *np.hstack(motion.parts).T]
+    kinds = [("time", float), *((name, float) for name in names)]
+    rows = np.array(list(zip(*columns, strict=True)), dtype=kinds)
+    step = float(motion.t[1] - motion.t[0])
+    done = fmpy.simulate_fmu(
+        str(path),
+        fmi_type="ModelExchange",
+        solver="Euler",
+        start_time=float(motion.t[0]),
+        stop_time=float(motion.t[-1]),
+        step_size=step,
+        output_interval=step,
+        input=rows,
+        output=[f"tau{j + 1}" for j in range(dof)],
+    )
+    return np.column_stack([done[f"tau{j + 1}"] for j in range(dof)])
+
+
+def _stepped(path: Path, motion: Motion) -> Array:
+    """Go step by step: set the inputs of a time, read its torque, go on."""
+    import fmpy
+    from fmpy.fmi2 import FMU2Slave
+
+    dof = motion.q.shape[1]
+    about = fmpy.read_model_description(str(path))
+    folder = fmpy.extract(str(path))
+    own = FMU2Slave(
+        guid=about.guid,
+        unzipDirectory=folder,
+        modelIdentifier=about.coSimulation.modelIdentifier,
+        instanceName="model",
+    )
+    inputs, outputs = list(range(3 * dof)), list(range(3 * dof, 4 * dof))
+    rows, out = np.hstack(motion.parts), np.empty_like(motion.q)
+    own.instantiate()
+    own.setupExperiment(startTime=float(motion.t[0]))
+    own.enterInitializationMode()
+    own.exitInitializationMode()
+    for k, (now, row) in enumerate(zip(motion.t, rows, strict=True)):
+        own.setReal(inputs, row)
+        out[k] = own.getReal(outputs)
+        own.doStep(float(now), float(motion.t[1] - motion.t[0]))
+    own.terminate()
+    own.freeInstance()
+    shutil.rmtree(folder, ignore_errors=True)
+    return out
+
+
+def rrd_back(made: Exported) -> Pair:
+    """Open the recording and add the torques up again."""
+    from rerun.chunk import RrdReader
+
+    dof, found = body_of(made.whole).robot.dof, {}
+    (content,) = made.files.values()
+    with unpacked({"arm.rrd": content}) as place:
+        for chunk in RrdReader(str(place / "arm.rrd")).stream().to_chunks():
+            if chunk.entity_path.startswith("/torque/"):
+                column = chunk.to_record_batch().column("Scalars:scalars")
+                values = column.flatten().to_numpy(zero_copy_only=False)
+                found.setdefault(chunk.entity_path, []).append(values)
+    whole = {path: np.concatenate(parts) for path, parts in found.items()}
+    got, want = [], []
+    for j in range(dof):
+        under = f"/torque/joint_{j + 1}/"
+        got.append(sum(v for k, v in whole.items() if k.startswith(f"{under}of/")))
+        want.append(whole[f"{under}model"])
+    return np.column_stack(got), np.column_stack(want)
+
+
+BACK: Mapping[str, Callable[[Exported], Pair]] = {
+    "json": json_back,
+    "urdf": urdf_back,
+    "mjcf": mjcf_back,
+    "mujoco": mujoco_back,
+    "c99": c99_back,
+    "fmu": fmu_back,
+    "rrd": rrd_back,
+    "table": table_back,
+}

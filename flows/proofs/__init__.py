@@ -1,1 +1,0 @@
-"""What comes back out of the programs that a model was exported to."""
