@@ -6,11 +6,10 @@ figure 2); a measured log that has the reference is enough for that.
 """
 
 from collections.abc import Mapping
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import numpy as np
 from scipy.interpolate import CubicSpline
-from scipy.ndimage import maximum_filter1d
 
 from residual.errors import InputError
 from residual.recording import Array, Recording
@@ -20,12 +19,11 @@ from sim.engine.records import PlantSpec, Rates, Reference
 from sim.plant import tables as at
 from sim.plant.arm import build_arm
 from sim.plant.catalogue import of_drives
-from sim.plant.controller import Law, replay
+from sim.plant.controller import replay
 from sim.plant.stepping import Trace, drive, simulate
 
 _NOMINAL = PlantSpec(scatter=0.0)
 _NOTHING = 1e-6  # N m, N m s/rad, kg m^2: the plant needs some inertia of a rotor
-_AROUND = 0.02  # s: how far from a reversal friction is still turning
 LOGGED = "logged"  # the family of a reference that nobody here has planned
 
 
@@ -93,51 +91,6 @@ def open_loop(
         trace = simulate(arm, piece, replay(torque[part]))
         error[part] = trace.rows[:, at.Q] - piece.q
     return error
-
-
-@dataclass(frozen=True, eq=False, slots=True)
-class Driven:
-    """What came of one drive along a reference, per joint. Shapes (dof,)."""
-
-    # Of read minus wanted position [rad].
-    rms: Array
-    peak: Array
-    chatter: Array  # root mean square of the second difference of torque per step [N m]
-    energy: Array  # integral of the size of torque times speed [J]
-    # Largest change of torque in a step of the controller, where the reference turns
-    # round, stops or starts [N m]; 0 where it never does.
-    step: Array
-
-
-def run_along(
-    robot: Robot, reference: Reference, plant: PlantSpec, given: Array | Law
-) -> Driven:
-    """Drive the arm along a reference by torques, or by a law, handed in.
-
-    Torques go with plain feedback joint by joint, the same for every model; a law
-    closes the loop itself (computed torque).
-
-    Args:
-        given: Torque along the reference [N m], shape (n, dof); or the law.
-    """
-    trace = drive(robot, reference, plant, given=given)
-    dt = reference.t[1] - reference.t[0]
-    miss = trace.rows[:, at.READING] - reference.q
-    torque, speed = trace.rows[:, at.DRIVE], trace.rows[:, at.QD]
-    return Driven(
-        rms=np.sqrt(np.mean(miss**2, axis=0)),
-        peak=np.abs(miss).max(axis=0),
-        chatter=np.sqrt(np.mean(np.diff(torque, 2, axis=0) ** 2, axis=0)),
-        energy=np.abs(torque * speed).sum(axis=0) * dt,
-        step=_reversal_step(torque, reference.qd[: len(torque)], round(_AROUND / dt)),
-    )
-
-
-def _reversal_step(torque: Array, wanted: Array, around: int) -> Array:
-    """Largest change of torque within so many steps of a reversal [N m]. (dof,)."""
-    turns = np.diff(np.sign(wanted), axis=0) != 0
-    near = maximum_filter1d(turns.astype(np.uint8), 2 * around + 1, axis=0)
-    return (np.abs(np.diff(torque, axis=0)) * near).max(axis=0)
 
 
 def logged_reference(log: Recording) -> Reference:

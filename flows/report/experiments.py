@@ -1,4 +1,4 @@
-"""Experiments and the motions they are of: validations, drives by a model, plans."""
+"""Experiments and the motions they are of: validations, drives by models, plans."""
 
 import io
 from collections.abc import Mapping
@@ -12,29 +12,13 @@ from flows.report.figures.paper import SOFT, blank, figure_style, rule
 from flows.report.page import render
 from flows.report.words.phrases import texts
 from flows.steps.models import NOMINAL
-from flows.steps.track import LOOP, Gain, Tracked
-from flows.steps.validate import Validation
+from flows.steps.validate import Tracking, Validation
 from residual.robot.robot import Robot
 from sim.engine.records import Reference, TrajectorySpec
 from sim.trajectories.excitation import Usage
 from sim.trajectories.limits import largest_torque
 
 _TEXT = texts()["validation"]
-
-# The 2 x 2 design and computed torque: what stands in a row, and its name.
-_CELLS = {
-    "rigid body": ", neither",
-    "+ acceleration": ", no effects",
-    "+ friction and effects": ", no acceleration",
-    "+ both": "",
-    "computed torque": LOOP,
-}
-_UNITS = {
-    "rms": (1e3, "mrad"),
-    "peak": (1e3, "mrad"),
-    "chatter": (1, "N m"),
-    "step": (1, "N m"),
-}
 
 
 def validation(result: Validation) -> Table:
@@ -101,13 +85,13 @@ def meaning(result: Validation) -> str:
 
 
 def validation_page(
-    results: Mapping[str, Validation], driven: Tracked | None = None
+    results: Mapping[str, Validation], driven: Tracking | None = None
 ) -> str:
     """Return the page of validations.
 
     Args:
         results: What was found, by run.
-        driven: Drives by a model, where there were some.
+        driven: How the arm tracked unseen motions, where it was driven.
     """
     sections = [
         Section(
@@ -119,7 +103,8 @@ def validation_page(
         for run, each in results.items()
     ]
     if driven is not None:
-        sections.append(Section("driven", "Driven by the model", tracking(driven)))
+        parts = tracking(driven)
+        sections.append(Section("driven", "Driven along unseen motions", parts))
     first, *more = (meaning(each) for each in results.values())
     notes = dict.fromkeys(note for each in results.values() for note in each.notes)
     return render(
@@ -134,88 +119,31 @@ def validation_page(
     )
 
 
-def tracking(tracked: Tracked) -> list[str | Table]:
-    """Return drives by models: the 2 x 2 design, joint by joint, what they gain."""
-    _, *others = tracked.names
-    gains = [gain for name in others for gain in _gains(tracked, name)]
-    return [_cells(tracked), _joints(tracked), _turned(tracked), *gains]
-
-
-def _gains(tracked: Tracked, model: str) -> list[str]:
-    pairs = [(NOMINAL, model, "rms"), (NOMINAL, model, "peak")]
-    pairs += [(NOMINAL + LOOP, model + LOOP, "rms")]
-    pairs += [
-        (f"{model}{less}", model, "rms")
-        for less in (", no effects", ", no acceleration")
-    ]
-    return [_gain(tracked.gain(*pair)) for pair in pairs]
-
-
-def _turned(tracked: Tracked) -> str:
-    """How dry friction turned at reversals, and what the drives saw of it."""
-    steps = [f"{tracked.values(name, 'step').max():.2g}" for name in tracked.names]
-    held = np.isfinite(tracked.torque_rate)
-    rates = " ".join(f"{rate:.4g}" for rate in tracked.torque_rate[held])
-    limit = f", at {rates} N m/s at most" if held.any() else ""
-    width = " ".join(f"{w:.3g}" for w in np.unique(tracked.width))
-    return (
-        f"dry friction turns over {width} rad/s of the reference{limit}; largest step "
-        f"of torque at a reversal {' → '.join(steps)} N m"
-    )
-
-
-def _cells(tracked: Tracked) -> Table:
-    """What each cell leaves, all joints and motions together."""
-    measures = (("rms", 2), ("peak", 1), ("chatter", 3), ("step", 2), ("energy", 0))
-    rows = []
-    for words, cell in _CELLS.items():
-        row = [words]
-        for what, digits in measures:
-            scale = _UNITS.get(what, (1, ""))[0]
-            each = (_mean(tracked, name + cell, what) for name in tracked.names)
-            row.append(" → ".join(f"{scale * value:.{digits}f}" for value in each))
-        rows.append(row)
-    titles = ("rms [mrad]", "peak [mrad]", "chatter [N m]", "step [N m]", "energy [J]")
-    whose = " → ".join(tracked.names)
-    heads = [f"{whose}\n{title}" for title in titles]
-    return Table(("torque by the model's", *heads), rows)
-
-
-def _joints(tracked: Tracked) -> Table:
-    """Root mean square and peak per joint, all of each model fed forward."""
-    rms = [
-        (tracked.values(name, "rms") ** 2).mean(axis=0) ** 0.5 for name in tracked.names
-    ]
-    peak = [tracked.values(name, "peak").max(axis=0) for name in tracked.names]
-    columns = [1e3 * values for values in (*rms, *peak)]
+def tracking(found: Tracking) -> list[str | Table]:
+    """Return how an arm tracked: a joint a row, before and after; and all together."""
+    each = {name: found.by_joint(name) for name in found.rms}
+    columns = {
+        f"{what}\n{name}\n[mrad]": 1e3 * figures[i]
+        for i, what in enumerate(("rms", "peak"))
+        for name, figures in each.items()
+    }
     rows = [
         (str(joint), *(f"{value:.2f}" for value in row))
-        for joint, row in enumerate(zip(*columns, strict=True), 1)
+        for joint, row in enumerate(zip(*columns.values(), strict=True), 1)
     ]
-    _, *others = (f"{name} [mrad]" for name in tracked.names)
-    heads = [h for what in ("rms", "peak") for h in (f"{what}, {NOMINAL}", *others)]
-    return Table(("joint", *heads), rows, left=())
-
-
-def _gain(gain: Gain) -> str:
-    scale, unit = _UNITS[gain.what]
-    interval = "a single motion, so no interval"
-    if gain.low == gain.low:
-        low, high = scale * gain.low, scale * gain.high
-        interval = f"95 % {low:+.3g} to {high:+.3g}, {gain.n} motions"
-    return (
-        f"{gain.what}, {gain.second} for {gain.first}: {gain.ratio:.2f} times, "
-        f"{scale * gain.change:+.3g} {unit} ({interval})"
+    about = (
+        "read minus wanted position along unseen motions, by the torque of each model: "
+        f"{NOMINAL} is before, the others are after"
     )
-
-
-def _mean(tracked: Tracked, cell: str, what: str) -> float:
-    values = tracked.values(cell, what)
-    if what == "energy":
-        return float(values.sum(axis=1).mean())
-    if what in ("peak", "step"):
-        return float(values.max())
-    return float((values**2).sum(axis=1).mean() ** 0.5)
+    whole = {name: 1e3 * float(np.linalg.norm(rms)) for name, (rms, _) in each.items()}
+    first, *others = (f"{name} {value:.3g}" for name, value in whole.items())
+    families = sorted({motion.kind for _, motion in found.motions})
+    count = len(found.motions)
+    told = (
+        f"{count} unseen motion{'s' if count > 1 else ''} ({', '.join(families)}), rms "
+        f"of all joints: {first} → {', '.join(others)} mrad"
+    )
+    return [Table(("joint", *columns), rows, about, left=()), told]
 
 
 _NEAR = 0.95  # of a limit, which stands out

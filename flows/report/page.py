@@ -21,7 +21,7 @@ from flows.report.document import Document, Part, Strong, tag
 from flows.report.words.phrases import sentence_case
 from flows.requests import Diagnose
 from warehouse.files import read_parquet
-from warehouse.layout import find
+from warehouse.layout import find, read_record
 from warehouse.provenance import version_text
 
 # Where a record and a page about it come from, and what makes them again.
@@ -100,7 +100,8 @@ def made_of(store: Path, id: str) -> Made:
     for parent in row["lineage"] or ():
         role = parent["role"].replace("_", " ")
         data[role] = (*data.get(role, ()), parent["parent"])
-    again = "show" if found.kind in ("reports", "adoptions") else "rerun"
+    kinds = found.kind, read_record(store, found.id).get("kind")
+    again = "show" if {"reports", "adoptions", "tracking"} & {*kinds} else "rerun"
     return Made(
         what=_KINDS[found.kind],
         id=found.id,

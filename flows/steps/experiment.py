@@ -16,9 +16,8 @@ from flows.specs.experiment import NOMINAL, ControllerTable, ExperimentSpec
 from flows.steps.models import choose, model_to_drive
 from residual.calibration.rows import Run
 from residual.errors import InputError
-from residual.export.exported import Whole
 from residual.lazy import one_blas_thread
-from residual.model.control import Turning, Use, computed_torque, feed_forward
+from residual.model.control import Turning, computed_torque, feed_forward
 from residual.recording import Recording
 from residual.robot.robot import Robot
 from sim.engine.records import (
@@ -301,17 +300,6 @@ def settled(spec: ExperimentSpec, robot: Robot, store: Path) -> ExperimentSpec:
     return spec.model_copy(update={"controller": table})
 
 
-def torque_of(model: Whole, reference: Reference, kind: str, use: Use) -> Given:
-    """Return what drives an arm along a reference by a model: a torque, or a law.
-
-    Args:
-        kind: "feed_forward" for a torque along it, "computed_torque" for a law.
-    """
-    motion = reference.q, reference.qd, reference.qdd
-    make = feed_forward if kind == FEED_FORWARD else computed_torque
-    return make(model, reference.t, motion, use)
-
-
 def given_by(
     table: ControllerTable, robot: Robot, reference: Reference, store: Path | None
 ) -> Given | None:
@@ -321,5 +309,7 @@ def given_by(
     if store is None:
         raise InputError(f"Model {table.model} of the controller needs a store.")
     model = model_to_drive(store, table.model, robot)
+    make = feed_forward if table.kind == FEED_FORWARD else computed_torque
+    motion = reference.q, reference.qd, reference.qdd
     turning = Turning(table.encoder_step, rise=table.rise)
-    return torque_of(model, reference, table.kind, Use(turning=turning))
+    return make(model, reference.t, motion, turning)

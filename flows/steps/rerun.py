@@ -33,9 +33,7 @@ from flows.steps.experiment import (
     with_twins,
 )
 from flows.steps.monitor import monitor
-from flows.steps.track import KIND as TRACKING
-from flows.steps.track import Track, track
-from flows.steps.validate import validate
+from flows.steps.validate import TRACKING, validate
 from residual.errors import InputError
 from warehouse.commit import commit_record
 from warehouse.compare import Channel, compare, differing, values_apart
@@ -239,6 +237,11 @@ def _rerun_record(record: Found, store: Path, now: Mapping, verify: bool) -> Rer
             f"{record.id} is a report: a page about a diagnosis. Make that one again: "
             "modelgap lineage names it."
         )
+    if read_record(store, record.id).get("kind") == TRACKING:
+        raise InputError(
+            f"{record.id} is a record of tracking, which is shown and not rerun: "
+            f"modelgap show {record.id[:8]}; or drive anew, by modelgap validate."
+        )
     row = read_row(record)
     then = json.loads(row["provenance"])
     with made_again(store, record) as (own, new):
@@ -407,8 +410,7 @@ def _share(folder: Path, target: Path) -> None:
 def _tracks(store: Path, record: Found) -> bool:
     """Whether a record was made with the hidden half of a run: feed-forward is."""
     kind = read_record(store, record.id).get("kind") or ""
-    drives = "feed_forward" in kind or kind == TRACKING
-    return record.kind == "validations" and drives
+    return record.kind == "validations" and "feed_forward" in kind
 
 
 def _counterpart(own: Path, record: Found, before: set[str]) -> Found:
@@ -455,7 +457,6 @@ _STEPS: Mapping[str, tuple[type[Request], Callable]] = {
     "calibrate": (Calibrate, _calibrate),
     "validate": (Validate, validate),
     "monitor": (Monitor, monitor),
-    "track": (Track, track),
 }
 
 

@@ -1,4 +1,4 @@
-"""How far models get by themselves on a run of the store (G2017 section 1.3).
+"""How far models get by themselves on runs of the store (G2017 section 1.3).
 
 Of the nominal model, as root mean square per joint:
 
@@ -10,10 +10,14 @@ Of every model that is known (nominal, identified, augmented, tables of a
 calibration, adopted, and true where
 the sealed half is there) both ways: torque from motion, acceleration from torque, and
 whether its mass matrix is positive definite on the workspace.
+
+And where a model was asked for or adopted: how the simulated arm of the runs tracks
+motions that are not in the store, driven once by each model (`drive_unseen`).
 """
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import asdict, dataclass, field, replace
+from itertools import product
 from pathlib import Path
 
 import numpy as np
@@ -21,8 +25,10 @@ import pyarrow as pa
 from scipy.interpolate import CubicSpline
 
 from flows.inputs.given import load
+from flows.outputs import Progress
 from flows.requests import Validate as Request
 from flows.settings import store_folder
+from flows.specs.experiment import derived_seed
 from flows.steps.edit import truth_of
 from flows.steps.experiment import plant_of
 from flows.steps.models import (
@@ -38,7 +44,9 @@ from residual.errors import InputError
 from residual.export.exported import Whole, body_of
 from residual.lazy import one_blas_thread
 from residual.model.compare import compare, prepare_held_out
+from residual.model.control import feed_forward
 from residual.model.forward import POSES, acceleration_error, least_mass_matrix
+from residual.quantity import plain
 from residual.recording import Recording
 from residual.robot.robot import Robot
 from residual.signals.track import Filters, prepare
@@ -58,6 +66,8 @@ Array = np.ndarray
 
 OPEN_LOOP, FEED_FORWARD = "rms_open_loop_q", "rms_feed_forward_q"
 TORQUE, ACCELERATION = "percent_moving_tau", "percent_moving_qdd"
+TRACKING = "tracking"  # kind of the record of drives
+RMS, PEAK = "rms_tracking_q", "peak_tracking_q"
 _RATE = 1000.0  # Hz, about: the step of the engine, whatever the rate of the log
 _SHORTEST = 0.01  # s: a window must have time to stray in
 
@@ -304,16 +314,19 @@ def hidden_plant(store: Path, run_id: str, manifest: Mapping) -> PlantSpec | Non
 
 def _reference(robot: Robot, manifest: Mapping) -> Reference:
     """Make the reference of a run once more, at the rate of the controller."""
+    return make_reference(robot, *_asked(manifest))
+
+
+def _asked(manifest: Mapping) -> tuple[TrajectorySpec, float]:
+    """Return which reference a run had, and the rate of its controller [Hz]."""
     spec = manifest["spec"]
     try:
-        wanted = TrajectorySpec.from_record(spec["trajectory"])
-        rate = spec["rates"]["control"]
+        return TrajectorySpec.from_record(spec["trajectory"]), spec["rates"]["control"]
     except (KeyError, TypeError) as error:
         raise InputError(
             "The record of the run does not say which reference it had, expected "
             "'trajectory' and 'rates' in its spec. Run its experiment again."
         ) from error
-    return make_reference(robot, wanted, rate)
 
 
 def _notes(manifest: Mapping, with_arm: bool) -> list[str]:
@@ -367,4 +380,121 @@ def _put(
     table = pa.Table.from_pylist(rows, schema=arrow_schema(VIEWS["errors"][1:]))
     of_models = list(dict.fromkeys(id for id in given if id is not None))
     parents = {"run": [log.id], **({"model": of_models} if of_models else {})}
+    return commit_record(store, "validations", record, {"errors": table}, parents)
+
+
+# How an arm tracks motions that nothing was fitted to, by one model and by another.
+
+
+@dataclass(frozen=True, eq=False, slots=True)
+class Tracking:
+    """How an arm tracked unseen motions, of read minus wanted position.
+
+    Attributes:
+        motions: Of each the run whose arm it was, and what was planned.
+        rms, peak: Of each model, the nominal one first [rad]. Shapes (motions, dof).
+    """
+
+    motions: tuple[tuple[str, TrajectorySpec], ...]
+    rms: Mapping[str, Array]
+    peak: Mapping[str, Array]
+
+    def by_joint(self, model: str) -> tuple[Array, Array]:
+        """Return rms and peak of all motions together [rad]. Shapes (dof,)."""
+        return _rms(self.rms[model]), self.peak[model].max(axis=0)
+
+
+@one_blas_thread
+def drive_unseen(
+    request: Request, runs: Sequence[str], seeds: int, progress: Progress | None = None
+) -> tuple[str, Tracking] | None:
+    """Drive the arm of simulated runs along unseen motions by each model, and keep it.
+
+    The torque of a model along the reference, with plain feedback that is the same for
+    all: the nominal one, those that the request names, and the true one.
+
+    Args:
+        request: Its model and calibration are whole ids, its run is not read.
+        runs: Ids of the runs; those without a sealed half are left out.
+        seeds: How many motions of each family of the runs, for the arm of its first.
+
+    Returns:
+        The id of the record, and how the arm tracked; None where no arm is sealed.
+
+    Raises:
+        InputError: If the runs are of several robots, or a model is of another one.
+    """
+    store = store_folder(request.store)
+    logs = [read_run(store, run) for run in runs]
+    manifests = [read_manifest(store, log.id) for log in logs]
+    robot = robot_of(logs[0], manifests[0])
+    families = _families(store, robot, logs, manifests)
+    if not families:
+        return None
+    nominal = nominal_of(robot, logs[:1])
+    models: dict[str, Whole] = {NOMINAL: nominal}
+    if request.model is not None:
+        models["model"] = model_to_drive(store, request.model, robot)
+    if request.calibration is not None:
+        models[TABLES] = tables_to_drive(store, request.calibration, nominal)
+    motions = []
+    missed: dict[str, list[Array]] = {}
+    for (kind, family), i in product(families.items(), range(seeds)):
+        run, manifest, plant, asked, rate = family
+        seed = derived_seed(asked.seed, f"track/{kind}/{i}")
+        motions.append((run, replace(asked, seed=seed, coefficients=())))
+        wanted = make_reference(robot, motions[-1][1], rate)
+        true = truth_of(manifest, plant, nominal)
+        for name, model in (*models.items(), ("true", true)):
+            torque = feed_forward(model, wanted.t, (wanted.q, wanted.qd, wanted.qdd))
+            missed.setdefault(name, []).append(track(robot, wanted, plant, torque))
+        if progress:
+            progress("drive", len(motions) / (len(families) * seeds))
+    rms = {k: np.array([_rms(e) for e in own]) for k, own in missed.items()}
+    sizes = {k: [np.abs(e) for e in own] for k, own in missed.items()}
+    peak = {k: np.array([e.max(axis=0) for e in own]) for k, own in sizes.items()}
+    made = Tracking(tuple(motions), rms, peak)
+    return _put_tracking(store, robot, request, made), made
+
+
+def _families(
+    store: Path, robot: Robot, logs: Sequence[Recording], manifests: Sequence[Mapping]
+) -> dict[str, tuple]:
+    """Return of each kind of motion the first run of a sealed arm, and what it was."""
+    out: dict[str, tuple] = {}
+    for log, manifest in zip(logs, manifests, strict=True):
+        if robot_of(log, manifest).content_hash != robot.content_hash:
+            raise InputError("The runs are of several robots; give those of one.")
+        if plant := hidden_plant(store, log.id, manifest):
+            asked, rate = _asked(manifest)
+            out.setdefault(asked.kind, (log.id, manifest, plant, asked, rate))
+    return out
+
+
+def _put_tracking(store: Path, robot: Robot, request: Request, made: Tracking) -> str:
+    """Keep a row for each motion, and one for all of them together."""
+    each = {model: made.by_joint(model) for model in made.rms}
+    places = [(run, motion.kind) for run, motion in made.motions]
+    rows = [
+        {"run_id": run, "trajectory": kind, "joint": joint, "stage": model}
+        | {"metric": metric, "value": float(value)}
+        for i, (metric, figures) in enumerate(((RMS, made.rms), (PEAK, made.peak)))
+        for model, values in figures.items()
+        for (run, kind), row in zip(
+            (*places, (None, None)), (*values, each[model][i]), strict=True
+        )
+        for joint, value in enumerate(row, 1)
+    ]
+    record = {
+        "robot": robot.name,
+        "kind": TRACKING,
+        "model_id": request.model or request.calibration,
+        "unit": "rad",
+        "rms": plain({model: rms for model, (rms, _) in each.items()}),
+        "peak": plain({model: peak for model, (_, peak) in each.items()}),
+        "motions": [{"run": run, **asdict(motion)} for run, motion in made.motions],
+    }
+    table = pa.Table.from_pylist(rows, schema=arrow_schema(VIEWS["errors"][1:]))
+    given = dict.fromkeys(id for id in (request.model, request.calibration) if id)
+    parents = {"run": list(dict(places)), "model": list(given)}
     return commit_record(store, "validations", record, {"errors": table}, parents)

@@ -15,7 +15,6 @@ import pinocchio as pin
 from scipy.ndimage import uniform_filter1d
 
 from residual.effects.base import State
-from residual.errors import InputError
 from residual.model.corrected import Corrected
 from residual.model.model import Model
 from residual.recording import Array
@@ -28,40 +27,29 @@ _TURN = Standstill("smooth", 1.0)
 Law = Callable[[int, Array, Array, Array], Array]
 
 
+# Samples in which a joint that is not standing has gone a step of its encoder; about
+# the time in which a loop of that rate answers. 20 instead of 50 leave a quarter to two
+# thirds more of the tracking error; 100, a twentieth less.
+SAMPLES = 50.0
+
+
 @dataclass(frozen=True, slots=True)
 class Turning:
     """How dry friction turns where the reference reverses; measured defaults."""
 
-    # Step of the encoders, of every joint or of each [rad].
-    encoder_step: float | tuple[float, ...] = 1e-4
-    # Samples in which a joint that is not standing has gone such a step; about the time
-    # in which a loop of that rate answers. 20 instead of 50 leave a quarter to two
-    # thirds more of the tracking error; 100, a twentieth less.
-    samples: float = 50.0
+    encoder_step: float = 1e-4  # of every joint [rad]
     # Time in which a drive may go from nothing to the torque limit of its joint [s],
     # which states the torque rate; 0 for none. A tenth of a second costs no tracking;
     # the largest step at a reversal is a fifth of that without it.
     rise: float = 0.1
 
-    def __post_init__(self) -> None:
-        steps = np.atleast_1d(self.encoder_step)
-        for name, values in (("encoder_step", steps), ("samples", [self.samples])):
-            if not (np.isfinite(values).all() and np.greater(values, 0).all()):
-                told = getattr(self, name)
-                raise InputError(f"{name} {told}: expected positive numbers.")
-        if not (np.isfinite(self.rise) and self.rise >= 0):
-            raise InputError(f"rise {self.rise:g} s: expected 0 or a positive number.")
-
-    def width(self, rate: float, dof: int) -> Array:
-        """Return the speed over which each joint's friction turns [rad/s]. (dof,).
+    def width(self, rate: float) -> float:
+        """Return the speed over which friction turns [rad/s].
 
         Args:
             rate: Of the controller [Hz].
         """
-        steps = np.atleast_1d(self.encoder_step)
-        if len(steps) not in (1, dof):
-            raise InputError(f"{len(steps)} encoder steps: expected 1 or {dof}.")
-        return np.broadcast_to(steps * rate / self.samples, (dof,)).copy()
+        return self.encoder_step * rate / SAMPLES
 
     def torque_rate(self, robot: Robot) -> Array:
         """Return by how much torque may change at a reversal [N m/s]. Shape (dof,)."""
@@ -73,37 +61,26 @@ class Turning:
 AS_MEASURED = Turning()
 
 
-@dataclass(frozen=True, slots=True)
-class Use:
-    """What of a model drives the arm."""
-
-    # Friction, tables and named effects; without them the rigid body and the rotors
-    # alone.
-    effects: bool = True
-    acceleration: bool = True  # torque for the acceleration of the reference
-    turning: Turning = AS_MEASURED  # how friction turns at reversals
-
-
 def feed_forward(
-    model: Model | Corrected, t: Array, motion: Sequence[Array], use: Use
+    model: Model | Corrected,
+    t: Array,
+    motion: Sequence[Array],
+    turning: Turning = AS_MEASURED,
 ) -> Array:
     """Return the torque of a model for a reference [N m]. Shape (n, dof).
 
     Args:
         t: Times, evenly spaced [s]. Shape (n,).
         motion: q, qd and qdd of the reference. Shapes (n, dof).
+        turning: How friction turns at reversals.
     """
-    q, qd, qdd = motion
-    if not use.acceleration:
-        qdd = np.zeros_like(qdd)
     rate = (len(t) - 1) / np.ptp(t)
-    width = use.turning.width(rate, q.shape[1])
-    made = _used(model, use.effects, width)
+    made = _used(model, turning.width(rate))
     own: Model = getattr(made, "model", made)
     # Of a log the session's clock is known, of a motion to come it is not.
     since = t - t[0] if own.clock is None else t
-    state = own.state(rate, since, (q, qd, qdd))
-    most = use.turning.torque_rate(own.robot) / rate
+    state = own.state(rate, since, motion)
+    most = turning.torque_rate(own.robot) / rate
     state = _ramped(own, state, most)
     torque = own.torque_of_state(state)
     if made is own:
@@ -143,56 +120,48 @@ def _turned(own: Model, state: State, sign: Array | float) -> State:
 
 
 def computed_torque(
-    model: Model | Corrected, t: Array, motion: Sequence[Array], use: Use
+    model: Model | Corrected,
+    t: Array,
+    motion: Sequence[Array],
+    turning: Turning = AS_MEASURED,
 ) -> Law:
     """Return the law of computed torque, with the mass matrix of that model.
 
     Args:
         t: Times of the reference, evenly spaced [s]. Shape (n,).
         motion: q, qd and qdd of the reference. Shapes (n, dof).
+        turning: How friction turns at reversals.
 
     Returns:
         From step, position, speed and wanted acceleration to torque [N m]. (dof,).
     """
-    made = _used(model, use.effects, np.ones(len(motion[0].T)))
+    made = _used(model, 1.0)
     own: Model = getattr(made, "model", made)
     rotor = own.drive()[1]
     body = with_inertial_parameters(own.robot.model, own.loaded())
-    data, along = body.createData(), feed_forward(model, t, motion, use)
+    data, along = body.createData(), feed_forward(model, t, motion, turning)
     q, qd, qdd = motion
-    wanted = qdd if use.acceleration else np.zeros_like(qdd)
-    beside = along - inverse_dynamics(body, q, qd, wanted) - rotor * wanted
-    planned = np.zeros_like(qdd) if use.acceleration else qdd
+    beside = along - inverse_dynamics(body, q, qd, qdd) - rotor * qdd
 
     def law(k: int, angle: Array, speed: Array, demand: Array) -> Array:
-        # Without the acceleration of the reference only the feedback is left of it.
-        push = demand - planned[k]
-        return pin.rnea(body, data, angle, speed, push) + rotor * push + beside[k]
+        return pin.rnea(body, data, angle, speed, demand) + rotor * demand + beside[k]
 
     return law
 
 
-def _used(model: Model | Corrected, effects: bool, width: Array) -> Model | Corrected:
+def _used(model: Model | Corrected, width: float) -> Model | Corrected:
     """The model as a controller has it: friction turns over a width, logs are not late.
 
     Args:
-        width: Speed over which friction turns [rad/s]. Shape (dof,).
+        width: Speed over which friction turns [rad/s].
     """
     own = getattr(model, "model", model)
     dof = own.robot.dof
     late = [t for t in own.terms if t.effect.of_report and t.effect.remembers]
-    terms = tuple(t for t in own.terms if t not in late)
     own = replace(
         own,
-        terms=terms if effects else tuple(t for t in terms if _is_inertia(t)),
-        tables=own.tables if effects else (),
+        terms=tuple(t for t in own.terms if t not in late),
         standstill=(_TURN,) * dof,
-        speed_floor=width,
+        speed_floor=np.full(dof, width),
     )
-    if effects and isinstance(model, Corrected):
-        return replace(model, model=own)
-    return own
-
-
-def _is_inertia(term) -> bool:
-    return term.effect.carries == "acceleration"
+    return replace(model, model=own) if isinstance(model, Corrected) else own

@@ -1,5 +1,6 @@
-"""Corrected control: an arm driven by any model, and what a wrong one does to it."""
+"""An arm driven by any model: how it tracks, before and after, and what is kept."""
 
+import shutil
 from dataclasses import replace
 
 import numpy as np
@@ -13,18 +14,16 @@ from flows.requests import Validate
 from flows.specs.experiment import experiment_of
 from flows.steps import experiment
 from flows.steps import rerun as reruns
-from flows.steps.models import TABLES, calibration_of, tables_to_drive
+from flows.steps.models import calibration_of, tables_to_drive
 from flows.steps.rerun import apart
 from flows.steps.rerun import made_again as again
-from flows.steps.track import LOOP, MODEL, NOMINAL, Motion, Track, track, tracked
-from flows.steps.validate import validate
+from flows.steps.validate import drive_unseen, validate
 from residual.calibration.calibrate import with_tables
 from residual.effects import registry
 from residual.errors import InputError
 from residual.model.control import (
-    AS_MEASURED,
+    SAMPLES,
     Turning,
-    Use,
     computed_torque,
     feed_forward,
 )
@@ -35,7 +34,9 @@ from residual.robot.robot import load_robot
 from residual.tables.components import state_names
 from residual.tables.lookup import Axis, Lookup, Table, export_lookup
 from sim.engine.records import Noise, PlantEffect, PlantSpec, TrajectorySpec
+from sim.plant import tables as at
 from sim.plant.controller import maker_of
+from sim.plant.stepping import drive
 from sim.trajectories import make_reference
 from warehouse.commit import commit_record
 from warehouse.layout import find, read_record
@@ -70,74 +71,40 @@ def corrected(joint=2, stiffness=60.0):
 
 
 @pytest.fixture(scope="module")
-def motions(compiled_plant):
-    made = []
-    for seed in (1, 2):
-        moves = TrajectorySpec("cyclic", 2.5, 1, seed)
-        made.append(Motion(make_reference(ROBOT, moves, 1000.0), QUIET, None))
-    return made
+def reference(compiled_plant):
+    return make_reference(ROBOT, TrajectorySpec("cyclic", 2.5, 1, 1), 1000.0)
 
 
-@pytest.fixture(scope="module")
-def driven(motions):
-    return tracked(ROBOT, {NOMINAL: nominal(), MODEL: corrected()}, motions)
-
-
-def parts(motion):
-    reference = motion.reference
+def parts(reference):
     return reference.t, (reference.q, reference.qd, reference.qdd)
 
 
-def test_the_right_model_tracks_better_fed_forward_and_in_the_loop(driven):
-    for loop in ("", LOOP):
-        assert driven.gain(NOMINAL + loop, MODEL + loop).ratio < 0.7
-        without, with_it = (
-            driven.values(cell + loop, "rms")[:, 1] for cell in (NOMINAL, MODEL)
-        )
-        assert (with_it < 0.2 * without).all()
+def missed(reference, model, make=feed_forward):
+    """Root mean square of read minus wanted position [rad]. Shape (dof,)."""
+    trace = drive(ROBOT, reference, QUIET, given=make(model, *parts(reference)))
+    return np.sqrt(np.mean((trace.rows[:, at.READING] - reference.q) ** 2, axis=0))
 
 
-def test_effects_and_acceleration_each_earn_their_place(driven):
-    for left_out in (", no effects", ", no acceleration"):
-        assert driven.gain(f"{MODEL}{left_out}", MODEL).ratio < 0.7
-    assert driven.gain(f"{NOMINAL}, neither", f"{MODEL}, neither").ratio == 1.0
+@pytest.mark.parametrize("make", [feed_forward, computed_torque])
+def test_the_right_model_tracks_better_fed_forward_and_in_the_loop(reference, make):
+    before, after = (missed(reference, m, make) for m in (nominal(), corrected()))
+    assert np.linalg.norm(after) < 0.7 * np.linalg.norm(before)
+    assert after[1] < 0.2 * before[1]
 
 
-@pytest.mark.parametrize(
-    ("joint", "stiffness"),
-    [(2, -60.0), (3, 60.0), pytest.param(2, 180.0, marks=pytest.mark.long)],
-)
-def test_a_wrong_correction_makes_it_worse(motions, driven, joint, stiffness):
-    wrong = tracked(ROBOT, {MODEL: corrected(joint, stiffness)}, motions[:1])
-    good = driven.values(NOMINAL, "rms")[0]
-    assert np.linalg.norm(wrong.values(MODEL, "rms")) > 1.3 * np.linalg.norm(good)
+@pytest.mark.parametrize(("joint", "stiffness"), [(2, -60.0), (3, 60.0)])
+def test_a_wrong_correction_makes_it_worse(reference, joint, stiffness):
+    wrong = missed(reference, corrected(joint, stiffness))
+    assert np.linalg.norm(wrong) > 1.3 * np.linalg.norm(missed(reference, nominal()))
 
 
-def test_differences_are_taken_in_pairs_with_an_interval(driven):
-    gain = driven.gain(NOMINAL, MODEL)
-    assert gain.n == 2
-    assert gain.low < gain.change < gain.high
-    change = [
-        np.linalg.norm(b) - np.linalg.norm(a)
-        for a, b in zip(
-            *(driven.values(c, "rms") for c in (NOMINAL, MODEL)), strict=True
-        )
-    ]
-    # Student's t of one degree of freedom: 12.706.
-    half = 12.706 * np.std(change, ddof=1) / np.sqrt(2)
-    assert gain.high - gain.change == pytest.approx(half, rel=1e-4)
-
-
-def test_computed_torque_on_the_reference_is_the_feed_forward(motions):
-    t, motion = parts(motions[0])
-    law = computed_torque(corrected(), t, motion, Use())
-    along = feed_forward(corrected(), t, motion, Use())
+def test_computed_torque_on_the_reference_is_the_feed_forward(reference):
+    t, motion = parts(reference)
+    law = computed_torque(corrected(), t, motion)
+    along = feed_forward(corrected(), t, motion)
     for k in (0, 1234, 2499):
         q, qd, qdd = (x[k] for x in motion)
         np.testing.assert_allclose(law(k, q, qd, qdd), along[k], atol=1e-9)
-        bare = computed_torque(corrected(), t, motion, Use(acceleration=False))
-        still = feed_forward(corrected(), t, motion, Use(acceleration=False))
-        np.testing.assert_allclose(bare(k, q, qd, qdd), still[k], atol=1e-9)
 
 
 def friction_along(qd, turning, t):
@@ -146,20 +113,17 @@ def friction_along(qd, turning, t):
     body = replace(nominal(), terms=())
     dry = tuple(t for t in nominal().terms if t.effect.name == "coulomb")
     models = replace(body, terms=dry), body
-    with_it, without = (feed_forward(m, t, still, Use(turning=turning)) for m in models)
+    with_it, without = (feed_forward(m, t, still, turning) for m in models)
     return with_it - without
 
 
-def test_friction_turns_as_fast_as_rate_and_encoder_tell_a_moving_joint():
-    steps = (1e-4, 1e-4, 1e-4, 2e-5, 2e-5, 2e-5)  # rad
-    for rate in (500.0, 1000.0):
-        t = np.arange(800) / rate
-        width = np.array(steps) * rate / AS_MEASURED.samples
-        slow = np.linspace(-3, 3, len(t))[:, None] * width
-        got = friction_along(slow, Turning(steps, rise=0.0), t)
-        wanted = maker_of(ROBOT)[0] * np.tanh(slow / width)
-        np.testing.assert_allclose(got, wanted, atol=1e-9)
-    assert AS_MEASURED.width(1000.0, 6) == pytest.approx(0.002)
+@pytest.mark.parametrize("rate", [500.0, 1000.0])
+def test_friction_turns_as_fast_as_rate_and_encoder_tell_a_moving_joint(rate):
+    t, width = np.arange(800) / rate, 2e-5 * rate / SAMPLES
+    slow = np.linspace(-3, 3, len(t))[:, None] * np.full(6, width)
+    got = friction_along(slow, Turning(2e-5, rise=0.0), t)
+    wanted = maker_of(ROBOT)[0] * np.tanh(slow / width)
+    np.testing.assert_allclose(got, wanted, atol=1e-9)
 
 
 @given(rise=st.floats(0.01, 0.5), speed=st.floats(0.1, 5.0), turns=st.floats(0.5, 3))
@@ -178,21 +142,6 @@ def test_friction_never_turns_faster_than_the_stated_torque_rate(rise, speed, tu
         near = np.abs(qd[:, j]) < 0.02
         near = maximum_filter1d(near.astype(int), 2 * half[j] + 1) > 0
         np.testing.assert_allclose(held[~near, j], free[~near, j], atol=1e-6)
-
-
-@pytest.mark.parametrize(
-    ("wrong", "message"),
-    [
-        ({"encoder_step": 0.0}, "encoder_step 0.0: expected positive"),
-        ({"encoder_step": float("nan")}, "expected positive"),
-        ({"samples": -1.0}, "samples -1.0"),
-        ({"rise": -0.1}, "rise -0.1 s: expected 0 or"),
-        ({"rise": float("inf")}, "expected 0 or"),
-    ],
-)
-def test_a_turn_that_cannot_be_is_refused(wrong, message):
-    with pytest.raises(InputError, match=message):
-        Turning(**wrong)
 
 
 def kept(store, model):
@@ -227,14 +176,11 @@ def tabulated(step=None):
 
 
 @pytest.mark.parametrize("rise", [0.0, 0.1])
-def test_tables_step_no_faster_than_the_drives_may_follow(motions, rise):
-    t, motion = parts(motions[0])
+def test_tables_step_no_faster_than_the_drives_may_follow(reference, rise):
+    t, motion = parts(reference)
     turning = Turning(rise=rise)
     level = 20.0  # N m, of a step at standstill
-    both = (
-        feed_forward(m, t, motion, Use(turning=turning))
-        for m in (tabulated(level), nominal())
-    )
+    both = (feed_forward(m, t, motion, turning) for m in (tabulated(level), nominal()))
     added = np.subtract(*both)
     most = turning.torque_rate(ROBOT)[1] / 1000.0
     assert np.abs(np.diff(added[:, 1])).max() <= min(level, most) * (1 + 1e-9)
@@ -290,24 +236,85 @@ def test_a_rerun_is_driven_by_the_model_of_then(runs):
     assert (list(made.apart), made.cause) == ([], None)
 
 
-def test_the_command_drives_keeps_and_tells(runs, capsys):
+@pytest.fixture(scope="module")
+def tracked(runs):
+    """A drive by the model that has the spring: the id of its record, and figures."""
     store, model, run, _ = runs
-    words = ["validate", run[:8], "--model", model[:8], "--store", str(store)]
-    assert main(words) == 0
-    told = capsys.readouterr().out
-    assert f"model: {model[:8]}" in told.splitlines()[0]
-    assert "single motion" in told
-    assert float(told.split("rms, model for nominal: ")[1].split()[0]) < 0.9
-    id = told.split("modelgap show ")[-1].split()[0]
+    return drive_unseen(Validate(store=store, model=model), [run], 2)
+
+
+def test_what_the_arm_hides_is_gained_on_motion_that_nobody_has_seen(runs, tracked):
+    store, _, run, _ = runs
+    _, made = tracked
+    assert list(made.rms) == list(made.peak) == ["nominal", "model", "true"]
+    for figures in (made.rms, made.peak):
+        before, after, true = (figures[name] for name in made.rms)
+        assert before.shape == (2, 6)
+        assert (after[:, 1] < 0.2 * before[:, 1]).all()
+        np.testing.assert_allclose(after[:, 1], true[:, 1], rtol=0.05)
+    known = TrajectorySpec.from_record(read_manifest(store, run)["spec"]["trajectory"])
+    seeds = {motion.seed for _, motion in made.motions}
+    assert len(seeds - {known.seed}) == 2
+
+
+def test_the_record_has_a_row_per_motion_and_one_of_all(runs, tracked):
+    store, model, run, _ = runs
+    id, made = tracked
     record = read_record(store, id)
     assert (record["kind"], record["model_id"]) == ("tracking", model)
+    assert [motion["run"] for motion in record["motions"]] == [run, run]
     with open_store(store) as opened:
-        query = (
-            f"SELECT DISTINCT metric FROM errors WHERE source_id = '{id}' ORDER BY 1"
-        )
-        told = " ".join(opened.sql(query).column(0).to_pylist())
-    metrics = "chatter_tau energy peak_tracking_q reversal_step_tau rms_tracking_q"
-    assert told == metrics
+        asked = f"FROM errors WHERE source_id = '{id}'"
+        rows = opened.sql(asked).to_pylist()
+        lineage = opened.sql(f"SELECT parent, role FROM lineage WHERE child = '{id}'")
+    assert len(rows) == 2 * 3 * 3 * 6
+    for metric, figures in (("rms_tracking_q", "rms"), ("peak_tracking_q", "peak")):
+        for stage, values in getattr(made, figures).items():
+            own = [r for r in rows if (r["metric"], r["stage"]) == (metric, stage)]
+            each = [r["value"] for r in own if r["run_id"] == run]
+            assert sorted(each) == sorted(values.ravel())
+            whole = [r["value"] for r in own if r["run_id"] is None]
+            assert whole == record[figures][stage]
+    assert {r["unit"] for r in rows} == {"rad"}
+    assert {r["trajectory"] for r in rows} == {"cyclic", None}
+    assert {tuple(r.values()) for r in lineage.to_pylist()} == {
+        (run, "run"),
+        (model, "model"),
+    }
+
+
+def test_it_is_shown_and_not_rerun(runs, tracked, capsys):
+    store, id = runs[0], tracked[0]
+    assert main(["show", id, "--store", str(store)]) == 0
+    assert "rms" in capsys.readouterr().out
+    for more in ([], ["--verify"]):
+        assert main(["rerun", id, *more, "--store", str(store)]) == 2
+        assert "shown and not rerun" in capsys.readouterr().err
+
+
+def test_the_command_tells_before_and_after_by_joint(runs, tmp_path, capsys):
+    store, model, run, _ = runs
+    page = tmp_path / "page.html"
+    words = ["validate", run[:8], "--model", model[:8], "--store", str(store)]
+    assert main([*words, "--report", str(page)]) == 0
+    told = capsys.readouterr().out
+    assert f"model: {model[:8]}" in told.splitlines()[0]
+    record = read_record(store, told.split("modelgap show ")[-1].split()[0])
+    for text in (told, page.read_text()):
+        assert "1 unseen motion (cyclic)" in text
+        for stage in ("nominal", "model", "true"):
+            assert f"{1e3 * record['rms'][stage][1]:.2f}" in text
+            assert f"{1e3 * record['peak'][stage][1]:.2f}" in text
+    assert main([*words, "--seeds", "0"]) == 2
+
+
+def test_without_its_sealed_half_no_arm_is_driven(runs, tmp_path):
+    store, model, run, _ = runs
+    shutil.copytree(store, tmp_path / "store")
+    shutil.rmtree(tmp_path / "store" / "sealed")
+    assert (
+        drive_unseen(Validate(store=tmp_path / "store", model=model), [run], 1) is None
+    )
 
 
 def test_a_validation_with_a_model_has_it_both_ways_and_is_made_again(runs):
@@ -322,22 +329,16 @@ def test_a_validation_with_a_model_has_it_both_ways_and_is_made_again(runs):
         assert list(apart(find(store, id), other)) == []
 
 
-def test_a_calibration_drives_from_its_file_or_its_id_and_is_made_again(
-    runs, tmp_path, capsys
-):
+def test_a_calibration_drives_from_its_file_or_its_id(runs, tmp_path, capsys):
     store, model, run, _ = runs
     file = tmp_path / "corrected.json"
     tabulated().save(file)
     words = ["validate", run, "--store", str(store), "--calibration"]
-    page = tmp_path / "page.html"
-    assert main([*words, str(file), "--model", model, "--report", str(page)]) == 0
+    assert main([*words, str(file), "--model", model]) == 0
     told = capsys.readouterr().out
-    for name in ("model", "tables"):
-        assert float(told.split(f"rms, {name} for nominal: ")[1].split()[0]) < 0.9
-    assert "nominal → model → tables" in page.read_text()
-    found = find(store, told.split("modelgap show ")[-1].split()[0])
-    with again(store, found) as (_, other):
-        assert list(apart(found, other)) == []
+    rms = read_record(store, told.split("modelgap show ")[-1].split()[0])["rms"]
+    assert list(rms) == ["nominal", "model", "tables", "true"]
+    assert rms["tables"][1] < 0.5 * rms["nominal"][1]
     calibration = calibration_of(store, str(file))
     _, made = validate(Validate(run, 0.25, store, calibration=calibration[:8]))
     # The spring is all that the nominal model lacks, and it is in the table.
@@ -381,9 +382,9 @@ def test_tables_of_the_papers_form_drive_on_the_model_as_described(runs):
     made = commit_record(store, "models", record, files=export_lookup(lookup))
     kept = {"robot": ROBOT.name, "kind": "calibration", "model_id": made}
     assert calibration_of(store, commit_record(store, "validations", kept)) == made
-    _, done = track(Track((run,), None, 0, store, calibration=made))
-    assert done.names == (NOMINAL, TABLES)
-    assert done.gain(NOMINAL, TABLES).ratio < 0.9
+    _, done = drive_unseen(Validate(store=store, calibration=made), [run], 1)
+    assert list(done.rms) == ["nominal", "tables", "true"]
+    assert done.rms["tables"][0, 1] < 0.5 * done.rms["nominal"][0, 1]
     other = replace(nominal(), robot=replace(ROBOT, urdf=ROBOT.urdf + " "))
     with pytest.raises(InputError, match="as it was described then"):
         tables_to_drive(store, made, other)
