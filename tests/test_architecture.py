@@ -29,11 +29,11 @@ ALLOWED = {
     "sim": {
         "sim",
         *RECORDS,
-        "residual.lazy",
+        "residual.threads",
         "residual.robot.dynamics",
         "residual.robot.base_parameters",
     },
-    "warehouse": {"warehouse", *RECORDS, "residual.lazy"},
+    "warehouse": {"warehouse", *RECORDS, "residual.plugins"},
 }
 # What only some may import of others.
 ONLY = {

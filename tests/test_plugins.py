@@ -10,7 +10,7 @@ from flows.cli import main
 from flows.steps.export import targets
 from residual.effects import registry
 from residual.errors import InputError
-from residual.lazy import plugins
+from residual.plugins import plugins
 from tests.residual.arms import arm, urdf_text
 from tests.residual.test_model_record import model_of
 from warehouse.logs import read_log

@@ -24,7 +24,7 @@ from flows.steps.planning.design import design
 from flows.steps.planning.motions import Search, with_twins
 from flows.storage.diagnosis import read_verdict
 from residual.errors import InputError
-from residual.lazy import one_blas_thread
+from residual.threads import one_blas_thread
 
 
 @task(name="model-in-force", task_run_name="model-in-force", tags=["analysis"])

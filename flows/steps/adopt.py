@@ -13,8 +13,8 @@ from flows.storage.diagnosis import read_known, read_models, read_verdict, store
 from residual.diagnosis.held_out import Worth, worth
 from residual.diagnosis.result import Verdict
 from residual.errors import InputError
-from residual.lazy import one_blas_thread
 from residual.model.model import Model
+from residual.threads import one_blas_thread
 from warehouse.files import read_parquet
 from warehouse.ids import record_folder
 from warehouse.layout import list_folders, read_record

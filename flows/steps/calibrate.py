@@ -18,8 +18,8 @@ from flows.storage.calibration import (
 from residual.calibration.calibrate import Calibration, Settings
 from residual.calibration.calibrate import calibrate as fit_tables
 from residual.calibration.rows import Run
-from residual.lazy import one_blas_thread
 from residual.model.model import Term
+from residual.threads import one_blas_thread
 from warehouse.files import read_parquet
 from warehouse.layout import find_run
 from warehouse.runs import read_channels

@@ -10,8 +10,8 @@ from flows.requests import Check, Map
 from residual.check.check import check_logs
 from residual.check.result import Fault, LogCheck
 from residual.errors import InputError
-from residual.lazy import one_blas_thread
 from residual.recording import Recording
+from residual.threads import one_blas_thread
 from warehouse.logs.draft import draft
 from warehouse.logs.window import split_spec
 

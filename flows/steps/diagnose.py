@@ -20,11 +20,11 @@ from flows.steps.check import checked
 from flows.storage import diagnosis as kept
 from residual.diagnosis.result import Diagnosis
 from residual.errors import InputError
-from residual.lazy import one_blas_thread
 from residual.method import diagnose as method
 from residual.model.known import known_values
 from residual.recording import Recording
 from residual.robot.robot import Robot, with_known
+from residual.threads import one_blas_thread
 from warehouse.runs import read_run
 
 _ROLES = {"fit": "logs", "held_out": "held_out", "baseline": "baseline"}

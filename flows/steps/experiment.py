@@ -16,10 +16,10 @@ from flows.specs.experiment import NOMINAL, ControllerTable, ExperimentSpec
 from flows.steps.models import choose, model_to_drive
 from residual.calibration.rows import Run
 from residual.errors import InputError
-from residual.lazy import one_blas_thread
 from residual.model.control import Turning, computed_torque, feed_forward
 from residual.recording import Recording
 from residual.robot.robot import Robot
+from residual.threads import one_blas_thread
 from sim.engine.records import (
     NAMES,
     PlantSpec,

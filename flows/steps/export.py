@@ -20,7 +20,7 @@ from residual.export.fmu import SOURCE, fmu_parts, to_fmu
 from residual.export.mujoco import to_mujoco
 from residual.export.simulators import to_mjcf, to_urdf
 from residual.export.table import to_table
-from residual.lazy import plugins
+from residual.plugins import plugins
 from residual.quantity import plain
 from residual.recording import Recording
 

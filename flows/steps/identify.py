@@ -13,8 +13,8 @@ from flows.storage.diagnosis import read_known
 from flows.storage.identification import store_identification
 from residual.identification.estimate import Options
 from residual.identification.prove import Identified, identify_and_prove
-from residual.lazy import one_blas_thread
 from residual.model.model import Model
+from residual.threads import one_blas_thread
 
 
 def read_logs(request: Identify) -> LogSets:

@@ -9,10 +9,10 @@ from flows.requests import Monitor as Request
 from flows.settings import HEALTHY, store_folder
 from flows.steps.models import Source, in_force, source_of
 from residual.errors import InputError
-from residual.lazy import one_blas_thread
 from residual.model.model import Model
 from residual.monitoring.monitor import LEAST_RUNS, Alarm, Monitor, calibrate, to_record
 from residual.recording import Array, Recording
+from residual.threads import one_blas_thread
 from warehouse.commit import commit_record
 from warehouse.layout import find_run, read_record
 from warehouse.query.store import ask

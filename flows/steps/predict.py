@@ -18,10 +18,10 @@ from residual.diagnosis.conclude import error_tables
 from residual.diagnosis.result import ErrorTables
 from residual.errors import InputError
 from residual.export.exported import Whole, body_of
-from residual.lazy import one_blas_thread
 from residual.model.compare import EDITED, WHOLE, Edits, Prediction
 from residual.model.compare import predict as core_predict
 from residual.quantity import plain
+from residual.threads import one_blas_thread
 
 _NAMES = {WHOLE: "tau_model", EDITED: "tau_edited"}
 FORMS = (".csv", ".parquet")

@@ -42,7 +42,6 @@ from flows.steps.models import (
 from flows.storage.diagnosis import read_models
 from residual.errors import InputError
 from residual.export.exported import Whole, body_of
-from residual.lazy import one_blas_thread
 from residual.model.compare import compare, prepare_held_out
 from residual.model.control import feed_forward
 from residual.model.forward import POSES, acceleration_error, least_mass_matrix
@@ -50,6 +49,7 @@ from residual.quantity import plain
 from residual.recording import Recording
 from residual.robot.robot import Robot
 from residual.signals.track import Filters, prepare
+from residual.threads import one_blas_thread
 from sim.engine.records import CLEAN, PlantSpec, Reference, TrajectorySpec
 from sim.plant import tables as at
 from sim.plant.stepping import DivergedError, drive

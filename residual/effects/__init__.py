@@ -7,7 +7,7 @@ from pkgutil import iter_modules
 
 from residual.effects.base import Effect
 from residual.errors import InputError
-from residual.lazy import plugins
+from residual.plugins import plugins
 
 
 @cache

@@ -12,7 +12,7 @@ import numpy as np
 import pyarrow as pa
 
 from residual.errors import InputError, RecordingError, shortened
-from residual.lazy import plugins
+from residual.plugins import plugins
 from residual.recording import Recording
 from residual.robot.robot import Robot
 from warehouse.logs.columns import (

@@ -21,11 +21,11 @@ from flows.steps.planning.motions import (
     with_twins,
 )
 from residual.diagnosis.result import Place
-from residual.lazy import one_blas_thread
 from residual.planning.outlook import Pair
 from residual.planning.promise import said, told_apart
 from residual.planning.question import Question
 from residual.robot.robot import Robot
+from residual.threads import one_blas_thread
 from sim.engine.records import TrajectorySpec
 from sim.trajectories.curves import Series
 from sim.trajectories.fourier import (
