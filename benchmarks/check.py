@@ -9,7 +9,7 @@ six (two kinds have six). Sound logs are some in which a joint is held, too.
 A factor on a torque, or a delay, that leaves no trace in a log is not applicable there:
 any body and friction that are fitted to the clean log could carry the change within 5
 nats, and it is less than half of what the robot file misses of the clean torque beside
-friction (check_parts/traces.py). Found or not, they are counted as `not_applicable`.
+friction (`check_parts.judge.trace`). Found or not, they count as `not_applicable`.
 Seeds 122101:122104 decide and are used for nothing else; 1 to 99 are for development.
 Finished jobs are kept in store/benchmarks, by a hash of the code. The last line is one
 JSON object; exit code 1 for a missed bar.

@@ -1,1 +1,1 @@
-"""The pure core: from recordings to a verdict; `close.py` is the whole method."""
+"""The pure core: from recordings to a verdict; `method/diagnose.py` has it whole."""

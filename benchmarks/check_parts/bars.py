@@ -103,7 +103,7 @@ _TRUSTED = Line(
 
 
 def _void(every: Rows) -> dict:
-    """Count faults that leave no trace in their log (`check_parts.traces`)."""
+    """Count faults that leave no trace in their log (`check_parts.judge.trace`)."""
     rows = [row for row in every if row.get("void")]
     entry = figure(len(rows), None, len(every), why="for information, no bar")
     which = [[r["host"], r["seed"], r["kind"], r["size"], r["joints"]] for r in rows]

@@ -179,7 +179,7 @@ def _parts(table: pa.Table | None, count: int) -> list[dict[str, np.ndarray]]:
 #
 # Runs may be pruned, or stay in the store of another site. What a comparison of two
 # epochs reads of them is motion and torque below the filters' cut-off, and that is kept
-# with the model (METHOD section 13: a model without runs carries its states).
+# with the model (docs/store.md: a model outlives its runs).
 
 
 def states_table(recordings: Sequence[Recording]) -> pa.Table | None:

@@ -1,6 +1,6 @@
 """The bank: every score that a monitor keeps, over the time of a log.
 
-Scores have no unit and no common size; limits (``monitor_limits``) give them one. Each
+Scores have no unit and no common size; limits (``usual.limits_of``) give them one. Each
 is stamped with the last sample that it knows.
 """
 

@@ -209,7 +209,7 @@ def explain(S, v, p, middle, energy, total):
 
 @njit(cache=True, fastmath=True)
 def directions(S, q, W, sparsity):
-    """Write w = S'q / |S'q| of every fold, thresholded as `weigh`; return |S'q|.
+    """Write w = S'q / |S'q| of every fold, thresholded as by `aim`; return |S'q|.
 
     Shapes (j, p, F), (F, j), (p, F), and a number.
     """

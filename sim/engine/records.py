@@ -60,7 +60,7 @@ class TrajectorySpec:
 class PlantEffect:
     """One thing that the arm has and the nominal model lacks (sealed half)."""
 
-    name: str  # name of METHOD section 4, or ``x_...`` outside the vocabulary
+    name: str  # name of a file of sim/effects, or ``x_...`` of one without a name
     joints: tuple[int, ...]  # joints that have it, from 1; () for a global effect
     parameters: tuple[tuple[str, float], ...]  # name and value of each parameter, SI
     onset: float = 0.0  # time from which it acts [s]

@@ -104,7 +104,7 @@ def test_every_scale_is_tried_unless_one_is_given(rng):
     assert [p.scale for p in priors(design, fixed)] == [0.05]
 
 
-# -- may "a parameter is wrong" be said? (DESIGN section 7) ------------------------
+# -- may "a parameter is wrong" be said? (docs/verdict.md)
 
 FREE, ROUGH_SCALE, FINE_SCALE = None, 0.3, 0.1
 

@@ -67,7 +67,7 @@ def document(kind):
     return to_json(outcome_of(kind).verdict)
 
 
-# The form of DESIGN section 7, written down once more on purpose.
+# The form of docs/verdict.md, written down once more on purpose.
 TABLES = ("held_out", "filtered", "moving")
 TABLES += ("overall", "overall_filtered", "overall_moving")
 TABLE = {"nominal", "identified", "augmented", "plsr", "least_squares"}
