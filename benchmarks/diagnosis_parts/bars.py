@@ -8,7 +8,6 @@ import numpy as np
 from benchmarks.harness.cases import crash_figures, group_figures
 from benchmarks.harness.figures import NO_BAR, Figures, figure, missing, undecided
 from benchmarks.harness.rates import (
-    Hit,
     Line,
     Rows,
     at_least,
@@ -38,7 +37,7 @@ _FAMILY = {name: family for family, names in _NAMES.items() for name in names.sp
 def case_figures(rows: Mapping[str, Rows], deciding: bool) -> Figures:
     makers = {group: partial(lines, own, by="data") for group, own in _TABLES.items()}
     makers |= {"detection": _detection, "known": _known}
-    figures = group_figures(rows, makers) | _powers(rows)
+    figures = group_figures(rows, makers)
     figures |= _across(rows) | crash_figures(rows)
     return figures if deciding else undecided(figures)
 
@@ -129,46 +128,6 @@ def _known(rows: Rows) -> Figures:
     parts = [1.0 if r["narrowed"] is None else r["narrowed"] for r in rows]
     entry = figure(max(parts), 0.5, len(rows), all=rounded(parts))
     return {"known_over_unknown": entry}
-
-
-def _powers(rows: Mapping[str, Rows]) -> Figures:
-    """Return what was found of the cases that one sees who is told form and shape."""
-    one = [r for g in ("singles", "detection") for r in rows.get(g, ())]
-    wanted: list[tuple[str, Rows, Hit, str]] = []
-    for family in FAMILIES:
-        own = [r for r in one if _FAMILY.get(r.get("effect"), "other") == family]
-        name = f"found_of_seen_{family.replace(' ', '_')}"
-        wanted.append((name, own, is_right, "effect"))
-    wanted += [
-        ("found_of_seen_forms", rows.get("forms", ()), is_right, "what"),
-        ("found_of_seen_pairs", rows.get("pairs", ()), _both, "effect"),
-        ("flagged_of_seen", rows.get("unknown", ()), _flagged, "effect"),
-    ]
-    out: Figures = {}
-    for name, every, hit, by in wanted:
-        told = [r for r in every if "oracle_sees" in r]
-        seen = [r for r in told if r["oracle_sees"]]
-        if told:
-            of = counts(told, lambda r: r["oracle_sees"], by)
-            out |= lines([Line(name, hit)], seen, "data")
-            out[name] |= {"per_effect": counts(seen, hit, by), "seen": of}
-    for group, effects, line in _HARD:
-        some = [r for r in rows.get(group, ()) if r.get("effect") in effects]
-        if seen := [r for r in some if r.get("oracle_sees")]:
-            out |= lines([line], seen, "data")
-        elif some:
-            why = f"of {len(some)} cases none can be seen"
-            out[line.key] = missing(line.bar, why)
-    return out
-
-
-# What is hard to find, where one who is told form and shape would find it.
-_ENCODER = ("encoder_offset", "encoder_eccentricity")
-_HARD = (
-    ("singles", ("backlash",), Line("backlash_found_of_seen", is_right, 0.70)),
-    ("singles", _ENCODER, Line("encoder_found_of_seen", is_right, 0.80)),
-    ("unknown", ("x_dead_zone",), Line("dead_zone_flagged_of_seen", _flagged, 0.90)),
-)
 
 
 def _across(rows: Mapping[str, Rows]) -> Figures:

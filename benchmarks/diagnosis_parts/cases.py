@@ -12,7 +12,6 @@ from time import perf_counter
 
 import numpy as np
 
-from benchmarks.diagnosis_parts.power import Power, power
 from benchmarks.harness.cases import guarded
 from benchmarks.harness.logs import PAUSE, RATE, in_engine, sensed
 from benchmarks.hidden.drawn import (
@@ -147,7 +146,6 @@ BENCHES = 10  # excitations that all cases of one run share
 _IN_ENGINE = 5
 _TRIES = 20
 _WITH_ORACLE = ("singles", "pairs")  # clear effects of the diagnosis' own forms
-_WITH_POWER = ("singles", "detection", "unknown", "forms")  # one effect in any form
 KNOWN = "known"  # loads whose mass is told
 
 
@@ -200,8 +198,7 @@ def benches(wanted: Sequence[Task]) -> list[Task]:
 def run(job: tuple[Task, Sequence[Detectable]]) -> dict:
     """Draw a case by the detectable sizes of its motions, diagnose it and judge.
 
-    A row has what one would see who knows the truth (``power``); of a bench it has the
-    sizes, of a crash the error.
+    Of a bench a row has the sizes, of a crash the error.
     """
     task, minimum = job
     return guarded(asdict(task), lambda: _done(task, minimum))
@@ -232,24 +229,10 @@ def _done(task: Task, minimum: Sequence[Mapping]) -> dict:
     row = case_row(drawn, hidden, truths, verdict, best)
     if task.group not in _WITH_ORACLE:
         del row["deviations"]
-    if seen := _seen(task, made, effects):
-        about["oracle_nats"] = min(one.nats for one in seen)
-        about["oracle_sees"] = all(one.sees for one in seen)
     if task.group == KNOWN:
         about["narrowed"] = _narrowed(made, verdict)
     names = [[e.name, list(e.joints), e.evidence.nats] for e in verdict.effects]
     return {**about, **row, "names": names}
-
-
-def _seen(task: Task, made: Made, effects: Sequence[PlantEffect]) -> list[Power]:
-    """Return the power of a perfect name of each hidden effect, the other known."""
-    bare = _bare(task.data, task.motion, task.arm)
-    if task.group in _WITH_POWER:
-        return [power(made.robot, made.fit, bare)]
-    if task.group != "pairs":
-        return []
-    one, other = (make(task.data, [e], task.motion, task.arm).fit for e in effects)
-    return [power(made.robot, made.fit, rest, bare) for rest in (other, one)]
 
 
 def _narrowed(made: Made, verdict: Verdict) -> float | None:
@@ -264,11 +247,6 @@ def _centre_deviation(verdict: Verdict) -> float | None:
     loads = [e.parameters for e in verdict.effects if e.name == "payload"]
     axes = [loads[0][f"com_{axis}"].std for axis in "xyz"] if loads else [None]
     return None if None in axes else float(np.linalg.norm(axes))
-
-
-@lru_cache(maxsize=1)  # cases of one seed follow one another
-def _bare(data: str, motion: int, arm: int) -> tuple[Recording, ...]:
-    return make(data, (), motion, arm).fit
 
 
 def _hidden(task: Task, minimum: Sequence[Detectable]) -> tuple[str, list[PlantEffect]]:

@@ -53,18 +53,6 @@ def test_a_bar_is_missed_by_the_deciding_run_only():
     assert small["false_alarms"]["why"]
 
 
-def test_what_nobody_can_see_is_not_held_against_it():
-    told = {"oracle_nats": 40.0, "oracle_sees": True}
-    rows = [{**r, **told} for r in _rows(3, 1, outcome="nothing")]
-    rows += [{**ROW, **told, "oracle_sees": False, "outcome": "nothing"}] * 5
-    one = bars.case_figures({"singles": rows}, deciding=True)["found_of_seen_static"]
-    assert (one["value"], one["n"], one["seen"]) == (0.75, 4, {"offset": [4, 9]})
-    strange = [{**r, "effect": "x_wall", "unexplained": []} for r in rows[:2]]
-    strange.append({**strange[0], "unexplained": [2]})
-    made = bars.case_figures({"unknown": strange}, deciding=True)["flagged_of_seen"]
-    assert made["per_effect"] == {"x_wall": [1, 3]}
-
-
 def test_results_are_kept_line_by_line_and_a_torn_one_is_done_again(tmp_path, capsys):
     path, asked = tmp_path / "kept.jsonl", []
 
