@@ -34,7 +34,6 @@ PLAN: Mapping[str, tuple[str, ...]] = {
     "check": ("benchmarks/check.py",),
     "loop": ("benchmarks/loop.py", "--resume"),
     "peers": ("benchmarks/peers.py",),
-    "export": ("benchmarks/groups.py", "export", "--resume"),
     "plsr": ("benchmarks/plsr.py", "--resume"),
     "identification": ("benchmarks/groups.py", "identification", "--resume"),
     "hardening": ("benchmarks/groups.py", "hardening", "--resume"),

@@ -22,13 +22,6 @@ GROUPS = {
         "measured": "identification_parts.recovery:measured_figures",
         "speed": "identification_parts.speed:speed_figures",
     },
-    "export": {
-        "targets": "export_parts.models:target_figures",
-        "mujoco": "export_parts.loops:mujoco_figures",
-        "bodies": "export_parts.bodies:body_figures",
-        "callback": "export_parts.loops:loop_figures",
-        "speed": "export_parts.models:speed_figures",
-    },
     "plant": {
         "identity": "plant_parts.physics:identity_figures",
         "energy": "plant_parts.physics:energy_figures",

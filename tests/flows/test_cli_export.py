@@ -11,17 +11,6 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from benchmarks.export_parts.back import (
-    BACK,
-    CREEP,
-    KINDS,
-    compiled,
-    inverse,
-    passive,
-    played,
-)
-from benchmarks.export_parts.loops import loops_apart, with_effect
-from benchmarks.export_parts.models import ARMS, NAMES, model_with, robot_of
 from flows.cli import main
 from flows.steps import export as exporting
 from flows.steps.export import compiler, export_model, make_fmu
@@ -34,6 +23,17 @@ from residual.model.corrected import Corrected, Tables
 from residual.model.record import to_record
 from residual.signals.standstill import CHOICES
 from residual.tables.form import MAIN
+from tests.exports.back import (
+    BACK,
+    CREEP,
+    KINDS,
+    compiled,
+    inverse,
+    passive,
+    played,
+)
+from tests.exports.loops import loops_apart, with_effect
+from tests.exports.models import ARMS, NAMES, model_with, robot_of
 from tests.residual.test_model_record import lookup
 from warehouse.commit import commit_record
 

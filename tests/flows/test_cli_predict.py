@@ -7,10 +7,10 @@ import pyarrow.csv as pc
 import pyarrow.parquet as pq
 import pytest
 
-from benchmarks.export_parts.models import model_with, robot_of
 from flows.cli import main
 from residual.model.compare import EDITED, WHOLE
 from residual.recording import Recording
+from tests.exports.models import model_with, robot_of
 from tests.residual.arms import smooth_motion, write_csv
 
 

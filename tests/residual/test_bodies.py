@@ -5,7 +5,6 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from benchmarks.export_parts.bodies import cases, diagnosed, refusals
 from residual.diagnosis.conclude import as_embodied
 from residual.diagnosis.result import Diagnosis, Finding, Parameter
 from residual.diagnosis.verdict import from_json, to_json
@@ -16,6 +15,7 @@ from residual.model.bodies import LEAST, Moved, bodies_of, nearest
 from residual.model.model import Model, Term
 from residual.robot.base_parameters import base_parameters
 from residual.robot.dynamics import inertial_parameters, with_inertial_parameters
+from tests.exports.bodies import cases, diagnosed, refusals
 from tests.residual.arms import SEVEN, TWO, arm, bare_irb140, plain_logs
 
 FEW = list(cases(6))[3:]  # a load, a link and both on arms that are 1 and 3 % off

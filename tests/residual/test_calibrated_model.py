@@ -5,7 +5,6 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from benchmarks.export_parts.models import model_with, robot_of
 from residual.calibration.calibrate import corrected_model
 from residual.calibration.rows import MEASURED, PAPER
 from residual.export.exported import exciting
@@ -14,6 +13,7 @@ from residual.model.record import from_record, to_record
 from residual.tables.components import state_names
 from residual.tables.form import NONE
 from residual.tables.lookup import Axis, Lookup, Table
+from tests.exports.models import model_with, robot_of
 
 JOINTS = (1, 2, 3, 4, 5, 6)
 

@@ -6,13 +6,6 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from benchmarks.export_parts.back import c99_back, fast_states
-from benchmarks.export_parts.models import (
-    ARMS,
-    NAMES,
-    model_with,
-    robot_of,
-)
 from flows.steps.export import compiler
 from residual.effects import registry
 from residual.effects.base import Portable
@@ -30,6 +23,13 @@ from residual.model.corrected import NEAREST, NOTHING, Corrected, Tables
 from residual.model.model import Model
 from residual.signals.standstill import CHOICES
 from residual.tables.form import MAIN
+from tests.exports.back import c99_back, fast_states
+from tests.exports.models import (
+    ARMS,
+    NAMES,
+    model_with,
+    robot_of,
+)
 from tests.residual.test_model_record import lookup
 
 WRITERS = {

@@ -7,7 +7,6 @@ import pinocchio as pin
 import pytest
 
 from benchmarks.attribution_parts.arms import make
-from benchmarks.export_parts.bodies import cases, diagnosed
 from flows.inputs.given import known_of
 from residual.effects import registry
 from residual.errors import InputError, RobotError
@@ -20,6 +19,7 @@ from residual.model.nominal import prepare_logs, start_nominal
 from residual.robot.dynamics import inverse_dynamics
 from residual.robot.robot import load_robot, with_known
 from residual.signals.track import Filters
+from tests.exports.bodies import cases, diagnosed
 from tests.residual.arms import TWO, arm, bare_irb140, plain_logs, recording
 
 FRICTION = ("viscous", "coulomb")

@@ -13,25 +13,17 @@ from pathlib import Path
 
 import numpy as np
 
-from benchmarks.export_parts import back, models
-from benchmarks.harness.figures import Figures, figure, missing
-from flows.steps.export import build, compiler
+from flows.steps.export import build
 from residual.effects import registry
 from residual.export.c99 import prefix_of, to_c99
 from residual.export.exported import Exported, Motion, exciting
-from residual.export.mujoco import to_mujoco
-from residual.export.simulators import STEP as PERIOD
-from residual.export.simulators import to_mjcf
 from residual.model.model import Model
-from residual.robot.dynamics import inverse_dynamics, mass_matrix
+from residual.robot.dynamics import inverse_dynamics
+from tests.exports import back, models
 
 HELD, SECONDS, STEP = 1e-3, 10.0, 1e-4  # s
 STIFF, DAMPED = 400.0, 40.0  # 1/s^2, 1/s of the loop
 SHOULDER = 1
-FEW = ("stribeck", "load_friction", "ripple")  # of a quick run
-BAR = 100.0  # microradians
-SHORT = 1e-3  # of its value: what friction may lack where the joint creeps
-MJCF_SECONDS, SUBSTEPS = 2.0, 5  # s; steps of ours per step of MuJoCo
 OURS = """
 #include <string.h>
 #include "{header}"
@@ -89,68 +81,6 @@ void go(int n, int steps, double held, double stiff, double damped,
     }}
 }}
 """
-
-
-def loop_figures(quick: bool) -> Figures:
-    """Measure how far the two loops part with the callback, an effect at a time."""
-    what = "mujoco_loop_apart"
-    if compiler() is None:
-        return {what: missing(BAR, "no C compiler here")}
-    apart: dict[str, float] = {}
-    for name in FEW if quick else models.NAMES:
-        made = to_mujoco(with_effect(models.ARMS[0], name))
-        if name in {t.effect.name for t in made.carried.terms}:
-            apart[name] = 1e6 * loops_apart(made, 2.0 if quick else SECONDS)
-            print(f"{name}: {apart[name]:.3g} microradians", flush=True)
-    worst = max(apart, key=apart.get)
-    left = [name for name in models.NAMES if name not in apart and not quick]
-    told = f"{worst}; cannot be in it: {', '.join(left) or 'none'}"
-    return {what: figure(apart[worst], BAR, len(apart), what=told)}
-
-
-def mujoco_figures(quick: bool) -> Figures:
-    """Friction at 1e-3 rad/s, and how far the two loops part without a callback."""
-    arms = models.ARMS[:1] if quick else models.ARMS
-    short = max(_short(arm) for arm in arms)
-    out = {"mjcf_friction_short": figure(short, SHORT, 2 * len(arms))}
-    if compiler() is None:
-        return out | {"mjcf_loop_apart": missing(None, "no C compiler here")}
-    loops = {arm: _mjcf_loop(arm) for arm in arms}
-    apart = max(a for a, _ in loops.values())
-    told = {arm: f"{1e6 * t:.3g}" for arm, (_, t) in loops.items()}
-    return out | {
-        "mjcf_loop_apart": figure(
-            1e6 * apart, None, len(arms), what=f"error of the loop itself {told} µrad"
-        )
-    }
-
-
-def _short(arm: str) -> float:
-    """By how much dry friction falls short of its value, as a share of it."""
-    robot = models.robot_of(arm)
-    whole = models.model_with(robot, "coulomb", speed_floor=np.full(robot.dof, 1e-5))
-    (own,) = whole.terms
-    (j,), zero = own.joints, np.zeros((2, robot.dof))
-    qd = back.CREEP * np.array([[1.0], [-1.0]]) * np.ones(robot.dof)
-    states = Motion(np.arange(2.0), zero, qd, zero)
-    up, down = back.inverse(back.text_of(to_mjcf(whole)), states)[:, j]
-    return float(1 - (up - down) / 2 / own.theta[0])
-
-
-def _mjcf_loop(arm: str) -> tuple[float, float]:
-    """Largest distance of the loops, and of ours from its reference [rad]."""
-    import mujoco
-
-    robot = models.robot_of(arm)
-    more = models.term(robot, "payload"), models.term(robot, "spring", 1)
-    model = models.driven(robot, *more, floor=1e-3)
-    motion = exciting(robot, MJCF_SECONDS, 1 / PERIOD)
-    scale = np.diag(mass_matrix(robot.model, motion.q[:1])[0]) + 0.6
-    drive = inverse_dynamics(robot.model, *motion.parts), scale
-    simulated = mujoco.MjModel.from_xml_string(back.text_of(to_mjcf(model)))
-    theirs = _theirs(simulated, motion, drive, 1)
-    ours = _ours(model, motion, drive, SUBSTEPS)
-    return float(np.abs(theirs - ours).max()), float(np.abs(ours - motion.q).max())
 
 
 def with_effect(arm: str, name: str) -> Model:

@@ -10,8 +10,6 @@ from functools import cache
 import numpy as np
 
 from benchmarks.attribution_parts.arms import SEVEN, SIX, Arm, make
-from benchmarks.export_parts.back import BACK
-from benchmarks.harness.figures import Figures, figure, partial
 from flows.steps.export import TARGETS
 from residual.diagnosis.result import Diagnosis
 from residual.errors import InputError
@@ -20,11 +18,10 @@ from residual.model.bodies import bodies_of
 from residual.model.model import Model
 from sim.draw import draw_hidden
 from sim.engine.records import PlantEffect, stream
+from tests.exports.back import BACK
 
-ARMS, FEW = 50, 3
 HIDDEN = (("payload",), ("link_inertia",), ("payload", "link_inertia"))
 OFF = (0.0, 0.01, 0.03, 0.1)  # what is given, off the truth: a relative deviation
-PRICE = 0.05  # per cent of a joint's torque: what possible bodies may cost
 SEED = 32_000
 CLOSE = {"mjcf": 1e-8, "urdf": 1e-8}  # N m: MuJoCo's and Pinocchio's torque and ours
 
@@ -71,27 +68,3 @@ def refusals(model: Model) -> list[str]:
         except (InputError, ValueError) as error:
             out.append(f"{target}: {error}")
     return out
-
-
-def body_figures(quick: bool) -> Figures:
-    """Diagnose the arms; count models that are refused, and the price of bodies."""
-    refused, prices, named, before = [], [0.0], 0, 0
-    every = list(cases(FEW if quick else ARMS))
-    for case in every:
-        found = diagnosed(case)
-        told = found.verdict.bodies
-        named += any(e.name in ("payload", "link_inertia") for e in found.effects)
-        if told is not None:
-            before += 1
-            prices.append(100 * max(told.price))
-        for name in ("identified", "augmented"):
-            for why in refusals(found.models[name]):
-                refused.append(f"{case}: {name}: {why}")
-                print(refused[-1], flush=True)
-    what = f"{named} name a body; of {before} a free fit was no body"
-    out = {
-        "bodies_refused": figure(len(refused), 0, 2 * len(every), what=what),
-        "bodies_price_percent": figure(max(prices), PRICE, before),
-    }
-    why = "three arms" if quick else ""
-    return {k: partial(f, why) if why else f for k, f in out.items()}

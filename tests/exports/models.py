@@ -1,0 +1,108 @@
+"""Models with one effect each, of two arms: what the tests of exports write."""
+
+from collections.abc import Sequence
+from dataclasses import replace
+from functools import cache
+
+import numpy as np
+
+from residual.effects import registry
+from residual.model.model import Model, Term
+from residual.robot.dynamics import inertial_parameters
+from residual.robot.robot import Robot, load_robot, robot_from_texts
+
+LENGTH = 0.35  # m
+NAMES = sorted(registry())
+ARMS = ("irb140", "seven")
+DRIVES = ("viscous", "coulomb", "rotor_inertia")
+# Coefficients, and numbers of the shape, that an arm may have: sizes, not units.
+SIZES = {
+    "backlash": ([1e-3], (1e-3,)),
+    "balancer": ([6.0, 4.0], ()),
+    "base_tilt": ([0.02, -0.01], ()),
+    "coulomb": ([5.0], ()),
+    "coulomb_asymmetry": ([1.0], ()),
+    "coupled_friction": ([1.0, 0.3, 0.02], (-1.0, 0.05)),
+    "delay": ([0.01], (0.012,)),
+    "elasticity": ([1e-5], ()),
+    "encoder_eccentricity": ([0.01, 0.02], ()),
+    "encoder_offset": ([0.02], ()),
+    "link_body": ([2.0, 0.2, 0.1, 0.0, 0.05, 0.0, 0.05, 0.0, 0.0, 0.05], ()),
+    "link_inertia": ([0.2], ()),
+    "load_friction": ([0.05], ()),
+    "offset": ([2.0], ()),
+    "position_friction": ([1.0, 0.7], ()),
+    "power_viscous": ([2.0], (0.5,)),
+    "presliding": ([3.0], (0.01,)),
+    "quadratic_viscous": ([1.5], ()),
+    "ripple": ([0.8, 0.5], (12.0,)),
+    "rotor_inertia": ([0.6], ()),
+    "saturation": ([1.0], (10.0,)),
+    "spring": ([20.0, 3.0], ()),
+    "stribeck": ([3.0], (0.1, 1.5)),
+    "tool_force": ([5.0, -8.0, 12.0], ()),
+    "torque_gain": ([0.05], ()),
+    "viscous": ([4.0], ()),
+    "viscous_asymmetry": ([0.5], ()),
+    "warmup": ([2.0], (30.0,)),
+}
+BODY = (2.0, 0.02, -0.01, 0.08, 0.01, 0.001, 0.002, 0.012, 0.001, 0.009)
+
+
+@cache
+def robot_of(name: str) -> Robot:
+    """The built-in arm, or one of seven joints whose links are bodies that can be."""
+    if name != "seven":
+        return replace(load_robot("irb140"), declared={})
+    return robot_from_texts("seven", seven_joints(), "{}")
+
+
+def seven_joints() -> str:
+    """URDF of an arm of slender links, its axes alternating, its flange askew."""
+    parts = ['<robot name="seven"><link name="l0"/>']
+    for i in range(1, 8):
+        mass, axis = 6.0 / i, "0 0 1" if i % 2 else "0 1 0"
+        across = mass * LENGTH**2 / 12
+        parts.append(
+            f"""<link name="l{i}"><inertial>
+            <origin xyz="{LENGTH / 2} 0.01 0.02"/><mass value="{mass}"/>
+            <inertia ixx="0.008" iyy="{across}" izz="{across}" ixy="0" ixz="0" iyz="0"/>
+            </inertial></link>
+            <joint name="j{i}" type="revolute">
+            <parent link="l{i - 1}"/><child link="l{i}"/>
+            <origin xyz="{LENGTH if i > 1 else 0} 0 0" rpy="0 0 {0.1 * i}"/>
+            <axis xyz="{axis}"/>
+            <limit lower="-2.5" upper="2.5" velocity="3" effort="200"/></joint>"""
+        )
+    flange = """<link name="flange"/><joint name="to_flange" type="fixed">
+        <parent link="l7"/><child link="flange"/>
+        <origin xyz="0.3 0.02 0.1" rpy="0.4 0.8 -0.3"/></joint></robot>"""
+    return "".join([*parts, flange])
+
+
+def term(robot: Robot, name: str, place: int | None = None) -> Term:
+    """An effect in the middle of the arm, or where it is said."""
+    effect = registry()[name]
+    places = effect.candidates(robot.dof)
+    joints = places[len(places) // 2 if place is None else place]
+    if name == "payload":
+        theta, shape = effect.from_values(np.array(BODY), robot)
+    else:
+        theta, shape = SIZES[name]
+    return Term(effect, joints, tuple(shape), np.array(theta, dtype=float))
+
+
+def model_with(robot: Robot, *names: str, **changes) -> Model:
+    """The rigid body with these effects."""
+    terms = tuple(term(robot, name) for name in names)
+    given = {"speed_floor": np.full(robot.dof, 0.01), **changes}
+    return Model(robot, inertial_parameters(robot.model), terms, **given)
+
+
+def driven(
+    robot: Robot, *more: Term, names: Sequence[str] = DRIVES, floor: float = 0.01
+) -> Model:
+    """The rigid body with these effects on every joint, and more terms."""
+    terms = [term(robot, n, j) for n in names for j in range(robot.dof)]
+    body, floors = inertial_parameters(robot.model), np.full(robot.dof, floor)
+    return Model(robot, body, (*terms, *more), floors)
