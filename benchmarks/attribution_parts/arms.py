@@ -14,6 +14,7 @@ import numpy as np
 from benchmarks.harness.logs import PAUSE, RATE, sensed
 from benchmarks.hidden.drawn import CLEAR, draw_sized, measured, smallest
 from benchmarks.synthetic.motions import make_motion
+from benchmarks.synthetic.quasi_static import Plant, true_friction, true_torque
 from residual.diagnosis.result import Detectable
 from residual.effects import reported_joints
 from residual.recording import Recording
@@ -23,7 +24,6 @@ from sim.engine.records import Hidden, PlantEffect, Reference, stream
 from sim.plant.catalogue import multiplied, of_drives
 from sim.plant.sensors import WHITE_TORQUE
 from sim.plant.sizes import sizes, usual_limits
-from sim.quasi_static import Plant, true_friction, true_torque
 
 Array = np.ndarray
 

@@ -12,6 +12,7 @@ from benchmarks.attribution_parts import arms
 from benchmarks.harness.cases import guarded
 from benchmarks.hidden.drawn import measured, smallest
 from benchmarks.hidden.score import Name, members, paired
+from benchmarks.synthetic.quasi_static import true_model
 from flows.specs.experiment import derived_seed
 from flows.steps.edit import is_named, with_truth
 from residual.diagnosis.changes import MOVING, dense_model, sealed_edit
@@ -22,7 +23,6 @@ from residual.method.diagnose import diagnose
 from residual.model.model import Model
 from sim.engine.records import PlantEffect, stream
 from sim.plant.catalogue import acting, changed
-from sim.quasi_static import true_model
 
 _MOVED = 0.05  # of what is given: less is not called a change
 Values = Mapping[tuple[str, int], tuple[float, float]]

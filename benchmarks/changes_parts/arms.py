@@ -14,10 +14,10 @@ import pinocchio as pin
 from benchmarks.changes_parts.case import Case, Part
 from benchmarks.check_parts.arms import others, seven
 from benchmarks.harness.logs import CONTROL, PAUSE, RATE, reference, sensed
+from benchmarks.synthetic import quasi_static
 from benchmarks.synthetic.motions import make_motion
 from residual.recording import Recording
 from residual.robot.robot import Robot, load_robot
-from sim import quasi_static
 from sim.engine import records
 from sim.engine.laws import thinned
 from sim.experiment import log_of

@@ -13,12 +13,12 @@ from benchmarks.harness.logs import PAUSE, RATE, in_engine, sensed
 from benchmarks.harness.origin import ROOT
 from benchmarks.measured_parts.arms import absent, read_logs, robot_of
 from benchmarks.synthetic.motions import make_motion
+from benchmarks.synthetic.quasi_static import Plant, true_torque
 from residual.recording import Recording
 from residual.robot.dynamics import inverse_dynamics
 from residual.robot.robot import Robot, load_robot, robot_from_texts
 from sim.engine.records import Noise, PlantSpec, Reference, TrajectorySpec, stream
 from sim.plant.sizes import usual_limits
-from sim.quasi_static import Plant, true_torque
 from warehouse.logs import read_log
 
 Array = np.ndarray

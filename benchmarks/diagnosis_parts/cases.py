@@ -28,6 +28,7 @@ from benchmarks.hidden.oracle import oracle
 from benchmarks.hidden.score import NOTHING, PAIR, SINGLE, UNKNOWN, case_row
 from benchmarks.synthetic.motions import make_motion
 from benchmarks.synthetic.other_forms import FORMS
+from benchmarks.synthetic.quasi_static import Plant, true_friction, true_torque
 from flows.specs.experiment import derived_seed
 from residual.diagnosis.result import Detectable, Verdict
 from residual.method.diagnose import diagnose
@@ -43,7 +44,6 @@ from sim.engine.records import (
 )
 from sim.plant.catalogue import kinds, unnamed
 from sim.plant.sizes import sizes, usual_limits
-from sim.quasi_static import Plant, true_friction, true_torque
 
 SYNTHETIC, PYBULLET = "synthetic", "pybullet"
 

@@ -6,13 +6,13 @@ from pathlib import Path
 
 import numpy as np
 
+from benchmarks.synthetic.quasi_static import Torque
 from residual.recording import Recording
 from residual.robot.robot import Robot, load_robot
 from sim.engine.records import PlantSpec, Rates, Reference, TrajectorySpec, stream
 from sim.experiment import run_experiment
 from sim.plant.sensors import ENCODER_STEP, encoder, torque_noise
 from sim.plant.sizes import sizes
-from sim.quasi_static import Torque
 from sim.trajectories import make_reference
 
 Array = np.ndarray

@@ -14,11 +14,11 @@ from pathlib import Path
 import numpy as np
 
 from benchmarks.synthetic.logs import LogPlan, make
+from benchmarks.synthetic.quasi_static import Plant
 from residual.recording import Array
 from residual.robot.robot import load_robot
 from sim.draw import draw
 from sim.engine.records import Hidden, stream
-from sim.quasi_static import Plant
 
 BACKWARDS = np.array([1.0, -1.0])  # joint 2 of the controller counts the other way
 ZERO = np.array([0.0, 90.0])  # deg that the controller shows where the URDF has zero

@@ -3,6 +3,12 @@
 from dataclasses import dataclass, replace
 
 from benchmarks.synthetic.motions import make_motion
+from benchmarks.synthetic.quasi_static import (
+    Plant,
+    background_of,
+    true_friction,
+    true_torque,
+)
 from residual.recording import Recording
 from residual.robot.robot import Robot, load_robot
 from sim.draw import draw
@@ -11,7 +17,6 @@ from sim.plant.background import logged
 from sim.plant.catalogue import kinds, of_drives
 from sim.plant.sensors import encoder, torque_noise
 from sim.plant.sizes import sizes, usual_limits
-from sim.quasi_static import Plant, background_of, true_friction, true_torque
 
 RATE = 250.0  # Hz
 DURATION = 20.0  # s

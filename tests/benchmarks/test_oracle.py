@@ -4,11 +4,11 @@ import pytest
 
 from benchmarks.hidden.oracle import oracle
 from benchmarks.synthetic.logs import LogPlan, make
+from benchmarks.synthetic.quasi_static import Plant
 from residual.errors import UnknownNameError
 from residual.method.diagnose import diagnose
 from residual.robot.robot import load_robot
 from sim.engine.records import Hidden
-from sim.quasi_static import Plant
 
 PLAN = (
     LogPlan("one", "fit", "fourier", 9.0, 125.0),

@@ -8,6 +8,7 @@ from pathlib import Path
 import numpy as np
 
 from benchmarks.synthetic.logs import CHANGES, Case, LogPlan, make
+from benchmarks.synthetic.quasi_static import Plant
 from residual.diagnosis.examine import Examined, examine
 from residual.diagnosis.findings import Named, findings
 from residual.diagnosis.result import Diagnosis
@@ -21,7 +22,6 @@ from residual.signals.splitting import session_clock
 from residual.signals.track import Filters
 from sim.draw import draw
 from sim.engine.records import Hidden, stream
-from sim.quasi_static import Plant
 
 Y, Z = "0 1 0", "0 0 1"
 TWO = (Y, Y)

@@ -4,9 +4,9 @@ from functools import cache
 
 import pytest
 
+from benchmarks.synthetic.quasi_static import Plant, true_friction
 from residual.diagnosis.verdict import from_json, to_json
 from sim.engine.records import Hidden
-from sim.quasi_static import Plant, true_friction
 from tests.residual.arms import Y, Z, arm, diagnose_case, names, short_case
 
 FOUR = (Z, Y, Y, Z)

@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 from benchmarks.synthetic.logs import LogPlan, make
+from benchmarks.synthetic.quasi_static import Plant
 from residual.diagnosis.changes import (
     baseline_edits,
     dense_model,
@@ -20,7 +21,6 @@ from residual.model.nominal import prepare_logs, start_nominal
 from residual.robot.robot import load_robot
 from residual.signals.track import Filters
 from sim.engine.records import Hidden
-from sim.quasi_static import Plant
 
 LOAD = {"mass": 3.0, "com_x": 0.0, "com_y": 0.0, "com_z": 0.1}
 

@@ -9,13 +9,13 @@ import numpy as np
 import pytest
 
 from benchmarks.synthetic.logs import LogPlan, make
+from benchmarks.synthetic.quasi_static import Plant
 from residual.diagnosis.whole import outdone, plain_fit
 from residual.method.diagnose import diagnose
 from residual.model.nominal import DEFAULT_DECLARED, prepare_logs
 from residual.robot.robot import load_robot
 from residual.signals.track import Filters
 from sim.engine.records import Hidden
-from sim.quasi_static import Plant
 from tests.residual.arms import arm, doubts, names, short_case
 
 PLAN = (

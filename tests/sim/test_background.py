@@ -7,12 +7,17 @@ import pytest
 
 from benchmarks.synthetic.logs import LogPlan, make
 from benchmarks.synthetic.motions import make_motion
+from benchmarks.synthetic.quasi_static import (
+    Plant,
+    background_of,
+    true_friction,
+    true_torque,
+)
 from residual.errors import InputError
 from residual.robot.robot import load_robot
 from sim.engine.records import Hidden, stream
 from sim.plant.background import Rubbing, added, cogging, draw_background, logged
 from sim.plant.sizes import sizes, usual_limits
-from sim.quasi_static import Plant, background_of, true_friction, true_torque
 
 ROBOT = load_robot("irb140")
 MOTION = make_motion("fourier", usual_limits(ROBOT), 6.0, 250.0, stream(1, "motion"))

@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 
 from benchmarks.synthetic.motions import make_motion
+from benchmarks.synthetic.quasi_static import Plant, true_torque
 from residual.effects import registry as sought
 from residual.errors import InputError
 from sim import effects
@@ -17,7 +18,6 @@ from sim.engine.records import Noise, PlantSpec, stream
 from sim.experiment import run_experiment
 from sim.plant.catalogue import check_effect, kinds, of_drives, vocabulary
 from sim.plant.sizes import usual_limits
-from sim.quasi_static import Plant, true_torque
 from tests.sim.plant_cases import ROBOT, effect, motion
 
 FOLDER = Path(effects.__file__).parent

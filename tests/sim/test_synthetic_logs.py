@@ -7,12 +7,12 @@ import pytest
 
 from benchmarks.synthetic.examples import write_hidden
 from benchmarks.synthetic.logs import LogPlan, make, standard_case, standard_plan
+from benchmarks.synthetic.quasi_static import Plant, true_friction
 from residual.robot.robot import load_robot
 from sim.draw import draw
 from sim.engine.records import stream
 from sim.plant.sensors import encoder, torque_noise
 from sim.plant.sizes import sizes
-from sim.quasi_static import Plant, true_friction
 
 ROBOT = load_robot("irb140")
 SHORT = tuple(

@@ -3,6 +3,12 @@ import pinocchio as pin
 import pytest
 
 from benchmarks.synthetic.motions import make_motion
+from benchmarks.synthetic.quasi_static import (
+    Plant,
+    true_friction,
+    true_model,
+    true_torque,
+)
 from residual.errors import InputError
 from residual.robot.dynamics import inertial_parameters
 from residual.robot.robot import load_robot
@@ -11,7 +17,6 @@ from sim.effects.base import deflection
 from sim.engine.records import Hidden, stream
 from sim.plant.catalogue import acting, changed, unnamed
 from sim.plant.sizes import scatter, usual_limits
-from sim.quasi_static import Plant, true_friction, true_model, true_torque
 
 ROBOT = load_robot("irb140")
 IN_ENGINE = ("x_dead_zone", "x_wall")

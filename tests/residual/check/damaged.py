@@ -6,9 +6,9 @@ from functools import cache
 import numpy as np
 
 from benchmarks.synthetic.logs import LogPlan, make
+from benchmarks.synthetic.quasi_static import Plant
 from residual.check.check import check_logs
 from residual.recording import Recording
-from sim.quasi_static import Plant
 from tests.residual.arms import arm, bare_irb140
 
 

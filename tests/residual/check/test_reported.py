@@ -9,6 +9,7 @@ import pinocchio as pin
 import pytest
 
 from benchmarks.synthetic.logs import LogPlan, make
+from benchmarks.synthetic.quasi_static import Plant
 from flows.inputs.given import LogSets
 from flows.steps.check import check
 from residual.check.check import check_logs, enough
@@ -17,7 +18,6 @@ from residual.check.result import Repair
 from residual.robot.dynamics import gravity_torque, inverse_dynamics
 from residual.robot.robot import load_robot
 from residual.signals.filters import low_pass
-from sim.quasi_static import Plant
 from tests.residual.arms import arm, plain_logs
 from tests.residual.check.damaged import clean_logs, edited, kinds, swapped, times
 from warehouse.logs import read_log

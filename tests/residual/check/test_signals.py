@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 from benchmarks.synthetic.motions import make_motion
+from benchmarks.synthetic.quasi_static import Plant, true_torque
 from residual.check.check import check_logs
 from residual.check.kinematics import time_unit, uneven, velocity_faults
 from residual.check.result import Repair
@@ -15,7 +16,6 @@ from residual.recording import Recording
 from sim.engine.records import stream
 from sim.plant.sensors import torque_noise
 from sim.plant.sizes import sizes, usual_limits
-from sim.quasi_static import Plant, true_torque
 from tests.residual.arms import arm, bare_irb140, plain_logs
 from tests.residual.check.damaged import (
     clean_logs,

@@ -3,12 +3,12 @@
 from functools import cache
 
 from benchmarks.synthetic.logs import LogPlan, make
+from benchmarks.synthetic.quasi_static import Plant
 from residual.method.diagnose import diagnose
 from residual.planning.question import open_question, parse_wish, wished_question
 from residual.robot.robot import load_robot
 from sim.draw import draw
 from sim.engine.records import stream
-from sim.quasi_static import Plant
 
 FAMILY, SECONDS = "slow_cyclic", 8.0
 

@@ -1,5 +1,10 @@
 """Draw what an arm hides, as large as the motions that it makes can show.
 
+    python -m benchmarks.synthetic.visible [FILE]
+
+writes what `modelgap demo` hides where a usual size would not show; to be given again
+when effects, motions or usual sizes change. Without FILE it is that of the program.
+
 How much there is to see is told by the plant's own torque along those very motions,
 exact and without noise:
 
@@ -9,30 +14,42 @@ on the rows where the joint moves, q what its encoder reads. No method of findin
 asked.
 """
 
-from collections.abc import Sequence
+import json
+import sys
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from pathlib import Path
 from typing import Self
 
 import numpy as np
 from scipy.ndimage import binary_dilation
 from scipy.signal import butter, sosfiltfilt
 
+from benchmarks.hidden.drawn import MOST
+from benchmarks.synthetic.quasi_static import Plant, true_torque
+from flows.steps import demo
 from residual.recording import Array
 from residual.robot.dynamics import inverse_dynamics
-from residual.robot.robot import Robot
+from residual.robot.robot import Robot, load_robot
 from sim.draw import draw_hidden
 from sim.effects.base import Rng
 from sim.engine.laws import BRISTLE
-from sim.engine.records import Hidden, PlantEffect, Reference
+from sim.engine.records import (
+    HIDDEN,
+    Hidden,
+    PlantEffect,
+    Reference,
+    TrajectorySpec,
+    stream,
+)
 from sim.plant.catalogue import acting, amount, kinds, multiplied, of_drives
-from sim.quasi_static import Plant, true_torque
+from sim.trajectories import make_reference
 
 VISIBLE = 0.05  # share of a joint's torque that an effect has at least
 # Asked for: the arm that runs is a few per cent off its description, does not follow
 # its motions to the last sample, and some of those are only like the ones looked at.
 _ASKED = 1.3 * VISIBLE
 _OF_BRISTLES = 2.5  # times that: in the engine their damper takes half of it off
-MOST = 3.0  # of a usual size: an arm that has ten times as much as any is no arm
 # Nearer to standstill dry friction may be anything up to breakaway.
 _FASTER, _AWAY = 0.03, 0.1  # rad/s, s
 _CUTOFF = 8.0  # Hz: faster torque is noise to whoever reads a log
@@ -152,3 +169,58 @@ def _torques(plant: Plant, motion: Reference, start: float) -> tuple[Array, Arra
     low = butter(4, 2 * _CUTOFF * step, output="sos")
     torque, rest = (sosfiltfilt(low, x, axis=0) for x in (made.tau, made.tau - rigid))
     return torque, rest
+
+
+SEEDS, OF_A_NAME = 500, 20  # of the demonstration: what is drawn, and what is asked for
+TABLE = Path(demo.__file__).with_name("visible.json")
+_RATE = 100.0  # Hz
+
+
+def stages_of(seed: int) -> list[Stage]:
+    """Return the motions of a demonstration on which its effect is to be seen.
+
+    For the Fourier motions stand others of their family, since a search for those that
+    will be run takes as long as the experiments.
+    """
+    robot, stages = load_robot(demo.ROBOT), []
+    for _, start, motion in demo.motions(seed, demo.FIT):
+        reference = make_reference(robot, TrajectorySpec(**motion), _RATE, False)
+        stages.append(Stage.of(robot, reference, start))
+    return stages
+
+
+def larger(name: str, seed: int, stages: Sequence[Stage]) -> list | None:
+    """Return what is hidden in place of the usual draw; None where that shows."""
+    robot = load_robot(demo.ROBOT)
+    usual = draw_hidden(robot, stream(seed, HIDDEN), name or None)
+    shown = draw_visible(robot, stream(seed, HIDDEN), stages, name or None)
+    if shown == usual:
+        return None
+    return [shown.name, list(shown.joints), dict(shown.parameters)]
+
+
+def text(table: Mapping[str, Mapping[int, list]]) -> str:
+    """Return the table as JSON, a line for each draw."""
+    parts = []
+    for name, own in table.items():
+        rows = ",".join(f'\n  "{k}": {json.dumps(one)}' for k, one in own.items())
+        seeds = OF_A_NAME if name else SEEDS
+        parts.append(f'"{name}": {{"seeds": {seeds}, "larger": {{{rows}}}}}')
+    return "{\n" + ",\n".join(parts) + "\n}\n"
+
+
+def main() -> None:
+    """Write the table."""
+    table: dict[str, dict[int, list]] = {name: {} for name in ("", *sorted(kinds()))}
+    for seed in range(SEEDS):
+        stages = stages_of(seed)
+        for name, own in table.items():
+            if seed < (OF_A_NAME if name else SEEDS):
+                one = larger(name, seed, stages)
+                own |= {} if one is None else {seed: one}
+        print(f"seed {seed}", flush=True)
+    Path(*sys.argv[1:] or [TABLE]).write_text(text(table), encoding="utf-8")
+
+
+if __name__ == "__main__":
+    main()

@@ -3,17 +3,28 @@
 import numpy as np
 import pytest
 
+from benchmarks.hidden.drawn import MOST
+from benchmarks.synthetic.visible import (
+    OF_A_NAME,
+    SEEDS,
+    VISIBLE,
+    Stage,
+    draw_visible,
+    larger,
+    share,
+    stages_of,
+)
+from flows.steps import demo
 from sim.draw import draw_hidden, usual_effects
-from sim.engine.records import TrajectorySpec, stream
+from sim.engine.records import HIDDEN, PlantEffect, TrajectorySpec, stream
 from sim.plant import tables as at
-from sim.plant.catalogue import amount, check_effect, vocabulary
+from sim.plant.catalogue import amount, check_effect, kinds, vocabulary
 from sim.trajectories import make_reference
 from sim.trajectories.fourier import draw_slow
-from sim.visible import MOST, VISIBLE, Stage, draw_visible, share
 from tests.sim.plant_cases import NOMINAL_ARM, ROBOT, drive, effect
 
 SPEED = 0.2  # rad/s
-SEEDS = range(2)
+DRAWN = range(2)
 
 
 def slow(seed: int = 1, duration: float = 10.0, rate: float = 100.0):
@@ -32,13 +43,13 @@ def stages():
     """Two motions of each seed: one that creeps and one that hurries."""
     return {
         seed: [Stage.of(ROBOT, slow(seed)), Stage.of(ROBOT, stops(seed), 30.0)]
-        for seed in SEEDS
+        for seed in DRAWN
     }
 
 
 @pytest.mark.parametrize("name", usual_effects())
 def test_whatever_is_drawn_is_five_per_cent_of_a_joint_that_moves(name, stages):
-    for seed in SEEDS:
+    for seed in DRAWN:
         hidden = draw_visible(ROBOT, stream(seed, "hidden"), stages[seed], name)
         check_effect(hidden, ROBOT)
         assert hidden.name == name
@@ -99,7 +110,45 @@ def test_the_share_is_that_of_the_arm_in_the_engine(hidden, close, compiled_plan
 
 
 def test_a_slow_motion_is_slow_and_moves_every_joint():
-    for seed in SEEDS:
+    for seed in DRAWN:
         fastest = np.abs(slow(seed).qd).max(axis=0)
         assert (fastest <= SPEED + 1e-6).all()
         assert (fastest > 0.3 * SPEED).all()
+
+
+TABLE = demo.visible()
+
+
+def test_the_demonstration_knows_what_shows_of_every_effect():
+    assert set(TABLE) == {"", *kinds()}
+    for name, own in TABLE.items():
+        assert own["seeds"] == (OF_A_NAME if name else SEEDS)
+        for seed, (hidden, joints, values) in own["larger"].items():
+            usual = draw_hidden(ROBOT, stream(int(seed), HIDDEN), name or None)
+            assert hidden == usual.name
+            assert values.keys() == dict(usual.parameters).keys()
+            found = PlantEffect(hidden, tuple(joints), tuple(values.items()))
+            check_effect(found, ROBOT)
+
+
+def test_the_table_is_what_is_drawn_on_the_motions_of_the_demonstration():
+    stages = stages_of(1)
+    for name in ("", "delay", "payload", "viscous_asymmetry"):
+        known = TABLE[name]["larger"].get("1")
+        made = larger(name, 1, stages)
+        assert (made is None) == (known is None)
+        if made is not None:
+            assert made[:2] == known[:2]
+            assert made[2] == pytest.approx(known[2], rel=1e-6)
+
+
+def test_what_is_hidden_is_that_of_the_table_or_a_usual_draw_and_begins_again():
+    def hidden(seed, name=None):
+        (drawn,) = demo.specs(demo.Demo(seed, name))[0][1].plant_spec().effects
+        return [drawn.name, list(drawn.joints), dict(drawn.parameters)]
+
+    assert hidden(1) == TABLE[""]["larger"]["1"]
+    assert hidden(1, "delay") == hidden(1 + OF_A_NAME, "delay")
+    usual = draw_hidden(ROBOT, stream(7, HIDDEN))
+    assert hidden(7) == [usual.name, list(usual.joints), dict(usual.parameters)]
+    assert hidden(7) == hidden(7 + SEEDS)
