@@ -7,17 +7,12 @@ from hypothesis import strategies as st
 from scipy.optimize import linear_sum_assignment
 from scipy.signal import butter, sosfiltfilt, welch
 
-from benchmarks.synthetic.logs import LogPlan, make
 from residual.check.reading import best_order
-from residual.diagnosis import oracle
 from residual.effects.backlash import _flight
 from residual.evidence.fit import System, fit
-from residual.model.nominal import prepare_logs, start_nominal
-from residual.robot.robot import load_robot
 from residual.signals.filters import low_pass, power_density
 from residual.signals.standstill import bristle
-from residual.signals.track import Filters, widened
-from sim.quasi_static import Plant
+from residual.signals.track import widened
 from tests.residual.linear import DOF, Problem, every_group
 
 SEEDS = st.integers(0, 2**32 - 1)
@@ -139,25 +134,3 @@ def test_a_set_with_one_more_is_gathered_or_grown_alike(seed):
         fit(design, problem.prior, groups[:3], counted, system=s) for s in (grown, None)
     )
     assert one.score == pytest.approx(other.score)
-
-
-# -- memory ------------------------------------------------------------------------
-
-
-def _told(joints):
-    robot = load_robot("irb140")
-    plan = [LogPlan(f"{i}", "fit", "fourier", 3.0, 125.0) for i in range(2)]
-    logs = make(Plant(robot, (), 4), tuple(plan), 4)
-    ready = prepare_logs(robot, logs, None, Filters())
-    nominal = start_nominal(ready, ("viscous", "coulomb", "rotor_inertia"))
-    design = oracle.first_design(ready, nominal)
-    wanted = oracle.placed("ripple", joints, 6)
-    return design, oracle._best(design, ready, nominal, wanted)[1]
-
-
-def test_columns_of_what_is_told_are_made_once_and_not_for_each_prior(monkeypatch):
-    few = oracle.priors
-    monkeypatch.setattr(oracle, "priors", lambda *given: few(*given)[::14])
-    design, fitted = _told((1, 2))
-    assert len(fitted.members) == 2
-    assert design.size < 250  # of four priors; twice as many if each had its own
