@@ -6,7 +6,6 @@ import pyarrow.parquet as pq
 import pytest
 
 from benchmarks import diagnosis
-from benchmarks.harness.rates import wilson
 from benchmarks.hidden.drawn import Hidden, draw_sized, measured, vocabulary
 from benchmarks.hidden.score import (
     Name,
@@ -150,13 +149,6 @@ def test_what_is_taken_for_what_is_printed_and_written(tmp_path, capsys):
 def test_a_name_gives_way_to_another_if_it_has_a_second_choice():
     said = [("a", "b"), ("a",)]
     assert paired("ab", said, lambda truth, own: truth in own) == {0: 1, 1: 0}
-
-
-def test_wilson_is_wide_for_few_and_never_beyond_one():
-    assert wilson(0, 0) == [0.0, 1.0]
-    assert wilson(200, 200) == [0.9812, 1.0]
-    low, high = wilson(95, 100)
-    assert 0.88 < low < 0.95 < high < 0.98
 
 
 def test_every_effect_that_is_looked_for_is_drawn_and_no_fault_of_a_sensor():

@@ -68,11 +68,3 @@ def _told(joints):
     design = told.first_design(ready, nominal)
     wanted = told.placed("ripple", joints, 6)
     return design, told._best(design, ready, nominal, wanted)[1]
-
-
-def test_columns_of_what_is_told_are_made_once_and_not_for_each_prior(monkeypatch):
-    few = told.priors
-    monkeypatch.setattr(told, "priors", lambda *given: few(*given)[::14])
-    design, fitted = _told((1, 2))
-    assert len(fitted.members) == 2
-    assert design.size < 250  # of four priors; twice as many if each had its own

@@ -3,7 +3,6 @@
 import numpy as np
 import pytest
 
-from benchmarks.hidden.drawn import MOST
 from benchmarks.synthetic.visible import (
     OF_A_NAME,
     SEEDS,
@@ -18,7 +17,7 @@ from flows.steps import demo
 from sim.draw import draw_hidden, usual_effects
 from sim.engine.records import HIDDEN, PlantEffect, TrajectorySpec, stream
 from sim.plant import tables as at
-from sim.plant.catalogue import amount, check_effect, kinds, vocabulary
+from sim.plant.catalogue import check_effect, kinds
 from sim.trajectories import make_reference
 from sim.trajectories.fourier import draw_slow
 from tests.sim.plant_cases import NOMINAL_ARM, ROBOT, drive, effect
@@ -56,37 +55,6 @@ def test_whatever_is_drawn_is_five_per_cent_of_a_joint_that_moves(name, stages):
         assert share(ROBOT, hidden, stages[seed]) >= VISIBLE
 
 
-@pytest.mark.parametrize("name", sorted(set(vocabulary()) - set(usual_effects())))
-def test_errors_of_angles_show_or_are_as_large_as_any_arm_has_them(name, stages):
-    """An elastic gear moves its torque by little, in whatever arm."""
-    hidden = draw_visible(ROBOT, stream(1, "hidden"), stages[1], name)
-    check_effect(hidden, ROBOT)
-    if share(ROBOT, hidden, stages[1]) < VISIBLE:
-        rng = stream(1, "hidden")
-        usual = [draw_hidden(ROBOT, rng, name) for _ in range(24)]
-        there = amount(name, dict(hidden.parameters))
-        times = [there / amount(name, dict(u.parameters)) for u in usual]
-        assert np.isclose(times, MOST).any()
-
-
-def test_what_shows_is_left_as_it_is_and_what_is_too_small_is_the_same_and_larger(
-    stages,
-):
-    drawn = draw_hidden(ROBOT, stream(1, "hidden"), "payload")
-    assert draw_visible(ROBOT, stream(1, "hidden"), stages[1], "payload") == drawn
-    usual = draw_hidden(ROBOT, stream(1, "hidden"), "stribeck")
-    larger = draw_visible(ROBOT, stream(1, "hidden"), stages[1], "stribeck")
-    before, after = dict(usual.parameters), dict(larger.parameters)
-    assert (larger.joints, after["velocity"]) == (usual.joints, before["velocity"])
-    assert before["level"] < after["level"] <= MOST * before["level"]
-
-
-def test_the_effect_is_drawn_from_the_seed_where_none_is_asked_for(stages):
-    names = {draw_visible(ROBOT, stream(s, "h"), stages[1]).name for s in range(30)}
-    assert len(names) > 8
-    assert names <= set(usual_effects())
-
-
 @pytest.mark.parametrize(
     ("hidden", "close"),
     [
@@ -107,13 +75,6 @@ def test_the_share_is_that_of_the_arm_in_the_engine(hidden, close, compiled_plan
     there = np.sqrt(np.mean((own - plain)[rows, joint] ** 2))
     there /= np.sqrt(np.mean(plain[rows, joint] ** 2))
     assert share(ROBOT, hidden, [stage]) == pytest.approx(there, rel=close)
-
-
-def test_a_slow_motion_is_slow_and_moves_every_joint():
-    for seed in DRAWN:
-        fastest = np.abs(slow(seed).qd).max(axis=0)
-        assert (fastest <= SPEED + 1e-6).all()
-        assert (fastest > 0.3 * SPEED).all()
 
 
 TABLE = demo.visible()

@@ -1,6 +1,5 @@
 """Models with one effect each, of two arms: what the tests of exports write."""
 
-from collections.abc import Sequence
 from dataclasses import replace
 from functools import cache
 
@@ -14,7 +13,6 @@ from residual.robot.robot import Robot, load_robot, robot_from_texts
 LENGTH = 0.35  # m
 NAMES = sorted(registry())
 ARMS = ("irb140", "seven")
-DRIVES = ("viscous", "coulomb", "rotor_inertia")
 # Coefficients, and numbers of the shape, that an arm may have: sizes, not units.
 SIZES = {
     "backlash": ([1e-3], (1e-3,)),
@@ -97,12 +95,3 @@ def model_with(robot: Robot, *names: str, **changes) -> Model:
     terms = tuple(term(robot, name) for name in names)
     given = {"speed_floor": np.full(robot.dof, 0.01), **changes}
     return Model(robot, inertial_parameters(robot.model), terms, **given)
-
-
-def driven(
-    robot: Robot, *more: Term, names: Sequence[str] = DRIVES, floor: float = 0.01
-) -> Model:
-    """The rigid body with these effects on every joint, and more terms."""
-    terms = [term(robot, n, j) for n in names for j in range(robot.dof)]
-    body, floors = inertial_parameters(robot.model), np.full(robot.dof, floor)
-    return Model(robot, body, (*terms, *more), floors)

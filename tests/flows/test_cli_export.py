@@ -32,7 +32,6 @@ from tests.exports.back import (
     passive,
     played,
 )
-from tests.exports.loops import loops_apart, with_effect
 from tests.exports.models import ARMS, NAMES, model_with, robot_of
 from tests.residual.test_model_record import lookup
 from warehouse.commit import commit_record
@@ -50,8 +49,7 @@ OTHERS = sorted(set(ARMS) - {"seven"})
 needs_compiler = pytest.mark.skipif(compiler() is None, reason="no C compiler here")
 REASON = dict.fromkeys(("c99", "fmu"), needs_compiler)
 NEEDS = {"mjcf": "mujoco", "mujoco": "mujoco", "fmu": "fmpy", "rrd": "rerun"}
-# The header is that of c99, and below an arm moves by the callback.
-REASON["mujoco"] = (needs_compiler, pytest.mark.long)
+REASON["mujoco"] = needs_compiler
 
 
 def _every(robot):
@@ -111,27 +109,9 @@ def test_an_fmu_has_the_torque_of_the_header_at_the_same_step(kind, tmp_path):
 
 
 @needs_compiler
-@pytest.mark.parametrize(
-    "name", ["stribeck", pytest.param("load_friction", marks=pytest.mark.long)]
-)
-def test_with_the_callback_mujoco_moves_as_the_model_does(name):
-    pytest.importorskip("mujoco")
-    whole = with_effect("irb140", name)
-    made = to_mujoco(whole)
-    assert name in {t.effect.name for t in made.carried.terms}
-    assert loops_apart(made, 0.6, 2e-4) < 1e-4
-    # Without the effect MuJoCo's arm goes elsewhere: the callback is what brings it.
-    bare = to_mujoco(whole.without(name))
-    header = next(n for n in made.files if n.endswith("irb140.h"))
-    files = {**made.files, header: bare.files[header]}
-    kept = replace(made, files=files)
-    assert loops_apart(kept, 0.6, 2e-4) > 2e-4
-
-
-@needs_compiler
 def test_a_time_that_comes_twice_is_remembered_once():
     mujoco = pytest.importorskip("mujoco")
-    whole = with_effect("irb140", "presliding")
+    whole = model_with(robot_of("irb140"), "viscous", "rotor_inertia", "presliding")
     made, motion = to_mujoco(whole), exciting(robot_of("irb140"), 2.0)
     with passive(made) as simulated:
         callback = mujoco.get_mjcb_passive()
