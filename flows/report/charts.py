@@ -3,7 +3,6 @@
 from collections.abc import Mapping, Sequence
 
 import numpy as np
-from scipy.signal import welch
 
 from flows.report.document import Chart
 from flows.report.figures import look
@@ -363,6 +362,8 @@ def density(
     Welch's method (Welch 1967, IEEE Trans. Audio Electroacoust. 15, p. 70): the mean
     periodogram of overlapping Hann windows, here over all stretches without a gap.
     """
+    from scipy.signal import welch
+
     stretches = [s for p in proofs for s in _stretches(p, joint, stage)]
     if not stretches:
         return None

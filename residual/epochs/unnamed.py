@@ -10,7 +10,7 @@ wins what a name would have to.
 from dataclasses import dataclass
 
 import numpy as np
-from scipy import stats
+from scipy.special import stdtr
 
 from residual.effects.base import Effect, State
 from residual.epochs.contrast import Candidate
@@ -142,7 +142,8 @@ def _more(before: Array, after: Array, logs: Array, fresh: Array) -> float:
         + between * (1 / len(means) + 1 / len(np.unique(fresh)))
     )
     nu = len(a) + len(b) - 2
-    return float(stats.t.sf((b.mean() - a.mean()) / max(sd, 1e-12), nu))
+    # Of Student's t, the share above.
+    return float(stdtr(nu, -(b.mean() - a.mean()) / max(sd, 1e-12)))
 
 
 def follows(found: Found, rest: Rest, j: int) -> tuple[str, int, float] | None:

@@ -8,7 +8,6 @@ no alarm knows what comes after it.
 from dataclasses import dataclass, replace
 
 import numpy as np
-from scipy.signal import savgol_coeffs
 
 from residual.errors import InputError
 from residual.monitoring.rules import MONITOR
@@ -45,6 +44,8 @@ class Window:
 
         Shape (m, dof).
         """
+        from scipy.signal import savgol_coeffs
+
         width, out = 2 * self.half + 1, np.zeros((len(starts), x.shape[1]))
         weights = savgol_coeffs(
             width, MONITOR.order, deriv=times, delta=1 / self.rate, use="dot"

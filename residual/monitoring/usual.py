@@ -20,7 +20,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-from scipy.stats import t as student
+from scipy.special import stdtrit
 
 from residual.monitoring.rows import before, repeats
 from residual.monitoring.rules import MONITOR
@@ -155,7 +155,7 @@ def next_run_limit(largest: Array, wanted: float) -> float:
     if len(largest) < 2 or largest.min() <= 0:
         return 0.0
     logs, n = np.log(largest), len(largest)
-    sure = float(student.ppf(1.0 - min(wanted, 0.5), n - 1))
+    sure = float(stdtrit(n - 1, 1.0 - min(wanted, 0.5)))  # of Student's t
     return float(np.exp(logs.mean() + sure * logs.std(ddof=1) * np.sqrt(1 + 1 / n)))
 
 

@@ -16,8 +16,6 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from sklearn.cross_decomposition import PLSRegression
-from sklearn.decomposition import PCA
 
 from residual.errors import InputError
 from residual.recording import Array
@@ -85,6 +83,8 @@ def fit_pls(
         InputError: On a constant column, more components than the rank of X, blocks
             of different length, or a value that is not finite.
     """
+    from sklearn.cross_decomposition import PLSRegression
+
     X, Y = as_pair(X, Y)
     names = as_names(names, X.shape[1], "x")
     check_count(len(X), 2, 2**62, "rows of X", "Take a longer log.")
@@ -137,6 +137,8 @@ def fit_pca(X: Array, names: Sequence[str] | None = None) -> Pca:
     angles, speeds and accelerations have different units. A sign is chosen so that
     the largest loading of each component is positive.
     """
+    from sklearn.decomposition import PCA
+
     X = as_block(X, "X")
     check_count(len(X), 2, 2**62, "rows of X", "Take a longer log.")
     names = as_names(names, X.shape[1], "x")

@@ -14,7 +14,7 @@ from them (paper, eq. 23: e_i), the y-residual f_i (eq. 27) the miss.
 from dataclasses import dataclass
 
 import numpy as np
-from scipy import stats
+from scipy.special import chdtri, fdtri, ndtri, stdtrit
 
 from residual.recording import Array
 from residual.tables.crossval import as_block, as_pair, check_count, frozen
@@ -88,7 +88,7 @@ class Jackknife:
     @property
     def significant(self) -> Array:
         """Whether |t| exceeds the two-sided 5 % limit of Student's t. Same shape."""
-        limit = stats.t.ppf(1 - UNSURE / 2, self.groups - 1)
+        limit = stdtrit(self.groups - 1, 1 - UNSURE / 2)
         return np.abs(self.values) > limit * self.errors
 
 
@@ -137,7 +137,7 @@ def t2_limit(components: int, rows: int, alpha: float = ALPHA) -> float:
     """Limit of T^2: A (n^2 - 1) / (n (n - A)) F(A, n - A)."""
     check_count(components, 1, rows - 1, "components", f"There are {rows} rows.")
     factor = components * (rows**2 - 1) / (rows * (rows - components))
-    return float(factor * stats.f.isf(alpha, components, rows - components))
+    return float(factor * fdtri(components, rows - components, 1 - alpha))
 
 
 def spe_limit(spe: Array, alpha: float = ALPHA) -> float:
@@ -145,7 +145,7 @@ def spe_limit(spe: Array, alpha: float = ALPHA) -> float:
     mean, variance = float(np.mean(spe)), float(np.var(spe))
     if mean <= 0 or variance <= 0:
         return mean
-    return variance / (2 * mean) * float(stats.chi2.isf(alpha, 2 * mean**2 / variance))
+    return variance / (2 * mean) * float(chdtri(2 * mean**2 / variance, alpha))
 
 
 def speed_classes(speed: Array) -> Array:
@@ -190,7 +190,7 @@ def nominal_distances(
         t2_limit(a, len(spe)),
         spe_limit(spe),
         frozen(sizes),
-        float(stats.norm.isf(ALPHA / 2)),
+        float(-ndtri(ALPHA / 2)),
     )
 
 

@@ -29,13 +29,6 @@ from residual.tables.crossval import (
     leave_one_out,
     simplest,
 )
-from residual.tables.kernels import (
-    deflate,
-    directions,
-    gather_pairs,
-    orthogonalise,
-    scatter_pairs,
-)
 from residual.tables.levels import Cells, merge_rows
 from residual.tables.nominal_pls import (
     NominalForm,
@@ -113,6 +106,14 @@ def _held(cells: Cells, Y: Array, fold: Array, count: int) -> _Held:
 
 def _pass(cells: Cells, Y: Array, held: _Held, width: int, form: NominalForm) -> Array:
     """Fit some folds side by side. Squared errors, shape (A + 1, width, j)."""
+    from residual.tables.kernels import (
+        deflate,
+        directions,
+        gather_pairs,
+        orthogonalise,
+        scatter_pairs,
+    )
+
     count, sums = _training(cells, Y, held, width)
     total = count.sum(axis=0)
     y_mean = sums.sum(axis=1) / total

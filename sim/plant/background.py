@@ -10,7 +10,6 @@ from typing import NamedTuple
 
 import numpy as np
 from numba import njit
-from scipy.signal import lfilter
 
 from residual.errors import check_name
 from residual.recording import Array
@@ -209,6 +208,8 @@ def logged(background: Background | None, tau: Array, rate: float) -> Array:
     Args:
         background: That of the arm; a clean one logs what it is given.
     """
+    from scipy.signal import lfilter
+
     if background is None:
         return tau
     out = np.empty_like(tau)

@@ -8,7 +8,6 @@ from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
-from scipy.signal import lfilter
 
 from residual.recording import Array
 from sim.plant import tables as at
@@ -37,6 +36,8 @@ def torque_noise(
     n_i = span (0.015 w_i + 0.005 x_i), x_i = a x_(i-1) + sqrt(1 - a^2) v_i,
     a = exp(-1 / (0.1 s rate))
     """
+    from scipy.signal import lfilter
+
     a = np.exp(-1.0 / (SLOW_TIME * rate))
     white, drive = rng.normal(size=(2, samples, len(span)))
     before = a * rng.normal(size=(1, len(span)))
