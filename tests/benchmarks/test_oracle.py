@@ -7,7 +7,6 @@ from benchmarks.hidden.oracle import oracle
 from benchmarks.synthetic.logs import LogPlan, make
 from benchmarks.synthetic.quasi_static import Plant
 from residual.errors import UnknownNameError
-from residual.method.diagnose import diagnose
 from residual.model.nominal import prepare_logs, start_nominal
 from residual.robot.robot import load_robot
 from residual.signals.track import Filters
@@ -39,19 +38,6 @@ def test_the_right_effect_predicts_better_than_another_and_than_none(logs):
     )
     assert told < 0.8 * nothing
     assert told < 0.8 * other
-
-
-def test_a_diagnosis_that_names_it_is_as_good(logs):
-    robot = load_robot("irb140")
-    verdict = diagnose(robot, logs[0], (), logs[1]).verdict
-    assert [(e.name, list(e.joints)) for e in verdict.effects] == [
-        ("position_friction", [2])
-    ]
-    _, errors = oracle(robot, *logs, [("position_friction", (2,))])
-    told = errors.overall("filtered")
-    found = verdict.error.overall_filtered
-    assert found["augmented"] == pytest.approx(told, rel=0.02)
-    assert found["identified"] > 1.2 * told
 
 
 def test_an_effect_that_has_no_name_cannot_be_told(logs):

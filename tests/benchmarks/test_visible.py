@@ -23,7 +23,7 @@ from sim.trajectories.fourier import draw_slow
 from tests.sim.plant_cases import NOMINAL_ARM, ROBOT, drive, effect
 
 SPEED = 0.2  # rad/s
-DRAWN = range(2)
+DRAWN = range(1)
 
 
 def slow(seed: int = 1, duration: float = 10.0, rate: float = 100.0):

@@ -49,7 +49,7 @@ OTHERS = sorted(set(ARMS) - {"seven"})
 needs_compiler = pytest.mark.skipif(compiler() is None, reason="no C compiler here")
 REASON = dict.fromkeys(("c99", "fmu"), needs_compiler)
 NEEDS = {"mjcf": "mujoco", "mujoco": "mujoco", "fmu": "fmpy", "rrd": "rerun"}
-REASON["mujoco"] = needs_compiler
+REASON["mujoco"] = (needs_compiler, pytest.mark.long)
 
 
 def _every(robot):

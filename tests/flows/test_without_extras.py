@@ -77,7 +77,7 @@ READS = ("check A.csv --robot irb140", "map A.csv --robot irb140", "--help")
 
 @pytest.mark.slow
 def test_logs_are_diagnosed_right_and_what_reads_logs_needs_none_of_them(tmp_path):
-    logs = " ".join(f"{HIDDEN}/fit_{n}.csv@:10" for n in (1, 2))
+    logs = " ".join(f"{HIDDEN}/fit_{n}.csv@:6" for n in (1, 2))
     asked = f"diagnose {logs} --holdout {HIDDEN / 'held_out.csv'} --robot irb140"
     asked += " --json out.json --report out.html --save-model model.json"
     text = (HIDDEN / "fit_3.csv").read_text(encoding="utf-8").splitlines()
