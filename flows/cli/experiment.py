@@ -94,7 +94,7 @@ def campaign(spec: str, *, request: Campaign = _MANY, dry_run: DryRun = False) -
     """
     place, console = store_folder(request.store), Console()
     where = chosen_runner(request.runner, request.trust_network)
-    planned = steps.plan(load_campaign(spec), place)
+    planned = steps.plan(load_campaign(spec), place, Path(spec).stem)
     failing = _list(planned, console, True) if dry_run else 0
     missing = sum(not p.stored for p in planned)
     known = f"{missing} to run, {len(planned) - missing} in {shown(place)}"

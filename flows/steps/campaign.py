@@ -5,7 +5,7 @@ store whole or not at all. So whatever ends a campaign, the same command complet
 """
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
 from time import perf_counter
@@ -85,8 +85,7 @@ def _planned(request: Campaign) -> list[Planned]:
     robots = {entry.spec.robot for entry in entries}
     if len(robots) > 1:
         raise InputError(f"{request.path} has {len(robots)} robots; expected one.")
-    known = plan(entries, store_folder(request.store))
-    return [replace(each, campaign=Path(request.path).stem) for each in known]
+    return plan(entries, store_folder(request.store), Path(request.path).stem)
 
 
 def run_campaign(

@@ -67,14 +67,23 @@ class Simulated:
     hidden: Mapping  # the sealed half of its spec
 
 
-def plan(specs: Iterable[tuple[str, ExperimentSpec]], store: Path) -> list[Planned]:
-    """Return what would run and what is there; the same experiment only once."""
+def plan(
+    specs: Iterable[tuple[str, ExperimentSpec]],
+    store: Path,
+    campaign: str | None = None,
+) -> list[Planned]:
+    """Return what would run and what is there; the same experiment only once.
+
+    Args:
+        campaign: Name of the campaign that they are of.
+    """
     planned: dict[str, Planned] = {}
     for label, asked in specs:
         spec = settled(asked, _robot(asked.robot), store)
         id = run_id_of(spec)
         if id not in planned:
-            planned[id] = Planned(label, spec, id, is_stored(store, spec, id))
+            stored = is_stored(store, spec, id)
+            planned[id] = Planned(label, spec, id, stored, campaign)
     return list(planned.values())
 
 

@@ -177,7 +177,10 @@ def _told(robot: Robot, table: str, more: Mapping) -> Robot:
     content[table] = content.get(table, {}) | dict(more)
     text = json.dumps(content, sort_keys=True)
     made = robot_from_texts(robot.name, robot.urdf, text)
-    return replace(made, columns=robot.columns)
+    # In the order of its file, which is that of the columns of a fit: a rerun from the
+    # file that is kept has the same bits.
+    declared = {name: made.declared[name] for name in robot.declared}
+    return replace(made, columns=robot.columns, declared=declared)
 
 
 def _assemble(arm: Arm, extra: dict, where: str) -> Robot:

@@ -34,6 +34,7 @@ def done(monkeypatch):
 
     def run(spec, store, campaign=None):
         ran.append(spec.seed)
+        (store.parent / "named").write_text(str(campaign))
         if spec.seed == 1:
             raise InputError("joint 2 at 1.2 s:\n0.3 rad beyond")
         if spec.seed == 2:
@@ -98,6 +99,7 @@ def test_a_campaign_with_a_failure_ends_with_1_and_says_which(
     shown = capsys.readouterr()
     assert "failed: seed=1: joint 2 at 1.2 s: 0.3 rad beyond" in shown.out
     assert "1 of 2 experiments failed" in shown.err
+    assert (tmp_path / "named").read_text() == "C"  # its runs have its name
 
 
 def _entered(pool):

@@ -6,7 +6,7 @@ import pytest
 from flows.inputs.given import load
 from residual.effects import vocabulary
 from residual.errors import RobotError, UnknownNameError
-from residual.robot.robot import load_robot
+from residual.robot.robot import load_robot, with_known, with_serial
 
 JOINT = """
   <joint name="joint{i}" type="{kind}">
@@ -223,3 +223,11 @@ def test_a_folder_of_two_arms_and_a_binary_file_are_refused(folder, tmp_path):
     (tmp_path / "arm.urdf").write_bytes(b"\xff\xfe\x00\x80")
     with pytest.raises(RobotError, match="not a text file"):
         load_robot(tmp_path / "arm.urdf")
+
+
+def test_a_serial_number_and_known_values_keep_the_order_of_what_is_declared():
+    """It is that of the columns of a fit: in another order sums have other last bits."""
+    kind = load_robot("irb140")
+    for robot in (with_serial(kind, "B-18"), with_known(kind, {"payload.mass": 2.0})):
+        assert list(robot.declared) == list(kind.declared)
+        assert robot.content_hash != kind.content_hash
