@@ -112,6 +112,7 @@ def given_constants(
 
 
 PLACES = 20  # positions at which the inertia is looked at
+STILL = "these logs show no motion, so nothing can be said of the arm"
 
 
 # What no arm can be: a refit whose friction drives, or whose inertia is negative.
@@ -124,6 +125,8 @@ def contradictions(
     examined: Examined, fitted: Fit, errors: dict[str, Errors]
 ) -> tuple[str, ...]:
     """Return in sentences what of a fit no arm can be; empty where nothing is."""
+    if not examined.task.design.fold_rows.any():
+        return (STILL,)
     friction, inertia = _driving(examined, fitted), _negative(examined, fitted)
     out = []
     if friction:

@@ -12,6 +12,7 @@ import numpy as np
 from residual.diagnosis.changes import baseline_edits, dense_fit
 from residual.diagnosis.conclude import as_embodied, error_tables
 from residual.diagnosis.result import PLAIN, STAGES, Diagnosis, Verdict
+from residual.diagnosis.whole import STILL
 from residual.epochs.conclude import Judged, clouds, conclude
 from residual.epochs.models import Epoch, augmented, fit_epoch
 from residual.epochs.rows import both_epochs
@@ -99,7 +100,7 @@ def compared(asked: Asked, tell: Progress) -> Diagnosis:
     )
     tell("proof", 1.0)
     return Diagnosis(
-        verdict=_with_bodies(replace(verdict, edit=edit), now),
+        verdict=_doubted(replace(verdict, edit=edit), now, after),
         models=models,
         proofs=proofs,
         clouds=clouds(found, rest),
@@ -111,15 +112,18 @@ def compared(asked: Asked, tell: Progress) -> Diagnosis:
     )
 
 
-def _with_bodies(verdict: Verdict, made: Embodied) -> Verdict:
-    """The verdict with what of the model no body can be; then it is never "none"."""
+def _doubted(verdict: Verdict, made: Embodied, after: Epoch) -> Verdict:
+    """The verdict with what no body can be, or that nothing moved: never "none"."""
+    doubts = made.doubts
+    if not any(t.moving.any() for t in after.logs.tracks):
+        doubts = (STILL,)
     out = replace(
         verdict,
         effects=tuple(as_embodied(f, made) for f in verdict.effects),
         bodies=made.moved,
-        contradictions=made.doubts,
+        contradictions=doubts,
     )
-    unsure = made.doubts and verdict.verdict == "none"
+    unsure = doubts and verdict.verdict == "none"
     return replace(out, verdict="unknown") if unsure else out
 
 

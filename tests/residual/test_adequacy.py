@@ -9,12 +9,13 @@ from residual.diagnosis import examine, gate
 from residual.diagnosis.examine import adequacy, repeat
 from residual.diagnosis.whole import delayed_at_source
 from residual.evidence.fit import fit
+from residual.method.diagnose import diagnose
 from residual.model.model import Model
 from residual.model.nominal import prepare_logs
 from residual.robot.dynamics import inertial_parameters, inverse_dynamics
 from residual.signals.splitting import session_clock
 from residual.signals.track import Filters, prepare
-from tests.residual.arms import SEVEN, arm, recording, smooth_motion
+from tests.residual.arms import SEVEN, TWO, arm, plain_logs, recording, smooth_motion
 from tests.residual.linear import DOF, LINE, Problem, build
 
 NOISE = 1.0
@@ -201,3 +202,13 @@ def test_torque_that_comes_late_or_early_is_noticed(late, word):
     assert float(said.split(" by ")[1].split(" ms")[0]) == pytest.approx(
         1000 * abs(late), abs=2
     )
+
+
+@pytest.mark.parametrize("compared", [False, True])
+def test_of_logs_that_show_no_motion_nothing_is_said(compared):
+    robot = arm(TWO)
+    still = plain_logs(robot, [], 0.0, count=3)
+    baseline = plain_logs(robot, [0, 1], 0.0, count=4) if compared else ()
+    verdict = diagnose(robot, still[:2], baseline, still[2:]).verdict
+    assert (verdict.verdict, verdict.effects) == ("unknown", ())
+    assert "no motion" in " ".join(verdict.contradictions)

@@ -226,7 +226,7 @@ def test_a_folder_of_two_arms_and_a_binary_file_are_refused(folder, tmp_path):
 
 
 def test_a_serial_number_and_known_values_keep_the_order_of_what_is_declared():
-    """It is that of the columns of a fit: in another order sums have other last bits."""
+    """It is that of the columns of a fit: sums in another order have other bits."""
     kind = load_robot("irb140")
     for robot in (with_serial(kind, "B-18"), with_known(kind, {"payload.mass": 2.0})):
         assert list(robot.declared) == list(kind.declared)
