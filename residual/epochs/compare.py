@@ -19,9 +19,11 @@ from residual.epochs.rows import both_epochs
 from residual.epochs.rules import Rules
 from residual.epochs.search import Change, Found, find
 from residual.epochs.unnamed import unnamed
+from residual.errors import joints_listed
 from residual.evidence.design import Design
 from residual.evidence.embodied import Embodied
 from residual.model.compare import (
+    Errors,
     HeldOutLog,
     compare,
     is_sure,
@@ -78,6 +80,7 @@ def compared(asked: Asked, tell: Progress) -> Diagnosis:
     # Where nothing changed the contract of the verdict has both alike.
     models["augmented"] = now.model if found.changes else after.model
     errors, proofs = compare(models, proof, logs.filters)
+    over = _unexplained(errors, found) if found.changes else []
     verdict = conclude(
         found,
         rest,
@@ -92,6 +95,7 @@ def compared(asked: Asked, tell: Progress) -> Diagnosis:
         epochs=(before, after),
         declared=nominal.names,
     )
+    verdict = _with_doubt(verdict, over)
     edit = baseline_edits(
         models,
         dense_fit(Design(after.logs.tracks, nominal.model)),
@@ -110,6 +114,34 @@ def compared(asked: Asked, tell: Progress) -> Diagnosis:
         ),
         known=now.model,
     )
+
+
+def _unexplained(errors: Mapping[str, Errors], found: Found) -> list[tuple]:
+    """Joints (from 1) on which what changed leaves far more than a refit; both errors.
+
+    A name that is confirmed against the first epoch's model may still be the wrong
+    one: then the model with it is worse than a refit without any name.
+    """
+    after, refit = (errors[k].per_joint("moving") for k in ("augmented", "identified"))
+    far = after > found.both.rules.explained * refit
+    return [(j + 1, after[j], refit[j]) for j in np.flatnonzero(far)]
+
+
+def _with_doubt(verdict: Verdict, over: Sequence[tuple]) -> Verdict:
+    """The verdict, in which no change is confirmed that does not explain the logs."""
+    if not over:
+        return verdict
+    effects = tuple(
+        replace(f, evidence=replace(f.evidence, held_out="neutral"))
+        for f in verdict.effects
+    )
+    worst, after, refit = max(over, key=lambda entry: entry[1] / entry[2])
+    said = (
+        f"what is named does not explain the change: on "
+        f"{joints_listed([j for j, *_ in over])} the model with it leaves more than "
+        f"twice the error of a refit (joint {worst}: {after:.1f} against {refit:.1f} %)"
+    )
+    return replace(verdict, effects=effects, warnings=(*verdict.warnings, said))
 
 
 def _doubted(verdict: Verdict, made: Embodied, after: Epoch) -> Verdict:

@@ -25,6 +25,10 @@ class Rules:
     # What is within so much of the best is not told from it [nats].
     equivalent: float = 6.0
     most: int = 4  # most changes to name
+    # Times the error of a joint after a refit of the second epoch, beyond which what
+    # is named does not explain the change. True loads on other days' friction leave
+    # 1.3 to 1.8 times, a body on the wrong link six to twelve.
+    explained: float = 2.0
     # Length of the blocks that errors are taken to be independent between [s].
     block: float = 2.0
     parts: int = 3  # parts that an epoch of fewer than three logs is cut into

@@ -167,5 +167,3 @@ def test_a_size_is_so_many_times_detectable_but_never_more_than_an_arm_has():
     huge = [replace(m, value=1e3) for m in minimum]
     capped = measured(draw_sized(robot, stream(4, "t"), *wish, huge), huge, robot)
     assert capped.multiple < 0.1
-    unknown = draw_sized(robot, stream(4, "t"), "saturation", 3.0, minimum)
-    assert measured(unknown, minimum, robot).multiple is None

@@ -206,9 +206,8 @@ def test_torque_that_comes_late_or_early_is_noticed(late, word):
 
 @pytest.mark.parametrize("compared", [False, True])
 def test_of_logs_that_show_no_motion_nothing_is_said(compared):
-    robot = arm(TWO)
-    still = plain_logs(robot, [], 0.0, count=3)
-    baseline = plain_logs(robot, [0, 1], 0.0, count=4) if compared else ()
+    robot, still = arm(TWO), plain_logs(arm(TWO), [], 0.0, count=3)
+    baseline = plain_logs(robot, [0, 1], 0.0) if compared else ()
     verdict = diagnose(robot, still[:2], baseline, still[2:]).verdict
     assert (verdict.verdict, verdict.effects) == ("unknown", ())
     assert "no motion" in " ".join(verdict.contradictions)

@@ -47,3 +47,15 @@ def test_friction_by_load_is_named_on_a_ur10e_and_halves_what_is_left():
     for joint in (1, 2):
         assert moving["augmented"][joint] < 0.7 * moving["identified"][joint]
     assert verdict.error.worse == ()
+
+
+@pytest.mark.long
+@pytest.mark.parametrize("word", ["neutral", "confirmed"])
+def test_a_change_that_a_refit_explains_far_better_is_not_confirmed(word):
+    """A load that went is told as a lighter link, one that came as a load."""
+    robot = load_robot(DATA / "ur10e" / "ur10e.urdf")
+    days = ("feb19", "feb19_load")[:: -1 if word == "confirmed" else 1]
+    now, before = (read_log(f"{DATA}/ur10e/{d}.csv", robot)[0] for d in days)
+    verdict = diagnose(robot, [now], [before]).verdict
+    assert [e.evidence.held_out for e in verdict.effects] == [word]
+    assert ("does not explain" in verdict.warnings[-1]) is (word == "neutral")
