@@ -416,10 +416,10 @@ def _explain(error: Exception) -> int:
 
 def _of_file(error: ModelgapError) -> str:
     """Return what to add where a word that is no id is the name of a file."""
-    from residual.model.record import held_in
-
     if not isinstance(error, NotAnIdError):
         return ""
+    from residual.model.record import held_in
+
     try:
         kind = held_in(error.args[1])
     except (OSError, ValueError):

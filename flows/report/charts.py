@@ -362,11 +362,11 @@ def density(
     Welch's method (Welch 1967, IEEE Trans. Audio Electroacoust. 15, p. 70): the mean
     periodogram of overlapping Hann windows, here over all stretches without a gap.
     """
-    from scipy.signal import welch
-
     stretches = [s for p in proofs for s in _stretches(p, joint, stage)]
     if not stretches:
         return None
+    from scipy.signal import welch
+
     rate = 1 / np.median([step for step, _ in stretches])
     length = min(int(_SEGMENT * rate), max(len(y) for _, y in stretches))
     usable = [y for _, y in stretches if len(y) >= length]

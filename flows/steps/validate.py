@@ -17,7 +17,6 @@ motions that are not in the store, driven once by each model (`drive_unseen`).
 
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass, field, replace
-from itertools import product
 from pathlib import Path
 
 import numpy as np
@@ -439,17 +438,18 @@ def drive_unseen(
         models[TABLES] = tables_to_drive(store, request.calibration, nominal)
     motions = []
     missed: dict[str, list[Array]] = {}
-    for (kind, family), i in product(families.items(), range(seeds)):
-        run, manifest, plant, asked, rate = family
-        seed = derived_seed(asked.seed, f"track/{kind}/{i}")
-        motions.append((run, replace(asked, seed=seed, coefficients=())))
-        wanted = make_reference(robot, motions[-1][1], rate)
-        true = truth_of(manifest, plant, nominal)
-        for name, model in (*models.items(), ("true", true)):
-            torque = feed_forward(model, wanted.t, (wanted.q, wanted.qd, wanted.qdd))
-            missed.setdefault(name, []).append(track(robot, wanted, plant, torque))
-        if progress:
-            progress("drive", len(motions) / (len(families) * seeds))
+    for kind, (run, manifest, plant, asked, rate) in families.items():
+        models["true"] = truth_of(manifest, plant, nominal)
+        for i in range(seeds):
+            seed = derived_seed(asked.seed, f"track/{kind}/{i}")
+            motions.append((run, replace(asked, seed=seed, coefficients=())))
+            wanted = make_reference(robot, motions[-1][1], rate)
+            motion = wanted.q, wanted.qd, wanted.qdd
+            for name, model in models.items():
+                torque = feed_forward(model, wanted.t, motion)
+                missed.setdefault(name, []).append(track(robot, wanted, plant, torque))
+            if progress:
+                progress("drive", len(motions) / (len(families) * seeds))
     rms = {k: np.array([_rms(e) for e in own]) for k, own in missed.items()}
     sizes = {k: [np.abs(e) for e in own] for k, own in missed.items()}
     peak = {k: np.array([e.max(axis=0) for e in own]) for k, own in sizes.items()}

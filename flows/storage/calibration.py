@@ -235,10 +235,10 @@ def found_effects(
     It must be of these runs alone, held-out ones included or not, and of a model with
     the same declared effects.
     """
-    from warehouse.query.store import ask
-
     if not ids:
         return Found()
+    from warehouse.query.store import ask
+
     query = (
         "SELECT d.diagnosis_id AS id, l.parent AS run FROM diagnoses d JOIN lineage l "
         "ON l.child = d.diagnosis_id AND l.role = 'fit' WHERE d.verdict = 'effects' "

@@ -208,10 +208,10 @@ def logged(background: Background | None, tau: Array, rate: float) -> Array:
     Args:
         background: That of the arm; a clean one logs what it is given.
     """
-    from scipy.signal import lfilter
-
     if background is None:
         return tau
+    from scipy.signal import lfilter
+
     out = np.empty_like(tau)
     for j, corner in enumerate(background.cutoff):
         keep = np.exp(-2 * np.pi * corner / rate)
