@@ -2,6 +2,7 @@
 
     python benchmarks/measured.py                      a minute or two; to be run at
                                                        every change of the method
+    python benchmarks/measured.py --added              effects added, 15 minutes
     python benchmarks/measured.py --against OLD.json   before and after in one table
     python benchmarks/measured.py --full-json benchmarks/results/measured.json
 
@@ -15,7 +16,7 @@ last line is one JSON object; exit code 1 for a missed bar.
 import argparse
 import json
 import sys
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 
 import numpy as np
@@ -24,7 +25,7 @@ sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
 
 from benchmarks.harness.figures import Figures, figure, finish, missing, one_blas_thread
 from benchmarks.harness.origin import circumstances, save
-from benchmarks.measured_parts import arms
+from benchmarks.measured_parts import arms, known
 from flows.workers.pool import Pool
 
 # Filtered held-out errors that were reached before [%], and what a change may add.
@@ -46,13 +47,16 @@ def main() -> int:
         description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
     )
     parser.add_argument("--quick", action="store_true", help="four splits")
+    parser.add_argument("--added", action="store_true", help="known effects, no splits")
     parser.add_argument(
         "--against", type=Path, metavar="FILE", help="results of before"
     )
     parser.add_argument("--full-json", type=Path, metavar="FILE")
     args = parser.parse_args()
     one_blas_thread()
-    rows = _rows(QUICK if args.quick else tuple(arms.SPLITS))
+    if args.added:
+        return _added(args.full_json)
+    rows = _rows(arms.measure, QUICK if args.quick else tuple(arms.SPLITS))
     before = _read(args.against)
     for row in rows:
         _show(row, before.get(row["split"]))
@@ -64,11 +68,22 @@ def main() -> int:
     return finish(figures)
 
 
-def _rows(names: Sequence[str]) -> list[dict]:
+def _added(results: Path | None) -> int:
+    """Diagnose logs with a known effect added, and those without beside them."""
+    names = [*known.SPLITS, *(case.name for case in known.cases(known.DECIDING))]
+    rows = _rows(known.measure, names)
+    figures = known.figures(rows)
+    if results:
+        facts = circumstances(results.stem, quick=False, whole=True)
+        save(results, {**facts, "figures": figures, "added": rows})
+    return finish(figures)
+
+
+def _rows(measure: Callable[[str], dict], names: Sequence[str]) -> list[dict]:
     if arms.data_folder() is None:
         return []
     with Pool(2) as pool:
-        done = {d.index: d for d in pool.run(arms.measure, names)}
+        done = {d.index: d for d in pool.run(measure, names)}
     failed = [f"{names[i]}: {d.error}" for i, d in done.items() if d.error]
     if failed:
         raise SystemExit("; ".join(failed))
@@ -90,9 +105,9 @@ def figures_of(rows: Sequence[Mapping]) -> Figures:
     out = {
         "measured_worse_than_least_squares": _where(worse, len(ratios)),
         "measured_over_least_squares": figure(
-            float(np.exp(np.mean(np.log(ratios)))),
+            float(np.exp(np.nanmean(np.log(ratios)))),
             None,
-            len(ratios),
+            int(np.isfinite(ratios).sum()),
             why="geometric mean, for information",
         ),
         "measured_joints_harmed": _where(harmed, len(ratios)),
@@ -166,7 +181,7 @@ def _show(row: Mapping, before: Mapping | None) -> None:
     lines += [(f"{m}, moving", row["moving"].get(m)) for m in _MODELS]
     for label, values in lines:
         if values:
-            cells = "".join(f"{v:8.1f}" for v in values)
+            cells = "".join(f"{'-':>8}" if v is None else f"{v:8.1f}" for v in values)
             print(f"  {label:22}{cells}")
     for said in row["contradictions"]:
         print(f"  {said}")

@@ -63,7 +63,9 @@ def error_rows(diagnosis: Diagnosis) -> list[ErrorRow]:
             for metric in METRICS
         }
         flagged = joint in left.joints
-        rows.append(ErrorRow(str(joint), joint, values, _percent(share), flagged))
+        small = ", too small" if joint in diagnosis.verdict.too_small else ""
+        label = f"{joint}{small}"
+        rows.append(ErrorRow(label, joint, values, _percent(share), flagged))
     overall = {
         "moving": error.overall_moving,
         "filtered": error.overall_filtered,

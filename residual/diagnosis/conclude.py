@@ -1,7 +1,7 @@
 """From what was found to the verdict: findings, errors and what is left, as one."""
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
@@ -37,6 +37,7 @@ from residual.evidence.priors import Space, inertial_precision
 from residual.evidence.rules import RULES
 from residual.model.compare import Errors
 from residual.quantity import plain
+from residual.recording import Array
 from residual.robot.dynamics import inertial_parameters
 
 METRIC = "100*||tau-tau_hat||/||tau||"
@@ -60,6 +61,8 @@ class Case:
     # Joints from 1 that the findings make worse beyond chance.
     worse: Sequence[int] = ()
     folded: Sequence[Named] = ()  # those that any used arm has
+    suspected: Sequence[Named] = ()  # those that are not sure enough to be listed
+    gains: Mapping[Tested, float] = field(default_factory=dict)  # of these, held out
 
 
 def conclude(case: Case) -> Verdict:
@@ -91,6 +94,8 @@ def conclude(case: Case) -> Verdict:
         alternatives=_alternatives(case, least),
         background=tuple(_finding(f, i, case) for i, f in enumerate(case.folded, 1)),
         bodies=case.bodies.moved,
+        suspected=tuple(_finding(f, i, case) for i, f in enumerate(case.suspected, 1)),
+        too_small=tuple(j + 1 for j in examined.logs.too_small),
     )
 
 
@@ -124,7 +129,7 @@ def _alternatives(case: Case, least: Sequence[Detectable]) -> tuple[Alternative,
 
 def _finding(named: Named, order: int, case: Case) -> Finding:
     single = len(named.tested) == 1
-    gains = dict(case.judged.kept)
+    gains = {**case.gains, **dict(case.judged.kept)}
     gain = float(np.mean([gains[t] for t in named.tested]))
     fits = [t for t in named.tested if t.by == "fit"]
     parameters = {
@@ -194,9 +199,16 @@ def _unexplained(case: Case) -> Unexplained:
         noise_floor=plain(np.sqrt(weight @ a.noise**2)),
         depends_on=depends_on(case.left),
         kind=max(sorted(set(kinds)), key=kinds.count) if kinds else None,
-        per_joint=_row(a.structured),
+        per_joint=_row(_but(a.structured, case.examined.logs.too_small)),
         noise_model="autocorrelation",
     )
+
+
+def _but(values: Array, joints: Sequence[int]) -> Array:
+    """Values of the joints, NaN on some (from 0)."""
+    out = values.copy()
+    out[list(joints)] = np.nan
+    return out
 
 
 def _errors(case: Case) -> ErrorTables:

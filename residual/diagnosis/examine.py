@@ -1,19 +1,19 @@
 """Diagnosis of one set of logs: what the nominal model lacks on them."""
 
-from collections.abc import Callable, Collection, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
 
+from residual.diagnosis import constants
 from residual.diagnosis.detectable import Selection, select
-from residual.diagnosis.gate import Tested, only_curves, passed, wrong_forms
+from residual.diagnosis.gate import Tested, gate, only_curves, passed, wrong_forms
 from residual.diagnosis.neighbours import best_set, simplest
 from residual.diagnosis.search import (
     Task,
     every_candidate,
     refined,
     renewed,
-    search,
 )
 from residual.effects import registry
 from residual.evidence.design import Design, Group
@@ -156,6 +156,10 @@ class Examined:
     tested: tuple[Tested, ...]  # the named effects with their evidence
     withdrawn: tuple[Tested, ...]  # names that merely resemble what flagged joints show
     adequacy: Adequacy  # what remains
+    # What was found with every constant free; None where nothing was sought.
+    start: Selection | None = None
+    # Joints (from 0) whose constant, that nobody declared, is in the fit.
+    constants: tuple[int, ...] = ()
 
     def error(self, fitted: Fit, held_out: Sequence[HeldOutLog]) -> Array:
         """Squared error of a fit on moving rows by second [N^2 m^2]. (seconds, dof)."""
@@ -181,13 +185,8 @@ def examine(
     nominal: Nominal,
     rules: Rules,
     progress: Progress,
-    closed: Collection[int] = (),
 ) -> Examined:
-    """Search, test and flag.
-
-    Args:
-        closed: Joints (from 0) of which nothing of their own may be named.
-    """
+    """Search, test and flag."""
 
     def searching(share: float) -> None:
         progress("search", share)
@@ -195,7 +194,6 @@ def examine(
     design = first_design(logs, nominal)
     progress("features", 0.0)
     everything = every_candidate(design, nominal, logs.span, logs.clock is not None)
-    everything = everything.closing(closed)
     selection = select(Space(design, nominal), everything, rules, searching)
     if _needs_second_search(selection):
         settled = _refit_named(logs, nominal, selection)
@@ -206,8 +204,6 @@ def examine(
         again = replace(nominal, scale=prior.scale, widths=prior.widths)
         selection = select(Space(design, again), everything, rules, searching)
         selection = replace(selection, wide=wide)
-    found = best_set(selection.task, selection.fit)
-    selection = replace(selection, fit=found)
     progress("gate", 0.0)
     examined = _tested(logs, nominal, selection)
     progress("gate", 1.0)
@@ -226,17 +222,33 @@ def search_again(
         examined: The diagnosis so far; its prior is kept.
         fallen: What may not be named any more.
     """
-    task = examined.task
-    task = replace(task, candidates=task.candidates.barring(fallen, kin))
+    first = examined.start.task
+    task = replace(first, candidates=first.candidates.barring(fallen, kin))
     gone = {(g.effect.name, g.joints) for g in fallen}
     members = examined.fit.members
     left = [g for g in members if (g.effect.name, g.joints) not in gone]
-    selection = Selection(task, task.settle(search(task, left)), examined.wide)
-    return _tested(examined.logs, examined.nominal, selection)
+    left = task.settle(task.fit(left, examined.start.fit, rounds=4))
+    selection = replace(examined.start, task=task, fit=left)
+    return _tested(examined.logs, examined.nominal, selection, examined.constants)
 
 
-def _tested(logs: Logs, nominal: Nominal, selection: Selection) -> Examined:
-    """Put what a search found through the gate, and measure what remains."""
+def _tested(
+    logs: Logs,
+    nominal: Nominal,
+    start: Selection,
+    paid: tuple[int, ...] | None = None,
+) -> Examined:
+    """Put what a search found through the gate, and measure what remains.
+
+    Args:
+        start: What was found with every constant free.
+        paid: Joints (from 0) whose constants paid in an earlier search; then what was
+            found has yet to be searched for more.
+    """
+    selection, paying = constants.settled(start, nominal, paid)
+    if paid is None:
+        found = best_set(selection.task, selection.fit)
+        selection = replace(selection, fit=found)
     task, design = selection.task, selection.task.design
     fitted, tested = passed(task, simplest(task, selection.fit))
     curved = only_curves(design, logs.sketch, fitted, tested)
@@ -252,7 +264,64 @@ def _tested(logs: Logs, nominal: Nominal, selection: Selection) -> Examined:
         fitted = task.settle(task.fit([t.group for t in kept], fitted))
     gone = tuple(t for t in tested if t not in kept)
     return Examined(
-        logs, nominal, task, selection.wide, plain, fitted, tuple(kept), gone, enough
+        logs,
+        nominal,
+        task,
+        selection.wide,
+        plain,
+        fitted,
+        tuple(kept),
+        gone,
+        enough,
+        start,
+        paying,
+    )
+
+
+def with_constants(examined: Examined, fitted: Fit) -> tuple[Examined, list[Tested]]:
+    """The diagnosis with the constants that pay among its effects.
+
+    Args:
+        fitted: The fit of the names that stand.
+
+    Returns:
+        The diagnosis on the model as it was declared, and the constants as names.
+    """
+    if not examined.nominal.constants:
+        return examined, []
+    named = constants.as_effects(
+        examined.task, examined.nominal, examined.wide, examined.constants
+    )
+    task, groups = named.task, named.groups
+    full = task.settle(task.fit((*fitted.members, *groups), fitted, rounds=4))
+    logs, nominal = examined.logs, named.nominal
+    enough = _adequacy(logs, nominal, task.design, (full, full))
+    # On noise that is noise evidence counts, of constants too.
+    own = [
+        t
+        for t in gate(task, full)
+        if t.group in groups
+        and t.by
+        and (t.nats >= task.rules.threshold or t.joint in enough.doubted)
+    ]
+    if len(own) < len(groups):
+        members = (*fitted.members, *(t.group for t in own))
+        full = task.settle(task.fit(members, fitted, rounds=4))
+    plain = task.settle(task.fit((), full, rounds=4))
+    enough = _adequacy(logs, nominal, task.design, (plain, full))
+    known = (*examined.tested, *own)
+    return (
+        replace(
+            examined,
+            task=task,
+            nominal=named.nominal,
+            wide=named.wide,
+            plain=plain,
+            fit=full,
+            tested=known,
+            adequacy=enough,
+        ),
+        own,
     )
 
 

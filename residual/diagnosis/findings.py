@@ -1,7 +1,7 @@
 """From tested members to findings, and the residual that each of them explains."""
 
-from collections.abc import Sequence
-from dataclasses import dataclass
+from collections.abc import Collection, Sequence
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -16,6 +16,7 @@ from residual.evidence.rules import RULES
 from residual.model.compare import Cloud
 from residual.recording import Array
 
+SIZED = 2.0  # deviations
 EXPLAINED = "torque that it explains [N m]"
 
 
@@ -65,6 +66,37 @@ class Named:
     def probability(self) -> float:
         """Of its class against all others; the weakest member's."""
         return min(s.probability for s in self.sureness)
+
+    @property
+    def sized(self) -> Array:
+        """Whether a size of each member is two deviations from nothing. (members,)."""
+        sums = [abs(value) >= SIZED * std for value, std, _ in self.combined.values()]
+        clear = [
+            np.abs(values) >= SIZED * sds
+            for values, sds, _, _ in self.parameters.values()
+        ]
+        return np.any(clear, axis=0) | any(sums)
+
+    def only(self, some: Collection[Tested]) -> "Named | None":
+        """The same of some members; None where none of them is in it."""
+        keep = [i for i, t in enumerate(self.tested) if t in some]
+        if not keep or len(keep) == len(self.tested):
+            return self if keep else None
+        kept = tuple(self.tested[i] for i in keep)
+        joints = tuple(j for t in kept for j in public_joints(t.group))
+        return replace(
+            self,
+            tested=kept,
+            joints=joints,
+            parameters={
+                key: (values[keep], sds[keep], unit, clear)
+                for key, (values, sds, unit, clear) in self.parameters.items()
+            },
+            # With several members an equivalent is so on each of their joints.
+            equivalent=tuple((name, joints) for name, _ in self.equivalent),
+            sureness=tuple(self.sureness[i] for i in keep),
+            torque=self.torque[keep],
+        )
 
     @property
     def nats(self) -> float:

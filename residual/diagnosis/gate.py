@@ -54,6 +54,11 @@ def gate(task: Task, fitted: Fit) -> list[Tested]:
     return [_test(task, fitted, group, full) for group in fitted.members]
 
 
+def is_seen(task: Task, fitted: Fit, group: Group) -> bool:
+    """Whether one member of a set passes."""
+    return _test(task, fitted, group, leave_out(task, fitted)).by is not None
+
+
 def _test(task: Task, fitted: Fit, group: Group, full: Array) -> Tested:
     design, rules = task.design, task.rules
     rest = [g for g in fitted.members if g is not group]
@@ -198,9 +203,14 @@ def only_curves(
             numbers = sum(len(t.group.ids) + len(t.group.shape) for t in mine)
             lines = [x.q[:: x.step, j][x.moving[:, j]] for x in tracks]
             rest = _without_curve(np.concatenate(lines), left + drawn, numbers)
-            had = ((left + drawn) ** 2).sum()
-            explained = had - (left**2).sum()
-            if had - (rest**2).sum() > RULES.drawn * explained:
+            power = (left**2).sum()
+            explained = ((left + drawn) ** 2).sum() - power
+            waves = sum(
+                _torque(design, fitted, t, j) for t in mine if t.group.effect.repeats
+            )
+            # What the waves add must be drawn, not what a name beside them explains.
+            added = ((left + waves) ** 2).sum() - power
+            if (rest**2).sum() - power < (1 - RULES.drawn) * added:
                 out += _waves(design, fitted, mine, j, left + drawn, explained)
     return out
 

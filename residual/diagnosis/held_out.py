@@ -6,7 +6,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from residual.diagnosis.examine import Examined, refit
-from residual.diagnosis.gate import Tested
+from residual.diagnosis.gate import Tested, is_seen
 from residual.diagnosis.result import Splits
 from residual.diagnosis.search import Task, admissible, best, least, torque_share
 from residual.errors import InputError, joints_listed
@@ -135,7 +135,12 @@ def unproven(examined: Examined, augmented: Errors) -> list[str]:
     fit = np.sqrt(examined.fit.sse / design.rows) / design.rms
     held = augmented.per_joint("moving") / 100
     for j in range(design.dof):
-        if design.rows[j] < RULES.standing * every:
+        if j in examined.logs.too_small:
+            out.append(
+                f"joint {j + 1}: its torque is little more than its step or noise, too "
+                "small to say anything of it"
+            )
+        elif design.rows[j] < RULES.standing * every:
             out.append(
                 f"joint {j + 1} hardly moves in the fit logs: nothing can be said of it"
             )
@@ -234,6 +239,8 @@ def found_again(task: Task, fitted: Fit, tested: Sequence[Tested]) -> list[Split
 
 def _wins(task: Task, fitted: Fit, group: Group) -> bool:
     """Whether a member would be named on these logs, beside the others."""
+    if group.effect.is_constant:
+        return is_seen(task, fitted, group)
     rest = [g for g in fitted.members if g is not group]
     without = task.settle(task.fit(rest, fitted))
     value, big, small = gain(task.design, task.prior, fitted, without)

@@ -17,7 +17,7 @@ import numpy as np
 from scipy.linalg import solve_triangular
 
 from residual.diagnosis.result import Detectable
-from residual.diagnosis.search import Task, best, refined, rows_of
+from residual.diagnosis.search import FIRST_LOOKS, Task, best, refined, rows_of
 from residual.evidence.design import Group
 from residual.evidence.fit import Fit, System, possible
 from residual.evidence.priors import overlap, stacks
@@ -147,7 +147,8 @@ def _near(task: Task, fitted: Fit) -> Iterator[Fit]:
         rest = tuple(g for g in members if g is not group)
         without = task.fit(rest, fitted)
         yield without
-        for _, other, _ in best(task, without, instead=group)[:FIRST]:
+        ranked = best(task, without, instead=group, looks=FIRST_LOOKS)
+        for _, other, _ in ranked[:FIRST]:
             swapped = _with(task, rest, other, without)
             yield swapped
             for _, second, _ in _others(task, swapped, (group,))[:SECOND]:
@@ -163,7 +164,7 @@ def _near(task: Task, fitted: Fit) -> Iterator[Fit]:
 def _others(task: Task, base: Fit, gone: Sequence[Group]) -> list:
     """Candidates on top of a fit that are none of those taken out."""
     keys = {g.key for g in gone}
-    ranked = best(task, base)
+    ranked = best(task, base, looks=FIRST_LOOKS)
     return [one for one in ranked if not one[1].parts and one[1].key not in keys]
 
 

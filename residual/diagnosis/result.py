@@ -261,7 +261,8 @@ class Finding:
     Attributes:
         name: Its name.
         joints: Joints from 1; empty for the whole arm.
-        probability: Of its class (itself and its equivalents) against all others.
+        probability: That it is right, by what came of names like it on arms whose
+            truth is known, and that it is of its class (itself and its equivalents).
         order: Place in the list, from 1.
         equivalent: What these logs cannot tell from it.
         parameters: By key.
@@ -361,6 +362,9 @@ class Verdict:
         edit: What is left of each effect, taken out again; None without a baseline.
         bodies: What of the free fit no body can be, and what the nearest possible one
             costs; None where every body can exist.
+        suspected: Names less sure than those of ``effects``, and in no model.
+        too_small: Joints from 1 whose torque is little more than its step or noise:
+            they have no error.
     """
 
     robot: str
@@ -382,6 +386,8 @@ class Verdict:
     alternatives: tuple[Alternative, ...] = ()
     edit: tuple[Edit, ...] | None = None
     bodies: Moved | None = None
+    suspected: tuple[Finding, ...] = ()
+    too_small: tuple[int, ...] = ()
 
     @property
     def trusted(self) -> bool:

@@ -5,17 +5,19 @@ it. So whenever one falls, everything is searched again without it, and every ot
 has to win its place anew.
 """
 
-from collections.abc import Collection, Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Collection, Mapping, Sequence
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from residual.diagnosis.angle_noise import Checked, drop_noise
+from residual.diagnosis.angle_noise import Checked, checked, drop_noise
+from residual.diagnosis.confidence import SURE, confidence
 from residual.diagnosis.examine import (
     Examined,
     Progress,
     refit,
     search_again,
+    with_constants,
     without_refuted,
 )
 from residual.diagnosis.findings import Named, findings
@@ -123,6 +125,8 @@ class Standing:
     named: tuple[Named, ...]  # the findings, most important first
     splits: dict[Tested, Splits]  # how often each tested name was found again
     withdrawn: tuple[Withdrawn, ...]  # names that fell, of all searches
+    suspected: tuple[Named, ...] = ()  # what is less sure, and in no model
+    gains: Mapping[Tested, float] = field(default_factory=dict)  # of all that stood
 
 
 @dataclass(frozen=True, slots=True)
@@ -157,15 +161,95 @@ def stand(
             break
         kin = [w.tested.group for w in gone if w.with_kin]
         examined = search_again(examined, [w.tested.group for w in gone], kin)
+    now = _with_constants(replace(now, withdrawn=tuple(gone)), proof, recordings)
     known = {_place(t) for f in now.named for t in f.tested}
+    gone = [w for w in now.withdrawn if _place(w.tested) not in known]
     tested = [t for t, _ in now.judged.kept]
-    # A part of the logs may be too short for a name: so this is told, and no veto.
     again = found_again(now.examined.task, now.judged.fit, tested)
+    splits = dict(zip(tested, again, strict=True))
+    return _parted(replace(now, splits=splits, withdrawn=tuple(gone)), recordings)
+
+
+def _parted(now: Standing, recordings: Sequence[Recording]) -> Standing:
+    """What is sure, and apart from it what is only suspected: that is in no model."""
+    sure = _confidences(now)
+    every = [_weighed(f, sure) for f in now.named]
+    weak = {
+        t
+        for f in every
+        for t, s in zip(f.tested, f.sureness, strict=True)
+        if s.probability < SURE
+    }
+    if not weak:
+        examined = without_refuted(now.examined, now.judged.fit)
+        return replace(now, examined=examined, named=tuple(every))
+    some = [part for f in every if (part := f.only(weak))]
+    judged = without(now.examined, now.judged, list(weak))
+    left = [t for t, _ in judged.kept]
+    checks = checked(now.examined, judged.fit, recordings) if left else None
+    named = findings(now.examined, judged.fit, left, checks)
     return replace(
         now,
-        splits=dict(zip(tested, again, strict=True)),
-        examined=without_refuted(now.examined, now.judged.fit),
-        withdrawn=tuple(w for w in gone if _place(w.tested) not in known),
+        examined=without_refuted(now.examined, judged.fit),
+        judged=judged,
+        checks=checks,
+        named=tuple(_weighed(f, sure) for f in named),
+        suspected=tuple(some),
+        gains=dict(now.judged.kept),
+    )
+
+
+def _confidences(now: Standing) -> dict[Tested, float]:
+    """Of each name that stands; what every drive has stands or falls together."""
+    doubted = now.examined.adequacy.doubted
+    alone = {
+        t: confidence(t, gain, now.splits[t]) if t.joint in doubted else 1.0
+        for t, gain in now.judged.kept
+    }
+    company = _company(now.examined, now.judged)
+    for name in {t.group.effect.name for t in company}:
+        own = [t for t in company if t.group.effect.name == name]
+        alone |= dict.fromkeys(own, max(alone[t] for t in own))
+    return alone
+
+
+def _weighed(found: Named, sure: dict[Tested, float]) -> Named:
+    """A finding with the probability of each member: right, and not another name."""
+    sized = found.sized
+    sureness = []
+    for t, s, clear in zip(found.tested, found.sureness, sized, strict=True):
+        # Of a constant evidence is no measure, and what could stand in its place is
+        # said beside it.
+        right = sure[t] * (1.0 if _is_constant(t) else s.probability)
+        sureness.append(replace(s, probability=right if clear else right / 2))
+    return replace(found, sureness=tuple(sureness))
+
+
+def _is_constant(tested: Tested) -> bool:
+    return tested.group.effect.is_constant
+
+
+def _with_constants(
+    now: Standing, proof: Sequence[HeldOutLog], recordings: Sequence[Recording]
+) -> Standing:
+    """What stands, with the constants that pay among the names."""
+    examined, own = with_constants(now.examined, now.judged.fit)
+    if not own:
+        judged = replace(now.judged, fit=examined.fit)
+        return replace(now, examined=examined, judged=judged)
+    names = [t for t, _ in now.judged.kept]
+    every = replace(examined, tested=(*names, *own))
+    judged = judge_held_out(every, proof)
+    gone = [Withdrawn(t, _refuted(t, gain)) for t, gain in judged.refuted]
+    tested = [t for t, _ in judged.kept]
+    checks = checked(examined, judged.fit, recordings) if tested else None
+    return replace(
+        now,
+        examined=examined,
+        judged=judged,
+        checks=checks,
+        named=tuple(findings(examined, judged.fit, tested, checks)),
+        withdrawn=(*now.withdrawn, *gone),
     )
 
 

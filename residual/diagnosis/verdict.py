@@ -59,6 +59,8 @@ def to_json(verdict: Verdict) -> dict:
             "edit": None if verdict.edit is None else [asdict(e) for e in verdict.edit],
             "bodies": verdict.bodies and asdict(verdict.bodies),
             "frames": asdict(verdict.frames),
+            "suspected": [_effect(f) for f in verdict.suspected],
+            "too_small": verdict.too_small,
         }
     )
 
@@ -105,6 +107,8 @@ def from_json(document: Mapping) -> Verdict:
             edit=_read_edit(document["edit"]),
             bodies=_read_bodies(document["bodies"]),
             frames=_read_frames(document["frames"]),
+            suspected=tuple(map(_read_effect, document.get("suspected", ()))),
+            too_small=tuple(document.get("too_small", ())),
         )
     except (AttributeError, KeyError, TypeError) as error:
         raise InputError(f"This is no whole verdict: {shown(error)}.") from error

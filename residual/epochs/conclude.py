@@ -132,7 +132,7 @@ def conclude(
     """Return the verdict, of plain values."""
     robot = epochs[0].model.robot
     flagged = rest.flagged
-    nothing = "unknown" if flagged else "none"
+    nothing = "unknown" if flagged or found.bodiless else "none"
     every = sorted(found.changes, key=lambda c: -c.share)
     return Verdict(
         robot=robot.name,

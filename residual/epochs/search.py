@@ -358,6 +358,8 @@ class _Look:
             return False
         limits = limits_of(both.design, both.fitted, group)
         ways = [look.theta]
+        if group.effect.scope == "flange":  # a load may go as well as come
+            ways.append(-look.theta)
         anchor = group.joints[0] if group.joints else 0
         if group.effect.in_any_arm(both.logs.span, anchor):
             limits = replace(limits, had=np.zeros_like(limits.had))

@@ -28,7 +28,7 @@ from residual.evidence.columns import (
 )
 from residual.evidence.rules import RULES
 from residual.model.known import held, of_effect
-from residual.model.model import Model
+from residual.model.model import Model, Term
 from residual.recording import Array
 from residual.robot.dynamics import links_of
 from residual.signals.splitting import is_cut, spread
@@ -279,7 +279,20 @@ class Design:
             out[np.ix_(have, have)] += total / self.rows[j] / self.rms[j] ** 2
         return out
 
+    def grouped(self, term: Term, ids: Array) -> Group:
+        """An effect on columns that are here already."""
+        placed = Placed(term.effect, term.joints, term.shape)
+        return self._group(placed, term.effect.rows(term.joints, self.dof), ids)
+
     # -- other designs of the same columns ----------------------------------------
+
+    def without_terms(self, count: int) -> "Design":
+        """The same without the last terms of the nominal model, all of them zero."""
+        out, terms = copy(self), self.model.terms
+        width = sum(len(t.theta) for t in terms[-count:])
+        out.nominal = self.nominal[:-width]
+        out.model = replace(self.model, terms=terms[:-count])
+        return out
 
     def show_torque(self, model: Model) -> None:
         """From now on let effects see the logs with another model's torque."""

@@ -10,23 +10,16 @@ from dataclasses import dataclass, replace
 from residual.check.result import LogCheck
 from residual.diagnosis.angle_noise import noise_notes
 from residual.diagnosis.conclude import Case, conclude
-from residual.diagnosis.examine import (
-    Examined,
-    Progress,
-    examine,
-)
+from residual.diagnosis.constants import nominal_with_constants
+from residual.diagnosis.examine import Examined, Progress, examine
 from residual.diagnosis.findings import Named, clouds, folded
 from residual.diagnosis.held_out import three_models, unproven
 from residual.diagnosis.result import PLAIN, Diagnosis, ErrorTables
 from residual.diagnosis.standing import Standing, stand
 from residual.diagnosis.unexplained import Remains, examine_leftover
 from residual.diagnosis.whole import (
-    Plain,
     contradictions,
-    given_constants,
-    outdone,
     plain_fit,
-    plain_names,
     signal_notes,
     warnings,
 )
@@ -44,12 +37,10 @@ from residual.model.compare import (
 from residual.model.model import Model
 from residual.model.nominal import (
     GIVEN,
-    Logs,
     Nominal,
     begin,
     declared_names,
     prepare_logs,
-    start_nominal,
 )
 from residual.planning.promise import promised, settled_by
 from residual.planning.question import open_question, places_of
@@ -121,36 +112,14 @@ def _alone(
     if isinstance(start, Model):
         nominal = Nominal(begin(logs, start), (GIVEN,) * len(start.terms))
     else:
-        nominal = start_nominal(logs, declared_names(logs.robot, start))
-    plain = plain_fit(logs)
-    examined, proof, standing = _stood(logs, nominal, asked)
-    behind = outdone(examined.task, standing.judged.fit, plain)
-    if behind and not isinstance(start, Model):
-        # Never worse than what anyone has at hand: with what that one has and the
-        # model has not, everything is searched again.
-        wider = start_nominal(logs, plain_names(nominal.names))
-        # What is there and has no better name than a constant may be anything.
-        examined, proof, standing = _stood(logs, wider, asked, tuple(behind))
-        said = given_constants(examined.task, standing.judged.fit, behind)
-        asked = replace(asked, said=(said,))
-    found = _concluded(examined, proof, standing, plain, asked)
-    declared = replace(found.verdict, declared=tuple(nominal.names))
-    asked.tell("proof", 1.0)
-    return replace(found, verdict=declared)
-
-
-def _stood(
-    logs: Logs,
-    nominal: Nominal,
-    asked: "_Wanted",
-    closed: Sequence[int] = (),
-) -> tuple[Examined, Sequence[HeldOutLog], Standing]:
-    """Search, and let the held-out logs judge what was found."""
-    examined = examine(logs, nominal, RULES, asked.tell, closed)
+        nominal = nominal_with_constants(logs, declared_names(logs.robot, start))
+    examined = examine(logs, nominal, RULES, asked.tell)
     asked.tell("proof", 0.0)
     proof = prepare_held_out(asked.held_out, examined.nominal.model)
     standing = stand(examined, proof, asked.fit, asked.tell)
-    return standing.examined, proof, standing
+    found = _concluded(standing, proof, plain_fit(logs), asked)
+    asked.tell("proof", 1.0)
+    return found
 
 
 @dataclass(frozen=True, eq=False, slots=True)
@@ -162,18 +131,16 @@ class _Wanted:
     same_run: bool
     tell: Progress
     inside: Inside | None
-    said: tuple[str, ...] = ()
 
 
 def _concluded(
-    examined: Examined,
-    proof: Sequence[HeldOutLog],
     standing: Standing,
-    plain: Plain,
+    proof: Sequence[HeldOutLog],
+    plain: Model,
     asked: _Wanted,
 ) -> Diagnosis:
     """Say what stands, with the error of every model on the held-out logs."""
-    judged = standing.judged
+    examined, judged = standing.examined, standing.judged
     models, bodies = three_models(examined, judged)
     left = examine_leftover(examined, judged.fit, models["augmented"])
     if left.correction is not None:  # tables for the rest are a model too
@@ -182,7 +149,9 @@ def _concluded(
     if asked.inside:
         asked.inside(examined, judged.fit, listed)
     errors, proofs = compare(models, proof, examined.logs.filters)
-    reference, _ = compare({PLAIN: plain.model}, proof, examined.logs.filters)
+    reference, _ = compare({PLAIN: plain}, proof, examined.logs.filters)
+    small = examined.logs.too_small
+    errors = {name: e.without(small) for name, e in (errors | reference).items()}
     warned, noted = _said(standing, asked, models, errors, left)
     case = Case(
         examined=examined,
@@ -190,7 +159,9 @@ def _concluded(
         folded=usual,
         judged=judged,
         splits=standing.splits,
-        errors=errors | reference,
+        suspected=standing.suspected,
+        gains=standing.gains,
+        errors=errors,
         worse=worse_joints(models, proof),
         held_out=[r.id for r in asked.held_out],
         same_run=asked.same_run,
@@ -233,7 +204,6 @@ def _said(
     warned = [
         *warnings(standing.examined, standing.withdrawn, asked.same_run),
         *unproven(standing.examined, errors["augmented"]),
-        *asked.said,
         *left.sentences,
     ]
     noted = [
@@ -263,6 +233,7 @@ def with_check(found: Diagnosis, report: LogCheck) -> Diagnosis:
         verdict,
         verdict="unknown",
         effects=(),
+        suspected=(),
         minimum_detectable=(),
         next_experiment=None,
         edit=None,

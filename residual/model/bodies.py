@@ -77,8 +77,7 @@ class Moved:
 def bodies_of(model: Model, friction: bool = False) -> Bodies:
     """Return the bodies of a model: its links with all that terms add, and its load.
 
-    A load of negative mass is no body of its own but says that the last link is
-    lighter: then what they are together has to be one.
+    A load of negative mass is one that went: what was taken off has to be a body.
 
     Args:
         friction: Whether coefficients that cannot be negative are to be held to that.
@@ -118,14 +117,13 @@ def _bodies(
         least = np.linalg.eigvalsh(pseudo_inertias(body)[0] / _squares(scale[i]))[0]
         own = slice(PER_LINK * i, PER_LINK * (i + 1))
         start[own] = body if least > 2 * LEAST else _ball(scale[i])
-    if placed and load[0] @ c > 0:
+    if placed:
+        sign = 1.0 if load[0] @ c > 0 else -1.0
         mass = FLOOR_MASS * sum(body[0] for body in nominal)
         own = np.sqrt(mass) * np.array([FLOOR_SIZE] * 3 + [1.0])
-        names.append("the load")
-        sums, scale = np.concatenate([sums, load[None]]), np.vstack([scale, own])
-        start[placed[0]] = _ball(own)
-    elif placed:
-        sums[-1] += load
+        names.append("the load" if sign > 0 else "the load that went")
+        sums, scale = np.concatenate([sums, sign * load[None]]), np.vstack([scale, own])
+        start[placed[0]] = sign * _ball(own)
     start[positive] = 1.0
     return Bodies(tuple(names), sums, scale, start, positive)
 

@@ -144,6 +144,15 @@ class Errors:
         some = power > 1e-12 * max(float(power.max()), 1e-30)
         return 100 * np.sqrt(self.miss[kind] / np.where(some, power, np.nan))
 
+    def without(self, joints: Sequence[int]) -> "Errors":
+        """The same without what some joints (from 0) have."""
+        keep = np.ones(len(self.miss["raw"]))
+        keep[list(joints)] = 0.0
+        parts = (
+            {k: v * keep for k, v in part.items()} for part in (self.miss, self.power)
+        )
+        return Errors(*parts)
+
     def overall(self, kind: str) -> float:
         """Relative error over all joints, Frobenius norm [%]."""
         power = float(self.power[kind].sum())

@@ -13,6 +13,7 @@ from residual.model.model import Model, Term
 from residual.recording import Array, Recording
 from residual.robot.dynamics import PER_LINK, inertial_parameters
 from residual.robot.robot import Robot
+from residual.signals.resolution import too_small
 from residual.signals.splitting import in_pieces, spread
 from residual.signals.standstill import CHOICES, SMOOTH, Standstill
 from residual.signals.track import Filters, Track, prepare, shaken
@@ -39,6 +40,15 @@ class Nominal:
     # Fixed relative sd of each kind of value that is given, by the effect's name; None
     # to estimate them.
     widths: Mapping[str, float] | None = None
+    # How many of the model's last terms are constants that nobody declared: they are
+    # zero, free while names are sought, and then names themselves.
+    constants: int = 0
+
+    def without_constants(self) -> "Nominal":
+        """The model as it was declared."""
+        count = len(self.given) - self.constants
+        model = replace(self.model, terms=self.model.terms[:count])
+        return replace(self, model=model, given=self.given[:count], constants=0)
 
     @property
     def declared(self) -> tuple[tuple[Term, float | None], ...]:
@@ -158,6 +168,9 @@ class Logs:
     speed_floor: np.ndarray
     filters: Filters
     shaken: tuple[Track, ...]
+    # Joints (from 0) whose torque is little more than its step or noise: none of their
+    # rows counts.
+    too_small: tuple[int, ...] = ()
 
     @property
     def sketch(self) -> tuple[Track, ...]:
@@ -176,7 +189,9 @@ def prepare_logs(
     """Prepare the signals of the fit logs; long ones in pieces, unless whole."""
     recordings = recordings if whole else in_pieces(recordings, filters.torque)
     tracks, floor = prepare(recordings, filters)
-    tracks = _without_dead(tracks)
+    shown = spread([t.seconds for t in tracks])
+    small = too_small([recordings[i] for i in shown], [tracks[i] for i in shown])
+    tracks = _without_dead(tracks, small)
     q = np.concatenate([t.q for t in tracks])
     qd = np.concatenate([t.qd for t in tracks])
     tau = np.concatenate([t.tau for t in tracks])
@@ -188,15 +203,15 @@ def prepare_logs(
         cutoff=min(t.cutoff for t in tracks),
         torque=np.quantile(np.abs(tau), 0.995, axis=0),
     )
-    shown = spread([t.seconds for t in tracks])
     some = [recordings[i] for i in shown], [tracks[i] for i in shown]
     moved = shaken(*some, filters)
-    return Logs(robot, tracks, clock, span, floor, filters, moved)
+    places = tuple(np.flatnonzero(small).tolist())
+    return Logs(robot, tracks, clock, span, floor, filters, moved, places)
 
 
-def _without_dead(tracks: tuple[Track, ...]) -> tuple[Track, ...]:
-    """Rows of joints that log no torque do not count: that is no torque of zero."""
-    alive = np.any([np.any(t.tau != 0, axis=0) for t in tracks], axis=0)
+def _without_dead(tracks: tuple[Track, ...], small: Array) -> tuple[Track, ...]:
+    """Rows of joints that log no torque, or too little, do not count."""
+    alive = np.any([np.any(t.tau != 0, axis=0) for t in tracks], axis=0) & ~small
     if alive.all():
         return tracks
     return tuple(replace(t, moving=t.moving & alive) for t in tracks)

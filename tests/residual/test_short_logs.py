@@ -10,13 +10,10 @@ import pytest
 
 from benchmarks.synthetic.logs import LogPlan, make
 from benchmarks.synthetic.quasi_static import Plant
-from residual.diagnosis.whole import outdone, plain_fit
 from residual.method.diagnose import diagnose
-from residual.model.nominal import DEFAULT_DECLARED, prepare_logs
 from residual.robot.robot import load_robot
-from residual.signals.track import Filters
 from sim.engine.records import Hidden
-from tests.residual.arms import arm, doubts, names, short_case
+from tests.residual.arms import arm, names, short_case
 
 PLAN = (
     LogPlan("fit", "fit", "fourier", 5.0),
@@ -65,13 +62,3 @@ def test_smoothed_friction_that_grew_is_told_with_all_joints_in_the_headline():
     assert set(found.error.worse) <= set(risen)
     overall = found.error.overall_moving
     assert overall["augmented"] < 1.05 * overall["identified"]
-
-
-def test_a_model_without_a_constant_is_outdone_and_one_with_it_is_not():
-    case = short_case(arm(), Hidden("offset", (1,), {"torque": 5.0}), seed=71)
-    diagnosis, _ = doubts(case)
-    plain = plain_fit(prepare_logs(case.robot, case.fit, None, Filters()))
-    assert 0 in outdone(diagnosis.task, diagnosis.plain, plain)
-    assert outdone(diagnosis.task, diagnosis.fit, plain) == {}
-    own = {t.effect.name for t in plain.model.terms}
-    assert own == {*DEFAULT_DECLARED, "offset"}

@@ -76,7 +76,7 @@ EFFECT |= {"combinations", "evidence"}
 FORM = {
     "": "schema robot declared verdict effects minimum_detectable unexplained error "
     "nominal_scale next_experiment warnings log_check contradictions drift background "
-    "changes alternatives edit bodies frames",
+    "changes alternatives edit bodies frames suspected too_small",
     "unexplained": "joints fraction noise_floor depends_on kind per_joint noise_model",
     "error": "metric filter logs same_run worse " + " ".join(TABLES),
 }
@@ -134,7 +134,17 @@ def test_it_goes_through_json_without_a_nan_and_is_read_back_as_it_was(kind):
     assert json.dumps(to_json(from_json(json.loads(text)))) == text
 
 
-@pytest.mark.parametrize("key", sorted(FORM[""]))
+LATER = {"suspected", "too_small"}  # a record without them is an older one
+
+
+@pytest.mark.parametrize("key", sorted(LATER))
+def test_a_verdict_that_is_older_than_a_key_has_nothing_there(key):
+    record = document("effects")
+    del record[key]
+    assert getattr(from_json(record), key) == ()
+
+
+@pytest.mark.parametrize("key", sorted(FORM[""] - LATER))
 def test_a_verdict_that_lacks_a_key_is_refused(key):
     record = document("effects")
     del record[key]
@@ -260,7 +270,7 @@ def test_a_finding_says_who_it_is_how_sure_and_how_large(kind):
             assert np.all(np.asarray(parameter["std"]) >= 0)
         evidence = effect["evidence"]
         assert evidence["by"] == "fit"
-        assert evidence["held_out"] == "confirmed"
+        assert evidence["held_out"] in ("confirmed", "neutral")
         assert evidence["held_out_gain"] >= 0
         assert evidence["p_value"] is None
         assert evidence["nats"] > 0
@@ -359,11 +369,8 @@ def test_a_joint_that_logs_no_torque_does_not_spoil_what_the_others_say():
     """Joint 1 has 2 N m too much in either case."""
     mute, dead = (document(kind) for kind in (MUTE, DEAD))
     assert 1 not in mute["unexplained"]["joints"]
-    assert (
-        {js for _, js in names(from_json(mute))}
-        == {js for _, js in names(from_json(dead))}
-        == {(1,)}
-    )
+    assert ("offset", (1,)) in names(from_json(mute))
+    assert names(from_json(dead)) == [("offset", (1,))]
 
 
 # -- the session clock -------------------------------------------------------------

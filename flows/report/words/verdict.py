@@ -19,7 +19,7 @@ from flows.report.words.phrases import (
 )
 from residual.check.result import Fault, LogCheck
 from residual.diagnosis.result import ErrorTables, Finding, Number, Verdict
-from residual.quantity import bare_percent, known, percent
+from residual.quantity import bare_percent, known, percent, probability
 
 CLEAN = "The logs are what they say they are: no fault was found."
 
@@ -105,6 +105,7 @@ def sentences(verdict: Verdict) -> list[str]:
     else:
         parts = [_nothing(verdict), off_words(verdict), usual(verdict)]
         parts += [drifted(verdict), _level(verdict)]
+    parts.append(suspected(verdict))
     return [part for part in (*enough(verdict.log_check), *parts) if part]
 
 
@@ -230,6 +231,17 @@ def usual(verdict: Verdict) -> str:
     if not folded:
         return ""
     return f"Beside that it has the usual friction and ripple: {listing(folded)}."
+
+
+def suspected(verdict: Verdict) -> str:
+    """Return the names that are not sure enough to be in the model, or nothing."""
+    names = [
+        f"{phrase(f, verdict.dof)} ({probability(f.probability)})"
+        for f in verdict.suspected
+    ]
+    if not names:
+        return ""
+    return f"Suspected, but not sure enough to be in the model: {listing(names)}."
 
 
 def drifted(verdict: Verdict) -> str:

@@ -1,0 +1,268 @@
+"""Constants of torque sensors and drives: in the model first, and named last.
+
+A sensor's constant that the model lacks bends everything beside it: over little travel
+it is taken for a spring or a balancer. So every joint has one, free, while names are
+sought (METHOD 16.2). Then each must lower the error of parts of the logs that were left
+out, by what any name must, and be three deviations from nothing; one that does not is
+held at zero, and the search goes on. What stands is one finding like any other.
+"""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from residual.diagnosis.detectable import Selection
+from residual.diagnosis.gate import STATIC, leave_out
+from residual.diagnosis.search import Task, best, refined, search
+from residual.effects import registry
+from residual.evidence.columns import Group
+from residual.evidence.fit import Fit, Prior
+from residual.evidence.priors import HELD, held_at, without_slots
+from residual.evidence.rules import RULES
+from residual.model.known import known_values
+from residual.model.model import with_slots
+from residual.model.nominal import Logs, Nominal, start_nominal
+from residual.recording import Array
+
+SWAPS = 3  # names that are tried in the place of constants
+ROUNDS = 3  # of holding constants and searching on
+SURE = 3.0  # deviations from nothing
+# By what the score of a held coefficient is too low, since its prior's volume is that
+# of a free one.
+HELD_NATS = 0.5 * float(np.log(1 + HELD))
+
+
+def nominal_with_constants(logs: Logs, names: Sequence[str]) -> Nominal:
+    """The declared model and, where it says nothing of one, a constant of each joint.
+
+    Args:
+        names: The declared effects.
+    """
+    settled = {*names, *(known.name for known in known_values(logs.robot))}
+    more = [e.name for e in registry().values() if e.is_constant]
+    more = [name for name in more if name not in settled]
+    nominal = start_nominal(logs, (*names, *more))
+    terms = [t for t in nominal.model.terms if t.effect.name in more]
+    return replace(nominal, constants=len(terms))
+
+
+def slots_of(nominal: Nominal) -> dict[int, int]:
+    """Coefficient of each undeclared constant, by its joint from 0."""
+    terms = list(with_slots(nominal.model.terms, len(nominal.model.inertial)))
+    mine = terms[len(terms) - nominal.constants :]
+    return {term.joints[0]: own.start for term, own in mine}
+
+
+@dataclass(frozen=True, eq=False, slots=True)
+class _Set:
+    """Names and free constants."""
+
+    task: Task  # its prior holds the other constants at zero
+    fit: Fit
+    free: Mapping[int, int]  # coefficient of each free constant, by its joint
+
+    @property
+    def places(self) -> tuple:
+        """What is in it, apart from shapes."""
+        names = sorted((g.effect.name, g.joints) for g in self.fit.members)
+        return *names, *self.free
+
+    def holding(self, joints: Sequence[int]) -> "_Set":
+        """The same with some constants at zero, fitted anew."""
+        slots = np.array([self.free[j] for j in joints], dtype=int)
+        task = replace(self.task, prior=held_at(self.task.prior, slots))
+        fitted = task.settle(task.fit(self.fit.members, self.fit, rounds=4))
+        free = {j: slot for j, slot in self.free.items() if j not in joints}
+        return _Set(task, fitted, free)
+
+    def searched(self) -> "_Set":
+        """The same constants with names sought anew, from those that are there."""
+        found = search(self.task, self.fit.members)
+        return replace(self, fit=self.task.settle(found))
+
+    def left_out(self) -> Array:
+        """Squared error of each fold, predicted from the others. (folds, dof)."""
+        return leave_out(self.task, self.fit)
+
+    def deviations(self, j: int) -> float:
+        """Of a constant from nothing."""
+        slot = self.free[j]
+        sd = np.sqrt(max(self.fit.covariance()[slot, slot], 1e-300))
+        return float(abs(self.fit.theta[slot]) / sd)
+
+
+def settled(
+    selection: Selection, nominal: Nominal, paid: Sequence[int] | None = None
+) -> tuple[Selection, tuple[int, ...]]:
+    """Hold the constants that do not pay at zero, and search on without them.
+
+    Args:
+        selection: What was found with every constant free.
+        paid: Joints (from 0) whose constants alone are to be free at first, as those
+            that paid in an earlier search; None for all.
+
+    Returns:
+        What is named beside the constants, and the joints (from 0) whose constant pays.
+    """
+    slots = slots_of(nominal)
+    if not slots:
+        return selection, ()
+    now = _Set(selection.task, selection.fit, slots)
+    if paid is not None:
+        now = now.holding([j for j in slots if j not in paid]).searched()
+    for turn in range(ROUNDS):
+        before, now = now.places, _pruned(now)
+        if turn or paid is not None:
+            now = _released(now, selection.task, slots)
+        now = _simpler(_replaced(now))
+        if now.places == before:
+            break
+        now = now.searched()
+    held = [slot for j, slot in slots.items() if j not in now.free]
+    wide = held_at(selection.wide, np.array(held, dtype=int))
+    return Selection(now.task, now.fit, wide), tuple(now.free)
+
+
+def _released(now: _Set, free: Task, slots: Mapping[int, int]) -> _Set:
+    """Free a held constant that would pay beside what was found since.
+
+    Args:
+        free: The task in which none is held.
+    """
+    held = [j for j in slots if j not in now.free]
+    every = _Set(free, now.fit, slots)
+    left = now.left_out()
+    for j in held:
+        more = every.holding([i for i in held if i != j])
+        if _pays(more, j, more.left_out()[:, j], left[:, j]):
+            return _pruned(replace(more, free={**now.free, j: slots[j]}))
+    return now
+
+
+def _pruned(now: _Set) -> _Set:
+    """Hold the constants that do not pay, the one that is missed least first."""
+    while now.free:
+        full, power = now.left_out(), now.task.design.tau_power.sum(axis=0)
+        missed = {}
+        for j in now.free:
+            less = now.holding([j])
+            left = less.left_out()
+            if not _pays(now, j, full[:, j], left[:, j]):
+                missed[j] = (left - full)[:, j].sum() / max(power[j], 1e-30), less
+        if not missed:
+            break
+        now = min(missed.values(), key=lambda one: one[0])[1]
+    return now
+
+
+def _pays(now: _Set, j: int, full: Array, left: Array) -> bool:
+    """Whether a joint's constant lowers its left-out error, and is not nothing."""
+    power = max(now.task.design.tau_power.sum(axis=0)[j], 1e-30)
+    fall = np.sqrt(max((left - full).sum() / power, 0.0))
+    share = 1 - full.sum() / max(left.sum(), 1e-30)
+    often = np.mean(left > full) >= RULES.most_folds
+    clear = bool(now.task.rules.lower(fall, share)) and often
+    return clear and now.deviations(j) >= SURE
+
+
+def _replaced(now: _Set) -> _Set:
+    """One name in the place of several constants, where beside it they pay no more.
+
+    A load is a constant to each joint that hardly turns. The name must win what any
+    must where no constant is free, and predict left-out parts clearly better than the
+    constants. In the place of a single one it would not be the simpler: there the
+    search finds what is more than a constant.
+    """
+    if not now.free:
+        return now
+    bare = now.holding(list(now.free))
+    ranked = [
+        one
+        for one in best(bare.task, bare.fit, looks=2 * SWAPS)
+        if not _is_constant(one[1])
+    ]
+    for value, group, _ in ranked[:SWAPS]:
+        if value < now.task.rules.threshold:
+            break
+        members = (*now.fit.members, *(group.parts or (group,)))
+        task = now.task
+        fitted = task.fit(refined(task, members, now.fit), now.fit, rounds=4)
+        other = _pruned(_Set(task, task.settle(fitted), now.free))
+        if len(other.free) + 1 < len(now.free) and _predicts_better(other, now):
+            return other
+    return now
+
+
+def _simpler(now: _Set) -> _Set:
+    """A name that needs no constant in the place of its kin that needs one.
+
+    A spring over little travel is a gas spring and a constant.
+    """
+    for group in now.fit.members:
+        j = group.joints[0] if group.effect.family == STATIC else -1
+        if j not in now.free:
+            continue
+        bare = now.holding([j])
+        rest = tuple(g for g in now.fit.members if g is not group)
+        without = bare.task.fit(rest, now.fit)
+        for _, other, _ in best(bare.task, without, instead=group):
+            if other.effect.family != STATIC or other.joints != group.joints:
+                continue
+            fitted = bare.task.settle(bare.task.fit((*rest, other), without))
+            if now.fit.score - fitted.score - HELD_NATS < RULES.simpler:
+                return replace(bare, fit=fitted)
+    return now
+
+
+def _is_constant(group: Group) -> bool:
+    """Whether a group is no more than a constant where its joints move."""
+    effect = group.effect
+    return effect.family == STATIC and len(group.ids) == max(len(group.parts), 1)
+
+
+def _predicts_better(one: _Set, other: _Set) -> bool:
+    weight = one.fit.weight(one.task.design.rows)
+    fall = (other.left_out() - one.left_out()).sum(axis=0) @ weight
+    return bool(fall > 2 * RULES.class_nats)
+
+
+# Constants as names: what stands is said, and held against the logs, like any effect.
+
+
+@dataclass(frozen=True, eq=False, slots=True)
+class Named:
+    """The same logs with the constants among the effects, not in the model."""
+
+    task: Task
+    nominal: Nominal
+    wide: Prior
+    groups: tuple[Group, ...]  # those that pay
+
+
+def as_effects(
+    task: Task, nominal: Nominal, wide: Prior, paying: Sequence[int]
+) -> Named:
+    """Take the constants out of the nominal model; nothing is computed anew.
+
+    Args:
+        paying: Joints (from 0) whose constant is an effect; that of any other joint may
+            be one, and is none.
+    """
+    count, slots = nominal.constants, slots_of(nominal)
+    terms = nominal.model.terms[-count:]
+    ids = {j: task.design.nominal[[slot]] for j, slot in slots.items()}
+    design = task.design.without_terms(count)
+    groups = [design.grouped(t, ids[t.joints[0]]) for t in terms]
+    gone = np.array(sorted(slots.values()))
+    return Named(
+        replace(
+            task,
+            design=design,
+            prior=without_slots(task.prior, gone),
+            candidates=task.candidates.beside(groups),
+        ),
+        nominal.without_constants(),
+        without_slots(wide, gone),
+        tuple(g for g in groups if g.joints[0] in paying),
+    )

@@ -1,0 +1,110 @@
+"""Constants of sensors: named on the joints that have one, beside anything else."""
+
+from dataclasses import replace
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from residual.diagnosis import standing
+from residual.diagnosis.confidence import confidence
+from residual.diagnosis.gate import Tested
+from residual.diagnosis.result import Splits
+from residual.effects import registry
+from residual.method.diagnose import diagnose
+from sim.engine.records import Hidden
+from tests.residual.arms import arm, names, short_case
+
+TORQUE = (1.5, -2.0)
+
+
+def _with_constants(logs):
+    return [replace(r, tau=r.tau + np.array(TORQUE)) for r in logs]
+
+
+@pytest.mark.parametrize(
+    "hidden",
+    [None, Hidden("quadratic_viscous", (1,), {"coefficient": 4.0})],
+    ids=["alone", "beside friction"],
+)
+def test_they_are_one_finding_with_their_values_beside_another_effect(hidden):
+    case = short_case(arm(), *([hidden] if hidden else []), seed=71)
+    fit, held_out = map(_with_constants, (case.fit, case.held_out))
+    verdict = diagnose(case.robot, fit, held_out=held_out).verdict
+    (found,) = [e for e in verdict.effects if e.name == "offset"]
+    assert found.joints == (1, 2)
+    torque = found.parameters["torque"]
+    gaps = np.subtract(torque.value, TORQUE) / np.array(torque.std)
+    assert np.all(np.abs(gaps) < 4)
+    others = [e.name for e in verdict.effects if e is not found]
+    assert others == ([hidden.name] if hidden else [])
+    assert verdict.declared == diagnose(case.robot, case.fit).verdict.declared
+
+
+def test_the_refit_without_names_has_none_of_them():
+    case = short_case(arm(), seed=71)
+    fit, held_out = map(_with_constants, (case.fit, case.held_out))
+    found = diagnose(case.robot, fit, held_out=held_out)
+    carried = {
+        name: {t.effect.name for t in found.models[name].terms if np.any(t.theta)}
+        for name in ("identified", "augmented")
+    }
+    assert "offset" not in carried["identified"]
+    assert "offset" in carried["augmented"]
+
+
+def test_a_name_that_is_not_sure_is_suspected_and_in_no_model(monkeypatch):
+    case = short_case(arm(), seed=71)
+    fit, held_out = map(_with_constants, (case.fit, case.held_out))
+    monkeypatch.setattr(standing, "SURE", 2.0)  # nothing is as sure as that
+    found = diagnose(case.robot, fit, held_out=held_out)
+    verdict = found.verdict
+    assert not verdict.effects
+    assert [(e.name, e.joints) for e in verdict.suspected] == [("offset", (1, 2))]
+    moving = verdict.error.moving
+    assert moving["augmented"] == moving["identified"]
+
+
+@given(
+    nats=st.floats(0, 1e4),
+    gain=st.floats(-1, 1),
+    found=st.integers(0, 3),
+    more=st.sampled_from(["nats", "gain", "parts"]),
+    name=st.sampled_from(["offset", "ripple"]),
+)
+def test_what_speaks_for_a_name_never_makes_it_less_sure(nats, gain, found, more, name):
+    def sure(nats, gain, found):
+        group = SimpleNamespace(effect=registry()[name])
+        tested = Tested(group, nats, "fit", 0, 0.1, 0.5, 0)
+        return confidence(tested, gain, Splits(found, 3))
+
+    raised = {
+        "nats": (2 * nats + 1, gain, found),
+        "gain": (nats, gain + 0.1, found),
+        "parts": (nats, gain, min(found + 1, 3)),
+    }
+    assert sure(*raised[more]) >= sure(nats, gain, found)
+
+
+def test_a_torque_of_a_few_steps_has_no_error_and_no_name():
+    case = short_case(arm(), seed=71)
+    step = np.abs(case.fit[0].tau[:, 1]).max() / 3
+
+    def coarse(log):
+        tau = log.tau.copy()
+        tau[:, 1] = step * np.round(tau[:, 1] / step)
+        return replace(log, tau=tau)
+
+    verdict = diagnose(
+        case.robot,
+        [coarse(r) for r in case.fit],
+        held_out=[coarse(r) for r in case.held_out],
+    ).verdict
+    assert verdict.too_small == (2,)
+    assert verdict.error.moving["augmented"][1] is None
+    assert verdict.error.moving["augmented"][0] is not None
+    assert 2 not in verdict.unexplained.joints
+    assert not [n for n in names(verdict) if n[1] == (2,)]
+    assert any("joint 2" in w and "too small" in w for w in verdict.warnings)
