@@ -14,6 +14,7 @@ from rich.progress import BarColumn, TextColumn, TimeElapsedColumn
 from rich.progress import Progress as Bar
 
 from residual.errors import InputError, plain
+from residual.robot.word import split_word
 
 
 def json_text(document: Mapping) -> str:
@@ -80,7 +81,7 @@ def check_new_folder(option: str, place: Path) -> None:
 
 def read_files(words: Iterable[str], *files: str | None) -> list[Path]:
     """Return what a command may read, with and without the window of a log."""
-    words = list(words)
+    words = [place for word in words for place in {word, split_word(word)[0]}]
     windowless = (word.rpartition("@")[0] for word in words)
     return [Path(word) for word in (*words, *windowless, *files) if word]
 

@@ -14,8 +14,11 @@ from typing import Annotated, Any, Self
 from cyclopts import Parameter, Token
 
 from residual.errors import InputError
+from residual.robot.word import word_of
 
 _PLACES = ("columns", "store")
+# Options that go into the word for the robot (`residual.robot.robot.word_of`).
+_OF_ROBOT = ("chain", "tip", "xacro_args", "package_dirs")
 
 
 # A switch without a value; there is no --no-switch.
@@ -61,8 +64,8 @@ Store = Annotated[
 RobotWord = Annotated[
     str,
     Parameter(
-        help="Built-in name (irb140), URDF file, or folder with one *.urdf and an "
-        "optional robot.toml."
+        help="Built-in name (irb140), robot file (URDF, .xacro, MJCF .xml), or folder "
+        "with one and an optional robot.toml."
     ),
 ]
 Columns = Annotated[
@@ -128,7 +131,8 @@ class Request:
 
     def to_record(self) -> dict:
         """Return the request as JSON can hold it: the verb as `step`, no places."""
-        names = [f.name for f in fields(self) if f.name not in _PLACES]
+        left_out = (*_PLACES, *_OF_ROBOT)
+        names = [f.name for f in fields(self) if f.name not in left_out]
         step = type(self).__name__.lower()
         return {"step": step} | {name: getattr(self, name) for name in names}
 
@@ -159,20 +163,70 @@ class Request:
         return None if getattr(self, "declared", None) is None else "--declared"
 
 
+def parse_names(_: Any, tokens: Sequence[Token]) -> tuple[str, ...]:
+    """Return the names in "a,b,c"."""
+    return tuple(name.strip() for name in tokens[0].value.split(",") if name.strip())
+
+
 @dataclass(frozen=True, slots=True)
-class Check(Request):
+class OfRobot(Request):
+    """What names a robot; how its file is read goes into the word for it."""
+
+    _: KW_ONLY
+    robot: RobotWord
+    chain: Annotated[
+        tuple[str, ...],
+        Parameter(
+            converter=parse_names,
+            n_tokens=1,
+            negative="",
+            show_default=False,
+            help="Joints of the arm by their names in the file, a,b,c; all others are "
+            "locked. Without it those that the log has by name, else the only chain.",
+        ),
+    ] = ()
+    tip: Annotated[
+        str | None,
+        Parameter(help="Link that the arm ends with, in place of --chain."),
+    ] = None
+    xacro_args: Annotated[
+        Tags,
+        Parameter(
+            name="--xacro-arg",
+            show_default=False,
+            help="Argument of a xacro, name:=value.",
+        ),
+    ] = ()
+    package_dirs: Annotated[
+        Tags,
+        Parameter(
+            name="--package-dir",
+            show_default=False,
+            help="Folder of packages that a xacro finds.",
+        ),
+    ] = ()
+
+    def __post_init__(self) -> None:
+        how = [getattr(self, name) for name in _OF_ROBOT]
+        if any(how) and self.robot:
+            object.__setattr__(self, "robot", word_of(self.robot, *how))
+            for field in fields(OfRobot)[1:]:
+                object.__setattr__(self, field.name, field.default)
+
+
+@dataclass(frozen=True, slots=True)
+class Check(OfRobot):
     """Which logs are checked."""
 
     logs: GivenWords = ()
     _: KW_ONLY
-    robot: RobotWord
     declared: Declared = None
     columns: Columns = None
     store: Store = None
 
 
 @dataclass(frozen=True, slots=True)
-class Map(Request):
+class Map(OfRobot):
     """Which log a map of columns is drafted for.
 
     Attributes:
@@ -182,12 +236,11 @@ class Map(Request):
 
     log: GivenWord = ""
     _: KW_ONLY
-    robot: RobotWord
     format: str | None = None
 
 
 @dataclass(frozen=True, slots=True)
-class Diagnose(Request):
+class Diagnose(OfRobot):
     """Which logs are diagnosed, and against which.
 
     Attributes:
@@ -203,7 +256,6 @@ class Diagnose(Request):
 
     logs: GivenWords = ()
     _: KW_ONLY
-    robot: RobotWord
     baseline: Words = ()
     held_out: HeldOut = ()
     declared: Declared = None
@@ -215,7 +267,7 @@ class Diagnose(Request):
 
 
 @dataclass(frozen=True, slots=True)
-class Identify(Request):
+class Identify(OfRobot):
     """Which logs a model is identified from, and how.
 
     Attributes:
@@ -233,7 +285,6 @@ class Identify(Request):
 
     logs: GivenWords = ()
     _: KW_ONLY
-    robot: RobotWord
     held_out: HeldOut = ()
     method: str = "wls"
     declared: Declared = None
@@ -247,7 +298,7 @@ class Identify(Request):
 
 
 @dataclass(frozen=True, slots=True)
-class Calibrate(Request):
+class Calibrate(OfRobot):
     """Which logs look-up tables are fitted to.
 
     Attributes:
@@ -267,7 +318,6 @@ class Calibrate(Request):
 
     logs: GivenWords = ()
     _: KW_ONLY
-    robot: RobotWord
     paper: Flag = False
     declared: Declared = None
     columns: Columns = None
@@ -280,7 +330,7 @@ class Calibrate(Request):
 
 
 @dataclass(frozen=True, slots=True)
-class Import(Request):
+class Import(OfRobot):
     """Which logs become runs of the store.
 
     Attributes:
@@ -298,7 +348,6 @@ class Import(Request):
 
     logs: GivenWords = ()
     _: KW_ONLY
-    robot: RobotWord
     columns: Annotated[str | None, Parameter(name="--map")] = None
     trajectory: str | None = None
     kind: str = "log"
@@ -351,12 +400,11 @@ class Monitor(Request):
 
 
 @dataclass(frozen=True, slots=True)
-class Next(Request):
+class Next(OfRobot):
     """For which verdict or wish a motion is designed.
 
     Attributes:
         verdict: Id of a diagnosis in the store, or a JSON file with a verdict.
-        robot: Their robot: built-in name (irb140), URDF file, or folder.
         baseline: Their logs of healthy runs.
         held_out: Their logs for the proof.
         want: An effect and the least size that is to be seen, NAME>=SIZE or
@@ -368,7 +416,7 @@ class Next(Request):
     verdict: GivenWord = ""
     logs: GivenWords = ()
     _: KW_ONLY
-    robot: str | None = None
+    robot: RobotWord | None = None
     baseline: Words = ()
     held_out: Annotated[Words, Parameter(name="--holdout")] = ()
     want: str | None = None

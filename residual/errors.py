@@ -139,6 +139,14 @@ LACKING = {
         "macOS",
         "Schedule with such a Python; logs are diagnosed without",
     ),
+    "xacrodoc": (
+        "xacrodoc, which expands a xacro",
+        "Install the extra: pip install '.[xacro]' in the checkout",
+    ),
+    "mujoco": (
+        "MuJoCo, whose compiler reads an MJCF",
+        "Install the extra: pip install '.[mjcf]' in the checkout",
+    ),
     "fcntl": ("locks of files as Linux and macOS have them", "Use one of these"),
     "pinocchio": (
         "Pinocchio, the dynamics of arms, which pip has for Linux and macOS and "

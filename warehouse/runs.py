@@ -2,15 +2,22 @@
 
 import json
 import re
-import shutil
 import tomllib
 from datetime import UTC, datetime
 from functools import lru_cache
 from pathlib import Path
 
+import tomli_w
+
 from residual.errors import InputError, ModelgapError
 from residual.recording import Recording
-from residual.robot.robot import Robot, built_in_folder, built_in_robots, load_robot
+from residual.robot.robot import (
+    Robot,
+    built_in_folder,
+    built_in_robots,
+    load_robot,
+)
+from residual.robot.word import split_word
 from warehouse.commit import SPEC, TRUTH, Sealed, sealed_hash
 from warehouse.files import (
     check_file,
@@ -151,11 +158,13 @@ def keep_robot(store: Path, word: str, robot: Robot) -> None:
     target = robot_folder(store, robot.content_hash)
     if is_there(target) or _is_built_in(word, robot):
         return
-    path = Path(str(built_in_folder(word))) if word in built_in_robots() else Path(word)
-    urdf = path if path.is_file() else next(path.glob("*.urdf"), path)
+    built_in, place = word in built_in_robots(), Path(split_word(word)[0])
+    path = Path(str(built_in_folder(word))) if built_in else place
     with staged(store, "robot") as folder:
         try:
-            shutil.copyfile(urdf, folder / f"{robot.name}.urdf")
+            # Its arm alone: a file of several, a xacro or an MJCF is read once.
+            urdf = folder / f"{robot.name}.urdf"
+            urdf.write_text(robot.urdf, encoding="utf-8")
             text = _toml_text(path, robot)
             if text is not None:
                 (folder / TOML).write_text(text, encoding="utf-8")
@@ -179,6 +188,11 @@ def _toml_text(path: Path, robot: Robot) -> str | None:
     """
     own = path / TOML if path.is_dir() else None
     text = own.read_text(encoding="utf-8") if own and own.is_file() else None
+    used, written = json.loads(robot.toml), tomllib.loads(text or "")
+    if set(used) - {"robot"} != set(written) - {"robot", "columns"}:
+        # A chain has gone into the URDF; what an MJCF declares stands nowhere else.
+        columns = {"columns": dict(robot.columns)} if robot.columns else {}
+        return tomli_w.dumps(used | columns)
     if robot.serial is None or "serial" in tomllib.loads(text or "").get("robot", {}):
         return text
     line = f"serial = {json.dumps(robot.serial)}\n"

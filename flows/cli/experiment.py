@@ -16,14 +16,14 @@ from flows.cli.app import (
     check_between,
 )
 from flows.inputs.given import load
-from flows.outputs import progress_bar, say
+from flows.outputs import progress_bar, read_files, say
 from flows.report import experiments
 from flows.report.console import show
 from flows.report.experiments import motion_parts, motion_png
 from flows.requests import (
     Campaign,
     Flag,
-    Request,
+    OfRobot,
     RobotWord,
     Store,
     Validate,
@@ -197,7 +197,7 @@ def validate(
 
 
 @dataclass(frozen=True, slots=True)
-class Trajectory(Request):
+class Trajectory(OfRobot):
     """Which motion is planned.
 
     Attributes:
@@ -245,7 +245,7 @@ def trajectory(
         gif: GIF of the moving arm to write.
     """
     files, rate = {"--csv": csv, "--plot": plot, "--gif": gif}, request.rate
-    out = Outputs(files, [Path(request.robot)])
+    out = Outputs(files, read_files([request.robot]))
     check_between("--duration", request.duration, 0.1, LONGEST)
     check_between("--periods", request.periods, 1, MOST_PERIODS)
     check_between("--rate", rate, 1, FASTEST)

@@ -2,17 +2,18 @@
 
 import shlex
 from collections.abc import Iterator, Mapping, Sequence
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from contextvars import ContextVar
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 
 from flows.requests import Request
 from flows.settings import store_folder
-from residual.effects import registry, vocabulary
-from residual.errors import InputError, check_name, shortened
+from residual.effects import joint_properties, registry, vocabulary
+from residual.errors import InputError, RobotError, check_name, shortened
 from residual.recording import Recording
 from residual.robot.robot import Robot, load_robot, with_serial
+from residual.robot.word import word_of
 from warehouse.logs import (
     ColumnMap,
     Doubt,
@@ -23,6 +24,8 @@ from warehouse.logs import (
     read_log,
     unique_ids,
 )
+from warehouse.logs.ros import topics
+from warehouse.logs.window import split_spec
 from warehouse.runs import read_manifest, read_run, robot_of_hash
 
 
@@ -52,7 +55,8 @@ class LogSets:
         Logs that were read alike are one line.
         """
         use = [_use(self.fit, self.baseline, self.held_out)] if self.each else []
-        return (*use, *in_short(self.each))
+        notes = [f"{self.robot.name}: {note}" for note in self.robot.notes]
+        return (*use, *notes, *in_short(self.each))
 
 
 _NAMED = 8  # logs of a line; a campaign has thousands
@@ -208,9 +212,51 @@ def _read_run(word: str, robot: Robot, store: Path) -> tuple[Recording, str, str
 _INSTEAD: ContextVar[Mapping[str, str]] = ContextVar("instead", default={})  # noqa: B039
 
 
-def load(word: str) -> Robot:
-    """Load a robot: built-in name, URDF file or folder."""
-    return load_robot(_INSTEAD.get().get(word, word), vocabulary())
+def load(
+    word: str | Path,
+    *,
+    chain: Sequence[str] = (),
+    tip: str | None = None,
+    xacro_args: Sequence[str] = (),
+    package_dirs: Sequence[str] = (),
+    logs: Sequence[str] = (),
+) -> Robot:
+    """Load a robot: built-in name, robot file (URDF, xacro, MJCF) or folder.
+
+    Args:
+        chain: Names of the joints of the arm, where the file has more.
+        tip: The link that the arm ends with, in place of their names.
+        xacro_args: Arguments of a xacro, "name:=value".
+        package_dirs: Folders where its packages are.
+        logs: Bags, whose names of joints choose a chain where nothing else does.
+
+    Raises:
+        InputError: If the robot is not usable, or the logs are of several chains.
+    """
+    word = word_of(word, chain, tip, xacro_args, package_dirs)
+    named = dict.fromkeys(names for log in logs if (names := _logged(log)))
+    return _of_names(word, [*named])
+
+
+def _of_names(word: str, named: Sequence[Sequence[str]]) -> Robot:
+    """Load a robot whose chain the names of joints, log by log, may say."""
+    known, own = vocabulary(), joint_properties()
+    word = _INSTEAD.get().get(word, word)
+    robots = [load_robot(word, known, own, names) for names in (named or [()])]
+    chains = {robot.joints for robot in robots}
+    if len(chains) > 1:
+        told = " and ".join(", ".join(chain) for chain in sorted(chains)[:2])
+        raise InputError(
+            f"The logs are of several chains of {robots[0].name}: {told}. Give logs of "
+            "one, or choose it with --chain or --tip."
+        )
+    return robots[0]
+
+
+def _logged(log: str) -> tuple[str, ...]:
+    """Names of the joints that a log has, of all topics of a bag; () for none."""
+    path, _ = split_spec(log)
+    return tuple(dict.fromkeys(n for names in topics(path).values() for n in names))
 
 
 @contextmanager
@@ -244,8 +290,10 @@ def load_of(word: str, runs: Sequence[str], store: str | Path | None) -> Robot:
         InputError: If the runs are of arms with different serial numbers, or of another
             one than robot.toml says; or there is no such run.
     """
-    robot = load(word)
-    for run in filter(is_run, runs):
+    ids, files = [r for r in runs if is_run(r)], [r for r in runs if not is_run(r)]
+    named = [*filter(None, map(_logged, files)), *_chains_of(word, ids, store)]
+    robot = _of_names(word, list(dict.fromkeys(named)))
+    for run in ids:
         serial = serial_of(run, store)
         if serial is not None and robot.serial not in (None, serial):
             raise InputError(
@@ -254,6 +302,23 @@ def load_of(word: str, runs: Sequence[str], store: str | Path | None) -> Robot:
             )
         robot = with_serial(robot, serial)
     return robot
+
+
+def _chains_of(
+    word: str, ids: Sequence[str], store: str | Path | None
+) -> list[tuple[str, ...]]:
+    """Names of the joints of runs of another robot than the word says by itself."""
+    place, out = store_folder(store), []
+    hashes = {read_manifest(place, run).get("robot_hash") for run in ids}
+    try:
+        if hashes <= {None, load(word).content_hash}:
+            return []
+    except RobotError:
+        pass  # of several chains, which the runs may tell apart
+    for content_hash in filter(None, hashes):
+        with suppress(InputError):
+            out.append(load(robot_of_hash(place, content_hash)).joints)
+    return out
 
 
 def serial_of(run: str, store: str | Path | None) -> str | None:

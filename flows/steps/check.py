@@ -23,7 +23,8 @@ def read_logs(request: Check) -> LogSets:
 
 def draft_map(request: Map) -> str:
     """Return the text of a map for a log, drafted from what the log says of itself."""
-    robot, (path, _) = load(request.robot), split_spec(request.log)
+    path, _ = split_spec(request.log)
+    robot = load(request.robot, logs=[request.log])
     return drafted(draft(path, robot, request.format), request.log, robot)
 
 

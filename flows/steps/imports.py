@@ -53,7 +53,7 @@ def read_logs(request: Import) -> tuple[Robot, tuple[Log, ...]]:
             raise InputError(
                 f"--{what} '{word[:LONGEST]}': expected a short name such as 'welding'."
             )
-    robot = with_serial(load(request.robot), request.serial)
+    robot = with_serial(load(request.robot, logs=request.logs), request.serial)
     if request.recorded_at is not None and len(request.logs) > 1:
         raise InputError(
             f"--recorded-at is the time of one log, {len(request.logs)} are given. "

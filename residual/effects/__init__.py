@@ -38,6 +38,19 @@ def vocabulary() -> dict[str, Mapping[str, str]]:
     return {name: effect.parameters for name, effect in registry().items()}
 
 
+def joint_properties() -> dict[str, tuple[str, str]]:
+    """Effects that every drive has, by the property of a simulated joint that each is.
+
+    Returns:
+        Name and parameter of the effect, by property: what an MJCF declares.
+    """
+    usual = (e for e in registry().values() if e.usual_in_every_drive)
+    return {
+        effect.portable.joint[0]: (effect.name, next(iter(effect.parameters)))
+        for effect in sorted(usual, key=lambda e: e.usual_in_every_drive)
+    }
+
+
 def reported_joints(name: str, joints: Iterable[int], dof: int) -> tuple[int, ...]:
     """Joints (from 1) as a verdict has them: what is at the flange is on the last.
 

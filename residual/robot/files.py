@@ -1,15 +1,14 @@
-"""The files of a robot: its URDF as a Pinocchio model, and its robot.toml."""
+"""What Pinocchio makes of a URDF, and what a robot.toml may say."""
 
 import os
 import re
 import sys
 import tempfile
 import tomllib
-import xml.etree.ElementTree as ET
 from collections.abc import Collection, Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import dataclass
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 import pinocchio as pin
@@ -23,195 +22,7 @@ from residual.errors import (
     shown,
 )
 from residual.recording import Array
-
-ENDLESS = "1e4"  # rad: the range that a continuous joint is written with
-
-
-class Arm(NamedTuple):
-    """A serial arm as its URDF describes it, continuous joints written as revolute.
-
-    Limits are lower, upper [rad], speed [rad/s] and effort [N m] of each joint,
-    infinite where not given or continuous. Shape (4, dof).
-    """
-
-    name: str
-    urdf: str
-    limits: Array
-
-
-def read_urdf(text: str, where: str) -> Arm:
-    """Check a URDF and return its actuated joints in kinematic order.
-
-    Raises:
-        RobotError: If the text is not a URDF of a serial arm of revolute joints whose
-            moving links have mass.
-    """
-    root = _parse(text, where)
-    joints = _chain(root, where)
-    _check_mass(root, joints, where)
-    limits = np.array([_limits(joint, where) for joint in joints]).T
-    limits.setflags(write=False)
-    continuous = [j for j in joints if j.get("type") == "continuous"]
-    if continuous:
-        text = _as_revolute(root, continuous)
-    return Arm(root.get("name", ""), text, limits)
-
-
-def _parse(text: str, where: str) -> ET.Element:
-    try:
-        root = ET.fromstring(text)
-    except ET.ParseError as error:
-        raise RobotError(
-            f"{where} does not parse as a URDF: {error}. Give a well-formed URDF file."
-        ) from error
-    if root.tag != "robot":
-        raise RobotError(
-            f"{where} is not a URDF: its root is <{root.tag}>, expected <robot>."
-        )
-    if any("xacro" in element.tag for element in root.iter()):
-        raise RobotError(f"{where} is a xacro. Expand it to a plain URDF first.")
-    return root
-
-
-def _chain(root: ET.Element, where: str) -> list[ET.Element]:
-    """Walk down from the root link; every actuated joint follows the one before."""
-    children: dict[str, list[ET.Element]] = {}
-    moved = set()
-    for joint in root.findall("joint"):
-        name = joint.get("name", "?")
-        parent, child = joint.find("parent"), joint.find("child")
-        if parent is None or child is None:
-            raise RobotError(f"{where}: joint '{name}' lacks a parent or a child link.")
-        if child.get("link") in moved:
-            raise RobotError(
-                f"{where}: link '{child.get('link')}' hangs on two joints, expected a "
-                "serial arm. Remove one of them."
-            )
-        children.setdefault(parent.get("link", ""), []).append(joint)
-        moved.add(child.get("link"))
-        _refuse(joint, where)
-    names = (link.get("name", "") for link in root.findall("link"))
-    bases = [name for name in names if name not in moved]
-    if len(bases) != 1:
-        raise RobotError(
-            f"{where}: expected one base link, got {len(bases)} ({', '.join(bases)})."
-        )
-    order: list[ET.Element] = []
-    front = children.get(bases[0], [])
-    while front := _next_joints(front, children):
-        if len(front) > 1:
-            names = ", ".join(f"'{j.get('name')}'" for j in front)
-            raise RobotError(
-                f"{where} branches: joints {names} move on the same link, expected a "
-                "serial arm. Make the joints of the side branch fixed."
-            )
-        order.append(front[0])
-        front = children.get(front[0].find("child").get("link"), [])
-    if not order:
-        raise RobotError(f"{where} has no revolute joint, expected an arm.")
-    return order
-
-
-def _next_joints(front: list, children: dict[str, list]) -> list[ET.Element]:
-    """Return the first actuated joints below, fixed joints passed through."""
-    found, stack = [], list(front)
-    while stack:
-        joint = stack.pop(0)
-        if joint.get("type") == "fixed":
-            stack += children.get(joint.find("child").get("link"), [])
-        else:
-            found.append(joint)
-    return found
-
-
-def _refuse(joint: ET.Element, where: str) -> None:
-    name, kind = joint.get("name", "?"), joint.get("type", "?")
-    if joint.find("mimic") is not None:
-        reason = "mimics another joint"
-    elif kind in ("revolute", "continuous", "fixed"):
-        return
-    elif kind in ("prismatic", "floating", "planar"):
-        reason = f"is {kind}"
-    else:
-        reason = f"has the unknown type '{kind}'"
-    raise RobotError(
-        f"{where}: joint '{name}' {reason}; only revolute, continuous and fixed joints "
-        "are supported. Make it fixed or remove it."
-    )
-
-
-def _check_mass(root: ET.Element, joints: list[ET.Element], where: str) -> None:
-    """Every moving body needs mass, its fixed parts counted."""
-    mass, fixed = {}, {}
-    for link in root.findall("link"):
-        name = link.get("name")
-        what = f"{where}: mass of link '{name}'"
-        mass[name] = _number(link.find("inertial/mass"), "value", what)
-        if mass[name] < 0:
-            raise RobotError(
-                f"{where}: link '{name}' has mass {mass[name]:g}, expected >= 0."
-            )
-    for joint in root.findall("joint"):
-        if joint.get("type") == "fixed":
-            parent = joint.find("parent").get("link")
-            fixed.setdefault(parent, []).append(joint.find("child").get("link"))
-    for joint in joints:
-        link = joint.find("child").get("link")
-        body = [link]
-        for part in body:
-            body += fixed.get(part, [])
-        if sum(mass.get(part, 0.0) for part in body) <= 0:
-            raise RobotError(
-                f"{where}: link '{link}', moved by joint '{joint.get('name')}', has no "
-                "inertia. Give it an <inertial> with a positive mass."
-            )
-
-
-def _limits(joint: ET.Element, where: str) -> tuple[float, float, float, float]:
-    """Return lower, upper, velocity and effort; a limit of 0 stands for not given."""
-    node, name = joint.find("limit"), joint.get("name")
-    axis = joint.find("axis")
-    if axis is not None and not any(c in "123456789" for c in axis.get("xyz", "1")):
-        raise RobotError(f"{where}: joint '{name}' has an axis of length zero.")
-    what = f"{where}: limit of joint '{name}'"
-    speed = _number(node, "velocity", what) or np.inf
-    effort = _number(node, "effort", what) or np.inf
-    if joint.get("type") == "continuous":
-        return -np.inf, np.inf, speed, effort
-    lower = _number(node, "lower", what)
-    upper = _number(node, "upper", what)
-    if upper == -lower == float(ENDLESS):
-        return -np.inf, np.inf, speed, effort
-    if lower >= upper:
-        raise RobotError(
-            f"{where}: joint '{name}' has no range (lower {lower:g}, upper {upper:g} "
-            "rad). Give it a <limit> with lower below upper, or type continuous."
-        )
-    return lower, upper, speed, effort
-
-
-def _number(node: ET.Element | None, key: str, what: str) -> float:
-    text = "0" if node is None else node.get(key, "0")
-    try:
-        value = float(text)
-    except ValueError:
-        value = np.nan
-    if not np.isfinite(value):
-        raise RobotError(f"{what}: {key} is '{text}', expected a finite number.")
-    return value
-
-
-def _as_revolute(root: ET.Element, joints: list[ET.Element]) -> str:
-    # A continuous joint has two positions (cos, sin) for one velocity in Pinocchio; a
-    # revolute one with a range of no consequence keeps q and qd the same size.
-    for joint in joints:
-        joint.set("type", "revolute")
-        limit = joint.find("limit")
-        if limit is None:
-            limit = ET.SubElement(joint, "limit", {"effort": "0", "velocity": "0"})
-        limit.set("lower", f"-{ENDLESS}")
-        limit.set("upper", ENDLESS)
-    return ET.tostring(root, encoding="unicode")
+from residual.robot.urdf import Choice
 
 
 def build_model(text: str, where: str) -> pin.Model:
@@ -299,6 +110,31 @@ def parse_toml(text: str, where: str) -> dict:
         raise RobotError(f"{where} is nested too deep.") from error
     except ValueError as error:  # also a number of more digits than Python reads
         raise RobotError(f"{where} is not valid TOML: {error}.") from error
+
+
+def read_choice(chain: object, locked: object, where: str) -> Choice:
+    """Check what a robot.toml says of its chain and of the joints outside of it.
+
+    Raises:
+        RobotError: If a table is none, or a name or value is not usable.
+        UnknownNameError: On a key that is not known.
+    """
+    for name, table in (("chain", chain), ("locked", locked)):
+        if not isinstance(table, dict):
+            raise RobotError(f"{where}: '{name}' must be a table: [{name}].")
+    check_keys(chain, ("joints",), f"[chain] of {where}")
+    joints = chain.get("joints", [])
+    if not isinstance(joints, list) or not all(isinstance(j, str) for j in joints):
+        raise RobotError(
+            f"{where}: joints of [chain] is {shown(joints)}, expected a list of names."
+        )
+    for joint, value in locked.items():
+        if not _is_number(value):
+            raise RobotError(
+                f"{where}: {joint} in [locked] is {shown(value)}, expected a position "
+                "in rad or m."
+            )
+    return Choice(tuple(joints), None, (), dict(locked))
 
 
 def read_robot_toml(

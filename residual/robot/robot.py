@@ -1,4 +1,4 @@
-"""The robot: rigid body from its URDF, everything else from its robot.toml."""
+"""The robot: rigid body from its file, everything else from its robot.toml."""
 
 import hashlib
 import json
@@ -17,24 +17,35 @@ import pinocchio as pin
 from residual.errors import InputError, RobotError, check_name, shortened
 from residual.recording import Array, Recording
 from residual.robot.files import (
-    Arm,
+    GRAVITY,
     Declared,
     Effects,
     build_model,
     parse_toml,
+    read_choice,
     read_robot_toml,
-    read_urdf,
 )
+from residual.robot.mjcf import read_mjcf
+from residual.robot.urdf import Arm, Choice, end, read_urdf, some
+from residual.robot.word import split_word
+from residual.robot.xacro import read_xacro
+
+# Effects, by the property of a joint that MJCF gives, with the parameter that it is.
+Properties = Mapping[str, tuple[str, str]]
+_ENDINGS = (".urdf", ".xacro", ".xml")  # of robot files, in the order of their choice
 
 
 @dataclass(frozen=True, eq=False, slots=True, repr=False)
 class Robot:
-    """A serial arm of revolute joints, joint 1 at the base.
+    """A serial arm of revolute and prismatic joints, joint 1 at the base.
+
+    Units follow the joint: where rad and N m stand, a prismatic one has m and N.
 
     Attributes:
         name: Slug, 1 to 40 of a-z, 0-9, "_" and "-".
         model: Pinocchio model with nq == nv == dof, gravity set.
-        urdf: URDF text the model was built from (continuous joints as revolute).
+        urdf: URDF text the model was built from: continuous joints as revolute, those
+            outside of the chain as fixed.
         toml: Canonical text of the robot.toml (JSON, keys sorted), "{}" for none.
         dof: Number of joints.
         lower: Lower end of each range, -inf where continuous [rad]. Shape (dof,).
@@ -51,6 +62,9 @@ class Robot:
         columns: What its robot.toml says of the columns of its logs, unchecked: a fact
             of the logger, so no part of the robot's hash.
         known: Values that are known for sure, such as "payload.mass" [SI].
+        locked: Joints of its file that are outside of the chain, and where they stand
+            [rad or m].
+        notes: What of its file was not taken as it stands, in words.
     """
 
     name: str
@@ -71,10 +85,24 @@ class Robot:
     serial: str | None = None
     columns: Mapping = field(default_factory=dict)
     known: Mapping[str, float] = field(default_factory=dict)
+    locked: Mapping[str, float] = field(default_factory=dict)
+    notes: tuple[str, ...] = ()
 
     def __repr__(self) -> str:
         declared = ", ".join(self.declared) or "rigid body alone"
-        return f"Robot({self.name}: {self.dof} joints; declared: {declared})"
+        names = ", ".join(self.joints)
+        return f"Robot({self.name}: {self.dof} joints: {names}; declared: {declared})"
+
+    @property
+    def joints(self) -> tuple[str, ...]:
+        """Names of the joints in the file, joint 1 first."""
+        return tuple(self.model.names)[1:]
+
+    @property
+    def prismatic(self) -> tuple[bool, ...]:
+        """Which joints move along their axis, not about it."""
+        kinds = list(self.model.joints)[1:]
+        return tuple("JointModelP" in kind.shortname() for kind in kinds)
 
     @property
     def content_hash(self) -> str:
@@ -109,30 +137,83 @@ def built_in_folder(name: str) -> Traversable:
     return _robots_folder() / name
 
 
-def load_robot(spec: str | Path, effects: Effects | None = None) -> Robot:
+def load_robot(
+    spec: str | Path,
+    effects: Effects | None = None,
+    properties: Properties | None = None,
+    logged: Sequence[str] = (),
+) -> Robot:
     """Load a robot.
 
     Args:
-        spec: A built-in name, a URDF file (nothing beside it is picked up), or a
-            folder with exactly one *.urdf and an optional robot.toml. A built-in name
-            wins over a folder of that name in the working directory.
+        spec: A built-in name, a robot file (URDF, xacro or MJCF; nothing beside it is
+            picked up), or a folder with exactly one and an optional robot.toml; how it
+            is read may follow (`word_of`). A built-in name wins over a folder of that
+            name in the working directory.
         effects: Parameters of each effect that its robot.toml may declare
             (``residual.effects.vocabulary``); None to take any.
+        properties: Effects that the joints of an MJCF may have
+            (``residual.effects.joint_properties``); None to leave them out.
+        logged: Names of the joints that the logs have, which say which chain of
+            several the arm is, where nothing else does.
 
     Raises:
         RobotError: If there is no such file or its content is not usable.
-        UnknownNameError: On an unknown robot, table, key or effect.
+        UnknownNameError: On an unknown robot, table, key, effect, joint or link.
     """
-    urdf_file, toml_file = _locate(spec)
-    arm = read_urdf(_read(urdf_file), urdf_file.name)
+    word, options = split_word(spec)
+    file, toml_file = _locate(word)
     content = parse_toml(_read(toml_file) if toml_file else "", "robot.toml")
     columns = content.pop("columns", {})
     if not isinstance(columns, dict):
         raise RobotError("robot.toml: 'columns' must be a table: [columns].")
+    choice = read_choice(
+        content.pop("chain", {}), content.pop("locked", {}), "robot.toml"
+    )
+    tip = options.get("tip", [None])[0]
+    names = tuple(n.strip() for n in ",".join(options.get("chain", [])).split(",") if n)
+    joints = names or (() if tip else choice.joints)
+    choice = replace(choice, joints=joints, tip=tip, logged=tuple(logged))
+    text, notes = _urdf_of(file, options, content, properties, choice)
+    arm = read_urdf(text, file.name, choice)
     extra = read_robot_toml(content, arm.limits.shape[1], "robot.toml", effects)
-    extra["name"] = extra["name"] or _slug(arm.name, Path(urdf_file.name).stem)
+    extra["name"] = extra["name"] or _slug(arm.name, Path(file.name).stem)
     extra |= {"toml": json.dumps(content, sort_keys=True), "columns": columns}
-    return _assemble(arm, extra, urdf_file.name)
+    extra |= {"notes": (*arm.notes, *notes), "locked": arm.locked}
+    return _assemble(arm, extra, file.name)
+
+
+def _urdf_of(
+    file: Traversable,
+    options: Mapping[str, Sequence[str]],
+    content: dict,
+    properties: Properties | None,
+    choice: Choice,
+) -> tuple[str, tuple[str, ...]]:
+    """Return a robot file as URDF, and notes; what else it says goes into content."""
+    text, path = _read(file), Path(str(file))
+    if path.suffix == ".xacro" or "<xacro:" in text:
+        args, packages = options.get("arg", ()), options.get("package", ())
+        return read_xacro(path, args, packages), ()
+    if not re.search(r"<mujoco\b", text):
+        return text, ()
+    made = read_mjcf(path)
+    if made.gravity != GRAVITY:
+        content.setdefault("robot", {}).setdefault("gravity", list(made.gravity))
+    joints = _joints_of(read_urdf(made.urdf, file.name, choice))
+    declared = content.setdefault("declared", {})
+    source = {"assumed": True, "source": f"joint properties of {file.name}"}
+    for key, (effect, parameter) in (properties or {}).items():
+        values = [made.properties[key][joint] for joint in joints]
+        declared.setdefault(effect, {parameter: values} | source if any(values) else {})
+    springs = [joint for joint in joints if made.properties["stiffness"][joint]]
+    notes = (f"springs are left to the diagnosis: {some(springs)}",) if springs else ()
+    return made.urdf, (*made.notes, *notes)
+
+
+def _joints_of(arm: Arm) -> list[str]:
+    """Names of the joints of an arm, base to tip."""
+    return list(build_model(arm.urdf, arm.name).names)[1:]
 
 
 @lru_cache(maxsize=16)
@@ -180,7 +261,13 @@ def _told(robot: Robot, table: str, more: Mapping) -> Robot:
     # In the order of its file, which is that of the columns of a fit: a rerun from the
     # file that is kept has the same bits.
     declared = {name: made.declared[name] for name in robot.declared}
-    return replace(made, columns=robot.columns, declared=declared)
+    return replace(
+        made,
+        columns=robot.columns,
+        declared=declared,
+        locked=robot.locked,
+        notes=robot.notes,
+    )
 
 
 def _assemble(arm: Arm, extra: dict, where: str) -> Robot:
@@ -213,29 +300,31 @@ def _locate(spec: str | Path) -> tuple[Traversable, Traversable | None]:
         except OSError as error:
             raise RobotError(f"Robot '{shortened(spec)}': {error.strerror}.") from error
         if path.is_dir():
-            return _only_urdf(path)
+            return _only_file(path)
         if path.is_file():
             return path, None
         if path.exists() or path.suffix or len(path.parts) > 1:
             raise RobotError(
-                f"No file or folder '{shortened(spec)}' for a robot. Give a URDF file, "
-                "a folder with one, or a built-in name "
+                f"No file or folder '{shortened(spec)}' for a robot. Give a URDF, "
+                "xacro or MJCF file, a folder with one, or a built-in name "
                 f"({', '.join(built_in_robots())})."
             )
     name = check_name(str(spec), built_in_robots(), "robot")
-    return _only_urdf(built_in_folder(name))
+    return _only_file(built_in_folder(name))
 
 
-def _only_urdf(folder: Traversable) -> tuple[Traversable, Traversable | None]:
+def _only_file(folder: Traversable) -> tuple[Traversable, Traversable | None]:
+    """Return the robot file of a folder, a URDF if there is one, and robot.toml."""
     entries = {f.name: f for f in folder.iterdir() if f.is_file()}
-    urdfs = sorted(name for name in entries if name.endswith(".urdf"))
-    if len(urdfs) != 1:
-        found = ", ".join(urdfs) or "none"
+    by_ending = [sorted(n for n in entries if n.endswith(e)) for e in _ENDINGS]
+    robots = next(filter(None, by_ending), [])
+    if len(robots) != 1:
+        found = ", ".join(robots) or "none"
         raise RobotError(
-            f"Folder '{folder.name}' must hold exactly one *.urdf, found {found}. "
-            "Give the URDF file itself to choose one."
+            f"Folder '{folder.name}' must hold exactly one robot file (*.urdf, *.xacro "
+            f"or *.xml), found {found}. Give the file itself to choose one."
         )
-    return entries[urdfs[0]], entries.get("robot.toml")
+    return entries[robots[0]], entries.get("robot.toml")
 
 
 def _read(file: Traversable) -> str:
@@ -278,7 +367,7 @@ def with_inertials(robot: Robot, parameters: Array) -> str:
                 f"Link {number} was identified with mass {body[0]:.3g} kg, and a URDF "
                 "needs a positive one. Use --consistent, which keeps bodies possible."
             )
-        moved = _end(joints[name], "child")
+        moved = end(joints[name], "child")
         for part in _fixed_to(moved, joints):
             own = links[part].find("inertial")
             if own is not None:
@@ -294,17 +383,11 @@ def _fixed_to(link: str, joints: dict[str, ET.Element]) -> list[str]:
     found = [link]
     for part in found:
         found += [
-            _end(j, "child")
+            end(j, "child")
             for j in joints.values()
-            if j.get("type") == "fixed" and _end(j, "parent") == part
+            if j.get("type") == "fixed" and end(j, "parent") == part
         ]
     return found[1:]
-
-
-def _end(joint: ET.Element, side: str) -> str:
-    """Name of the parent or child link; the reader has seen that there is one."""
-    node = joint.find(side)
-    return "" if node is None else node.get("link", "")
 
 
 def _make_continuous(joint: ET.Element) -> None:

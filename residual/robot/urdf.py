@@ -1,0 +1,557 @@
+"""A URDF: which of its joints are the arm, and the same file with all others locked.
+
+A robot file may hold more than an arm: fingers, a second arm, a lift, wheels. The arm
+is one chain of revolute, continuous and prismatic joints. Every other joint is written
+as a fixed one at the place where it is locked, so that whoever reads the file
+afterwards (Pinocchio, PyBullet, MuJoCo, a controller) finds a serial arm that carries
+the rest: what Pinocchio calls the reduced model.
+"""
+
+import xml.etree.ElementTree as ET
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass, field
+from typing import NamedTuple
+
+import numpy as np
+import pinocchio as pin
+
+from residual.errors import RobotError, check_name
+from residual.recording import Array
+
+ENDLESS = "1e4"  # rad or m: the range that a joint without ends is written with
+MOVING = ("revolute", "continuous", "prismatic")
+# Of a branch on fewer joints than lead to it, at least so many, nobody says "arm".
+TRUNK = 3
+_NAMED = 6  # joints of a line
+_FAULTS = 8  # of a file, in one message
+
+
+class Arm(NamedTuple):
+    """A serial arm as its file describes it, joints without ends written with a range.
+
+    Limits are lower, upper [rad or m], speed [rad/s or m/s] and effort [N m or N] of
+    each joint, infinite where not given or continuous. Shape (4, dof).
+    """
+
+    name: str
+    urdf: str
+    limits: Array
+    locked: Mapping[str, float]  # joints outside of the chain [rad or m]
+    notes: tuple[str, ...]  # what of the file was not taken as it stands, in words
+
+
+@dataclass(frozen=True, slots=True)
+class Choice:
+    """Which joints of a file are the arm, and where the others stand."""
+
+    joints: tuple[str, ...] = ()  # names, in any order; () where that is not said
+    tip: str | None = None  # the link that the arm ends with
+    logged: tuple[str, ...] = ()  # names of the joints that the logs have
+    locked: Mapping[str, float] = field(default_factory=dict)  # [rad or m]
+
+
+class _Tree:
+    """The links and joints of a file, and what is wrong with them."""
+
+    def __init__(self, root: ET.Element) -> None:
+        self.faults: list[str] = []
+        self.notes: list[str] = []
+        self.links = self._by_name(root, "link")
+        self.joints = self._by_name(root, "joint")
+        self.above: dict[str, ET.Element] = {}  # the joint that a link hangs on
+        self.below: dict[str, list[ET.Element]] = {}
+        for name, joint in self.joints.items():
+            self._place(name, joint)
+        self.base = self._base(root)
+
+    def _by_name(self, root: ET.Element, kind: str) -> dict[str, ET.Element]:
+        found: dict[str, ET.Element] = {}
+        for element in root.findall(kind):
+            name = element.get("name", "?")
+            if name in found:
+                self.faults.append(f"{kind} '{name}' is not unique")
+            found.setdefault(name, element)
+        return found
+
+    def _place(self, name: str, joint: ET.Element) -> None:
+        kind = joint.get("type", "?")
+        if kind not in (*MOVING, "fixed", "floating", "planar"):
+            self.faults.append(f"joint '{name}' has the unknown type '{kind}'")
+        parent, child = end(joint, "parent"), end(joint, "child")
+        if not parent or not child:
+            self.faults.append(f"joint '{name}' lacks a parent or a child link")
+            return
+        for link in {parent, child} - set(self.links):
+            self.faults.append(
+                f"joint '{name}' is at link '{link}', which is not found in the file"
+            )
+        if child in self.above:
+            self.faults.append(f"link '{child}' hangs on two joints")
+        self.above[child] = joint
+        self.below.setdefault(parent, []).append(joint)
+
+    def _base(self, root: ET.Element) -> str:
+        """The link that all others hang on; what hangs on nothing is taken out."""
+        bases = [name for name in self.links if name not in self.above]
+        moving = [name for name in bases if self.moved_by(self.below.get(name, []))]
+        if len(bases) > 1 and len(moving) == 1:
+            lost = [link for b in bases if b != moving[0] for link in self.carried(b)]
+            for name in lost:
+                for element in (self.links.pop(name), self.above.pop(name, None)):
+                    if element is not None:
+                        root.remove(element)
+            kept = {j.get("name", "?") for j in self.above.values()}
+            self.joints = {n: j for n, j in self.joints.items() if n in kept}
+            self.notes.append(f"left out, since it hangs on no joint: {some(lost)}")
+            bases = moving
+        if len(bases) != 1 and not self.faults:
+            which = f"{len(bases)} ({', '.join(bases)})" if bases else "none"
+            self.faults.append(f"expected one base link, got {which}")
+        return bases[0] if bases else ""
+
+    def carried(self, link: str, stop: Iterable[str] = ()) -> list[str]:
+        """The link and all that hang on it, without what is beyond some joints."""
+        found, stop = [link], set(stop)
+        for part in found:
+            next_ = [j for j in self.below.get(part, []) if j.get("name") not in stop]
+            found += [c for j in next_ if (c := end(j, "child")) not in found]
+        return found
+
+    def moved_by(self, front: Sequence[ET.Element]) -> list[ET.Element]:
+        """The first joints below that can move, passing through those that cannot."""
+        found, stack = [], list(front)
+        while stack:
+            joint = stack.pop(0)
+            if joint.get("type") in MOVING:
+                found.append(joint)
+            else:
+                stack += self.below.get(end(joint, "child"), [])
+        return found
+
+    def path(self, link: str) -> list[str]:
+        """Names of the joints from the base to a link that can move, in order."""
+        names: list[str] = []
+        while link in self.above:
+            joint = self.above[link]
+            if joint.get("type") in MOVING:
+                names.insert(0, joint.get("name", "?"))
+            link = end(joint, "parent")
+        return names
+
+    def number(self, node: ET.Element | None, key: str, what: str) -> float:
+        text = "0" if node is None else node.get(key, "0")
+        try:
+            value = float(text)
+        except ValueError:
+            value = np.nan
+        if np.isnan(value):
+            self.faults.append(f"{what}: {key} is '{text}', expected a finite number")
+            return 0.0
+        return value
+
+
+def read_urdf(text: str, where: str, choice: Choice | None = None) -> Arm:
+    """Check a URDF, choose its arm, and lock all joints outside of it.
+
+    Args:
+        choice: Which joints are the arm; None for the only one there is.
+
+    Raises:
+        RobotError: If the text is no URDF, with all that is wrong with it; or if it
+            has no arm, or several and nothing that says which.
+        UnknownNameError: On a joint or link that it does not have.
+    """
+    choice = choice or Choice()
+    root = _parse(text, where)
+    tree = _Tree(root)
+    _refuse(tree.faults, where)
+    mimics = {
+        name: joint
+        for name, joint in tree.joints.items()
+        if joint.find("mimic") is not None and joint.get("type") in MOVING
+    }
+    chain = _chain(tree, mimics, choice, where)
+    locked = _locked(tree, chain, mimics, choice, where)
+    joints = [tree.joints[name] for name in chain]
+    limits, mended = [], False
+    for joint in joints:
+        limit, changed = _limits(tree, joint)
+        limits.append(limit)
+        mended |= changed
+    _check_bodies(tree, chain)
+    for name, value in locked.items():
+        _lock(tree.joints[name], value, tree)
+    stale = [joint for joint in tree.joints.values() if _is_stale(joint)]
+    for joint in stale:
+        _fix(joint)
+    _refuse(tree.faults, where)
+    table = np.array(limits, dtype=float).T
+    table.setflags(write=False)
+    lost = any(note.startswith("left out") for note in tree.notes)
+    if mended or locked or stale or lost:
+        text = ET.tostring(root, encoding="unicode")
+    if locked:
+        tree.notes.insert(0, _said(tree, chain, locked))
+    return Arm(root.get("name", ""), text, table, locked, tuple(tree.notes))
+
+
+def _parse(text: str, where: str) -> ET.Element:
+    try:
+        root = ET.fromstring(text)
+    except ET.ParseError as error:
+        raise RobotError(
+            f"{where} does not parse as a URDF: {error}. Give a well-formed URDF file."
+        ) from error
+    if root.tag != "robot":
+        raise RobotError(
+            f"{where} is not a URDF: its root is <{root.tag}>, expected <robot>."
+        )
+    if any("xacro" in element.tag for element in root.iter()):
+        raise RobotError(
+            f"{where} is a xacro. Name it .xacro, and it is expanded as it is read."
+        )
+    if root.find("link") is None:
+        raise RobotError(f"{where} has no link, expected a URDF with links and joints.")
+    return root
+
+
+def _refuse(faults: Sequence[str], where: str) -> None:
+    """Say all that is wrong with a file at once."""
+    if faults:
+        once = list(dict.fromkeys(faults))
+        more = f"; and {len(once) - _FAULTS} more" if len(once) > _FAULTS else ""
+        raise RobotError(f"{where}: {'; '.join(once[:_FAULTS])}{more}.")
+
+
+# Which joints are the arm.
+
+
+def _chain(
+    tree: _Tree, mimics: Mapping[str, ET.Element], choice: Choice, where: str
+) -> list[str]:
+    """Names of the joints of the arm, base to tip."""
+    free = [
+        name
+        for name, joint in tree.joints.items()
+        if joint.get("type") in MOVING and name not in (mimics.keys() | choice.locked)
+    ]
+    if not free:
+        raise RobotError(
+            f"{where} has no revolute, continuous or prismatic joint that is free, "
+            "expected an arm."
+        )
+    if choice.joints:
+        chain = _named(tree, mimics, choice, where)
+    elif choice.tip is not None:
+        check_name(choice.tip, tree.links, f"link of {where}")
+        chain = [name for name in tree.path(choice.tip) if name in free]
+        if not chain:
+            raise RobotError(
+                f"{where}: no joint moves link '{choice.tip}'. Give --tip another link."
+            )
+    else:
+        chain = _only(tree, free, mimics, choice.logged, where)
+    for name, joint in mimics.items():
+        leader = joint.find("mimic").get("joint")
+        for _ in mimics:  # one may follow another that follows
+            if leader in mimics:
+                leader = mimics[leader].find("mimic").get("joint")
+        if leader in chain:
+            raise RobotError(
+                f"{where}: joint '{name}' follows '{leader}', which is in the chain: "
+                "such arms are not modelled. Take the leader out with --chain, or "
+                "remove the <mimic> of a joint that is driven by itself."
+            )
+    return chain
+
+
+def _named(tree: _Tree, mimics: Mapping, choice: Choice, where: str) -> list[str]:
+    for name in choice.joints:
+        check_name(name, tree.joints, f"joint of the chain in {where}")
+    wanted = set(choice.joints)
+    last = max(wanted, key=lambda name: len(tree.path(end(tree.joints[name], "child"))))
+    path = tree.path(end(tree.joints[last], "child"))
+    for name in choice.joints:
+        if tree.joints[name].get("type") == "fixed":
+            tree.faults.append(f"joint '{name}' of the chain is fixed")
+        elif name in mimics or tree.joints[name].get("type") not in MOVING:
+            tree.faults.append(f"joint '{name}' of the chain cannot move by itself")
+        elif name not in path:
+            tree.faults.append(f"joints '{name}' and '{last}' are on no one chain")
+        elif name in choice.locked:
+            tree.faults.append(f"joint '{name}' is both in the chain and locked")
+    _refuse(tree.faults, where)
+    return [name for name in path if name in wanted]
+
+
+def _only(
+    tree: _Tree,
+    free: Sequence[str],
+    mimics: Mapping[str, ET.Element],
+    logged: Sequence[str],
+    where: str,
+) -> list[str]:
+    """The only chain there is, of those that the log has by name; hands taken off."""
+    ends = [
+        j
+        for n in free
+        if not tree.moved_by(tree.below.get(end(j := tree.joints[n], "child"), []))
+    ]
+    ends += list(mimics.values())
+    chains = _apart([_without_hand(tree, mimics, free, j) for j in ends])
+    seen = set(logged)
+    if any(seen & set(chain) for chain in chains):
+        chains = _apart([_spanned(chain, seen) for chain in chains])
+        chains.sort(key=len, reverse=True)
+        # Beside an arm of six or seven a head of two is none.
+        rest = [len(set(other) - set(chains[0])) for other in chains[1:]]
+        if all(2 * n <= len(chains[0]) for n in rest):
+            chains = chains[:1]
+    if len(chains) == 1:
+        return chains[0]
+    listed = "; ".join(
+        f"--tip {end(tree.joints[chain[-1]], 'child')}: {len(chain)} joints, "
+        f"{chain[0]} to {chain[-1]}"
+        for chain in sorted(chains, key=len, reverse=True)[:_NAMED]
+    )
+    raise RobotError(
+        f"{where} branches: it has {len(chains)} chains, and no names of joints in "
+        f"the logs say which. Choose one with --chain a,b,c or --tip: {listed}."
+    )
+
+
+def _apart(chains: Sequence[list[str]]) -> list[list[str]]:
+    """The chains that are no part of another one, each once."""
+    once = [list(c) for c in dict.fromkeys(tuple(c) for c in chains) if c]
+    return [c for c in once if not any(set(c) < set(other) for other in once)]
+
+
+def _spanned(chain: Sequence[str], seen: set[str]) -> list[str]:
+    """What of a chain lies between the first and the last joint that is logged."""
+    at = [i for i, name in enumerate(chain) if name in seen]
+    return list(chain[at[0] : at[-1] + 1]) if at else []
+
+
+def _without_hand(
+    tree: _Tree, mimics: Mapping, free: Sequence[str], last: ET.Element
+) -> list[str]:
+    """The joints that lead to one, up to where fingers begin.
+
+    Fingers are joints that move on one link, or lead others, each with fewer joints
+    than there are before them.
+    """
+    names = tree.path(end(last, "child"))
+    leaders = {joint.find("mimic").get("joint") for joint in mimics.values()}
+    trunk: list[str] = []
+    for name in names:
+        link = end(tree.joints[name], "parent")
+        while (above := tree.above.get(link)) is not None and above.get(
+            "type"
+        ) not in MOVING:
+            link = end(above, "parent")
+        beside = tree.moved_by(tree.below[link])
+        deepest = max(_depth(tree, joint) for joint in beside)
+        fingers = len(beside) > 1 or name in leaders or name in mimics
+        if fingers and max(TRUNK, deepest + 1) <= len(trunk):
+            break
+        if name in free:
+            trunk.append(name)
+    return trunk
+
+
+def _depth(tree: _Tree, joint: ET.Element) -> int:
+    below = tree.moved_by(tree.below.get(end(joint, "child"), []))
+    return 1 + max((_depth(tree, each) for each in below), default=0)
+
+
+# Where all other joints stand.
+
+
+def _locked(
+    tree: _Tree, chain: Sequence[str], mimics: Mapping, choice: Choice, where: str
+) -> dict[str, float]:
+    """Values of the joints that are not in the chain [rad or m]; followers follow."""
+    for name in choice.locked:
+        check_name(name, tree.joints, f"joint in [locked] of {where}")
+    out: dict[str, float] = {}
+
+    def value(name: str, seen: tuple[str, ...] = ()) -> float:
+        joint, mimic = tree.joints[name], tree.joints[name].find("mimic")
+        if name in choice.locked:
+            return float(choice.locked[name])
+        leader = None if mimic is None else mimic.get("joint")
+        if leader in tree.joints and leader not in (*seen, name):
+            what = f"mimic of joint '{name}'"
+            factor = tree.number(mimic, "multiplier", what)
+            factor = factor if "multiplier" in mimic.attrib else 1.0
+            offset = tree.number(mimic, "offset", what)
+            return factor * value(leader, (*seen, name)) + offset
+        node, what = joint.find("limit"), f"limit of joint '{name}'"
+        low, high = (tree.number(node, k, what) for k in ("lower", "upper"))
+        outside = low > 0 or high < 0
+        ends = joint.get("type") != "continuous" and np.isfinite([low, high]).all()
+        return (low + high) / 2 if outside and ends and low < high else 0.0
+
+    for name, joint in tree.joints.items():
+        if joint.get("type") in MOVING and name not in chain:
+            out[name] = value(name)
+    return out
+
+
+def _lock(joint: ET.Element, value: float, tree: _Tree) -> None:
+    """Write a joint as a fixed one that stands at a value [rad or m]."""
+    if value:
+        axis = _vector(joint.find("axis"), "xyz", "1 0 0")
+        node = joint.find("origin")
+        place = pin.SE3(
+            pin.rpy.rpyToMatrix(_vector(node, "rpy", "0 0 0")),
+            _vector(node, "xyz", "0 0 0"),
+        )
+        axis = axis / max(np.linalg.norm(axis), 1e-12)
+        if joint.get("type") == "prismatic":
+            moved = place * pin.SE3(np.eye(3), value * axis)
+        else:
+            moved = place * pin.SE3(pin.exp3(value * axis), np.zeros(3))
+        node = ET.SubElement(joint, "origin") if node is None else node
+        node.set("xyz", " ".join(repr(float(x)) for x in moved.translation))
+        turned = pin.rpy.matrixToRpy(moved.rotation)
+        node.set("rpy", " ".join(repr(float(x)) for x in turned))
+    _fix(joint)
+
+
+def _vector(node: ET.Element | None, key: str, usual: str) -> Array:
+    return np.array((usual if node is None else node.get(key, usual)).split(), float)
+
+
+def _is_stale(joint: ET.Element) -> bool:
+    """Whether a joint that does not move is written as if it did."""
+    limit = joint.find("limit")
+    short = limit is not None and not {"velocity", "effort"} <= set(limit.attrib)
+    moves = joint.get("type") in MOVING
+    loose = joint.get("type") in ("floating", "planar")
+    return loose or (not moves and (short or joint.find("mimic") is not None))
+
+
+def _fix(joint: ET.Element) -> None:
+    joint.set("type", "fixed")
+    for tag in ("mimic", "limit", "axis", "dynamics", "safety_controller"):
+        for node in joint.findall(tag):
+            joint.remove(node)
+
+
+def _said(tree: _Tree, chain: Sequence[str], locked: Mapping[str, float]) -> str:
+    """One line: what was locked, where, and what hangs on it."""
+    holders: dict[str, list[str]] = {}
+    for name in locked:
+        path = [n for n in tree.path(end(tree.joints[name], "parent")) if n in chain]
+        # Locked joints are fixed by now and no part of a path.
+        holders.setdefault(path[-1] if path else "", []).append(name)
+    parts = []
+    for holder, names in holders.items():
+        links = {
+            x for n in names for x in tree.carried(end(tree.joints[n], "child"), chain)
+        }
+        mass = sum(_mass(tree.links[link]) for link in links)
+        where = f"joint {chain.index(holder) + 1} ({holder})" if holder else "the base"
+        at = some([f"{n} = {locked[n]:.4g}" for n in names])
+        parts.append(f"{at} ({mass:.3g} kg on {where})")
+    return (
+        f"chain of {len(chain)} joints {chain[0]} to {chain[-1]}; locked: "
+        + ", ".join(parts)
+    )
+
+
+def some(names: Sequence[str]) -> str:
+    """The first names of a list, and how many more there are."""
+    more = f" and {len(names) - _NAMED} more" if len(names) > _NAMED else ""
+    return ", ".join(names[:_NAMED]) + more
+
+
+# Bodies and limits of the arm.
+
+
+def _mass(link: ET.Element) -> float:
+    node = link.find("inertial/mass")
+    return 0.0 if node is None else float(node.get("value", "0"))
+
+
+def _check_bodies(tree: _Tree, chain: Sequence[str]) -> None:
+    """Every joint needs a mass somewhere beyond it; note what looks like none."""
+    mass: dict[str, float] = {}
+    hollow = []
+    for name, link in tree.links.items():
+        what = f"mass of link '{name}'"
+        mass[name] = tree.number(link.find("inertial/mass"), "value", what)
+        if not np.isfinite(mass[name]):
+            tree.faults.append(f"{what} is infinite, expected a finite number")
+        elif mass[name] < 0:
+            tree.faults.append(f"link '{name}' has mass {mass[name]:g}, expected >= 0")
+        tensor = link.find("inertial/inertia")
+        keys = ("ixx", "iyy", "izz")
+        if tensor is not None and mass[name] > 0:
+            what = f"inertia of link '{name}'"
+            if not any(tree.number(tensor, key, what) for key in keys):
+                hollow.append(name)
+    if tree.faults:
+        return
+    light = []
+    for name in chain:
+        link = end(tree.joints[name], "child")
+        if sum(mass[part] for part in tree.carried(link)) <= 0:
+            tree.faults.append(
+                f"link '{link}', moved by joint '{name}', has no inertia, nor what "
+                "hangs on it: give one of them an <inertial> with a positive mass"
+            )
+            return
+        if sum(mass[part] for part in tree.carried(link, chain)) <= 0:
+            light.append(name)
+    if light:
+        tree.notes.append(f"no mass between these joints and the next: {some(light)}")
+    if hollow:
+        tree.notes.append(f"inertia tensor of zero: {some(hollow)}")
+
+
+def _limits(tree: _Tree, joint: ET.Element) -> tuple[list[float], bool]:
+    """Return lower, upper, velocity and effort, and whether they were written anew.
+
+    A limit of 0 stands for not given. A continuous joint has two positions (cos, sin)
+    for one velocity in Pinocchio; a revolute one with a range of no consequence keeps
+    q and qd the same size.
+    """
+    node, name = joint.find("limit"), joint.get("name")
+    axis = joint.find("axis")
+    if axis is not None and not any(c in "123456789" for c in axis.get("xyz", "1")):
+        tree.faults.append(f"joint '{name}' has an axis of length zero")
+    what = f"limit of joint '{name}'"
+    given = {k: tree.number(node, k, what) for k in ("velocity", "effort")}
+    speed, effort = (abs(x) or np.inf for x in given.values())
+    lower, upper = (tree.number(node, k, what) for k in ("lower", "upper"))
+    endless = upper == -lower == float(ENDLESS)
+    open_ = joint.get("type") == "continuous" or not lower < upper
+    if open_ and joint.get("type") != "continuous":
+        tree.notes.append(f"joint '{name}' has no range: not checked")
+    if open_ or endless:
+        lower, upper = -np.inf, np.inf
+    short = node is None or not {"velocity", "effort"} <= set(node.attrib)
+    finite = np.isfinite([*given.values()]).all() and (
+        endless or np.isfinite([lower, upper]).all()
+    )
+    if finite and not short and joint.get("type") != "continuous":
+        return [lower, upper, speed, effort], False
+    if joint.get("type") == "continuous":
+        joint.set("type", "revolute")
+    if node is None:
+        node = ET.SubElement(joint, "limit", {"effort": "0", "velocity": "0"})
+    for key, value in given.items():
+        if key not in node.attrib or not np.isfinite(value):
+            node.set(key, "0")
+    for key, value, sign in (("lower", lower, "-"), ("upper", upper, "")):
+        if not np.isfinite(value):
+            node.set(key, f"{sign}{ENDLESS}")
+    return [lower, upper, speed, effort], True
+
+
+def end(joint: ET.Element, side: str) -> str:
+    """Name of the parent or child link of a joint, "" where it lacks one."""
+    node = joint.find(side)
+    return "" if node is None else node.get("link", "")

@@ -1,0 +1,223 @@
+"""Files that hold more than an arm: which chain it is, and what all the rest weighs."""
+
+import numpy as np
+import pinocchio as pin
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from flows.inputs.given import load
+from residual.errors import InputError, RobotError, UnknownNameError
+from residual.robot.dynamics import inverse_dynamics, regressor
+from residual.robot.robot import load_robot, robot_from_texts
+from residual.robot.urdf import Choice, read_urdf
+
+LIMIT = '<limit lower="{low}" upper="{high}" velocity="2" effort="90"/>'
+
+
+def link(name, mass=2.0, at="0.03 0.02 0.1"):
+    body = (
+        f'<inertial><origin xyz="{at}" rpy="0.1 0.2 0"/><mass value="{mass}"/>'
+        '<inertia ixx="0.02" iyy="0.03" izz="0.04" ixy="0.001" ixz="0" iyz="0"/>'
+        "</inertial>"
+    )
+    return f'<link name="{name}">{body if mass else ""}</link>'
+
+
+def joint(name, parent, child, kind="revolute", axis="0 1 0", span=(-2, 2), extra=""):
+    limit = LIMIT.format(low=span[0], high=span[1])
+    return (
+        f'<joint name="{name}" type="{kind}"><parent link="{parent}"/>'
+        f'<child link="{child}"/><origin xyz="0.1 0 0.3" rpy="0.3 0 0.2"/>'
+        f'<axis xyz="{axis}"/>{limit}{extra}</joint>'
+    )
+
+
+def robot_of(*parts, base="base"):
+    return f'<robot name="made">{link(base)}{"".join(parts)}</robot>'
+
+
+MIMIC = '<mimic joint="finger1" multiplier="-1" offset="0.01"/>'
+ARM = [
+    *(joint(f"j{i}", f"l{i - 1}" if i > 1 else "base", f"l{i}") for i in range(1, 5)),
+    *(link(f"l{i}") for i in range(1, 5)),
+]
+HAND = [
+    joint("hand_fix", "l4", "hand", "fixed"),
+    link("hand", 0.4),
+    joint("finger1", "hand", "f1", "prismatic", span=(0, 0.04)),
+    link("f1", 0.1),
+    joint("finger2", "hand", "f2", "prismatic", span=(0, 0.04), extra=MIMIC),
+    link("f2", 0.1),
+]
+HEAD = [joint("pan", "base", "head", axis="0 0 1"), link("head", 1.5)]
+LIFT = [
+    joint("lift", "foot", "base", "prismatic", "0 0 1", (0.2, 0.6)),
+    joint("wheel", "foot", "w", "continuous"),
+    link("w", 3.0),
+]
+MANY = robot_of(*ARM, *HAND, *HEAD, *LIFT, link("foot"))
+
+
+def write(folder, text, toml=None):
+    (folder / "made.urdf").write_text(text)
+    if toml is None:
+        return folder / "made.urdf"
+    (folder / "robot.toml").write_text(toml)
+    return folder
+
+
+@settings(max_examples=25, deadline=None)
+@given(
+    finger=st.floats(-0.5, 0.5),
+    lift=st.floats(-1.0, 1.0),
+    pan=st.floats(-3.0, 3.0),
+    seed=st.integers(0, 99),
+)
+def test_locked_joints_are_those_of_pinocchios_reduced_model(finger, lift, pan, seed):
+    locks = {"finger1": finger, "lift": lift, "pan": pan, "wheel": 0.4}
+    names = tuple(f"j{i}" for i in range(1, 5))
+    arm = read_urdf(MANY, "made.urdf", Choice(names, locked=locks))
+    ours = pin.buildModelFromXML(arm.urdf)
+    whole = pin.buildModelFromXML(MANY)  # without mimic: both fingers are free
+    at = locks | {"finger2": 0.01 - finger}
+    q0 = pin.neutral(whole)
+    for name, value in at.items():
+        one = whole.joints[whole.getJointId(name)]
+        turns = one.nq == 2  # a wheel, by cosine and sine
+        q0[one.idx_q : one.idx_q + one.nq] = (
+            [np.cos(value), np.sin(value)] if turns else value
+        )
+    reduced = pin.buildReducedModel(whole, [whole.getJointId(n) for n in at], q0)
+    assert list(ours.names)[1:] == list(reduced.names)[1:] == list(names)
+    rng = np.random.default_rng(seed)
+    motion = rng.normal(size=(3, 1, 4))
+    np.testing.assert_allclose(
+        inverse_dynamics(ours, *motion), inverse_dynamics(reduced, *motion), atol=1e-10
+    )
+    np.testing.assert_allclose(
+        regressor(ours, *motion), regressor(reduced, *motion), atol=1e-10
+    )
+
+
+@pytest.mark.parametrize(
+    ("parts", "logged", "chain"),
+    [
+        ((*ARM, *HAND), (), "j1 j2 j3 j4"),  # fingers are no part of an arm
+        ((*ARM, *HAND), ("finger1", "finger2", "j1", "j2", "j3", "j4"), "j1 j2 j3 j4"),
+        ((*ARM, *HEAD), ("pan", "j1", "j2", "j3", "j4"), "j1 j2 j3 j4"),
+        ((*ARM, *HEAD), ("j4", "j3", "j2", "j1"), "j1 j2 j3 j4"),
+        ((*ARM, *HEAD), ("pan",), "pan"),
+        ((*ARM,), ("j2", "j3"), "j2 j3"),
+        ((*ARM,), ("j1", "j4"), "j1 j2 j3 j4"),  # none in the middle stands unseen
+        ((*ARM,), ("other",), "j1 j2 j3 j4"),
+    ],
+)
+def test_the_chain_is_what_the_log_names_else_the_only_one(parts, logged, chain):
+    arm = read_urdf(robot_of(*parts), "made.urdf", Choice(logged=logged))
+    assert list(pin.buildModelFromXML(arm.urdf).names)[1:] == chain.split()
+
+
+def test_one_line_says_what_was_locked_where_and_how_heavy(tmp_path):
+    robot = load(write(tmp_path, MANY), chain=("lift", "j1", "j2", "j3", "j4"))
+    assert robot.joints == ("lift", "j1", "j2", "j3", "j4")
+    assert robot.prismatic == (True, False, False, False, False)
+    (line,) = robot.notes
+    assert "finger1 = 0, finger2 = 0.01 (0.2 kg on joint 5 (j4))" in line
+    assert "pan = 0 (1.5 kg on joint 1 (lift))" in line
+    assert "wheel = 0 (3 kg on the base)" in line
+    assert "lift, j1, j2, j3, j4" in repr(robot)
+
+
+def test_zero_or_the_middle_of_a_range_without_it(tmp_path):
+    robot = load(write(tmp_path, MANY), tip="l4")
+    assert robot.joints[0] == "lift"
+    robot = load(write(tmp_path, MANY), chain=("j1", "j2"))
+    assert robot.locked["lift"] == pytest.approx(0.4)
+    assert robot.locked["j4"] == 0
+
+
+def test_the_hash_covers_chain_and_locks_and_only_what_was_chosen_survives(tmp_path):
+    plain = load(write(tmp_path, robot_of(*ARM, *HAND)))
+    toml = '[chain]\njoints = ["j1", "j2", "j3", "j4"]\n'
+    same = load(write(tmp_path, robot_of(*ARM, *HAND), toml))
+    assert same.content_hash == plain.content_hash
+    other = load(write(tmp_path, robot_of(*ARM, *HAND), "[locked]\nfinger1 = 0.02\n"))
+    assert other.locked == {"finger1": 0.02, "finger2": pytest.approx(-0.01)}
+    fewer = load(tmp_path, chain=("j1", "j2", "j3"))
+    assert len({plain.content_hash, other.content_hash, fewer.content_hash}) == 3
+    again = robot_from_texts(fewer.name, fewer.urdf, fewer.toml)
+    assert again.joints == fewer.joints
+    assert again.content_hash == fewer.content_hash
+
+
+def test_a_file_with_odd_things_is_read_and_they_are_named(tmp_path):
+    fixed = joint("f", "l2", "tip", "fixed", extra='<mimic joint="j1"/>')
+    text = robot_of(
+        joint("j1", "base", "l1"),
+        link("l1", 0),
+        joint("j2", "l1", "l2").replace('lower="-2" upper="2"', ""),
+        link("l2"),
+        fixed,
+        link("tip"),
+        link("alone"),
+    ).replace('velocity="2" effort="90"', 'velocity="inf"')
+    robot = load(write(tmp_path, text))
+    assert robot.joints == ("j1", "j2")
+    assert np.isinf([robot.velocity_limit, robot.torque_limit]).all()
+    assert (robot.lower[0], robot.upper[1]) == (-2, np.inf)
+    said = " / ".join(robot.notes)
+    for part in ("no joint: alone", "next: j1", "'j2' has no range"):
+        assert part in said
+
+
+BAD = {
+    "unknown joint": (dict(chain=("j1", "j9")), "joint of the chain.*'j9'"),
+    "fixed joint": (dict(chain=("j1", "hand_fix")), "'hand_fix' of the chain is fixed"),
+    "follower": (dict(chain=("j1", "finger2")), "'finger2' .*cannot move by itself"),
+    "leader": (dict(chain=("j1", "finger1")), "'finger2' follows 'finger1'"),
+    "two branches": (dict(chain=("pan", "j2")), "'pan' and 'j2' are on no one chain"),
+    "unknown tip": (dict(tip="l9"), "link of made.urdf 'l9'"),
+    "tip at rest": (dict(tip="foot"), "no joint moves link 'foot'"),
+    "no choice": ({}, "branches: it has 3 chains"),
+}
+
+
+@pytest.mark.parametrize(("choice", "message"), BAD.values(), ids=BAD)
+def test_a_choice_that_is_none_is_refused(tmp_path, choice, message):
+    with pytest.raises((RobotError, UnknownNameError), match=message):
+        load(write(tmp_path, MANY), **choice)
+
+
+@pytest.mark.parametrize(
+    ("toml", "message"),
+    [
+        ("[chain]\njoint = []\n", "did you mean 'joints'"),
+        ("[chain]\njoints = [1]\n", "expected a list of names"),
+        ("chain = 3\n", "must be a table"),
+        ("[locked]\nfinger1 = 'open'\n", "expected a position in rad or m"),
+        ("[locked]\nfingr1 = 0\n", "did you mean 'finger1'"),
+    ],
+)
+def test_a_robot_toml_that_says_no_choice_is_refused(tmp_path, toml, message):
+    with pytest.raises((RobotError, UnknownNameError), match=message):
+        load_robot(write(tmp_path, robot_of(*ARM, *HAND), toml))
+
+
+def test_all_that_is_wrong_with_a_file_is_said_at_once(tmp_path):
+    text = robot_of(
+        joint("a", "base", "x", "ball"), joint("b", "base", "y"), link("x"), link("x")
+    )
+    with pytest.raises(RobotError) as caught:
+        load(write(tmp_path, text))
+    for part in ("'x' is not unique", "unknown type 'ball'", "'y', which is not found"):
+        assert part in str(caught.value)
+
+
+def test_a_name_with_how_it_is_read_is_a_file_of_that_name_first(tmp_path):
+    place = write(tmp_path, robot_of(*ARM))
+    odd = tmp_path / "a#b.urdf"
+    odd.write_text(place.read_text())
+    assert load(odd).dof == load(place).dof == 4
+    with pytest.raises(InputError, match="No file"):
+        load(f"{place}#speed=3")
