@@ -64,6 +64,17 @@ def unit_text(unit: Any) -> str:
     return re.sub(r"\^([23])", lambda hit: _SUPERSCRIPT[hit[1]], unit.strip())
 
 
+def along(unit: str) -> str:
+    """Return the unit of a joint that slides for that of one that turns.
+
+    What is per angle is per length, and what is a torque is a force: "N m s/rad"
+    becomes "N s/m", "kg m^2" becomes "kg".
+    """
+    for turning, sliding in (("kg m^2", "kg"), ("N m", "N"), ("rad", "m")):
+        unit = unit.replace(turning, sliding)
+    return unit
+
+
 def measured(value: Any, std: Any = None, unit: Any = None) -> str:
     """Return 'value ± std unit', cut at the second digit of the std.
 

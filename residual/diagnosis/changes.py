@@ -133,7 +133,7 @@ def _of_joint(robot, fitted: Fit, terms: list[tuple[Term, slice]]) -> _Asked:
         values = np.asarray(effect.values(term.theta, term.shape, robot), dtype=float)
         jacobian = values_jacobian(effect, term.theta, term.shape, robot)
         same = _findings_of(fitted, effect, term)
-        for i, (key, unit) in enumerate(effect.parameters.items()):
+        for i, (key, unit) in enumerate(effect.units(term.joints, robot).items()):
             if not jacobian[i].any():
                 continue  # of the shape, which is not refitted
             row = np.zeros(count)
@@ -341,7 +341,7 @@ def errors_on(
     some = {name: model for name, model in models.items() if model is not None}
     first = next(iter(some.values()))
     found, _ = compare(some, prepare_held_out(logs, first), first.filters)
-    known = {name: plain(errors.overall(kind)) for name, errors in found.items()}
+    known = {n: plain(e.overall(kind)) for n, e in found.items() if e.alike}
     return {name: known.get(name) for name in models}
 
 

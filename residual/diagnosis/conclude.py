@@ -237,7 +237,10 @@ def error_tables(
     """
 
     def overall(kind: str) -> dict:
-        return {s: e and plain(e.overall(kind)) for s, e in errors.items()}
+        return {
+            s: plain(e.overall(kind)) if e and e.alike else None
+            for s, e in errors.items()
+        }
 
     def per_joint(kind: str) -> dict:
         return {s: _per_joint(e, kind) for s, e in errors.items()}

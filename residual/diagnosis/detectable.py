@@ -111,12 +111,14 @@ def minimum_detectable(
         parameters of one unit the value is the length (cos and sin), of a searched
         shape the usual one counts.
     """
-    bench = Bench.of(task, fitted, priors)
+    bench, robot = Bench.of(task, fitted, priors), task.design.states[0].robot
     sizes: list[_Least] = []
     for groups in _per_key(task):
         first = groups[0]
         if first.key in {g.key for g in fitted.members}:
             continue
+        if len({robot.prismatic[j] for j in first.joints}) > 1 and first.parts:
+            continue  # of several units
         least = _least(bench, groups)
         if least is not None:
             sizes.append(least)
@@ -128,7 +130,7 @@ def minimum_detectable(
             name=x.group.effect.name,
             joints=tuple(j + 1 for j in x.group.joints),
             value=_there_is(bench, x),
-            unit=next(iter(x.group.effect.parameters.values())),
+            unit=next(iter(x.group.effect.units(x.group.joints, robot).values())),
             confusable=near,
         )
         for x, near in zip(sizes, alike, strict=True)

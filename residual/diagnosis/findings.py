@@ -14,7 +14,9 @@ from residual.evidence.design import Design, Group
 from residual.evidence.fit import Fit
 from residual.evidence.rules import RULES
 from residual.model.compare import Cloud
+from residual.quantity import along
 from residual.recording import Array
+from residual.robot.robot import Robot
 
 SIZED = 2.0  # deviations
 EXPLAINED = "torque that it explains [N m]"
@@ -119,7 +121,7 @@ def findings(
     doubts = standard_deviations(examined, fitted, sizes)
     near = {t: alternatives(examined.task, fitted, t.group) for t in tested}
     out = []
-    for members in _merged(tested):
+    for members in _merged(tested, examined.logs.robot):
         options = [near[t] for t in members]
         known = [doubts[t.group] for t in members]
         sure = [Sureness(p, d) for (_, p), d in zip(options, known, strict=True)]
@@ -193,14 +195,17 @@ def public_joints(group: Group) -> tuple[int, ...]:
     return tuple(j + 1 for j in group.joints)
 
 
-def _merged(tested: Sequence[Tested]) -> list[list[Tested]]:
-    """Members of one local name on different joints belong together."""
+def _merged(tested: Sequence[Tested], robot: Robot) -> list[list[Tested]]:
+    """Members of one local name on different joints of one unit belong together."""
     out: list[list[Tested]] = []
     for t in sorted(tested, key=lambda t: (t.group.effect.name, t.group.joints)):
         mine = t.group
         for members in out:
             other = members[-1].group
-            same = other.effect.name == mine.effect.name
+            same = other.effect.name == mine.effect.name and (
+                mine.effect.units(other.joints, robot)
+                == mine.effect.units(mine.joints, robot)
+            )
             if same and mine.effect.scope == "local" and other.joints != mine.joints:
                 members.append(t)
                 break
@@ -234,7 +239,7 @@ def _parameters(examined: Examined, members, sizes, sure) -> dict:
         [effect.values(sizes[t.group][0], t.group.shape, robot) for t in members]
     )
     sds = np.array([s.doubt.std for s in sure])
-    keys = list(effect.parameters.items())
+    keys = list(effect.units(members[0].group.joints, robot).items())
     clear = np.array([s.determined for s in sure]).all(axis=0)
     if effect.combined is not None and np.any(np.abs(values[:, 0]) < 2 * sds[:, 0]):
         # The others are ratios to a first that may as well be nothing.
@@ -317,7 +322,8 @@ def _variable(
 
     None where that is the torque that it explains.
     """
-    values, labels, label = [], [], EXPLAINED
+    slides = examined.logs.robot.prismatic[j]
+    values, labels, label = [], [], along(EXPLAINED) if slides else EXPLAINED
     states = examined.task.design.states
     for track, state in zip(examined.logs.sketch, states, strict=True):
         rows = track.moving[:, j]

@@ -110,7 +110,7 @@ def collect(
     """
     wanted = []
     for effect in effects:
-        for joints in effect.candidates(dof):
+        for joints in effect.candidates(dof, span.prismatic):
             anchor = joints[0] if joints else 0
             shapes = effect.shapes(span, anchor)
             wanted += [Placed(effect, joints, shape) for shape in shapes]
@@ -382,7 +382,8 @@ def refined(task: Task, members: Sequence[Group], like: Fit) -> tuple[Group, ...
     if how is None:
         return tuple(members)
     ratio = how.step == "ratio"
-    offsets = np.linspace(-how.reach, how.reach, 7)
+    reach = how.half_width(last.joints, task.design.states[0].robot)
+    offsets = np.linspace(-reach, reach, 7)
     own, size = System.of(task.design, task.prior, others), task.design.size
     counted = task.design.rows / 4
     centre, winner, top = last.shape[0], last, -np.inf

@@ -22,6 +22,7 @@ EFFECT = Effect(
     noun="a balancer",
     sentence="a torque that follows sin and cos of position, as from a counterbalance",
     equation="tau = sin * sin(q) + cos * cos(q)",
+    needs_turn=True,
     parameters={"sin": "N m", "cos": "N m"},
     columns=local(_feature),
     family="static",

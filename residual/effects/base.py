@@ -5,7 +5,7 @@ registry is the folder listing.
 """
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from itertools import pairwise
 from typing import Any, Literal, NamedTuple
 
@@ -13,6 +13,7 @@ import numpy as np
 import pinocchio as pin
 from cachetools import LRUCache, cached
 
+from residual.quantity import along
 from residual.recording import Array
 from residual.robot.dynamics import LazyRegressor, motion_key, with_inertial_parameters
 from residual.robot.robot import Robot
@@ -130,6 +131,7 @@ class Span:
         cutoff: Identification cut-off [Hz].
         torque: Largest size of the logged torque, as a 99.5 % quantile [N m]; None
             where it is not known. Shape (dof,).
+        prismatic: Which joints slide; () for none.
     """
 
     speed: Array
@@ -137,6 +139,7 @@ class Span:
     duration: float
     cutoff: float
     torque: Array | None = None
+    prismatic: tuple[bool, ...] = ()
 
 
 @dataclass(frozen=True, eq=False, slots=True)
@@ -173,12 +176,19 @@ class Refinement:
         step: "ratio" (multiply) or "shift" (add).
         reach: Half-width of the search, as log-ratio or in units of the shape.
         lower, upper: Limits of the number.
+        sliding: The half-width on a joint that slides; 0 for the same.
     """
 
     step: Literal["ratio", "shift"]
     reach: float
     lower: float = 1e-9
     upper: float = np.inf
+    sliding: float = 0.0
+
+    def half_width(self, joints: Joints, robot: Robot) -> float:
+        """Return the reach on some joints (from 0)."""
+        slides = any(robot.prismatic[j] for j in joints)
+        return (slides and self.sliding) or self.reach
 
 
 def _no_shape(span: Span, joint: int) -> tuple[Shape, ...]:
@@ -196,7 +206,10 @@ class Effect:
     Attributes:
         name: Its name, that of its file.
         sentence: What it is, in words, for a control engineer.
-        parameters: Parameter keys with their SI units, in order.
+        parameters: Parameter keys with their SI units on a joint that turns, in order.
+        sliding: Units on a joint that slides, of those that are not by
+            `residual.quantity.along` what they are on one that turns.
+        needs_turn: It needs an angle: no joint that slides has it.
         columns: Torque columns: (state, joints, shape) -> (n, rows, k), where the
             rows are the joints it acts on: its own, or all of them.
         equation: Its torque [N m] by its parameters, as a line of text; empty for what
@@ -267,6 +280,8 @@ class Effect:
     equation: str = ""
     noun: str = ""
     place: str = "on {joints}"
+    sliding: Mapping[str, str] = field(default_factory=dict)
+    needs_turn: bool = False
     scope: Scope = "local"
     values: Callable[[Array, Shape, Robot], Array] = lambda theta, shape, robot: (
         np.array([*theta, *shape])
@@ -306,8 +321,7 @@ class Effect:
     in_any_arm: Callable[[Span, int], Sequence[Shape]] = _nowhere
     least_seen: tuple[Shape, ...] = ()
     variable: Callable[[State, int], tuple[Array, str]] | None = lambda state, j: (
-        state.qd[:, j],
-        f"qd{j + 1} [rad/s]",
+        against("qd", "qd{} [rad/s]")(state, j)
     )
     portable: Portable = NOWHERE
     frame: str = ""
@@ -323,8 +337,32 @@ class Effect:
         """Whether it says that a link of every model is another."""
         return self.in_every_model and self.needs_known_body
 
-    def candidates(self, dof: int) -> tuple[Joints, ...]:
-        """Joints (from 0) on which the effect may sit, for an arm of dof joints."""
+    def units(self, joints: Joints, robot: Robot) -> dict[str, str]:
+        """Return the unit of each parameter on some joints (from 0) of an arm."""
+        own = self.scope in ("local", "pair") and all(
+            robot.prismatic[j] for j in joints
+        )
+        if not own:
+            return dict(self.parameters)
+        return {k: self.sliding.get(k, along(u)) for k, u in self.parameters.items()}
+
+    def candidates(
+        self, dof: int, prismatic: Sequence[bool] = ()
+    ) -> tuple[Joints, ...]:
+        """Joints (from 0) on which the effect may sit, for an arm of dof joints.
+
+        Args:
+            prismatic: Which of them slide; () for none.
+        """
+        slides = prismatic or (False,) * dof
+        return tuple(
+            joints
+            for joints in self._places(dof)
+            if not (self.needs_turn and any(slides[j] for j in joints))
+            and (self.scope != "pair" or len({slides[j] for j in joints}) == 1)
+        )
+
+    def _places(self, dof: int) -> tuple[Joints, ...]:
         if self.scope == "local" or self.scope == "link":
             return tuple((j,) for j in range(dof - self.outermost))
         if self.scope == "flange":
@@ -373,7 +411,12 @@ def wave(sin: int, cos: int, unit: str) -> Callable[[Array], Mapping]:
 
 def against(signal: str, label: str) -> Callable[[State, int], tuple[Array, str]]:
     """Draw over a signal of the joint, whose number goes into the label."""
-    return lambda state, j: (getattr(state, signal)[:, j], label.format(j + 1))
+
+    def variable(state: State, j: int) -> tuple[Array, str]:
+        text = along(label) if state.robot.prismatic[j] else label
+        return getattr(state, signal)[:, j], text.format(j + 1)
+
+    return variable
 
 
 against_position = against("q", "q{} [rad]")

@@ -31,6 +31,7 @@ EFFECT = Effect(
         "d tau = dtau/dq_j x + dtau/dqd_j x' + dtau/dqdd_j x'', where x = cos * "
         "cos(q_j) + sin * sin(q_j)"
     ),
+    needs_turn=True,
     parameters={"cos": "rad", "sin": "rad"},
     columns=_columns,
     scope="link",

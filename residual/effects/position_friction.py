@@ -22,6 +22,7 @@ EFFECT = Effect(
     noun="friction that varies with position",
     sentence="dry friction whose size varies with the joint's position",
     equation="tau = (cos * cos(q) + sin * sin(q)) * sgn(qd)",
+    needs_turn=True,
     parameters={"cos": "N m", "sin": "N m"},
     columns=local(_feature),
     inexact=0.2,

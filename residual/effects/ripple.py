@@ -25,9 +25,11 @@ def _shapes(span, j):
     them a wave keeps 89 % of its power, and the search from there has one peak.
     """
     travel = max(span.travel[j], 1e-3)
+    slides = span.prismatic and span.prismatic[j]
     lowest = max(4.0, 3 * np.pi / travel)
-    highest = min(60.0, 2 * np.pi * span.cutoff / max(0.25 * span.speed[j], 1e-3))
-    step = min(1.6, 2.4 / travel)
+    highest = 2 * np.pi * span.cutoff / max(0.25 * span.speed[j], 1e-3)
+    highest = min(600.0 if slides else 60.0, highest)
+    step = min(8.0 if slides else 1.6, 2.4 / travel)
     return tuple((float(n),) for n in np.arange(lowest, highest, step))
 
 
@@ -47,11 +49,12 @@ EFFECT = Effect(
     sentence="a torque periodic in the joint's position (cogging or gear mesh)",
     equation="tau = amplitude * cos(order * q + phase)",
     parameters={"amplitude": "N m", "order": "1", "phase": "rad"},
+    sliding={"order": "rad/m", "phase": "rad"},
     columns=local(_feature),
     values=_values,
     from_values=_from_values,
     shapes=_shapes,
-    refine=Refinement("shift", 0.8),
+    refine=Refinement("shift", 0.8, sliding=4.0),
     repeats=True,
     variable=against_position,
     possible=within_torque,

@@ -6,6 +6,7 @@ from itertools import product
 
 import numpy as np
 
+from residual.diagnosis.findings import EXPLAINED
 from residual.diagnosis.result import (
     Dependence,
     Detectable,
@@ -26,7 +27,7 @@ from residual.epochs.search import Change, Found
 from residual.epochs.unnamed import Rest, follows
 from residual.epochs.unrest import Warmth
 from residual.model.compare import Cloud
-from residual.quantity import plain
+from residual.quantity import along, plain
 from residual.recording import Array
 from residual.robot.robot import Robot
 
@@ -51,7 +52,8 @@ def minimum_detectable(found: Found) -> list[Detectable]:
         size = _least(found, some[len(some) // 2])
         if size is not None:
             name, joints = key
-            unit = next(iter(some[0].group.effect.parameters.values()))
+            robot, effect = found.both.design.states[0].robot, some[0].group.effect
+            unit = next(iter(effect.units(joints, robot).values()))
             public = tuple(j + 1 for j in joints)
             out.append(Detectable(name, public, size, unit))
     return [*out, _of_warmth(found.warmth)]
@@ -196,7 +198,7 @@ def _parameters(change: Change, robot: Robot) -> dict[str, Parameter]:
             unit,
             bool(sd[i] < DETERMINED * prior[i]) if prior[i] > 0 else True,
         )
-        for i, (key, unit) in enumerate(effect.parameters.items())
+        for i, (key, unit) in enumerate(effect.units(group.joints, robot).items())
         if effect.reports is None or effect.reports(key, values, sd)
     }
 
@@ -292,7 +294,8 @@ def clouds(found: Found, rest: Rest) -> tuple[Cloud, ...]:
         second = joint.layout.second
         columns = design.columns(j, design.present(j, group.ids)[0])
         torque = (columns @ change.contrast.theta)[second]
-        x, label = torque, "torque that it explains [N m]"
+        slides = design.states[0].robot.prismatic[j]
+        x, label = torque, along(EXPLAINED) if slides else EXPLAINED
         if group.effect.variable is not None:
             anchor = group.joints[0] if group.effect.scope == "local" else j
             seen = [group.effect.variable(s, anchor) for s in design.states]

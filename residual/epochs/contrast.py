@@ -348,7 +348,7 @@ def vocabulary(both: Both, clocked: bool) -> tuple[list[Group], list[float]]:
     for effect in registry().values():
         if effect.needs_clock and not clocked:
             continue
-        for on in effect.candidates(both.design.dof):
+        for on in effect.candidates(both.design.dof, span.prismatic):
             if effect.scope in ("local", "pair") and not set(on) <= live:
                 continue
             shapes = _reaching(effect, effect.shapes(span, on[0] if on else 0))
@@ -395,7 +395,8 @@ def refined(
     """
     group = one.group
     how = group.effect.refine
-    steps = width * how.reach * np.array([-1.0, -0.5, 0.5, 1.0])
+    reach = how.half_width(group.joints, both.design.states[0].robot)
+    steps = width * reach * np.array([-1.0, -0.5, 0.5, 1.0])
     own = group.shape[0]
     first = own * np.exp(steps) if how.step == "ratio" else own + steps
     first = first[(first > how.lower) & (first < how.upper)]

@@ -163,7 +163,7 @@ def values_that_changed(first: Epoch, second: Epoch, found: Found) -> Iterator[C
         slope = _slope(term, robot)
         spread = before[own, own] + after[own, own]
         sd = np.sqrt(np.diag(slope @ spread @ slope.T))
-        for i, (key, unit) in enumerate(effect.parameters.items()):
+        for i, (key, unit) in enumerate(effect.units(term.joints, robot).items()):
             gap = float(new[i] - old[i])
             sigma = abs(gap) / sd[i] if sd[i] > 0 else None
             beyond = (effect.name, term.joints) in named

@@ -238,7 +238,7 @@ def _usual(logs: Logs, model: Model) -> tuple[list[Placed], list[Placed]]:
     has = {(t.effect.name, t.joints, t.shape) for t in model.terms}
     out: tuple[list[Placed], list[Placed]] = ([], [])
     for effect in registry().values():
-        for joints in effect.candidates(model.robot.dof):
+        for joints in effect.candidates(model.robot.dof, model.robot.prismatic):
             for shape in effect.in_any_arm(logs.span, joints[0] if joints else 0):
                 if (effect.name, joints, shape) not in has:
                     out[effect.uses_model].append(Placed(effect, joints, shape))

@@ -7,7 +7,7 @@ import hashlib
 import io
 import xml.etree.ElementTree as ET
 import zipfile
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 
 from residual.export.c99 import to_c99
@@ -21,8 +21,13 @@ _UNITS = {
     "rad/s": {"rad": "1", "s": "-1"},
     "rad/s2": {"rad": "1", "s": "-2"},
     "N.m": {"kg": "1", "m": "2", "s": "-2"},
+    "m": {"m": "1"},
+    "m/s": {"m": "1", "s": "-1"},
+    "m/s2": {"m": "1", "s": "-2"},
+    "N": {"kg": "1", "m": "1", "s": "-2"},
 }
 _SIGNALS = {"q": "rad", "qd": "rad/s", "qdd": "rad/s2", "tau": "N.m"}
+_SLIDING = {"rad": "m", "rad/s": "m/s", "rad/s2": "m/s2", "N.m": "N"}
 _DATE = (2000, 1, 1, 0, 0, 0)  # the same model makes the same bytes
 
 
@@ -51,7 +56,7 @@ def fmu_parts(whole: Whole) -> Parts:
     guid = f"{{{hashlib.sha256(text).hexdigest()[:32]}}}"
     words = {"P": name, "DOF": str(dof), "GUID": guid}
     source = filled(template(SOURCE), words).encode()
-    description = _description(name, guid, dof)
+    description = _description(name, guid, body_of(whole).robot.prismatic)
     return Parts(name, header, {file: text, SOURCE: source}, description)
 
 
@@ -73,7 +78,7 @@ def to_fmu(parts: Parts, library: bytes | None) -> Exported:
     return replace(parts.header, files={f"{parts.name}.fmu": buffer.getvalue()})
 
 
-def _description(name: str, guid: str, dof: int) -> bytes:
+def _description(name: str, guid: str, slides: Sequence[bool]) -> bytes:
     about = {
         "fmiVersion": "2.0",
         "modelName": name,
@@ -95,7 +100,7 @@ def _description(name: str, guid: str, dof: int) -> bytes:
     outputs = []
     for signal, unit in _SIGNALS.items():
         out = signal == "tau"
-        for j in range(dof):
+        for j, slide in enumerate(slides):
             number = len(variables)
             own = {
                 "name": f"{signal}{j + 1}",
@@ -105,7 +110,8 @@ def _description(name: str, guid: str, dof: int) -> bytes:
             }
             variable = ET.SubElement(variables, "ScalarVariable", own)
             start = {} if out else {"start": "0"}
-            ET.SubElement(variable, "Real", {"unit": unit, **start})
+            own_unit = _SLIDING[unit] if slide else unit
+            ET.SubElement(variable, "Real", {"unit": own_unit, **start})
             outputs += [str(number + 1)] if out else []
     structure = ET.SubElement(root, "ModelStructure")
     for part in ("Outputs", "InitialUnknowns"):

@@ -213,11 +213,13 @@ def arrays_of(program: Program) -> dict[str, Array]:
     The rotation of a joint is R(q) = still + cos(q) along + sin(q) across.
     """
     chain = program.chain
-    onto = np.einsum("ij,ik->ijk", chain.axis, chain.axis)
-    skew = np.cross(np.eye(3)[None], chain.axis[:, None, :])
+    turns = ~chain.slides[:, None, None]
+    onto = np.where(turns, np.einsum("ij,ik->ijk", chain.axis, chain.axis), np.eye(3))
+    skew = np.cross(np.eye(3)[None], chain.axis[:, None, :]) * turns
     arrays: dict[str, Array | None] = {
         "place": chain.place,
-        "axis": chain.axis,
+        "axis": chain.axis * turns[:, 0],
+        "slide": chain.axis * chain.slides[:, None],
         "still": chain.rotation @ onto,
         "along": chain.rotation @ (np.eye(3) - onto),
         "across": chain.rotation @ skew,

@@ -145,7 +145,8 @@ def _bodies(parent: ET.Element, model: Model) -> None:
         place = {"pos": _words(chain.place[i]), "quat": _quaternion(chain.rotation[i])}
         parent = ET.SubElement(parent, "body", {"name": f"link_{i + 1}", **place})
         ET.SubElement(parent, "inertial", _inertial(bodies[i], i + 1))
-        own = {"name": name, "type": "hinge", "axis": _words(chain.axis[i])}
+        kind = "slide" if chain.slides[i] else "hinge"
+        own = {"name": name, "type": kind, "axis": _words(chain.axis[i])}
         ET.SubElement(parent, "joint", own | _joint(model, values, i))
     place = {"pos": _words(chain.flange), "quat": _quaternion(chain.flange_rotation)}
     _line(parent, chain.flange)

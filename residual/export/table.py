@@ -27,6 +27,7 @@ from residual.export.exported import (
 from residual.export.program import WORD
 from residual.model.corrected import Corrected
 from residual.model.model import Model, Term
+from residual.quantity import along
 from residual.recording import Array
 from residual.tables.form import NONE
 from residual.tables.lookup import export_lookup
@@ -78,7 +79,12 @@ def _csv(model: Model, file: str) -> bytes:
     text = io.StringIO()
     out = csv.writer(text, lineterminator="\n")
     over = "qd [rad/s]" if file == SPEED else "q [rad]"
-    out.writerow(["joint", over, "torque [N m]"])
+    head = ["joint", over, "torque [N m]"]
+    # An arm of both kinds has rows of both units, joint by joint.
+    slides = set(model.robot.prismatic)
+    sliding = [along(word) for word in head]
+    both = [f"{a} or {b}" if a != b else a for a, b in zip(head, sliding, strict=True)]
+    out.writerow({(True,): sliding, (False,): head}.get(tuple(slides), both))
     joints = {t.joints[0] for t in model.terms if _file(t) == file}
     for j in sorted(joints):
         ends = (-speed[j], speed[j]) if file == SPEED else (lower[j], upper[j])

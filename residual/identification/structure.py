@@ -93,7 +93,7 @@ def _keys(term: Term, robot: Robot) -> list[tuple[str, str]]:
     probe = 1.5 + np.arange(count)
     told = term.effect.values(probe, term.shape, robot)[:count]
     if np.array_equal(told, probe):
-        return list(term.effect.parameters.items())[:count]
+        return list(term.effect.units(term.joints, robot).items())[:count]
     return [(f"coefficient {i + 1}", "") for i in range(count)]
 
 

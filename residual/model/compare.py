@@ -137,6 +137,7 @@ class Errors:
     # [N^2 m^2], (dof,).
     miss: Mapping[str, Array]
     power: Mapping[str, Array]
+    alike: bool = True  # whether all joints have one unit
 
     def per_joint(self, kind: str) -> Array:
         """Relative error of each joint [%], NaN where there is no torque. (dof,)."""
@@ -154,7 +155,13 @@ class Errors:
         return Errors(*parts)
 
     def overall(self, kind: str) -> float:
-        """Relative error over all joints, Frobenius norm [%]."""
+        """Relative error over all joints, Frobenius norm [%].
+
+        Torques and forces have no sum: of an arm of both kinds of joints it is the root
+        mean square of the joints' own errors.
+        """
+        if not self.alike:
+            return float(np.sqrt(np.nanmean(self.per_joint(kind) ** 2)))
         power = float(self.power[kind].sum())
         return float(100 * np.sqrt(self.miss[kind].sum() / power)) if power else np.nan
 
@@ -190,7 +197,9 @@ def compare(
                 witness.track.moving[inner],
             )
         )
-    errors = {name: Errors(s["miss"], s["power"]) for name, s in sums.items()}
+    bodies = [m.model if isinstance(m, Corrected) else m for m in models.values()]
+    alike = all(len(set(body.robot.prismatic)) == 1 for body in bodies)
+    errors = {name: Errors(s["miss"], s["power"], alike) for name, s in sums.items()}
     return errors, _joined(proofs)
 
 

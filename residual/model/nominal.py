@@ -91,7 +91,7 @@ def build_nominal(
     for name in names:
         effect = registry()[name]
         given = robot.declared.get(name)
-        for joints in effect.candidates(robot.dof):
+        for joints in effect.candidates(robot.dof, robot.prismatic):
             if given is None or not given.values:
                 own = _free(effect, joints, span, robot)
                 terms += own
@@ -202,6 +202,7 @@ def prepare_logs(
         duration=0.0 if clock is None else float(last - clock),
         cutoff=min(t.cutoff for t in tracks),
         torque=np.quantile(np.abs(tau), 0.995, axis=0),
+        prismatic=robot.prismatic,
     )
     some = [recordings[i] for i in shown], [tracks[i] for i in shown]
     moved = shaken(*some, filters)

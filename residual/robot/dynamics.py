@@ -13,6 +13,7 @@ import pinocchio as pin
 from cachetools import LRUCache, cached
 
 from residual.recording import Array
+from residual.robot.files import sliding
 from residual.robot.robot import Robot
 
 PER_LINK = 10
@@ -110,9 +111,8 @@ def outward(model: pin.Model) -> Array:
 
     Away is where the flange lies from the last joint, else where its link's mass is.
     """
-    data, last = model.createData(), model.njoints - 1
-    jacobian = pin.computeJointJacobian(model, data, pin.neutral(model), last)
-    axis = jacobian[3:, -1]
+    last = model.njoints - 1
+    axis = joint_axis(model, last)
     flange = flange_placement(model)
     for direction in (flange.translation, model.inertias[last].lever):
         along = float(direction @ axis)
@@ -120,6 +120,13 @@ def outward(model: pin.Model) -> Array:
             axis = np.sign(along) * axis
             break
     return flange.rotation.T @ axis
+
+
+def joint_axis(model: pin.Model, joint: int) -> Array:
+    """Return the axis that a joint turns about or slides along, in its frame. (3,)."""
+    data, rest = model.createData(), pin.neutral(model)
+    own = pin.computeJointJacobian(model, data, rest, joint)[:, joint - 1]
+    return own[3:] if own[3:].any() else own[:3]
 
 
 def joints_length(model: pin.Model) -> float:
@@ -157,11 +164,12 @@ def with_inertial_parameters(model: pin.Model, parameters: Array) -> pin.Model:
 
 @dataclass(frozen=True, eq=False, slots=True)
 class Chain:
-    """Kinematics of a serial arm of revolute joints."""
+    """Kinematics of a serial arm of joints that turn or slide."""
 
     rotation: Array  # frame of each joint in the one before, at angle zero, (dof, 3, 3)
     place: Array  # its origin in the one before [m], (dof, 3)
-    axis: Array  # unit vector that it turns about, in its own frame, (dof, 3)
+    axis: Array  # unit vector that it turns about or slides along, its frame, (dof, 3)
+    slides: Array  # whether it slides, (dof,)
     flange: Array  # origin of the flange in the frame of the last joint [m], (3,)
     flange_rotation: Array  # its axes in that frame, (3, 3)
 
@@ -175,6 +183,11 @@ class Chain:
         out, turned = np.zeros((n, dof + 2, 3)), np.broadcast_to(np.eye(3), (n, 3, 3))
         for j in range(dof):
             out[:, j + 1] = out[:, j] + turned @ self.place[j]
+            if self.slides[j]:
+                along = self.rotation[j] @ self.axis[j]
+                out[:, j + 1] += q[:, j, None] * (turned @ along)
+                turned = turned @ self.rotation[j]
+                continue
             about = np.cross(self.axis[j], np.eye(3)).T  # v -> axis x v
             angle = q[:, j, None, None]
             turn = np.eye(3) + np.sin(angle) * about
@@ -186,18 +199,14 @@ class Chain:
 
 def chain_of(model: pin.Model) -> Chain:
     """Return the kinematics of a Pinocchio model."""
-    data = model.createData()
-    pin.computeJointJacobians(model, data, np.zeros(model.nq))
-    axes = [
-        pin.getJointJacobian(model, data, i, pin.ReferenceFrame.LOCAL)[3:, i - 1]
-        for i in range(1, model.njoints)
-    ]
+    axes = [joint_axis(model, i) for i in range(1, model.njoints)]
     placements = list(model.jointPlacements)[1:]
     flange = flange_placement(model)
     return Chain(
         np.array([p.rotation for p in placements]),
         np.array([p.translation for p in placements]),
         np.array(axes),
+        np.array(sliding(model)),
         np.array(flange.translation),
         np.array(flange.rotation),
     )

@@ -48,6 +48,12 @@ def build_model(text: str, where: str) -> pin.Model:
     return model
 
 
+def sliding(model: pin.Model) -> tuple[bool, ...]:
+    """Return which joints of a model move along their axis, not about it."""
+    kinds = list(model.joints)[1:]
+    return tuple("JointModelP" in kind.shortname() for kind in kinds)
+
+
 @contextmanager
 def _captured_stderr(lines: list[str]) -> Iterator[None]:
     """Collect what C++ writes to file descriptor 2."""

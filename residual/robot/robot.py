@@ -24,6 +24,7 @@ from residual.robot.files import (
     parse_toml,
     read_choice,
     read_robot_toml,
+    sliding,
 )
 from residual.robot.mjcf import read_mjcf
 from residual.robot.urdf import Arm, Choice, end, read_urdf, some
@@ -101,8 +102,7 @@ class Robot:
     @property
     def prismatic(self) -> tuple[bool, ...]:
         """Which joints move along their axis, not about it."""
-        kinds = list(self.model.joints)[1:]
-        return tuple("JointModelP" in kind.shortname() for kind in kinds)
+        return sliding(self.model)
 
     @property
     def content_hash(self) -> str:

@@ -18,6 +18,8 @@ import pinocchio as pin
 
 from residual.errors import not_installed
 from residual.recording import Array
+from residual.robot.dynamics import joint_axis
+from residual.robot.files import sliding
 
 _FREE = 1e3  # rad and rad/s: limits that nothing reaches
 _LOOK = {"yaw": 52.0, "pitch": -18.0, "roll": 0.0, "upAxisIndex": 2}
@@ -41,12 +43,6 @@ def urdf_of(model: pin.Model) -> str:
     return "\n".join([*parts, "</robot>"])
 
 
-def joint_axis(model: pin.Model, joint: int) -> Array:
-    """Return the axis of a joint in its own frame. Shape (3,)."""
-    data, rest = model.createData(), pin.neutral(model)
-    return pin.computeJointJacobian(model, data, rest, joint)[3:, joint - 1]
-
-
 def _link(i: int, body: pin.Inertia | None) -> str:
     if body is None:
         body = pin.Inertia(1.0, np.zeros(3), np.eye(3))  # the base does not move
@@ -65,8 +61,9 @@ def _link(i: int, body: pin.Inertia | None) -> str:
 
 def _joint(model: pin.Model, i: int) -> str:
     place = model.jointPlacements[i]
+    kind = "prismatic" if sliding(model)[i - 1] else "revolute"
     return (
-        f'<joint name="joint{i}" type="revolute"><parent link="link{i - 1}"/>'
+        f'<joint name="joint{i}" type="{kind}"><parent link="link{i - 1}"/>'
         f'<child link="link{i}"/>{_origin(place.rotation, place.translation)}'
         f'<axis xyz="{_numbers(joint_axis(model, i))}"/>'
         '<limit lower="-1000" upper="1000" effort="0" velocity="1000"/></joint>'

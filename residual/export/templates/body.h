@@ -5,18 +5,22 @@ static inline void @P@_@BODY@(
     const double body[][10], const double *gravity, const double *force,
     const @REAL@ *q, const @REAL@ *qd, const @REAL@ *qdd, @REAL@ *tau)
 {
-    @REAL@ turn[@DOF@][9], f[@DOF@][3], n[@DOF@][3], x[3], y[3], z[3];
+    @REAL@ turn[@DOF@][9], place[@DOF@][3], f[@DOF@][3], n[@DOF@][3], x[3], y[3], z[3];
     @REAL@ w[3] = {0.0, 0.0, 0.0}, u[3] = {0.0, 0.0, 0.0};
     @REAL@ a[3] = {-gravity[0], -gravity[1], -gravity[2]};
     @REAL@ push[3] = {force ? force[0] : 0.0, force ? force[1] : 0.0,
                       force ? force[2] : 0.0};
 
     for (int i = 0; i < @DOF@; i++) {
-        const double *p = @P@_place[i], *axis = @P@_axis[i], *b = body[i], *h = b + 1;
+        const double *axis = @P@_axis[i], *slide = @P@_slide[i], *b = body[i], *h = b + 1;
         const @REAL@ c = @COS@(q[i]), s = @SIN@(q[i]);
         @REAL@ *R = turn[i];
         for (int k = 0; k < 9; k++)
             R[k] = @P@_still[i][k] + c * @P@_along[i][k] + s * @P@_across[i][k];
+        @REAL@ *p = place[i];
+        for (int k = 0; k < 3; k++)
+            p[k] = @P@_place[i][k] + q[i] * (R[3 * k] * slide[0]
+                + R[3 * k + 1] * slide[1] + R[3 * k + 2] * slide[2]);
 
         /* How the origin of the joint moves, then all of it in the joint's frame. */
         @CROSS@(w, p[0], p[1], p[2], x);
@@ -33,6 +37,8 @@ static inline void @P@_@BODY@(
             w[k] = x[k] + axis[k] * qd[i];
             u[k] = y[k] + axis[k] * qdd[i] + z[k] * qd[i];
         }
+        @CROSS@(x, slide[0], slide[1], slide[2], z);
+        for (int k = 0; k < 3; k++) a[k] += slide[k] * qdd[i] + 2.0 * z[k] * qd[i];
         for (int k = 0; k < 3; k++)
             x[k] = R[k] * push[0] + R[3 + k] * push[1] + R[6 + k] * push[2];
         for (int k = 0; k < 3; k++) push[k] = x[k];
@@ -59,9 +65,10 @@ static inline void @P@_@BODY@(
         n[@DOF@ - 1][k] += x[k];
     }
     for (int i = @DOF@ - 1; i >= 0; i--) {
-        const double *p = @P@_place[i], *axis = @P@_axis[i];
-        const @REAL@ *R = turn[i];
-        tau[i] = axis[0] * n[i][0] + axis[1] * n[i][1] + axis[2] * n[i][2];
+        const double *axis = @P@_axis[i], *slide = @P@_slide[i];
+        const @REAL@ *R = turn[i], *p = place[i];
+        tau[i] = axis[0] * n[i][0] + axis[1] * n[i][1] + axis[2] * n[i][2]
+            + slide[0] * f[i][0] + slide[1] * f[i][1] + slide[2] * f[i][2];
         if (i == 0) break;
         for (int k = 0; k < 3; k++) {
             const @REAL@ *r = R + 3 * k;

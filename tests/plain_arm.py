@@ -1,0 +1,82 @@
+"""Logs of any arm by Pinocchio alone: body, friction, noise, and what is hidden."""
+
+import numpy as np
+import pinocchio as pin
+
+from residual.recording import Recording
+from residual.robot.dynamics import inverse_dynamics
+from residual.robot.robot import Robot
+
+RATE = 200.0  # Hz
+SCATTER = 0.02  # of the masses and tensors, that no file knows exactly
+NOISE = 0.005  # of the rms of each joint's torque
+
+
+def motion(robot: Robot, seconds: float, rng) -> tuple[np.ndarray, ...]:
+    """Five harmonics a joint within its limits. Shapes (n,), and three of (n, dof)."""
+    t = np.arange(0, seconds, 1 / RATE)
+    low = np.where(np.isfinite(robot.lower), robot.lower, -1.5)
+    high = np.where(np.isfinite(robot.upper), robot.upper, 1.5)
+    half = np.minimum((high - low) / 2, 1.5)
+    middle = np.clip(0.0, low + half, high - half)
+    base = 2 * np.pi / 10.0
+    out = np.zeros((3, len(t), robot.dof))
+    for j in range(robot.dof):
+        size = rng.normal(size=5) / np.arange(1, 6)
+        phase = rng.uniform(0, 2 * np.pi, 5)
+        w = base * np.arange(1, 6) * rng.uniform(0.9, 1.1)
+        angle = np.outer(t, w) + phase
+        q, qd = np.sin(angle) @ size, np.cos(angle) @ (size * w)
+        limit = robot.velocity_limit[j] if robot.velocity_limit[j] < 1e3 else 3.0
+        scale = min(0.85 * half[j] / np.abs(q).max(), 0.85 * limit / np.abs(qd).max())
+        out[:, :, j] = (
+            scale * q + middle[j],
+            scale * qd,
+            -scale * (np.sin(angle) @ (size * w**2)),
+        )
+    return t, *out
+
+
+def true_model(robot: Robot, rng) -> pin.Model:
+    """The arm as it is: every body a little other than its file says."""
+    true = pin.Model(robot.model)
+    for i in range(1, true.njoints):
+        body = true.inertias[i]
+        by = 1 + SCATTER * rng.normal()
+        true.inertias[i] = pin.Inertia(by * body.mass, body.lever, by * body.inertia)
+    return true
+
+
+def with_load(model: pin.Model, mass: float, at: np.ndarray) -> pin.Model:
+    """The same arm with a small load in the frame of its last joint."""
+    loaded = pin.Model(model)
+    last = loaded.njoints - 1
+    body = pin.Inertia.FromSphere(mass, 0.04)
+    placed = pin.Inertia(mass, at, body.inertia)
+    loaded.inertias[last] = loaded.inertias[last] + placed
+    return loaded
+
+
+def logs(robot, model, names, seed, hidden=None, seconds=20.0, friction=0.1):
+    """Record logs of an arm.
+
+    Args:
+        model: Its true body.
+        hidden: (q, qd, qdd) -> the torque of what nobody knows of. (n, dof).
+        friction: Coulomb level, and viscous torque at usual speed, of the torque's rms.
+    """
+    out, rng = [], np.random.default_rng(seed)
+    probe = motion(robot, 20.0, np.random.default_rng(0))  # the same in all logs
+    usual = np.sqrt((inverse_dynamics(model, *probe[1:]) ** 2).mean(axis=0))
+    speed = np.sqrt((probe[2] ** 2).mean(axis=0))
+    usual = np.maximum(usual, 0.05 * usual.max())
+    for name in names:
+        t, q, qd, qdd = motion(robot, seconds, rng)
+        tau = inverse_dynamics(model, q, qd, qdd)
+        tau += friction * usual * (np.tanh(qd / (0.005 * speed)) + 0.6 * qd / speed)
+        if hidden is not None:
+            tau += hidden(q, qd, qdd)
+        tau += NOISE * usual * rng.normal(size=tau.shape)
+        q = q + 2e-5 * rng.normal(size=q.shape)
+        out.append(Recording(id=name, robot=robot.name, t=t, q=q, tau=tau))
+    return out
