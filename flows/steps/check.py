@@ -88,7 +88,8 @@ def _faults(
         if reach and doubt.kind in ("out_of_range", "angle_unit") and not doubt.fatal:
             found[reach[0]] = replace(found[reach[0]], certain=True)
         elif doubt.fatal or doubt.kind in ("clock", "spike") or not behind:
-            found.append(Fault(doubt.kind, doubt.joints, True, doubt.words, (), label))
+            sure, words = doubt.certain, doubt.words
+            found.append(Fault(doubt.kind, doubt.joints, sure, words, (), label))
     return sorted(found, key=lambda fault: not fault.certain)
 
 

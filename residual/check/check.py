@@ -5,6 +5,7 @@ from dataclasses import replace
 
 import numpy as np
 
+from residual.check.file_limits import doubted_limits, excursions
 from residual.check.kinematics import (
     degrees,
     no_clock,
@@ -31,6 +32,7 @@ from residual.check.samples import (
 from residual.errors import InputError, listed
 from residual.recording import Recording
 from residual.robot.dynamics import joints_length
+from residual.robot.limits import with_real_limits
 from residual.robot.robot import Robot
 from residual.signals.splitting import sketch_of
 
@@ -53,7 +55,9 @@ def check_logs(
     if not recordings:
         raise InputError("No log to check: expected at least one recording, got none.")
     with np.errstate(all="ignore"):
-        faults = _faults(robot, recordings, declared)
+        faults = doubted_limits(robot, recordings)
+        robot = with_real_limits(robot, recordings)
+        faults += _faults(robot, recordings, declared)
     return LogCheck(tuple(sorted(faults, key=lambda fault: not fault.certain)))
 
 
@@ -122,7 +126,9 @@ def _of_the_arm(
         columns += frictionless(robot, motion, declared)
     mended = any(fault.certain for fault in (*columns, *speeds))
     faults += carried(columns, speeds, logs)
-    return faults if mended else faults + out_of_range(robot, whole)
+    if mended:
+        return faults
+    return faults + excursions(robot, whole) + out_of_range(robot, whole)
 
 
 def carried(
@@ -228,6 +234,9 @@ def _inertias(robot: Robot) -> Fault | None:
         if body.mass < 0 or moments[0] < -CHECK.negative * largest:
             impossible.append(joint)
             words.append(f"link {joint} has a moment of {moments[0]:.3g} kg m^2")
+        elif body.mass > 1e-3 and largest == 0:
+            doubtful.append(joint)
+            words.append(f"link {joint} has {body.mass:.3g} kg and no moment")
         elif body.mass > 1e-3 and radius > CHECK.widest * max(reach, 0.1):
             impossible.append(joint)
             words.append(f"the mass of link {joint} is spread over {radius:.3g} m")

@@ -66,6 +66,7 @@ class Rules:
     range_limit: float = 1.5  # of speed and torque: files are a little too strict
     range_fast: float = 10.0  # of the speed limit: no arm does
     range_far: float = 3.0  # of the range: no arm does
+    excursion: float = 5.0  # of a real limit, over several samples: no arm does
     range_share: float = 0.99  # of the samples, so that single ones do not count
     range_stride: float = 0.1  # s over which a speed is taken
     zero_step: float = 0.3  # rad between the zeros that are tried

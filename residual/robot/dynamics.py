@@ -15,6 +15,7 @@ from cachetools import LRUCache, cached
 from residual.recording import Array
 from residual.robot.files import sliding
 from residual.robot.robot import Robot
+from residual.robot.urdf import ENDLESS
 
 PER_LINK = 10
 # A mass of exactly zero has no centre; this one moves no torque by more than 1e-5 N m.
@@ -130,8 +131,16 @@ def joint_axis(model: pin.Model, joint: int) -> Array:
 
 
 def joints_length(model: pin.Model) -> float:
-    """Return the way from the base over all joints to the last one [m]."""
-    return float(sum(np.linalg.norm(p.translation) for p in model.jointPlacements))
+    """Return the way from the base over all joints to the last one [m].
+
+    A joint that slides adds the way that it can go.
+    """
+    ends = np.maximum(
+        np.abs(model.lowerPositionLimit), np.abs(model.upperPositionLimit)
+    )
+    slides = np.array(sliding(model), dtype=bool) & (ends < float(ENDLESS))
+    way = sum(np.linalg.norm(p.translation) for p in model.jointPlacements)
+    return float(way + ends[slides].sum())
 
 
 def reach(model: pin.Model) -> float:

@@ -206,8 +206,7 @@ def read_log(
         InputError: If the file, its columns, its samples or the window are not usable.
     """
     recording, understood = read_any(spec, robot, columns, label)
-    if understood.doubts:
-        raise RecordingError(understood.doubts[0].words)
+    refuse_doubts(understood)
     return recording, understood
 
 
@@ -229,6 +228,13 @@ def read_any(
     label = label or f"{path.stem}{tail}"
     log = open_log(path, columns, tuple(robot.model.names)[1:])
     return read_opened(log, robot, columns, label, str(path), window)
+
+
+def refuse_doubts(understood: Understood) -> None:
+    """Refuse a log that can be none of this arm."""
+    for doubt in understood.doubts:
+        if doubt.certain:
+            raise RecordingError(doubt.words)
 
 
 class TableLog(LogFile):
@@ -299,8 +305,7 @@ def read_table(
     columns = columns or columns_of(robot) or ColumnMap()
     log = TableLog(table, label)
     recording, known = read_opened(log, robot, columns, label, label)
-    if known.doubts:
-        raise RecordingError(known.doubts[0].words)
+    refuse_doubts(known)
     return recording, known
 
 
@@ -321,6 +326,7 @@ def read_opened(
     check_units(chosen, columns.time_unit, log.units, log.name)
     table = log.read(chosen.used)
     first = _first(table[chosen.time]) * columns.time_unit_seconds
+    moved = _locked_that_move(log, robot, label)
     recording, doubts = _samples(table, chosen, columns, robot, label, log.name, window)
     understood = Understood(
         id=label,
@@ -335,10 +341,30 @@ def read_opened(
         warnings=odd(recording),
         notes=log.notes,
         channels=_channels(chosen, columns),
-        doubts=doubts,
+        doubts=(*doubts, *moved),
         recorded_at=_moment(log, first, recording),
     )
     return recording, understood
+
+
+MOVED = 0.02  # rad or m: a locked joint may be off by so much
+
+
+def _locked_that_move(log: LogFile, robot: Robot, label: str) -> tuple[Doubt, ...]:
+    """Joints outside of the chain that the log shows to move."""
+    names = {f"{name}.position": name for name in robot.locked}
+    seen = tuple(column for column in names if column in log.columns)
+    table = log.read(seen)
+    ways = {names[c]: float(np.nanmax(table[c]) - np.nanmin(table[c])) for c in seen}
+    moved = [f"'{name}' by {way:.3g}" for name, way in ways.items() if way > MOVED]
+    if not moved:
+        return ()
+    words = (
+        f"{label}: joints that are locked move in the log: {', '.join(moved)} (rad or "
+        "m). A lift or a rail that moves with the arm belongs to the chain (--chain); "
+        "what fingers carry is small."
+    )
+    return (Doubt("robot_file", (), words, certain=False),)
 
 
 def _first(t: Array) -> float:

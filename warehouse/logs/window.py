@@ -12,6 +12,7 @@ import numpy as np
 
 from residual.errors import InputError, RecordingError, shortened
 from residual.recording import Array, Recording, usual_speed
+from residual.robot.limits import with_real_limits
 from residual.robot.robot import Robot
 
 _EDGE = r"(\d+(?:\.\d*)?|\.\d+)(%?)"
@@ -200,6 +201,7 @@ class Doubt:
     joints: tuple[int, ...]  # its joints, from 1; () for all
     words: str  # what was found and what to do, in one or two lines
     fatal: bool = False  # whether nothing can be computed from such a log
+    certain: bool = True  # whether the log can be used in no case
 
 
 def time_fault(t: Array, where: str) -> str | None:
@@ -231,6 +233,7 @@ def check_samples(recording: Recording, robot: Robot) -> tuple[Doubt, ...]:
         What no log of this arm can be: too short or too slow, without motion, or at
         positions and speeds that the arm does not have; empty for a usable log.
     """
+    robot = with_real_limits(robot, [recording])
     # Of what is out of range the speed says no more.
     checks = (_short(recording), _constant(recording))
     where = _out_of_range(recording, robot) or _too_fast(recording, robot)
