@@ -80,3 +80,44 @@ def logs(robot, model, names, seed, hidden=None, seconds=20.0, friction=0.1):
         q = q + 2e-5 * rng.normal(size=q.shape)
         out.append(Recording(id=name, robot=robot.name, t=t, q=q, tau=tau))
     return out
+
+
+# Arms whose joints slide: name and type, axis, place, range, speed, effort, body.
+
+_SCARA = (
+    ("revolute", "0 0 1", "0 0 0.3", (-2.3, 2.3), 4, 120, 8, "0.2 0.01 0.02"),
+    ("revolute", "0 0 1", "0.35 0 0", (-2.3, 2.3), 5, 60, 5, "0.15 0 0.03"),
+    ("prismatic", "0 0 -1", "0.3 0 0", (0, 0.3), 1.2, 300, 2, "0.01 0 0.1"),
+    ("revolute", "0 0 -1", "0 0 0", (-6, 6), 8, 10, 0.8, "0.03 0 0.05"),
+)
+_GANTRY = (
+    ("prismatic", "1 0 0", "0 0 1", (-1, 1), 1.5, 800, 40, "0 0.3 0"),
+    ("prismatic", "0 1 0", "0 0 0", (-0.6, 0.6), 1.5, 500, 18, "0 0 0"),
+    ("prismatic", "0 0 1", "0 0 0", (-0.4, 0.4), 1, 600, 9, "0 0 -0.2"),
+)
+_RAIL = (
+    ("prismatic", "0 1 0", "0 0 0.2", (-1.5, 1.5), 1.5, 2500, 60, "0 0 0.1"),
+    ("revolute", "0 0 1", "0 0 0.3", (-2.8, 2.8), 2.5, 250, 12, "0.02 0 0.1"),
+    ("revolute", "0 1 0", "0.1 0 0.2", (-1.8, 1.8), 2.5, 350, 10, "0 0.02 0.25"),
+    ("revolute", "0 1 0", "0 0 0.5", (-2.4, 2.4), 3, 150, 6, "0.15 0 0.02"),
+    ("revolute", "1 0 0", "0.3 0 0", (-3, 3), 4, 40, 2.5, "0.05 0 0.01"),
+)
+SLIDING = {"scara": _SCARA, "gantry": _GANTRY, "rail": _RAIL}
+
+
+def sliding_arm(name: str) -> str:
+    """URDF of a SCARA, of a gantry of three axes, or of an arm on a rail."""
+    parts, parent = [f'<robot name="{name}"><link name="base"/>'], "base"
+    for i, (kind, axis, at, span, v, e, mass, centre) in enumerate(SLIDING[name], 1):
+        size = 0.02 * mass
+        parts.append(
+            f'<joint name="a{i}" type="{kind}"><parent link="{parent}"/>'
+            f'<child link="b{i}"/><origin xyz="{at}" rpy="0 0 0.1"/>'
+            f'<axis xyz="{axis}"/><limit lower="{span[0]}" upper="{span[1]}" '
+            f'velocity="{v}" effort="{e}"/></joint><link name="b{i}"><inertial>'
+            f'<origin xyz="{centre}"/><mass value="{mass}"/><inertia ixx="{size}" '
+            f'iyy="{1.2 * size}" izz="{0.9 * size}" ixy="0.001" ixz="0" iyz="0"/>'
+            "</inertial></link>"
+        )
+        parent = f"b{i}"
+    return "".join([*parts, "</robot>"])

@@ -1,0 +1,198 @@
+"""Joints that slide: their dynamics, their units, and what is named on them."""
+
+import csv
+from dataclasses import replace
+
+import numpy as np
+import pinocchio as pin
+import pytest
+
+import modelgap as mg
+from residual.effects import registry
+from residual.export.c99 import to_c99
+from residual.export.fmu import fmu_parts
+from residual.export.mujoco import to_mujoco
+from residual.export.simulators import to_mjcf, to_urdf
+from residual.export.table import to_table
+from residual.quantity import along
+from residual.robot.dynamics import chain_of, inertial_parameters, regressor
+from residual.robot.robot import robot_from_texts
+from sim.engine.bullet import World
+from tests.exports.back import c99_back, mjcf_back, mujoco_back, urdf_back
+from tests.exports.models import model_with
+from tests.plain_arm import SLIDING, logs, sliding_arm, true_model, with_load
+
+
+def arm(name):
+    return robot_from_texts(name, sliding_arm(name), "{}")
+
+
+@pytest.mark.parametrize("name", SLIDING)
+def test_an_identified_model_is_pinocchios_regressor_times_its_parameters(name):
+    robot = arm(name)
+    fit = logs(robot, robot.model, ["a", "b"], 3)
+    model = mg.identify(robot, fit).best
+    rng = np.random.default_rng(1)
+    q, qd, qdd = rng.normal(size=(3, 50, robot.dof))
+    rigid = replace(model, terms=()).torque(q, qd, qdd)
+    data = robot.model.createData()
+    for i in range(len(q)):
+        own = pin.computeJointTorqueRegressor(robot.model, data, q[i], qd[i], qdd[i])
+        want = own @ model.inertial
+        np.testing.assert_allclose(rigid[i], want, atol=1e-10 * np.abs(want).max())
+
+
+@pytest.mark.parametrize("name", SLIDING)
+def test_where_joints_and_flange_are(name):
+    robot, rng = arm(name), np.random.default_rng(2)
+    q = rng.uniform(-1, 1, (20, robot.dof))
+    origins = chain_of(robot.model).origins(q)
+    data = robot.model.createData()
+    for row, places in zip(q, origins, strict=True):
+        pin.framesForwardKinematics(robot.model, data, row)
+        want = [data.oMi[i].translation for i in range(1, robot.model.njoints)]
+        np.testing.assert_allclose(places[1:-1], want, atol=1e-12)
+
+
+EFFECTS = ("viscous", "coulomb", "rotor_inertia", "spring", "encoder_offset", "payload")
+
+
+@pytest.mark.parametrize("name", SLIDING)
+@pytest.mark.parametrize(
+    ("to", "back", "effects"),
+    [
+        (to_c99, c99_back, (*EFFECTS, "elasticity", "ripple")),
+        (to_mjcf, mjcf_back, ("viscous", "coulomb", "rotor_inertia", "payload")),
+        (to_mujoco, mujoco_back, ("viscous", "stribeck", "payload")),
+        (to_urdf, urdf_back, ("viscous", "coulomb")),
+    ],
+    ids=["c99", "mjcf", "mujoco", "urdf"],
+)
+def test_an_export_gives_the_models_torques_and_forces(name, to, back, effects):
+    got, want = back(to(model_with(arm(name), *effects)))
+    np.testing.assert_allclose(got, want, atol=2e-4 * np.abs(want).max())
+
+
+def test_an_export_says_the_units_of_each_joint():
+    model = model_with(arm("scara"), "viscous")
+    head, *_ = csv.reader(to_table(model).files["friction.csv"].decode().splitlines())
+    assert head == ["joint", "qd [rad/s] or qd [m/s]", "torque [N m] or torque [N]"]
+    text = fmu_parts(model).description.decode()
+    units = [
+        text.split(f'name="tau{j}"')[1].split('unit="')[1].split('"')[0] for j in (1, 3)
+    ]
+    assert units == ["N.m", "N"]
+
+
+def test_units_follow_the_joint():
+    robot = arm("rail")
+    on_rail = {k: e.units((0,), robot) for k, e in registry().items()}
+    assert on_rail["viscous"] == {"coefficient": "N s/m"}
+    assert on_rail["rotor_inertia"] == {"inertia": "kg"}
+    assert on_rail["ripple"] == {"amplitude": "N", "order": "rad/m", "phase": "rad"}
+    assert on_rail["payload"] == registry()["payload"].parameters
+    turning = registry()["spring"].units((1,), robot)
+    assert turning == {"stiffness": "N m/rad", "rest": "rad"}
+    assert along("N m (s/rad)^p") == "N (s/m)^p"
+
+
+def test_what_needs_an_angle_or_one_unit_is_no_candidate_elsewhere():
+    slides = (False, True, False, True)
+    needs = [e.name for e in registry().values() if e.needs_turn]
+    assert needs == ["balancer", "encoder_eccentricity", "position_friction"]
+    assert registry()["balancer"].candidates(4, slides) == ((0,), (2,))
+    pairs = registry()["coupled_friction"].candidates(4, slides)
+    assert pairs == ((1, 3),)
+
+
+def test_the_engine_moves_them_by_the_same_dynamics():
+    robot, dt = arm("rail"), 1e-3
+    rng = np.random.default_rng(4)
+    q, qd = rng.uniform(-0.4, 0.4, (2, robot.dof))
+    tau = rng.normal(size=robot.dof) * 20
+    with World(robot.model, dt) as world:
+        world.reset(q, qd)
+        world.step(tau)
+        _, after = world.state()
+    felt = pin.rnea(
+        robot.model, robot.model.createData(), q, qd, (np.array(after) - qd) / dt
+    )
+    np.testing.assert_allclose(felt, tau, atol=1e-7)
+
+
+def hidden(name, joint):
+    """Effects on a linear axis: what it is, and its first parameter with the unit."""
+    at = {
+        "spring": (lambda q, qd: 300 * (q - 0.05), ("stiffness", 300.0, "N/m")),
+        "ripple": (lambda q, qd: 12 * np.cos(80 * q), ("amplitude", 12.0, "N")),
+        "stribeck": (
+            lambda q, qd: 20 * np.tanh(qd / 0.002) * np.exp(-np.abs(qd) / 0.05),
+            ("level", 20.0, "N"),
+        ),
+    }[name]
+
+    def torque(q, qd, qdd):
+        out = np.zeros_like(q)
+        out[:, joint] = at[0](q[:, joint], qd[:, joint])
+        return out
+
+    return torque, at[1]
+
+
+def diagnosed(name, effect, seed):
+    """Whether what is hidden is named first, with its size; and the diagnosis."""
+    robot = arm(name)
+    sliding = [j for j in range(robot.dof) if robot.prismatic[j]]
+    joint = sliding[seed % len(sliding)]
+    torque, (key, size, unit) = hidden(effect, joint)
+    true = true_model(robot, np.random.default_rng(seed))
+    fit = logs(robot, true, "abc", 1000 + seed, torque)
+    held_out = logs(robot, true, "d", 2000 + seed, torque)
+    found = mg.diagnose(robot, fit, held_out=held_out)
+    if not found.effects or found.effects[0].name != effect:
+        return False, found
+    value = found.effects[0].parameters[key]
+    near = abs(value.value - size) < max(2 * value.std, 0.02 * size)
+    same = found.effects[0].joints == (joint + 1,) and value.unit == unit
+    return bool(near and same), found
+
+
+@pytest.mark.parametrize(
+    ("name", "effect", "seed"),
+    [("scara", "spring", 1), ("gantry", "stribeck", 2), ("rail", "ripple", 3)],
+)
+def test_what_is_hidden_on_a_linear_axis_is_named_in_its_units(name, effect, seed):
+    right, found = diagnosed(name, effect, seed)
+    assert right, found
+    # Torques and forces have no sum.
+    mixed = name != "gantry"
+    assert (found.to_json()["error"]["overall"]["augmented"] is None) == mixed
+
+
+@pytest.mark.long
+def test_of_twenty_fresh_cases_nineteen_are_named():
+    cases = [
+        (name, effect, seed)
+        for seed, (name, effect) in enumerate(
+            (n, e) for n in SLIDING for e in ("spring", "stribeck", "ripple")
+        )
+    ]
+    more = [(name, effect, seed + 100) for name, effect, seed in cases]
+    last = [(name, effect, seed + 200) for name, effect, seed in cases[:2]]
+    wrong = [case for case in (*cases, *more, *last) if not diagnosed(*case)[0]]
+    assert len(wrong) <= 1, wrong
+
+
+def test_a_load_on_an_arm_on_a_rail_is_named_in_kilograms():
+    robot = arm("rail")
+    true = true_model(robot, np.random.default_rng(5))
+    loaded = with_load(true, 2.5, np.array([0.06, 0.02, 0.05]))
+    found = mg.diagnose(
+        robot, logs(robot, loaded, "abc", 5), held_out=logs(robot, loaded, "d", 6)
+    )
+    assert found.effects[0].name == "payload"
+    mass = found.effects[0].parameters["mass"]
+    assert mass.unit == "kg"
+    assert abs(mass.value - 2.5) < 2 * mass.std
+    assert inertial_parameters(loaded).shape == (50,)
+    assert regressor(loaded, *np.zeros((3, 1, 5))).shape == (1, 5, 50)
