@@ -1,6 +1,7 @@
 """The figures of a diagnosis, each with a caption and words for who cannot see it."""
 
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
 
 import numpy as np
 
@@ -39,14 +40,14 @@ def error_charts(diagnosis: Diagnosis) -> list[Chart]:
 def finding_charts(diagnosis: Diagnosis) -> list[list[Chart]]:
     """Return the figures of each finding: measured over what explains it."""
     usable = [c for c in diagnosis.clouds if len(c.x) > 1]
-    charts = [_cloud_chart(c, len(usable)) for c in usable]
+    charts = [_in_units(_cloud_chart(c, len(usable)), diagnosis) for c in usable]
     return [_clouds_of(charts, effect) for effect in diagnosis.effects]
 
 
 def left_charts(diagnosis: Diagnosis) -> list[Chart]:
     """Return what each unexplained joint keeps, over what it depends on most."""
     usable = [c for c in diagnosis.left if len(c.x) > 1]
-    return [_left_chart(c, len(usable)) for c in usable]
+    return [_in_units(_left_chart(c, len(usable)), diagnosis) for c in usable]
 
 
 def motions(diagnosis: Diagnosis) -> tuple[list[tuple[str, list[Chart]]], int]:
@@ -62,10 +63,32 @@ def motions(diagnosis: Diagnosis) -> tuple[list[tuple[str, list[Chart]]], int]:
     curves = max(1, len(kept) * len(joints) * 2 * len(stages))
     most = min(_MOST_POINTS, _POINTS // curves)
     drawn = [
-        (proof.id, [_curve_chart(proof, j, stages, most) for j in joints])
+        (
+            proof.id,
+            [
+                _in_units(_curve_chart(proof, j, stages, most), diagnosis)
+                for j in joints
+            ],
+        )
         for proof in kept
     ]
     return drawn, len(usable) - len(kept)
+
+
+def _in_units(chart: Chart, diagnosis: Diagnosis) -> Chart:
+    """Return a chart of one joint with what it is driven by in its own unit."""
+    unit = diagnosis.torque_unit(chart.joint) if chart.joint else "N m"
+    if unit == "N m":
+        return chart
+
+    def mended(part):
+        if isinstance(part, dict):
+            return {key: mended(value) for key, value in part.items()}
+        return part.replace("N m", unit) if isinstance(part, str) else part
+
+    plot = chart.plot and {**chart.plot, "layout": mended(chart.plot["layout"])}
+    texts = {"alt": mended(chart.alt), "caption": mended(chart.caption)}
+    return replace(chart, plot=plot, **texts)
 
 
 def _in_order(diagnosis: Diagnosis) -> list[int]:
@@ -81,7 +104,7 @@ def spectrum_charts(diagnosis: Diagnosis) -> tuple[list[Chart], list[Chart]]:
     usable = [p for p in diagnosis.proofs if len(p.t) > 1]
     stages = [s for s in _stages(diagnosis) if s not in ("nominal", "plsr")]
     drawn = [_spectrum_chart(usable, j, stages) for j in _in_order(diagnosis)]
-    charts = [chart for chart in drawn if chart]
+    charts = [_in_units(chart, diagnosis) for chart in drawn if chart]
     first = [chart for chart in charts if chart.joint in focus]
     return first, [chart for chart in charts if chart.joint not in focus]
 

@@ -157,7 +157,9 @@ def _torque(result: Diagnosis) -> Tile | None:
         note += f": {fraction(most.share)} of the largest torque there"
     if len(named) > 1:
         note += f", from {noun(effect.name)}"
-    return Tile("Torque that the model lacks", f"up to {number(most.peak)} N m", note)
+    return Tile(
+        "Torque that the model lacks", f"up to {number(most.peak)} {most.unit}", note
+    )
 
 
 def _fall(result: Diagnosis) -> Tile | None:

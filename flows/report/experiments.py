@@ -205,8 +205,10 @@ def motion_png(robot: Robot, reference: Reference) -> bytes:
         for values in (reference.t, reference.q, reference.qd, reference.qdd)
     )
     torque = largest_torque(robot, q, qd, qdd)
+    slides = any(robot.prismatic)
+    where = ("position [rad or m]", q) if slides else ("angle [deg]", np.degrees(q))
     rows = (
-        ("angle [deg]", np.degrees(q), None),
+        (*where, None),
         ("speed", qd, robot.velocity_limit),
         ("acceleration", qdd, robot.acceleration_limit),
         ("torque (nominal)", torque, robot.torque_limit),

@@ -136,11 +136,12 @@ _CERTAIN = (0.999, 0.99)
 
 
 class Missing(NamedTuple):
-    """The most torque of an effect on a joint [N m], and its share of the largest."""
+    """The most torque of an effect on a joint, and its share of the largest."""
 
     joint: int
     peak: float
     share: float | None
+    unit: str = "N m"
 
 
 def missing_torque(diagnosis: Diagnosis, effect: Finding) -> list[Missing]:
@@ -151,8 +152,12 @@ def missing_torque(diagnosis: Diagnosis, effect: Finding) -> list[Missing]:
     out = []
     for cloud in mine:
         peak = float(np.abs(cloud.fitted).max())
-        whole = _largest(diagnosis, cloud.joint)
-        out.append(Missing(cloud.joint, peak, peak / whole if whole else None))
+        whole, joint = _largest(diagnosis, cloud.joint), cloud.joint
+        share, unit = (
+            peak / whole if whole else None,
+            diagnosis.torque_unit(cloud.joint),
+        )
+        out.append(Missing(joint, peak, share, unit))
     return sorted(out, key=lambda one: -(one.share or 0.0))
 
 
@@ -162,7 +167,7 @@ def means(diagnosis: Diagnosis, effect: Finding) -> str:
     if not lacking:
         return ""
     parts = [
-        f"by up to {number(one.peak)} N m on joint {one.joint}"
+        f"by up to {number(one.peak)} {one.unit} on joint {one.joint}"
         + (f" ({fraction(one.share)} of the largest torque there)" if one.share else "")
         for one in lacking
     ]

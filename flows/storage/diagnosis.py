@@ -122,8 +122,15 @@ def errors_by_run(found: Diagnosis) -> list[dict]:
             for joint in range(proof.tau.shape[1]):
                 value = _relative(miss[:, joint], power[:, joint])
                 rows.append({**same, "joint": joint + 1, "value": value})
-            rows.append({**same, "joint": None, "value": _relative(miss, power)})
+            if _alike(found):
+                rows.append({**same, "joint": None, "value": _relative(miss, power)})
     return [row for row in rows if row["value"] is not None]
+
+
+def _alike(found: Diagnosis) -> bool:
+    """Whether all joints have one unit: torques and forces have no sum."""
+    units = {found.torque_unit(j) for j in range(1, found.verdict.dof + 1)}
+    return len(units) == 1
 
 
 def _relative(miss: np.ndarray, power: np.ndarray) -> float | None:

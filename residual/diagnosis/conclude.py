@@ -193,10 +193,11 @@ def _unexplained(case: Case) -> Unexplained:
     power = design.rows * design.rms**2
     weight = power / power.sum()
     kinds = [one.kind for one in case.left if one.kind]
+    alike = len(set(case.examined.logs.robot.prismatic)) == 1
     return Unexplained(
         joints=tuple(int(j) + 1 for j in a.doubted),
-        fraction=plain(np.sqrt(weight @ a.structured**2)),
-        noise_floor=plain(np.sqrt(weight @ a.noise**2)),
+        fraction=plain(np.sqrt(weight @ a.structured**2)) if alike else None,
+        noise_floor=plain(np.sqrt(weight @ a.noise**2)) if alike else None,
         depends_on=depends_on(case.left),
         kind=max(sorted(set(kinds)), key=kinds.count) if kinds else None,
         per_joint=_row(_but(a.structured, case.examined.logs.too_small)),

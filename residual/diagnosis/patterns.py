@@ -16,6 +16,7 @@ from scipy.sparse import csr_array
 
 from residual.evidence.rules import RULES
 from residual.model.corrected import DIFFERENCE
+from residual.quantity import along
 from residual.recording import Array
 from residual.signals.filters import randomise_phases
 
@@ -36,12 +37,14 @@ class Variable:
     values: Array  # , (n,)
     # Direction of motion of the joint, 0 or 1; None where it does not matter, (n,).
     side: Array | None = None
+    slides: bool = False  # whether those joints move along their axis
 
     @property
     def label(self) -> str:
         """Its name with the unit, for an axis: "q4 + q5 [rad]"."""
         sign = " - " if self.form == DIFFERENCE else " + "
         unit = {"q": "rad", "qd": "rad/s", "qdd": "rad/s²", "tau": "N m"}[self.on]
+        unit = along(unit) if self.slides else unit
         return f"{sign.join(f'{self.on}{k + 1}' for k in self.of)} [{unit}]"
 
     def codes(self, bins: int) -> tuple[Array, int]:

@@ -461,6 +461,13 @@ class Diagnosis:
         """Sentences that qualify the answer."""
         return self.verdict.warnings
 
+    def torque_unit(self, joint: int) -> str:
+        """Return the unit of what drives a joint (from 1), a torque or a force."""
+        for model in self.models.values():
+            body = model.model if isinstance(model, Corrected) else model
+            return "N" if body.robot.prismatic[joint - 1] else "N m"
+        return "N m"
+
     def __repr__(self) -> str:
         return f"Diagnosis({self.verdict})"
 

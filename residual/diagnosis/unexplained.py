@@ -9,7 +9,7 @@ effects).
 """
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -154,7 +154,13 @@ def _variables(design: Design, tracks: Sequence[Track], j: int) -> list[Variable
             ]
             out.append(Variable("q", (j, k), SUM, q[j] + q[k]))
             out.append(Variable("q", (j, k), DIFFERENCE, q[j] - q[k]))
-    return [v for v in out if np.ptp(v.values) > 0]
+    slides = design.states[0].robot.prismatic
+    return [
+        replace(v, slides=slides[v.of[0]])
+        for v in out
+        # Of an angle and a length there is no sum.
+        if np.ptp(v.values) > 0 and len({slides[k] for k in v.of}) == 1
+    ]
 
 
 def _kind(
