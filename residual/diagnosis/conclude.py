@@ -104,7 +104,8 @@ def _clear_links(examined: Examined, least: list[Detectable]) -> list[Detectable
     prior = doubtful(examined)
     bodies = inertial_parameters(examined.logs.robot.model)
     pull = inertial_precision(examined.logs.robot) @ np.diag(bodies)
-    rough = prior.scale / np.sqrt((bodies @ pull).reshape(-1, 10).sum(axis=1))
+    with np.errstate(divide="ignore"):  # of a link without mass nothing is known
+        rough = prior.scale / np.sqrt((bodies @ pull).reshape(-1, 10).sum(axis=1))
     return [
         replace(
             d, value=max(d.value, RULES.sure_of_link * float(rough[d.joints[0] - 1]))

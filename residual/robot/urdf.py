@@ -476,7 +476,7 @@ def _mass(link: ET.Element) -> float:
 
 
 def _check_bodies(tree: _Tree, chain: Sequence[str]) -> None:
-    """Every joint needs a mass somewhere beyond it; note what looks like none."""
+    """The arm needs a mass; note which of its links have none."""
     mass: dict[str, float] = {}
     hollow = []
     for name, link in tree.links.items():
@@ -497,15 +497,13 @@ def _check_bodies(tree: _Tree, chain: Sequence[str]) -> None:
     light = []
     for name in chain:
         link = end(tree.joints[name], "child")
-        if sum(mass[part] for part in tree.carried(link)) <= 0:
-            tree.faults.append(
-                f"link '{link}', moved by joint '{name}', has no inertia, nor what "
-                "hangs on it: give one of them an <inertial> with a positive mass"
-            )
-            return
         if sum(mass[part] for part in tree.carried(link, chain)) <= 0:
             light.append(name)
-    if light:
+    if len(light) == len(chain):
+        tree.faults.append(
+            f"no link that joint '{chain[0]}' moves has a mass: give each an <inertial>"
+        )
+    elif light:
         tree.notes.append(f"no mass between these joints and the next: {some(light)}")
     if hollow:
         tree.notes.append(f"inertia tensor of zero: {some(hollow)}")

@@ -119,7 +119,7 @@ BAD_URDF = {
         "Name it .xacro",
     ),
     "no joint": (urdf(), "no revolute, continuous"),
-    "massless": (urdf(joint(1), joint(2, inertial="")), "'link2', moved by joint"),
+    "massless": (urdf(joint(1, inertial="")), "'joint1' moves has a mass"),
     "mass is text": (
         TWO_LINK.replace('value="2"', 'value="m"'),
         "expected a finite number",

@@ -5,7 +5,7 @@ Nothing is converted by guess.
 
 import math
 import re
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from difflib import get_close_matches
 from pathlib import Path
@@ -231,10 +231,10 @@ class Selection:
 
 
 def select(
-    columns: tuple[str, ...], column_map: ColumnMap, dof: int, where: str
+    columns: tuple[str, ...], column_map: ColumnMap, robot: Robot, where: str
 ) -> Selection:
     """Find the columns of every signal."""
-    signals = {}
+    signals, dof = {}, robot.dof
     for name in JOINT_SIGNALS:
         signal = column_map.signals.get(name)
         if signal is not None and len(signal.columns) != dof:
@@ -249,7 +249,10 @@ def select(
                 continue
         signals[name] = signal
     chosen = Selection(column_map.time, signals, ())
-    _check_there(chosen.used, columns, where)
+    try:
+        _check_there(chosen.used, columns, where)
+    except MissingColumnsError as error:
+        raise MissingColumnsError(f"{error}{_one_fewer(columns, robot)}") from error
     ignored = tuple(c for c in columns if c not in chosen.used and c)
     _check_beyond(ignored, dof, where)
     return replace(chosen, ignored=ignored)
@@ -297,6 +300,23 @@ def _check_there(used: tuple[str, ...], columns: tuple[str, ...], where: str) ->
                 f"{where}: column '{column}' stands twice, expected once. "
                 "Rename one of them."
             )
+
+
+def _one_fewer(columns: Sequence[str], robot: Robot) -> str:
+    """What may be behind a log of one joint fewer than the robot file has."""
+    logged = {f"{name}{j}" for name in _NEEDED for j in range(1, robot.dof)}
+    beyond = {f"{name}{robot.dof}" for name in _NEEDED}
+    if robot.dof < 2 or not logged <= set(columns) or beyond & set(columns):
+        return ""
+    *arm, last = robot.joints
+    what = "a gripper"
+    if robot.prismatic[0]:
+        what = f"a gripper, or joint 1 '{robot.joints[0]}' a lift that is not logged"
+    return (
+        f"\nThe log has {robot.dof - 1} joints, the robot file {robot.dof}: joint "
+        f"{robot.dof} '{last}' may be {what}. Leave it out with --chain "
+        f"{','.join(arm)}."
+    )
 
 
 def _check_beyond(rest: Iterable[str], dof: int, where: str) -> None:

@@ -322,7 +322,7 @@ def read_opened(
     Args:
         file: As the user wrote it, without the window.
     """
-    chosen = select(log.columns, columns, robot.dof, log.name)
+    chosen = select(log.columns, columns, robot, log.name)
     check_units(chosen, columns.time_unit, log.units, log.name)
     table = log.read(chosen.used)
     first = _first(table[chosen.time]) * columns.time_unit_seconds
