@@ -104,6 +104,7 @@ def import_(*logs: Log, request: Import, dry_run: Flag = False) -> None:
     place, console = store_folder(request.store), Console()
     request = replace(request, logs=logs, store=place)
     arm, read = imports.read_logs(request)
+    say(console, *(f"{arm.name}: {note}" for note in arm.notes))
     for log in read:
         if dry_run:
             show(console, channels(log))

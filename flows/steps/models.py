@@ -368,6 +368,12 @@ def _check_robot(robot: Robot, store: Path, diagnosis: str) -> None:
             f"The model of diagnosis {diagnosis[:8]} is of {own.name}, the robot is "
             f"{robot.name}. Give a model of this robot, or --model nominal."
         )
+    if own.joints != robot.joints:
+        raise InputError(
+            f"The model of diagnosis {diagnosis[:8]} is of the chain "
+            f"{', '.join(own.joints)}, this is {', '.join(robot.joints)}. Choose that "
+            "one with --chain, or go on with --model nominal."
+        )
     if own.content_hash != robot.content_hash:
         raise InputError(
             f"The model of diagnosis {diagnosis[:8]} was made with another description "

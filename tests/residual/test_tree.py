@@ -1,16 +1,21 @@
 """Files that hold more than an arm: which chain it is, and what all the rest weighs."""
 
+import json
+
 import numpy as np
 import pinocchio as pin
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from flows.inputs.given import load
+from flows.cli import main
+from flows.inputs.given import load, load_of
 from residual.errors import InputError, RobotError, UnknownNameError
 from residual.robot.dynamics import inverse_dynamics, regressor
 from residual.robot.robot import load_robot, robot_from_texts
 from residual.robot.urdf import Choice, read_urdf
+from tests.plain_arm import logs
+from warehouse.runs import robot_of_hash
 
 LIMIT = '<limit lower="{low}" upper="{high}" velocity="2" effort="90"/>'
 
@@ -223,3 +228,24 @@ def test_a_name_with_how_it_is_read_is_a_file_of_that_name_first(tmp_path):
     assert load(odd).dof == load(place).dof == 4
     with pytest.raises(InputError, match="No file"):
         load(f"{place}#speed=3")
+
+
+def test_runs_of_a_chain_bring_it_along_and_a_model_stays_with_its_own(tmp_path):
+    """Imported once with --chain, they are read, kept and made again without it."""
+    file, store = write(tmp_path, MANY), tmp_path / "store"
+    arm = load(file, chain=("j1", "j2", "j3", "j4"))
+    for n, log in enumerate(logs(arm, arm.model, "abc", 3)):
+        names = ["t", *(f"{s}{j}" for s in ("q", "tau") for j in range(1, 5))]
+        table = np.column_stack([log.t, log.q, log.tau])
+        path = tmp_path / f"{n}.csv"
+        np.savetxt(path, table, delimiter=",", header=",".join(names), comments="")
+        words = ["import", str(path), "--robot", str(file), "--store", str(store)]
+        assert main([*words, "--chain", "j4,j1,j2,j3"]) == 0
+    runs = [p.name[7:] for p in (store / "samples/robot=made").iterdir()]
+    assert load_of(str(file), runs, store).content_hash == arm.content_hash
+    assert load(robot_of_hash(store, arm.content_hash)).joints == arm.joints
+    out = ["diagnose", *runs, "--robot", str(file), "--store", str(store)]
+    assert main([*out, "--json", str(tmp_path / "out.json")]) == 0
+    verdict = json.loads((tmp_path / "out.json").read_text())
+    assert verdict["robot"] == "made"
+    assert len(verdict["unexplained"]["per_joint"]) == 4
