@@ -34,7 +34,10 @@ def _wanted(*extras: str) -> list[Requirement]:
     ("lock", "extras"),
     [
         ("requirements.lock", ()),
-        ("requirements-dev.lock", ("bags", "export", "scale", "docs", "dev")),
+        (
+            "requirements-dev.lock",
+            ("bags", "export", "xacro", "mjcf", "scale", "docs", "dev"),
+        ),
     ],
 )
 def test_a_lock_pins_every_dependency_inside_its_declared_range(lock, extras):
@@ -61,7 +64,8 @@ def test_every_pin_has_hashes_and_no_package_depends_on_an_address(lock):
 
 def test_pyproject_names_each_extra_once_and_the_prefect_pins_hold():
     extras = set(PROJECT["project"]["optional-dependencies"])
-    assert extras == {"bags", "scale", "export", "docs", "all", "dev"}
+    every = {"bags", "scale", "export", "xacro", "mjcf", "docs", "all", "dev"}
+    assert extras == every
     (everything,) = PROJECT["project"]["optional-dependencies"]["all"]
     assert Requirement(everything).extras == extras - {"all", "dev"}
     told = re.findall(r"^\| `(\w+)` \|", _text("docs/guide/first_hour.md"), re.M)

@@ -23,6 +23,7 @@ from flows.settings import HEALTHY, PROJECT, ROOT, port_is_free, store_folder
 from residual.errors import InputError
 from residual.robot.files import SERIAL, SLUG
 from residual.robot.robot import Robot, built_in_robots, with_serial
+from residual.robot.word import split_word
 from warehouse.bucket import is_address
 from warehouse.logs import ColumnMap, load_columns
 from warehouse.toml import faults, read_toml
@@ -300,18 +301,20 @@ def _beside(folder: Path, word: str, name: str) -> str:
     """Return what the file shall say of a robot, its description in the folder."""
     if word in built_in_robots():
         return word
-    path = Path(word).resolve()
+    place, _ = split_word(word)
+    path, how = Path(place).resolve(), word.removeprefix(place)
     if path.is_relative_to(folder):
-        return path.relative_to(folder).as_posix() if path != folder else "."
+        inside = path.relative_to(folder).as_posix() if path != folder else "."
+        return f"{inside}{how}"
     if path.is_file():
         shutil.copyfile(path, folder / path.name)
-        return path.name
+        return f"{path.name}{how}"
     kept = folder / name
     kept.mkdir(exist_ok=True)
     for file in (*path.glob("*.urdf"), path / "robot.toml"):
         if file.is_file():
             shutil.copyfile(file, kept / file.name)
-    return name
+    return f"{name}{how}"
 
 
 def _filled(name: str, urdf: str, simulated: bool) -> str:

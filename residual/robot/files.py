@@ -95,6 +95,7 @@ _TABLES = {
     "couplings": ("motor_from_joint",),
     "prior": ("scale",),
 }
+_CHOICE = ("chain", "locked")  # read before, since sizes follow from them
 
 
 @dataclass(frozen=True, eq=False, slots=True)
@@ -158,7 +159,7 @@ def read_robot_toml(
         RobotError: On a wrong size or a value out of range.
         UnknownNameError: On a table, key or effect that is not known.
     """
-    check_keys(content, (*_TABLES, "declared", "known"), where)
+    check_keys(content, (*_TABLES, *_CHOICE, "declared", "known"), where)
     for name, table in content.items():
         if not isinstance(table, dict):
             raise RobotError(f"{where}: '{name}' must be a table: [{name}].")
