@@ -163,11 +163,6 @@ class Request:
         return None if getattr(self, "declared", None) is None else "--declared"
 
 
-def parse_names(_: Any, tokens: Sequence[Token]) -> tuple[str, ...]:
-    """Return the names in "a,b,c"."""
-    return tuple(name.strip() for name in tokens[0].value.split(",") if name.strip())
-
-
 @dataclass(frozen=True, slots=True)
 class OfRobot(Request):
     """What names a robot; how its file is read goes into the word for it."""
@@ -177,7 +172,7 @@ class OfRobot(Request):
     chain: Annotated[
         tuple[str, ...],
         Parameter(
-            converter=parse_names,
+            converter=parse_declared,
             n_tokens=1,
             negative="",
             show_default=False,

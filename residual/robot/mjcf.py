@@ -8,6 +8,7 @@ tree, each with its joints; a body of several joints becomes links without mass.
 import xml.etree.ElementTree as ET
 from collections.abc import Mapping
 from pathlib import Path
+from types import MappingProxyType
 from typing import NamedTuple
 
 import numpy as np
@@ -24,10 +25,10 @@ class Compiled(NamedTuple):
     """What MuJoCo makes of an MJCF."""
 
     urdf: str
-    gravity: tuple[float, ...]  # [m/s^2]
+    gravity: tuple[float, ...] | None = None  # [m/s^2]
     # Properties of the joints, those of `residual.effects.base.Property`, by joint.
-    properties: Mapping[str, Mapping[str, float]]
-    notes: tuple[str, ...]
+    properties: Mapping[str, Mapping[str, float]] = MappingProxyType({})
+    notes: tuple[str, ...] = ()
 
 
 def read_mjcf(path: Path) -> Compiled:
@@ -55,10 +56,8 @@ class _Writer:
         name = model.names.split(b"\0")[0].decode() or "arm"
         self.root = ET.Element("robot", {"name": name})
         self.notes: list[str] = []
-        self.properties: dict[str, dict[str, float]] = {
-            key: {}
-            for key in ("damping", "friction", "armature", "stiffness", "constant")
-        }
+        names = ("damping", "friction", "armature")
+        self.properties: dict[str, dict[str, float]] = {name: {} for name in names}
         # Of each body: its link, and where the body's frame is in that of the link.
         self.frames: list[tuple[str, pin.SE3]] = []
 
@@ -120,15 +119,14 @@ class _Writer:
         limit = {"lower": repr(float(low)), "upper": repr(float(high))}
         limit |= {"effort": repr(self._effort(j)), "velocity": "0"}
         ET.SubElement(node, "limit", limit)
-        dof, stiff = m.jnt_dofadr[j], float(m.jnt_stiffness[j])
+        dof = m.jnt_dofadr[j]
         self.properties["damping"][name] = float(m.dof_damping[dof])
         self.properties["friction"][name] = float(m.dof_frictionloss[dof])
         self.properties["armature"][name] = float(m.dof_armature[dof])
-        self.properties["stiffness"][name] = stiff
-        rest = float(m.qpos_spring[m.jnt_qposadr[j]])
-        self.properties["constant"][name] = -stiff * rest
-        if m.dof_dampingpoly[dof].any() or m.jnt_stiffnesspoly[j].any():
-            self.notes.append(f"of joint '{name}' only the linear terms are taken")
+        if m.jnt_stiffness[j] or m.dof_dampingpoly[dof].any():
+            self.notes.append(
+                f"joint '{name}': its spring and damping by powers are not taken over"
+            )
 
     def _effort(self, j: int) -> float:
         m = self.m

@@ -26,8 +26,8 @@ from residual.robot.files import (
     read_robot_toml,
     sliding,
 )
-from residual.robot.mjcf import read_mjcf
-from residual.robot.urdf import Arm, Choice, end, read_urdf, some
+from residual.robot.mjcf import Compiled, read_mjcf
+from residual.robot.urdf import Arm, end, read_urdf
 from residual.robot.word import split_word
 from residual.robot.xacro import read_xacro
 
@@ -174,46 +174,42 @@ def load_robot(
     names = tuple(n.strip() for n in ",".join(options.get("chain", [])).split(",") if n)
     joints = names or (() if tip else choice.joints)
     choice = replace(choice, joints=joints, tip=tip, logged=tuple(logged))
-    text, notes = _urdf_of(file, options, content, properties, choice)
-    arm = read_urdf(text, file.name, choice)
+    made = _compiled(file, options)
+    arm = read_urdf(made.urdf, file.name, choice)
+    _declare(content, made, arm.joints, properties or {}, file.name)
     extra = read_robot_toml(content, arm.limits.shape[1], "robot.toml", effects)
     extra["name"] = extra["name"] or _slug(arm.name, Path(file.name).stem)
     extra |= {"toml": json.dumps(content, sort_keys=True), "columns": columns}
-    extra |= {"notes": (*arm.notes, *notes), "locked": arm.locked}
+    extra |= {"notes": (*arm.notes, *made.notes), "locked": arm.locked}
     return _assemble(arm, extra, file.name)
 
 
-def _urdf_of(
-    file: Traversable,
-    options: Mapping[str, Sequence[str]],
-    content: dict,
-    properties: Properties | None,
-    choice: Choice,
-) -> tuple[str, tuple[str, ...]]:
-    """Return a robot file as URDF, and notes; what else it says goes into content."""
+def _compiled(file: Traversable, options: Mapping[str, Sequence[str]]) -> Compiled:
+    """Return a robot file as URDF, with what else it says."""
     text, path = _read(file), Path(str(file))
     if path.suffix == ".xacro" or "<xacro:" in text:
-        args, packages = options.get("arg", ()), options.get("package", ())
-        return read_xacro(path, args, packages), ()
-    if not re.search(r"<mujoco\b", text):
-        return text, ()
-    made = read_mjcf(path)
-    if made.gravity != GRAVITY:
+        text = read_xacro(path, options.get("arg", ()), options.get("package", ()))
+    elif re.search(r"<mujoco\b", text):
+        return read_mjcf(path)
+    return Compiled(text)
+
+
+def _declare(
+    content: dict,
+    made: Compiled,
+    joints: Sequence[str],
+    properties: Properties,
+    where: str,
+) -> None:
+    """Put what a file says beside its bodies where a robot.toml would have it."""
+    if made.gravity not in (None, GRAVITY):
         content.setdefault("robot", {}).setdefault("gravity", list(made.gravity))
-    joints = _joints_of(read_urdf(made.urdf, file.name, choice))
-    declared = content.setdefault("declared", {})
-    source = {"assumed": True, "source": f"joint properties of {file.name}"}
-    for key, (effect, parameter) in (properties or {}).items():
-        values = [made.properties[key][joint] for joint in joints]
-        declared.setdefault(effect, {parameter: values} | source if any(values) else {})
-    springs = [joint for joint in joints if made.properties["stiffness"][joint]]
-    notes = (f"springs are left to the diagnosis: {some(springs)}",) if springs else ()
-    return made.urdf, (*made.notes, *notes)
-
-
-def _joints_of(arm: Arm) -> list[str]:
-    """Names of the joints of an arm, base to tip."""
-    return list(build_model(arm.urdf, arm.name).names)[1:]
+    source = {"assumed": True, "source": f"joint properties of {where}"}
+    for key, (effect, parameter) in properties.items():
+        values = [made.properties.get(key, {}).get(joint, 0.0) for joint in joints]
+        if made.properties:
+            given = {parameter: values} | source if any(values) else {}
+            content.setdefault("declared", {}).setdefault(effect, given)
 
 
 @lru_cache(maxsize=16)

@@ -36,6 +36,7 @@ class Arm(NamedTuple):
     name: str
     urdf: str
     limits: Array
+    joints: tuple[str, ...]  # names of the chain, base to tip
     locked: Mapping[str, float]  # joints outside of the chain [rad or m]
     notes: tuple[str, ...]  # what of the file was not taken as it stands, in words
 
@@ -62,7 +63,7 @@ class _Tree:
         self.below: dict[str, list[ET.Element]] = {}
         for name, joint in self.joints.items():
             self._place(name, joint)
-        self.base = self._base(root)
+        self._drop_loose(root)
 
     def _by_name(self, root: ET.Element, kind: str) -> dict[str, ET.Element]:
         found: dict[str, ET.Element] = {}
@@ -90,8 +91,8 @@ class _Tree:
         self.above[child] = joint
         self.below.setdefault(parent, []).append(joint)
 
-    def _base(self, root: ET.Element) -> str:
-        """The link that all others hang on; what hangs on nothing is taken out."""
+    def _drop_loose(self, root: ET.Element) -> None:
+        """Take out what hangs on nothing, where one base link with joints is left."""
         bases = [name for name in self.links if name not in self.above]
         moving = [name for name in bases if self.moved_by(self.below.get(name, []))]
         if len(bases) > 1 and len(moving) == 1:
@@ -107,7 +108,9 @@ class _Tree:
         if len(bases) != 1 and not self.faults:
             which = f"{len(bases)} ({', '.join(bases)})" if bases else "none"
             self.faults.append(f"expected one base link, got {which}")
-        return bases[0] if bases else ""
+        ring = set(self.links).difference(*map(self.carried, bases))
+        if ring:
+            self.faults.append(f"links hang on each other: {some(sorted(ring))}")
 
     def carried(self, link: str, stop: Iterable[str] = ()) -> list[str]:
         """The link and all that hang on it, without what is beyond some joints."""
@@ -137,6 +140,15 @@ class _Tree:
                 names.insert(0, joint.get("name", "?"))
             link = end(joint, "parent")
         return names
+
+    def vector(self, node: ET.Element | None, key: str, usual: str, what: str) -> Array:
+        """Three numbers of an attribute. Shape (3,)."""
+        text = usual if node is None else node.get(key, usual)
+        try:
+            return np.array(text.split(), dtype=float).reshape(3)
+        except ValueError:
+            self.faults.append(f"{what}: {key} is '{text}', expected three numbers")
+            return np.zeros(3)
 
     def number(self, node: ET.Element | None, key: str, what: str) -> float:
         text = "0" if node is None else node.get(key, "0")
@@ -192,7 +204,8 @@ def read_urdf(text: str, where: str, choice: Choice | None = None) -> Arm:
         text = ET.tostring(root, encoding="unicode")
     if locked:
         tree.notes.insert(0, _said(tree, chain, locked))
-    return Arm(root.get("name", ""), text, table, locked, tuple(tree.notes))
+    notes = tuple(tree.notes)
+    return Arm(root.get("name", ""), text, table, tuple(chain), locked, notes)
 
 
 def _parse(text: str, where: str) -> ET.Element:
@@ -401,12 +414,11 @@ def _locked(
 def _lock(joint: ET.Element, value: float, tree: _Tree) -> None:
     """Write a joint as a fixed one that stands at a value [rad or m]."""
     if value:
-        axis = _vector(joint.find("axis"), "xyz", "1 0 0")
-        node = joint.find("origin")
-        place = pin.SE3(
-            pin.rpy.rpyToMatrix(_vector(node, "rpy", "0 0 0")),
-            _vector(node, "xyz", "0 0 0"),
-        )
+        what, node = f"joint '{joint.get('name')}'", joint.find("origin")
+        axis = tree.vector(joint.find("axis"), "xyz", "1 0 0", what)
+        turned = tree.vector(node, "rpy", "0 0 0", what)
+        at = tree.vector(node, "xyz", "0 0 0", what)
+        place = pin.SE3(pin.rpy.rpyToMatrix(turned), at)
         axis = axis / max(np.linalg.norm(axis), 1e-12)
         if joint.get("type") == "prismatic":
             moved = place * pin.SE3(np.eye(3), value * axis)
@@ -417,10 +429,6 @@ def _lock(joint: ET.Element, value: float, tree: _Tree) -> None:
         turned = pin.rpy.matrixToRpy(moved.rotation)
         node.set("rpy", " ".join(repr(float(x)) for x in turned))
     _fix(joint)
-
-
-def _vector(node: ET.Element | None, key: str, usual: str) -> Array:
-    return np.array((usual if node is None else node.get(key, usual)).split(), float)
 
 
 def _is_stale(joint: ET.Element) -> bool:
