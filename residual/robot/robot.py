@@ -187,7 +187,7 @@ def load_robot(
 def _compiled(file: Traversable, options: Mapping[str, Sequence[str]]) -> Compiled:
     """Return a robot file as URDF, with what else it says."""
     text, path = _read(file), Path(str(file))
-    if path.suffix == ".xacro" or "<xacro:" in text:
+    if path.suffix == ".xacro":
         text = read_xacro(path, options.get("arg", ()), options.get("package", ()))
     elif re.search(r"<mujoco\b", text):
         return read_mjcf(path)

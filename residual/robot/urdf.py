@@ -184,12 +184,7 @@ def read_urdf(text: str, where: str, choice: Choice | None = None) -> Arm:
     }
     chain = _chain(tree, mimics, choice, where)
     locked = _locked(tree, chain, mimics, choice, where)
-    joints = [tree.joints[name] for name in chain]
-    limits, mended = [], False
-    for joint in joints:
-        limit, changed = _limits(tree, joint)
-        limits.append(limit)
-        mended |= changed
+    limits, mended = zip(*(_limits(tree, tree.joints[n]) for n in chain), strict=True)
     _check_bodies(tree, chain)
     for name, value in locked.items():
         _lock(tree.joints[name], value, tree)
@@ -200,7 +195,7 @@ def read_urdf(text: str, where: str, choice: Choice | None = None) -> Arm:
     table = np.array(limits, dtype=float).T
     table.setflags(write=False)
     lost = any(note.startswith("left out") for note in tree.notes)
-    if mended or locked or stale or lost:
+    if any(mended) or locked or stale or lost:
         text = ET.tostring(root, encoding="unicode")
     if locked:
         tree.notes.insert(0, _said(tree, chain, locked))
@@ -305,12 +300,8 @@ def _only(
     where: str,
 ) -> list[str]:
     """The only chain there is, of those that the log has by name; hands taken off."""
-    ends = [
-        j
-        for n in free
-        if not tree.moved_by(tree.below.get(end(j := tree.joints[n], "child"), []))
-    ]
-    ends += list(mimics.values())
+    # Those that end within another one fall to it.
+    ends = [*(tree.joints[name] for name in free), *mimics.values()]
     chains = _apart([_without_hand(tree, mimics, free, j) for j in ends])
     seen = set(logged)
     if any(seen & set(chain) for chain in chains):
@@ -358,10 +349,8 @@ def _without_hand(
     trunk: list[str] = []
     for name in names:
         link = end(tree.joints[name], "parent")
-        while (above := tree.above.get(link)) is not None and above.get(
-            "type"
-        ) not in MOVING:
-            link = end(above, "parent")
+        while link in tree.above and tree.above[link].get("type") not in MOVING:
+            link = end(tree.above[link], "parent")
         beside = tree.moved_by(tree.below[link])
         deepest = max(_depth(tree, joint) for joint in beside)
         fingers = len(beside) > 1 or name in leaders or name in mimics
@@ -386,7 +375,6 @@ def _locked(
     """Values of the joints that are not in the chain [rad or m]; followers follow."""
     for name in choice.locked:
         check_name(name, tree.joints, f"joint in [locked] of {where}")
-    out: dict[str, float] = {}
 
     def value(name: str, seen: tuple[str, ...] = ()) -> float:
         joint, mimic = tree.joints[name], tree.joints[name].find("mimic")
@@ -401,14 +389,11 @@ def _locked(
             return factor * value(leader, (*seen, name)) + offset
         node, what = joint.find("limit"), f"limit of joint '{name}'"
         low, high = (tree.number(node, k, what) for k in ("lower", "upper"))
-        outside = low > 0 or high < 0
-        ends = joint.get("type") != "continuous" and np.isfinite([low, high]).all()
-        return (low + high) / 2 if outside and ends and low < high else 0.0
+        outside = joint.get("type") != "continuous" and (low > 0 or high < 0)
+        return (low + high) / 2 if outside and -np.inf < low < high < np.inf else 0.0
 
-    for name, joint in tree.joints.items():
-        if joint.get("type") in MOVING and name not in chain:
-            out[name] = value(name)
-    return out
+    moving = [n for n, j in tree.joints.items() if j.get("type") in MOVING]
+    return {name: value(name) for name in moving if name not in chain}
 
 
 def _lock(joint: ET.Element, value: float, tree: _Tree) -> None:
@@ -456,17 +441,14 @@ def _said(tree: _Tree, chain: Sequence[str], locked: Mapping[str, float]) -> str
         holders.setdefault(path[-1] if path else "", []).append(name)
     parts = []
     for holder, names in holders.items():
-        links = {
-            x for n in names for x in tree.carried(end(tree.joints[n], "child"), chain)
-        }
+        moved = [end(tree.joints[name], "child") for name in names]
+        links = set().union(*(tree.carried(link, chain) for link in moved))
         mass = sum(_mass(tree.links[link]) for link in links)
         where = f"joint {chain.index(holder) + 1} ({holder})" if holder else "the base"
         at = some([f"{n} = {locked[n]:.4g}" for n in names])
         parts.append(f"{at} ({mass:.3g} kg on {where})")
-    return (
-        f"chain of {len(chain)} joints {chain[0]} to {chain[-1]}; locked: "
-        + ", ".join(parts)
-    )
+    arm = f"chain of {len(chain)} joints {chain[0]} to {chain[-1]}"
+    return f"{arm}; locked: {', '.join(parts)}"
 
 
 def some(names: Sequence[str]) -> str:
@@ -486,7 +468,7 @@ def _mass(link: ET.Element) -> float:
 def _check_bodies(tree: _Tree, chain: Sequence[str]) -> None:
     """The arm needs a mass; note which of its links have none."""
     mass: dict[str, float] = {}
-    hollow = []
+    hollow, light = [], []
     for name, link in tree.links.items():
         what = f"mass of link '{name}'"
         mass[name] = tree.number(link.find("inertial/mass"), "value", what)
@@ -500,13 +482,12 @@ def _check_bodies(tree: _Tree, chain: Sequence[str]) -> None:
             what = f"inertia of link '{name}'"
             if not any(tree.number(tensor, key, what) for key in keys):
                 hollow.append(name)
+    for name in chain:
+        parts = tree.carried(end(tree.joints[name], "child"), chain)
+        if not sum(mass[part] for part in parts) > 0:
+            light.append(name)
     if tree.faults:
         return
-    light = []
-    for name in chain:
-        link = end(tree.joints[name], "child")
-        if sum(mass[part] for part in tree.carried(link, chain)) <= 0:
-            light.append(name)
     if len(light) == len(chain):
         tree.faults.append(
             f"no link that joint '{chain[0]}' moves has a mass: give each an <inertial>"
@@ -528,33 +509,26 @@ def _limits(tree: _Tree, joint: ET.Element) -> tuple[list[float], bool]:
     axis = joint.find("axis")
     if axis is not None and not any(c in "123456789" for c in axis.get("xyz", "1")):
         tree.faults.append(f"joint '{name}' has an axis of length zero")
-    what = f"limit of joint '{name}'"
-    given = {k: tree.number(node, k, what) for k in ("velocity", "effort")}
-    speed, effort = (abs(x) or np.inf for x in given.values())
-    lower, upper = (tree.number(node, k, what) for k in ("lower", "upper"))
+    what, turns = f"limit of joint '{name}'", joint.get("type") == "continuous"
+    given = {k: tree.number(node, k, what) for k in ("effort", "velocity")}
+    ends = {k: tree.number(node, k, what) for k in ("lower", "upper")}
+    lower, upper = ends.values()
     endless = upper == -lower == float(ENDLESS)
-    open_ = joint.get("type") == "continuous" or not lower < upper
-    if open_ and joint.get("type") != "continuous":
+    if not (turns or lower < upper):
         tree.notes.append(f"joint '{name}' has no range: not checked")
-    if open_ or endless:
+    if turns or endless or not lower < upper:
         lower, upper = -np.inf, np.inf
-    short = node is None or not {"velocity", "effort"} <= set(node.attrib)
-    finite = np.isfinite([*given.values()]).all() and (
-        endless or np.isfinite([lower, upper]).all()
-    )
-    if finite and not short and joint.get("type") != "continuous":
-        return [lower, upper, speed, effort], False
-    if joint.get("type") == "continuous":
-        joint.set("type", "revolute")
-    if node is None:
-        node = ET.SubElement(joint, "limit", {"effort": "0", "velocity": "0"})
-    for key, value in given.items():
-        if key not in node.attrib or not np.isfinite(value):
-            node.set(key, "0")
-    for key, value, sign in (("lower", lower, "-"), ("upper", upper, "")):
-        if not np.isfinite(value):
-            node.set(key, f"{sign}{ENDLESS}")
-    return [lower, upper, speed, effort], True
+    there = set() if node is None else set(node.attrib)
+    mended = {k: "0" for k, x in given.items() if k not in there or np.isinf(x)}
+    if turns or not endless:
+        mended |= {"lower": f"-{ENDLESS}"} if np.isinf(lower) else {}
+        mended |= {"upper": ENDLESS} if np.isinf(upper) else {}
+    if mended:
+        joint.set("type", "revolute" if turns else joint.get("type", ""))
+        node = ET.SubElement(joint, "limit") if node is None else node
+        node.attrib.update(mended)
+    effort, speed = (abs(x) or np.inf for x in given.values())
+    return [lower, upper, speed, effort], bool(mended)
 
 
 def end(joint: ET.Element, side: str) -> str:
