@@ -10,7 +10,7 @@ from pathlib import Path
 from flows.requests import Request
 from flows.settings import store_folder
 from residual.effects import joint_properties, registry, vocabulary
-from residual.errors import InputError, RobotError, check_name, shortened
+from residual.errors import InputError, check_name, shortened
 from residual.recording import Recording
 from residual.robot.robot import Robot, load_robot, with_serial
 from residual.robot.word import word_of
@@ -291,7 +291,7 @@ def load_of(word: str, runs: Sequence[str], store: str | Path | None) -> Robot:
             one than robot.toml says; or there is no such run.
     """
     ids, files = [r for r in runs if is_run(r)], [r for r in runs if not is_run(r)]
-    named = [*filter(None, map(_logged, files)), *_chains_of(word, ids, store)]
+    named = [*filter(None, map(_logged, files)), *_chains_of(ids, store)]
     robot = _of_names(word, list(dict.fromkeys(named)))
     for run in ids:
         serial = serial_of(run, store)
@@ -304,20 +304,12 @@ def load_of(word: str, runs: Sequence[str], store: str | Path | None) -> Robot:
     return robot
 
 
-def _chains_of(
-    word: str, ids: Sequence[str], store: str | Path | None
-) -> list[tuple[str, ...]]:
-    """Names of the joints of runs of another robot than the word says by itself."""
+def _chains_of(ids: Sequence[str], store: str | Path | None) -> list[tuple[str, ...]]:
+    """Names of the joints of the robots that runs were stored with."""
     place, out = store_folder(store), []
-    hashes = {read_manifest(place, run).get("robot_hash") for run in ids}
-    try:
-        if hashes <= {None, load(word).content_hash}:
-            return []
-    except RobotError:
-        pass  # of several chains, which the runs may tell apart
-    for content_hash in filter(None, hashes):
-        with suppress(InputError):
-            out.append(load(robot_of_hash(place, content_hash)).joints)
+    for hash in {read_manifest(place, run).get("robot_hash") for run in ids} - {None}:
+        with suppress(InputError):  # of one that was not kept the word says all
+            out.append(load(robot_of_hash(place, hash)).joints)
     return out
 
 

@@ -1,5 +1,6 @@
 """The figures of a diagnosis, each with a caption and words for who cannot see it."""
 
+import json
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
 
@@ -81,14 +82,10 @@ def _in_units(chart: Chart, diagnosis: Diagnosis) -> Chart:
     if unit == "N m":
         return chart
 
-    def mended(part):
-        if isinstance(part, dict):
-            return {key: mended(value) for key, value in part.items()}
-        return part.replace("N m", unit) if isinstance(part, str) else part
-
-    plot = chart.plot and {**chart.plot, "layout": mended(chart.plot["layout"])}
-    texts = {"alt": mended(chart.alt), "caption": mended(chart.caption)}
-    return replace(chart, plot=plot, **texts)
+    document = json.dumps([chart.alt, chart.caption, (chart.plot or {}).get("layout")])
+    alt, caption, layout = json.loads(document.replace("N m", unit))
+    plot = chart.plot and {**chart.plot, "layout": layout}
+    return replace(chart, alt=alt, caption=caption, plot=plot)
 
 
 def _in_order(diagnosis: Diagnosis) -> list[int]:
