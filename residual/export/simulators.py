@@ -171,12 +171,8 @@ def _joint(model: Model, values: dict[str, Array], i: int) -> dict[str, str]:
 
 def _inertial(body: Array, number: int) -> dict[str, str]:
     """Mass, centre and the tensor about the centre, in the axes of the joint."""
-    mass, centre = body[0], body[1:4] / body[0]
-    xx, xy, yy, xz, yz, zz = body[4:]
-    about_origin = np.array([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]])
-    tensor = about_origin - mass * (
-        centre @ centre * np.eye(3) - np.outer(centre, centre)
-    )
+    moved = pin.Inertia.FromDynamicParameters(body)
+    mass, centre, tensor = moved.mass, moved.lever, moved.inertia
     least, middle, most = np.linalg.eigvalsh(tensor)
     if not least > 0 or least + middle < most * (1 - 1e-9):
         raise InputError(

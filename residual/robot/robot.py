@@ -167,13 +167,12 @@ def load_robot(
     columns = content.pop("columns", {})
     if not isinstance(columns, dict):
         raise RobotError("robot.toml: 'columns' must be a table: [columns].")
-    choice = read_choice(
-        content.pop("chain", {}), content.pop("locked", {}), "robot.toml"
-    )
-    tip = options.get("tip", [None])[0]
-    names = tuple(n.strip() for n in ",".join(options.get("chain", [])).split(",") if n)
-    joints = names or (() if tip else choice.joints)
-    choice = replace(choice, joints=joints, tip=tip, logged=tuple(logged))
+    chain, locked = content.pop("chain", {}), content.pop("locked", {})
+    choice = replace(read_choice(chain, locked, "robot.toml"), logged=tuple(logged))
+    if "tip" in options or "chain" in options:
+        names = ",".join(options.get("chain", [])).split(",")
+        joints = tuple(name.strip() for name in names if name)
+        choice = replace(choice, joints=joints, tip=options.get("tip", [None])[0])
     made = _compiled(file, options)
     arm = read_urdf(made.urdf, file.name, choice)
     _declare(content, made, arm.joints, properties or {}, file.name)
@@ -400,11 +399,8 @@ def _replace(link: ET.Element, body: Array) -> None:
     own = link.find("inertial")
     if own is not None:
         link.remove(own)
-    mass, centre = body[0], body[1:4] / body[0]
-    xx, xy, yy, xz, yz, zz = body[4:]
-    about_origin = np.array([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]])
-    shift = centre @ centre * np.eye(3) - np.outer(centre, centre)
-    tensor = about_origin - mass * shift
+    moved = pin.Inertia.FromDynamicParameters(body)
+    mass, centre, tensor = moved.mass, moved.lever, moved.inertia
     node = ET.Element("inertial")
     xyz = " ".join(_number(c) for c in centre)
     ET.SubElement(node, "origin", {"xyz": xyz, "rpy": "0 0 0"})
