@@ -59,7 +59,11 @@ def gravity_line(robot: Robot) -> str | None:
     power = round(math.log10(off))
     if power == 0 or not math.isclose(off, 10.0**power, rel_tol=0.02):
         return None
-    return f"gravity = [{', '.join(_number(10.0**power * g) for g in gravity)}]"
+    return _gravity(10.0**power * gravity)
+
+
+def _gravity(gravity: Iterable[float]) -> str:
+    return f"gravity = [{', '.join(f'{g + 0.0:.5g}' for g in gravity)}]"
 
 
 def place_of(lines: str) -> str:
@@ -73,7 +77,8 @@ def _line(
     if name == "t":
         return time_line(math.prod(float(r.scale or 1.0) for r in repairs), columns)
     if name == "robot":
-        return None  # masses and lengths stand in the URDF
+        gravity = next((r.gravity for r in repairs if r.gravity), None)
+        return gravity and _gravity(gravity)  # masses and lengths stand in the URDF
     signal = columns.signals.get(name) or default_signal(name, robot.dof)
     for repair in repairs:
         signal = _mended(name, signal, repair, robot)

@@ -8,7 +8,7 @@ from flows.inputs.given import LogSets, check_declared, load_of, need_logs, read
 from flows.outputs import Progress
 from flows.requests import Calibrate
 from flows.settings import store_folder
-from flows.steps.check import checked
+from flows.steps.check import as_mounted, checked
 from flows.storage.calibration import (
     Found,
     effects_of,
@@ -118,6 +118,7 @@ def calibrate_logs(
         InputError: If the logs are not usable together, or a fault of them is certain.
     """
     report = checked(logs, settings.declared, trust_log)
+    logs = as_mounted(logs, report)
     # One thread: the products are small, two threads only wait for each other.
     made = fit_tables(logs.robot, runs, settings, named, progress)
     return made, (*logs.warnings, *report.sentences)

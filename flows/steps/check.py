@@ -8,9 +8,10 @@ from flows.inputs.given import LogSets, load
 from flows.inputs.repair import drafted, gravity_line, place_of, repair_lines
 from flows.requests import Check, Map
 from residual.check.check import check_logs
-from residual.check.result import Fault, LogCheck
+from residual.check.result import MOUNTING, Fault, LogCheck
 from residual.errors import InputError
 from residual.recording import Recording
+from residual.robot.robot import with_gravity
 from residual.threads import one_blas_thread
 from warehouse.logs.draft import draft
 from warehouse.logs.window import split_spec
@@ -58,9 +59,20 @@ def checked(logs: LogSets, declared: Sequence[str] | None, trust_log: bool) -> L
     return report
 
 
+def as_mounted(logs: LogSets, report: LogCheck) -> LogSets:
+    """Return logs of the arm as it is mounted, where that is certain."""
+    turned = (r.gravity for f in report.certain for r in f.repairs if r.gravity)
+    gravity = next(turned, None)
+    if gravity is None:
+        return logs
+    return replace(logs, robot=with_gravity(logs.robot, gravity))
+
+
 def _refusal(report: LogCheck) -> str:
-    # What a line can mend first, since the others may come of it.
-    first, *more = sorted(report.certain, key=lambda fault: fault.repair is None)
+    # Gravity first, then what a line can mend: the others may come of it.
+    first, *more = sorted(
+        report.certain, key=lambda f: (f.kind != MOUNTING, f.repair is None)
+    )
     rest = f" {len(more)} more: see modelgap check." if more else ""
     evidence = " ".join(first.evidence.split())
     if first.repair:
@@ -115,11 +127,11 @@ def _merged(faults: Sequence[Fault]) -> Fault:
 
 def _told(faults: Sequence[Fault], logs: LogSets) -> LogCheck:
     listed = (
-        Fault(
-            kind=fault.kind,
+        replace(
+            fault,
             joints=tuple(int(joint) for joint in fault.joints),
             certain=bool(fault.certain),
-            evidence=fault.evidence,
+            log="",
             repair=_repair(fault, faults, logs),
         )
         for fault in faults

@@ -16,7 +16,7 @@ from flows.inputs.given import (
 from flows.outputs import Progress
 from flows.requests import Diagnose
 from flows.settings import store_folder
-from flows.steps.check import checked
+from flows.steps.check import as_mounted, checked
 from flows.storage import diagnosis as kept
 from residual.diagnosis.result import Diagnosis
 from residual.errors import InputError
@@ -110,6 +110,7 @@ def diagnose_logs(
         model: The adopted model; None for the nominal one.
     """
     report = checked(logs, declared, trust_log)
+    logs = as_mounted(logs, report)
     # One thread: the products are small, two threads only wait for each other.
     found = method.diagnose(
         logs.robot,

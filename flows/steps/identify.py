@@ -8,7 +8,7 @@ from flows.inputs import given
 from flows.inputs.given import LogSets, is_run
 from flows.requests import Identify
 from flows.settings import store_folder
-from flows.steps.check import checked
+from flows.steps.check import as_mounted, checked
 from flows.storage.diagnosis import read_known
 from flows.storage.identification import store_identification
 from residual.identification.estimate import Options
@@ -60,6 +60,7 @@ def identify_logs(
     """
     declared = None if isinstance(known, Model) else known
     report = checked(logs, declared, trust_log)
+    logs = as_mounted(logs, report)
     made = identify_and_prove(
         logs.robot, logs.fit, logs.held_out, known, options, consistent
     )

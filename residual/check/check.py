@@ -17,9 +17,11 @@ from residual.check.kinematics import (
 )
 from residual.check.late import commanded, filtered, late, long_late
 from residual.check.motion import Motion, thin_rows
+from residual.check.mounting import mounting, nats_of
 from residual.check.physics import misread, other_world, wrong_robot
-from residual.check.reported import frictionless, joints_exchanged, other_torque
-from residual.check.result import Fault, LogCheck, Repair, joints_of
+from residual.check.reading import Reading, odds_of, read_by
+from residual.check.reported import frictionless, joints_exchanged
+from residual.check.result import MOUNTING, Fault, LogCheck, Repair, joints_of
 from residual.check.rules import CHECK
 from residual.check.samples import (
     constant,
@@ -29,6 +31,7 @@ from residual.check.samples import (
     without_spikes,
     wraps,
 )
+from residual.check.slips import slips
 from residual.errors import InputError, listed
 from residual.recording import Recording
 from residual.robot.dynamics import joints_length
@@ -109,12 +112,24 @@ def _of_the_arm(
     if motion is None or any(fault.certain for fault in faults):
         return [*faults, *speeds]
     columns, reading = misread(robot, motion)
-    if not any(fault.certain for fault in columns):
-        columns = joints_exchanged(robot, motion) or columns
-    columns = other_torque(robot, motion, columns) or columns
-    columns = columns or other_world(robot, motion) or wrong_robot(robot, motion)
-    if any(fault.kind == "wrong_robot" for fault in columns):
-        columns = long_late(robot, motion, logs) or columns
+    slipped, mounted = slips(robot, motion), None
+    read, second = _nats(robot, motion, reading), -np.inf
+    if reading.angle_unit == 1.0 and (mounted := mounting(robot, motion)):
+        # The rest is asked of the arm as it is mounted.
+        also, then = misread(mounted.robot, motion)
+        second = _nats(mounted.robot, motion, then) - CHECK.odds
+    if slipped and slipped.nats >= max(read if columns else -np.inf, second):
+        columns, robot = list(slipped.faults), slipped.robot
+        inclined = mounting(robot, slipped.motion)
+        if inclined and inclined.fault.kind == MOUNTING and inclined.fault.certain:
+            columns.append(inclined.fault)
+    else:
+        if mounted and second > read:
+            faults, robot = [*faults, mounted.fault], mounted.robot
+            if mounted.fault.kind != MOUNTING:
+                return [*faults, *speeds]
+            columns, reading = also, then
+        columns = _of_columns(robot, motion, logs, columns)
     if columns and zero_explains(robot, motion, logs, reading):
         return [*faults, *filtered(logs), *speeds, *out_of_range(robot, whole)]
     computed = commanded(robot, logs)
@@ -129,6 +144,26 @@ def _of_the_arm(
     if mended:
         return faults
     return faults + excursions(robot, whole) + out_of_range(robot, whole)
+
+
+def _of_columns(
+    robot: Robot, motion: Motion, logs: Sequence[Recording], columns: list[Fault]
+) -> list[Fault]:
+    """What single readings of the columns say, else clocks, single torques, the arm."""
+    if not any(fault.certain for fault in columns):
+        columns = joints_exchanged(robot, motion) or columns
+    columns = columns or other_world(robot, motion) or wrong_robot(robot, motion)
+    if any(fault.kind == "wrong_robot" for fault in columns):
+        columns = long_late(robot, motion, logs) or columns
+    return columns
+
+
+def _nats(robot: Robot, motion: Motion, reading: Reading) -> float:
+    """Log evidence of one body under other columns than those given, less the odds."""
+    nats = nats_of(robot, read_by(robot, motion, reading))
+    # As likely as the log itself, in the unit that it is in.
+    rows = motion.spread * motion.moving.sum()
+    return nats + float(rows * np.log(reading.torque_unit)) - odds_of(reading)
 
 
 def carried(

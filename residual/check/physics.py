@@ -5,7 +5,6 @@ from dataclasses import dataclass, replace
 from typing import NamedTuple
 
 import numpy as np
-import pinocchio as pin
 from scipy.linalg import cho_factor, cho_solve
 
 from residual.check.motion import OUTER, Columns, Motion, columns
@@ -216,7 +215,7 @@ def _turn(signal: str, joints: Joints) -> Repair:
 
 
 @dataclass(frozen=True, eq=False, slots=True)
-class _Part:
+class Part:
     """Sums of one joint's rows over the coefficients of all joints."""
 
     gram: Array
@@ -238,7 +237,7 @@ def out_of_proportion(robot: Robot, motion: Motion) -> tuple[float, Fault | None
     Returns:
         What the factor gains [nats], and the fault; 0 and None where there is none.
     """
-    parts = _parts(motion, columns(robot, motion))
+    parts = parts_of(motion, columns(robot, motion))
     sigma = _sigma(parts)
     given = _evidence(parts, sigma, 0, 1.0)
     table = np.array(
@@ -261,7 +260,7 @@ def out_of_proportion(robot: Robot, motion: Motion) -> tuple[float, Fault | None
     return float(gain[j]), Fault("torque_scale", (j + 1,), False, words)
 
 
-def _parts(motion: Motion, joints: list[Columns]) -> list[_Part]:
+def parts_of(motion: Motion, joints: list[Columns]) -> list[Part]:
     """Own columns of each joint side by side, those of the body and outside common."""
     dof, out = len(joints), []
     common = OUTER + PER_LINK * dof
@@ -280,32 +279,50 @@ def _parts(motion: Motion, joints: list[Columns]) -> list[_Part]:
         floor = max(CHECK.scale_noise * size, CHECK.scale_coupled * strongest, 1e-12)
         sums = (weight * values.T @ x for x in (values, model, tau))
         own_columns = slice(int(starts[j]), int(starts[j + 1]))
-        out.append(_Part(*sums, squares, rows, floor, own_columns))
+        out.append(Part(*sums, squares, rows, floor, own_columns))
     return out
 
 
-def _sigma(parts: list[_Part]) -> Array:
+def _sigma(parts: list[Part]) -> Array:
     """What the common body leaves of each torque, by turns with its fit. (dof,)."""
-    sigma = np.array([part.floor for part in parts])
+    return fit_body(parts, np.ones(len(parts[0].gram)))[0]
+
+
+def fit_body(parts: list[Part], prior: Array) -> tuple[Array, Array, float]:
+    """Fit one body to all torques, by turns with what it leaves of each.
+
+    Args:
+        prior: Precision of each coefficient about none.
+
+    Returns:
+        What is left of each torque [N m], (dof,); the coefficients; log evidence.
+    """
+    sigma, ones = np.array([part.floor for part in parts]), np.ones(len(parts))
     for _ in range(CHECK.rounds):
-        _, at, _ = _fit(parts, sigma, np.ones(len(parts)))
+        _, at, _ = _fit(parts, sigma, ones, prior)
         for j, part in enumerate(parts):
             power, cross, model = part.squares
             left = power - 2 * cross + model - 2 * at @ (part.torque - part.model)
             left = max(float(left + at @ part.gram @ at), 0.0)
             sigma[j] = max(np.sqrt(left / max(part.rows, 1e-9)), part.floor)
-    return sigma
+    square, at, size = _fit(parts, sigma, ones, prior)
+    noise = sum(part.rows * np.log(sd) for part, sd in zip(parts, sigma, strict=True))
+    return sigma, at, float(-0.5 * (square + size) - noise)
 
 
-def _fit(parts: list[_Part], sigma: Array, scale: Array) -> tuple[float, Array, float]:
+def _fit(
+    parts: list[Part], sigma: Array, scale: Array, prior: Array | None = None
+) -> tuple[float, Array, float]:
     """Quadratic form of the rest, coefficients, and log determinant.
 
     The friction of a joint grows with the factor on its torque, so it speaks neither
     for a factor nor against one: only what the joint shares with the others does.
     """
-    prior, sums, square = np.ones(len(parts[0].gram)), 0.0, 0.0
-    for part, s in zip(parts, scale, strict=True):
-        prior[part.own] = s**-2.0
+    sums, square = 0.0, 0.0
+    if prior is None:
+        prior = np.ones(len(parts[0].gram))
+        for part, s in zip(parts, scale, strict=True):
+            prior[part.own] = s**-2.0
     gram = np.diag(prior)
     for part, sd, s in zip(parts, sigma * scale, scale, strict=True):
         power, cross, model = part.squares
@@ -318,7 +335,7 @@ def _fit(parts: list[_Part], sigma: Array, scale: Array) -> tuple[float, Array, 
     return square - float(sums @ at), at, size
 
 
-def _evidence(parts: list[_Part], sigma: Array, joint: int, factor: float) -> float:
+def _evidence(parts: list[Part], sigma: Array, joint: int, factor: float) -> float:
     """Log evidence of all torques, one of them times a factor."""
     scale = np.ones(len(parts))
     scale[joint] = factor
@@ -332,10 +349,9 @@ _SCALES = np.geomspace(1 / 36, 36, 13)
 
 
 def other_world(robot: Robot, motion: Motion) -> list[Fault]:
-    """Try other clocks, other directions of gravity, and scales of single torques."""
+    """Try other clocks, and scales of single torques."""
     given = _total(robot, motion)
-    tried = (_clock(robot, motion, given), _gravity(robot, motion, given))
-    found = [each for each in tried if each[0] > CHECK.world]
+    found = [each for each in (_clock(robot, motion, given),) if each[0] > CHECK.world]
     found.append(out_of_proportion(robot, motion))
     # One of them explains what the others would have to.
     _, fault = max(found, key=lambda each: each[0])
@@ -361,26 +377,3 @@ def _clock(robot: Robot, motion: Motion, given: float) -> tuple[float, Fault]:
     certain = tried[best] > CHECK.certain_time
     fault = Fault("time_unit", (), certain, words, (Repair("t", scale=best),))
     return tried[best], fault
-
-
-def _gravity(robot: Robot, motion: Motion, given: float) -> tuple[float, Fault | None]:
-    now = robot.model.gravity.linear
-    size = float(np.linalg.norm(now))
-    if size == 0:
-        return 0.0, None
-    tried = {}
-    for direction in size * np.vstack([np.eye(3), -np.eye(3)]):
-        if direction @ now > 0.9 * size**2:
-            continue
-        model = pin.Model(robot.model)
-        model.gravity.linear = direction
-        nats = _total(replace(robot, model=model), motion) - given
-        tried[tuple(direction.tolist())] = nats
-    best = max(tried, key=tried.__getitem__)
-    words = (
-        f"Gravity points along {listed(now, '.3g')} in the robot file; along "
-        f"{listed(best, '.3g')} m/s^2 the torques fit better by {tried[best]:.0f} "
-        "nats: is the base mounted like that?"
-    )
-    # A tilted base or a steady pull on the tool can look like that: never certain.
-    return tried[best], Fault("robot_file", (), False, words)

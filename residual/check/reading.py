@@ -212,7 +212,23 @@ def judge(robot: Robot, motion: Motion, reading: Reading) -> Judged:
     """Return one reading with its evidence."""
     scores, torques = _scores(robot, motion, reading), _torques(reading, _gears(robot))
     nats = sum(own.of(*torque) for own, torque in zip(scores, torques, strict=True))
-    return Judged(reading, nats, _odds(reading), scores, torques)
+    return Judged(reading, nats, odds_of(reading), scores, torques)
+
+
+def read_by(robot: Robot, motion: Motion, reading: Reading) -> Motion:
+    """Return a motion as another reading of its columns has it."""
+    gears = _gears(robot)
+    torques = _torques(reading, gears)
+    factor = np.array([f for _, f in torques])
+    angles = motion.with_angles(reading.angle_order, _angle_factors(robot, reading))
+    return replace(angles, tau=motion.tau[:, list(reading.torque_order)] * factor)
+
+
+def _angle_factors(robot: Robot, reading: Reading) -> Array:
+    unit = np.full(robot.dof, reading.angle_unit)
+    if reading.angle_unit == 1 / CHECK.gear and robot.gear_ratio is not None:
+        unit = 1 / _gears(robot)
+    return np.array(reading.angle_sign) * unit
 
 
 def _gears(robot: Robot) -> Array:
@@ -228,10 +244,7 @@ def _torques(reading: Reading, gears: Array) -> list[tuple[int, float]]:
 
 
 def _scores(robot: Robot, motion: Motion, reading: Reading) -> list[Scores]:
-    unit = np.full(robot.dof, reading.angle_unit)
-    if reading.angle_unit == 1 / CHECK.gear and robot.gear_ratio is not None:
-        unit = 1 / _gears(robot)
-    factor = np.array(reading.angle_sign) * unit
+    factor = _angle_factors(robot, reading)
     return torque_scores(robot, motion.with_angles(reading.angle_order, factor))
 
 
@@ -264,11 +277,11 @@ def _with_torques(
             )
             nats = float(table[joints, channels, k, which].sum())
             torques = _torques(changed, gears)
-            judged.append(Judged(changed, nats, _odds(changed), scores, torques))
+            judged.append(Judged(changed, nats, odds_of(changed), scores, torques))
     return max(judged, key=lambda each: each.value)
 
 
-def _odds(reading: Reading) -> float:
+def odds_of(reading: Reading) -> float:
     """Log odds against a reading: so much for each thing that is not as given."""
     counts = [
         sum(s < 0 for s in signs) for signs in (reading.torque_sign, reading.angle_sign)

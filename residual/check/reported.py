@@ -14,7 +14,7 @@ from itertools import combinations
 import numpy as np
 
 from residual.check.motion import Motion, gravity_of, rms, torque_of_file
-from residual.check.physics import bent, misread, wrong_robot
+from residual.check.physics import bent
 from residual.check.reading import Reading, as_given, exchanged, judge
 from residual.check.result import Fault, Repair, joints_of
 from residual.check.rules import CHECK
@@ -30,7 +30,7 @@ from residual.signals.track import Filters
 _TILTS = 2
 _NOTHING = 1e-12
 _ALIKE = 1e-9  # of the power of a direction of the columns: below it is none
-_SILENT = (np.nan, np.inf, 0.0, np.nan, np.inf, np.nan, 0.0, *2 * (np.nan, np.inf))
+_SILENT = (np.nan, np.inf, 0.0, 0.0, np.nan, np.inf)
 
 
 @dataclass(frozen=True, eq=False, slots=True)
@@ -42,27 +42,21 @@ class Shares:
     whole_sd: Array
     # What the nominal torque explains of what friction leaves, 0 to 1, (dof,).
     seen: Array
-    # Share of the nominal weight, (dof,).
-    weight: Array
-    weight_sd: Array
-    # Share of the weight that it had along the other axes, the larger of the two, in
-    # size, (dof,).
-    tilted: Array
     load: Array  # size of the nominal torque [N m], (dof,)
-    # Share of the nominal inertia, (dof,).
-    inertia: Array
-    inertia_sd: Array
     friction: Array  # power that friction takes [W], (dof,)
     friction_sd: Array  # its deviation [W], (dof,)
 
 
-def shares_of(robot: Robot, motion: Motion) -> Shares:
+def shares_of(robot: Robot, motion: Motion, removed: bool = False) -> Shares:
     """Return the shares of a motion, by a plain regression joint by joint.
 
     tau = share * nominal + a qd + b sign(qd) + c + d qdd, the friction, offset and
     rotor of any size; and the same with the nominal torque in two parts, weight and
     inertia. A rough file, a load or a gear's losses leave the shares near one on the
     joints that carry the arm; torque in another unit, or without a part, does not.
+
+    Args:
+        removed: Whether a driver took the weight out, but for what it knows it by.
     """
     _, nominal = torque_of_file(robot, motion)
     down, across = gravity_of(robot)
@@ -71,7 +65,10 @@ def shares_of(robot: Robot, motion: Motion) -> Shares:
     parts = np.stack([weight, *every, nominal - weight], axis=2)
     strong = rms(weight)
     parts[:, strong <= CHECK.weightless * strong.max(), 0] = 0.0
-    rows = [_joint(motion, j, nominal[:, j], parts[:, j]) for j in range(robot.dof)]
+    nominal = nominal - weight if removed else nominal
+    rows = [
+        _joint(motion, j, nominal[:, j], parts[:, j], removed) for j in range(robot.dof)
+    ]
     return Shares(*(np.array(column) for column in zip(*rows, strict=True)))
 
 
@@ -80,7 +77,9 @@ def carries(shares: Shares, least: float = 0.1) -> Array:
     return shares.load > least * shares.load.max()
 
 
-def _joint(motion: Motion, j: int, nominal: Array, parts: Array) -> tuple:
+def _joint(
+    motion: Motion, j: int, nominal: Array, parts: Array, removed: bool
+) -> tuple:
     """The shares of one joint, in the order of the record."""
     use = motion.moving[:, j]
     if use.sum() < CHECK.fewest:
@@ -89,8 +88,11 @@ def _joint(motion: Motion, j: int, nominal: Array, parts: Array) -> tuple:
     slow = max(CHECK.turns * float(rms(qd)), _NOTHING)
     rest = np.column_stack([qd, np.tanh(qd / slow), np.ones_like(qd), qdd])
     _, _, without = _fit(rest, tau, motion.spread)
-    columns = np.column_stack([nominal[use], rest])
-    whole, sure, left = _fit(columns, tau, motion.spread)
+    columns = [nominal[use], *([parts[use, 0]] if removed else []), rest]
+    whole, sure, left = _fit(np.column_stack(columns), tau, motion.spread)
+    there = removed and bool(parts[:, 0].any())
+    if there and abs(whole[1]) > CHECK.weight_gone * abs(whole[0]):
+        left = without  # it is there
     each, wide, _ = _fit(np.column_stack([parts[use], rest]), tau, motion.spread)
     # The power of friction is linear in its two coefficients.
     brake, heavy = np.mean(rest[:, :2] * qd[:, None], axis=0), 1 + _TILTS
@@ -99,12 +101,7 @@ def _joint(motion: Motion, j: int, nominal: Array, parts: Array) -> tuple:
         whole[0],
         np.sqrt(sure[0, 0]),
         1 - left / max(without, _NOTHING),
-        each[0],
-        np.sqrt(wide[0, 0]),
-        np.abs(each[1:heavy]).max(),
         rms(nominal[use]),
-        each[heavy],
-        np.sqrt(wide[heavy, heavy]),
         brake @ each[rubs],
         np.sqrt(brake @ wide[rubs, rubs] @ brake),
     )
@@ -130,36 +127,6 @@ def _fit(columns: Array, tau: Array, spread: float) -> tuple[Array, Array, float
     return at / size, covariance, left
 
 
-def other_torque(robot: Robot, motion: Motion, found: Sequence[Fault]) -> list[Fault]:
-    """Find torque in another unit, or without its weight: all joints at once.
-
-    Mended, the log must be this arm's in every column. Then what was found before is
-    what comes of it.
-
-    Returns:
-        The fault; empty where there is none, or ``found`` is nearer to it.
-    """
-    shares = shares_of(robot, motion)
-    light = _weightless(shares)
-    if light:
-        own = listed((shares.weight[j - 1] for j in light), ".2f")
-        words = (
-            f"Expected the weight that the robot file gives {joints_listed(light)}, "
-            f"got {own} of it, while inertia is there: the driver took gravity out "
-            "before it was logged. Log the torque as measured, or say so in "
-            "robot.toml, [robot]: gravity = [0, 0, 0]."
-        )
-        return [Fault("gravity_removed", (), True, words)]
-    scaled = torque_factors(shares)
-    if scaled is None or _settled(robot, scaled, found):
-        return []
-    known = np.nan_to_num(scaled, nan=float(np.nanmedian(scaled)))
-    mended = replace(motion, tau=motion.tau * known)
-    if misread(robot, mended)[0] or wrong_robot(robot, mended):
-        return []
-    return [_unit(robot, scaled, shares)]
-
-
 def torque_factors(shares: Shares) -> Array | None:
     """What each torque is to be multiplied by, where all that shows it is far off.
 
@@ -171,30 +138,19 @@ def torque_factors(shares: Shares) -> Array | None:
     """
     sharp = shares.whole_sd < CHECK.sharp * np.abs(shares.whole)
     shows = sharp & (shares.seen > CHECK.shows)
+    few = min(CHECK.joints_least, len(shows))
     own = shares.whole[shows & carries(shares)]
-    if len(own) < min(CHECK.joints_least, len(shows)) or shares.whole[shows].min() <= 0:
+    if len(own) < few:  # of the strongest, one may hide an effect
+        own = shares.whole[shows & carries(shares, CHECK.tells)]
+    if len(own) < few or shares.whole[shows].min() <= 0:
         return None
     if own.max() > 1 / CHECK.unit_off and own.min() < CHECK.unit_off:
         return None
     return np.where(shows, 1 / shares.whole, np.nan)
 
 
-def _settled(robot: Robot, scaled: Array, found: Sequence[Fault]) -> bool:
-    """Whether what was found says of the torque's unit what its shares say."""
-    if any(f.kind == "gear_ratio" and not f.repairs for f in found):
-        return bool(np.nanmin(scaled) > CHECK.gear / 3)  # so small is a motor's torque
-    repairs = [r for f in found for r in f.repairs if r.signal == "tau" and r.scale]
-    scale = np.ones(robot.dof)
-    for repair in repairs:
-        scale = scale * np.array(repair.scale)
-    left = float(np.nanmedian(scaled / scale))
-    # A unit that has a name is told by it, where a load bends the shares besides.
-    named = any(f.kind == "torque_unit" and f.certain for f in found)
-    near = CHECK.unlike if named else CHECK.unit_same
-    return bool(repairs) and 1 / near < left < near
-
-
-def _unit(robot: Robot, scaled: Array, shares: Shares) -> Fault:
+def unit_fault(robot: Robot, scaled: Array, shares: Shares) -> Fault:
+    """Say what torques in another unit are to be multiplied by, drive by drive."""
     sure = np.isfinite(scaled) & carries(shares, CHECK.tells)
     shown = np.flatnonzero(sure)
     own = scaled[shown]
@@ -210,43 +166,42 @@ def _unit(robot: Robot, scaled: Array, shares: Shares) -> Fault:
         f"{rest}: currents of the motors, torque before the gears, or the file of an "
         "arm of another size. "
     )
-    known, repairs = robot.torque_per_unit, ()
-    # As far as a rough file tells, factors are those of the robot file.
-    away = np.zeros(1) if known is None else np.abs(np.log(own / known[shown]))
-    alike = away.max() < np.log(CHECK.unlike)
-    alike &= np.median(away) < np.log(CHECK.unit_same)
-    if known is not None and alike:
-        joints = tuple(range(1, robot.dof + 1))
-        repairs = (Repair("tau", joints, scale=tuple(float(k) for k in known)),)
-        words += "The torque_per_unit of robot.toml mends it."
-    else:
-        words += (
-            "Give the drives' own N m per logged unit (torque constant times gear "
-            "ratio), not these rough ones: torque_per_unit = [...] in robot.toml, "
-            '[joints], and unit = "A" in the line tau of --map.'
-        )
+    joints = tuple(range(1, robot.dof + 1))
     off = np.exp(abs(np.mean(np.log(scaled[np.isfinite(scaled) & carries(shares)]))))
-    return Fault("torque_unit", (), bool(off > CHECK.unit_certain), words, repairs)
+    certain = bool(off > CHECK.unit_certain)
+    for kind, known in (
+        ("torque_unit", robot.torque_per_unit),
+        ("gear_ratio", robot.gear_ratio),
+    ):
+        # As far as a rough file tells, factors are those of the robot file.
+        if known is not None and _alike(own / np.abs(known[shown])):
+            repair = Repair("tau", joints, scale=tuple(np.abs(known).tolist()))
+            words += "The robot.toml has the factors that mend it."
+            return Fault(kind, (), certain, words, (repair,))
+    for unit in (1e-3, 1e3, 1e-2):
+        if _alike(own / unit):
+            words += f"Times {unit:g} all of them fit."
+            return Fault(
+                "torque_unit", (), certain, words, (Repair("tau", scale=unit),)
+            )
+    rough = np.where(sure, scaled, float(np.median(own)))
+    words += (
+        "Give the drives' own N m per logged unit (torque constant times gear ratio) "
+        "where they are known: torque_per_unit = [...] in robot.toml, [joints], and "
+        'unit = "A" in the line tau of --map; the factors of the line here are rough.'
+    )
+    repair = Repair("tau", joints, scale=tuple(float(f"{f:.2g}") for f in rough))
+    geared = np.median(own) > CHECK.gear / 3  # so small is a motor's torque
+    kind = "gear_ratio" if geared else "torque_unit"
+    return Fault(kind, (), certain, words, (repair,))
 
 
-def _weightless(shares: Shares) -> tuple[int, ...]:
-    """Joints (from 1) without their weight; none where any that shows it has it.
-
-    The inertia has to be there, so that it is neither the unit nor another arm; and no
-    weight along another axis, which the arm has where its base is mounted otherwise.
-    """
-    sharp = shares.inertia_sd < CHECK.sharp * np.abs(shares.inertia)
-    sharp &= carries(shares)
-    if not sharp.any():
-        return ()
-    unit = float(np.median(shares.inertia[sharp]))
-    if not 1 / CHECK.unlike < unit < CHECK.unlike:
-        return ()
-    sure = (shares.weight_sd < CHECK.weight_sure * unit) & carries(shares)
-    gone = np.maximum(np.abs(shares.weight), shares.tilted) < CHECK.weight_gone * unit
-    if sure.sum() < CHECK.joints_least or not gone[sure].all():
-        return ()
-    return joints_of(sure)
+def _alike(away: Array) -> bool:
+    """Whether factors are one another but for what a rough file or a load does."""
+    off = np.abs(np.log(away))
+    return bool(
+        off.max() < np.log(CHECK.unlike) and np.median(off) < np.log(CHECK.unit_same)
+    )
 
 
 def frictionless(

@@ -8,8 +8,9 @@ import numpy as np
 from residual.errors import InputError, joints_listed, shown
 
 SCHEMA = 1
-DELAY = "delay"
+DELAY, MOUNTING = "delay", "mounting"
 KINDS: tuple[str, ...] = (
+    MOUNTING,
     "torque_sign",
     "angle_sign",
     "joint_order",
@@ -51,6 +52,7 @@ class Repair:
             where it stays.
         order: The log's channel (from 1) that is the signal of joint 1, 2, ...; None
             where it stays.
+        gravity: Gravity in the base frame, for robot.toml [m/s^2]; None where it stays.
     """
 
     signal: str
@@ -58,6 +60,7 @@ class Repair:
     sign: tuple[int, ...] | None = None
     scale: tuple[float, ...] | float | None = None
     order: tuple[int, ...] | None = None
+    gravity: tuple[float, ...] | None = None
 
 
 @dataclass(frozen=True, slots=True)

@@ -122,7 +122,19 @@ class Rules:
     parts: int = 4  # in time
     part_fits: float = 0.25  # of the strain of the worst part
 
-    # Clocks, gravity, single torques.
+    # Gravity.
+    tilted: float = 0.1745  # rad, 10 degrees: below it is an effect, a tilted base
+    mounted: float = 25.0  # nats: sound arms reach 5, 15 degrees in half a minute 30
+    mounted_explains: float = 0.5  # of what the file leaves is left, at most
+    axis_worth: float = 2.0  # nats that an axis may lose to what is beside it
+    turns_of_gravity: int = 12
+    still: float = 2e-3  # rad
+    bodies: tuple[float, ...] = (0.1, 0.3, 1.0)  # times ``body``, by evidence
+    any_load: float = 3.0  # times ``load``
+    stands_off: float = 0.3  # times ``tilt``: what upright arms stand off
+    free_tilt: float = 3.0  # times ``tilt``
+
+    # Clocks, single torques.
     times: tuple[float, ...] = (0.1, 0.5, 2.0, 10.0)  # true time over the one given
     world: float = 65.0  # nats: files that are off by half, not a third, reach 60
     # A rough file may be wrong in inertia and right in weight: time is rarely certain.
@@ -150,12 +162,12 @@ class Rules:
     tells: float = 0.03  # of the strongest torque: a wrist's factor is anything
     factors_alike: float = 1.1  # factors so near to each other are one
     weight_gone: float = 0.3  # of the weight
-    weight_sure: float = 0.1  # its deviation
     friction_gone: float = 0.2  # of the declared power
     friction_sure: float = 0.15  # its deviation
     joints_least: int = 2
     stands: float = 1e-3  # rad/s
     poor: float = 0.7  # explained at most, as given
+    nearest: float = 0.02  # of a torque: no file is nearer
     good: float = 0.7  # at least, with two joints exchanged
     exchange_worth: float = 40.0  # nats
     exchange_certain: float = 80.0

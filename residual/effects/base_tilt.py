@@ -1,6 +1,8 @@
 """A base that does not stand as the model says: gravity comes from elsewhere.
 
-To first order |g| (tilt_x, tilt_y, 0) is added to gravity in the base frame.
+The tilt is an angle of rotation of up to ten degrees; beyond, an arm is mounted
+otherwise than its file says (residual.check.mounting). |g| times its tangent is added
+to gravity in the base frame.
 """
 
 import numpy as np
@@ -8,7 +10,7 @@ import numpy as np
 from residual.effects.base import Effect, Portable, model_of
 from residual.robot.dynamics import gravity_torque
 
-MOST = 1.2  # rad; an arm on a wall is declared as one
+MOST = np.deg2rad(10.0)
 
 
 def _columns(state, joints, shape):
@@ -16,6 +18,17 @@ def _columns(state, joints, shape):
     size = np.linalg.norm(model.gravity.linear)
     pushes = size * np.eye(3)[:2]
     return np.stack([gravity_torque(model, state.q, g) for g in pushes], axis=2)
+
+
+def _angles(theta, shape, robot):
+    """Angles of rotation about the axes, of the tangents that are fitted."""
+    size = np.hypot(*theta)
+    return theta * (np.arctan(size) / size if size else 1.0)
+
+
+def _tangents(values, robot):
+    size = np.hypot(*values)
+    return values * (np.tan(size) / size if size else 1.0), ()
 
 
 def _gravity(theta, robot):
@@ -26,15 +39,17 @@ EFFECT = Effect(
     name="base_tilt",
     noun="a tilted base",
     sentence="gravity from another direction, as on a base that does not stand upright",
-    equation="tau = gravity torque of |g| * (tilt_x, tilt_y, 0), axes of the base",
+    equation="tau = gravity torque of |g| tan(tilt_x, tilt_y, 0), axes of the base",
     parameters={"tilt_x": "rad", "tilt_y": "rad"},
     columns=_columns,
     scope="global",
+    values=_angles,
+    from_values=_tangents,
     uses_model=True,
     # Two degrees: more is seen with the eye.
     prior_sd=lambda robot: np.full(2, np.deg2rad(2.0)),
     variable=None,
-    possible=lambda theta, shape, limits: bool(np.hypot(*theta) < MOST),
+    possible=lambda theta, shape, limits: bool(np.hypot(*theta) < np.tan(MOST)),
     portable=Portable(gravity=_gravity),
     frame="about the axes of the base",
 )

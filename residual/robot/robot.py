@@ -247,6 +247,11 @@ def with_known(robot: Robot, known: Mapping[str, float]) -> Robot:
     return _told(robot, "known", known) if known else robot
 
 
+def with_gravity(robot: Robot, gravity: Sequence[float]) -> Robot:
+    """Return a robot that is mounted otherwise: gravity in the base frame [m/s^2]."""
+    return _told(robot, "robot", {"gravity": [float(g) for g in gravity]})
+
+
 def _told(robot: Robot, table: str, more: Mapping) -> Robot:
     """The robot with more in a table of its robot.toml."""
     content = json.loads(robot.toml)

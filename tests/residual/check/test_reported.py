@@ -51,7 +51,8 @@ def test_currents_are_told_with_the_factor_of_each_joint(example, loaded):
     (fault,) = check_logs(robot, edited(logs[:2], tau=times(1 / CONSTANTS))).faults
     assert (fault.kind, fault.joints, fault.certain) == ("torque_unit", (), True)
     assert "torque_per_unit" in fault.evidence
-    assert fault.repairs == ()
+    (repair,) = fault.repairs
+    assert (repair.signal, repair.joints) == ("tau", (1, 2, 3, 4, 5, 6))
     for joint, factor in ((1, 8), (2, 15), (3, 10)):
         before, _ = fault.evidence.split(f" (joint {joint})")
         away = np.log(float(before.split()[-1]) / factor)

@@ -1,0 +1,228 @@
+"""Which way gravity points, before anything else of an arm is believed.
+
+With a body near that of the robot file, torque is linear in the direction of gravity
+(METHOD 16.1). The directions along the axes and the one that is given are compared by
+the evidence of one body in the torques of all joints, and the best are turned until no
+tilt is left. No body changes its sign, or its size by more than its prior, to save a
+direction.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from functools import cached_property
+
+import numpy as np
+import pinocchio as pin
+
+from residual.check.motion import OUTER, Motion, columns, gravity_of
+from residual.check.physics import Part, fit_body, parts_of
+from residual.check.reported import Shares, carries, shares_of
+from residual.check.result import MOUNTING, Fault, Repair
+from residual.check.rules import CHECK
+from residual.errors import listed
+from residual.recording import Array
+from residual.robot.dynamics import PER_LINK
+from residual.robot.robot import Robot
+
+REMOVED = "gravity_removed"
+REMOVED_WORDS = (
+    "Without the weight that the robot file gives the arm the torques are its own: the "
+    "driver took gravity out before it was logged. Log the torque as measured, or say "
+    "so in robot.toml, [robot]: gravity = [0, 0, 0]"
+)
+_TILTS, _HELD, _NOTHING = 2, 1e-6, 1e-300
+
+
+@dataclass(frozen=True, eq=False)
+class Stand:
+    """An arm as it would stand under one direction of gravity."""
+
+    gravity: Array  # in the base frame [m/s^2], (3,)
+    parts: list[Part]
+    nats: float  # log evidence of the torques
+    scale: float  # of the body's prior by which it is so
+    steps: tuple[Array, ...]  # where the tilt that is left asks to turn it, (3,) each
+
+    @cached_property
+    def left(self) -> float:
+        """What the file as it is, a load and friction leave of the torques.
+
+        Share of their power, the mean of all joints.
+        """
+        prior = _prior(self.parts, _HELD, _HELD)
+        sigma = fit_body(self.parts, prior)[0]
+        power = [part.squares[0] / max(part.rows, 1e-9) for part in self.parts]
+        return float(np.mean(np.minimum(sigma**2 / np.maximum(power, _NOTHING), 1.0)))
+
+
+@dataclass(frozen=True, eq=False, slots=True)
+class Mounted:
+    """Another direction of gravity than that of the robot file."""
+
+    fault: Fault
+    robot: Robot  # the arm as it is mounted
+    nats: float  # log evidence of the torques with it
+
+
+def mounting(robot: Robot, motion: Motion) -> Mounted | None:
+    """Find an arm that is mounted otherwise than its file says."""
+    given = np.asarray(robot.model.gravity.linear)
+    if not np.linalg.norm(given):
+        return None
+    was, best = _best(robot, motion)
+    none = _weightless(robot, motion)
+    if none.nats > best.nats + CHECK.mounted and _explains(was, none):
+        return _removed(robot, was, none)
+    angle, gain = _angle(best.gravity, given), best.nats - was.nats
+    if angle < CHECK.tilted or gain < CHECK.mounted:
+        return None
+    if not _seen(shares_of(turned(robot, best.gravity), motion)):
+        return None
+    file, found = (listed(g + 0.0, ".3g") for g in (given, best.gravity))
+    words = (
+        f"Gravity points along {file} in the robot file; along {found} m/s^2, "
+        f"{np.degrees(angle):.0f} degrees away, the torques fit better by {gain:.0f} "
+        f"nats: the arm {_how(angle)}."
+    )
+    certain = _explains(was, best) or gain > CHECK.certain_angles
+    repairs = (Repair("robot", gravity=tuple(map(float, best.gravity))),)
+    fault = Fault(MOUNTING, (), certain, words, repairs)
+    return Mounted(fault, turned(robot, best.gravity), best.nats)
+
+
+def _seen(shares: Shares) -> bool:
+    """Whether most joints that carry the arm have the file's torque, as it now is."""
+    own = carries(shares)
+    off = np.abs(np.log(np.abs(shares.whole[own]) + _NOTHING))
+    near = (off < np.log(CHECK.unlike)) & (shares.seen[own] > CHECK.shows)
+    return bool(2 * near.sum() > len(near))
+
+
+def _explains(was: Stand, now: Stand) -> bool:
+    """Whether it is most of what is wrong, the file held as it is."""
+    return bool(now.left < CHECK.mounted_explains * was.left)
+
+
+def _removed(robot: Robot, was: Stand, none: Stand) -> Mounted:
+    words = (
+        f"{REMOVED_WORDS}. It fits better by {none.nats - was.nats:.0f} nats; of a "
+        "load the weight may be there."
+    )
+    fault = Fault(REMOVED, (), True, words)
+    return Mounted(fault, turned(robot, np.zeros(3)), none.nats)
+
+
+def nats_of(robot: Robot, motion: Motion) -> float:
+    """Return the log evidence of one body in all torques, gravity as given."""
+    return _stand(robot, motion, np.asarray(robot.model.gravity.linear)).nats
+
+
+def turned(robot: Robot, gravity: Sequence[float] | Array) -> Robot:
+    """Return the arm under another gravity [m/s^2]. (3,)."""
+    model = pin.Model(robot.model)
+    model.gravity.linear = np.asarray(gravity, dtype=float)
+    return replace(robot, model=model)
+
+
+def _how(angle: float) -> str:
+    ways = (np.pi, "hangs from a ceiling"), (np.pi / 2, "is mounted on a wall")
+    for at, words in ways:
+        if abs(angle - at) < CHECK.tilted:
+            return words
+    return f"stands inclined by {np.degrees(angle):.0f} degrees"
+
+
+def _best(robot: Robot, motion: Motion) -> tuple[Stand, Stand]:
+    """The arm as given, and under the best direction of gravity of the same size."""
+    given = np.asarray(robot.model.gravity.linear)
+    size = float(np.linalg.norm(given))
+    axes = [x for x in size * np.vstack([np.eye(3), -np.eye(3)]) if _off(x, given)]
+    was, *tried = (_stand(robot, motion, x) for x in (given, *axes))
+    tried.sort(key=lambda stand: -stand.nats)
+    # A good direction stands out: nothing more is asked of an upright arm.
+    clear = was.nats > tried[0].nats + CHECK.mounted
+    starts = [was] if clear else [was, *tried[:3]]
+    best = max((_refined(robot, motion, s) for s in starts), key=lambda s: s.nats)
+    axis = size * np.sign(best.gravity) * (np.abs(best.gravity) > 0.9 * size)
+    if _off(axis, best.gravity) or not axis.any():
+        return was, best
+    near = _stand(robot, motion, axis)
+    return was, near if near.nats > best.nats - CHECK.axis_worth else best
+
+
+def _off(one: Array, other: Array) -> bool:
+    return _angle(one, other) > CHECK.tilted / 2
+
+
+def _angle(one: Array, other: Array) -> float:
+    """Angle between two directions [rad]; none where one is nothing."""
+    size = float(np.linalg.norm(one) * np.linalg.norm(other))
+    return float(np.arccos(np.clip(one @ other / size, -1, 1))) if size else 0.0
+
+
+def _refined(robot: Robot, motion: Motion, stand: Stand) -> Stand:
+    """Turn gravity until no tilt is left that explains more."""
+    for _ in range(CHECK.turns_of_gravity):
+        tried = [_stand(robot, motion, step) for step in stand.steps]
+        best = max(tried, key=lambda s: s.nats)
+        # A turn that is within what arms stand off gains nothing, and is nearer.
+        if best.nats < stand.nats - CHECK.axis_worth:
+            break
+        turn, stand = _angle(best.gravity, stand.gravity), best
+        if turn < CHECK.still:
+            break
+    return stand
+
+
+def _weightless(robot: Robot, motion: Motion) -> Stand:
+    """The arm without the weight of its file, as drivers report it, but for a load's.
+
+    They know the weight to some share; it takes the place of a tilt.
+    """
+    there = columns(robot, motion)
+    gone = columns(turned(robot, np.zeros(3)), motion)
+    joints = []
+    for own, none in zip(there, gone, strict=True):
+        values = none.values.copy()
+        body = values.shape[1] - PER_LINK * robot.dof
+        values[:, body - OUTER : body] = own.values[:, body - OUTER : body]
+        values[:, body - OUTER] = CHECK.body * (own.nominal - none.nominal)
+        values[:, body - OUTER + 1] = 0.0
+        values[:, -PER_LINK:] = own.values[:, -PER_LINK:]
+        joints.append(replace(none, values=values))
+    return _fitted(parts_of(motion, joints), np.zeros(3), ())
+
+
+def _stand(robot: Robot, motion: Motion, gravity: Array) -> Stand:
+    robot = turned(robot, gravity)
+    parts = parts_of(motion, columns(robot, motion))
+    _, across = gravity_of(robot)
+    stand = _fitted(parts, gravity, ())
+    first = len(parts[0].gram) - OUTER - PER_LINK * robot.dof
+    steps = []
+    for s in dict.fromkeys((CHECK.bodies[0], stand.scale)):
+        _, at, _ = fit_body(parts, _prior(parts, s, CHECK.free_tilt))
+        to = gravity + CHECK.tilt * at[first : first + _TILTS] @ across
+        size = max(float(np.linalg.norm(to)), _NOTHING)
+        steps.append(to * np.linalg.norm(gravity) / size)
+    return replace(stand, steps=tuple(steps))
+
+
+def _fitted(parts: list[Part], gravity: Array, steps: tuple[Array, ...]) -> Stand:
+    fits = {s: fit_body(parts, _prior(parts, s)) for s in CHECK.bodies}
+    scale = max(fits, key=lambda s: fits[s][2])
+    return Stand(gravity, parts, fits[scale][2], scale, steps)
+
+
+def _prior(parts: list[Part], scale: float, tilt: float | None = None) -> Array:
+    """Precision of each coefficient: the body's prior times a scale, and a load.
+
+    Tilts of a few degrees are an effect of the arm, and no other mounting.
+    """
+    count = len(parts[0].gram)
+    body = count - PER_LINK * len(parts)
+    out = np.ones(count)
+    out[body:-PER_LINK] = scale**-2
+    out[-PER_LINK:] = CHECK.any_load**-2
+    out[body - OUTER : body - OUTER + _TILTS] = (tilt or CHECK.stands_off) ** -2
+    return out

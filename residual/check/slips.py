@@ -1,0 +1,203 @@
+"""Slips that come together: a torque of any unit or sign, beside another of the map.
+
+What a robot file explains of a torque, friction apart, does not ask for the torque's
+factor. So other orders, directions of gravity, turned angles and clocks are compared
+while every torque keeps a factor of its own; the factors of the best say what the unit
+is, and which signs are turned. One joint may be odd: it may hide a strong effect.
+"""
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, replace
+from itertools import combinations
+
+import numpy as np
+
+from residual.check.motion import Motion
+from residual.check.mounting import REMOVED, REMOVED_WORDS, nats_of, turned
+from residual.check.physics import bent
+from residual.check.reading import as_given, exchanged, judge
+from residual.check.reported import (
+    Shares,
+    carries,
+    shares_of,
+    torque_factors,
+    unit_fault,
+)
+from residual.check.result import MOUNTING, Fault, Repair, joints_of
+from residual.check.rules import CHECK
+from residual.errors import joints_listed, listed
+from residual.recording import Array
+from residual.robot.robot import Robot
+
+
+@dataclass(frozen=True, eq=False, slots=True)
+class Slips:
+    """What is wrong with a map, and the arm and its motion as they then are."""
+
+    faults: tuple[Fault, ...]
+    robot: Robot
+    motion: Motion
+    nats: float  # log evidence of the torques as they are in the log, less the odds
+
+
+def slips(robot: Robot, motion: Motion) -> Slips | None:
+    """Find torque in another unit or of other signs, alone or with one other slip.
+
+    Returns:
+        None where there is none, or where two do not make it this arm's log.
+    """
+    given = _Tried((), robot, motion, shares_of(robot, motion))
+    if _fine(given.shares):
+        return None
+    best = max(_tried(given), key=lambda tried: tried.nats)
+    start = best if best.nats - given.nats > CHECK.exchange_worth else given
+    return _whole(start) or _rough(given)
+
+
+def _whole(best: "_Tried") -> Slips | None:
+    """All slips of a log of which one may be mended, if they make it this arm's."""
+    best, factor = _turned_back(best)
+    factors = torque_factors(best.shares)
+    if factors is not None:
+        unit = unit_fault(best.robot, factors, best.shares)
+        known = np.ones(len(factors)) * np.array(unit.repairs[0].scale)
+        factor = factor * known
+        motion = replace(best.motion, tau=best.motion.tau * known)
+        best = replace(best, faults=(*best.faults, unit), motion=motion)
+    elif len(best.faults) == 1 and not _fine(best.shares):
+        again = max(_tried(best), key=lambda tried: tried.nats)
+        more = again.nats - best.nats > CHECK.exchange_worth
+        best = again if more else best
+    kinds = {fault.kind for fault in best.faults}
+    if factors is None and len(kinds) < 2 and REMOVED not in kinds:
+        return None  # one kind: single readings of the columns say it all
+    robot, motion = best.robot, best.motion
+    # What is left of a weight that was taken out strains a body that has none.
+    removed = REMOVED in kinds
+    strain = 0.0 if removed else bent(judge(robot, motion, as_given(robot.dof)))
+    if strain > (CHECK.bent if len(best.faults) > 1 else CHECK.bent_as_given):
+        return None
+    rows = motion.spread * motion.moving.sum(axis=0)
+    nats = nats_of(robot, motion) + float(rows @ np.log(np.abs(factor)))
+    nats -= CHECK.odds * len(best.faults)
+    return Slips(best.faults, robot, motion, nats)
+
+
+def _rough(given: "_Tried") -> Slips | None:
+    """Suspect a unit where the file is too rough for its log, and nothing else is."""
+    factors = torque_factors(given.shares)
+    if factors is None:
+        return None
+    unit = unit_fault(given.robot, factors, given.shares)
+    if not unit.certain:
+        return None
+    faults = (replace(unit, certain=False),)
+    return Slips(faults, given.robot, given.motion, -np.inf)
+
+
+def _turned_back(best: "_Tried") -> tuple["_Tried", Array]:
+    """Turn torques that are so against the sign of the file."""
+    shares = best.shares
+    shown = carries(shares, CHECK.tells) & (shares.seen > CHECK.shows)
+    sign = np.where(shown & (shares.whole < 0), -1.0, 1.0)
+    back = joints_of(sign < 0)
+    if not back:
+        return best, sign
+    words = f"The torque of {joints_listed(back)} has the wrong sign; turned, it fits."
+    fault = Fault(
+        "torque_sign", back, True, words, (Repair("tau", back, (-1,) * len(back)),)
+    )
+    motion = replace(best.motion, tau=best.motion.tau * sign)
+    shares = replace(shares, whole=shares.whole * sign)
+    return _Tried((*best.faults, fault), best.robot, motion, shares), sign
+
+
+@dataclass(frozen=True, eq=False, slots=True)
+class _Tried:
+    """A log with one slip mended, whatever the factors of its torques."""
+
+    faults: tuple[Fault, ...]
+    robot: Robot
+    motion: Motion
+    shares: Shares
+
+    @property
+    def nats(self) -> float:
+        """What the file explains of the torques, less the odds of their factors."""
+        rows = self.motion.spread * self.motion.moving.sum(axis=0)
+        left = np.maximum(1 - self.shares.seen, CHECK.nearest**2)
+        odds = 0.0 if _near(self.shares) else CHECK.odds * len(left)
+        return float(-0.5 * np.sum(rows * np.log(left))) - odds
+
+
+def _near(shares: Shares) -> bool:
+    """Whether the torques that carry the arm are in the unit and sign of the file."""
+    whole = shares.whole[carries(shares)]
+    return bool(((whole > 1 / CHECK.unit_off) & (whole < CHECK.unit_off)).all())
+
+
+def _fine(shares: Shares) -> bool:
+    """Whether the joints that carry the arm have the torque of the file as it is."""
+    return _near(shares) and bool((shares.seen[carries(shares)] > CHECK.poor).all())
+
+
+def _tried(start: _Tried) -> Iterator[_Tried]:
+    """Other worlds and other columns, one change away."""
+    for kind, words, repairs, robot, motion in _changed(start.robot, start.motion):
+        removed = kind == REMOVED
+        shares = shares_of(start.robot if removed else robot, motion, removed)
+        tried = _Tried((), robot, motion, shares)
+        joints = tuple(sorted({j for r in repairs for j in r.joints}))
+        repairs = tuple(replace(r, joints=()) if r.order else r for r in repairs)
+        certain = tried.nats - start.nats > CHECK.exchange_certain
+        fault = Fault(kind, joints, certain, f"{words}.", repairs)
+        yield replace(tried, faults=(*start.faults, fault))
+
+
+_Change = tuple[str, str, Sequence[Repair], Robot, Motion]
+
+
+def _changed(robot: Robot, motion: Motion) -> Iterator[_Change]:
+    down = robot.model.gravity.linear
+    size, ones = float(np.linalg.norm(down)), np.ones(robot.dof)
+    for axis in size * np.vstack([np.eye(3), -np.eye(3)]):
+        if axis @ down < 0.9 * size**2:
+            words = (
+                f"Gravity points along {listed(down + 0.0, '.3g')} in the robot file; "
+                f"along {listed(axis + 0.0, '.3g')} m/s^2 the torques are this arm's"
+            )
+            repair = Repair("robot", gravity=tuple(axis.tolist()))
+            yield MOUNTING, words, [repair], turned(robot, axis), motion
+    yield REMOVED, REMOVED_WORDS, [], turned(robot, np.zeros(3)), motion
+    for order in _orders(robot):
+        moved = tuple(j + 1 for j in range(robot.dof) if order[j] != j)
+        by_name = tuple(i + 1 for i in order)
+        both = motion.with_angles(order, ones)
+        for signals in (("q", "tau"), ("tau",)):
+            rows = both if "q" in signals else motion
+            words = (
+                f"{' and '.join(signals)} of {joints_listed(moved)} are those of other "
+                f"joints; in the order {listed(by_name)} they fit"
+            )
+            repairs = [Repair(s, moved, order=by_name) for s in signals]
+            rows = replace(rows, tau=motion.tau[:, list(order)])
+            yield "joint_order", words, repairs, robot, rows
+    for j in range(robot.dof):
+        sign: Array = np.where(np.arange(robot.dof) == j, -1.0, 1.0)
+        words = f"The angle of joint {j + 1} counts backwards; turned, it fits"
+        repair = Repair("q", (j + 1,), sign=(-1,))
+        rows = motion.with_angles(range(robot.dof), sign)
+        yield "angle_sign", words, [repair], robot, rows
+    for factor in CHECK.times:
+        words = f"With time times {factor:g} weight and inertia go together"
+        rows = replace(motion, qd=motion.qd / factor, qdd=motion.qdd / factor**2)
+        yield "time_unit", words, [Repair("t", scale=factor)], robot, rows
+
+
+def _orders(robot: Robot) -> set[tuple[int, ...]]:
+    """Channel of each joint, from 0: two exchanged, reversed, or named by alphabet."""
+    names, same = list(robot.model.names)[1:], tuple(range(robot.dof))
+    places = sorted(names)
+    by_alphabet = tuple(places.index(name) for name in names)
+    pairs = {exchanged(same, *pair) for pair in combinations(same, 2)}
+    return (pairs | {by_alphabet, same[::-1]}) - {same}
