@@ -128,6 +128,7 @@ def _mended(
         sign=tuple(np.sign(whole).tolist()) if (whole < 0).any() else (),
         zero=zero if any(zero) else (),
         scale=scales,
+        unwrap=signal.unwrap or repair.unwrap,
     )
 
 
@@ -192,6 +193,7 @@ def signal_line(name: str, signal: SignalMap) -> str:
         values = getattr(signal, key)
         if values:
             words.append(f"{key} = [{', '.join(map(_number, values))}]")
+    words += ["unwrap = true"] if signal.unwrap else []
     return f"{name} = {{{', '.join(words)}}}"
 
 

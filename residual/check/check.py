@@ -117,7 +117,9 @@ def _of_the_arm(
     if reading.angle_unit == 1.0 and (mounted := mounting(robot, motion)):
         # The rest is asked of the arm as it is mounted.
         also, then = misread(mounted.robot, motion)
-        second = _nats(mounted.robot, motion, then) - CHECK.odds
+        # Of a load the weight is there where the arm's was taken out.
+        alike = mounted.nats if mounted.fault.kind != MOUNTING else -np.inf
+        second = max(_nats(mounted.robot, motion, then), alike) - CHECK.odds
     if slipped and slipped.nats >= max(read if columns else -np.inf, second):
         columns, robot = list(slipped.faults), slipped.robot
         inclined = mounting(robot, slipped.motion)

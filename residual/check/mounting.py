@@ -71,7 +71,8 @@ def mounting(robot: Robot, motion: Motion) -> Mounted | None:
         return None
     was, best = _best(robot, motion)
     none = _weightless(robot, motion)
-    if none.nats > best.nats + CHECK.mounted and _explains(was, none):
+    left = none.left / max(was.left, _NOTHING)
+    if none.nats > best.nats + CHECK.mounted and left < CHECK.removed_explains:
         return _removed(robot, was, none)
     angle, gain = _angle(best.gravity, given), best.nats - was.nats
     if angle < CHECK.tilted or gain < CHECK.mounted:
@@ -84,9 +85,10 @@ def mounting(robot: Robot, motion: Motion) -> Mounted | None:
         f"{np.degrees(angle):.0f} degrees away, the torques fit better by {gain:.0f} "
         f"nats: the arm {_how(angle)}."
     )
-    certain = _explains(was, best) or gain > CHECK.certain_angles
+    certain = best.left < CHECK.mounted_explains * was.left
+    certain |= gain > CHECK.certain_angles
     repairs = (Repair("robot", gravity=tuple(map(float, best.gravity))),)
-    fault = Fault(MOUNTING, (), certain, words, repairs)
+    fault = Fault(MOUNTING, (), bool(certain), words, repairs)
     return Mounted(fault, turned(robot, best.gravity), best.nats)
 
 
@@ -96,11 +98,6 @@ def _seen(shares: Shares) -> bool:
     off = np.abs(np.log(np.abs(shares.whole[own]) + _NOTHING))
     near = (off < np.log(CHECK.unlike)) & (shares.seen[own] > CHECK.shows)
     return bool(2 * near.sum() > len(near))
-
-
-def _explains(was: Stand, now: Stand) -> bool:
-    """Whether it is most of what is wrong, the file held as it is."""
-    return bool(now.left < CHECK.mounted_explains * was.left)
 
 
 def _removed(robot: Robot, was: Stand, none: Stand) -> Mounted:

@@ -53,6 +53,7 @@ class Repair:
         order: The log's channel (from 1) that is the signal of joint 1, 2, ...; None
             where it stays.
         gravity: Gravity in the base frame, for robot.toml [m/s^2]; None where it stays.
+        unwrap: Whether whole turns between two samples are to be undone.
     """
 
     signal: str
@@ -61,6 +62,7 @@ class Repair:
     scale: tuple[float, ...] | float | None = None
     order: tuple[int, ...] | None = None
     gravity: tuple[float, ...] | None = None
+    unwrap: bool = False
 
 
 @dataclass(frozen=True, slots=True)

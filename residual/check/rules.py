@@ -126,6 +126,7 @@ class Rules:
     tilted: float = 0.1745  # rad, 10 degrees: below it is an effect, a tilted base
     mounted: float = 25.0  # nats: sound arms reach 5, 15 degrees in half a minute 30
     mounted_explains: float = 0.5  # of what the file leaves is left, at most
+    removed_explains: float = 0.75  # the same without weight: a load leaves more
     axis_worth: float = 2.0  # nats that an axis may lose to what is beside it
     turns_of_gravity: int = 12
     still: float = 2e-3  # rad
@@ -161,12 +162,13 @@ class Rules:
     unlike: float = 4.0  # shares of a right joint in its unit are nearer to one
     tells: float = 0.03  # of the strongest torque: a wrist's factor is anything
     factors_alike: float = 1.1  # factors so near to each other are one
-    weight_gone: float = 0.3  # of the weight
+    weight_gone: float = 0.2  # of the weight; time that is doubled leaves a quarter
     friction_gone: float = 0.2  # of the declared power
     friction_sure: float = 0.15  # its deviation
     joints_least: int = 2
     stands: float = 1e-3  # rad/s
     poor: float = 0.7  # explained at most, as given
+    removed_alike: float = 1.6  # inertia without weight, times that of the file
     nearest: float = 0.02  # of a torque: no file is nearer
     good: float = 0.7  # at least, with two joints exchanged
     exchange_worth: float = 40.0  # nats

@@ -12,7 +12,7 @@ from scipy.ndimage import median_filter
 
 from residual.check.motion import Columns, Motion, columns, thin_rows
 from residual.check.reported import shares_of, torque_factors
-from residual.check.result import Fault, joints_of
+from residual.check.result import Fault, Repair, joints_of
 from residual.check.rules import CHECK
 from residual.errors import joints_listed
 from residual.recording import Array, Recording
@@ -62,9 +62,10 @@ def wraps(recording: Recording, robot: Robot) -> list[Fault]:
         return []
     words = (
         f"The angle of {joints_listed(joints)} leaps by a whole turn between two "
-        "samples: the encoder begins again there. Unwrap it before it is logged."
+        "samples: the encoder begins again there."
     )
-    return [Fault("out_of_range", joints, True, words, (), recording.id)]
+    repairs = (Repair("q", joints, unwrap=True),)
+    return [Fault("out_of_range", joints, True, words, repairs, recording.id)]
 
 
 def _single(x: Array) -> tuple[Array, float, float]:

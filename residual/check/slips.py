@@ -126,19 +126,24 @@ class _Tried:
         """What the file explains of the torques, less the odds of their factors."""
         rows = self.motion.spread * self.motion.moving.sum(axis=0)
         left = np.maximum(1 - self.shares.seen, CHECK.nearest**2)
-        odds = 0.0 if _near(self.shares) else CHECK.odds * len(left)
+        # Without weight only inertia is left to say that nothing else is wrong.
+        removed = any(fault.kind == REMOVED for fault in self.faults)
+        most = CHECK.removed_alike if removed else CHECK.unit_off
+        odds = 0.0 if _near(self.shares, most) else CHECK.odds * len(left)
         return float(-0.5 * np.sum(rows * np.log(left))) - odds
 
 
-def _near(shares: Shares) -> bool:
+def _near(shares: Shares, most: float) -> bool:
     """Whether the torques that carry the arm are in the unit and sign of the file."""
     whole = shares.whole[carries(shares)]
-    return bool(((whole > 1 / CHECK.unit_off) & (whole < CHECK.unit_off)).all())
+    return bool(((whole > 1 / most) & (whole < most)).all())
 
 
 def _fine(shares: Shares) -> bool:
     """Whether the joints that carry the arm have the torque of the file as it is."""
-    return _near(shares) and bool((shares.seen[carries(shares)] > CHECK.poor).all())
+    return _near(shares, CHECK.unit_off) and bool(
+        (shares.seen[carries(shares)] > CHECK.poor).all()
+    )
 
 
 def _tried(start: _Tried) -> Iterator[_Tried]:
@@ -146,11 +151,12 @@ def _tried(start: _Tried) -> Iterator[_Tried]:
     for kind, words, repairs, robot, motion in _changed(start.robot, start.motion):
         removed = kind == REMOVED
         shares = shares_of(start.robot if removed else robot, motion, removed)
-        tried = _Tried((), robot, motion, shares)
         joints = tuple(sorted({j for r in repairs for j in r.joints}))
         repairs = tuple(replace(r, joints=()) if r.order else r for r in repairs)
+        fault = Fault(kind, joints, True, f"{words}.", repairs)
+        tried = _Tried((*start.faults, fault), robot, motion, shares)
         certain = tried.nats - start.nats > CHECK.exchange_certain
-        fault = Fault(kind, joints, certain, f"{words}.", repairs)
+        fault = replace(fault, certain=bool(certain))
         yield replace(tried, faults=(*start.faults, fault))
 
 

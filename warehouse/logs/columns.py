@@ -57,6 +57,8 @@ class SignalMap:
     zero: _Numbers = ()
     # Positive factor of each joint, after unit and sign; empty for all 1.
     scale: _Numbers = ()
+    # Whether readings that begin again after a whole turn go on instead (positions).
+    unwrap: Annotated[bool, Field(strict=True)] = False
 
     @model_validator(mode="after")
     def _check(self) -> "SignalMap":
@@ -185,6 +187,8 @@ def _in_unit(key: str, signal: SignalMap, where: str) -> SignalMap:
     """Return a signal with its unit, the usual one where the file gives none."""
     if signal.zero and key not in ("q", "q_ref"):
         raise InputError(f"{where}: [{key}] has a zero; only a position has its own.")
+    if signal.unwrap and key not in ("q", "q_ref"):
+        raise InputError(f"{where}: [{key}] has unwrap; only a position goes round.")
     unit = signal.unit or next(iter(UNITS[key]))
     check_name(unit, UNITS[key], f"unit of {key} in {where}")
     return replace(signal, unit=unit)
@@ -333,8 +337,9 @@ def _check_beyond(rest: Iterable[str], dof: int, where: str) -> None:
 def to_link_side(name: str, raw: Array, signal: SignalMap, robot: Robot) -> Array:
     """Convert one signal of all joints.
 
-    Positions and their derivatives: scale * unit * sign * (reading - zero), then from
-    motor to joint by the inverse of the transmission. Torques: from motor to joint by
+    Positions, whole turns undone where that is asked for, and their derivatives:
+    scale * unit * sign * (reading - zero), then from motor to joint by the inverse of
+    the transmission. Torques: from motor to joint by
     its transpose, since both sides carry the same power.
 
     Args:
@@ -344,6 +349,8 @@ def to_link_side(name: str, raw: Array, signal: SignalMap, robot: Robot) -> Arra
         Values in SI units, link side. Shape (n, dof).
     """
     values = raw
+    if signal.unwrap:
+        values = np.unwrap(raw, axis=0, period=2 * math.pi / UNITS[name][signal.unit])
     if signal.zero:
         values = values - np.array(signal.zero)
     factor = UNITS[name][signal.unit]
@@ -417,4 +424,6 @@ def describe(name: str, signal: SignalMap) -> str | None:
         parts.append(f"times {', '.join(f'{value:.6g}' for value in signal.scale)}")
     if any(signal.zero):
         parts.append("zero moved")
+    if signal.unwrap:
+        parts.append("whole turns undone")
     return f"{name}: {', '.join(parts)}" if parts else None

@@ -13,6 +13,7 @@ from residual.check.late import delay_of
 from residual.check.motion import thin_rows
 from residual.check.physics import out_of_proportion
 from residual.check.result import Repair
+from residual.robot.robot import with_gravity
 from residual.signals.filters import low_pass
 from sim.draw import draw
 from sim.engine.records import stream
@@ -236,3 +237,27 @@ def test_a_block_that_was_dropped_on_the_way_is_doubted_and_not_certain():
     (fault,) = check_logs(robot, [without(log, 0.3) for log in clean]).faults
     assert (fault.kind, fault.certain) == ("wrong_robot", False)
     assert "parts of the logs fit" in fault.evidence
+
+
+@pytest.mark.parametrize("degrees", [15, 45, 90, 180])
+def test_another_mounting_is_certain_and_its_line_is_the_direction(degrees):
+    robot, logs = clean_logs("irb140")
+    angle = np.deg2rad(degrees)
+    wrong = 9.81 * np.array([np.sin(angle), 0.0, -np.cos(angle)])
+    (fault,) = check_logs(with_gravity(robot, wrong), logs).faults
+    assert (fault.kind, fault.joints, fault.certain) == ("mounting", (), True)
+    found = np.array(fault.repairs[0].gravity) / 9.81
+    assert np.degrees(np.arccos(min(1.0, -found[2]))) < 3.0  # masses are off by 2 %
+
+
+def test_currents_beside_another_order_or_mounting_are_two_faults():
+    robot, logs = clean_logs("irb140")
+    amperes = edited(logs, tau=times(1 / np.array([8.0, 15, 10, 12, 9, 14])))
+    both = edited(amperes, q=swapped(1, 3), tau=swapped(1, 3))
+    order, unit = check_logs(robot, both).faults
+    assert (order.kind, order.joints, order.certain) == ("joint_order", (1, 3), True)
+    assert (unit.kind, unit.certain) == ("torque_unit", True)
+    wall = with_gravity(robot, [9.81, 0.0, 0.0])
+    mounted, unit = check_logs(wall, amperes).faults
+    assert (mounted.kind, unit.kind) == ("mounting", "torque_unit")
+    assert mounted.repairs[0].gravity == pytest.approx((0, 0, -9.81))
