@@ -30,6 +30,10 @@ GROUPS = {
         "speed": "plant_parts.physics:speed_figures",
         "excitation": "plant_parts.physics:excitation_figures",
     },
+    "slips": {
+        "mounted": "check_parts.slips:mounted_figures",
+        "twos": "check_parts.slips:twos_figures",
+    },
     "fleet": {
         "first": "fleet_parts.inbox:first_figures",
         "inbox": "fleet_parts.inbox:inbox_figures",
