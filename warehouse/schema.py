@@ -287,7 +287,23 @@ VIEWS: dict[str, tuple[Column, ...]] = {
 }
 
 # Columns that are computed, and stored nowhere; behind those of `VIEWS`.
-COMPUTED = {"errors": (Column("unit", TEXT, "unit of the value; null if unknown"),)}
+_RECORDED = Column(
+    "recorded_at", TIME, "when its last run was recorded, UTC; null if unknown"
+)
+_OF_ARM = (
+    Column("serial", TEXT, "serial number of the arm of its runs; null for none"),
+    _RECORDED,
+)
+COMPUTED = {
+    "models": _OF_ARM,
+    "diagnoses": (_RECORDED,),
+    "validations": _OF_ARM,
+    "errors": (
+        Column("unit", TEXT, "unit of the value; null if unknown"),
+        _ROBOT,
+        *_OF_ARM,
+    ),
+}
 
 
 def sample_columns(dof: int) -> tuple[Column, ...]:

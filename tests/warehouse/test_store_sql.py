@@ -333,7 +333,7 @@ def test_a_damaged_row_is_named_and_the_others_are_listed(store):
         for view in ("runs", "samples", "lineage"):
             with pytest.raises(InputError, match=rf"{ids[1]}.* is damaged"):
                 opened.sql(f"FROM {view}")
-        assert opened.sql("FROM models").num_rows == 0
+        assert opened.sql("FROM adoptions").num_rows == 0
         rows = opened.sql("FROM runs", without_damaged=True)
         assert rows["run_id"].to_pylist() == [ids[0], ids[2]]
         assert opened.sql("FROM samples", without_damaged=True).num_rows == 100

@@ -1,5 +1,8 @@
 """Queries that have a name: what people ask most, in SQL over the views."""
 
+# Of what is of one arm: when it was recorded, else when it was committed.
+AT = "coalesce(recorded_at, created) AS recorded"
+
 # Which diagnosis was adopted first as which version; the errors of each, by stage.
 VERSIONS = """
 WITH version AS (
@@ -18,61 +21,73 @@ LEFT JOIN lineage ON child = diagnosis_id AND role = 'nominal'
 LEFT JOIN version USING (parent)
 """
 
-# What each answers, and how. $words stand for values that the asker gives.
+# What each answers, and how. $words stand for values that the asker gives. An arm is a
+# robot with its serial number; trends go by the time of recording.
 NAMED = {
     "error_by_trajectory": (
-        "held-out error [%] by motion and joint (none: all together), all diagnoses",
+        "held-out error [%] of diagnoses and identifications by arm, motion and joint",
         """
-        SELECT trajectory, joint, metric, count(DISTINCT run_id) AS runs,
+        WITH proof AS (
+            SELECT errors.*, source FROM errors JOIN (
+                SELECT diagnosis_id AS source_id, 'diagnosis' AS source FROM diagnoses
+                UNION ALL SELECT model_id, 'identification' FROM models
+            ) USING (source_id)
+            -- Those of single runs, where a record has them.
+            QUALIFY run_id IS NOT NULL OR NOT bool_or(run_id IS NOT NULL)
+                OVER (PARTITION BY source_id, metric)
+        )
+        SELECT robot, serial, trajectory, joint, metric, source,
+               count(DISTINCT coalesce(run_id, source_id)) AS figures,
                round(avg(value) FILTER (stage = 'nominal'), 2) AS nominal,
                round(avg(value) FILTER (stage = 'identified'), 2) AS identified,
                round(avg(value) FILTER (stage = 'augmented'), 2) AS augmented
-        FROM errors
-        WHERE run_id IS NOT NULL AND metric IN ('held_out', 'filtered', 'moving')
-              AND source_id IN (SELECT diagnosis_id FROM diagnoses)
-        GROUP BY ALL ORDER BY trajectory, metric, joint
+        FROM proof
+        WHERE trajectory IS NOT NULL AND metric IN ('held_out', 'filtered', 'moving')
+        GROUP BY ALL ORDER BY robot, serial, trajectory, metric, joint, source
         """,
     ),
     "before_after": (
-        "error on held-out motion, all joints together, by diagnosis",
-        """
+        "error on held-out motion, all joints together, by arm and diagnosis",
+        f"""
         WITH proof AS (
             SELECT source_id, stage,
                    coalesce(any_value(value) FILTER (run_id IS NULL), avg(value)) AS v
             FROM errors WHERE metric = 'held_out' AND joint IS NULL GROUP BY ALL
         )
-        SELECT created, diagnosis_id, verdict,
+        SELECT robot, serial, {AT}, diagnosis_id, verdict,
                round(any_value(v) FILTER (stage = 'nominal'), 2) AS nominal,
                round(any_value(v) FILTER (stage = 'identified'), 2) AS identified,
                round(any_value(v) FILTER (stage = 'augmented'), 2) AS augmented
         FROM proof JOIN diagnoses ON diagnosis_id = source_id
-        GROUP BY ALL ORDER BY created, diagnosis_id
+        GROUP BY ALL ORDER BY robot, serial, recorded, diagnosis_id
         """,
     ),
     "worst_joints": (
-        "joints by the error that is left after the diagnosis",
+        "joints of each arm by the error that is left after the diagnosis",
         """
-        SELECT robot, joint, round(avg(value), 2) AS mean, count(*) AS figures
-        FROM errors JOIN diagnoses ON diagnosis_id = source_id
-        WHERE stage = 'augmented' AND metric = 'held_out' AND joint IS NOT NULL
+        SELECT robot, serial, joint, round(avg(value), 2) AS mean, count(*) AS figures
+        FROM errors
+        WHERE source_id IN (SELECT diagnosis_id FROM diagnoses)
+              AND stage = 'augmented' AND metric = 'held_out' AND joint IS NOT NULL
         GROUP BY ALL ORDER BY mean DESC
         """,
     ),
     "findings": (
-        "effects that were named, latest diagnosis first",
-        """
-        SELECT created, diagnosis_id, "order", name, joints, parameter, value, std,
-               unit, round(probability, 3) AS probability
+        "effects that were named, by arm, latest recording first",
+        f"""
+        SELECT robot, serial, {AT}, diagnosis_id, "order", name, joints, parameter,
+               value, std, unit, round(probability, 3) AS probability
         FROM effects JOIN diagnoses USING (diagnosis_id)
-        ORDER BY created DESC, diagnosis_id, "order", parameter, joints
+        ORDER BY robot, serial, recorded DESC, diagnosis_id, "order", parameter, joints
         """,
     ),
     "twin_error": (
-        "torque error against the nominal twin by motion and joint",
+        "torque error against the nominal twin by arm, motion and joint",
         """
-        SELECT trajectory, joint, round(avg(value), 3) AS rms_e_tau, count(*) AS runs
+        SELECT robot, serial, trajectory, joint, round(avg(value), 3) AS rms_e_tau,
+               count(*) AS runs
         FROM errors WHERE stage = 'twin' AND metric = 'rms_e_tau'
-        GROUP BY ALL ORDER BY trajectory, joint
+        GROUP BY ALL ORDER BY robot, serial, trajectory, joint
         """,
     ),
     "reruns_not_reproduced": (
@@ -116,121 +131,135 @@ NAMED = {
         """,
     ),
     "identified_parameters": (
-        "parameters that were identified, latest model first",
-        """
-        SELECT created, model_id, robot, joint, name, value, std, nominal, unit, status
+        "parameters that were identified, by arm, latest recording first",
+        f"""
+        SELECT robot, serial, {AT}, model_id, joint, name, value, std, nominal, unit,
+               status
         FROM parameters JOIN models USING (model_id)
-        ORDER BY created DESC, model_id, joint, name
+        ORDER BY robot, serial, recorded DESC, model_id, joint, name
         """,
     ),
     "identified_error": (
-        "error before and after identification [%], all joints together",
+        "error before and after identification [%] by arm, all joints together",
         """
-        SELECT created, model_id, robot, metric,
-               round(any_value(value) FILTER (errors.stage = 'nominal'), 2) AS nominal,
-               round(any_value(value) FILTER (errors.stage = 'identified'), 2)
+        SELECT m.robot, m.serial, coalesce(m.recorded_at, m.created) AS recorded,
+               model_id, metric, round(any_value(value) FILTER (e.stage = 'nominal'), 2)
+                   AS nominal,
+               round(any_value(value) FILTER (e.stage = 'identified'), 2)
                    AS identified
-        FROM errors JOIN models ON model_id = source_id
-        WHERE joint IS NULL GROUP BY ALL ORDER BY created, model_id, metric
+        FROM errors e JOIN models m ON model_id = source_id
+        WHERE joint IS NULL GROUP BY ALL
+        ORDER BY m.robot, m.serial, recorded, model_id, metric
         """,
     ),
     "parameter_drift": (
-        "one parameter over time, and by how many standard deviations it moved",
-        """
+        "one parameter of each arm over time, and by how many deviations it moved",
+        f"""
         WITH found AS (
-            SELECT created, model_id AS source_id, robot, joint, name, value, std, unit
+            SELECT {AT}, model_id AS source_id, robot, serial, joint, name, value, std,
+                   unit
             FROM parameters JOIN models USING (model_id)
             UNION ALL
-            SELECT created, diagnosis_id, robot, joints[1],
+            SELECT {AT}, diagnosis_id, robot, serial, joints[1],
                    concat(name, ' ', parameter), value, std, unit
             FROM effects JOIN diagnoses USING (diagnosis_id)
         )
-        SELECT created, source_id, robot, joint, name, value, std, unit,
+        SELECT recorded, source_id, robot, serial, joint, name, value, std, unit,
                value - first(value) OVER one AS moved,
                abs(value - first(value) OVER one)
                    / nullif(sqrt(std ** 2 + first(std) OVER one ** 2), 0) AS deviations
         FROM found WHERE name ILIKE concat('%', $name, '%') AND value IS NOT NULL
-        WINDOW one AS (PARTITION BY robot, joint, name ORDER BY created, source_id)
-        ORDER BY robot, joint, name, created, source_id
+        WINDOW one AS (
+            PARTITION BY robot, serial, joint, name ORDER BY recorded, source_id
+        )
+        ORDER BY robot, serial, joint, name, recorded, source_id
         """,
     ),
     "error_by_model": (
-        "held-out error [%] of the model that the robot had, diagnosis by diagnosis",
+        "held-out error [%] of the model that the arm had, diagnosis by diagnosis",
         f"""
         {VERSIONS}
-        SELECT created, robot, coalesce(adoption, 'nominal') AS version, diagnosis_id,
-               verdict, round(any_value(v) FILTER (stage = 'nominal'), 2) AS before,
+        SELECT {AT}, robot, serial, coalesce(adoption, 'nominal') AS version,
+               diagnosis_id, verdict,
+               round(any_value(v) FILTER (stage = 'nominal'), 2) AS before,
                round(any_value(v) FILTER (stage = 'augmented'), 2) AS with_findings
         {BY_VERSION}
-        GROUP BY ALL ORDER BY robot, created, diagnosis_id
+        GROUP BY ALL ORDER BY robot, serial, recorded, diagnosis_id
         """,
     ),
     "control_limits": (
-        "identified parameters, night by night, and which are beyond three sigma",
-        """
+        "identified parameters of each arm by night, and which are beyond three sigma",
+        f"""
         WITH nights AS (
-            SELECT robot, joint, name, created, model_id, value, unit,
+            SELECT robot, serial, joint, name, {AT}, model_id, value, unit,
                    row_number() OVER one AS night,
                    abs(value - lag(value) OVER one) AS moved
             FROM parameters JOIN models USING (model_id) WHERE status = 'fitted'
-            WINDOW one AS (PARTITION BY robot, joint, name ORDER BY created, model_id)
+            WINDOW one AS (
+                PARTITION BY robot, serial, joint, name
+                ORDER BY coalesce(recorded_at, created), model_id
+            )
         ), usual AS (
             -- Of individual values sigma is the mean moving range over 1.128.
-            SELECT robot, joint, name, count(*) AS n, avg(value) AS centre,
+            SELECT robot, serial, joint, name, count(*) AS n, avg(value) AS centre,
                    avg(moved) / 1.128 AS sigma
             FROM nights WHERE night <= 10 GROUP BY ALL
         )
-        SELECT robot, joint, name, night, created, model_id, value, unit, centre,
-               centre - 3 * sigma AS lower, centre + 3 * sigma AS upper,
+        SELECT a.robot, a.serial, a.joint, a.name, night, recorded, model_id, value,
+               unit, centre, centre - 3 * sigma AS lower, centre + 3 * sigma AS upper,
                night > n AND abs(value - centre) > 3 * sigma AS beyond
-        FROM nights JOIN usual USING (robot, joint, name)
-        WHERE n >= 5 ORDER BY beyond DESC, robot, joint, name, night
+        FROM nights a JOIN usual b ON (a.robot, a.joint, a.name)
+            = (b.robot, b.joint, b.name) AND a.serial IS NOT DISTINCT FROM b.serial
+        WHERE n >= 5 ORDER BY beyond DESC, a.robot, a.serial, a.joint, a.name, night
         """,
     ),
     "calibration_errors": (
-        "error of validation of the correction tables [%], by scheme and form",
+        "error of validation of the correction tables [%], by arm, scheme and form",
         """
-        SELECT created, validation_id, substr(metric, 7) AS scheme, stage AS form,
+        SELECT v.robot, v.serial, coalesce(v.recorded_at, v.created) AS recorded,
+               validation_id, substr(metric, 7) AS scheme, stage AS form,
                round(value, 2) AS rmsev
-        FROM errors JOIN validations ON validation_id = source_id
+        FROM errors e JOIN validations v ON validation_id = source_id
         WHERE kind = 'calibration' AND joint IS NULL AND run_id IS NULL
               AND starts_with(metric, 'rmsev_')
-        ORDER BY created, validation_id, scheme, rmsev
+        ORDER BY v.robot, v.serial, recorded, validation_id, scheme, rmsev
         """,
     ),
     "monitoring_alarms": (
-        "alarms of the sensors, latest monitoring first",
-        """
-        SELECT created, validation_id, robot, run_id, round(time, 3) AS time, joint,
-               sensor, fault, round(score, 2) AS score, round(until, 3) AS until
+        "alarms of the sensors, by arm, latest recording first",
+        f"""
+        SELECT robot, serial, {AT}, validation_id, run_id, round(time, 3) AS time,
+               joint, sensor, fault, round(score, 2) AS score, round(until, 3) AS until
         FROM alarms JOIN validations USING (validation_id)
-        ORDER BY created DESC, validation_id, run_id, time
+        ORDER BY robot, serial, recorded DESC, validation_id, run_id, time
         """,
     ),
     "error_by_week": (
-        "held-out error [%] by robot, joint and week, before and after the diagnosis",
+        "held-out error [%] by arm, joint and week, before and after the diagnosis",
         """
-        SELECT robot, date_trunc('week', created)::DATE AS week, joint,
-               count(DISTINCT source_id) AS diagnoses,
+        SELECT d.robot, d.serial,
+               date_trunc('week', coalesce(d.recorded_at, d.created))::DATE AS week,
+               joint, count(DISTINCT source_id) AS diagnoses,
                round(avg(value) FILTER (stage = 'nominal'), 2) AS nominal,
                round(avg(value) FILTER (stage = 'augmented'), 2) AS augmented
-        FROM errors JOIN diagnoses ON diagnosis_id = source_id
+        FROM errors e JOIN diagnoses d ON diagnosis_id = source_id
         WHERE metric = 'held_out' AND joint IS NOT NULL
-        GROUP BY ALL ORDER BY robot, joint, week
+        GROUP BY ALL ORDER BY d.robot, d.serial, joint, week
         """,
     ),
     "findings_by_week": (
-        "how often each effect was named, by robot and week",
+        "how often each effect was named, by arm and week",
         """
-        SELECT robot, date_trunc('week', created)::DATE AS week, effect, joints,
-               count(DISTINCT diagnosis_id) AS diagnoses,
+        SELECT robot, serial,
+               date_trunc('week', coalesce(recorded_at, created))::DATE AS week,
+               name AS effect, joints, count(DISTINCT diagnosis_id) AS diagnoses,
                round(max(probability), 3) AS surest
-        FROM verdicts WHERE effect IS NOT NULL
-        GROUP BY ALL ORDER BY robot, week, diagnoses DESC, effect, joints
+        FROM effects JOIN diagnoses USING (diagnosis_id)
+        GROUP BY ALL ORDER BY robot, serial, week, diagnoses DESC, effect, joints
         """,
     ),
     "first_run_with": (
-        "the first run in whose diagnosis an effect was named, by robot and joint",
+        "the first run in whose diagnosis an effect was named, by arm and joint",
         """
         SELECT robot, serial, effect, joints,
                min(coalesce(recorded_at, created)) AS since,
@@ -242,48 +271,80 @@ NAMED = {
         """,
     ),
     "before_after_by_version": (
-        "held-out error [%] before and with the findings, by version of the model",
+        "held-out error [%] before and with the findings, by arm and version of model",
         f"""
         {VERSIONS}
-        SELECT robot, coalesce(adoption, 'nominal') AS version,
+        SELECT robot, serial, coalesce(adoption, 'nominal') AS version,
                count(DISTINCT diagnosis_id) AS diagnoses,
                round(avg(v) FILTER (stage = 'nominal'), 2) AS before,
                round(avg(v) FILTER (stage = 'augmented'), 2) AS with_findings
         {BY_VERSION}
-        GROUP BY ALL ORDER BY robot, version
+        GROUP BY ALL ORDER BY robot, serial, version
+        """,
+    ),
+    "adoption_history": (
+        "which models each arm had, since when, by whom and why",
+        """
+        SELECT robot, serial, adoption_id, action, created AS since,
+               lead(created) OVER arm AS until, model_id, diagnosis_id, who, note,
+               before, after
+        FROM adoptions
+        WINDOW arm AS (PARTITION BY robot, serial ORDER BY adoption_id)
+        ORDER BY robot, serial, adoption_id
+        """,
+    ),
+    "model_on": (
+        "the model that each arm had at the end of a day, or at a time, in UTC",
+        """
+        SELECT robot, serial, adoption_id, action, created AS since, model_id,
+               diagnosis_id, who
+        FROM adoptions
+        WHERE CASE WHEN length($date) <= 10
+                   THEN created::DATE <= $date::DATE ELSE created <= $date::TIMESTAMP
+              END
+        QUALIFY row_number() OVER (
+            PARTITION BY robot, serial ORDER BY adoption_id DESC
+        ) = 1
+        ORDER BY robot, serial
         """,
     ),
     "latest_verdicts": (
-        "what the latest diagnosis of each robot says, a row per finding",
-        """
+        "what the diagnosis of each arm's latest recording says, a row per finding",
+        f"""
         WITH latest AS (
-            SELECT robot, arg_max(diagnosis_id, created) AS diagnosis_id
-            FROM diagnoses GROUP BY ALL
+            SELECT robot, serial, {AT}, diagnosis_id, verdict FROM diagnoses
+            QUALIFY row_number() OVER (
+                PARTITION BY robot, serial
+                ORDER BY coalesce(recorded_at, created) DESC, created DESC
+            ) = 1
         )
-        SELECT DISTINCT v.robot, v.created, diagnosis_id, verdict, "order", effect,
+        SELECT robot, serial, recorded, diagnosis_id, verdict, "order", name AS effect,
                joints, parameter, value, std, unit, round(probability, 3) AS probability
-        FROM verdicts v JOIN latest USING (diagnosis_id)
-        ORDER BY v.robot, "order", parameter, joints
+        FROM latest LEFT JOIN effects USING (diagnosis_id)
+        ORDER BY robot, serial, "order", parameter, joints
         """,
     ),
     "open_verdicts": (
-        "verdicts unknown or unsure (under 95 %), and no sure one of that robot since",
-        """
+        "verdicts unknown or unsure (under 95 %), and no sure one of that arm since",
+        f"""
         WITH judged AS (
             SELECT *, verdict = 'unknown' OR coalesce(least < 0.95, false) AS unsure
             FROM (
-                SELECT robot, diagnosis_id, created, verdict,
+                SELECT robot, serial, diagnosis_id, {AT}, created, verdict,
                        min(probability) AS least
-                FROM verdicts GROUP BY ALL
+                FROM diagnoses LEFT JOIN effects USING (diagnosis_id) GROUP BY ALL
             )
         )
-        SELECT robot, created, diagnosis_id, verdict, round(least, 3) AS least_sure
+        SELECT robot, serial, recorded, diagnosis_id, verdict,
+               round(least, 3) AS least_sure
         FROM judged one
         WHERE unsure AND NOT EXISTS (
             FROM judged later WHERE later.robot = one.robot
-            AND later.created > one.created AND NOT later.unsure
+            AND later.serial IS NOT DISTINCT FROM one.serial
+            AND (later.recorded, later.created) > (one.recorded, one.created)
+            AND NOT later.unsure
         )
-        ORDER BY robot, created
+        ORDER BY robot, serial, recorded
         """,
     ),
     "runs_per_robot": (
@@ -298,13 +359,13 @@ NAMED = {
         """,
     ),
     "runs_by_tag": (
-        "runs by the tags that they were given",
+        "runs by the tags that they were given, and arm",
         """
-        SELECT tag, robot, count(*) AS runs,
+        SELECT tag, robot, serial, count(*) AS runs,
                min(coalesce(recorded_at, created)) AS first,
                max(coalesce(recorded_at, created)) AS last
         FROM (SELECT *, unnest(tags) AS tag FROM runs)
-        GROUP BY ALL ORDER BY tag, robot
+        GROUP BY ALL ORDER BY tag, robot, serial
         """,
     ),
     "runs_by_code": (
@@ -318,7 +379,8 @@ NAMED = {
     "campaigns": (
         "campaigns: how many runs, how much motion, how many in quarantine",
         """
-        SELECT campaign, robot, count(*) AS runs, round(sum(duration_s), 1) AS seconds,
+        SELECT campaign, robot, serial, count(*) AS runs,
+               round(sum(duration_s), 1) AS seconds,
                count(*) FILTER (quarantined) AS quarantined,
                min(created) AS first, max(created) AS last
         FROM runs WHERE campaign IS NOT NULL
@@ -326,13 +388,17 @@ NAMED = {
         """,
     ),
     "alarms_by_joint": (
-        "alarms by robot, joint and what was wrong, with the first and the last run",
+        "alarms by arm, joint and what was wrong, with the first and the last run",
         """
-        SELECT v.robot, joint, sensor, fault, count(*) AS alarms,
-               arg_min(a.run_id, v.created) AS first_run,
-               arg_max(a.run_id, v.created) AS last_run, max(v.created) AS last
-        FROM alarms a JOIN validations v USING (validation_id)
-        GROUP BY ALL ORDER BY alarms DESC, robot, joint, fault
+        SELECT robot, serial, joint, sensor, fault, count(*) AS alarms,
+               arg_min(run_id, recorded) AS first_run,
+               arg_max(run_id, recorded) AS last_run, max(recorded) AS last
+        FROM (
+            SELECT r.robot, r.serial, a.*,
+                   coalesce(r.recorded_at, r.created) AS recorded
+            FROM alarms a JOIN runs r USING (run_id)
+        )
+        GROUP BY ALL ORDER BY alarms DESC, robot, serial, joint, fault
         """,
     ),
     "never_diagnosed": (
@@ -355,4 +421,5 @@ TAKES: dict[str, dict[str, str]] = {
     "made_from_run": {"run": "id of the run, or its beginning"},
     "parameter_drift": {"name": "part of the parameter's name"},
     "first_run_with": {"effect": "name of the effect, such as payload"},
+    "model_on": {"date": "a day or a time, such as 2026-03-01"},
 }

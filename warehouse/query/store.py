@@ -27,7 +27,7 @@ from warehouse.query.guard import (
 )
 from warehouse.query.views import Held, catalogue_views, samples_view, signal_rows
 from warehouse.runs import quarantined
-from warehouse.schema import KINDS, SAMPLES_FILE, TEXT, VIEWS
+from warehouse.schema import COMPUTED, KINDS, SAMPLES_FILE, TEXT, VIEWS
 
 _READS = """
     SELECT message FROM duckdb_logs
@@ -101,7 +101,9 @@ def _feeding(view: str) -> tuple[str, ...]:
         return ("diagnoses", "runs")
     if view == "adopted":
         return ("adoptions",)
-    return tuple(k.name for k in KINDS.values() if view in (k.name, *k.lists))
+    kinds = [k.name for k in KINDS.values() if view in (k.name, *k.lists)]
+    # Serial number and time of recording are those of runs.
+    return tuple(dict.fromkeys([*kinds, *(["runs"] if view in COMPUTED else [])]))
 
 
 # Kinds of record that each view is made of.

@@ -19,6 +19,7 @@ from residual.errors import InputError
 from warehouse.catalogue import read_catalogue
 from warehouse.mirror import bucket_of
 from warehouse.schema import (
+    COMPUTED,
     DEFAULT_DOF,
     KINDS,
     QUARANTINE,
@@ -26,6 +27,7 @@ from warehouse.schema import (
     SIGNALS,
     VIEWS,
     Column,
+    Kind,
     all_views,
     arrow_schema,
     channel_names,
@@ -50,11 +52,8 @@ _UNIT = """
 
 def catalogue_views() -> dict[str, str]:
     """Return the query behind each view that is made of catalogue rows, by name."""
-    views = {
-        name: f"SELECT {_listed(VIEWS[name])} FROM catalogue.{name}"
-        for name in KINDS
-        if name != "runs"
-    }
+    views = {"catalogue.arms": _arms()}
+    views |= {name: _rows(kind) for name, kind in KINDS.items() if name != "runs"}
     views["runs"] = (
         f"SELECT {_listed(VIEWS['runs'][:-1])}, "
         "run_id IN (FROM catalogue.quarantine) AS quarantined FROM catalogue.runs"
@@ -66,8 +65,64 @@ def catalogue_views() -> dict[str, str]:
         kinds = [kind for kind in KINDS.values() if view in kind.lists]
         parts = [_unnested(view, kind.name, kind.key) for kind in kinds]
         views[view] = " UNION ALL ".join(parts)
-    views["errors"] = f"SELECT *, {_UNIT} AS unit FROM ({views['errors']})"
+    views["errors"] = f"""
+        SELECT e.* REPLACE (coalesce(e.trajectory, r.trajectory, motion) AS trajectory),
+               {_UNIT} AS unit, coalesce(r.robot, a.robot) AS robot,
+               coalesce(r.serial, a.serial) AS serial,
+               coalesce(r.recorded_at, a.recorded_at) AS recorded_at
+        FROM ({views["errors"]}) e
+        LEFT JOIN catalogue.runs r USING (run_id)
+        LEFT JOIN catalogue.arms a ON a.id = e.source_id
+    """
     return views
+
+
+def _rows(kind: Kind) -> str:
+    """Return the query of a kind of record, and of which arm and time it is."""
+    columns = _listed(VIEWS[kind.name])
+    computed = COMPUTED.get(kind.name, ())
+    if not computed:
+        return f"SELECT {columns} FROM catalogue.{kind.name}"
+    more = ", ".join(f"arm.{column.name}" for column in computed)
+    own = "own.*"
+    if any(column.name == "serial" for column in VIEWS[kind.name]):
+        own += " REPLACE (coalesce(own.serial, arm.serial) AS serial)"
+    return (
+        f"SELECT {own}, {more} FROM (SELECT {columns} FROM catalogue.{kind.name}) own "
+        f"LEFT JOIN catalogue.arms arm ON arm.id = own.{kind.key}"
+    )
+
+
+def _arms() -> str:
+    """A row per record: its robot, serial number, and when its last run was recorded.
+
+    By the runs that it was fitted to, where there are such; and of held-out runs the
+    motion, where that is one.
+    """
+    kinds = [KINDS[name] for name in COMPUTED if name in KINDS]
+    parts = " UNION ALL ".join(
+        f"SELECT {kind.key} AS id, unnest(lineage, recursive := true) "
+        f"FROM catalogue.{kind.name}"
+        for kind in kinds
+    )
+    return f"""
+        SELECT id, any_value(robot) FILTER (counts) AS robot,
+               CASE WHEN bool_and(serial IS NOT NULL) FILTER (counts)
+                         AND count(DISTINCT serial) FILTER (counts) = 1
+                    THEN any_value(serial) FILTER (counts) END AS serial,
+               max(recorded_at) FILTER (counts) AS recorded_at,
+               CASE WHEN count(DISTINCT trajectory) FILTER (role = 'held_out') = 1
+                    THEN any_value(trajectory) FILTER (role = 'held_out') END AS motion
+        FROM (
+            SELECT id, role, r.robot, r.serial, r.recorded_at, r.trajectory,
+                   role = 'fit' OR NOT bool_or(role = 'fit') OVER (PARTITION BY id)
+                       AS counts
+            FROM ({parts}) JOIN catalogue.runs r ON run_id = parent
+        )
+        GROUP BY id
+        UNION ALL
+        SELECT run_id, robot, serial, recorded_at, trajectory FROM catalogue.runs
+    """
 
 
 class Held(NamedTuple):
