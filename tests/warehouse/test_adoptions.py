@@ -139,7 +139,7 @@ def test_a_parameter_that_drifts_is_told_in_standard_deviations(tmp_path):
         (5.1, 0.4),
         (6.0, 0.4),
     ]
-    assert [r["recorded"] for r in rows] == sorted(r["created"] for r in rows)
+    assert [r["recorded"] for r in rows] == sorted(r["recorded"] for r in rows)
     assert [r["moved"] for r in rows] == pytest.approx([0.0, 0.1, 1.0])
     assert [r["deviations"] for r in rows] == pytest.approx([0.0, 0.2, 2.0])
 
