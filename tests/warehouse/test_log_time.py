@@ -187,3 +187,22 @@ def test_the_same_rest_position_is_no_copy(samples):
         for label, table in (("a", samples), ("b", other))
     ]
     check_distinct(logs)
+
+
+def test_two_runs_of_one_seed_differ_once_the_arm_moves(samples):
+    """A plant's seed draws the same noise at standstill, whatever is hidden in it."""
+    rng = np.random.default_rng(0)
+    still = np.array([0, 0.1, 0.2, 1.0, 2.0]) + 1e-4 * rng.normal(size=(166, 5))
+    still[:, 0] = np.arange(166) / 100
+    moving = samples + np.array([1.66, 0, 0, 0, 0])
+    moving[:, 1:3] += still[-1, 1:3] - moving[0, 1:3]
+    stronger = moving.copy()
+    stronger[:, 3] *= 1.3
+    check_distinct(
+        [
+            recording(n, np.vstack([still, m]))
+            for n, m in (("a", moving), ("b", stronger))
+        ]
+    )
+    with pytest.raises(InputError, match="hold the same samples"):
+        check_distinct([recording(n, np.vstack([still, moving])) for n in "ab"])

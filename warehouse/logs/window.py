@@ -21,6 +21,8 @@ _WINDOW = re.compile(f"(?:{_EDGE})?:(?:{_EDGE})?")
 # So many equal samples in a row are no coincidence, however coarse the sensors.
 RUN = 5
 BLOCK = 1 << 17  # samples that are looked at together
+# A joint that moves by less than this share of the largest span within _LATELY rests.
+STILL, _LATELY = 0.002, 0.2  # 1, s
 
 
 @dataclass(frozen=True, slots=True)
@@ -138,45 +140,60 @@ def _existing(path: Path) -> Path:
 
 
 def check_distinct(recordings: Sequence[Recording]) -> None:
-    """Refuse logs that share samples: overlapping windows or a copy under any name.
+    """Refuse logs that share samples of a motion: overlapping windows, or a copy.
 
     Samples are compared by position and torque, not by time, since a copy may have
-    another clock.
+    another clock. Those of a standstill say nothing: two simulated runs of one seed
+    are equal until the arm moves.
     """
     if len(recordings) < 2:
         return
     prints = [_runs(recording) for recording in recordings]
     for i, j in combinations(range(len(recordings)), 2):
-        shared = len(np.intersect1d(prints[i], prints[j], assume_unique=True))
-        if shared:
+        (one, moves), (other, moved) = prints[i], prints[j]
+        shared, at, there = np.intersect1d(
+            one, other, assume_unique=True, return_indices=True
+        )
+        if moves[at].any() or moved[there].any():
             raise InputError(
                 f"'{recordings[i].id}' and '{recordings[j].id}' hold the same samples "
-                f"(about {shared + RUN - 1}). Give every sample once: other logs, or "
-                "windows that do not overlap."
+                f"(about {len(shared) + RUN - 1}). Give every sample once: other logs, "
+                "or windows that do not overlap."
             )
 
 
-def _runs(recording: Recording) -> Array:
-    """Return one number for every RUN samples in a row, the same for equal ones."""
+def _runs(recording: Recording) -> tuple[Array, Array]:
+    """Return one number for every RUN samples in a row, and whether the arm moves."""
     odd = np.random.default_rng(0).integers(2**63, size=(2, 64), dtype=np.uint64) | 1
     blocks = range(0, len(recording.t), BLOCK)
-    sample = np.concatenate([_hashes(recording, start, odd[0]) for start in blocks])
+    found = [_hashes(recording, start, odd[0]) for start in blocks]
+    sample, row = (np.concatenate(each) for each in zip(*found, strict=True))
     count = max(0, len(sample) - RUN + 1)
     runs = np.zeros(count, dtype=np.uint64)
     for k in range(RUN):
         runs += sample[k : k + count] * odd[1, k]
-    return np.unique(runs)
+    runs, first = np.unique(runs, return_index=True)
+    return runs, _moving(recording)[row[first]]
 
 
-def _hashes(recording: Recording, start: int, odd: Array) -> Array:
-    """One number for each sample of a block that is not the one before."""
+def _moving(recording: Recording) -> Array:
+    """Return at which samples a joint has moved within the last tenths of a second."""
+    t, q = recording.t, recording.q
+    least = STILL * 2 * _half_span(q).max()
+    before = np.searchsorted(t, t - _LATELY)
+    return (np.abs(q - q[before]) > least).any(axis=1)
+
+
+def _hashes(recording: Recording, start: int, odd: Array) -> tuple[Array, Array]:
+    """One number for each sample of a block that is not the one before; its row."""
     rows = slice(max(start - 1, 0), start + BLOCK)
     values = np.hstack([recording.q[rows], recording.tau[rows]])
     # Standing still repeats one sample, in any log: count it once.
     changed = np.r_[start == 0, (np.diff(values, axis=0) != 0).any(axis=1)]
     bits = np.ascontiguousarray(values[changed]).view(np.uint64)
     mixed = (bits ^ (bits >> np.uint64(29))) * odd[: bits.shape[1]]
-    return np.bitwise_xor.reduce(mixed ^ (mixed >> np.uint64(32)), axis=1)
+    hashes = np.bitwise_xor.reduce(mixed ^ (mixed >> np.uint64(32)), axis=1)
+    return hashes, rows.start + np.flatnonzero(changed)
 
 
 # Whether the samples of a log can be what they claim to be.
