@@ -9,7 +9,7 @@ columns) is no part of that.
 from collections.abc import Mapping, Sequence
 from dataclasses import KW_ONLY, dataclass, fields
 from pathlib import Path
-from typing import Annotated, Any, Self
+from typing import Annotated, Any, Literal, Self
 
 from cyclopts import Parameter, Token
 
@@ -29,6 +29,8 @@ Words = Annotated[tuple[str, ...], Parameter(consume_multiple=(1, None), negativ
 Tags = Annotated[tuple[str, ...], Parameter(negative="")]
 # What stands on the line by its place.
 Log = Annotated[str, Parameter(name="LOG")]
+# How an answer of the store is printed.
+Format = Literal["table", "csv", "json", "parquet"]
 GivenWord = Annotated[str, Parameter(parse=False)]
 GivenWords = Annotated[tuple[str, ...], Parameter(parse=False)]
 

@@ -12,7 +12,6 @@ import pyarrow as pa
 from cyclopts import Parameter
 
 from flows import requests
-from flows.cli.store import Format
 from flows.outputs import check_outside, check_writable, write_all
 from flows.report.answers import (
     as_bytes,
@@ -64,7 +63,7 @@ class Sql(requests.Request):
     named: str | None = None
     with_: Annotated[requests.Tags, Parameter(name="--with")] = ()
     schema: requests.Flag = False
-    format: Format = "table"
+    format: requests.Format = "table"
     out: str | None = None
     timeout: float = 60.0
     without_damaged: requests.Flag = False

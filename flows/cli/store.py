@@ -8,10 +8,8 @@ from typing import Literal
 
 from flows.cli.app import check_between
 from flows.report.answers import check_shown, print_table, tell_damage
-from flows.report.records import record_lines
-from flows.requests import Store, Tags
+from flows.requests import Format, Store, Tags
 from flows.settings import store_folder
-from flows.steps import diff as steps
 from residual.errors import InputError
 from warehouse.layout import find, read_record
 from warehouse.query import store as opening
@@ -20,7 +18,6 @@ from warehouse.query.views import text as quoted
 from warehouse.runs import quarantine as set_aside
 from warehouse.runs import read_manifest, tombstone
 
-Format = Literal["table", "csv", "json", "parquet"]
 _COLUMNS = (
     "run_id, robot, log, tags, kind, trajectory, duration_s, created, quarantined"
 )
@@ -66,6 +63,8 @@ def verify(*, store: Store = None) -> None:
     so that it can run by itself, from cron for example. Nothing is changed. It takes
     about as long as reading the store from the disk.
     """
+    from flows.steps import diff as steps
+
     for line in steps.verify(store_folder(store)):
         print(line, flush=True)
 
@@ -164,6 +163,8 @@ def show(
     if format == "json":
         print(json.dumps(record, indent=2, ensure_ascii=False))
     else:
+        from flows.report.records import record_lines
+
         print("\n".join(record_lines(record)))
 
 

@@ -228,3 +228,17 @@ def test_what_the_page_says_packs_a_record_with_all_that_it_needs(run, ids, tmp_
 
 
 _MODELGAP = "import sys; from flows.cli import main; sys.exit(main(sys.argv[1:]))"
+
+
+def test_a_question_loads_no_simulation_and_no_method(ids):
+    """What is asked of a store is answered within a second or two, imports included."""
+    script = (
+        "import sys; from flows.cli import main; "
+        f"code = main(['sql', 'SELECT 1', '--store', {str(ids['store'])!r}]); "
+        "slow = {'scipy', 'numba', 'prefect', 'pybullet', 'matplotlib', 'sklearn'}; "
+        "print(code, sorted(slow & set(sys.modules)))"
+    )
+    done = subprocess.run(
+        [sys.executable, "-c", script], capture_output=True, text=True, check=True
+    )
+    assert done.stdout.splitlines()[-1] == "0 []"
