@@ -1,9 +1,10 @@
-"""Build hook: a wheel remembers the commit that it was built from.
+"""Build hook: a wheel remembers its commit, and has prefect.yaml and the examples.
 
 Everything else is in pyproject.toml. `modelgap --version` reads what this writes
 (`warehouse/provenance.py`).
 """
 
+import shutil
 import subprocess
 from pathlib import Path
 
@@ -11,6 +12,8 @@ from setuptools import setup
 from setuptools.command.build_py import build_py
 
 HERE = Path(__file__).parent
+# As `flows.settings.SHARED` looks for them.
+SHARED = ("prefect.yaml", "examples/nightly.toml", "examples/weekly.toml")
 
 
 def commit() -> str:
@@ -29,14 +32,18 @@ def _git(*words: str) -> str:
 
 
 class BuildWithCommit(build_py):
-    """Puts commit.txt beside the module that reads it."""
+    """Puts commit.txt beside the module that reads it, and what `up` serves."""
 
     def run(self) -> None:
-        """Copy the packages, then write the file; an editable install has git."""
+        """Copy the packages, then the rest; an editable install has the checkout."""
         super().run()
         if not self.editable_mode:
             place = Path(self.build_lib, "warehouse", "commit.txt")
             place.write_text(commit(), encoding="ascii")
+            shared = Path(self.build_lib, "flows", "shared")
+            (shared / "examples").mkdir(parents=True, exist_ok=True)
+            for name in SHARED:
+                shutil.copyfile(HERE / name, shared / name)
 
 
 setup(cmdclass={"build_py": BuildWithCommit})

@@ -26,7 +26,7 @@ sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
 from benchmarks.attribution_parts import bars, cases
 from benchmarks.harness import cases as harness
 from benchmarks.harness.figures import finish, one_blas_thread
-from flows.workers.pool import Pool
+from flows.workers.processes import Processes
 
 _SEEDS = "123101:123109"
 
@@ -36,7 +36,7 @@ def main() -> int:
     # For the pool: its processes load NumPy after this.
     one_blas_thread()
     place = harness.kept_file("attribution", "benchmarks/attribution_parts")
-    with Pool(2) as pool:
+    with Processes(2) as pool:
         rows = _run(
             args, partial(harness.run_kept, place, cases.words, pool, cases.run)
         )

@@ -28,7 +28,7 @@ from benchmarks.harness import cases as harness
 from benchmarks.harness.figures import Figures, finish, one_blas_thread
 from benchmarks.harness.origin import ROOT
 from benchmarks.measured_parts.arms import absent
-from flows.workers.pool import Pool
+from flows.workers.processes import Processes
 
 _QUICK_GROUPS = ("unchanged", "change", "measured_change")
 _ASKED = (*cases.OWN, "ask.py", "peer.py")
@@ -41,7 +41,7 @@ def main() -> int:
         args.groups = list(_QUICK_GROUPS)
     # For the pool: its processes load NumPy after this.
     one_blas_thread()
-    with Pool(2) as pool:
+    with Processes(2) as pool:
         if args.list:
             many = cases.write_list(cases.DECIDING, pool)
             print(f"{many} cases in {cases.LIST.relative_to(ROOT)}")
@@ -54,7 +54,7 @@ def main() -> int:
     return finish(figures)
 
 
-def _listed(args: argparse.Namespace, pool: Pool) -> list[Case]:
+def _listed(args: argparse.Namespace, pool: Processes) -> list[Case]:
     """Return the cases of all groups, before any method sees one."""
     seeds = harness.seed_range(args.seeds)
     return [
@@ -65,7 +65,7 @@ def _listed(args: argparse.Namespace, pool: Pool) -> list[Case]:
     ]
 
 
-def _rows(listed: Sequence[Case], pool: Pool) -> list[Mapping]:
+def _rows(listed: Sequence[Case], pool: Processes) -> list[Mapping]:
     """Return a row of each case by each method, ours and the peer's."""
     plan = [f"benchmarks/changes_parts/{name}" for name in _ASKED]
     kept = harness.kept_file("changes", *plan, *cases.BELOW)

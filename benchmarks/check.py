@@ -24,7 +24,7 @@ sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
 from benchmarks.check_parts import bars, cases
 from benchmarks.harness import cases as harness
 from benchmarks.harness.figures import finish, one_blas_thread
-from flows.workers.pool import Pool
+from flows.workers.processes import Processes
 
 _SEEDS = "122101:122104"
 _GROUPS = ("faults", "clean", "effects", "trusted")
@@ -38,7 +38,7 @@ def main() -> int:
     place = harness.kept_file(
         "check", "benchmarks/check_parts", "flows/inputs", "flows/steps"
     )
-    with Pool(2) as pool:
+    with Processes(2) as pool:
         done = harness.run_kept(place, lambda result: "done", pool, cases.run, jobs)
     rows = [row for result in done.values() for row in result.get("rows", ())]
     lost = [{"error": r["error"], "group": n} for n, r in done.items() if "error" in r]

@@ -46,7 +46,7 @@ from benchmarks.harness.logs import write_csv
 from benchmarks.harness.shell import run_shell
 from benchmarks.hidden.score import confusion
 from benchmarks.synthetic.logs import standard_case
-from flows.workers.pool import Pool
+from flows.workers.processes import Processes
 from residual.robot.robot import load_robot
 
 _SEEDS = "128101:128104"
@@ -66,7 +66,7 @@ def main() -> int:
     one_blas_thread()
     wanted = [g for g in _CASES if g in args.groups]
     place = kept_file("diagnosis", "benchmarks/diagnosis_parts")
-    with Pool(2) as pool:
+    with Processes(2) as pool:
         run_all = partial(run_kept, place, cases.words, pool)
         rows = _run_cases(args, wanted, partial(run_all, cases.run))
         jobs = measured.jobs(args.quick) if "measured" in args.groups else []

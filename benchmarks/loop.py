@@ -21,7 +21,7 @@ sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
 
 from benchmarks.harness.cases import kept_file, run_kept, seed_range
 from benchmarks.harness.figures import Figures, all_missing, function_of, run_groups
-from flows.workers.pool import Pool
+from flows.workers.processes import Processes
 
 GROUPS = {name: f"loop_parts.{name}:figures_of" for name in ("tracking", "next")}
 # Of many drawn cases; the figures that a quick run leaves to the full one.
@@ -53,7 +53,7 @@ def _measure(asked: str | None, name: str, quick: bool) -> Figures:
     seeds = seed_range(asked) if asked else part.SEEDS
     parts = f"benchmarks/loop_parts/{name}.py", "flows/steps/planning"
     place = kept_file(f"loop-{name}", *parts)
-    with Pool(2) as pool:
+    with Processes(2) as pool:
         rows = run_kept(place, part.words, pool, part.run, part.jobs(seeds))
     return part.figures_of(list(rows.values()), seeds == part.SEEDS)
 

@@ -26,7 +26,7 @@ sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
 from benchmarks.harness.figures import Figures, figure, finish, missing, one_blas_thread
 from benchmarks.harness.origin import circumstances, save
 from benchmarks.measured_parts import arms, known
-from flows.workers.pool import Pool
+from flows.workers.processes import Processes, spread
 
 # Filtered held-out errors that were reached before [%], and what a change may add.
 REACHED = {
@@ -82,8 +82,8 @@ def _added(results: Path | None) -> int:
 def _rows(measure: Callable[[str], dict], names: Sequence[str]) -> list[dict]:
     if arms.data_folder() is None:
         return []
-    with Pool(2) as pool:
-        done = {d.index: d for d in pool.run(measure, names)}
+    with Processes(2) as pool:
+        done = {d.index: d for d in spread(pool, measure, names)}
     failed = [f"{names[i]}: {d.error}" for i, d in done.items() if d.error]
     if failed:
         raise SystemExit("; ".join(failed))

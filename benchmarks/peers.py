@@ -23,7 +23,7 @@ sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
 from benchmarks.harness import cases as harness
 from benchmarks.harness.figures import finish, one_blas_thread
 from benchmarks.peers_parts import bars, cases
-from flows.workers.pool import Pool
+from flows.workers.processes import Processes
 
 _SEEDS = "124101:124102"
 _TRIES = 5
@@ -40,7 +40,7 @@ def main() -> int:
     count, seconds = _QUICK if args.quick else _FULL
     programs = tuple(args.groups)
     rows: dict[str, list] = {program: [] for program in programs}
-    with Pool(2) as pool:
+    with Processes(2) as pool:
         run_all = partial(harness.run_kept, place, cases.words, pool, cases.run)
         for first in harness.seed_range(args.seeds):
             seed, minimum = _begun(run_all, first, seconds)

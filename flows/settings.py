@@ -13,6 +13,8 @@ from warehouse.bucket import is_address
 HEALTHY = "healthy"  # tag of the runs of an arm in good order, unless a project has one
 PROJECT = "modelgap.toml"  # file of a project, which names its store
 ROOT = Path(__file__).resolve().parents[1]
+# Where prefect.yaml and the examples lie: a wheel has copies of them (setup.py).
+SHARED = ROOT if (ROOT / "prefect.yaml").is_file() else ROOT / "flows" / "shared"
 STORE, API = "MODELGAP_STORE", "PREFECT_API_URL"
 # Where the server of a store serves its pages; its workers are told.
 PAGES = "MODELGAP_PAGES"

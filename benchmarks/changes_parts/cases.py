@@ -33,7 +33,7 @@ from benchmarks.changes_parts.case import (
 )
 from benchmarks.harness.cases import kept_file, run_kept, seed_range
 from benchmarks.measured_parts.arms import absent
-from flows.workers.pool import Here
+from flows.workers.processes import Here
 from sim.engine.records import stream
 
 DECIDING = "121101:121104"

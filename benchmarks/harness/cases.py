@@ -7,11 +7,13 @@ by line, so that an interrupted run goes on where it was.
 import argparse
 import json
 from collections.abc import Callable, Mapping, Sequence
+from concurrent.futures import Executor
 from pathlib import Path
 from typing import Any
 
 from benchmarks.harness.figures import CRASHES, Figures, figure
 from benchmarks.harness.origin import ROOT, circumstances, code_hash, save
+from flows.workers.processes import spread
 
 Rows = Sequence[Mapping]
 STORE = ROOT / "store" / "benchmarks"
@@ -112,7 +114,7 @@ def kept_file(name: str, *parts: str, code: str | None = None) -> Path:
 def run_kept(
     path: Path,
     words: Callable[[Mapping], str],
-    pool: Any,
+    pool: Executor,
     work: Callable[[Any], dict],
     jobs: Mapping[str, Any],
 ) -> dict[str, dict]:
@@ -128,7 +130,7 @@ def run_kept(
     with path.open("a", encoding="utf-8") as file:
         # A line of its own for what comes now, whatever the last one looks like.
         file.write("\n" if path.stat().st_size else "")
-        done = pool.run(work, [jobs[name] for name in todo])
+        done = spread(pool, work, [jobs[name] for name in todo])
         for count, one in enumerate(done, start=1):
             name, value = todo[one.index], one.value
             if one.error is not None:

@@ -50,8 +50,9 @@ class Sleepers:
 
     def run(self, _work: object, jobs: Sequence[partial]) -> Iterator:
         """Yield jobs as they are done (`flows.workers.pool.Pool.run`)."""
-        from flows.steps.experiment import run_id_of
         from flows.workers.pool import Done
+
+        from flows.steps.experiment import run_id_of
         from warehouse.ids import record_folder
 
         for done in self._pool.run(sleep, [_NAP] * len(jobs)):
@@ -63,9 +64,9 @@ class Sleepers:
 
 @contextmanager
 def _sleepers(_runner: object, _jobs: int) -> Iterator[Sleepers]:
-    from flows.workers.pool import Pool
+    from flows.workers.processes import Processes
 
-    with Pool(2) as pool:
+    with Processes(2) as pool:
         yield Sleepers(pool)
 
 

@@ -22,7 +22,7 @@ from flows.service.state import flow_processes, read_running, stop, store_key
 from flows.specs.experiment import experiment_of
 from flows.steps.campaign import run_all
 from flows.steps.experiment import load_engine, plan
-from flows.workers.pool import Pool, chosen_runner, workers_of
+from flows.workers.processes import Processes, chosen_runner, workers_of
 from warehouse.query.store import open_store
 
 _PATIENCE = 170.0  # s
@@ -192,7 +192,7 @@ def efficiency_figures(quick: bool) -> Figures:
 def _seconds(store: Path, processes: int, count: int) -> float:
     specs = [experiment_of({"seed": seed}, "C") for seed in range(count)]
     planned = plan(((str(s.seed), s) for s in specs), store)
-    with Pool(processes) as pool:
+    with Processes(processes) as pool:
         # Loaded before the clock starts, in both: a long campaign loads it once.
         list(pool.run(_ready, [load_engine.__name__] * processes))
         start = perf_counter()

@@ -16,7 +16,7 @@ from benchmarks.store_parts.made import folder, stand_in
 from flows.specs.campaign import load_campaign
 from flows.steps import experiment
 from flows.steps.campaign import run_all
-from flows.workers.pool import Here
+from flows.workers.processes import Here
 from warehouse.layout import list_folders
 from warehouse.provenance import provenance
 from warehouse.runs import open_seal, read_run

@@ -36,7 +36,7 @@ from flows.steps import experiment as steps
 from flows.steps import validate as trial
 from flows.steps.experiment import as_csv, refusal_of
 from flows.steps.models import calibration_of, chosen_to_drive
-from flows.workers.pool import chosen_runner, workers_of
+from flows.workers.processes import chosen_runner, executor_of
 from residual.errors import InputError, RunError
 from sim.engine.records import TrajectorySpec
 from sim.engine.render import animate
@@ -101,16 +101,13 @@ def campaign(spec: str, *, request: Campaign = _MANY, dry_run: DryRun = False) -
     say(console, f"{known}; {failing} will fail" if failing else known)
     if dry_run:
         return
-    with workers_of(where, missing) as workers, progress_bar() as bar:
-        summary = campaigns.run_all(planned, place, bar, workers)
+    with executor_of(where, missing) as executor, progress_bar() as bar:
+        summary = campaigns.run_all(planned, place, bar, executor)
     say(console, *(f"failed: {why}" for why in summary.failed.values()))
     failed = len(summary.failed)
     say(console, f"{missing - failed} stored, {failed} failed, {summary.seconds} s")
     if failed:
-        raise RunError(
-            f"{failed} of {len(planned)} experiments failed, as said above. The same "
-            "command runs those alone again."
-        )
+        raise RunError(campaigns.advice(summary))
 
 
 def _list(planned: list[steps.Planned], console: Console, rehearsed: bool) -> int:

@@ -18,7 +18,6 @@ from flows.inbox.take import (
     take_all,
 )
 from flows.outputs import progress_bar
-from flows.project.notify import Notice, tell
 from flows.project.read import Project, read_project, start
 from flows.report.words.verdict import headline
 from flows.requests import Flag
@@ -74,7 +73,7 @@ def inbox(
     and stored; its file goes to done/, or to rejected/ with the reason in a text file
     beside it. What is still written is waited for. Afterwards each robot is diagnosed
     once for all that is new. It may be ended at any time: nothing is lost or stored
-    twice.
+    twice. Whoever is told of what happens is so by the service alone.
 
     Args:
         folder: Folder of the project (modelgap.toml).
@@ -110,10 +109,6 @@ def _round(project: Project, of: tuple[Inbox, ...], import_only: bool) -> Counte
         for number, taken in enumerate(take_all(inbox, resting, tell), 1):
             sums[taken.what] += 1
             _say(f"{number}/{len(resting)} {_words(taken)}")
-            if taken.what == REFUSED:
-                title = f"{inbox.table.robot}: {taken.name} was refused"
-                notice = Notice("refused", inbox.table.robot, title, taken.why)
-                _tell(project, notice)
     if not import_only and sums:
         for robot in project.table.robot:
             if not robot.simulated:
@@ -140,9 +135,7 @@ def _watcher(project: Project, inbox: Inbox):
             _say(f"{robot}: not watched: {error}")
             return
         if found.alarmed:
-            title = f"{robot}: {len(found.alarmed)} of {len(runs)} new runs alarm"
-            _say(title)
-            _tell(project, Notice("alarm", robot, title, ids=found.alarmed))
+            _say(f"{robot}: {len(found.alarmed)} of {len(runs)} new runs alarm")
 
     return tell
 
@@ -153,20 +146,12 @@ def _diagnose(project: Project, robot: str) -> None:
             found = diagnose_new(project, robot, progress)
     except InputError as error:
         _say(f"{robot}: not diagnosed: {error}")
-        _tell(project, Notice("failed", robot, f"{robot}: not diagnosed", str(error)))
         return
     if found is None:
         return
     title = f"{robot}: {headline(found.verdict)}"
     _say(f"{title} ({len(found.batch.runs)} new runs against {found.batch.against})")
     _say(f"stored as a diagnosis: modelgap show {found.ids[0]}")
-    if found.verdict.effects:
-        _tell(project, Notice("finding", robot, title, ids=found.ids[:1]))
-
-
-def _tell(project: Project, notice: Notice) -> None:
-    for why in tell(project, notice):
-        _say(f"not told: {why}")
 
 
 def _say(text: str) -> None:

@@ -22,7 +22,7 @@ from flows.project.read import InboxTable, Project
 from flows.requests import Import
 from flows.settings import cores
 from flows.steps import imports
-from flows.workers.pool import Done, Here, Pool
+from flows.workers.processes import Done, Here, Processes, spread
 from residual.errors import InputError, plain, shortened
 from warehouse.commit import commit_record
 
@@ -362,10 +362,10 @@ def take_all(inbox: Inbox, resting: Mapping[str, State], tell: Told) -> Iterator
 def _taken(jobs: Sequence[Job]) -> Iterator[list[Taken]]:
     """Take logs in other processes: one that takes its process down is refused."""
     if len(jobs) <= _FEW:
-        yield [_outcome(jobs, done) for done in Here().run(take, jobs)]
+        yield [_outcome(jobs, done) for done in spread(Here(), take, jobs)]
         return
-    with Pool(min(cores(), len(jobs))) as pool:
-        done = pool.run(take, jobs)
+    with Processes(min(cores(), len(jobs))) as processes:
+        done = spread(processes, take, jobs)
         while few := [_outcome(jobs, each) for each in islice(done, _CHUNK)]:
             yield few
 

@@ -6,26 +6,22 @@ from typing import Any
 import yaml
 
 from flows.project.read import Project, RobotTable
-from flows.settings import ROOT
-from residual.errors import InputError
+from flows.settings import SHARED
 
 COMMITTED = "modelgap.run.committed"
 ALARM, PROPOSED = "modelgap.monitor.alarm", "modelgap.model.proposed"
 STORED, STORE = "modelgap.inbox.stored", "modelgap.store"
+NOTICE = "modelgap.notice"  # what people are told: .alarm, .finding, .refused, .failed
 _OF_THE_EXAMPLE = "nightly"  # the night of the built-in arm: a project has its own
-_OF_A_PROJECT = ("monitor", "diagnose")  # are told whose runs they are
+_OF_A_PROJECT = ("monitor", "alarm")  # are told whose runs they are
 _ENTRY = "flows.scheduled.project."
+_WORDS = ("kind", "robot", "title", "text", "page")  # of a notice
 
 
 def deployments(project: Project | None) -> dict[str, Any]:
     """Return the content of a prefect.yaml: that of the program, or of a project."""
-    file = ROOT / "prefect.yaml"
-    if not file.is_file():
-        raise InputError(
-            f"modelgap up needs prefect.yaml and examples/; {ROOT} has none, since a "
-            "wheel is without them.\nInstall from a checkout: pip install --editable ."
-        )
-    content = yaml.safe_load(file.read_text(encoding="utf-8"))
+    text = (SHARED / "prefect.yaml").read_text(encoding="utf-8")
+    content = yaml.safe_load(text)
     content.pop("definitions", None)
     if project is None:
         return content
@@ -71,17 +67,16 @@ def _own(project: Project) -> Iterator[dict]:
             here,
             schedules=_cron(project.table.poll, "UTC", "poll"),
         )
-    if project.notify.command or project.notify.file:
-        events = {"alarm": (ALARM, "run_ids"), "finding": (PROPOSED, "diagnosis")}
-        for kind, (event, field) in events.items():
-            value = {"ids": _payload(field)}
-            yield _deployment(
-                kind,
-                "notify",
-                "Tells people, as modelgap.toml says.",
-                here | {"kind": kind},
-                triggers=[_trigger(event, STORE, value)],
-            )
+    if project.notify.command:
+        given = {name: f"{{{{ event.payload.{name} }}}}" for name in _WORDS}
+        events = [f"{NOTICE}.{kind}" for kind in project.notify.on]
+        yield _deployment(
+            "notify",
+            "notify",
+            "Starts the program of modelgap.toml with what happened.",
+            here,
+            triggers=[_trigger(events, STORE, given | {"ids": _payload("ids")})],
+        )
 
 
 def _simulated(project: Project, robot: RobotTable) -> dict:
@@ -100,7 +95,7 @@ def _simulated(project: Project, robot: RobotTable) -> dict:
 
 
 def _real(project: Project, robot: RobotTable) -> dict:
-    stored = _trigger(STORED, resource(robot.name), {})
+    stored = _trigger([STORED], resource(robot.name), {})
     return _deployment(
         robot.name,
         "diagnose_new",
@@ -134,12 +129,12 @@ def _cron(text: str, zone: str, slug: str) -> list[dict]:
     return [{"cron": text, "timezone": zone, "slug": slug}] if text else []
 
 
-def _trigger(event: str, about: str, parameters: Mapping) -> dict:
+def _trigger(events: list[str], about: str, parameters: Mapping) -> dict:
     return {
         "type": "event",
         "enabled": True,
         "match": {"prefect.resource.id": about},
-        "expect": [event],
+        "expect": events,
         "posture": "Reactive",
         "threshold": 1,
         "within": 0,

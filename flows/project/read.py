@@ -19,7 +19,7 @@ from pydantic import dataclasses as tables
 
 from flows.inputs.given import load
 from flows.outputs import write_all
-from flows.settings import HEALTHY, PROJECT, ROOT, port_is_free, store_folder
+from flows.settings import HEALTHY, PROJECT, SHARED, port_is_free, store_folder
 from residual.errors import InputError
 from residual.robot.files import SERIAL, SLUG
 from residual.robot.robot import Robot, built_in_robots, with_serial
@@ -113,7 +113,6 @@ class NotifyTable:
     on: tuple[Literal["alarm", "finding", "refused", "failed"], ...] = NOTICES
     # A program and its arguments, each a text of its own; () for none.
     command: tuple[str, ...] = ()
-    file: str = ""  # a file that a line is added to; "" for none
     # How long the program may take [s].
     timeout: Annotated[float, Field(gt=0, le=3600, allow_inf_nan=False)] = 30.0
 
@@ -195,7 +194,7 @@ class Project:
 
     def campaign(self, robot: RobotTable) -> Path:
         """Return the campaign of a simulated robot: its own, or one of the examples."""
-        for place in (self.folder, ROOT):
+        for place in (self.folder, SHARED):
             if (place / robot.campaign).is_file():
                 return (place / robot.campaign).resolve()
         raise InputError(

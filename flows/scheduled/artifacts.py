@@ -5,23 +5,20 @@ Events are sent by the flow layer after a commit; the store knows nothing of the
 
 import os
 from base64 import b64encode
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
-from time import monotonic
 
 import numpy as np
 from prefect.artifacts import (
     create_link_artifact,
     create_markdown_artifact,
-    create_progress_artifact,
     create_table_artifact,
-    update_progress_artifact,
 )
 from prefect.client.orchestration import get_client
 from prefect.events import emit_event
 from prefect.runtime import flow_run
 
-from flows.project.deployments import COMMITTED, STORE
+from flows.project.deployments import COMMITTED, NOTICE, STORE
 from flows.report.figures.scores import plot as draw
 from flows.report.monitoring import meaning
 from flows.report.night.look import title_of
@@ -40,22 +37,7 @@ Rows = Sequence[Mapping]
 _MOST = 200  # rows that anybody reads there
 _TOGETHER = 1000  # ids in one event; the server refuses more than 1.5 MB
 _LONGEST = 200  # characters; what is longer no list shows
-_PAUSE = 5.0  # s between two steps of a bar: whoever tells it waits for the server
 _PICTURE = 400_000  # bytes; what is larger makes the page slow
-
-
-def progress(key: str, say: Callable[[str], None]) -> Callable[[str, float], None]:
-    """Show a bar; returns what is to be told the stage and the share done."""
-    about = "share of the runs that are stored"
-    bar, shown = create_progress_artifact(0.0, key, about), [monotonic()]
-
-    def tell(stage: str, share: float) -> None:
-        say(stage)
-        if share >= 1.0 or monotonic() - shown[0] > _PAUSE:
-            shown[0] = monotonic()
-            update_progress_artifact(bar, 100 * share, f"{about}: {stage}")
-
-    return tell
 
 
 def record(key: str, ids: Sequence[str], words: str, rows: Rows = ()) -> None:
@@ -197,6 +179,29 @@ def runs_committed(ids: Sequence[str]) -> None:
 def tell(name: str, payload: dict, about: str = STORE) -> None:
     """Send an event, which may start other flows."""
     emit_event(name, resource={"prefect.resource.id": about}, payload=payload)
+
+
+def notice(
+    kind: str,
+    robot: str,
+    title: str,
+    text: str = "",
+    ids: Sequence[str] = (),
+    page: str = "",
+) -> None:
+    """Send the event of something that people are told: one for each.
+
+    Automations of Prefect and a project's command take it from there.
+
+    Args:
+        kind: "alarm", "finding", "refused" or "failed".
+        title: In one line.
+        text: All of it.
+        ids: Ids of the records that it is about.
+        page: Address of the page to look at, "" for none.
+    """
+    payload = {"kind": kind, "robot": robot, "title": title, "text": text}
+    tell(f"{NOTICE}.{kind}", payload | {"ids": list(ids), "page": page})
 
 
 def name_of(diagnosis: str, store: Path) -> str:

@@ -1,139 +1,131 @@
-"""All Prefect flows: their order of tasks, and nothing else.
+"""The flows that simulate, watch and look after a store: their order of tasks.
 
 To be imported under `flows.settings.quiet_prefect`; prefect.yaml says when each is
-started.
+started, and `$MODELGAP_RUNNER` what runs their tasks.
 """
 
+from contextlib import nullcontext
 from functools import partial
 
 from prefect import flow, get_run_logger
 from prefect.runtime import flow_run
 
 from flows.requests import Campaign
-from flows.scheduled import loop, tasks
+from flows.scheduled import artifacts, loop, tasks
 from flows.scheduled import project as projects
-from flows.settings import HEALTHY, store_folder
+from flows.settings import HEALTHY, cores, store_folder
+from flows.steps import campaign as campaigns
+from flows.workers.processes import Processes, chosen_runner
+from residual.errors import RunError
+from residual.threads import one_blas_thread
 
 _LIMIT = 12 * tasks.HOUR
 _NIGHT = 24 * tasks.HOUR
-_alone = partial(flow, timeout_seconds=_LIMIT)
-
-# One step by itself; a night takes some of them as its tasks.
-experiment = flow(
-    tasks.experiment, flow_run_name="experiment {spec}", timeout_seconds=tasks.HOUR
-)
-identify = _alone(tasks.identify, flow_run_name="identify {fit}")
-calibrate = _alone(tasks.calibrate, flow_run_name="calibrate {runs}")
-validate = _alone(tasks.validate, flow_run_name="validate {runs}")
-rerun = _alone(tasks.rerun, flow_run_name="rerun {id}")
-verify = _alone(tasks.verify)
+_MOST = 200  # task runs of one campaign; of more experiments each has some
+_analysis = partial(tasks.task, tags=["analysis"])
 _identify, _calibrate, _validate = (
-    tasks.task(step, task_run_name=step.__name__, tags=["analysis"])
+    _analysis(step, task_run_name=step.__name__)
     for step in (tasks.identify, tasks.calibrate, tasks.validate)
 )
+_distributed = partial(flow, timeout_seconds=_NIGHT, task_runner=tasks.task_runner())
 
 
-@flow(name="nightly", flow_run_name="nightly {campaign_file}", timeout_seconds=_NIGHT)
+@_distributed(name="nightly", flow_run_name="nightly {campaign_file}")
+@one_blas_thread
 def nightly(
     campaign_file: str = "examples/nightly.toml",
     held_out: str = "welding",
     store: str | None = None,
-    runner: str | None = None,
-    trust_network: bool = False,
     auto: bool = False,
     seed: int | None = None,
 ) -> str:
     """Run new motions of the night; identify, calibrate, validate, diagnose, report.
 
     What the diagnosis finds beyond the model that the robot has is proposed as its
-    next model; the flow `propose` waits for the answer, this one does not.
+    next model; the flow `propose` waits for the answer, this one does not. The
+    diagnosis waits for the runs alone: the other analyses go on beside it.
 
     Args:
         campaign_file: The campaign; its seed is replaced by the next one.
         held_out: Kind of motion that is not fitted.
         store: Folder of the store; else $MODELGAP_STORE, else ./store.
-        runner: threads or dask://HOST:PORT; else $MODELGAP_RUNNER.
-        trust_network: Whether that host may be another machine.
         auto: Whether to adopt it without asking.
         seed: Seed of the motions, to repeat a night; without it the time of the
             schedule to the second, so that every start has motions of its own, and one
             that is tried again the same. It is in the record of every run.
     """
     place = str(store_folder(store))
-    where = (runner, trust_network, place)
     seed = _second() if seed is None else seed
     get_run_logger().info(f"to repeat this night: seed {seed}")
-    runs = tasks.campaign(Campaign(campaign_file, held_out, seed, *where))
+    request = Campaign(campaign_file, held_out, seed, store=place)
+    runs = campaigns.by_role(request, run_campaign(request))
     fit, proof = runs["fit"], runs["held_out"]
-    _identify(fit, proof, place)
-    _calibrate([*fit, *proof], place)
-    _validate(proof or fit, store=place)
+    beside = [
+        _identify.submit(fit, proof, place),
+        _calibrate.submit([*fit, *proof], place),
+        _validate.submit(proof or fit, store=place),
+    ]
     ids = tasks.diagnose(runs, place, loop.model_in_force(runs, place))
     page = tasks.report(ids, place)
+    projects.found(ids[0], place, page)
     loop.adopt_or_propose(ids[0], place, auto)
+    for future in beside:
+        future.result()
     return page
 
 
-@flow(name="campaign", flow_run_name="campaign {campaign_file}", timeout_seconds=_NIGHT)
+@_distributed(name="campaign", flow_run_name="campaign {campaign_file}")
 def campaign(
-    campaign_file: str,
-    seed: int | None = None,
-    store: str | None = None,
-    runner: str | None = None,
-    trust_network: bool = False,
+    campaign_file: str, seed: int | None = None, store: str | None = None
 ) -> list[str]:
-    """Run many experiments on the simulated arm over all cores.
+    """Run the experiments of a campaign that are missing, each as a task.
 
     Args:
         campaign_file: The campaign.
         seed: Replaces its seed.
         store: Folder of the store; else $MODELGAP_STORE, else ./store.
-        runner: threads or dask://HOST:PORT; else $MODELGAP_RUNNER.
-        trust_network: Whether that host may be another machine.
-    """
-    place = str(store_folder(store))
-    asked = Campaign(campaign_file, "", seed, runner, trust_network, place)
-    return tasks.campaign(asked)["fit"]
-
-
-@flow(name="diagnose", flow_run_name="diagnose {runs}", timeout_seconds=_LIMIT)
-def diagnose(
-    runs: list[str],
-    held_out: list[str] | None = None,
-    good: list[str] | None = None,
-    model: str | None = None,
-    store: str | None = None,
-    project: str | None = None,
-    alarm: bool = False,
-) -> str | None:
-    """Find what the model of an arm lacks, and write the report.
-
-    What an alarm asks for is diagnosed once: runs of a robot of a project with all
-    that is new of it, others not again where a diagnosis speaks of them already; and
-    against the healthy runs of the arm, where there are such.
-
-    Args:
-        runs: Ids of the runs to diagnose.
-        held_out: Ids of the runs for the proof.
-        good: Ids of healthy runs of the arm.
-        model: Id of the diagnosis whose model is the nominal one; none unless given.
-        store: Folder of the store; else $MODELGAP_STORE, else ./store.
-        project: Folder of the project, None for none.
-        alarm: Whether an alarm asks.
 
     Returns:
-        The page; None where another diagnosis speaks of the runs.
+        The ids of all its runs.
+
+    Raises:
+        RunError: If some failed, when the others are stored.
     """
     place = str(store_folder(store))
-    if alarm:
-        robot = projects.robot_of(project, runs) if project else None
-        if project and robot:
-            return projects.diagnosed_new(project, robot)
-        if tasks.diagnosed_already(runs, place):
-            return None
-        good = tasks.healthy(runs, good or [], place)
-    roles = {"fit": runs, "held_out": held_out or [], "baseline": good or []}
-    return tasks.report(tasks.diagnose(roles, place, model), place)
+    summary = run_campaign(Campaign(campaign_file, "", seed, store=place))
+    if summary.failed:
+        raise RunError(campaigns.advice(summary))
+    return list(summary.stored)
+
+
+def run_campaign(request: Campaign) -> campaigns.Summary:
+    """Submit what is not in the store; a failure is told and ends nothing else."""
+    log, place = get_run_logger(), str(store_folder(request.store))
+    planned = campaigns.planned_of(request)
+    missing = [each for each in planned if not each.stored]
+    log.info(f"{len(missing)} to run, {len(planned) - len(missing)} in {place}")
+    size = -(-len(missing) // _MOST) or 1
+    batches = [missing[k : k + size] for k in range(0, len(missing), size)]
+    failed: dict[str, str] = {}
+    with Processes(cores()) if chosen_runner() is None else nullcontext() as executor:
+        futures = [
+            tasks.experiment.submit(_label(batch), batch, place, executor)
+            for batch in batches
+        ]
+        for batch, future in zip(batches, futures, strict=True):
+            outcome = future.result(raise_on_failure=False)
+            if isinstance(outcome, BaseException):
+                failed |= campaigns.failures(batch, outcome, store_folder(place))
+    for why in failed.values():
+        log.warning(why)
+    summary = campaigns.Summary(tuple(planned), failed)
+    artifacts.runs_committed(summary.new)
+    return summary
+
+
+def _label(batch: list) -> str:
+    more = f" and {len(batch) - 1} more" if len(batch) > 1 else ""
+    return f"{batch[0].label}{more}"
 
 
 @flow(name="monitor", flow_run_name="monitor", timeout_seconds=_LIMIT)
@@ -161,16 +153,22 @@ def monitor(
     return tasks.watch(runs, model, good or [], str(store_folder(store)), tag)
 
 
-@flow(name="report", flow_run_name="report {diagnosis}", timeout_seconds=_LIMIT)
-def report(diagnosis: str, proof: str, store: str | None = None) -> str:
-    """Write the page of a diagnosis again.
+@flow(name="rerun", flow_run_name="rerun {id}", timeout_seconds=_LIMIT)
+def rerun(id: str, verify: bool = True, store: str | None = None) -> list[str]:
+    """Make a record again, and fail where its values are not the same bits.
 
     Args:
-        diagnosis: Its id.
-        proof: Id of the validation with its curves.
+        id: Its id.
+        verify: Whether to compare only.
         store: Folder of the store; else $MODELGAP_STORE, else ./store.
+
+    Returns:
+        The id of the new record, none where none was made.
     """
-    return tasks.report([diagnosis, proof], str(store_folder(store)))
+    return tasks.rerun(id, verify, store)
+
+
+verify = flow(tasks.verify, timeout_seconds=_LIMIT)
 
 
 def _second() -> int:

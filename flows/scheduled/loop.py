@@ -1,4 +1,4 @@
-"""What closes the loop: models in force and proposed, motions designed.
+"""What closes the loop: models in force and proposed.
 
 To be imported under `flows.settings.quiet_prefect`.
 """
@@ -12,19 +12,14 @@ from prefect.input import RunInput
 from flows.project.deployments import PROPOSED
 from flows.report.models import adoption_lines, proposal_markdown, proposal_page
 from flows.report.page import made_of
-from flows.scheduled import artifacts, tasks
+from flows.scheduled import artifacts
 from flows.scheduled.tasks import task
 from flows.settings import store_folder
 from flows.steps.adopt import Adopt, judge, keep_proposal, known_already, proposal_of
 from flows.steps.adopt import adopt as give
 from flows.steps.models import in_force
-from flows.steps.planning import ask, execute
-from flows.steps.planning.ask import Next
-from flows.steps.planning.design import design
-from flows.steps.planning.motions import Search, with_twins
 from flows.storage.diagnosis import read_verdict
 from residual.errors import InputError
-from residual.threads import one_blas_thread
 
 
 @task(name="model-in-force", task_run_name="model-in-force", tags=["analysis"])
@@ -117,44 +112,3 @@ def propose(diagnosis: str, store: str | None = None) -> str | None:
         get_run_logger().info("not adopted: that was the answer")
         return None
     return adopt(diagnosis, place, answer.note)
-
-
-@task(name="settle", task_run_name="settle {id}", tags=["simulation"])
-@one_blas_thread
-def settle(id: str, request: Next) -> list[str]:
-    """Design the motion, run it, diagnose all logs; returns diagnosis and proof."""
-    asked = ask.ask(request)
-    if not asked.question.contests:
-        raise InputError(f"Diagnosis {id} leaves nothing open.")
-    search = Search(asked.question, asked.robot, request.seconds, request.seed)
-    made = design(with_twins(search))
-    if made.best.seen.hopeless:
-        raise InputError(f"No motion tells apart what diagnosis {id} leaves open.")
-    run = execute.execute(asked.request, made.best.spec)
-    artifacts.runs_committed([run])
-    return list(execute.settle(asked.request, run))
-
-
-@flow(name="next", flow_run_name="next {diagnosis}", timeout_seconds=6 * tasks.HOUR)
-def next_experiment(
-    diagnosis: str,
-    want: str | None = None,
-    seconds: float = 20.0,
-    seed: int = 0,
-    store: str | None = None,
-) -> str:
-    """Run the motion that settles a diagnosis of simulated runs, and diagnose again.
-
-    Args:
-        diagnosis: Its id.
-        want: An effect that is to be seen, as "payload>=0.5"; None for what is open.
-        seconds: Length of the motion [s].
-        seed: Seed of the search.
-        store: Folder of the store; else $MODELGAP_STORE, else ./store.
-
-    Returns:
-        The page of the new diagnosis.
-    """
-    place = store_folder(store)
-    request = Next(diagnosis, want=want, seconds=seconds, seed=seed, store=place)
-    return tasks.report(settle(diagnosis, request), str(place))

@@ -4,6 +4,9 @@ To be imported under `flows.settings.quiet_prefect`; `flows.project.deployments`
 when each is started.
 """
 
+import os
+import re
+import subprocess
 from collections import Counter
 from pathlib import Path
 
@@ -22,16 +25,13 @@ from flows.inbox.take import (
 )
 from flows.project.deployments import STORED as ARRIVED
 from flows.project.deployments import resource
-from flows.project.notify import Notice
-from flows.project.notify import tell as send
 from flows.project.read import Project, read_project
 from flows.report.words.verdict import headline
 from flows.scheduled import artifacts, loop, tasks
 from flows.scheduled.tasks import task
-from flows.settings import HEALTHY
+from flows.settings import HEALTHY, store_folder
 from flows.storage.diagnosis import read_verdict
 from residual.errors import InputError
-from warehouse.layout import find
 
 _LIMIT = 12 * tasks.HOUR
 
@@ -55,7 +55,7 @@ def take(folder: str) -> dict:
                 fed.add(robot)
             if taken.what == REFUSED:
                 title = f"{robot}: {taken.name} was refused"
-                _tell(project, Notice("refused", robot, title, taken.why))
+                artifacts.notice("refused", robot, title, taken.why)
     for robot in fed:
         artifacts.tell(ARRIVED, {"robot": robot}, resource(robot))
     words = ", ".join(f"{sums[kind]} {kind}" for kind in _KINDS if sums[kind])
@@ -73,7 +73,7 @@ def diagnose(folder: str, robot: str) -> list[str]:
         found = _diagnosed(project, robot)
     except InputError as error:
         artifacts.rename(f"{robot}: not diagnosed")
-        _tell(project, Notice("failed", robot, f"{robot}: not diagnosed", str(error)))
+        artifacts.notice("failed", robot, f"{robot}: not diagnosed", str(error))
         raise
     if found is None:
         artifacts.rename(f"{robot}: no new runs")
@@ -95,46 +95,19 @@ def _diagnosed(project: Project, robot: str) -> Diagnosed | None:
     return diagnose_runs(project, robot)
 
 
-def robot_of(folder: str, runs: list[str]) -> str | None:
-    """Return the name of the real robot that runs are of, None where of none."""
-    table = robot_of_runs(read_project(folder), runs)
-    return table.name if table else None
-
-
 def tag_of(folder: str, runs: list[str]) -> str:
     """Return the tag of the healthy runs of the robot that runs are of."""
     table = robot_of_runs(read_project(folder), runs)
     return table.healthy if table else HEALTHY
 
 
-def tell_of(folder: str, robot: str, diagnosis: str, page: str) -> None:
-    """Tell people what a diagnosis found, if it found something."""
-    project = read_project(folder)
-    verdict = read_verdict(project.store, diagnosis)
+def found(diagnosis: str, store: str, page: str) -> None:
+    """Tell, once, what a diagnosis found, if it found something."""
+    verdict = read_verdict(Path(store), diagnosis)
     if verdict.effects:
-        title = f"{robot}: {headline(verdict)}"
-        _tell(project, Notice("finding", robot, title, "", (diagnosis,), page))
-
-
-def tell(folder: str, kind: str, ids: list[str]) -> None:
-    """Tell people of what an event says: runs with an alarm, or a diagnosis."""
-    project = read_project(folder)
-    if kind == "alarm":
-        robot = _robot_of(project.store, ids[0])
-        title = f"{robot}: {len(ids)} runs with an alarm"
-    else:
-        verdict = read_verdict(project.store, ids[0])
-        robot, title = verdict.robot, f"{verdict.robot}: {headline(verdict)}"
-    _tell(project, Notice(kind, robot, title, ids=tuple(ids)))
-
-
-def _robot_of(store: Path, run: str) -> str:
-    return find(store, run).folder.parent.name.removeprefix("robot=")
-
-
-def _tell(project: Project, notice: Notice) -> None:
-    for why in send(project, notice):
-        get_run_logger().warning(f"not told: {why}")
+        title = f"{verdict.robot}: {headline(verdict)}"
+        link = artifacts.link_of(Path(page))
+        artifacts.notice("finding", verdict.robot, title, ids=[diagnosis], page=link)
 
 
 @flow(name="inbox", flow_run_name="inbox", timeout_seconds=_LIMIT)
@@ -153,21 +126,48 @@ def inbox(project: str) -> dict:
     return take(project)
 
 
-@flow(name="diagnose-new", flow_run_name="{robot}", timeout_seconds=_LIMIT)
-def diagnose_new(project: str, robot: str) -> str | None:
-    """Diagnose what has come in of a real robot since the last time, and report.
+@flow(name="diagnose-new", timeout_seconds=_LIMIT)
+def diagnose_new(
+    project: str | None = None,
+    robot: str | None = None,
+    runs: list[str] | None = None,
+    good: list[str] | None = None,
+    store: str | None = None,
+) -> str | None:
+    """Diagnose what has come in of a real robot, or runs with an alarm, and report.
+
+    Runs with an alarm of a robot of a project are diagnosed with all that is new of
+    it; others once, and against the healthy runs of the arm, where there are such.
 
     Args:
-        project: Folder of the project.
-        robot: Name of the robot.
+        project: Folder of the project, None for none.
+        robot: Name of the robot in it.
+        runs: Ids of runs with an alarm, instead of a robot.
+        good: Ids of healthy runs of the arm.
+        store: Folder of the store; else $MODELGAP_STORE, else ./store.
 
     Returns:
-        The page, None where nothing has come in.
+        The page; None where nothing is new.
     """
-    return diagnosed_new(project, robot)
+    if project and runs and (table := robot_of_runs(read_project(project), runs)):
+        robot = table.name
+    if project and robot:
+        artifacts.rename(robot)
+        return _diagnosed_new(project, robot)
+    if not runs:
+        raise InputError("diagnose-new needs a project with its robot, or runs.")
+    place = str(store_folder(store))
+    if tasks.diagnosed_already(runs, place):
+        return None
+    roles = {"fit": runs, "held_out": []}
+    roles["baseline"] = tasks.healthy(runs, good or [], place)
+    ids = tasks.diagnose(roles, place)
+    page = tasks.report(ids, place)
+    found(ids[0], place, page)
+    return page
 
 
-def diagnosed_new(project: str, robot: str) -> str | None:
+def _diagnosed_new(project: str, robot: str) -> str | None:
     """Diagnose what is new of a robot, tell people, propose; returns the page."""
     ids = diagnose(project, robot)
     if not ids:
@@ -175,19 +175,49 @@ def diagnosed_new(project: str, robot: str) -> str | None:
     read = read_project(project)
     store, auto = str(read.store), read.robot(robot).auto
     page = tasks.report(ids, store)
-    tell_of(project, robot, ids[0], page)
+    found(ids[0], store, page)
     loop.adopt_or_propose(ids[0], store, auto)
     return page
 
 
-@flow(name="notify", flow_run_name="notify {kind}", timeout_seconds=tasks.HOUR)
-def notify(project: str, kind: str, ids: list[str] | str) -> None:
-    """Tell people of an alarm, or of a model that a simulated night proposes.
+@flow(name="notify", flow_run_name="notify: {title}", timeout_seconds=tasks.HOUR)
+def notify(
+    project: str,
+    kind: str,
+    robot: str,
+    title: str,
+    text: str = "",
+    ids: list[str] | None = None,
+    page: str = "",
+) -> None:
+    """Start the program of a project's file with what an event says.
+
+    The program is a list of arguments, never a line for a shell: what came out of a
+    stranger's log must start nothing. It gets title and text on its standard input.
 
     Args:
         project: Folder of the project.
-        kind: "alarm" or "finding".
-        ids: Ids of the runs with an alarm, or of the diagnosis.
+        kind: "alarm", "finding", "refused" or "failed".
+        robot: Name of the robot.
+        title: In one line.
+        text: All of it.
+        ids: Ids of the records that it is about.
+        page: The page to look at, "" for none.
     """
-    listed = [ids] if isinstance(ids, str) else ids
-    tell(project, kind, listed)
+    read, values = read_project(project), {"kind": kind, "robot": robot, "page": page}
+    values |= {"title": title, "text": text, "ids": " ".join(ids or ())}
+    # In one pass: what a value says is never filled in again; other braces stay.
+    command = [
+        re.sub(r"\{(\w+)\}", lambda each: values.get(each[1], each[0]), word)
+        for word in read.notify.command
+    ]
+    subprocess.run(
+        command,
+        cwd=read.folder,
+        # Ours without the key of the server, which is nobody else's.
+        env={k: v for k, v in os.environ.items() if not k.startswith("PREFECT")},
+        input=f"{title}\n\n{text}\n",
+        text=True,
+        timeout=read.notify.timeout,
+        check=True,
+    )

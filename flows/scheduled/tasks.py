@@ -5,6 +5,7 @@ people want to see becomes an artifact. Prefect caches nothing: the ids of the s
 the cache.
 """
 
+from concurrent.futures import Executor
 from dataclasses import asdict
 from functools import partial
 from pathlib import Path
@@ -12,67 +13,76 @@ from pathlib import Path
 from prefect import get_run_logger
 from prefect import task as prefect_task
 from prefect.cache_policies import NO_CACHE
+from prefect.task_runners import TaskRunner, ThreadPoolTaskRunner
 
 from flows import requests
 from flows.inputs.given import robot_of
 from flows.project.deployments import ALARM
 from flows.report import stored
+from flows.report.monitoring import meaning
 from flows.scheduled import artifacts
-from flows.settings import HEALTHY, store_folder
-from flows.specs.experiment import load_spec
+from flows.settings import HEALTHY, cores, store_folder
 from flows.steps import calibrate as calibration
 from flows.steps import campaign as campaigns
 from flows.steps import diagnose as diagnosis
 from flows.steps import diff as verification
-from flows.steps import experiment as experiments
 from flows.steps import identify as identification
 from flows.steps import monitor as monitoring
 from flows.steps import rerun as reruns
 from flows.steps import validate as validation
-from flows.workers.pool import ClusterLostError
+from flows.steps.experiment import Planned
+from flows.workers.processes import DASK, Here, chosen_runner, local_cluster, plainly
+from residual.errors import RunError
 
 HOUR = 3600.0  # s
 
 task = partial(prefect_task, cache_policy=NO_CACHE, timeout_seconds=6 * HOUR)
 
 
+def task_runner() -> TaskRunner:
+    """Return what runs the tasks of a flow: threads here, or Dask ($MODELGAP_RUNNER).
+
+    Whatever is long does its work in a process of its own, or on the cluster.
+    """
+    address = chosen_runner()
+    if address is None:
+        return ThreadPoolTaskRunner(max_workers=max(4, cores()))
+    # Late, as it is an extra.
+    from prefect_dask import DaskTaskRunner
+
+    if address == DASK:
+        return DaskTaskRunner(cluster_kwargs=local_cluster())
+    return DaskTaskRunner(address=address)
+
+
 def outside(_task: object, _run: object, state) -> bool:
-    """Whether a task failed by what may be well in a minute: network, file system."""
-    error = state.result(raise_on_failure=False)
-    return isinstance(error, (OSError, ClusterLostError))
+    """Whether a task failed by what may be well in a minute."""
+    return campaigns.outside(state.result(raise_on_failure=False))
 
 
-# Only what reaches beyond this machine is tried again: a shared file system, a cluster.
 # What is in the store is not run twice.
-_again = {
-    "retries": 2,
-    "retry_delay_seconds": [10, 60],
-    "retry_condition_fn": outside,
-}
+again = partial(
+    task, retries=2, retry_delay_seconds=[10, 60], retry_condition_fn=outside
+)
 
 
-def experiment(spec: str, store: str | None = None) -> str:
-    """Run one experiment on the simulated arm and store it; returns the id of its run.
+@again(name="experiment", task_run_name="{label}", tags=["simulation"])
+def experiment(
+    label: str, batch: list[Planned], store: str, executor: Executor | None = None
+) -> list[str]:
+    """Run an experiment of a campaign, or some of a large one; returns ids of runs.
 
     Args:
-        spec: SPEC.toml.
-        store: Folder of the store; else $MODELGAP_STORE, else ./store.
+        label: What it is called.
+        executor: Processes of this machine; None on a cluster, whose worker does it.
     """
-    id = experiments.run(load_spec(spec), store_folder(store))
-    artifacts.runs_committed([id])
-    return id
-
-
-@task(name="campaign", task_run_name="campaign", tags=["simulation"], **_again)
-def campaign(request: requests.Campaign) -> dict:
-    """Run what is not in the store; a failure is told and does not end the night."""
-    log = get_run_logger()
-    tell = artifacts.progress("campaign-progress", log.info)
-    runs, summary = campaigns.run_campaign(request, tell)
-    for why in summary.failed.values():
-        log.warning(why)
-    artifacts.runs_committed(summary.new)
-    return runs
+    work = partial(campaigns.run_one, store=store)
+    futures = [(executor or Here()).submit(plainly, work, each) for each in batch]
+    ids = [future.result() for future in futures]
+    for each, id in zip(batch, ids, strict=True):
+        if why := campaigns.misplaced(each, id, store_folder(store)):
+            raise RunError(why)
+    return ids
 
 
 def identify(
@@ -174,16 +184,21 @@ def watch(
         # With the runs that they were judged by.
         good = {"good_ids": list(new.found.calibration)}
         artifacts.tell(ALARM, {"record": new.record, "run_ids": list(alarmed)} | good)
+        title = f"{robot}: {many} {count} new runs"
+        artifacts.notice("alarm", robot, title, meaning(new.found), list(alarmed))
     return [new.record]
 
 
-def rerun(id: str, verify: bool = True, store: str | None = None) -> bool:
-    """Make a record again, and compare; returns whether all values are the same bits.
+def rerun(id: str, verify: bool = True, store: str | None = None) -> list[str]:
+    """Make a record again, and fail where its values are not the same bits.
 
     Args:
         id: Its id.
         verify: Whether to compare only.
         store: Folder of the store; else $MODELGAP_STORE, else ./store.
+
+    Returns:
+        The id of the new record, none where none was made.
     """
     made = reruns.rerun(id, store_folder(store), verify)
     rows = [asdict(channel) for channel in made.apart]
@@ -192,7 +207,9 @@ def rerun(id: str, verify: bool = True, store: str | None = None) -> bool:
     artifacts.record("rerun", kept, words, rows)
     same = not rows and made.cause is None
     artifacts.rename(f"rerun {id}: {'same bits' if same else 'not reproduced'}")
-    return same
+    if not same:
+        raise RunError(f"{id} was not reproduced: {words}")
+    return [made.made] if made.made else []
 
 
 @task(name="report", task_run_name="report {ids[0]}", tags=["report"])

@@ -5,6 +5,7 @@ store whole or not at all. So whatever ends a campaign, the same command complet
 """
 
 from collections.abc import Mapping, Sequence
+from concurrent.futures import Executor
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
@@ -12,13 +13,11 @@ from time import perf_counter
 
 from flows.outputs import Progress
 from flows.requests import Campaign
-from flows.settings import cores, store_folder
+from flows.settings import store_folder
 from flows.specs.campaign import load_campaign
-from flows.specs.experiment import ExperimentSpec
 from flows.steps import experiment
 from flows.steps.experiment import Planned, plan
-from flows.workers.pool import Pool, chosen_runner, outcomes, workers_of
-from flows.workers.pool import Runs as Workers
+from flows.workers.processes import executor_of, spread
 from residual.errors import InputError, RunError
 from warehouse.mirror import shown
 
@@ -32,7 +31,7 @@ class Summary:
     planned: tuple[Planned, ...]  # all experiments, in order
     # What failed and why, by the id of its run; all others are in the store.
     failed: Mapping[str, str]
-    seconds: float  # time that it took
+    seconds: float = 0.0  # time that it took
 
     @property
     def stored(self) -> tuple[str, ...]:
@@ -50,7 +49,7 @@ def run_all(
     planned: Sequence[Planned],
     store: Path,
     tell: Progress | None = None,
-    pool: Workers | None = None,
+    executor: Executor | None = None,
 ) -> Summary:
     """Run what is not in the store, in as many processes as there are cores.
 
@@ -59,15 +58,15 @@ def run_all(
     """
     missing = [p for p in planned if not p.stored]
     begun, failed = perf_counter(), {}
-    if missing and pool is None:
-        with Pool(min(cores(), len(missing))) as own:
-            return run_all(planned, store, tell, own)
+    if missing and executor is None:
+        with executor_of(None, len(missing)) as ours:
+            return run_all(planned, store, tell, ours)
     # The store's name and not its folder: on another machine that is another one.
-    jobs = [partial(_run, p.spec, shown(store), p.campaign) for p in missing]
-    done = outcomes(pool, jobs) if pool else ()
-    for count, (index, id, why) in enumerate(done, start=1):
-        at = missing[index]
-        if why := why or _misplaced(at, id, store):
+    work = partial(run_one, store=shown(store))
+    done = spread(executor, work, missing) if executor else ()
+    for count, each in enumerate(done, start=1):
+        at = missing[each.index]
+        if why := _line(each.error) or misplaced(at, each.value, store):
             failed[at.run_id] = f"{at.label}: {why}"
         if tell:
             word = "failed" if why else "stored"
@@ -75,7 +74,24 @@ def run_all(
     return Summary(tuple(planned), failed, round(perf_counter() - begun, 2))
 
 
-def _planned(request: Campaign) -> list[Planned]:
+def outside(error: BaseException | None) -> bool:
+    """Return whether what failed may be well in a minute: a process, disk, network.
+
+    All else fails again, since a spec and its code decide it.
+    """
+    return isinstance(error, OSError)
+
+
+def advice(summary: Summary) -> str:
+    """Return what to do about the failures of a campaign, in two sentences."""
+    return (
+        f"{len(summary.failed)} of {len(summary.planned)} experiments failed, as said "
+        "above. What a spec asks for fails again: change it, or take it out. What was "
+        "lost with a process, a disk or a network the same command runs again."
+    )
+
+
+def planned_of(request: Campaign) -> list[Planned]:
     """Return the experiments of a campaign, and which of them are stored.
 
     Raises:
@@ -88,23 +104,14 @@ def _planned(request: Campaign) -> list[Planned]:
     return plan(entries, store_folder(request.store), Path(request.path).stem)
 
 
-def run_campaign(
-    request: Campaign, tell: Progress | None = None
-) -> tuple[Runs, Summary]:
-    """Run what is not in the store; returns ids by role, and what became of all."""
-    experiments = _planned(request)
-    runner = chosen_runner(request.runner, request.trust_network)
-    with workers_of(runner, sum(not p.stored for p in experiments)) as pool:
-        summary = run_all(experiments, store_folder(request.store), tell, pool)
-    return _by_role(request, experiments, summary), summary
+def by_role(request: Campaign, summary: Summary) -> Runs:
+    """Return the stored runs of a campaign by role: fit and held_out.
 
-
-def _by_role(
-    request: Campaign, experiments: Sequence[Planned], summary: Summary
-) -> Runs:
-    """Return the stored runs by role: fit and held_out."""
+    Raises:
+        RunError: If none is left to fit.
+    """
     runs: Runs = {"fit": [], "held_out": []}
-    for each in experiments:
+    for each in summary.planned:
         if each.run_id in summary.stored:
             kind = each.spec.trajectory.kind
             role = "held_out" if kind == request.held_out else "fit"
@@ -116,11 +123,21 @@ def _by_role(
     return runs
 
 
-def _run(spec: ExperimentSpec, store: str, campaign: str | None) -> str:
-    return experiment.run(spec, store_folder(store), campaign)
+def failures(
+    batch: Sequence[Planned], error: BaseException, store: Path
+) -> dict[str, str]:
+    """Return why experiments of a batch that failed are not in the store, by run."""
+    lost = [p for p in batch if not experiment.is_stored(store, p.spec, p.run_id)]
+    return {each.run_id: f"{each.label}: {_line(error)}" for each in lost}
 
 
-def _misplaced(planned: Planned, run_id: str, store: Path) -> str:
+def run_one(planned: Planned, store: str) -> str:
+    """Run one experiment of a campaign; returns the id of its run."""
+    return experiment.run(planned.spec, store_folder(store), planned.campaign)
+
+
+def misplaced(planned: Planned, run_id: str, store: Path) -> str:
+    """Return why a run that was stored is not where it should be; "" where it is."""
     # A process loads the code anew, and the id of a run is also that of its code.
     if run_id != planned.run_id:
         return f"stored as {run_id}: the code was changed since the start"
@@ -131,3 +148,7 @@ def _misplaced(planned: Planned, run_id: str, store: Path) -> str:
             "its machines share"
         )
     return ""
+
+
+def _line(error: BaseException | None) -> str:
+    return " ".join(str(error).split()) if error else ""

@@ -7,6 +7,7 @@ are stored, diagnosed from the store, and reported; only then is the seal opened
 
 import json
 from collections.abc import Iterator, Mapping
+from concurrent.futures import Executor
 from dataclasses import asdict, dataclass
 from functools import cache
 from pathlib import Path
@@ -19,7 +20,6 @@ from flows.specs.experiment import ExperimentSpec, derived_seed
 from flows.steps.campaign import run_all
 from flows.steps.edit import sealed_edits
 from flows.steps.experiment import plan, plant_of
-from flows.workers.pool import Runs as Workers
 from residual.effects import reported_joints
 from residual.errors import InputError, RunError, check_name
 from residual.quantity import plain
@@ -93,11 +93,11 @@ def specs(request: Demo) -> list[tuple[str, ExperimentSpec]]:
 
 
 def run_experiments(
-    request: Demo, progress: Progress | None = None, pool: Workers | None = None
+    request: Demo, progress: Progress | None = None, executor: Executor | None = None
 ) -> Runs:
     """Run the experiments that are not in the store."""
     store = store_folder(request.store)
-    summary = run_all(plan(specs(request), store), store, progress, pool)
+    summary = run_all(plan(specs(request), store), store, progress, executor)
     for why in summary.failed.values():
         raise RunError(f"An experiment failed: {why}")
     ids = [p.run_id for p in summary.planned]

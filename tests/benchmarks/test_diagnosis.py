@@ -2,7 +2,7 @@
 
 from benchmarks.diagnosis_parts import bars
 from benchmarks.harness.cases import run_kept
-from flows.workers.pool import Here
+from flows.workers.processes import Here
 
 ROW = {
     "outcome": "right",

@@ -21,7 +21,8 @@ def faked(monkeypatch, tmp_path):
 
     To be called when Prefect has its settings.
     """
-    from flows.scheduled import artifacts, loop, tasks
+    from flows.scheduled import artifacts, flows, loop, tasks
+    from flows.scheduled import project as projects
 
     page = tmp_path / "report.html"
     page.write_text("<html>")
@@ -39,11 +40,9 @@ def faked(monkeypatch, tmp_path):
     runs = {"fit": ["aa", "bb"], "held_out": ["cc"]}
     take(stored, "diagnosis_page", page)
     take(stored, "words", "Nothing is missing.")
-    take(
-        campaign,
-        "run_campaign",
-        (runs, SimpleNamespace(new=("aa",), failed={"bb": "one failed"})),
-    )
+    take(flows, "run_campaign", SimpleNamespace(new=("aa",), failed={}))
+    monkeypatch.setattr(campaign, "by_role", lambda *_: runs)
+    monkeypatch.setattr(projects, "read_verdict", lambda *_: typed({}))
     monkeypatch.setattr(diagnose, "request_of", lambda *asked: asked)
     for module, name, answer in (
         (loop, "in_force", Choice("11" * 10, "model: adoption 3")),

@@ -14,8 +14,8 @@ from flows.specs.experiment import experiment_of
 from flows.steps import campaign, experiment
 from flows.steps.campaign import run_all
 from flows.steps.experiment import plan
-from flows.workers import pool as runner
-from flows.workers.pool import Done, Here, Pool
+from flows.workers import processes as module
+from flows.workers.processes import Done, Here, Processes, spread
 from residual.errors import InputError
 from tests.waiting import PATIENCE, until
 
@@ -61,10 +61,10 @@ def test_one_failure_is_reported_and_the_others_go_on(tmp_path, done):
 
 
 def test_the_same_command_completes_what_was_left(tmp_path, done):
-    run_all(plan(specs(1), tmp_path), tmp_path, pool=Here())
+    run_all(plan(specs(1), tmp_path), tmp_path, executor=Here())
     planned = plan(specs(5), tmp_path)
     assert [p.stored for p in planned] == [True, False, False, False, False]
-    summary = run_all(planned, tmp_path, pool=Here())
+    summary = run_all(planned, tmp_path, executor=Here())
     assert done == [0, 1, 2, 3, 4]
     assert summary.new == (planned[3].run_id, planned[4].run_id)
 
@@ -92,41 +92,31 @@ def test_a_dry_run_plans_the_motions_and_says_which_break_a_limit(tmp_path, caps
 def test_a_campaign_with_a_failure_ends_with_1_and_says_which(
     tmp_path, done, monkeypatch, capsys
 ):
-    monkeypatch.setattr(runner, "Pool", lambda workers: _entered(Here()))
+    monkeypatch.setattr(module, "Processes", lambda workers: Here())
     (tmp_path / "C.toml").write_text("[grid]\nseed = [0, 1]\n")
     words = ["campaign", str(tmp_path / "C.toml"), "--store", str(tmp_path / "s")]
     assert main(words) == 1
     shown = capsys.readouterr()
     assert "failed: seed=1: joint 2 at 1.2 s: 0.3 rad beyond" in shown.out
     assert "1 of 2 experiments failed" in shown.err
+    assert "What a spec asks for fails again" in shown.err
     assert (tmp_path / "named").read_text() == "C"  # its runs have its name
-
-
-def _entered(pool):
-    class Around:
-        def __enter__(self):
-            return pool
-
-        def __exit__(self, *_):
-            return None
-
-    return Around()
 
 
 @pytest.fixture(scope="module")
 def pool():
-    with Pool(2) as made:
+    with Processes(2) as made:
         yield made
 
 
 def by_index(pool, work, jobs) -> list[Done]:
-    return sorted(pool.run(work, jobs), key=lambda d: d.index)
+    return sorted(spread(pool, work, jobs), key=lambda d: d.index)
 
 
 def test_processes_return_values_and_errors(pool):
     good, bad, last = by_index(pool, math.sqrt, [4.0, -1.0, 9.0])
     assert (good.value, last.value) == (2.0, 3.0)
-    assert isinstance(bad.error, ValueError)
+    assert str(bad.error) == "ValueError: math domain error"
 
 
 def test_a_process_that_dies_takes_no_other_job_with_it(pool):
@@ -138,8 +128,8 @@ def test_a_process_that_dies_takes_no_other_job_with_it(pool):
 
 def test_each_process_has_one_blas_thread_and_we_keep_ours(pool, monkeypatch):
     monkeypatch.delenv("OMP_NUM_THREADS", raising=False)
-    with Pool(1) as own:
-        (done,) = own.run(os.getenv, ["OMP_NUM_THREADS"])
+    with Processes(1) as own:
+        (done,) = spread(own, os.getenv, ["OMP_NUM_THREADS"])
     assert done.value == "1"
     assert "OMP_NUM_THREADS" not in os.environ
 
@@ -147,12 +137,12 @@ def test_each_process_has_one_blas_thread_and_we_keep_ours(pool, monkeypatch):
 # A suite that a shell started in the background inherits a deaf ear for Ctrl-C.
 _SLEEPERS = """
 import signal, time
-from flows.workers.pool import Pool
+from flows.workers.processes import Processes, spread
 signal.signal(signal.SIGINT, signal.default_int_handler)
 if __name__ == "__main__":
-    with Pool(2) as pool:
-        for done in pool.run(time.sleep, [0.0, 0.0, 600.0, 600.0]):
-            print("done", *pool._pool._processes, flush=True)
+    with Processes(2) as pool:
+        for done in spread(pool, time.sleep, [0.5, 0.5, 600.0, 600.0]):
+            print("done", *(each._id for each in pool._all), flush=True)
 """
 
 

@@ -2,7 +2,6 @@
 
 import json
 from dataclasses import asdict
-from functools import partial
 
 import numpy as np
 import pytest
@@ -97,15 +96,16 @@ def test_a_divergence_crosses_to_the_parent_process_as_words(tmp_path, monkeypat
     import pickle
 
     from flows.steps import campaign
-    from flows.workers.pool import plainly
+    from flows.workers.processes import plainly
     from sim.plant.stepping import DivergedError
 
     def diverge(spec, store, campaign):
         raise DivergedError(1.25, np.zeros(6), np.full(6, 900.0), 3)
 
     monkeypatch.setattr(campaign.experiment, "run", diverge)
+    planned = experiment.Planned("one", spec(), "ab", False)
     with pytest.raises(InputError) as caught:
-        plainly(partial(campaign._run, spec(), tmp_path, None))
+        plainly(campaign.run_one, planned, str(tmp_path))
     assert "1.250 s" in str(pickle.loads(pickle.dumps(caught.value)))
 
 

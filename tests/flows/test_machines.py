@@ -12,8 +12,8 @@ from flows.specs.experiment import experiment_of
 from flows.steps import campaign
 from flows.steps.campaign import run_all
 from flows.steps.experiment import plan
-from flows.workers import pool as module
-from flows.workers.pool import Cluster, Here
+from flows.workers import processes as module
+from flows.workers.processes import Here, executor_of, spread
 from tests import s3
 from tests.waiting import PATIENCE
 from tests.warehouse import store_samples as made
@@ -73,10 +73,9 @@ def test_machines_share_a_store_and_no_disk(
 ):
     monkeypatch.setattr(module, "_PATIENCE", PATIENCE)
     store = store_folder(bucket_store)
-    with Cluster(machines) as many:
-        many._client.wait_for_workers(2, timeout=PATIENCE)
+    with executor_of(machines, 8) as many:
         jobs = [(shown(store), seed) for seed in range(8)]
-        done = sorted(many.run(commit, jobs), key=attrgetter("index"))
+        done = sorted(spread(many, commit, jobs), key=attrgetter("index"))
     assert [d.error for d in done] == [None] * 8
     ids = [d.value for d in done]
     assert [len(read_run(store, id).t) for id in ids] == [50] * 8
@@ -95,11 +94,11 @@ def test_a_campaign_gives_its_workers_the_name_of_the_store(
     given = []
 
     class Elsewhere(Here):
-        def run(self, work, jobs):
-            given.extend(jobs)
+        def submit(self, work, *words):
+            given.append(words[0].keywords["store"])
             monkeypatch.setenv(mirror.CACHE, str(tmp_path / "another machine"))
             mirror.forget()
-            return super().run(work, jobs)
+            return super().submit(work, *words)
 
     def run(spec, place, *_):
         assert place.parent == tmp_path / "another machine"
@@ -107,7 +106,7 @@ def test_a_campaign_gives_its_workers_the_name_of_the_store(
 
     monkeypatch.setattr(campaign.experiment, "run", run)
     specs = [("one", experiment_of({"seed": 1}, "S"))]
-    summary = run_all(plan(specs, store), store, pool=Elsewhere())
-    assert [job.args[1] for job in given] == [bucket_store]
+    summary = run_all(plan(specs, store), store, executor=Elsewhere())
+    assert given == [bucket_store]
     # It came back, though as another run than that of the spec.
     assert "the code was changed" in next(iter(summary.failed.values()))

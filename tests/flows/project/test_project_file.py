@@ -2,14 +2,12 @@
 
 import re
 import sys
-from dataclasses import replace
-from pathlib import Path
+from subprocess import CalledProcessError
 
 import pytest
 
 from flows.cli import main
 from flows.project import read as tables
-from flows.project.notify import Notice, tell
 from flows.project.read import _TEMPLATE, read_project, start
 from flows.settings import store_folder
 from residual.errors import InputError
@@ -116,31 +114,28 @@ def test_commands_in_a_project_use_its_store(place, monkeypatch):
     assert store_folder(None) == place / "set"
 
 
-def test_a_notice_is_a_list_of_arguments_and_never_a_line_for_a_shell(place):
+@pytest.mark.prefect
+def test_a_notice_is_a_list_of_arguments_and_never_a_line_for_a_shell(place, server):
+    from flows.scheduled.project import notify
+
     program = (
         "import sys; open('told','w').write(repr(sys.argv[1:]) + sys.stdin.read())"
     )
     (place / "modelgap.toml").write_text(
-        f"{HEAD}[notify]\non = ['finding']\nfile = 'told.jsonl'\n"
+        f"{HEAD}[notify]\non = ['finding']\n"
         f"command = ['{sys.executable}', '-c', \"{program}\", '{{title}}', '{{x}}']\n"
     )
-    project = read_project(place)
     bad = "$(touch hacked); `x` {text}"
-    notice = Notice("finding", "a", bad, "all of it", ids=("12",))
-    assert tell(project, notice) == []
+    notify(str(place), "finding", "a", bad, "all of it", ["12"])
     assert (place / "told").read_text() == f"{[bad, '{x}']!r}{bad}\n\nall of it\n"
     assert not (place / "hacked").exists()
-    assert '"ids": ["12"]' in (place / "told.jsonl").read_text()
-    assert tell(project, replace(notice, kind="alarm")) == []
-    assert len((place / "told.jsonl").read_text().splitlines()) == 1
 
 
-def test_a_notice_that_does_not_arrive_is_told_and_stops_nothing(place):
-    (place / "modelgap.toml").write_text(
-        f"{HEAD}[notify]\ncommand = ['{sys.executable}', '-c', 'exit(3)']\n"
-    )
-    (why,) = tell(read_project(place), Notice("alarm", "a", "t"))
-    assert "ended with 3" in why
-    (place / "modelgap.toml").write_text(f"{HEAD}[notify]\ncommand = ['no-such']\n")
-    (why,) = tell(read_project(Path(place)), Notice("alarm", "a", "t"))
-    assert "no-such" in why
+@pytest.mark.prefect
+@pytest.mark.parametrize("command", [f"'{sys.executable}', '-c', 'exit(3)'", "'none'"])
+def test_a_notice_that_does_not_arrive_fails_its_flow(place, server, command):
+    from flows.scheduled.project import notify
+
+    (place / "modelgap.toml").write_text(f"{HEAD}[notify]\ncommand = [{command}]\n")
+    with pytest.raises((OSError, CalledProcessError)):
+        notify(str(place), "alarm", "a", "t")
