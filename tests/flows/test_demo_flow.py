@@ -1,15 +1,22 @@
 """The flows of Prefect: their order, what they leave behind, and where."""
 
 import json
+import logging
 from pathlib import Path
+from types import SimpleNamespace
 
 import pytest
 import yaml
 
+from flows.requests import Campaign
 from flows.settings import API, PAGES, quiet_prefect
 from flows.steps import campaign
-from residual.errors import RunError
+from flows.steps.experiment import run_id_of
+from flows.workers.processes import Here
+from residual.errors import InputError, RunError
 from tests.flows.faked_night import NAME, faked
+from tests.waiting import until
+from warehouse.ids import record_folder
 
 ROOT = Path(__file__).parents[2]
 
@@ -105,6 +112,93 @@ def test_a_night_is_called_by_its_verdict_and_leaves_few_artifacts(
     assert json.loads(Artifact.get("validate").data) == [
         {"run": "cc", "what": "open loop [mrad]", "J1": 1.0}
     ]
+
+
+def test_each_experiment_is_a_task_run_and_a_lost_process_is_one_try(
+    flows, tmp_path, monkeypatch
+):
+    from prefect.client.orchestration import get_client
+    from prefect.client.schemas.filters import FlowRunFilter, FlowRunFilterId
+
+    lost = []
+
+    def run(spec, store, _):
+        if spec.seed == 3 and not lost:
+            lost.append(3)
+            raise ChildProcessError("its process ended without a word")
+        if spec.seed == 5:
+            raise InputError("joint 2 at 1.2 s")
+        id = run_id_of(spec)
+        record_folder(store, "runs", id, "irb140").mkdir(parents=True)
+        return id
+
+    monkeypatch.setattr(campaign.experiment, "run", run)
+    monkeypatch.setattr(flows, "Processes", lambda _: Here())
+    monkeypatch.setattr(flows.tasks.experiment, "retry_delay_seconds", 0)
+    (tmp_path / "C.toml").write_text(f"[grid]\nseed = {list(range(12))}\n")
+    told = tmp_path / "C.toml", tmp_path / "store"
+    state = flows.campaign(str(told[0]), store=str(told[1]), return_state=True)
+    with pytest.raises(RunError, match="1 of 12 experiments failed"):
+        state.result()
+    own = FlowRunFilter(id=FlowRunFilterId(any_=[state.state_details.flow_run_id]))
+    with get_client(sync_client=True) as client:
+
+        def tries():
+            rows = client.read_task_runs(flow_run_filter=own)
+            final = all(row.state and row.state.is_final() for row in rows)
+            return final and {row.name: (row.run_count, row.state_name) for row in rows}
+
+        until(lambda: len(tries() or ()) == 12, "the server has heard of all")
+        found = tries()
+    assert found.pop("seed=3") == (2, "Completed")
+    assert found.pop("seed=5") == (1, "Failed")
+    assert set(found.values()) == {(1, "Completed")}
+    assert len(list(told[1].glob("samples/*/*"))) == 11
+
+
+def test_a_large_campaign_has_some_experiments_in_each_task(
+    flows, tmp_path, monkeypatch
+):
+    asked = []
+
+    class Future:
+        def result(self, raise_on_failure):
+            return []
+
+    def submit(label, batch, *_):
+        asked.append((label, len(batch)))
+        return Future()
+
+    monkeypatch.setattr(flows, "Processes", lambda _: Here())
+    monkeypatch.setattr(flows.tasks.experiment, "submit", submit)
+    monkeypatch.setattr(flows, "get_run_logger", logging.getLogger)
+    (tmp_path / "C.toml").write_text(f"[grid]\nseed = {list(range(402))}\n")
+    flows.run_campaign(Campaign(str(tmp_path / "C.toml"), store=tmp_path / "store"))
+    assert asked[0] == ("seed=0 and 2 more", 3)
+    assert (len(asked), sum(count for _, count in asked)) == (134, 402)
+
+
+def test_a_rerun_that_is_not_reproduced_fails_its_flow(flows, monkeypatch, tmp_path):
+    made = SimpleNamespace(apart=(), cause="nondeterminism", made=None, noted="ab" * 10)
+    monkeypatch.setattr(flows.tasks.reruns, "rerun", lambda *_: made)
+    with pytest.raises(RunError, match="was not reproduced: nondeterminism"):
+        flows.rerun("cd" * 10, store=str(tmp_path))
+    same = SimpleNamespace(apart=(), cause=None, made=None, noted=None)
+    monkeypatch.setattr(flows.tasks.reruns, "rerun", lambda *_: same)
+    assert flows.rerun("cd" * 10, store=str(tmp_path)) == []
+
+
+def test_a_finding_is_told_once(flows, order, monkeypatch, tmp_path):
+    from flows.scheduled import artifacts
+    from flows.scheduled import project as projects
+
+    told = []
+    monkeypatch.setattr(artifacts, "tell", lambda name, about: told.append(name))
+    found = SimpleNamespace(effects=("spring",), robot="irb140")
+    monkeypatch.setattr(projects, "read_verdict", lambda *_: found)
+    monkeypatch.setattr(projects, "headline", lambda _: "a spring on joint 2")
+    flows.nightly("CAMPAIGN.toml", store=str(tmp_path))
+    assert told == ["modelgap.notice.finding"]
 
 
 def _deployments() -> list[dict]:
