@@ -6,27 +6,28 @@ from collections.abc import Mapping
 from dataclasses import replace
 from datetime import UTC, datetime
 from pathlib import Path
+from shlex import quote
+from typing import TYPE_CHECKING
 
 from rich.console import Console
 
 from flows.inbox.take import inboxes
 from flows.outputs import json_text, say
+from flows.project.deployments import deployments
 from flows.project.read import project_here
 from flows.report.console import show, wide
 from flows.report.document import Table, words_table
 from flows.requests import Flag, Store
-from flows.service.api import Status, opening_address
-from flows.service.api import status as state_of
 from flows.service.request import DATABASE, ServiceRequest, checked
-from flows.service.state import store_key
-from flows.service.up import down as stop
-from flows.service.up import stay
-from flows.service.up import up as bring_up
-from flows.settings import PREFECT, store_folder
+from flows.service.state import CLIENT, KEY, store_key
+from flows.settings import API, PREFECT, prefect_home, quiet_prefect, store_folder
 from residual.errors import InputError, RunError
 from warehouse.mirror import shown
 
-_USUAL = ServiceRequest()
+if TYPE_CHECKING:
+    from flows.service.api import Status
+
+_USUAL, NOTHING = ServiceRequest(), "nothing runs"
 
 
 def up(*, request: ServiceRequest = _USUAL, foreground: Flag = False) -> None:
@@ -59,6 +60,11 @@ def up(*, request: ServiceRequest = _USUAL, foreground: Flag = False) -> None:
             request, port=request.port or port, workers=request.workers or workers
         )
     checked(request)
+    _prepare(prefect_home(place))
+    from flows.service.api import opening_address
+    from flows.service.up import stay
+    from flows.service.up import up as bring_up
+
     folders = [inbox.folder for inbox in inboxes(project)] if project else []
     running, was_up = bring_up(request, _say)
     if request.trust_network:
@@ -68,6 +74,11 @@ def up(*, request: ServiceRequest = _USUAL, foreground: Flag = False) -> None:
     print(f"{shown(place)} {word}: {address}")
     for folder in folders:
         print(f"logs go into {folder}")
+    named = [each["name"] for each in deployments(project)["deployments"]]
+    print(f"deployed: {', '.join(named)}; {running.workers} at once")
+    print("for the command prefect:")
+    print(f"  export {API}={running.url}")
+    print(f'  export {CLIENT}="$(cat {quote(str(place / PREFECT / KEY))})"')
     if foreground:
         stay(place, _say)
     else:
@@ -89,15 +100,22 @@ def status(*, json: Flag = False, store: Store = None) -> None:
         json: Print it as JSON.
     """
     place = store_folder(store)
-    found = state_of(place / PREFECT)
+    home = place / PREFECT
+    if not home.is_dir():
+        print('{"schema": 1, "healthy": false, "stopped": true}' if json else NOTHING)
+        raise RunError(f"{shown(place)} is stopped. Start it: modelgap up")
+    _prepare(home)
+    from flows.service.api import status as state_of
+
+    found = state_of(home)
     if json:
         print(json_text(found.document()), end="")
     else:
         _print_status(found, place)
-    if not found.healthy:
-        raise RunError(
-            f"{shown(place)} is not healthy. Start what is missing: modelgap up"
-        )
+    if found.running is None or found.running.stopped:
+        raise RunError(f"{shown(place)} is stopped. Start it: modelgap up")
+    if found.wrong:
+        raise RunError(f"{shown(place)}: {'; '.join(found.wrong)}.")
 
 
 def down(*, wait: float = 60.0, store: Store = None) -> None:
@@ -117,24 +135,33 @@ def down(*, wait: float = 60.0, store: Store = None) -> None:
     if not 0 <= wait < 1e6:
         raise InputError(f"--wait {wait:g}: expected 0 or more seconds.")
     place = store_folder(store)
-    home = place / PREFECT
-    stopped = stop(home, wait, _say) if home.is_dir() else None
-    print(f"{shown(place)}: {'stopped' if stopped else 'nothing runs'}")
+    home, stopped = place / PREFECT, None
+    if home.is_dir():
+        _prepare(home)
+        from flows.service.up import down as stop
+
+        stopped = stop(home, wait, _say)
+    print(f"{shown(place)}: {'stopped' if stopped else NOTHING}")
+
+
+def _prepare(home: Path) -> None:
+    """Set what Prefect takes when it is imported."""
+    os.environ.update(quiet_prefect(home))
 
 
 def _say(text: str) -> None:
     print(f"modelgap: {text}", file=sys.stderr, flush=True)
 
 
-def _print_status(found: Status, store: Path) -> None:
+def _print_status(found: "Status", store: Path) -> None:
     console = wide(Console())
     running = found.running
-    if running is None:
-        say(console, f"{shown(store)}: nothing runs")
+    if running is None or running.stopped:
+        say(console, f"{shown(store)}: {NOTHING}")
         return
     word = "answers" if found.server else "does not answer"
     lines = [f"server   {word}: {running.ui} (history: {running.database})"]
-    lines += [f"{name:8} {state}" for name, state in (found.workers or {}).items()]
+    lines += [f"worker   {found.worker}, {running.workers} flow(s) at once"]
     lines += [f"{name:8} {address}" for name, address in found.pages.items()]
     lines += [f"refused  {row['robot']}: {row['why']}" for row in found.refused]
     say(console, *lines)

@@ -1,31 +1,43 @@
-"""What is asked of a running Prefect server, as plain HTTP, and whether it is well."""
+"""What a running Prefect server is asked through its client, and whether it is well.
 
-import json
-from base64 import b64encode
-from collections.abc import Mapping, Sequence
+To be imported under `flows.settings.quiet_prefect`.
+"""
+
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import contextmanager, suppress
 from dataclasses import dataclass, field
 from datetime import UTC, datetime, timedelta
 from pathlib import Path
-from time import sleep
-from typing import Any
-from urllib.error import HTTPError
-from urllib.request import Request, urlopen
+from time import monotonic, sleep
+
+import httpx
+from prefect.client.orchestration import SyncPrefectClient
+from prefect.client.schemas.actions import WorkPoolCreate, WorkPoolUpdate
+from prefect.client.schemas.filters import (
+    FlowFilter,
+    FlowRunFilter,
+    LogFilter,
+    WorkPoolFilter,
+)
+from prefect.client.schemas.objects import FlowRun as Run
+from prefect.client.schemas.sorting import FlowRunSort, LogSort
+from prefect.exceptions import ObjectAlreadyExists, ObjectNotFound, PrefectException
 
 from flows.report.night import look, questions
 from flows.report.night.look import FlowRun, History, Past
-from flows.service.state import Running, read_running, store_key, worker_name
+from flows.service.state import PROCESSES, Running, lives, read_running, store_key
 from residual.errors import RunError
 from warehouse.query.store import open_store
 
 POOL = "modelgap"
-_TRIES = 8
+INBOX = "inbox"  # name of the flow that looks into inboxes
 ACTIVE = ("PENDING", "RUNNING", "CANCELLING")
 _AT_ONCE = 200  # that the server gives at once
 # Levels of logs that are warnings; what is worse has failed, and says so there.
 _WARNINGS = {"ge_": 30, "le_": 39}
 _LONGEST = 300  # characters of one
-_PAGE_WAIT = 10.0  # s
-INBOX = "inbox"  # name of the flow that looks into inboxes
+_LATELY = timedelta(days=1)
+_WAIT = 60.0  # s for an answer
 
 
 @dataclass(frozen=True, slots=True)
@@ -35,263 +47,210 @@ class Api:
     url: str
     key: str = field(repr=False)
 
-    @property
-    def headers(self) -> dict[str, str]:
-        """What every request has to carry."""
-        shown = b64encode(self.key.encode()).decode()
-        return {"Content-Type": "application/json", "Authorization": f"Basic {shown}"}
+    @contextmanager
+    def client(self, wait: float = _WAIT) -> Iterator[SyncPrefectClient]:
+        """Give a client of Prefect for some questions.
 
-
-def ask(
-    api: Api, path: str, body: Any = None, method: str | None = None, wait: float = 60
-) -> Any:
-    """Send one request to the API and return its answer.
-
-    Args:
-        path: Below it, such as "/flows/filter".
-        body: What to send as JSON; None for nothing.
-        method: GET without a body, POST with one, unless given.
-        wait: How long to wait for the answer [s].
-    """
-    data = None if body is None else json.dumps(body).encode()
-    place = api.url.rstrip("/") + path
-    request = Request(place, data, api.headers, method=method)
-    for left in range(_TRIES, 0, -1):
+        Raises:
+            RunError: If the server refuses one, or does not answer.
+        """
+        settings = {"timeout": wait}
         try:
-            with urlopen(request, timeout=wait) as reply:
-                text = reply.read()
-            return json.loads(text) if text else None
-        except HTTPError as error:
-            # Its database may be busy for a moment, above all after a start.
-            if error.code >= 500 and left > 1:
-                sleep(1)
-                continue
-            reason = " ".join(error.read().decode(errors="replace").split())[:300]
-            words = f"The server refused {path} ({error.code}): {reason}"
+            with SyncPrefectClient(
+                self.url, auth_string=self.key, httpx_settings=settings
+            ) as client:
+                yield client
+        except httpx.HTTPStatusError as error:
+            place, code = error.request.url.path, error.response.status_code
+            reason = " ".join(error.response.text.split())[:300]
+            words = f"The server refused {place} ({code}): {reason}"
             raise RunError(words) from error
-        except (OSError, ValueError) as error:
-            words = f"The server at {api.url} does not answer: {error}"
+        except (httpx.HTTPError, PrefectException, OSError, RuntimeError) as error:
+            words = f"The server at {self.url} does not answer: {error}"
             raise RunError(words) from error
-    return None
 
 
-def answers(url: str | None) -> bool:
+def answers(url: str, wait: float = 10.0) -> bool:
     """Return whether a Prefect server answers at the address of its API."""
-    if not url:
-        return False
     try:
-        with urlopen(f"{url.rstrip('/')}/health", timeout=10) as reply:
-            return reply.status == 200
-    except (OSError, ValueError):
+        return httpx.get(f"{url}/health", timeout=wait, trust_env=False).is_success
+    except httpx.HTTPError:
         return False
 
 
 def opening_address(ui: str, key: str) -> str:
     """Return the address at which a browser gets the key: once, and not for long."""
-    ticket = ask(Api(ui, key), "/open/ticket", {})["ticket"]
+    with Api(f"{ui}/open", key).client() as client:
+        ticket = client.request("POST", "/ticket", json={}).json()["ticket"]
     return f"{ui}/open#{ticket}"
 
 
-def is_there(api: Api, path: str) -> bool:
-    """Return whether the server knows what a path names.
+def open_pool(client: SyncPrefectClient, most: int, paused: bool = False) -> None:
+    """Make the work pool if it is not there, and let it give out work or not.
 
-    Raises:
-        RunError: If the server does not answer.
+    Args:
+        most: How many flows may run at once.
     """
-    try:
-        ask(api, path)
-    except RunError as error:
-        if isinstance(error.__cause__, HTTPError) and error.__cause__.code == 404:
-            return False
-        raise
-    return True
+    with suppress(ObjectAlreadyExists):
+        client.create_work_pool(WorkPoolCreate(name=POOL, type="process"))
+    update = WorkPoolUpdate(is_paused=paused, concurrency_limit=most)
+    client.update_work_pool(POOL, update)
 
 
-def open_pool(api: Api, paused: bool = False) -> None:
-    """Make the work pool if it is not there, and let it give out work or not."""
-    if not is_there(api, f"/work_pools/{POOL}"):
-        ask(api, "/work_pools/", {"name": POOL, "type": "process"})
-    ask(api, f"/work_pools/{POOL}", {"is_paused": paused}, "PATCH")
-
-
-def active_runs(api: Api) -> list[dict]:
+def active_runs(client: SyncPrefectClient) -> list[Run]:
     """Return the flow runs of our pool that are said to run."""
-    pool = {"name": {"any_": [POOL]}}
-    return _flow_runs(api, {"any_": list(ACTIVE)}, work_pools=pool)
+    pool = WorkPoolFilter(name={"any_": [POOL]})
+    states = FlowRunFilter(state={"type": {"any_": ACTIVE}})
+    return client.read_flow_runs(flow_run_filter=states, work_pool_filter=pool)
 
 
-def _flow_runs(
-    api: Api, types: Mapping | None, wait: float = 60, **filters: Any
-) -> list[dict]:
-    """Return flow runs; with ``types`` those whose type of state is so filtered."""
-    about = filters.pop("flow_runs", {}) | (
-        {"state": {"type": types}} if types is not None else {}
-    )
-    return ask(api, "/flow_runs/filter", {**filters, "flow_runs": about}, wait=wait)
+def worker_online(client: SyncPrefectClient) -> bool:
+    """Return whether a worker has reported lately."""
+    try:
+        workers = client.read_workers_for_work_pool(POOL)
+    except ObjectNotFound:
+        return False
+    return any(worker.status == "ONLINE" for worker in workers)
 
 
-def end_run(api: Api, id: str, why: str) -> None:
-    """Mark a flow run as crashed, which also frees the place that it held."""
-    state = {"type": "CRASHED", "name": "Crashed", "message": why}
-    ask(api, f"/flow_runs/{id}/set_state", {"state": state, "force": True})
-
-
-def workers_online(api: Api) -> set[str]:
-    """Return the names of the workers that have reported lately."""
-    path = f"/work_pools/{POOL}/workers/filter"
-    if not is_there(api, f"/work_pools/{POOL}"):
-        return set()
-    return {w["name"] for w in ask(api, path, {}) if w.get("status") == "ONLINE"}
-
-
-def deployments(api: Api) -> list[Mapping]:
+def deployments(client: SyncPrefectClient) -> list[Mapping]:
     """Return all deployments as "flow/name", each with when it is due next."""
-    flows = {f["id"]: f["name"] for f in ask(api, "/flows/filter", {})}
-    due = _due(api)
+    flows = {flow.id: flow.name for flow in client.read_flows()}
+    due: dict = {}
+    for run in client.read_flow_runs(
+        flow_run_filter=FlowRunFilter(state={"type": {"any_": ["SCHEDULED"]}}),
+        sort=FlowRunSort.EXPECTED_START_TIME_ASC,
+        limit=_AT_ONCE,
+    ):
+        due.setdefault(run.deployment_id, run.expected_start_time)
     found = [
         {
-            "name": f"{flows.get(each['flow_id'], '?')}/{each['name']}",
-            "id": each["id"],
-            "paused": each["paused"],
-            "schedules": [s for s in each["schedules"] if s["active"]],
-            "due": due.get(each["id"]),
+            "name": f"{flows.get(each.flow_id, '?')}/{each.name}",
+            "paused": each.paused,
+            "schedules": sum(schedule.active for schedule in each.schedules),
+            "due": due.get(each.id),
         }
-        for each in ask(api, "/deployments/filter", {})
+        for each in client.read_deployments()
     ]
     return sorted(found, key=lambda d: d["name"])
 
 
-def keep_deployments(api: Api, deployed: Sequence[Mapping]) -> None:
+def keep_deployments(client: SyncPrefectClient, deployed: Sequence[Mapping]) -> None:
     """Remove deployments of ours that are not wanted any more."""
     ours = {(each["name"], each["entrypoint"]) for each in deployed}
-    for each in ask(api, "/deployments/filter", {}):
-        named = (each["name"], each["entrypoint"])
-        if POOL in (each["tags"] or ()) and named not in ours:
-            ask(api, f"/deployments/{each['id']}", method="DELETE")
+    for each in client.read_deployments():
+        if POOL in (each.tags or ()) and (each.name, each.entrypoint) not in ours:
+            client.delete_deployment(each.id)
 
 
-def flows_but_inbox(api: Api) -> dict:
+def but_inbox(client: SyncPrefectClient) -> FlowFilter:
     """Return a filter of flows: all but the one that looks into inboxes.
 
     It does so every few minutes; among its runs those of the night would not be seen.
     """
-    names = {flow["name"] for flow in ask(api, "/flows/filter", {})}
-    return {"flows": {"name": {"any_": sorted(names - {INBOX})}}}
+    names = {flow.name for flow in client.read_flows()}
+    return FlowFilter(name={"any_": sorted(names - {INBOX})})
 
 
-def last_runs(api: Api, most: int = 10) -> list[Mapping]:
+def last_runs(client: SyncPrefectClient, most: int = 10) -> list[Mapping]:
     """Return the latest flow runs that have begun or ended, latest first.
 
     Starts that were cancelled, as one that comes while another runs is, have no result:
     they stand after all others, and only where there is room.
     """
-    flows = flows_but_inbox(api)
-    found = _runs(api, {"not_any_": ["SCHEDULED", "CANCELLED"]}, most, flows)
-    left = most - len(found)
-    return found + (_runs(api, {"any_": ["CANCELLED"]}, left, flows) if left else [])
-
-
-def _runs(api: Api, types: Mapping, most: int, flows: Mapping) -> list[Mapping]:
-    found = _flow_runs(api, types, sort="START_TIME_DESC", limit=most, **flows)
-    keys = ("id", "name", "start_time", "end_time", "total_run_time")
+    flows, found = but_inbox(client), []
+    for types in ({"not_any_": ["SCHEDULED", "CANCELLED"]}, {"any_": ["CANCELLED"]}):
+        if len(found) < most:
+            found += client.read_flow_runs(
+                flow_filter=flows,
+                flow_run_filter=FlowRunFilter(state={"type": types}),
+                sort=FlowRunSort.START_TIME_DESC,
+                limit=most - len(found),
+            )
     return [
-        {k: run[k] for k in keys}
-        | {"state": run["state_name"], "message": (run["state"] or {}).get("message")}
+        {
+            "id": str(run.id),
+            "name": run.name,
+            "start_time": run.start_time and run.start_time.isoformat(),
+            "end_time": run.end_time and run.end_time.isoformat(),
+            "total_run_time": run.total_run_time.total_seconds(),
+            "state": run.state_name,
+            "message": run.state.message if run.state else None,
+        }
         for run in found
     ]
 
 
-def _due(api: Api) -> dict[str, datetime]:
-    order = {"sort": "EXPECTED_START_TIME_ASC", "limit": _AT_ONCE}
-    due: dict[str, datetime] = {}
-    for run in _flow_runs(api, {"any_": ["SCHEDULED"]}, **order):
-        if run["deployment_id"] and run["expected_start_time"]:
-            when = datetime.fromisoformat(run["expected_start_time"])
-            due.setdefault(run["deployment_id"], when)
-    return due
-
-
-def start_flow(api: Api, deployment: str) -> None:
-    """Start a deployment now, beside its schedule; a worker takes it in its turn.
-
-    Raises:
-        RunError: If the server does not answer or has no such deployment.
-    """
-    known = ask(api, f"/deployments/name/{deployment}")
-    ask(api, f"/deployments/{known['id']}/create_flow_run", {"parameters": {}})
+def start_flow(client: SyncPrefectClient, deployment: str) -> None:
+    """Start a deployment now, beside its schedule; a worker takes it in its turn."""
+    known = client.read_deployment_by_name(deployment)
+    client.create_flow_run_from_deployment(known.id)
 
 
 def past_of(to: Api) -> Past:
     """Return what tells of the flow runs of a time, and of what they warned of."""
 
     def past(begin: datetime, end: datetime) -> History | None:
-        span = {"after_": _iso(begin), "before_": _iso(end)}
-        logs = {
-            "logs": {"level": _WARNINGS, "timestamp": span},
-            "sort": "TIMESTAMP_ASC",
-            "limit": _AT_ONCE,
-        }
+        span = {"after_": begin.replace(tzinfo=UTC), "before_": end.replace(tzinfo=UTC)}
+        logs = LogFilter(level=_WARNINGS, timestamp=span)
         try:
-            found = _runs_between(to, span)
-            warned = ask(to, "/logs/filter", logs, wait=_PAGE_WAIT)
+            with to.client(wait=10.0) as client:
+                found = _runs_between(client, span)
+                warned = client.read_logs(
+                    logs, limit=_AT_ONCE, sort=LogSort.TIMESTAMP_ASC
+                )
         except RunError:
             return None
-        names = {run["id"]: run["name"] for run in found}
+        names = {run.id: run.name for run in found}
         lines = [
-            (names[line["flow_run_id"]], " ".join(line["message"].split())[:_LONGEST])
+            (names[line.flow_run_id], " ".join(line.message.split())[:_LONGEST])
             for line in warned
-            if line["flow_run_id"] in names
+            if line.flow_run_id in names
         ]
         return History(tuple(map(_flow_run, found)), tuple(dict.fromkeys(lines)))
 
     return past
 
 
-def _runs_between(to: Api, span: Mapping) -> list[Mapping]:
+def _runs_between(client: SyncPrefectClient, span: Mapping) -> list[Run]:
     """Return the flow runs of a time, latest first.
 
     Of those of inboxes only what failed, and what refused a log.
     """
-    begun: tuple[Mapping, Mapping] = (
-        {"not_any_": ["SCHEDULED", "CANCELLED"]},
-        flows_but_inbox(to),
+    wanted = (
+        ({"state": {"type": {"not_any_": ["SCHEDULED", "CANCELLED"]}}}, True),
+        ({"state": {"type": {"any_": ["FAILED", "CRASHED"]}}}, False),
+        ({"name": {"like_": "refused"}}, False),
     )
-    failed = {"any_": ["FAILED", "CRASHED"]}, {}
-    refused = None, {"flow_runs": {"name": {"like_": "refused"}}}
-    order = {"sort": "START_TIME_DESC", "limit": _AT_ONCE}
-    found: dict[str, Mapping] = {}
-    for types, filters in (begun, failed, refused):
-        about = {**filters.get("flow_runs", {}), "expected_start_time": span}
-        own = {**filters, **order, "flow_runs": about}
-        rows = _flow_runs(to, types, _PAGE_WAIT, **own)
-        found |= {row["id"]: row for row in rows}
+    found: dict = {}
+    for about, quiet in wanted:
+        rows = client.read_flow_runs(
+            flow_filter=but_inbox(client) if quiet else None,
+            flow_run_filter=FlowRunFilter(expected_start_time=span, **about),
+            sort=FlowRunSort.START_TIME_DESC,
+            limit=_AT_ONCE,
+        )
+        found |= {row.id: row for row in rows}
     return sorted(found.values(), key=_begun, reverse=True)
 
 
-def _begun(run: Mapping) -> datetime:
-    when = datetime.fromisoformat(run["start_time"] or run["expected_start_time"])
+def _begun(run: Run) -> datetime:
+    when = run.start_time or run.expected_start_time
     return when.astimezone(UTC).replace(tzinfo=None)
 
 
-def _flow_run(run: Mapping) -> FlowRun:
+def _flow_run(run: Run) -> FlowRun:
     return FlowRun(
-        id=run["id"],
-        name=run["name"],
-        state=run["state_type"],
+        id=str(run.id),
+        name=run.name,
+        state=run.state_type.value,
         begun=_begun(run),
-        seconds=run["total_run_time"],
-        message=(run["state"] or {}).get("message") or "",
+        seconds=run.total_run_time.total_seconds(),
+        message=(run.state.message if run.state else None) or "",
     )
 
 
-def _iso(when: datetime) -> str:
-    return when.replace(tzinfo=UTC).isoformat()
-
-
 # Whether what runs for a store is well.
-
-
-_LATELY = timedelta(days=1)
 
 
 @dataclass(frozen=True, slots=True)
@@ -299,9 +258,9 @@ class Status:
     """State of the service of one store."""
 
     running: Running | None  # what was started, None if nothing was
+    wrong: tuple[str, ...] = ()  # what is not as it should be, in words
     server: bool = False  # whether the server answers
-    # Each worker by name: "online", "starting" or "gone".
-    workers: Mapping[str, str] | None = None
+    worker: str = "gone"  # "online", "starting" or "gone"
     # Each with when it is due (`deployments`).
     deployments: tuple[Mapping, ...] = ()
     runs: tuple[Mapping, ...] = ()  # the last flow runs (`last_runs`)
@@ -311,9 +270,7 @@ class Status:
     @property
     def healthy(self) -> bool:
         """Whether the next schedule will fire and somebody will run it."""
-        states = (self.workers or {}).values()
-        online = bool(states) and all(state == "online" for state in states)
-        return self.server and online and bool(self.deployments)
+        return self.running is not None and not self.running.stopped and not self.wrong
 
     @property
     def pages(self) -> Mapping[str, str]:
@@ -329,19 +286,16 @@ class Status:
         return {
             "schema": 1,
             "healthy": self.healthy,
+            "stopped": running is None or running.stopped,
+            "wrong": list(self.wrong),
             "ui": running.ui if running else None,
             "pages": dict(self.pages),
             "api": running.url if running else None,
             "database": running.database if running else None,
             "server": self.server,
-            "workers": dict(self.workers or {}),
+            "worker": self.worker,
             "deployments": [
-                {
-                    "name": d["name"],
-                    "paused": d["paused"],
-                    "schedules": len(d["schedules"]),
-                    "due": d["due"].isoformat() if d["due"] else None,
-                }
+                {**d, "due": d["due"].isoformat() if d["due"] else None}
                 for d in self.deployments
             ],
             "runs": list(self.runs),
@@ -353,25 +307,28 @@ class Status:
 
 
 def status(home: Path, most: int = 10) -> Status:
-    """Look at everything that belongs to a store."""
+    """Look at everything that belongs to a store; a busy server is waited for."""
     running = read_running(home)
-    if running is None or not running.processes:
-        return Status(None)
-    processes = [p for p in running.processes if p.name != "server"]
-    gone = {p.name: "starting" if p.lives else "gone" for p in processes}
-    if running.server is None or not answers(running.url):
-        return Status(running, workers=gone)
-    to = Api(running.url, store_key(home))
+    if running is None or running.stopped:
+        return Status(running)
+    ended = [name for name in PROCESSES if not lives(home, name)]
+    wrong = tuple(f"the {name} has ended; see {home}/{name}.log" for name in ended)
+    worker = "gone" if "worker" in ended else "starting"
+    if "server" in ended:
+        return Status(running, wrong, worker=worker)
     try:
-        online, due = workers_online(to), tuple(deployments(to))
-        runs = tuple(last_runs(to, most))
-    except RunError:
-        return Status(running, workers=gone)
-    workers = {
-        p.name: "online" if p.lives and worker_name(p.name) in online else gone[p.name]
-        for p in processes
-    }
-    return Status(running, True, workers, due, runs, _refused(home.parent))
+        with Api(running.url, store_key(home)).client() as client:
+            if worker_online(client):
+                worker = "online"
+            elif worker == "starting":
+                wrong = (*wrong, "the worker has not reported yet")
+            due, runs = tuple(deployments(client)), tuple(last_runs(client, most))
+    except RunError as error:
+        return Status(running, (*wrong, str(error)), worker=worker)
+    if not due:
+        wrong = (*wrong, "it has no deployments")
+    refused = _refused(home.parent)
+    return Status(running, wrong, True, worker, due, runs, refused)
 
 
 def _refused(store: Path) -> tuple[Mapping, ...]:
@@ -379,3 +336,12 @@ def _refused(store: Path) -> tuple[Mapping, ...]:
     with open_store(store) as opened:
         rows = look.ask(opened, questions.REFUSED)
     return tuple(row for row in rows if row["created"] and row["created"] > since)
+
+
+def wait_until(ready: Callable[[], bool], seconds: float, otherwise: str) -> None:
+    """Wait for something; RunError with words for too late."""
+    begun = monotonic()
+    while not ready():
+        if monotonic() - begun > seconds:
+            raise RunError(otherwise)
+        sleep(0.25)

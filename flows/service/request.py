@@ -13,7 +13,15 @@ from cyclopts import Parameter
 from flows.project.read import Project
 from flows.requests import Flag, Request, Store
 from flows.service.state import CLIENT, SERVER, Running, store_key
-from flows.settings import API, PAGES, ROOT, STORE, is_loopback, quiet_prefect
+from flows.settings import (
+    API,
+    ONE_THREAD,
+    PAGES,
+    ROOT,
+    STORE,
+    is_loopback,
+    quiet_prefect,
+)
 from residual.errors import InputError, not_installed
 
 DATABASE = "MODELGAP_DATABASE_URL"
@@ -33,7 +41,7 @@ class ServiceRequest(Request):
     Attributes:
         port: Port of the server and its page; 4200 unless given.
         host: Address to listen on; anything but this machine needs --trust-network.
-        workers: How many workers.
+        workers: How many flows may run at once.
         every: Also start the nightly flow every so many seconds, until --every 0.
         database: postgresql://USER:PASSWORD@HOST/NAME for the history of flow runs;
             better given as $MODELGAP_DATABASE_URL, since others see command lines.
@@ -136,7 +144,8 @@ def server_environment(running: Running, home: Path, database: str | None) -> di
         "PREFECT_SERVER_CONCURRENCY_LEASE_STORAGE": (
             "prefect.server.concurrency.lease_storage.filesystem"
         ),
-        "PREFECT_MESSAGING_BROKER": "flows.service.serve",
+        # Who comes to a busy SQLite waits; beyond one user take PostgreSQL.
+        "PREFECT_SERVER_DATABASE_TIMEOUT": "60",
         "PREFECT_API_BLOCKS_REGISTER_ON_START": "false",
         # At its usual 60 s a new schedule is first thought of a minute later.
         "PREFECT_SERVER_SERVICES_SCHEDULER_LOOP_SECONDS": "10",
@@ -154,14 +163,18 @@ def worker_environment(running: Running, store: Path, home: Path) -> dict:
     """
     # Its own python first: the shell may have none, or another one.
     path = os.pathsep.join([str(Path(sys.executable).parent), os.environ["PATH"]])
-    return _base(home) | {
-        API: running.url,
-        CLIENT: store_key(home),
-        STORE: str(store),
-        PAGES: running.pages,
-        "PATH": path,
-        "PREFECT_FLOWS_HEARTBEAT_FREQUENCY": str(BEAT),
-    }
+    return (
+        _base(home)
+        | ONE_THREAD
+        | {
+            API: running.url,
+            CLIENT: store_key(home),
+            STORE: str(store),
+            PAGES: running.pages,
+            "PATH": path,
+            "PREFECT_FLOWS_HEARTBEAT_FREQUENCY": str(BEAT),
+        }
+    )
 
 
 def _base(home: Path) -> dict[str, str]:

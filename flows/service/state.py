@@ -1,13 +1,14 @@
 """What runs for a store, written down in the store, and the key that opens it.
 
-Its processes outlive the command that started them, and are found again.
+Its two processes outlive the command that started them. Each holds a lock on a file
+for as long as it lives, so that it is known whether it does, whatever other process has
+got its number since.
 """
 
 import fcntl
 import os
 import secrets
 import signal
-import socket
 import subprocess
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager, suppress
@@ -24,127 +25,79 @@ from residual.errors import InputError, RunError
 KEY = "key"  # in Prefect's folder of the store
 # Under these names Prefect's clients and its server take it.
 CLIENT, SERVER = "PREFECT_API_AUTH_STRING", "PREFECT_SERVER_API_AUTH_STRING"
+PROCESSES = ("server", "worker")
 _SHORTEST = 32
 _FILE, _LOCK = "up.json", "up.lock"
-_PROC = Path("/proc")
 _GRACE = 15.0  # s between the request to end and the end
 
 
-@dataclass(frozen=True, slots=True)
-class Process:
-    """A process that was started."""
-
-    name: str  # what it does, such as "server"
-    pid: int  # its number, which the system gives to others after it has ended
-    started: str  # when it was started, as the system counts; with it no other is meant
-
-    @property
-    def lives(self) -> bool:
-        """Whether it runs: this very process, not a later one of the same number."""
-        return started_at(self.pid) == self.started
-
-
 def start(
-    name: str,
-    command: Sequence[str],
-    env: Mapping[str, str],
-    log: Path,
-    umask: int = -1,
-) -> Process:
-    """Start a process in a session of its own.
+    home: Path, name: str, command: Sequence[str], env: Mapping[str, str]
+) -> None:
+    """Start a process in a session of its own; what it has to say goes into its log.
 
-    Args:
-        log: Where it writes what it has to say, after what is there.
-        umask: Rights that its files do not get; -1 for those of ours.
+    Raises:
+        RunError: If one of that name lives.
     """
-    with log.open("ab") as output:
-        process = subprocess.Popen(
-            command,
-            stdin=subprocess.DEVNULL,
-            stdout=output,
-            stderr=output,
-            env=dict(env),
-            cwd=log.parent,
-            start_new_session=True,
-            umask=umask,
-        )
-    return Process(name, process.pid, started_at(process.pid) or "ended")
-
-
-def stop(processes: Sequence[Process], grace: float = _GRACE) -> None:
-    """Ask processes to end; those that do not are killed.
-
-    Args:
-        processes: Which; that they have ended already is no error.
-        grace: Time that they get [s].
-    """
-    for process in processes:
-        _signal(process, signal.SIGTERM)
-    until = monotonic() + grace
-    while any(p.lives for p in processes) and monotonic() < until:
-        sleep(0.1)
-    for process in processes:
-        _signal(process, signal.SIGKILL)
-    while any(p.lives for p in processes) and monotonic() < until + grace:
-        sleep(0.05)
-
-
-def started_at(pid: int) -> str | None:
-    """Return when a process was started, None if there is none or it has ended."""
-    try:
-        text = (_PROC / str(pid) / "stat").read_text()
-        boot = (_PROC / "sys/kernel/random/boot_id").read_text().strip()
-    except OSError:
-        return None
-    # The name, in brackets, may have spaces and brackets itself; state is first after.
-    fields = text.rpartition(")")[2].split()
-    return None if fields[0] in "ZX" else f"{boot[:8]}-{fields[19]}"
-
-
-def flow_processes() -> dict[str, list[Process]]:
-    """Return our processes that run a flow for a worker, by the id of the flow run."""
-    found: dict[str, list[Process]] = {}
-    for pid, env in _environments():
-        id = env.get("PREFECT__FLOW_RUN_ID")
-        started = started_at(pid)
-        if id and started:
-            found.setdefault(id, []).append(Process("flow run", pid, started))
-    return found
-
-
-def _environments() -> Iterator[tuple[int, dict[str, str]]]:
-    for folder in _PROC.iterdir():
-        if not folder.name.isdigit():
-            continue
+    with (home / f"{name}.pid").open("a+") as lock:
         try:
-            raw = (folder / "environ").read_bytes()
-        except OSError:  # ended meanwhile, or of somebody else
-            continue
-        words = raw.decode(errors="replace").split("\0")
-        yield int(folder.name), dict(w.split("=", 1) for w in words if "=" in w)
+            fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        except OSError:
+            raise RunError(f"The {name} of {home.parent} runs already.") from None
+        with (home / f"{name}.log").open("ab") as output:
+            process = subprocess.Popen(
+                command,
+                stdin=subprocess.DEVNULL,
+                stdout=output,
+                stderr=output,
+                env=dict(env),
+                cwd=home,
+                start_new_session=True,
+                umask=0o077,
+                pass_fds=[lock.fileno()],  # the lock is its own from now on
+            )
+        lock.truncate(0)
+        lock.write(str(process.pid))
 
 
-def _signal(process: Process, number: int) -> None:
-    if not process.lives:
-        return
-    with suppress(ProcessLookupError):
-        os.kill(process.pid, number)
+def lives(home: Path, name: str) -> bool:
+    """Return whether a process runs that was started under a name."""
+    try:
+        with (home / f"{name}.pid").open() as lock:
+            fcntl.flock(lock, fcntl.LOCK_SH | fcntl.LOCK_NB)
+    except FileNotFoundError:
+        return False
+    except BlockingIOError:
+        return True
+    return False
 
 
-def worker_name(name: str) -> str:
-    """Return the name under which a worker of this machine reports."""
-    return f"{name}@{socket.gethostname()}"
+def stop(home: Path, name: str, grace: float = _GRACE) -> None:
+    """Ask a process to end; one that does not is killed.
+
+    Args:
+        name: Which; that it has ended already is no error.
+        grace: Time that it gets [s].
+    """
+    for number in (signal.SIGTERM, signal.SIGKILL):
+        if lives(home, name):
+            with suppress(OSError, ValueError):
+                os.kill(int((home / f"{name}.pid").read_text()), number)
+        until = monotonic() + grace
+        while lives(home, name) and monotonic() < until:
+            sleep(0.1)
 
 
 @dataclass(frozen=True, slots=True)
 class Running:
-    """A server and its workers."""
+    """What was started for a store."""
 
     host: str  # address that the server listens on
     port: int
     database: str  # where the history is, without a password
     deployed: str = ""  # hash of the prefect.yaml and its options that were put on it
-    processes: tuple[Process, ...] = ()  # the server, then the workers
+    workers: int = 1  # how many flows may run at once
+    stopped: bool = False  # whether somebody stopped it
 
     @property
     def ui(self) -> str:
@@ -162,21 +115,6 @@ class Running:
     def pages(self) -> str:
         """Address below which the pages over the store are."""
         return f"{self.ui}/pages"
-
-    @property
-    def server(self) -> Process | None:
-        """The server, if it lives."""
-        return next((p for p in self.alive if p.name == "server"), None)
-
-    @property
-    def workers(self) -> tuple[Process, ...]:
-        """The workers that live."""
-        return tuple(p for p in self.alive if p.name != "server")
-
-    @property
-    def alive(self) -> tuple[Process, ...]:
-        """All processes that live."""
-        return tuple(p for p in self.processes if p.lives)
 
 
 def read_running(home: Path) -> Running | None:

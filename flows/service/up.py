@@ -1,6 +1,7 @@
-"""Start, or complete, what runs for a store, and stop it: server, pool and workers.
+"""Start, or complete, what runs for a store, and stop it: server, pool and worker.
 
 What has stopped has lost nothing: it waits for flow runs, and marks those that it ends.
+To be imported under `flows.settings.quiet_prefect`.
 """
 
 import hashlib
@@ -14,9 +15,15 @@ from pathlib import Path
 from threading import Event
 from time import monotonic, sleep
 
+from prefect.client.orchestration import SyncPrefectClient
+from prefect.client.schemas.actions import DeploymentScheduleCreate
+from prefect.client.schemas.objects import State, StateType
+from prefect.client.schemas.schedules import IntervalSchedule
+from prefect.events import AutomationCore
+
 from flows.project.deployments import deployments, every_of, inbox_of
 from flows.service import api
-from flows.service.api import answers
+from flows.service.api import answers, wait_until
 from flows.service.request import (
     BEAT,
     DATABASE,
@@ -28,21 +35,19 @@ from flows.service.request import (
     worker_environment,
 )
 from flows.service.state import (
-    Process,
+    PROCESSES,
     Running,
-    flow_processes,
+    lives,
     one_at_a_time,
     read_running,
     start,
     stop,
     store_key,
-    worker_name,
     write_running,
 )
 from flows.settings import PROJECT, ROOT, port_is_free, prefect_home
 from residual.errors import InputError, RunError
 
-GONE = "Its process is gone; closed when modelgap up found it."
 Say = Callable[[str], None]
 # Bytes of a message on a WebSocket, held before anybody has shown a key; an event of
 # Prefect has 1.5 MB at most.
@@ -50,6 +55,9 @@ _MESSAGE = 4 << 20
 _EVERY = "every"  # slug of the schedule of --every
 _PATIENCE = 600.0  # s; the first start makes the database, on a busy machine slowly
 _WATCH = "close flow runs without a sign of life"
+ENDED = "Ended by modelgap down. What it had stored is kept; the next run goes on."
+_WAIT = 60.0  # s that flow runs may go on after the request to stop
+_CANCEL = 30.0  # s in which the worker ends those that are left
 
 
 def up(request: ServiceRequest, say: Say) -> tuple[Running, bool]:
@@ -60,27 +68,28 @@ def up(request: ServiceRequest, say: Say) -> tuple[Running, bool]:
     """
     home = prefect_home(request.store)
     with one_at_a_time(home):
-        before = read_running(home)
-        running = _agreed(request, before)
-        count = _count(request, before)
-        if _complete(running, request, count) and request.every is None:
+        running = _agreed(request, read_running(home), home)
+        if _complete(running, request, home) and request.every is None:
             return running, True
-        running = _with_server(running, home, request, say)
+        _with_server(running, home, request, say)
         to = api.Api(running.url, store_key(home))
-        api.open_pool(to)
-        for closed in close_stale(to):
-            say(f"closed, since nobody runs it any more: {closed}")
-        running = _with_workers(running, home, request, count)
-        running = _deployed(running, home, request, say)
-        if request.every is not None:
-            for name in every_of(request.project):
-                start_every(to, name, request.every)
-        watch_for_stale(to)
-        if inbox := inbox_of(request.project):
-            api.start_flow(to, inbox)
-        _wait(
-            lambda: _online(running, to), f"No worker reports; see {home}/worker-1.log."
-        )
+        with to.client() as client:
+            api.open_pool(client, running.workers)
+            if not lives(home, "worker"):
+                env = worker_environment(running, request.store, home)
+                start(home, "worker", worker_command(), env)
+            running = _deployed(running, home, request, client, say)
+            if request.every is not None:
+                for name in every_of(request.project):
+                    start_every(client, name, request.every)
+            _watch_for_stale(client)
+            if inbox := inbox_of(request.project):
+                api.start_flow(client, inbox)
+            wait_until(
+                lambda: _online(home, client),
+                _PATIENCE,
+                f"No worker reports; see {home}/worker.log.",
+            )
         return running, False
 
 
@@ -95,26 +104,28 @@ def _content(request: ServiceRequest) -> bytes:
     return json.dumps(deployments(request.project), indent=1).encode()
 
 
-def _agreed(request: ServiceRequest, before: Running | None) -> Running:
+def _agreed(request: ServiceRequest, before: Running | None, home: Path) -> Running:
     """Return the state to start from; InputError where it contradicts the wish."""
     database = shown_database(request.database)
     if before is None:
         host, port = request.host or "127.0.0.1", request.port or PORT
-        return Running(host, port, database)
+        return Running(host, port, database, workers=request.workers or 1)
     asked = {"--host": request.host, "--port": request.port}
     has = {"--host": before.host, "--port": before.port}
+    serves = lives(home, "server")
     for name, value in asked.items():
-        if before.server and value not in (None, has[name]):
+        if serves and value not in (None, has[name]):
             raise InputError(
                 f"{request.store} is already served at {before.ui}, not with {name} "
                 f"{value}. Stop it first: modelgap down."
             )
-    if database != before.database and before.alive:
+    if database != before.database and any(lives(home, p) for p in PROCESSES):
         raise InputError(
             f"{request.store} is already served at {before.ui} with its history in "
             f"{before.database}, not in {database}. Stop it first: modelgap down."
         )
-    if before.server:
+    before = replace(before, workers=request.workers or before.workers)
+    if serves:
         return before
     if database != before.database and request.database is None:
         raise InputError(
@@ -124,24 +135,13 @@ def _agreed(request: ServiceRequest, before: Running | None) -> Running:
     host, port = request.host or before.host, request.port or before.port
     check_host(host, request.trust_network)
     # The database may be another one, or have been emptied: deployed anew.
-    return Running(host, port, database, processes=before.processes)
+    return Running(host, port, database, workers=before.workers)
 
 
-def _count(request: ServiceRequest, before: Running | None) -> int:
-    known = len([p for p in before.processes if p.name != "server"]) if before else 0
-    alive = len(before.workers) if before else 0
-    if request.workers is not None and request.workers < alive:
-        raise InputError(
-            f"{alive} workers run for {request.store}, more than --workers "
-            f"{request.workers}. Stop them first: modelgap down."
-        )
-    return request.workers or known or 1
-
-
-def _complete(running: Running, request: ServiceRequest, count: int) -> bool:
+def _complete(running: Running, request: ServiceRequest, home: Path) -> bool:
     return (
-        running.server is not None
-        and len(running.workers) == count
+        all(lives(home, name) for name in PROCESSES)
+        and running == read_running(home)
         and running.deployed == deployed_as(request)
         and answers(running.url)
     )
@@ -149,28 +149,40 @@ def _complete(running: Running, request: ServiceRequest, count: int) -> bool:
 
 def _with_server(
     running: Running, home: Path, request: ServiceRequest, say: Say
-) -> Running:
-    server = running.server
-    if server is None:
-        # Workers of a server that was killed may have turned to another address.
-        stop(running.workers)
+) -> None:
+    if not lives(home, "server"):
+        # The worker of a server that was killed may have turned to another address.
+        stop(home, "worker")
         _check_port(running)
         say(f"starting the server on port {running.port}")
         env = server_environment(running, home, request.database)
-        log = home / "server.log"
-        server = start("server", server_command(running), env, log, umask=0o077)
-        running = replace(running, processes=(server,))
+        start(home, "server", server_command(running), env)
         write_running(home, running)
-    _wait_for_server(running, server, home)
-    return running
+
+    def ready() -> bool:
+        if not lives(home, "server"):
+            raise RunError(f"The server ended at once; see {home}/server.log.")
+        return answers(running.url)
+
+    why = f"The server does not answer; see {home}/server.log."
+    wait_until(ready, _PATIENCE, why)
 
 
 def server_command(running: Running) -> list[str]:
-    """Return the command line of the server; it has no key and no password."""
+    """Return the command line of the server; it has no key and no password.
+
+    It is what `prefect server start` runs, with the guard and the pages around it.
+    """
     command = [sys.executable, "-P", "-m", "uvicorn", "--factory", "--log-level"]
     command += ["warning", "--no-proxy-headers", "flows.service.serve:app"]
     command += ["--ws-max-size", str(_MESSAGE)]
     return [*command, "--host", running.host, "--port", str(running.port)]
+
+
+def worker_command() -> list[str]:
+    """Return the command line of the worker: Prefect's own."""
+    command = [sys.executable, "-m", "prefect", "worker", "start", "--type", "process"]
+    return [*command, "--pool", api.POOL]
 
 
 def _check_port(running: Running) -> None:
@@ -183,36 +195,12 @@ def _check_port(running: Running) -> None:
     )
 
 
-def _wait_for_server(running: Running, server: Process, home: Path) -> None:
-    def ready() -> bool:
-        if not server.lives:
-            raise RunError(f"The server ended at once; see {home}/server.log.")
-        return answers(running.url)
-
-    _wait(ready, f"The server does not answer; see {home}/server.log.")
-
-
-def _with_workers(
-    running: Running, home: Path, request: ServiceRequest, count: int
-) -> Running:
-    env = worker_environment(running, request.store, home)
-    taken = {p.name for p in running.workers}
-    free = [n for n in (f"worker-{i}" for i in range(1, count + 1)) if n not in taken]
-    command = [sys.executable, "-m", "prefect", "worker", "start", "--type", "process"]
-    command += ["--pool", api.POOL, "--name"]
-    made = [
-        start(name, [*command, worker_name(name)], env, home / f"{name}.log")
-        for name in free[: count - len(taken)]
-    ]
-    server = running.server
-    kept = (*([server] if server else []), *running.workers, *made)
-    running = replace(running, processes=kept)
-    write_running(home, running)
-    return running
-
-
 def _deployed(
-    running: Running, home: Path, request: ServiceRequest, say: Say
+    running: Running,
+    home: Path,
+    request: ServiceRequest,
+    client: SyncPrefectClient,
+    say: Say,
 ) -> Running:
     wish = deployed_as(request)
     if running.deployed != wish:
@@ -229,59 +217,41 @@ def _deployed(
             )
         if done.returncode:
             raise RunError(f"The deployments were refused; see {log}.")
-        to = api.Api(running.url, store_key(home))
-        api.keep_deployments(to, deployments(request.project)["deployments"])
+        api.keep_deployments(client, deployments(request.project)["deployments"])
         running = replace(running, deployed=wish)
-        write_running(home, running)
+    write_running(home, running)
     return running
 
 
 def start_every(
-    to: api.Api, deployment: str, seconds: int, parameters: dict | None = None
+    client: SyncPrefectClient,
+    deployment: str,
+    seconds: int,
+    parameters: dict | None = None,
 ) -> None:
     """Give a deployment a further schedule from now on, instead of the one before.
 
     Args:
         seconds: Time between two starts [s]; 0 for no such schedule any more.
     """
-    known = api.ask(to, f"/deployments/name/{deployment}")
-    place = f"/deployments/{known['id']}/schedules"
-    for old in known["schedules"]:
-        if old.get("slug") == _EVERY:
-            api.ask(to, f"{place}/{old['id']}", method="DELETE")
+    known = client.read_deployment_by_name(deployment)
+    for old in known.schedules:
+        if old.slug == _EVERY:
+            client.delete_deployment_schedule(known.id, old.id)
     if seconds:
-        when = {"interval": float(seconds)}
-        new = {"schedule": when, "active": True, "slug": _EVERY}
-        api.ask(to, place, [{**new, "parameters": parameters or {}}])
+        new = DeploymentScheduleCreate(
+            schedule=IntervalSchedule(interval=seconds),
+            active=True,
+            slug=_EVERY,
+            parameters=parameters or {},
+        )
+        client.create_deployment_schedules(known.id, [new])
 
 
-def close_stale(to: api.Api) -> list[str]:
-    """Close flow runs of our pool that no process of this machine runs.
-
-    Those of workers on other machines are left to `watch_for_stale`, which needs no
-    look at processes.
-    """
-    alive, closed, here = flow_processes(), [], worker_name("")
-    if any(not name.endswith(here) for name in api.workers_online(to)):
-        return closed
-    for run in api.active_runs(to):
-        if run["id"] not in alive:
-            api.end_run(to, run["id"], GONE)
-            closed.append(run["name"])
-    return closed
-
-
-def watch_for_stale(to: api.Api) -> None:
+def _watch_for_stale(client: SyncPrefectClient) -> None:
     """Let the server itself close a flow run that gives no sign of life any more."""
-    rule = stale_rule()
-    filters = {"automations": {"name": {"any_": [_WATCH]}}}
-    known = api.ask(to, "/automations/filter", filters)
-    expected = set(rule["trigger"]["expect"])
-    if known and set(known[0]["trigger"]["expect"]) == expected:
-        return
-    for old in known:  # with another rule
-        api.ask(to, f"/automations/{old['id']}", method="DELETE")
-    api.ask(to, "/automations/", rule)
+    if not client.read_automations_by_name(_WATCH):
+        client.create_automation(AutomationCore.model_validate(stale_rule()))
 
 
 def stale_rule() -> dict:
@@ -313,76 +283,57 @@ def stale_rule() -> dict:
     return rule | {"trigger": trigger, "actions": [action]}
 
 
-def _online(running: Running, to: api.Api) -> bool:
-    for worker in running.processes:
-        if not worker.lives:
-            raise RunError(f"{worker.name} ended at once; see {worker.name}.log.")
-    names = {worker_name(p.name) for p in running.workers}
-    return names <= api.workers_online(to)
-
-
-def _wait(ready: Callable[[], bool], otherwise: str) -> None:
-    begun = monotonic()
-    while not ready():
-        if monotonic() - begun > _PATIENCE:
-            raise RunError(otherwise)
-        sleep(0.25)
+def _online(home: Path, client: SyncPrefectClient) -> bool:
+    if not lives(home, "worker"):
+        raise RunError(f"The worker ended at once; see {home}/worker.log.")
+    return api.worker_online(client)
 
 
 # Stop what runs for a store, or stay beside it until then, and lose nothing of it.
 
 
-ENDED = "Ended by modelgap down. What it had stored is kept; the next run goes on."
-_WAIT = 60.0  # s that flow runs may go on after the request to stop
-
-
 def down(home: Path, wait: float, say: Say) -> Running | None:
-    """Let flow runs end, then stop workers and server; schedules and history stay.
+    """Let flow runs end, then stop worker and server; schedules and history stay.
 
     Args:
         wait: How long flow runs may go on [s]; then they are ended and marked.
     """
     with one_at_a_time(home):
         running = read_running(home)
-        if running is None or not running.alive:
+        if running is None or not any(lives(home, name) for name in PROCESSES):
             return None
-        if answers(running.url) and running.server:
-            to = api.Api(running.url, store_key(home))
-            _finish_runs(running, to, wait, say)
-        stop(running.workers)
-        if running.server:
-            stop([running.server])
+        if lives(home, "server") and answers(running.url):
+            with api.Api(running.url, store_key(home)).client() as client:
+                api.open_pool(client, running.workers, paused=True)
+                _finish_runs(client, home, wait, say)
+        for name in reversed(PROCESSES):
+            stop(home, name)
         # Port and database are those of the next start; not who may reach it.
-        write_running(home, replace(running, host="127.0.0.1", processes=()))
+        write_running(home, replace(running, host="127.0.0.1", stopped=True))
         return running
 
 
-def _finish_runs(running: Running, to: api.Api, wait: float, say: Say) -> None:
-    """Give out no new work, wait for what runs, end and mark what is left."""
-    api.open_pool(to, paused=True)
-    until, announced = monotonic() + wait, False
-    while (active := _active(to)) and monotonic() < until:
-        if not announced:
-            say(f"waiting up to {wait:g} s for {len(active)} flow run(s) to end")
-            announced = True
+def _finish_runs(client: SyncPrefectClient, home: Path, wait: float, say: Say) -> None:
+    """Wait for what runs; let the worker end what is left, and mark it."""
+    if active := api.active_runs(client):
+        say(f"waiting up to {wait:g} s for {len(active)} flow run(s) to end")
+    until = monotonic() + wait
+    while api.active_runs(client) and monotonic() < until:
         sleep(0.5)
-    # Workers first, or they would report the end of their flows in words of their own.
-    stop(running.workers)
-    left = [p for processes in active.values() for p in processes]
-    stop(left)
-    for run in api.active_runs(to):
-        if run["id"] in active:
-            api.end_run(to, run["id"], ENDED)
-            say(f"ended: {run['name']}")
+    left = api.active_runs(client)
+    for run in left:
+        client.set_flow_run_state(run.id, _state(StateType.CANCELLING), force=True)
+    until = monotonic() + (_CANCEL if lives(home, "worker") else 0.0)
+    while api.active_runs(client) and monotonic() < until:
+        sleep(0.5)
+    stop(home, "worker")
+    for run in left:
+        client.set_flow_run_state(run.id, _state(StateType.CRASHED), force=True)
+        say(f"ended: {run.name}")
 
 
-def _active(to: api.Api) -> dict[str, list[Process]]:
-    """Return the processes on this machine of flow runs of our pool, by id."""
-    try:
-        ids = {run["id"] for run in api.active_runs(to)}
-    except RunError:
-        return {}
-    return {id: ps for id, ps in flow_processes().items() if id in ids}
+def _state(type: StateType) -> State:
+    return State(type=type, name=type.value.title(), message=ENDED)
 
 
 def stay(store: Path, say: Say) -> None:
@@ -396,9 +347,9 @@ def stay(store: Path, say: Say) -> None:
         signal.signal(number, lambda *_: asked.set())
     while not asked.wait(1.0):
         running = read_running(home)
-        if running is None or not running.processes:  # modelgap down, from elsewhere
+        if running is None or running.stopped:  # modelgap down, from elsewhere
             return
-        if len(running.alive) < len(running.processes):
+        if not all(lives(home, name) for name in PROCESSES):
             down(home, 0.0, say)
             raise RunError(f"Server or worker ended; see the logs in {home}.")
     down(home, _WAIT, say)

@@ -13,7 +13,7 @@ import pytest
 
 from flows.service.api import answers
 from flows.service.request import server_environment
-from flows.service.state import CLIENT, Process, Running, start, stop
+from flows.service.state import CLIENT, Running, lives, start, stop
 from flows.service.up import server_command
 from flows.settings import API, quiet_prefect
 from tests.waiting import until
@@ -27,8 +27,9 @@ from flows.service.state import store_key
 from tests.flows.prefect_server import served
 
 home = Path(sys.argv[1])
-with served(home, PREFECT_UI_ENABLED="false") as (running, process):
-    print(running.url, process.pid, store_key(home), flush=True)
+with served(home, PREFECT_UI_ENABLED="false") as running:
+    pid = (home / "server.pid").read_text()
+    print(running.url, pid, store_key(home), flush=True)
     sys.stdin.read()
 """
 PATIENCE = 10.0  # s that messages to a server which was killed are waited for
@@ -76,17 +77,17 @@ def free_port() -> int:
 
 
 @contextmanager
-def served(home: Path, **more: str) -> Iterator[tuple[Running, Process]]:
+def served(home: Path, **more: str) -> Iterator[Running]:
     """Start the server of `modelgap up` as it starts it, and no worker."""
     running = Running("127.0.0.1", free_port(), "sqlite")
     env = server_environment(running, home, None) | more
-    process = start("server", server_command(running), env, home / "server.log")
+    start(home, "server", server_command(running), env)
     try:
-        until(lambda: answers(running.url) or not process.lives, "it answers", 0.2)
-        assert process.lives, (home / "server.log").read_text()
-        yield running, process
+        until(lambda: answers(running.url) or not lives(home, "server"), "it answers")
+        assert lives(home, "server"), (home / "server.log").read_text()
+        yield running
     finally:
-        stop([process])
+        stop(home, "server")
 
 
 @contextmanager

@@ -1,10 +1,12 @@
 """What `up`, `status` and `down` decide, without starting a server."""
 
 import os
+import signal
 import subprocess
 import sys
-from dataclasses import replace
+from contextlib import contextmanager
 from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
+from pathlib import Path
 from threading import Thread
 
 import pytest
@@ -23,9 +25,8 @@ from flows.service.request import (
 from flows.service.state import (
     CLIENT,
     SERVER,
-    Process,
     Running,
-    flow_processes,
+    lives,
     one_at_a_time,
     read_running,
     start,
@@ -33,7 +34,7 @@ from flows.service.state import (
     store_key,
     write_running,
 )
-from flows.settings import port_is_free
+from flows.settings import port_is_free, prefect_home
 from residual.errors import InputError, RunError
 from tests.waiting import until
 
@@ -43,46 +44,53 @@ SECRET = "postgresql://ann:s3cret@db.lab:5432/prefect"
 
 @pytest.fixture
 def sleeper(tmp_path):
-    made = start("server", SLEEP, os.environ, tmp_path / "log")
-    yield made
-    stop([made], grace=1.0)
+    """A process that holds the place of the server of the store tmp_path."""
+    home = prefect_home(tmp_path)
+    start(home, "server", SLEEP, os.environ)
+    yield home
+    stop(home, "server", grace=1.0)
 
 
-def test_a_process_is_known_by_its_start_and_not_only_by_its_number(sleeper):
-    assert sleeper.lives
-    assert not replace(sleeper, started="another").lives
-    stop([sleeper])
-    assert not sleeper.lives
-    stop([sleeper])  # once more is no error
+def test_a_process_is_known_by_its_lock_and_not_by_its_number(sleeper):
+    assert lives(sleeper, "server")
+    with pytest.raises(RunError, match="runs already"):
+        start(sleeper, "server", SLEEP, os.environ)
+    stop(sleeper, "server")
+    assert not lives(sleeper, "server")
+    stop(sleeper, "server")  # once more is no error
 
 
-def test_a_number_that_was_given_to_another_process_is_never_ended():
+def test_a_number_that_was_given_to_another_process_is_never_ended(tmp_path):
     other = subprocess.Popen(SLEEP)
     try:
-        stop([Process("server", other.pid, "04998d3f-1")], grace=0.0)
+        (tmp_path / "server.pid").write_text(str(other.pid))
+        stop(tmp_path, "server", grace=0.0)
         assert other.poll() is None
     finally:
         other.kill()
         other.wait()
 
 
-def test_processes_of_flow_runs_are_found_by_the_id_that_they_carry(tmp_path):
-    env = {**os.environ, "PREFECT__FLOW_RUN_ID": "0-1-2"}
-    made = start("flow", SLEEP, env, tmp_path / "log")
-    try:
-        # Between fork and exec a process still carries its parent's words.
-        found = until(lambda: flow_processes().get("0-1-2"), "a process with that id")
-        assert [p.pid for p in found] == [made.pid]
-    finally:
-        stop([made], grace=1.0)
+def test_a_killed_process_lives_no_more_though_its_children_do(tmp_path):
+    """A worker's flow processes must not pass for the worker."""
+    child = f"import subprocess; subprocess.Popen({SLEEP!r}).wait()"
+    start(tmp_path, "worker", [sys.executable, "-c", child], os.environ)
+    pid = int((tmp_path / "worker.pid").read_text())
+    orphan = until(lambda: _children(pid), "it has a child")[0]
+    os.kill(pid, signal.SIGKILL)
+    until(lambda: not lives(tmp_path, "worker"), "it is gone")
+    os.kill(orphan, signal.SIGKILL)
 
 
-def test_what_runs_is_read_back_as_it_was_written(tmp_path, sleeper):
-    running = Running("127.0.0.1", 4300, "sqlite", "ab", (sleeper,))
+def _children(pid: int) -> list[int]:
+    place = Path(f"/proc/{pid}/task/{pid}/children")
+    return [int(word) for word in place.read_text().split()]
+
+
+def test_what_runs_is_read_back_as_it_was_written(tmp_path):
+    running = Running("127.0.0.1", 4300, "sqlite", "ab", 3)
     write_running(tmp_path, running)
     assert read_running(tmp_path) == running
-    assert running.server == sleeper
-    assert running.workers == ()
 
 
 @pytest.mark.parametrize("content", ["", "{", "[]", '{"host": 1}'])
@@ -170,9 +178,7 @@ def test_a_taken_port_is_said_with_another_to_try(tmp_path, capsys):
 
 
 def test_a_second_up_must_not_contradict_the_first(tmp_path, sleeper):
-    home = tmp_path / "_prefect"
-    home.mkdir()
-    write_running(home, Running("127.0.0.1", 4300, "sqlite", "", (sleeper,)))
+    write_running(sleeper, Running("127.0.0.1", 4300, "sqlite"))
     for wish in ({"port": 4301}, {"host": "::1"}, {"database": SECRET}):
         with pytest.raises(InputError, match=r"served at .*4300.*modelgap down"):
             up.up(ServiceRequest(tmp_path, **wish), print)
@@ -184,6 +190,37 @@ def test_a_history_elsewhere_is_not_silently_begun_anew(tmp_path):
     write_running(home, Running("127.0.0.1", 4300, shown_database(SECRET)))
     with pytest.raises(InputError, match=r"db\.lab:5432.*MODELGAP_DATABASE_URL"):
         up.up(ServiceRequest(tmp_path), print)
+
+
+def test_status_says_stopped_or_what_is_wrong(tmp_path, capsys, monkeypatch):
+    home = prefect_home(tmp_path)
+    monkeypatch.setattr("flows.cli.service._prepare", lambda home: None)
+    write_running(home, Running("127.0.0.1", 4300, "sqlite", stopped=True))
+    assert main(["status", "--store", str(tmp_path)]) == 1
+    assert "is stopped. Start it: modelgap up" in capsys.readouterr().err
+    write_running(home, Running("127.0.0.1", 4300, "sqlite"))
+    assert main(["status", "--store", str(tmp_path)]) == 1
+    told = capsys.readouterr().err
+    assert "the server has ended; see" in told
+    assert "the worker has ended; see" in told
+
+
+def test_a_busy_server_is_waited_for_and_what_it_says_is_told(
+    tmp_path, sleeper, monkeypatch
+):
+    """A slow answer is no server that is gone."""
+    write_running(sleeper, Running("127.0.0.1", 4300, "sqlite"))
+
+    @contextmanager
+    def client(to, wait=api._WAIT):
+        assert wait >= 60
+        raise RunError("The server refused /api/flows/filter (503): busy")
+        yield
+
+    monkeypatch.setattr(api.Api, "client", client)
+    found = api.status(sleeper)
+    assert not found.healthy
+    assert "(503): busy" in found.wrong[-1]
 
 
 def test_status_of_nothing_is_1_and_down_of_nothing_is_0(tmp_path, capsys):

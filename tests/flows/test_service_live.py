@@ -9,10 +9,11 @@ from io import StringIO
 from types import SimpleNamespace
 
 import pytest
+from prefect.client.schemas.filters import DeploymentFilter
 
 from flows.cli import main
 from flows.service import api
-from flows.service.state import read_running, store_key
+from flows.service.state import PROCESSES, lives, read_running, store_key
 from flows.service.up import start_every
 from tests.flows.prefect_server import free_port
 from tests.waiting import until
@@ -62,16 +63,16 @@ def service(tmp_path_factory):
         modelgap("down", "--wait", "0", *words)
 
 
-def runs_of(service, deployment: str) -> list[dict]:
-    wanted = {"deployments": {"name": {"any_": [deployment]}}}
-    return api.ask(service.api, "/flow_runs/filter", wanted)
+def runs_of(service, deployment: str) -> list:
+    wanted = DeploymentFilter(name={"any_": [deployment]})
+    with service.api.client() as client:
+        return client.read_flow_runs(deployment_filter=wanted)
 
 
-def completed(service, deployment: str) -> list[dict]:
+def completed(service, deployment: str) -> list:
     runs = runs_of(service, deployment)
-    failed = [r["state"]["message"] for r in runs if r["state_type"] == "FAILED"]
-    assert not failed
-    return [r for r in runs if r["state_type"] == "COMPLETED"]
+    assert [run.state.message for run in runs if run.state_name == "Failed"] == []
+    return [run for run in runs if run.state_name == "Completed"]
 
 
 def test_up_gives_the_address_and_a_second_one_changes_nothing(service):
@@ -82,14 +83,28 @@ def test_up_gives_the_address_and_a_second_one_changes_nothing(service):
     assert f"already runs: {service.ui}" in again.stdout
     assert read_running(service.home) == before
     assert service.api.key not in service.said + again.stdout + again.stderr
+    # What the plain command of Prefect needs, and what there is to start.
+    assert f"export PREFECT_API_URL={service.ui}/api" in again.stdout
+    key = service.home / "key"
+    assert f'export PREFECT_API_AUTH_STRING="$(cat {key})"' in again.stdout
+    assert "deployed: nightly, monitor, alarm, propose, campaign" in again.stdout
+    with service.api.client() as client:
+        assert client.read_work_pool(api.POOL).concurrency_limit == 1
+
+
+def test_up_with_other_workers_changes_how_many_flows_run_at_once(service):
+    assert modelgap("up", "--workers", "2", *service.words).returncode == 0
+    with service.api.client() as client:
+        assert client.read_work_pool(api.POOL).concurrency_limit == 2
 
 
 @pytest.mark.long
 def test_a_schedule_fires_and_its_event_starts_the_monitoring(service):
     given = {"campaign_file": str(service.folder / "c.toml")}
-    start_every(service.api, "campaign/campaign", 15, given)
-    until(lambda: completed(service, "campaign"), "the campaign has ended", 0.5)
-    start_every(service.api, "campaign/campaign", 0)
+    with service.api.client() as client:
+        start_every(client, "campaign/campaign", 15, given)
+        until(lambda: completed(service, "campaign"), "the campaign has ended", 0.5)
+        start_every(client, "campaign/campaign", 0)
     asked = modelgap(
         "sql", "SELECT run_id FROM runs", "--format", "json", *service.words
     )
@@ -98,48 +113,36 @@ def test_a_schedule_fires_and_its_event_starts_the_monitoring(service):
     (watched,) = until(
         lambda: completed(service, "monitor"), "the monitoring has ended", 0.5
     )
-    assert set(watched["parameters"]["runs"]) == stored
+    assert set(watched.parameters["runs"]) == stored
 
 
 @pytest.mark.long
-def test_after_a_kill_up_starts_anew_and_closes_what_was_left(service):
-    given = {"deployments": {"name": {"any_": ["campaign"]}}}
-    (deployment,) = api.ask(service.api, "/deployments/filter", given)
-    left = {"type": "RUNNING", "name": "Running"}
-    place = f"/deployments/{deployment['id']}/create_flow_run"
-    pool = {"state": {"type": "SCHEDULED"}, "name": "left"}
-    api.ask(service.api, f"/work_pools/{api.POOL}", {"is_paused": True}, "PATCH")
-    run = api.ask(service.api, place, pool)
-    path = f"/flow_runs/{run['id']}/set_state"
-    api.ask(service.api, path, {"state": left, "force": True})
+def test_after_a_kill_status_says_what_is_gone_and_up_starts_it_where_it_was(service):
     known = len(runs_of(service, "campaign"))
-    for process in read_running(service.home).processes:
-        os.kill(process.pid, signal.SIGKILL)
-    until(lambda: not read_running(service.home).alive, "all is killed")
+    for name in PROCESSES:
+        os.kill(int((service.home / f"{name}.pid").read_text()), signal.SIGKILL)
+    for name in PROCESSES:
+        until(lambda name=name: not lives(service.home, name), f"{name} is killed")
     sick = modelgap("status", *service.words)
     assert sick.returncode == 1
-    assert "does not answer" in sick.stdout
+    assert "the server has ended" in sick.stderr
 
     done = modelgap("up", *service.words)
     assert done.returncode == 0, done.stderr
-    assert "nobody runs it any more: left" in done.stderr
     assert service.ui in done.stdout  # where it was
     assert len(runs_of(service, "campaign")) >= known
     well = modelgap("status", "--json", *service.words)
     told = json.loads(well.stdout)
-    assert (well.returncode, told["healthy"]) == (0, True)
-    assert told["workers"] == {"worker-1": "online"}
-    states = {r["name"]: r["state"] for r in told["runs"]}
-    assert states["left"] == "Crashed"
+    assert (well.returncode, told["healthy"], told["worker"]) == (0, True, "online")
     names = [d["name"] for d in told["deployments"]]
-    assert {"nightly/nightly", "monitor/monitor", "diagnose/diagnose"} <= set(names)
+    assert {"nightly/nightly", "monitor/monitor", "diagnose-new/alarm"} <= set(names)
 
 
 def test_down_stops_all_and_the_schedules_stay(service):
-    processes = read_running(service.home).processes
     assert modelgap("down", "--wait", "5", *service.words).returncode == 0
-    assert not any(p.lives for p in processes)
-    assert modelgap("status", *service.words).returncode == 1
+    assert not any(lives(service.home, name) for name in PROCESSES)
+    stopped = modelgap("status", *service.words)
+    assert (stopped.returncode, "is stopped" in stopped.stderr) == (1, True)
     with sqlite3.connect(service.home / "prefect.db") as history:
         active = history.execute(
             "SELECT count(*) FROM deployment_schedule WHERE active"

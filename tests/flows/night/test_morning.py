@@ -161,10 +161,10 @@ def test_an_alarm_is_judged_by_healthy_runs_wherever_there_are_such(project, mor
 
 def test_an_alarm_of_a_project_is_told_whose_it_is(project):
     found = {d["name"]: d for d in deployments(project)["deployments"]}
-    for name in ("monitor", "diagnose"):
+    for name in ("monitor", "alarm"):
         assert found[name]["parameters"] == {"project": str(project.folder)}
-    (trigger,) = found["diagnose"]["triggers"]
-    assert trigger["parameters"]["alarm"] is True
+    (trigger,) = found["alarm"]["triggers"]
+    assert set(trigger["parameters"]) == {"runs", "good"}
 
 
 def test_who_waits_for_an_answer_need_not_give_signs_of_life():

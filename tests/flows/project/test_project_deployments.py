@@ -2,6 +2,7 @@
 
 import ast
 from pathlib import Path
+from types import SimpleNamespace
 
 import pytest
 
@@ -105,17 +106,18 @@ def test_up_in_its_folder_serves_it_and_takes_a_change_over(project):
     assert deployed_as(ServiceRequest(here.store, project=changed)) != before
 
 
-def test_deployments_that_are_not_wanted_any_more_go(monkeypatch):
-    kept = {"name": "a", "entrypoint": "m.f", "id": "1", "tags": ["modelgap"]}
-    gone = {"name": "b", "entrypoint": "m.f", "id": "2", "tags": ["modelgap"]}
-    others = {"name": "c", "entrypoint": "x.y", "id": "3", "tags": []}
+def test_deployments_that_are_not_wanted_any_more_go():
+    def made(name, entrypoint, tags):
+        return SimpleNamespace(name=name, entrypoint=entrypoint, id=name, tags=tags)
+
     deleted = []
-
-    def ask(to, path, body=None, method=None):
-        if method == "DELETE":
-            deleted.append(path)
-        return [kept, gone, others]
-
-    monkeypatch.setattr(api, "ask", ask)
-    api.keep_deployments(api.Api("http://x", "k"), [kept])
-    assert deleted == ["/deployments/2"]
+    client = SimpleNamespace(
+        read_deployments=lambda: [
+            made("a", "m.f", ["modelgap"]),
+            made("b", "m.f", ["modelgap"]),
+            made("c", "x.y", []),
+        ],
+        delete_deployment=deleted.append,
+    )
+    api.keep_deployments(client, [{"name": "a", "entrypoint": "m.f"}])
+    assert deleted == ["b"]
