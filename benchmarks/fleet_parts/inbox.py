@@ -15,6 +15,7 @@ import signal
 import subprocess
 import tempfile
 from collections.abc import Callable
+from contextlib import suppress
 from dataclasses import replace
 from pathlib import Path
 from time import monotonic, sleep
@@ -26,8 +27,6 @@ from benchmarks.harness import shell
 from benchmarks.harness.figures import Figures, all_missing, figure, partial
 from benchmarks.harness.logs import write_csv
 from benchmarks.synthetic.logs import standard_case
-from flows.service.state import flow_processes, read_running
-from flows.settings import PREFECT
 from residual.robot.robot import built_in_folder
 
 
@@ -200,14 +199,11 @@ def _kill(store: Path, folder: Path) -> int:
 
 
 def _kill_service(store: Path) -> int:
-    """Kill server, workers and flows of a store, -9; returns how many processes."""
-    running = read_running(store / PREFECT)
-    killed = list(running.alive) if running else []
-    for flows in flow_processes().values():
-        killed += [p for p in flows if shell.is_of_store(p.pid, store)]
+    """Kill server, worker and flows of a store, -9; returns how many processes."""
+    killed = shell.processes_of(store)
     for process in killed:
-        if process.lives:
-            os.kill(process.pid, signal.SIGKILL)
+        with suppress(ProcessLookupError):
+            os.kill(process, signal.SIGKILL)
     return len(killed)
 
 

@@ -7,6 +7,7 @@ import subprocess
 import sys
 import tempfile
 from collections.abc import Callable
+from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
 from time import monotonic, perf_counter, sleep
@@ -123,12 +124,15 @@ def _kilobytes(process: int) -> int:
     return next((int(line.split()[1]) for line in lines if line[:4] == "Pss:"), 0)
 
 
-def is_of_store(pid: int, store: Path) -> bool:
-    try:
-        words = Path(f"/proc/{pid}/environ").read_bytes().split(b"\0")
-    except OSError:
-        return False
-    return f"MODELGAP_STORE={store}".encode() in words
+def processes_of(store: Path) -> list[int]:
+    """Return the processes of a store's service: server, worker and flows."""
+    word, found = f"MODELGAP_STORE={store}".encode(), []
+    for folder in Path("/proc").iterdir():
+        if folder.name.isdigit():
+            with suppress(OSError):
+                if word in (folder / "environ").read_bytes().split(b"\0"):
+                    found.append(int(folder.name))
+    return found
 
 
 def free_port() -> str:

@@ -15,14 +15,14 @@ from distributed import Client
 
 from benchmarks.harness.figures import Figures, all_missing, figure, missing
 from benchmarks.harness.origin import ROOT
-from benchmarks.harness.shell import free_port, is_of_store, modelgap
+from benchmarks.harness.shell import free_port, modelgap, processes_of
 from flows.service import api
 from flows.service.api import Api
-from flows.service.state import flow_processes, read_running, stop, store_key
+from flows.service.state import read_running, stop, store_key
 from flows.specs.experiment import experiment_of
 from flows.steps.campaign import run_all
 from flows.steps.experiment import load_engine, plan
-from flows.workers.processes import Processes, chosen_runner, workers_of
+from flows.workers.processes import Processes, chosen_runner, executor_of, spread
 from warehouse.query.store import open_store
 
 _PATIENCE = 170.0  # s
@@ -48,9 +48,11 @@ def _served(folder: Path, quick: bool) -> Figures:
         server = Api(running.url, store_key(store / "_prefect"))
         fired = None if quick else _fired(server, begun)
         # What the schedule has started must not disturb what follows.
-        stop(running.workers)
-        every = [p for ps in flow_processes().values() for p in ps]
-        stop([p for p in every if is_of_store(p.pid, store)])
+        home = store / "_prefect"
+        stop(home, "worker")
+        kept = int((home / "server.pid").read_text())
+        for left in set(processes_of(store)) - {kept}:
+            os.kill(left, signal.SIGKILL)
         slower = _overhead(server, folder, 8 if quick else 100)
     finally:
         modelgap("down", "--wait", "0", "--store", str(store))
@@ -99,8 +101,9 @@ def _overhead(to: Api, folder: Path, count: int) -> dict:
 def _fired(to: Api, begun: float) -> float | None:
     """Return the time until a flow run of the schedule runs [s], None for never."""
     while monotonic() - begun < _PATIENCE:
-        if any(run["start_time"] for run in api.last_runs(to)):
-            return monotonic() - begun
+        with to.client() as client:
+            if any(run["start_time"] for run in api.last_runs(client)):
+                return monotonic() - begun
         sleep(0.2)
     return None
 
@@ -136,7 +139,7 @@ def _run(store: Path, word: str, count: int, victim: subprocess.Popen | None) ->
         if victim is not None and victim.poll() is None:
             victim.send_signal(signal.SIGKILL)
 
-    with workers_of(chosen_runner(word), count) as pool:
+    with executor_of(chosen_runner(word), count) as pool:
         run_all(planned, store, tell, pool)
 
 
@@ -194,10 +197,10 @@ def _seconds(store: Path, processes: int, count: int) -> float:
     planned = plan(((str(s.seed), s) for s in specs), store)
     with Processes(processes) as pool:
         # Loaded before the clock starts, in both: a long campaign loads it once.
-        list(pool.run(_ready, [load_engine.__name__] * processes))
+        list(spread(pool, _ready, [load_engine.__name__] * processes))
         start = perf_counter()
-        summary = run_all(planned, store, pool=pool)
-    assert not summary.failures
+        summary = run_all(planned, store, executor=pool)
+    assert not summary.failed
     return perf_counter() - start
 
 

@@ -64,7 +64,7 @@ def test_results_are_kept_line_by_line_and_a_torn_one_is_done_again(tmp_path, ca
 
     jobs = {"one": 1, "two": 2, "three": 3}
     first = run_kept(path, str, Here(), work, jobs)
-    assert first["three"] == {"error": "no"}
+    assert first["three"] == {"error": "ValueError: no"}
     path.write_text(path.read_text()[:-9])  # killed within the last line
     asked.clear()
     again = run_kept(path, str, Here(), work, jobs)
