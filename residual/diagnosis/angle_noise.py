@@ -32,7 +32,7 @@ from residual.evidence.fit import (
     physical,
     scaled_inverse,
 )
-from residual.evidence.priors import SCALES, Space, first_design
+from residual.evidence.priors import OF_NAMES, Space, first_design
 from residual.evidence.rules import RULES
 from residual.recording import Array, Recording
 from residual.robot.robot import Robot
@@ -334,7 +334,7 @@ def doubtful(examined: Examined) -> Prior:
     prior, wide = examined.task.prior, examined.wide
     if prior.scale >= wide.scale:
         return wide
-    rougher = min([s for s in SCALES if s > prior.scale], default=wide.scale)
+    rougher = min([s for s in OF_NAMES if s > prior.scale], default=wide.scale)
     space = Space(examined.task.design, examined.nominal)
     return space.at(min(rougher, wide.scale), prior.widths)
 

@@ -16,7 +16,7 @@ from residual.epochs.search import Change as FoundChange
 from residual.epochs.search import Found
 from residual.evidence.embodied import Beside, Embodied, embodied
 from residual.evidence.fit import Fit, as_model
-from residual.evidence.priors import FREE, SCALES
+from residual.evidence.priors import SCALES
 from residual.model.model import Model, Term, with_slots
 from residual.model.nominal import Logs, Nominal, begin, with_standstill
 from residual.quantity import plain
@@ -44,7 +44,7 @@ def fit_epoch(logs: Logs, nominal: Nominal, like: Model | None = None) -> Epoch:
     """
     start = begin(logs, nominal.model if like is None else like)
     nominal = replace(nominal, model=start)
-    joint = joint_fit(logs, nominal, (*SCALES[:-1], FREE))
+    joint = joint_fit(logs, nominal, SCALES)
     rough = as_model(nominal, joint.fitted)
     rough = embodied(joint.design, joint.fitted, rough).model
     if like is None:

@@ -21,10 +21,10 @@ from residual.robot.robot import Robot
 
 # From values that are exact, as those of a simulation: with 1 % as the finest step one
 # link that is a tenth off makes all the others look rough, and none can be blamed.
-# Beyond three times its size a parameter follows the noise of a short log rather than
-# the body: held-out errors of measured arms rise (docs/method.md).
-SCALES = (0.001, 0.003, 0.01, 0.03, 0.1, 0.3, 1.0, 3.0)
-FREE = 10.0  # as good as free, where two epochs hold each other
+SCALES = (0.001, 0.003, 0.01, 0.03, 0.1, 0.3, 1.0, 10.0)  # the last is as good as free
+# The same where names are sought: beyond three times its size a parameter follows the
+# noise of a short log rather than the body (docs/method.md).
+OF_NAMES = (*SCALES[:-1], 3.0)
 # How good values of one kind are, given or assumed: the logs of all joints tell.
 WIDTHS = (0.001, 0.003, 0.01, 0.03, GIVEN, 0.3, ASSUMED)
 TINY = 1e-9
@@ -77,11 +77,12 @@ class Space:
 
     design: Design  # columns
     nominal: Nominal  # the nominal model
+    ladder: tuple[float, ...] = OF_NAMES  # scales where the logs are to tell
 
     @property
     def scales(self) -> tuple[float, ...]:
         """Scales of the rigid part."""
-        return SCALES if self.nominal.scale is None else (self.nominal.scale,)
+        return self.ladder if self.nominal.scale is None else (self.nominal.scale,)
 
     @property
     def even(self) -> list[dict[str, float]]:
@@ -108,7 +109,7 @@ class Space:
 
 def priors(design: Design, nominal: Nominal) -> tuple[Prior, ...]:
     """The priors to compare first: each even width at each scale, the widest last."""
-    space = Space(design, nominal)
+    space = Space(design, nominal, SCALES)
     return tuple(space.at(s, widths) for widths in space.even for s in space.scales)
 
 
