@@ -5,9 +5,7 @@ import re
 
 import pytest
 
-from flows.project.deployments import deployments
 from flows.settings import is_loopback
-from residual.errors import InputError
 from tests.checkout import ROOT
 
 TEXT = (ROOT / "Containerfile").read_text(encoding="utf-8")
@@ -45,9 +43,3 @@ def test_it_runs_as_nobody_special_and_listens_on_loopback():
 def test_packages_come_pinned_with_their_hashes():
     (first, _) = (line for line in _values("RUN") if "pip install" in line)
     assert "--require-hashes -r requirements.lock" in first
-
-
-def test_who_has_a_wheel_is_told_that_schedules_want_a_checkout(monkeypatch, tmp_path):
-    monkeypatch.setattr("flows.project.deployments.ROOT", tmp_path)
-    with pytest.raises(InputError, match="pip install --editable"):
-        deployments(None)

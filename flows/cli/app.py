@@ -120,7 +120,7 @@ _SHORTER = {"models": "list"}  # below its word
 # What the word after an option is, where its type says no more than that it is one.
 _WORDS = {
     "FILE": "report json out map export csv plot gif attach file state spec save-model",
-    "FOLDER": "store move",
+    "FOLDER": "store move package-dir",
     "ROBOT": "robot",
     "LOG": "baseline holdout log",
     "RUN": "calibrate",
@@ -142,6 +142,9 @@ _WORDS = {
     "SHARE": "prior",
     "NUMBER": "seed port",
     "1,2,3": "levels joints",
+    "A,B,C": "chain",
+    "LINK": "tip",
+    "NAME:=VALUE": "xacro-arg",
 }
 _KINDS = {f"--{name}": kind for kind, names in _WORDS.items() for name in names.split()}
 

@@ -255,8 +255,12 @@ def _of_names(word: str, named: Sequence[Sequence[str]]) -> Robot:
 
 def _logged(log: str) -> tuple[str, ...]:
     """Names of the joints that a log has, of all topics of a bag; () for none."""
-    path, _ = split_spec(log)
-    return tuple(dict.fromkeys(n for names in topics(path).values() for n in names))
+    try:
+        path, _ = split_spec(log)
+        names = topics(path).values()
+    except InputError:  # it is said by who reads it, with what it should be
+        return ()
+    return tuple(dict.fromkeys(n for some in names for n in some))
 
 
 @contextmanager

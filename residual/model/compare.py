@@ -149,10 +149,10 @@ class Errors:
         """The same without what some joints (from 0) have."""
         keep = np.ones(len(self.miss["raw"]))
         keep[list(joints)] = 0.0
-        parts = (
+        miss, power = (
             {k: v * keep for k, v in part.items()} for part in (self.miss, self.power)
         )
-        return Errors(*parts)
+        return replace(self, miss=miss, power=power)
 
     def overall(self, kind: str) -> float:
         """Relative error over all joints, Frobenius norm [%].
