@@ -1,9 +1,9 @@
 """Files of the store: Parquet as it writes it, their sums, and commits that survive.
 
-The checksums of Parquet cover its pages and not what lies around them, and DuckDB
-looks at none of them. So every record has ``_sums.json`` beside its files: of each file
-the SHA-256, which ``verify`` takes again, and the CRC-32 of every 64 KB, which a reader
-of a part takes again for that part. It ends with its own SHA-256.
+Every record has ``_sums.json`` beside its files: of each file the SHA-256, which who
+reads it and ``verify`` take again. Of a part of a Parquet file the checksums of its
+pages are verified as they are read; its footer has none, so the sums have one of that.
+They end with their own SHA-256.
 """
 
 import errno
@@ -13,8 +13,7 @@ import os
 import shutil
 import time
 import uuid
-import zlib
-from collections.abc import Collection, Iterator, Mapping
+from collections.abc import Iterator, Mapping
 from contextlib import contextmanager, suppress
 from pathlib import Path
 
@@ -45,8 +44,7 @@ _PRIVATE_FILE = 0o600
 _READ_ONLY = (errno.EROFS, errno.EACCES, errno.EPERM)
 _WIDTHS = b"modelgap.widths"
 
-BLOCK = 1 << 16
-_CRC = 8  # hex digits
+_END = 8  # bytes: length of the footer, and the magic word
 
 
 def write_sums(folder: Path) -> None:
@@ -57,14 +55,18 @@ def write_sums(folder: Path) -> None:
 
 
 def sums_of(path: Path) -> dict:
-    """Return size, SHA-256 and CRC-32 of every block of a file, as JSON has them."""
-    total, blocks = hashlib.sha256(), []
-    with path.open("rb") as file:
-        while block := file.read(BLOCK):
-            total.update(block)
-            blocks.append(crc(block))
-        size = file.tell()
-    return {"bytes": size, "sha256": total.hexdigest(), "blocks": "".join(blocks)}
+    """Return size and SHA-256 of a file, and of a Parquet file those of its footer."""
+    data = path.read_bytes()
+    sums = {"bytes": len(data), "sha256": hashlib.sha256(data).hexdigest()}
+    if path.suffix == ".parquet" and len(data) > _END:
+        length = min(_END + int.from_bytes(data[-_END:-4], "little"), len(data))
+        sums["footer"] = [length, footer_hash(data[-length:])]
+    return sums
+
+
+def footer_hash(data: bytes) -> str:
+    """Return the SHA-256 of the footer of a Parquet file."""
+    return hashlib.sha256(data).hexdigest()
 
 
 def read_sums(folder: Path) -> Mapping[str, Mapping]:
@@ -76,38 +78,38 @@ def read_sums(folder: Path) -> Mapping[str, Mapping]:
         raise damaged(folder / SUMS, "it is missing") from error
 
 
-def check_file(path: Path, blocks: Collection[int] | None = None) -> None:
-    """Check a file, or some of its blocks, against the sums beside it.
-
-    Args:
-        blocks: Numbers of the blocks; None for all.
-    """
+def check_file(path: Path) -> None:
+    """Check a file against the sums beside it."""
     sums = read_sums(path.parent)
     ensure_local(path)
     if path.name not in sums:
         raise damaged(path, f"it is not in {SUMS}")
-    check_blocks(path, sums[path.name], blocks)
-
-
-def check_blocks(path: Path, known: Mapping, blocks: Collection[int] | None) -> None:
-    """Check blocks of a file against its sums (`sums_of`)."""
-    size, sums = known["bytes"], block_sums(known)
+    size, expected = sums[path.name]["bytes"], sums[path.name]["sha256"]
     try:
         with path.open("rb") as file:
             if os.fstat(file.fileno()).st_size != size:
                 raise damaged(path, f"it had {size} bytes when it was written")
-            for number in range(len(sums)) if blocks is None else blocks:
-                block = os.pread(file.fileno(), BLOCK, number * BLOCK)
-                if number < len(sums) and crc(block) != sums[number]:
-                    raise damaged(path, "its bytes are not those that were written")
+            if hashlib.file_digest(file, "sha256").hexdigest() != expected:
+                raise damaged(path, "its bytes are not those that were written")
     except OSError as error:
         raise damaged(path, error.strerror or str(error)) from error
 
 
-def block_sums(known: Mapping) -> list[str]:
-    """Return the CRC-32 of every block of a file from its sums (`sums_of`)."""
-    sums = known["blocks"]
-    return [sums[at : at + _CRC] for at in range(0, len(sums), _CRC)]
+def check_footer(path: Path) -> None:
+    """Check the footer of a Parquet file against the sums beside it."""
+    known = read_sums(path.parent).get(path.name, {})
+    if "footer" not in known:  # of an earlier version
+        return check_file(path)
+    length, expected = known["footer"]
+    with path.open("rb") as file:
+        if os.fstat(file.fileno()).st_size != known["bytes"]:
+            raise damaged(path, f"it had {known['bytes']} bytes when it was written")
+        if (
+            footer_hash(os.pread(file.fileno(), length, known["bytes"] - length))
+            != expected
+        ):
+            raise damaged(path, "its end is not what was written")
+    return None
 
 
 def file_faults(folder: Path) -> tuple[str, ...]:
@@ -120,14 +122,14 @@ def file_faults(folder: Path) -> tuple[str, ...]:
     told = [f"{name} is missing" for name in sorted(set(sums) - there)]
     told += [f"{name} is not in {SUMS}" for name in sorted(there - set(sums))]
     for name in sorted(there & set(sums)):
-        if not (folder / name).is_file() or sums_of(folder / name) != sums[name]:
+        if not (folder / name).is_file() or not _same(folder / name, sums[name]):
             told.append(f"{name}: its bytes are not those that were written")
     return tuple(told)
 
 
-def crc(block: bytes) -> str:
-    """Return the CRC-32 of a block as sums have it."""
-    return f"{zlib.crc32(block):08x}"
+def _same(path: Path, known: Mapping) -> bool:
+    now = sums_of(path)
+    return all(now[key] == known[key] for key in ("bytes", "sha256"))
 
 
 def write_parquet(path: Path, table: pa.Table) -> None:

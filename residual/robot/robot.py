@@ -33,6 +33,7 @@ from residual.robot.xacro import read_xacro
 
 # Effects, by the property of a joint that MJCF gives, with the parameter that it is.
 Properties = Mapping[str, tuple[str, str]]
+_MJCF = re.compile(r"(?>\s|<\?.*?\?>|<!--.*?-->|<!DOCTYPE[^>]*>)*+<mujoco\b", re.S)
 _ENDINGS = (".urdf", ".xacro", ".xml")  # of robot files, in the order of their choice
 
 
@@ -188,7 +189,8 @@ def _compiled(file: Traversable, options: Mapping[str, Sequence[str]]) -> Compil
     text, path = _read(file), Path(str(file))
     if path.suffix == ".xacro":
         text = read_xacro(path, options.get("arg", ()), options.get("package", ()))
-    elif re.search(r"<mujoco\b", text):
+    # A URDF may hold a <mujoco> of its own for MuJoCo: the root says what a file is.
+    elif _MJCF.match(text):
         return read_mjcf(path)
     return Compiled(text)
 

@@ -7,6 +7,7 @@ from flows.inputs.given import load
 from residual.errors import InputError, RobotError
 from residual.robot.dynamics import inverse_dynamics
 from residual.robot.robot import load_robot
+from tests.residual.arms import urdf_text
 
 mujoco = pytest.importorskip("mujoco", reason="the extra mjcf is not installed")
 
@@ -155,3 +156,22 @@ def test_a_xacro_is_expanded_with_its_arguments_and_packages(xacro, tmp_path):
 def test_a_xacro_that_does_not_expand_says_what_is_missing(xacro, args, message):
     with pytest.raises(InputError, match=message):
         load(xacro, xacro_args=args)
+
+
+@pytest.mark.parametrize(
+    "more",
+    [
+        '<mujoco><compiler discardvisual="true"/></mujoco>',
+        "<!-- converted for <mujoco> -->",
+    ],
+    ids=["a block of MuJoCo's own", "a comment"],
+)
+def test_a_urdf_that_speaks_of_mujoco_is_a_urdf(more, tmp_path):
+    folder = tmp_path / "arm.urdf"
+    plain = urdf_text()
+    folder.write_text(plain.replace("</robot>", f"{more}</robot>"), encoding="utf-8")
+    other = tmp_path / "other.urdf"
+    other.write_text(plain, encoding="utf-8")
+    ours, theirs = load_robot(folder), load_robot(other)
+    assert ours.declared == theirs.declared
+    np.testing.assert_array_equal(ours.velocity_limit, theirs.velocity_limit)

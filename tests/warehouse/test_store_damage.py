@@ -9,14 +9,12 @@ from residual.errors import InputError
 from tests.warehouse import store_samples as made
 from tests.warehouse.store_samples import flip
 from warehouse.files import (
-    BLOCK,
     SUMS,
     read_unsummed,
     write_parquet,
     write_sums,
 )
 from warehouse.layout import find_run
-from warehouse.query.store import Watched
 from warehouse.runs import quarantine
 from warehouse.verify import verify_all
 
@@ -84,20 +82,46 @@ def test_damage_elsewhere_does_not_stop_a_query_over_one_run(store):
         assert opened.sql(SUM, {"id": runs[1]}) == before
 
 
-def test_only_what_was_read_is_checked(tmp_path, monkeypatch):
-    id = made.commit(tmp_path, rows=200_000)
-    path = find_run(tmp_path, id).folder / "part-0.parquet"
-    assert path.stat().st_size > 20 * BLOCK
-    seen = []
-    real = Watched._check
-    monkeypatch.setattr(
-        Watched, "_check", lambda s, f, b: seen.append((f, len(b))) or real(s, f, b)
-    )
-    with warehouse.open(tmp_path) as opened:
-        opened.sql("SELECT sum(t) FROM samples")
-        ((file, blocks),) = seen
-        assert file == str(path)
-        assert 0 < blocks < 0.3 * path.stat().st_size / BLOCK
+def answered(opened, query):
+    """Return an answer, or why there is none."""
+    try:
+        return opened.sql(query)
+    except InputError as error:
+        return str(error)
+
+
+def test_no_flipped_bit_changes_an_answer_silently(store):
+    """Pages by their checksums, the footer, which has none, by the sums."""
+    folder, runs, _ = store
+    path = find_run(folder, runs[1]).folder / "part-0.parquet"
+    every = "FROM samples ORDER BY run_id, t"  # a sum hangs on its order
+    good, rng = path.read_bytes(), np.random.default_rng(5)
+    with warehouse.open(folder) as opened:
+        right = opened.sql(every)
+    footer = 8 + int.from_bytes(good[-8:-4], "little")
+    places = [*rng.integers(0, len(good), 60), *rng.integers(-footer, 0, 40)]
+    noticed = 0
+    for at in places:
+        flip(path, int(at) % len(good), int(rng.integers(8)))
+        with warehouse.open(folder) as opened:
+            told = answered(opened, every)
+        assert told == right or runs[1] in told, f"byte {at}"
+        noticed += told != right
+        path.write_bytes(good)
+    assert noticed > 0.8 * len(places)
+
+
+def test_a_file_that_a_query_names_is_checked_before_it_is_read(store):
+    folder, runs, _ = store
+    row = find_run(folder, runs[1]).row
+    asked = f"SELECT dof FROM read_parquet('{row}')"
+    with warehouse.open(folder) as opened:
+        assert opened.sql(asked).to_pylist() == [{"dof": 2}]
+        flip(row)
+        with pytest.raises(InputError, match=rf"{runs[1]}.* is damaged"):
+            opened.sql(asked)
+        with pytest.raises(InputError, match="is damaged"):
+            opened.sql(f"SELECT dof FROM read_parquet('{row.parent}/*.parquet')")
 
 
 def test_a_row_of_another_version_is_refused_in_one_sentence(store):

@@ -14,11 +14,11 @@ must be on a list.
 import json
 import os
 import threading
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from itertools import pairwise
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import duckdb
 import pyarrow as pa
@@ -72,6 +72,7 @@ class Reading(NamedTuple):
 
     text: str
     tables: frozenset[str]  # and views that it names, in small letters
+    files: tuple[str, ...]  # that it reads by name, with * and ?
 
 
 def check_reads_only(connection: duckdb.DuckDBPyConnection, query: str) -> Reading:
@@ -87,7 +88,7 @@ def check_reads_only(connection: duckdb.DuckDBPyConnection, query: str) -> Readi
         raise InputError(f"{_ONLY}, got {kind}{hint}. SQL reads the store, no more.")
     if kind == "EXPLAIN" and _one_statement(connection, select)[0] != "SELECT":
         raise InputError(f"{_ONLY}, got EXPLAIN of something else.")
-    return Reading(text, _tables(connection, select))
+    return Reading(text, *_tables(connection, select))
 
 
 def _one_statement(
@@ -121,9 +122,11 @@ def _explained(text: str) -> str:
     return data[starts[skip] :].decode() if skip < len(starts) else ""
 
 
-def _tables(connection: duckdb.DuckDBPyConnection, text: str) -> frozenset[str]:
-    """Return the tables and views of a SELECT in which nothing can write."""
-    named = set()
+def _tables(
+    connection: duckdb.DuckDBPyConnection, text: str
+) -> tuple[frozenset[str], tuple[str, ...]]:
+    """Return tables, views and files of a SELECT in which nothing can write."""
+    named, files = set(), []
     for node in _nodes(_tree(connection, text)):
         kind = str(node.get("type", ""))
         if kind == "BASE_TABLE":
@@ -138,7 +141,21 @@ def _tables(connection: duckdb.DuckDBPyConnection, text: str) -> frozenset[str]:
                     f"SQL reads the views of the store, not '{name}()'. "
                     "See modelgap sql --schema."
                 )
-    return frozenset(named)
+            if "parquet" in name:
+                files += _file_names(node["function"].get("arguments", ()))
+    return frozenset(named), tuple(files)
+
+
+def _file_names(arguments: Sequence[Mapping]) -> Iterator[str]:
+    """Give the files that a function reads: a text, or a list of texts."""
+    first = arguments[0]["expression"] if arguments else {}
+    nested = [each["expression"] for each in first.get("arguments", ())]
+    listed = nested if first.get("function_name") == "list_value" else [first]
+    for each in listed:
+        literal = each.get("literal", {})
+        if literal.get("kind") != "STRING":
+            raise InputError("SQL reads files of the store by names that are texts.")
+        yield literal["text"]
 
 
 def _tree(connection: duckdb.DuckDBPyConnection, text: str) -> list:
@@ -172,22 +189,18 @@ def first_line(error: Exception) -> str:
     return (line if len(line) <= _LINE else f"{line[: _LINE - 3]}...") + "."
 
 
-def reads_only(path: Path, samples: Any = None) -> duckdb.DuckDBPyConnection:
+def reads_only(path: Path | None) -> duckdb.DuckDBPyConnection:
     """Return a connection that reaches nothing but what may be read of a store.
 
     Args:
-        samples: File system with the samples of a store in a bucket; then nothing of
-            the folder is reached.
+        path: The store; None where no file may be read by its name.
 
     Returns:
         The connection; `lock` is still to be called.
     """
     connection = duckdb.connect(":memory:")
     connection.execute("CREATE SCHEMA catalogue")
-    places = [f"{path}/{folder}" for folder in READABLE]
-    if samples:
-        connection.register_filesystem(samples)
-        places = [f"{samples.protocol}://samples/"]
+    places = [f"{path}/{folder}" for folder in READABLE] if path else []
     allowed = ", ".join(map(text, places))
     for setting in (
         "autoinstall_known_extensions = false",
@@ -279,6 +292,6 @@ def explain(error: duckdb.Error) -> str:
     return text or first_line(error)
 
 
-def is_of_files(error: duckdb.Error) -> bool:
-    """Return whether an error may be about a file, though it need not name it."""
-    return type(error) in (duckdb.Error, duckdb.IOException)
+def is_of_samples(error: duckdb.Error) -> bool:
+    """Return whether an error is of the samples that were read, not of the query."""
+    return "registered as 'samples' failed" in str(error)

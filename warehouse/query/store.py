@@ -1,10 +1,6 @@
 """The store as a database: open it and ask in SQL."""
 
-import json
-import os
-from collections import defaultdict
 from collections.abc import Collection, Iterable, Mapping
-from concurrent.futures import ThreadPoolExecutor
 from contextlib import suppress
 from pathlib import Path
 
@@ -14,83 +10,24 @@ import pyarrow as pa
 from residual.errors import InputError
 from warehouse.bucket import is_address
 from warehouse.catalogue import read_catalogue
-from warehouse.files import BLOCK, check_file, read_parquet
-from warehouse.mirror import bucket_of, damaged, mirror_of, shown
+from warehouse.files import check_file
+from warehouse.mirror import bucket_of, mirror_of, shown
 from warehouse.query.guard import (
+    Reading,
     check_reads_only,
     collected,
     explain,
-    is_of_files,
+    is_of_samples,
     limited,
     lock,
     reads_only,
 )
-from warehouse.query.views import Held, catalogue_views, samples_view, signal_rows
+from warehouse.query.samples import Samples, unchecked
+from warehouse.query.views import catalogue_views, signal_rows
 from warehouse.runs import quarantined
-from warehouse.schema import COMPUTED, KINDS, SAMPLES_FILE, TEXT, VIEWS
-
-_READS = """
-    SELECT message FROM duckdb_logs
-    WHERE type = 'FileSystem' AND contains(message, '"op":"READ"')
-"""
-# One core hashes about as fast as two decode; more would take them from other work.
-_THREADS = 2
+from warehouse.schema import COMPUTED, DEFAULT_DOF, KINDS, TEXT, VIEWS
 
 _BATCH = 100_000  # samples that are fetched at once
-
-
-# Which parts of which files a query has read, and whether they were whole.
-#
-# DuckDB logs each read with its place. Only these parts are checked, after the query
-# and before anybody sees its answer: a query over one run of thousands checks that run,
-# one over a single channel checks that channel. What was whole is not checked again
-# while the file has the same size, time and inode.
-
-
-class Watched:
-    """The reads of one connection."""
-
-    def __init__(self, connection: duckdb.DuckDBPyConnection) -> None:
-        self._connection = connection
-        self._whole: dict[tuple, set[int]] = defaultdict(set)
-        # Before the settings are locked.
-        connection.execute("CALL enable_logging('FileSystem')")
-
-    def forget(self) -> None:
-        """Begin anew: what was read so far is of no answer."""
-        self._connection.execute("CALL truncate_duckdb_logs()")
-
-    def broken(self) -> dict[str, str]:
-        """Return what was read and is damaged: a message by the path of the file."""
-        rows = self._connection.execute(_READS).fetchall()
-        read: dict[str, set[int]] = defaultdict(set)
-        for (message,) in rows:
-            told = json.loads(message)
-            first, size = int(told["pos"]), int(told["bytes"])
-            read[told["path"]].update(
-                range(first // BLOCK, (first + size - 1) // BLOCK + 1)
-            )
-        with ThreadPoolExecutor(_THREADS) as beside:
-            checked = beside.map(self._check, read, read.values())
-            told = zip(read, checked, strict=True)
-            return {file: why for file, why in told if why}
-
-    def _check(self, file: str, blocks: set[int]) -> str | None:
-        """Return why a file is damaged; None where what was read of it is whole."""
-        try:
-            about = os.stat(file)
-        except OSError as error:
-            return str(damaged(Path(file), error.strerror))
-        key = (file, about.st_ino, about.st_size, about.st_mtime_ns)
-        new = blocks - self._whole[key]
-        if not new:
-            return None
-        try:
-            check_file(Path(file), new)
-        except InputError as error:
-            return str(error)
-        self._whole[key] |= new
-        return None
 
 
 def _feeding(view: str) -> tuple[str, ...]:
@@ -145,15 +82,9 @@ class Store:
 
     def __init__(self, path: Path) -> None:
         self.path = path
-        # Where the samples are if they are in a bucket: it checks them itself.
-        self._remote = None
-        if bucket_of(path) is not None:
-            # Late: its library is a slow import, and of no use to a store in a folder.
-            from warehouse.query.bucket_samples import BucketSamples
-
-            self._remote = BucketSamples(path)
-        self._connection = reads_only(path, self._remote)
-        self._watched = self._remote or Watched(self._connection)
+        # Of one in a bucket the folder holds copies only.
+        self._connection = reads_only(None if bucket_of(path) else path)
+        self._samples = Samples(path)
         lock(self._connection)
         self._left_out: dict[str, str] = {}
         self._quarantined = quarantined(path)
@@ -193,17 +124,18 @@ class Store:
         """
         reading = check_reads_only(self._connection, query)
         self.refresh()
-        if self._remote and not self._shown:
-            self._make_samples("samples" in reading.tables)
+        if "samples" in reading.tables:
+            self._drop(self._samples.footers())
         if not without_damaged:
             self._need_whole(reading.tables)
+        for path in unchecked(reading.files, self.path):
+            check_file(path)
         with limited(self._connection, timeout):
             while True:
-                answer = self._tried(reading.text, values)
+                answer = self._tried(reading, values)
                 if answer is not None:
                     return answer
-                self._make_samples()
-                if self._left_out and not without_damaged:
+                if not without_damaged:
                     raise InputError(needs_damaged(self._left_out.values()))
 
     def refresh(self) -> None:
@@ -227,19 +159,17 @@ class Store:
     def __exit__(self, *_: object) -> None:
         self.close()
 
-    def _tried(self, query: str, values: Mapping | None) -> pa.Table | None:
+    def _tried(self, reading: Reading, values: Mapping | None) -> pa.Table | None:
         """Return an answer; None where something it needs was damaged, now left out."""
-        self._watched.forget()
         try:
-            answer = self._read(query, values)
+            return self._read(reading.text, values)
         except duckdb.InterruptException:
             raise
         except duckdb.Error as error:
             # Ask again without the files that cannot be read, if that was it.
-            if self._drop(self._watched.broken()) or self._leave_out(error):
+            if is_of_samples(error) and self._drop(self._samples.broken()):
                 return None
             raise InputError(explain(error)) from error
-        return None if self._drop(self._watched.broken()) else answer
 
     def _read(self, query: str, values: Mapping | None) -> pa.Table:
         # The second lock: what slips past the guard cannot write tables either.
@@ -260,9 +190,12 @@ class Store:
             raise InputError(needs_damaged(told))
 
     def _drop(self, broken: Mapping[str, str]) -> bool:
-        """Read no more of some files; whether there are any."""
+        """Read no more of the samples of some runs; whether any of them is new."""
+        new = broken.keys() - self._left_out.keys()
         self._left_out |= broken
-        return bool(broken)
+        if new:
+            self._make_samples()
+        return bool(new)
 
     def _table(self, name: str, rows: pa.Table) -> None:
         self._connection.register("_rows", rows)
@@ -278,54 +211,13 @@ class Store:
     def _load_catalogue(self) -> None:
         for kind, rows in self._catalogue.rows.items():
             self._table(kind, rows)
-        # Every file of a bucket is asked for, so only where a query is about samples.
-        self._make_samples(self._remote is None)
+        self._make_samples()
 
-    def _make_samples(self, full: bool = True) -> None:
-        self._shown = full
-        while True:
-            view = samples_view(self._groups() if full else {})
-            query = f"CREATE OR REPLACE VIEW samples AS {view}"
-            try:
-                self._connection.execute(query)
-                return
-            except duckdb.Error as error:
-                if not self._leave_out(error):
-                    raise InputError(explain(error)) from error
-
-    def _groups(self) -> dict[Held, list[str]]:
-        """Return the files with samples by the signals and joints that they hold."""
-        groups: dict = {}
-        rows = self._catalogue.rows["runs"].select(["run_id", "signals", "dof"])
-        for row in rows.to_pylist():
-            folder = self._catalogue.folders["runs"][row["run_id"]]
-            file = self._file(folder)
-            if file not in self._left_out:
-                held = Held(tuple(row["signals"]), row["dof"])
-                groups.setdefault(held, []).append(file)
-        return groups
-
-    def _file(self, folder: str) -> str:
-        """Return what SQL calls the samples of a run."""
-        if self._remote:
-            folder = f"{self._remote.protocol}://{Path(folder).relative_to(self.path)}"
-        return f"{folder}/{SAMPLES_FILE}"
-
-    def _leave_out(self, error: duckdb.Error) -> bool:
-        """Leave out the damaged files that an error is about; whether there are any."""
-        if self._remote:
-            broken = self._watched.broken()
-            self._watched.forget()
-            return self._drop(broken)
-        folders = self._catalogue.folders["runs"].values()
-        files = {self._file(folder) for folder in folders} - set(self._left_out)
-        named = {file for file in files if file in str(error)}
-        before = len(self._left_out)
-        # A page that makes no sense is told without the name of its file.
-        for file in sorted(named or (files if is_of_files(error) else ())):
-            # Read, not believed: a query may have an error and a path in its text.
-            try:
-                read_parquet(Path(file))
-            except InputError as told:
-                self._left_out[file] = str(told)
-        return len(self._left_out) > before
+    def _make_samples(self) -> None:
+        found = self._catalogue.folders["runs"]
+        known = self._catalogue.rows["runs"].select(["run_id", "dof"]).to_pylist()
+        folders = {r["run_id"]: found[r["run_id"]] for r in known}
+        folders = {id: f for id, f in folders.items() if id not in self._left_out}
+        most = max((row["dof"] for row in known), default=DEFAULT_DOF)
+        whole = self._samples.dataset(folders, max(most, DEFAULT_DOF))
+        self._connection.register("samples", whole)

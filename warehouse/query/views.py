@@ -8,9 +8,8 @@ file.
 
 import os
 import tempfile
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Mapping
 from pathlib import Path
-from typing import NamedTuple
 
 import duckdb
 import pyarrow as pa
@@ -30,12 +29,8 @@ from warehouse.schema import (
     Kind,
     all_views,
     arrow_schema,
-    channel_names,
     sample_columns,
 )
-
-# Arrow names of types, as DuckDB has them.
-_TYPES = {"string": "VARCHAR", "double": "DOUBLE", "int32": "INTEGER"}
 
 # Metrics are named after what they are of; a calibration's after their scheme.
 _UNIT = """
@@ -125,53 +120,9 @@ def _arms() -> str:
     """
 
 
-class Held(NamedTuple):
-    """What files of samples hold: which signals, of how many joints."""
-
-    signals: tuple[str, ...]
-    dof: int
-
-
-def samples_view(groups: Mapping[Held, Sequence[str]]) -> str:
-    """Return the query behind ``samples``.
-
-    Runs with the same channels are read together: then one footer says what all of
-    them hold, and nobody has to open thousands before the first query.
-    """
-    most = max((held.dof for held in groups), default=DEFAULT_DOF)
-    columns = sample_columns(max(most, DEFAULT_DOF))
-    parts = [_part(columns, *held, files) for held, files in groups.items()]
-    return " UNION ALL ".join(parts) or _nothing(columns)
-
-
-def _part(
-    columns: Sequence[Column],
-    signals: Sequence[str],
-    dof: int,
-    files: Iterable[str],
-) -> str:
-    held = {"robot", "run_id"}
-    held.update(name for signal in signals for name in channel_names(signal, dof))
-    wanted = [
-        c.name if c.name in held else f"CAST(NULL AS DOUBLE) AS {c.name}"
-        for c in columns
-    ]
-    listed = ", ".join(text(file) for file in files)
-    how = "hive_partitioning = true, hive_types = {robot: VARCHAR, run_id: VARCHAR}"
-    return f"SELECT {', '.join(wanted)} FROM read_parquet([{listed}], {how})"
-
-
 def text(value: str) -> str:
     """Return a text as SQL writes it."""
     return "'" + value.replace("'", "''") + "'"
-
-
-def _nothing(columns: Sequence[Column]) -> str:
-    typed = (
-        f"CAST(NULL AS {_TYPES[str(f.type)]}) AS {f.name}"
-        for f in arrow_schema(tuple(columns))
-    )
-    return f"SELECT {', '.join(typed)} WHERE false"
 
 
 def _listed(columns: Iterable[Column]) -> str:

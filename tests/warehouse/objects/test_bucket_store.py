@@ -169,7 +169,7 @@ def test_a_flipped_bit_in_the_bucket_is_no_result(store, memory, tmp_path):
         read_run(other, run)
     with warehouse.open(other) as opened:
         with pytest.raises(InputError, match="damaged in the bucket"):
-            opened.sql("SELECT sum(q1) + sum(tau1) + sum(q2) FROM samples")
+            opened.sql("SELECT sum(COLUMNS('[a-z]+[0-9]')), sum(t) FROM samples")
         kept = opened.sql("SELECT DISTINCT run_id FROM samples", without_damaged=True)
         assert kept.column(0).to_pylist() == [whole]
     assert [(kind, id) for kind, id, _ in faults(other)] == [("runs", run)]
