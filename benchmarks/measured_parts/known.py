@@ -243,7 +243,8 @@ def figures(rows: Sequence[Mapping]) -> Figures:
             others += not all(right)
             suspected += any(_is(x, row["truth"]) for x in row["suspected"])
         size = f"{100 * target:g}"
-        out[f"added_{size}_first"] = figure(first / n, bar, n, at_least=True)
+        ok = first / n >= bar
+        out[f"added_{size}_first"] = figure(first / n, bar, n, ok=ok, at_least=True)
         out[f"added_{size}_suspected"] = figure(suspected / n, None, n, why=FOR_INFO)
         out[f"added_{size}_another"] = figure(others / n, ANOTHER, n)
     return out
