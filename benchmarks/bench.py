@@ -28,6 +28,7 @@ from benchmarks.harness.origin import RESULTS, ROOT, is_current
 # What users ask first comes first: a run that is cut off has that.
 PLAN: Mapping[str, tuple[str, ...]] = {
     "measured": ("benchmarks/measured.py",),
+    "added": ("benchmarks/measured.py", "--added"),
     "diagnosis": ("benchmarks/diagnosis.py",),
     "attribution": ("benchmarks/attribution.py",),
     "changes": ("benchmarks/changes.py",),

@@ -4,11 +4,12 @@
     python benchmarks/diagnosis.py --seeds 1:2 --groups singles      to look at
     python benchmarks/diagnosis.py --full-json benchmarks/results/diagnosis.json
 
-Seeds 128101:128104 decide and are used for nothing else; 1 to 99 are for development.
+Seeds 148301:148304 decide and are used for nothing else; 1 to 99 are for development.
 Sizes are in minimum detectable ones, as the diagnosis says them of an arm with nothing
-hidden in the same motions. Finished cases are kept in store/benchmarks, by a hash of
-the code: an interrupted run goes on where it was. What is taken for what is printed,
-and with a results file stands beside it, as FILE_confusion.parquet. The last line is
+hidden in the same motions; those of constants, couplings and loads are physical.
+Finished cases are kept in store/benchmarks, by a hash of the code: an interrupted run
+goes on where it was. What is taken for what is printed, and with a results file stands
+beside it, as FILE_confusion.parquet. The last line is
 one JSON object; exit code 1 for a missed bar.
 """
 
@@ -49,8 +50,12 @@ from benchmarks.synthetic.logs import standard_case
 from flows.workers.processes import Processes
 from residual.robot.robot import load_robot
 
-_SEEDS = "128101:128104"
-_CASES = ("singles", "nulls", "unknown", "pairs", "forms", "detection", "known")
+_SEEDS = "148301:148304"
+_STRANGERS = ("constants", "couplings", "loads")
+_CASES = (
+    *("singles", "nulls", "unknown", "pairs", "forms", "detection", "known"),
+    *_STRANGERS,
+)
 _GROUPS = (*_CASES, "cost", "measured")
 _CONFUSED = ("singles", "nulls", "unknown")  # one thing is hidden, or nothing
 _COSTS = {"seconds": 10.0, "peak_gb": 1.0}

@@ -2,7 +2,7 @@
 
     python benchmarks/measured.py                      a minute or two; to be run at
                                                        every change of the method
-    python benchmarks/measured.py --added              effects added, 15 minutes
+    python benchmarks/measured.py --added              effects added, half an hour
     python benchmarks/measured.py --against OLD.json   before and after in one table
     python benchmarks/measured.py --full-json benchmarks/results/measured.json
 
@@ -35,6 +35,7 @@ REACHED = {
 }
 SPARE = 1.05
 WORSE = 1.10  # times plain least squares on one joint: beyond what a log decides
+REPEATED, CONSTANT = 0.7, "offset"
 LOADED_JOINTS, DAYS_NAMED, HALVED = (2, 3), 4, 0.7
 FRICTION = "load_friction"
 LOAD = (2.7, 3.1)  # kg; 2.805 were weighed, the drives' gains may carry the rest
@@ -55,7 +56,7 @@ def main() -> int:
     args = parser.parse_args()
     one_blas_thread()
     if args.added:
-        return _added(args.full_json)
+        return _added(args.full_json, args.quick)
     rows = _rows(arms.measure, QUICK if args.quick else tuple(arms.SPLITS))
     before = _read(args.against)
     for row in rows:
@@ -68,13 +69,15 @@ def main() -> int:
     return finish(figures)
 
 
-def _added(results: Path | None) -> int:
+def _added(results: Path | None, quick: bool) -> int:
     """Diagnose logs with a known effect added, and those without beside them."""
-    names = [*known.SPLITS, *(case.name for case in known.cases(known.DECIDING))]
+    splits = known.SPLITS[:1] if quick else known.SPLITS
+    cases = [c for c in known.cases(known.DECIDING) if c.split in splits]
+    names = [*splits, *(case.name for case in cases)]
     rows = _rows(known.measure, names)
     figures = known.figures(rows)
     if results:
-        facts = circumstances(results.stem, quick=False, whole=True)
+        facts = circumstances(results.stem, quick=quick, whole=not quick)
         save(results, {**facts, "figures": figures, "added": rows})
     return finish(figures)
 
@@ -117,7 +120,50 @@ def figures_of(rows: Sequence[Mapping]) -> Figures:
             worst = arms.over(by_name[name]["filtered"]["augmented"], reached).max()
             key = f"measured_{name.split(' ')[0]}_over_reached"
             out[key] = figure(round(float(worst), 4), SPARE, len(reached))
-    return out | _friction(by_name) | _load(by_name)
+    return out | _repeats(rows) | _friction(by_name) | _load(by_name)
+
+
+def _repeats(rows: Sequence[Mapping]) -> Figures:
+    """Names of one split of an arm's logs that another split of them has too.
+
+    A name is an effect on one joint; it comes back as itself, or where one of the two
+    is said to be like the other. Every two splits of one arm and torque count, both
+    ways; also without constants.
+    """
+    alike = [(a, b) for a in rows for b in rows if a is not b and _same_arm(a, b)]
+    names = [(one, b) for a, b in alike for one in _places(a)]
+    some = [(one, b) for one, b in names if one[0] != CONSTANT]
+    out = {}
+    for key, own in (("names_repeat", names), ("names_repeat_no_constants", some)):
+        hits = [any(_is_twin(one, other) for other in _places(b)) for one, b in own]
+        value = float(np.mean(hits)) if hits else None
+        ok = None if value is None else value >= REPEATED
+        bar = REPEATED if key == "names_repeat" else None
+        out[key] = figure(value, bar, len(hits), ok=ok if bar else None, at_least=True)
+    return out
+
+
+def _same_arm(a: Mapping, b: Mapping) -> bool:
+    heads = [row["split"].split(" | ")[0].split() for row in (a, b)]
+    first = [
+        head[:2] if head[1] in ("run", "motor", "run_nm") else head[:1]
+        for head in heads
+    ]
+    return first[0] == first[1] and arms.LOADED not in (a["split"], b["split"])
+
+
+def _places(row: Mapping) -> list[tuple[str, int, tuple[str, ...]]]:
+    """Effect, joint (0 for the whole arm) and what it is like there."""
+    return [
+        (name, j, tuple(a for a, on in alike if j in (*on, 0)))
+        for (name, joints), alike in zip(row["named"], row["alike"], strict=True)
+        for j in joints or (0,)
+    ]
+
+
+def _is_twin(one: Sequence, other: Sequence) -> bool:
+    same = {one[0], *one[2]} & {other[0], *other[2]}
+    return one[1] == other[1] and bool({one[0], other[0]} & same)
 
 
 def _where(joints: Mapping[str, Sequence[int]], n: int) -> dict:

@@ -59,6 +59,21 @@ def _is_usual(row: Mapping) -> bool:
     return row["multiple"] is None
 
 
+def _other_right(row: Mapping) -> bool:
+    """Whether the effect beside the constants is named, by its name or its class."""
+    return row["found"] == 1
+
+
+def _on_every_joint(row: Mapping) -> bool:
+    return row["constants_named"] == row["constants"]
+
+
+def _with_constants(row: Mapping) -> bool:
+    """Whether both are right: the effect, and the constant of all joints but one."""
+    enough = row["constants_named"] >= row["constants"] - 1
+    return _other_right(row) and enough and len(row["others"]) <= 1
+
+
 def _per_form(rows: Rows) -> dict:
     each = counts(rows, is_right, "what")
     return {"per_form": {form: round(hits / n, 3) for form, (hits, n) in each.items()}}
@@ -101,6 +116,25 @@ _TABLES: Mapping[str, tuple[Line, ...]] = {
         Line("pairs_with_a_small_one", lambda r: not both_clear(r), count=True),
     ),
     "forms": (Line("forms_right", is_right, 0.90, beside=_per_form),),
+    "constants": (
+        Line("constants_both_right", _with_constants, 0.90, beside=per(is_right)),
+        Line("constants_other_right", _other_right),
+        Line("constants_on_every_joint", _on_every_joint),
+    ),
+    "couplings": (
+        Line("couplings_named", is_right, 0.90, lambda r: bool(r["what"])),
+        Line("couplings_none_named", _named, 0.0, lambda r: not r["what"], most=True),
+    ),
+    "loads": (
+        Line("loads_right_alone", lambda r: r["right"] and r["alone"], 0.90),
+        Line(
+            "loads_confirmed_beyond_twice_the_refit",
+            lambda r: r["worst_over_refit"] > 2,
+            0.0,
+            lambda r: r["confirmed"],
+            most=True,
+        ),
+    ),
 }
 
 

@@ -30,7 +30,8 @@ _METHOD = tuple(
 # Whose figures are of less than the whole core, or of other rooms than that.
 _ROOMS = {
     **dict.fromkeys(
-        ("diagnosis", "measured", "attribution", "changes", "check", "peers"), _METHOD
+        ("diagnosis", "measured", "added", "attribution", "changes", "check", "peers"),
+        _METHOD,
     ),
     "identification": (*_METHOD, "residual/identification"),
     "plant": ("sim",),

@@ -112,7 +112,7 @@ def members(verdict: Verdict) -> list[Said]:
             out.append(Said(Name.of(found), tuple(alike), found))
             continue
         for place, joint in enumerate(found.joints):
-            near = tuple(Name(a.effect, (joint,)) for a in alike)
+            near = tuple(Name(a.effect, (joint,)) for a in alike if joint in a.joints)
             out.append(Said(Name(found.name, (joint,)), near, found, place))
     return out
 

@@ -18,7 +18,7 @@ from residual.quantity import along
 from residual.recording import Array
 from residual.robot.robot import Robot
 
-SIZED = 2.0  # deviations
+SIZED = 1.5  # deviations
 EXPLAINED = "torque that it explains [N m]"
 
 
@@ -49,7 +49,7 @@ class Named:
     # Per key: values and standard deviations of the members, unit, and whether the
     # motion determines them.
     parameters: dict[str, tuple[Array, Array, str, bool]]
-    # (name, joints from 1) of what cannot be told from it.
+    # (name, joints from 1) of what cannot be told from it there.
     equivalent: tuple[tuple[str, tuple[int, ...]], ...]
     sureness: tuple[Sureness, ...]  # how sure each member is
     # What the motion determines where it does not determine all of these: value,
@@ -71,7 +71,7 @@ class Named:
 
     @property
     def sized(self) -> Array:
-        """Whether a size of each member is two deviations from nothing. (members,)."""
+        """Whether a size of each member is clear of nothing. Shape (members,)."""
         sums = [abs(value) >= SIZED * std for value, std, _ in self.combined.values()]
         clear = [
             np.abs(values) >= SIZED * sds
@@ -94,8 +94,11 @@ class Named:
                 key: (values[keep], sds[keep], unit, clear)
                 for key, (values, sds, unit, clear) in self.parameters.items()
             },
-            # With several members an equivalent is so on each of their joints.
-            equivalent=tuple((name, joints) for name, _ in self.equivalent),
+            equivalent=tuple(
+                (name, left)
+                for name, on in self.equivalent
+                if (left := tuple(j for j in on if j in joints)) or not on
+            ),
             sureness=tuple(self.sureness[i] for i in keep),
             torque=self.torque[keep],
         )
@@ -215,21 +218,21 @@ def _merged(tested: Sequence[Tested], robot: Robot) -> list[list[Tested]]:
 
 
 def _equivalents(members, near) -> tuple:
-    """Alternatives that hold for every member, its own name excluded."""
-    name = members[0].group.effect.name
-    per_member = [
-        {
-            g.effect.name if len(members) > 1 else (g.effect.name, public_joints(g)): g
-            for g in groups
-            if g.effect.name != name or len(members) == 1
-        }
-        for groups in near
-    ]
-    shared = [k for k in per_member[0] if all(k in other for other in per_member)]
+    """What could stand in the place of a finding; of several members, on which joints.
+
+    A constant may as well be a spring on one joint and a gas spring on the next.
+    """
     if len(members) == 1:
-        return tuple(shared)
-    joints = tuple(j for t in members for j in public_joints(t.group))
-    return tuple((k, joints) for k in shared)
+        return tuple((g.effect.name, public_joints(g)) for g in near[0])
+    name, on = members[0].group.effect.name, {}
+    for member, groups in zip(members, near, strict=True):
+        mine = member.group.joints
+        for g in dict.fromkeys(g for g in groups if g.effect.name != name):
+            place = None if g.joints == mine else public_joints(g)
+            own = on.setdefault((g.effect.name, place), list(place or ()))
+            own += public_joints(member.group) if place is None else ()
+    ranked = sorted(on.items(), key=lambda item: -len(item[1]))
+    return tuple((other, tuple(sorted({*joints}))) for (other, _), joints in ranked)
 
 
 def _parameters(examined: Examined, members, sizes, sure) -> dict:

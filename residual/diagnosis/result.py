@@ -264,7 +264,8 @@ class Finding:
         probability: That it is right, by what came of names like it on arms whose
             truth is known, and that it is of its class (itself and its equivalents).
         order: Place in the list, from 1.
-        equivalent: What these logs cannot tell from it.
+        equivalent: What these logs cannot tell from it; of several joints each with
+            those on which they cannot.
         parameters: By key.
         evidence: Why it is believed.
         combinations: What the motion determines in place of parameters that it does

@@ -15,6 +15,7 @@ from residual.diagnosis.confidence import SURE, confidence
 from residual.diagnosis.examine import (
     Examined,
     Progress,
+    predictive,
     refit,
     search_again,
     with_constants,
@@ -167,10 +168,13 @@ def stand(
     tested = [t for t, _ in now.judged.kept]
     again = found_again(now.examined.task, now.judged.fit, tested)
     splits = dict(zip(tested, again, strict=True))
-    return _parted(replace(now, splits=splits, withdrawn=tuple(gone)), recordings)
+    now = replace(now, splits=splits, withdrawn=tuple(gone))
+    return _parted(now, proof, recordings)
 
 
-def _parted(now: Standing, recordings: Sequence[Recording]) -> Standing:
+def _parted(
+    now: Standing, proof: Sequence[HeldOutLog], recordings: Sequence[Recording]
+) -> Standing:
     """What is sure, and apart from it what is only suspected: that is in no model."""
     sure = _confidences(now)
     every = [_weighed(f, sure) for f in now.named]
@@ -180,17 +184,24 @@ def _parted(now: Standing, recordings: Sequence[Recording]) -> Standing:
         for t, s in zip(f.tested, f.sureness, strict=True)
         if s.probability < SURE
     }
-    if not weak:
-        examined = without_refuted(now.examined, now.judged.fit)
-        return replace(now, examined=examined, named=tuple(every))
     some = [part for f in every if (part := f.only(weak))]
-    judged = without(now.examined, now.judged, list(weak))
+    judged = without(now.examined, now.judged, list(weak)) if weak else now.judged
+    first = replace(without_refuted(now.examined, judged.fit), fit=judged.fit)
+    examined = predictive(first)
+    if examined is not first:
+        tested = tuple(t for t, _ in judged.kept)
+        again = judge_held_out(replace(examined, tested=tested), proof)
+        # A scale that a name does not stand at is none to take.
+        stand_all = len(again.kept) == len(tested)
+        judged, examined = (again, examined) if stand_all else (judged, first)
+    if examined is first and not weak:
+        return replace(now, examined=first, named=tuple(every))
     left = [t for t, _ in judged.kept]
-    checks = checked(now.examined, judged.fit, recordings) if left else None
-    named = findings(now.examined, judged.fit, left, checks)
+    checks = checked(examined, judged.fit, recordings) if left else None
+    named = findings(examined, judged.fit, left, checks)
     return replace(
         now,
-        examined=without_refuted(now.examined, judged.fit),
+        examined=examined,
         judged=judged,
         checks=checks,
         named=tuple(_weighed(f, sure) for f in named),
@@ -213,11 +224,10 @@ def _confidences(now: Standing) -> dict[Tested, float]:
     return alone
 
 
-def _weighed(found: Named, sure: dict[Tested, float]) -> Named:
+def _weighed(found: Named, sure: Mapping[Tested, float]) -> Named:
     """A finding with the probability of each member: right, and not another name."""
-    sized = found.sized
     sureness = []
-    for t, s, clear in zip(found.tested, found.sureness, sized, strict=True):
+    for t, s, clear in zip(found.tested, found.sureness, found.sized, strict=True):
         # Of a constant evidence is no measure, and what could stand in its place is
         # said beside it.
         right = sure[t] * (1.0 if _is_constant(t) else s.probability)

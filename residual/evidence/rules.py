@@ -45,6 +45,8 @@ class Rules:
     rival: float = 0.5
     faint: float = 0.3
     alike_scales: float = 6.0  # nats within which two scales cannot be told apart
+    # Share of the left-out error by which a scale must predict better to be taken.
+    predicts: float = 0.02
     least_wide: float = 0.1  # scale that deviations are told under at least
     per_name: float = 2.0  # nats a name costs when scales are compared
     # the same of a link: where bodies are rough, some link always stands out

@@ -1,0 +1,193 @@
+"""A peer that names effects: greedy forward selection by left-out blocks.
+
+All inertial parameters, rotor, viscous and Coulomb friction and a constant of every
+joint are least squares with a small ridge. Then named columns enter one after another,
+as long as the best of them lowers the error of left-out blocks on its joint by a share
+``GAIN`` and does so in most blocks. It knows no prior, no noise and no class.
+"""
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from itertools import pairwise
+
+import numpy as np
+
+from residual.recording import Recording
+from residual.robot.dynamics import regressor
+from residual.robot.robot import Robot
+from residual.signals.track import Filters, prepare
+
+Array = np.ndarray
+Name = tuple[str, int]  # effect and joint from 1
+
+GAIN, MOST, BLOCKS = 0.03, 14, 6  # of the error; names; of each log
+MOST_BLOCKS = 0.6
+RIDGE = 2e-5
+STANDSTILL = 0.02  # rad/s
+ORDERS = (3, 4, 6, 8, 10, 12, 16, 20, 24, 30, 36, 40, 48, 50, 60)
+STRIBECK = (0.02, 0.05, 0.15, 0.4)  # rad/s
+
+
+def names(robot: Robot, logs: Sequence[Recording]) -> list[Name]:
+    """Return the names in the order in which they enter."""
+    selection = _Selection.of(robot, logs)
+    chosen: list[int] = []
+    error = selection.left_out(chosen)
+    while len(chosen) < MOST:
+        best = None
+        for k, (_, joint) in enumerate(selection.names):
+            if k in chosen:
+                continue
+            now = selection.left_out([*chosen, k])
+            here, before = now[:, joint - 1], error[:, joint - 1]
+            share = 1 - np.sqrt(here.sum() / before.sum())
+            fall = error.sum() - now.sum()
+            lowers = share > GAIN and (here < before).mean() > MOST_BLOCKS
+            if lowers and fall > (best[0] if best else 0.0):
+                best = fall, k, now
+        if best is None:
+            break
+        _, k, error = best
+        chosen.append(k)
+    return [selection.names[k] for k in chosen]
+
+
+@dataclass(frozen=True, eq=False, slots=True)
+class _Selection:
+    """Normal equations of every block: base columns, then those of each name."""
+
+    names: tuple[Name, ...]
+    slots: tuple[Array, ...]  # columns of each name
+    base: int  # number of the columns that are always there
+    gram: Array  # (blocks, joints, p, p)
+    cross: Array  # (blocks, joints, p)
+    power: Array  # (blocks, joints)
+    rows: int
+    scale: Array  # (p,)
+
+    @classmethod
+    def of(cls, robot: Robot, logs: Sequence[Recording]) -> "_Selection":
+        tracks, _ = prepare(list(logs), Filters())
+        base = [_base(robot, track) for track in tracks]
+        load = _load(robot, tracks, base)
+        moving = [abs(t.qd[:: t.step]) > STANDSTILL for t in tracks]
+        blocks, named = [], {}
+        for track, x, torque, moves in zip(tracks, base, load, moving, strict=True):
+            named = dict(_named(track, torque))
+            inner = track.inner
+            every = {key: track.filter(columns) for key, columns in named.items()}
+            tau = track.tau
+            for part in np.array_split(np.flatnonzero(inner), BLOCKS):
+                blocks.append((x[part], every, part, tau[part], moves[part]))
+        keys = tuple(named)
+        width = [named[key].shape[1] for key in keys]
+        first = base[0].shape[2]
+        ends = first + np.cumsum([0, *width])
+        slots = tuple(np.arange(a, b) for a, b in pairwise(ends))
+        dof, p = robot.dof, int(ends[-1])
+        gram = np.zeros((len(blocks), dof, p, p))
+        cross, power = np.zeros((len(blocks), dof, p)), np.zeros((len(blocks), dof))
+        noise = _noise(base, tracks, moving)
+        for b, (x, every, part, tau, moves) in enumerate(blocks):
+            for j in range(dof):
+                weight = moves[:, j] / noise[j]
+                own = np.zeros((len(part), p))
+                own[:, :first] = x[:, j]
+                for key, place in zip(keys, slots, strict=True):
+                    if key[1] == j + 1:
+                        own[:, place] = every[key][part]
+                own *= weight[:, None]
+                y = tau[:, j] * weight
+                gram[b, j], cross[b, j] = own.T @ own, own.T @ y
+                power[b, j] = y @ y
+        rows = sum(len(part) for _, _, part, _, _ in blocks) * dof
+        size = np.einsum("bjpp->p", gram) / rows
+        scale = 1 / np.sqrt(np.maximum(size, 1e-12))
+        return cls(keys, slots, first, gram, cross, power, rows, scale)
+
+    def left_out(self, chosen: Sequence[int]) -> Array:
+        """Squared error of each block, fitted to the others. Shape (blocks, joints)."""
+        own = np.concatenate([np.arange(self.base), *(self.slots[k] for k in chosen)])
+        gram = self.gram[:, :, own[:, None], own]
+        cross = self.cross[:, :, own]
+        whole, right = gram.sum(axis=(0, 1)), cross.sum(axis=(0, 1))
+        size = self.scale[own]
+        ridge = RIDGE * self.rows * np.eye(len(own))
+        left = (whole - gram.sum(axis=1)) * size[:, None] * size + ridge
+        theta = (
+            size
+            * np.linalg.solve(left, (size * (right - cross.sum(axis=1)))[..., None])[
+                ..., 0
+            ]
+        )
+        miss = np.einsum("bp,bjpq,bq->bj", theta, gram, theta, optimize=True)
+        return self.power - 2 * np.einsum("bjp,bp->bj", cross, theta) + miss
+
+
+def _base(robot: Robot, track) -> Array:
+    """Columns that are always there, on the rows of a log. Shape (n, dof, p)."""
+    y = regressor(robot.model, track.q, track.qd, track.qdd)
+    way = np.tanh(track.qd / STANDSTILL)
+    each = (track.qdd, track.qd, way, np.ones_like(track.q))
+    own = [values[:, :, None] * np.eye(robot.dof) for values in each]
+    return track.filter(np.concatenate([y, *own], axis=2))
+
+
+def _noise(base, tracks, moving) -> Array:
+    """What least squares leaves of each joint [N m]. Shape (dof,)."""
+    theta = _plain(base, tracks, moving)
+    left = np.concatenate(
+        [t.tau - x @ theta for x, t in zip(base, tracks, strict=True)]
+    )
+    moves = np.concatenate(moving)
+    rms = np.sqrt(np.mean(np.concatenate([t.tau for t in tracks]) ** 2, axis=0))
+    size = np.sqrt((left**2 * moves).sum(axis=0) / np.maximum(moves.sum(axis=0), 1))
+    return np.maximum(size, 0.02 * rms)
+
+
+def _plain(base, tracks, moving) -> Array:
+    rms = np.sqrt(np.mean(np.concatenate([t.tau for t in tracks]) ** 2, axis=0))
+    x = np.concatenate(
+        [(b * (m / rms)[:, :, None]) for b, m in zip(base, moving, strict=True)]
+    )
+    y = np.concatenate([t.tau * m / rms for t, m in zip(tracks, moving, strict=True)])
+    x, y = x.reshape(-1, x.shape[2]), y.ravel()
+    size = np.maximum(np.linalg.norm(x, axis=0) / np.sqrt(len(x)), 1e-9)
+    gram = (x / size).T @ (x / size) + RIDGE * len(x) * np.eye(x.shape[1])
+    return np.linalg.solve(gram, (x / size).T @ y) / size
+
+
+def _load(robot: Robot, tracks, base) -> list[Array]:
+    """Torque of the rigid body by least squares, of each log [N m]. Shapes (n, dof)."""
+    moving = [abs(t.qd[:: t.step]) > STANDSTILL for t in tracks]
+    theta = _plain(base, tracks, moving)[: 10 * robot.dof]
+    return [regressor(robot.model, t.q, t.qd, t.qdd) @ theta for t in tracks]
+
+
+def _named(track, load: Array) -> Iterator[tuple[Name, Array]]:
+    """Columns of each name at the rate of the log. Shapes (n, k)."""
+    q, qd, qdd = track.q, track.qd, track.qdd
+    for j in range(q.shape[1]):
+        x, y, way = q[:, j], qd[:, j], np.tanh(qd[:, j] / STANDSTILL)
+        columns: dict[str, tuple[Array, ...]] = {
+            "coulomb_asymmetry": (abs(way),),
+            "viscous_asymmetry": (abs(y),),
+            "quadratic_viscous": (y * abs(y),),
+            "power_viscous": (np.sign(y) * np.sqrt(abs(y)),),
+            "load_friction": (abs(load[:, j]) * way,),
+            "position_friction": (way * np.sin(x), way * np.cos(x)),
+            "spring": (x,),
+            "balancer": (np.sin(x), np.cos(x)),
+            "torque_gain": (load[:, j],),
+            "delay": (np.gradient(load[:, j]),),
+        }
+        for v in STRIBECK:
+            columns[f"stribeck {v}"] = (way * np.exp(-abs(y) / v),)
+        for order in ORDERS:
+            columns[f"ripple {order}"] = (np.sin(order * x), np.cos(order * x))
+        for i in (j - 1, j + 1):
+            if 0 <= i < q.shape[1]:
+                other = np.tanh(qd[:, i] / STANDSTILL)
+                columns[f"coupling {i + 1}"] = (other, qd[:, i], qdd[:, i])
+        for name, own in columns.items():
+            yield (name, j + 1), np.stack(own, axis=1)
