@@ -157,15 +157,13 @@ class Promise:
 
     Attributes:
         seen: Of the best of some motions.
-        sure: Chance that it settles the question, and by how many nats.
-        after: After how many seconds that chance is `SURE` [s]; None where all of it is
-            not enough.
+        sure: Chance that all of it settles the question, and by how many nats; how
+            much of a motion is enough is asked of a designed one.
         rivals: What it tells apart, each once.
     """
 
     seen: Outlook
     sure: Prospect
-    after: float | None
     rivals: tuple
 
     def document(self) -> dict:
@@ -175,7 +173,7 @@ class Promise:
             "family": None,
             "parameters": None,
             "seconds": SECONDS,
-            **said(self.sure, self.after),
+            **said(self.sure, None),
             "program": None,
         }
 
@@ -215,8 +213,9 @@ def promised(question: Question) -> Promise | None:
     best = int(np.argmax([one.share for one in seen]))
     if seen[best].hopeless:
         return None
-    sure, after = sure_after(question, courses[best], SECONDS, twins)
-    return Promise(seen[best], sure, after, told_apart(question, seen[best]))
+    gram = courses[best].gram(SECONDS)
+    sure = prospect(question, gram, twins, np.random.default_rng(0))
+    return Promise(seen[best], sure, told_apart(question, seen[best]))
 
 
 def sure_after(
