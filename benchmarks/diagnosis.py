@@ -4,7 +4,7 @@
     python benchmarks/diagnosis.py --seeds 1:2 --groups singles      to look at
     python benchmarks/diagnosis.py --full-json benchmarks/results/diagnosis.json
 
-Seeds 148301:148304 decide and are used for nothing else; 1 to 99 are for development.
+Seeds 148401:148404 decide and are used for nothing else; 1 to 99 are for development.
 Sizes are in minimum detectable ones, as the diagnosis says them of an arm with nothing
 hidden in the same motions; those of constants, couplings and loads are physical.
 Finished cases are kept in store/benchmarks, by a hash of the code: an interrupted run
@@ -50,7 +50,7 @@ from benchmarks.synthetic.logs import standard_case
 from flows.workers.processes import Processes
 from residual.robot.robot import load_robot
 
-_SEEDS = "148301:148304"
+_SEEDS = "148401:148404"
 _STRANGERS = ("constants", "couplings", "loads")
 _CASES = (
     *("singles", "nulls", "unknown", "pairs", "forms", "detection", "known"),

@@ -18,7 +18,7 @@ from residual.quantity import along
 from residual.recording import Array
 from residual.robot.robot import Robot
 
-SIZED = 1.5  # deviations
+SIZED = 2.0  # deviations
 EXPLAINED = "torque that it explains [N m]"
 
 

@@ -11,7 +11,7 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from residual.diagnosis.angle_noise import Checked, checked, drop_noise
-from residual.diagnosis.confidence import SURE, confidence
+from residual.diagnosis.confidence import PROVEN, SURE, confidence
 from residual.diagnosis.examine import (
     Examined,
     Progress,
@@ -177,7 +177,8 @@ def _parted(
 ) -> Standing:
     """What is sure, and apart from it what is only suspected: that is in no model."""
     sure = _confidences(now)
-    every = [_weighed(f, sure) for f in now.named]
+    gains = dict(now.judged.kept)
+    every = [_weighed(f, sure, gains) for f in now.named]
     weak = {
         t
         for f in every
@@ -204,9 +205,9 @@ def _parted(
         examined=examined,
         judged=judged,
         checks=checks,
-        named=tuple(_weighed(f, sure) for f in named),
+        named=tuple(_weighed(f, sure, gains) for f in named),
         suspected=tuple(some),
-        gains=dict(now.judged.kept),
+        gains=gains,
     )
 
 
@@ -224,14 +225,20 @@ def _confidences(now: Standing) -> dict[Tested, float]:
     return alone
 
 
-def _weighed(found: Named, sure: Mapping[Tested, float]) -> Named:
-    """A finding with the probability of each member: right, and not another name."""
+def _weighed(
+    found: Named, sure: Mapping[Tested, float], gains: Mapping[Tested, float]
+) -> Named:
+    """A finding with the probability of each member: right, and not another name.
+
+    It is half of that where every size may be nothing and held-out motion gains little.
+    """
     sureness = []
     for t, s, clear in zip(found.tested, found.sureness, found.sized, strict=True):
         # Of a constant evidence is no measure, and what could stand in its place is
         # said beside it.
         right = sure[t] * (1.0 if _is_constant(t) else s.probability)
-        sureness.append(replace(s, probability=right if clear else right / 2))
+        shown = clear or gains[t] >= PROVEN
+        sureness.append(replace(s, probability=right if shown else right / 2))
     return replace(found, sureness=tuple(sureness))
 
 
