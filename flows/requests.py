@@ -398,16 +398,14 @@ class Monitor(Request):
 
 @dataclass(frozen=True, slots=True)
 class Next(OfRobot):
-    """For which verdict or wish a motion is designed.
+    """For which verdict a motion is chosen.
 
     Attributes:
         verdict: Id of a diagnosis in the store, or a JSON file with a verdict.
         baseline: Their logs of healthy runs.
         held_out: Their logs for the proof.
-        want: An effect and the least size that is to be seen, NAME>=SIZE or
-            NAME@JOINT>=SIZE; its first parameter, in the unit of docs/effects.md.
         seconds: Length of the motion, 4 to 600.
-        seed: Seed of the search.
+        seed: Seed of the motions.
     """
 
     verdict: GivenWord = ""
@@ -416,7 +414,6 @@ class Next(OfRobot):
     robot: RobotWord | None = None
     baseline: Words = ()
     held_out: Annotated[Words, Parameter(name="--holdout")] = ()
-    want: str | None = None
     seconds: float = 20.0
     seed: int = 0
     columns: Columns = None

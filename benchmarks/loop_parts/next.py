@@ -21,14 +21,12 @@ from benchmarks.harness.figures import Figures, figure, undecided
 from benchmarks.harness.logs import in_engine
 from benchmarks.harness.rates import at_least, rate
 from flows.specs.experiment import derived_seed
-from flows.steps.planning.ask import Listener
 from flows.steps.planning.design import Design, design
-from flows.steps.planning.motions import Search, with_twins
 from residual.diagnosis.result import Diagnosis, Place
 from residual.effects import reported_joints
 from residual.method.diagnose import diagnose
 from residual.planning.outlook import Pair, realised
-from residual.planning.promise import logged_products, promised
+from residual.planning.promise import logged_products, promised, structural_twins
 from residual.planning.question import Question
 from residual.recording import Recording
 from residual.robot.dynamics import inverse_dynamics
@@ -114,6 +112,14 @@ _FINE = 2000.0  # Hz, finer than the checks that a motion is planned with
 
 
 @dataclass(frozen=True, eq=False, slots=True)
+class Search:
+    """A question, and the pairs of it that no motion tells apart."""
+
+    question: Question
+    twins: frozenset[Pair]
+
+
+@dataclass(frozen=True, eq=False, slots=True)
 class Case:
     """An arm whose first verdict is open.
 
@@ -121,7 +127,7 @@ class Case:
         plant: The arm.
         effect: What it hides.
         logs: The first log, and the one that is held out.
-        search: What is open, its structural twins left out.
+        search: What is open.
         found: The first diagnosis.
         tries: How many arms were drawn before.
     """
@@ -163,7 +169,8 @@ def _row(seed: int) -> dict:
         case.effect.name,
         tuple(reported_joints(case.effect.name, case.effect.joints, _robot().dof)),
     )
-    made = design(case.search)
+    made = design(case.search.question, _robot(), SECONDS, seed)
+    assert made is not None
     logs = {k: _log(case.plant, m, _LATER) for k, m in _motions(made, seed).items()}
     after = diagnose(_robot(), (case.logs[0], logs[DESIGNED]), held_out=case.logs[1:])
     leads = {name: _leads(case.search, truth, log) for name, log in logs.items()}
@@ -188,7 +195,7 @@ def _row(seed: int) -> dict:
         else seconds[DESIGNED] + edge <= best.after + _STEP,
         "family": best.spec.kind,
         "kept": _kept(best.spec),
-        "compared": {c.name: c.seconds for c in made.compared},
+        "compared": [[m.spec.kind, m.spec.periods, m.after] for m in made.ranked],
         "seconds": seconds,
     }
 
@@ -229,14 +236,10 @@ def _drawn(seed: int) -> Case | None:
         plant = PlantSpec(effects=(effect,), seed=derived_seed(seed, f"plant/{number}"))
         specs = [_fourier(rng, FIRST, POOR) for _ in range(2)]
         logs = tuple(_log(plant, s, 30.0 * i) for i, s in enumerate(specs))
-        heard = Listener()
-        found = diagnose(robot, logs[:1], held_out=logs[1:], inside=heard)
-        if heard.question is None or not found.effects:
-            continue
-        if not heard.question.contests:
-            continue
-        if promised(heard.question):
-            search = with_twins(Search(heard.question, robot, SECONDS, seed))
+        found = diagnose(robot, logs[:1], held_out=logs[1:])
+        question = found.question
+        if found.effects and question.contests and promised(question):
+            search = Search(question, structural_twins(question))
             return Case(plant, effect, logs, search, found, number)
     return None
 

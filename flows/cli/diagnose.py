@@ -76,10 +76,10 @@ def diagnose(
     out.say(*found.notes[len(read.lines) :])
 
     def page() -> str:
-        # It draws the motion that is proposed, by the simulator.
-        from flows.report.next import page_with_motion
+        from flows.report.diagnosis import render
 
-        return page_with_motion(found, of_request(request, str(report)))
+        origin = of_request(request, str(report))
+        return render(found, found.verdict.robot, origin=origin)
 
     out.write(
         {

@@ -17,7 +17,7 @@ from flows.requests import Flag, Log, Next
 from flows.settings import store_folder
 from flows.steps.experiment import as_csv
 from flows.steps.planning.ask import Asked, ask
-from flows.steps.planning.design import Design, answer, document
+from flows.steps.planning.design import Design, design, document
 from flows.steps.planning.execute import execute, next_spec, settle
 from flows.storage.diagnosis import read_verdict
 from residual.diagnosis.verdict import to_json
@@ -41,11 +41,11 @@ def next_(
     json: str | None = None,
     run: Flag = False,
 ) -> None:
-    """Design the motion that tells apart what a verdict leaves open.
+    """Choose the motion that tells apart what a verdict leaves open.
 
-    The logs of the verdict are looked at once more; then motions of all families are
-    searched for the one that is soonest sure which of the rivals is true, within the
-    limits of the arm. Of a diagnosis in the store all is known:
+    The logs of the verdict are looked at once more; then Fourier motions and moves,
+    within the limits of the arm, are ranked by how soon each is sure which of the
+    rivals is true. Of a diagnosis in the store all is known:
 
     ```
     modelgap next 3f2a --out program.csv --report program.html
@@ -56,12 +56,6 @@ def next_(
 
     ```
     modelgap next out.json A.csv B.csv --robot arm.urdf --out program.csv
-    ```
-
-    Or an effect is wished to be seen, if it is as large:
-
-    ```
-    modelgap next 3f2a --want "payload>=0.5" --seconds 12
     ```
 
     Args:
@@ -85,7 +79,7 @@ def next_(
         opened = ask(request, progress)
         if run:  # whether it can be is known before the search
             next_spec(store_folder(request.store), opened.request, TrajectorySpec())
-        made = answer(
+        made = design(
             opened.question, opened.robot, request.seconds, request.seed, progress
         )
     outputs.say(*opened.lines)

@@ -15,11 +15,10 @@ from flows.specs.experiment import experiment_of
 from flows.steps.diagnose import diagnose_logs
 from flows.steps.experiment import as_csv, make, run_id_of
 from flows.steps.monitor import Watched, watch
-from flows.steps.planning.ask import Listener, check_length
-from flows.steps.planning.design import answer, document
+from flows.steps.planning.ask import check_length
+from flows.steps.planning.design import design, document
 from residual.errors import InputError
 from residual.model.model import Model
-from residual.planning.question import parse_wish
 from residual.recording import Recording
 from residual.robot.robot import Robot
 from sim.engine.records import Reference
@@ -102,32 +101,30 @@ def next_experiment(
     fit: Sequence[Recording],
     held_out: Sequence[Recording] = (),
     baseline: Sequence[Recording] = (),
-    want: str | None = None,
     seconds: float = 20.0,
     seed: int = 0,
     progress: Progress | None = None,
 ) -> Experiment:
-    """Design the motion that is soonest sure which of the open rivals is true.
+    """Choose the motion that is soonest sure which of the open rivals is true.
 
     Args:
         robot: The arm.
         fit: Logs so far.
         held_out: Logs for the proof.
         baseline: Logs of healthy runs.
-        want: An effect that is to be seen if it is so large, as "payload>=0.5"; None
-            for what the diagnosis leaves open.
         seconds: The longest that the motion may take [s].
-        seed: Seed of all that is drawn.
+        seed: Seed of the motions.
 
     Raises:
-        InputError: If a log, the wish or the length is not usable.
+        InputError: If a log or the length is not usable.
     """
     check_length(seconds)
-    listener = Listener(None if want is None else parse_wish(want))
     logs = log_sets(robot, fit, baseline, held_out)
-    made = diagnose_logs(logs, progress=progress, inside=listener)
+    made = diagnose_logs(logs, progress=progress)
     found = as_door(Diagnosis, made)
-    best = answer(listener.question, robot, seconds, seed, progress)
+    if made.question is None:
+        made = diagnose_logs(logs, progress=progress, alone=True)
+    best = design(made.question, robot, seconds, seed, progress)
     if best is None or best.best.seen.hopeless:
         return Experiment(found, None, None)
     reference = make_reference(robot, best.best.spec, RATE)

@@ -81,10 +81,9 @@ class Diagnosis(result.Diagnosis):
 
     def save_report(self, path: str | Path) -> None:
         """Write the page: one HTML file that needs nothing else."""
-        # It draws the motion that is proposed, by the simulator.
-        from flows.report.next import page_with_motion
+        from flows.report.diagnosis import render
 
-        write_all({Path(path): page_with_motion(self)})
+        write_all({Path(path): render(self, self.verdict.robot)})
 
     @property
     def nominal(self) -> Model:

@@ -55,19 +55,17 @@ def render(
     result: Diagnosis,
     robot_name: str,
     staged: Staged | None = None,
-    motion: Chart | None = None,
     origin: Pairs = (),
 ) -> str:
     """Return the report page.
 
     Args:
-        motion: Picture of the motion that is proposed.
         origin: Where it comes from, and what makes the page again.
 
     Returns:
         One self-contained HTML document; the same diagnosis gives the same bytes.
     """
-    return render_page(document(result, robot_name, staged, motion, origin))
+    return render_page(document(result, robot_name, staged, origin))
 
 
 def print_diagnosis(result: Diagnosis, console: Console, verbose: bool = False) -> None:
@@ -90,7 +88,6 @@ def document(
     result: Diagnosis,
     robot: str = "",
     staged: Staged | None = None,
-    motion: Chart | None = None,
     origin: Pairs = (),
     drawn: bool = True,
 ) -> Document:
@@ -107,7 +104,7 @@ def document(
         _missing(result, charts.finding_charts(result) if drawn else ()),
         _proof(result, charts.error_charts(result) if drawn else ()),
         _curves(result, *(charts.motions(result) if drawn else ((), 0))),
-        _else(result, motion),
+        _else(result),
         _evidence(result),
         _given(verdict),
         _left(verdict, charts.left_charts(result) if drawn else ()),
@@ -300,13 +297,13 @@ def _curves(
     return Section("curves", "Measured and predicted torque", parts, note, open=few)
 
 
-def _else(result: Diagnosis, motion: Chart | None) -> Section:
+def _else(result: Diagnosis) -> Section:
     parts: list[Part | None] = [outlook.other_sets(result.verdict)]
     plan, brief = outlook.next_words(result.verdict), []
     if plan:
         none = "No other set of effects explains these logs as well."
         parts += [none if result.effects and not parts[0] else None]
-        parts += [Heading("The next experiment"), [*map(sentence_case, plan)], motion]
+        parts += [Heading("The next experiment"), [*map(sentence_case, plan)]]
         brief = [Heading("Next experiment:"), *(f"  {line}" for line in plan)]
     heading = "What else it could be, and what would settle it"
     return Section("else", heading, parts, brief=brief)

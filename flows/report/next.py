@@ -1,14 +1,13 @@
-"""The next experiment as a page for who runs it, and its motion as a picture."""
+"""The next experiment as a page for who runs it."""
 
 from dataclasses import dataclass
 
 import numpy as np
 from markupsafe import Markup
 
-from flows.report import diagnosis
 from flows.report.document import Chart, Document, Section, Steps, Table, Tile
 from flows.report.figures import look
-from flows.report.page import Pairs, render
+from flows.report.page import render
 from flows.report.words.outlook import (
     case_words,
     from_one_another,
@@ -18,18 +17,15 @@ from flows.report.words.outlook import (
 from flows.report.words.phrases import joint_words, many, sentence_case, texts
 from flows.steps.planning.ask import Asked
 from flows.steps.planning.design import Design, apart_by_no_motion
-from residual.diagnosis.result import Diagnosis
 from residual.planning.promise import SURE, sure_words
 from residual.quantity import MISSING, fraction, number, probability
 from residual.robot.robot import Robot
-from sim.engine.records import Reference, TrajectorySpec
-from sim.trajectories import make_reference
+from sim.engine.records import Reference
 from sim.trajectories.excitation import usage
 from sim.trajectories.limits import plan_limits
 
 _TEXT = texts()["next"]
 
-_RATE = 50.0  # Hz, of what is drawn
 _MOST_POINTS, _HEIGHT = 1200, 300
 
 
@@ -50,24 +46,6 @@ class Sheet:
     reference: Reference
     program: str | None
     command: str
-
-
-def page_with_motion(result: Diagnosis, origin: Pairs = ()) -> str:
-    """Return the page of a diagnosis, with the motion that it proposes drawn."""
-    motion = motion_chart(result)
-    return diagnosis.render(result, result.verdict.robot, motion=motion, origin=origin)
-
-
-def motion_chart(result: Diagnosis) -> Chart | None:
-    """Return the picture of the motion that a diagnosis proposes; None for none."""
-    plan, nominal = result.verdict.next_experiment, result.models.get("nominal")
-    if not plan or plan["family"] is None or nominal is None:
-        return None
-    parameters = plan["parameters"]
-    spec = TrajectorySpec.from_record(
-        {"kind": plan["family"], "duration": plan["seconds"], **parameters}
-    )
-    return angles_chart(make_reference(nominal.robot, spec, _RATE))
 
 
 def angles_chart(reference: Reference) -> Chart:
@@ -147,7 +125,7 @@ def _how_to_run(sheet: Sheet) -> Steps:
 
 
 def _inseparable(design: Design) -> list[str]:
-    same, cases = apart_by_no_motion(design.search.question, design.search.twins)
+    same, cases = apart_by_no_motion(design.question, design.twins)
     return [*same_words(same), *case_words(cases)]
 
 
@@ -183,13 +161,17 @@ def told(design: Design) -> list[str]:
 
 def comparison(design: Design) -> Table:
     """Return what other motions of the same length and limits would do."""
-    best = design.best
-    rows = [("this one", _seconds(best.after), probability(best.sure.chance))]
-    rows += [
-        (c.name, _seconds(c.seconds), probability(c.chance)) for c in design.compared
+    rows = [
+        (
+            m.spec.kind.replace("_", " "),
+            many(m.spec.periods, "period"),
+            _seconds(m.after),
+            probability(m.sure.chance),
+        )
+        for m in design.ranked
     ]
-    heads = ("motion", "settled after", "chance by all of it")
-    return Table(heads, rows, "same length, same limits")
+    heads = ("motion", "", "settled after", "chance by all of it")
+    return Table(heads, rows, "the first is the one; same length, same limits")
 
 
 def _seconds(value: float | None) -> str:
@@ -212,7 +194,7 @@ def nothing_open(asked: Asked, design: Design | None) -> list[str]:
     if design is None:
         return [
             "nothing is open: no finding has an equivalent, and no joint keeps more "
-            "than noise. With --want you can ask for an effect of a given size."
+            "than noise."
         ]
     every = [r.place for c in question.contests for r in c.rivals]
     names = ", ".join(dict.fromkeys(map(in_words, every)))

@@ -9,7 +9,6 @@ from pydantic import TypeAdapter
 from flows.inputs.given import load
 from flows.outputs import json_text
 from flows.report.diagnosis import render
-from flows.report.next import motion_chart
 from flows.report.page import made_of, of_record
 from flows.report.words.phrases import Hidden, Staged
 from flows.report.words.verdict import sentences
@@ -39,7 +38,7 @@ def diagnosis_page(
     found = read_outcome(store, ids[1])
     robot = found.verdict.robot
     origin = of_record(made_of(store, ids[0]), read_record(store, ids[0]))
-    page = render(found, robot, staged, motion_chart(found), origin)
+    page = render(found, robot, staged, origin)
     contents = {
         "report.html": page.encode(),
         "verdict.json": json_text(to_json(found.verdict)).encode(),

@@ -77,12 +77,12 @@ def diagnose(
     request: Diagnose,
     logs: LogSets,
     progress: Progress | None = None,
-    inside: method.Inside | None = None,
+    alone: bool = False,
 ) -> Diagnosis:
     """Find what the model lacks, by a store: its models, its runs.
 
     Args:
-        inside: Shown what the search knows, before it is let go.
+        alone: Look at the logs by themselves although there is a baseline.
     """
     store, model = store_folder(request.store), None
     if request.model:
@@ -90,7 +90,7 @@ def diagnose(
         before = logs.baseline or _behind(request.model, logs, store)
         logs = replace(logs, baseline=before)
     how = {"declared": request.declared, "trust_log": request.trust_log}
-    return diagnose_logs(logs, **how, model=model, progress=progress, inside=inside)
+    return diagnose_logs(logs, **how, model=model, progress=progress, alone=alone)
 
 
 @one_blas_thread
@@ -101,13 +101,14 @@ def diagnose_logs(
     trust_log: bool = False,
     model: method.Model | None = None,
     progress: Progress | None = None,
-    inside: method.Inside | None = None,
+    alone: bool = False,
 ) -> Diagnosis:
     """Find what the model lacks, and say whether an experiment would tell more.
 
     Args:
         declared: Effects that the model has; None for the robot's own list.
         model: The adopted model; None for the nominal one.
+        alone: As of `diagnose`.
     """
     report = checked(logs, declared, trust_log)
     logs = as_mounted(logs, report)
@@ -119,7 +120,7 @@ def diagnose_logs(
         held_out=logs.held_out,
         declared=declared if model is None else model,
         progress=progress,
-        inside=inside,
+        alone=alone,
     )
     found = method.with_check(found, report)
     warnings = (*logs.warnings, *found.warnings)

@@ -431,6 +431,8 @@ class Diagnosis:
             depends on most (over time where that is not known).
         sentences: One plain sentence per finding, in the order of the findings.
         known: What may be adopted: the augmented model, or the fit of both epochs.
+        question: What these logs leave open (`planning.question.Question`), for
+            `modelgap next`; None of a comparison.
     """
 
     verdict: Verdict
@@ -441,6 +443,7 @@ class Diagnosis:
     left: tuple[Cloud, ...] = ()
     sentences: tuple[str, ...] = ()
     known: Model | None = None
+    question: object | None = None
 
     @property
     def effects(self) -> tuple[Finding, ...]:

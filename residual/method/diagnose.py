@@ -4,15 +4,15 @@ residual -> undeclared effect -> augmented model -> error before and after on mo
 that was not fitted (G2017 section 1.3 and 3, with a named effect in place of PLSR).
 """
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 
 from residual.check.result import LogCheck
 from residual.diagnosis.angle_noise import noise_notes
 from residual.diagnosis.conclude import Case, conclude
 from residual.diagnosis.constants import nominal_with_constants
-from residual.diagnosis.examine import Examined, Progress, examine
-from residual.diagnosis.findings import Named, clouds, folded
+from residual.diagnosis.examine import Progress, examine
+from residual.diagnosis.findings import clouds, folded
 from residual.diagnosis.held_out import three_models, unproven
 from residual.diagnosis.result import PLAIN, Diagnosis, ErrorTables
 from residual.diagnosis.standing import Standing, stand
@@ -25,7 +25,6 @@ from residual.diagnosis.whole import (
 )
 from residual.epochs.compare import Asked, compared
 from residual.errors import InputError
-from residual.evidence.fit import Fit
 from residual.evidence.rules import RULES
 from residual.model.compare import (
     Errors,
@@ -49,9 +48,6 @@ from residual.robot.robot import Robot, check_joints
 from residual.signals.splitting import hold_out_end, session_clock
 from residual.signals.track import Filters
 
-# The diagnosis, the fit of exactly what is named, and the findings.
-Inside = Callable[[Examined, Fit, Sequence[Named]], None]
-
 
 def diagnose(
     robot: Robot,
@@ -60,7 +56,7 @@ def diagnose(
     held_out: Sequence[Recording] = (),
     declared: Sequence[str] | Model | None = None,
     progress: Progress | None = None,
-    inside: Inside | None = None,
+    alone: bool = False,
 ) -> Diagnosis:
     """Find what a robot's model lacks, add it, and prove it on held-out motion.
 
@@ -71,7 +67,8 @@ def diagnose(
         declared: Effects that the model has; None for the robot's own list. Or the
             model that was adopted (`Diagnosis.known`), with the logs behind it as the
             baseline.
-        inside: Shown what the search knows, before it is let go.
+        alone: Look at the fit logs by themselves although there is a baseline, for
+            what they leave open.
 
     Raises:
         InputError: If a log does not belong to the robot, an effect is unknown, or an
@@ -87,20 +84,15 @@ def diagnose(
             "An adopted model comes without the logs behind it, so what changed since "
             "cannot be told. Give them as the baseline."
         )
-    wanted = _Wanted(fit, held_out, same_run, tell, inside)
-    if not baseline:
+    wanted = _Wanted(fit, held_out, same_run, tell)
+    if alone or not baseline:
         return _alone(robot, declared, wanted)
     if robot.known:
         raise InputError(
             f"Known values ({', '.join(robot.known)}) are of one state of the arm, and "
             "a baseline compares two. Leave out either."
         )
-    found = compared(Asked(robot, baseline, fit, held_out, declared, same_run), tell)
-    if inside:
-        # A motion is planned for what one arm's logs leave open, and a comparison asks
-        # nothing of one arm: so the new logs are looked at by themselves.
-        _alone(robot, declared, wanted)
-    return found
+    return compared(Asked(robot, baseline, fit, held_out, declared, same_run), tell)
 
 
 def _alone(
@@ -130,7 +122,6 @@ class _Wanted:
     held_out: Sequence[Recording]
     same_run: bool
     tell: Progress
-    inside: Inside | None
 
 
 def _concluded(
@@ -146,8 +137,6 @@ def _concluded(
     if left.correction is not None:  # tables for the rest are a model too
         models["plsr"] = left.correction
     listed, usual = folded(standing.named, examined.logs.robot.dof)
-    if asked.inside:
-        asked.inside(examined, judged.fit, listed)
     errors, proofs = compare(models, proof, examined.logs.filters)
     reference, _ = compare({PLAIN: plain}, proof, examined.logs.filters)
     small = examined.logs.too_small
@@ -190,6 +179,7 @@ def _concluded(
         left=tuple(one.cloud for one in left.joints),
         sentences=tuple(f.effect.sentence for f in listed),
         known=models["augmented"],
+        question=question,
     )
 
 

@@ -1,6 +1,5 @@
 """What is left open after some logs: rival models, and what is known of each."""
 
-import re
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from itertools import permutations
@@ -12,9 +11,7 @@ from residual.diagnosis.findings import Named, public_joints
 from residual.diagnosis.neighbours import alternatives, near_sets
 from residual.diagnosis.result import Place
 from residual.diagnosis.search import Task
-from residual.effects import registry
 from residual.effects.base import Placed
-from residual.errors import InputError, check_name, shortened
 from residual.evidence.design import Group
 from residual.evidence.fit import Fit, System, as_model, physical
 from residual.evidence.priors import screen
@@ -26,9 +23,6 @@ NOTHING = Place("nothing", ())
 TOGETHER = " + "  # between the names of a rival of several effects
 CANDIDATES = 3  # of a joint that keeps more than noise: how many are looked at
 PAUSE = 10.0  # s between the logs so far and the next
-_FORM = re.compile(
-    r"\s*(?P<name>\w+)\s*(?:@\s*(?P<joint>\d+))?\s*>=\s*(?P<value>\S+)\s*"
-)
 
 Groups = tuple[Group, ...]
 
@@ -60,20 +54,17 @@ class Contest:
     """Models of which one is true.
 
     Attributes:
-        rivals: They; two or more.
+        rivals: The competing models, two or more.
         enough: Nats by which one must lead to be believed.
-        wished: Whether only the first is asked about, if it is the true one.
     """
 
     rivals: tuple[Rival, ...]
     enough: float
-    wished: bool = False
 
     @property
     def pairs(self) -> tuple[tuple[int, int], ...]:
-        """Every ordered pair of rivals that is asked about: the true one first."""
-        every = permutations(range(len(self.rivals)), 2)
-        return tuple((a, b) for a, b in every if not (self.wished and a))
+        """Every ordered pair of rivals: the true one first."""
+        return tuple(permutations(range(len(self.rivals)), 2))
 
     def lead(self, a: int, b: int) -> float:
         """By how much the logs so far prefer one rival to another [nats]."""
@@ -357,129 +348,3 @@ def _strongest(examined: Examined, fitted: Fit, joint: int) -> list[Group]:
         if groups[i].key not in known:
             chosen.setdefault(groups[i].key, groups[i])
     return list(chosen.values())
-
-
-@dataclass(frozen=True, slots=True)
-class Wish:
-    """An effect that is to be seen if it is so large.
-
-    Attributes:
-        name: Its name.
-        joint: Its joint from 1, the first of a pair; None for wherever it may be.
-        value: Its first parameter, in the parameter's unit.
-    """
-
-    name: str
-    joint: int | None
-    value: float
-
-
-def parse_wish(text: str) -> Wish:
-    """Read "payload>=0.5" or "stribeck@3>=4".
-
-    Raises:
-        InputError: If it has another form.
-        UnknownNameError: If no effect has that name.
-    """
-    found = _FORM.fullmatch(text)
-    try:
-        value = float(found["value"]) if found else np.nan
-    except ValueError:
-        value = np.nan
-    if found is None or not (np.isfinite(value) and value > 0):
-        raise InputError(
-            f"--want '{shortened(text)}': expected NAME>=SIZE or NAME@JOINT>=SIZE with "
-            "a size above 0, as in payload>=0.5."
-        )
-    name = check_name(found["name"], registry(), "effect in --want")
-    joint = found["joint"]
-    return Wish(name, int(joint) if joint else None, value)
-
-
-def wished_question(examined: Examined, fitted: Fit, wish: Wish) -> Question:
-    """Return the question whether an effect of that size is there or nothing.
-
-    The logs so far count as if they were of an arm that has it: what they would have
-    shown of it is the lead.
-
-    Args:
-        wish: The effect; on every joint where it may be, if it names none.
-
-    Raises:
-        InputError: If it cannot be there, is found already, or may not be blamed.
-    """
-    groups = _places(examined, fitted, wish)
-    basis = Basis.of(examined, fitted, [*fitted.members, *groups])
-    contests = [_contest(basis, g, wish.value) for g in groups]
-    return question_of(basis, contests)
-
-
-def _places(examined: Examined, fitted: Fit, wish: Wish) -> list[Group]:
-    """One group of the effect for every place where it may be."""
-    task = examined.task
-    keys: dict[tuple, list[Group]] = {}
-    for g in task.candidates.groups:
-        if g.effect.name == wish.name and not g.parts:
-            keys.setdefault(g.joints, []).append(g)
-    named = {g.joints for g in fitted.members if g.effect.name == wish.name}
-    at = None if wish.joint is None else wish.joint - 1
-    found = [
-        _nearest(groups, wish.value)
-        for joints, groups in keys.items()
-        if joints not in named and (at is None or joints[:1] == (at,))
-    ]
-    if found:
-        return found
-    where = "" if at is None else f" on joint {wish.joint}"
-    why = "the model has it, or these logs may not blame it"
-    if named:
-        why = f"it is found on joints {[j + 1 for js in named for j in js]} already"
-    raise InputError(
-        f"--want {wish.name}: no candidate{where}: {why}. Name another effect or joint."
-    )
-
-
-def _nearest(groups: Sequence[Group], value: float) -> Group:
-    """The shape that comes nearest where the size is a shape, else the middle one."""
-    middle = groups[len(groups) // 2]
-    effect = middle.effect
-    if effect.refine is None or len(effect.parameters) > 1:
-        return middle
-    gaps = [abs(np.log(abs(g.shape[0] / value))) for g in groups]
-    return groups[int(np.argmin(gaps))]
-
-
-def _theta(examined: Examined, group: Group, value: float) -> Array:
-    """Coefficients of an effect whose first parameter has that value. Shape (k,)."""
-    effect, robot = group.effect, examined.logs.robot
-    states = examined.task.design.states
-    unit = np.eye(len(group.ids))[0]
-    if effect.usual is not None:
-        unit = effect.usual(states, group.joints)[0]
-    size = abs(float(effect.values(unit, group.shape, robot)[0]))
-    twice = abs(float(effect.values(2 * unit, group.shape, robot)[0]))
-    return unit * (value / size if twice > 1.5 * size > 0 else value)
-
-
-def _contest(basis: Basis, group: Group, value: float) -> Contest:
-    """The effect of that size against nothing, as the logs so far would have it."""
-    task, members = basis.task, basis.fitted.members
-    theta = _theta(basis.examined, group, value)
-    contest = basis.contest(members, [(group,), ()], task.rules.threshold)
-    found, none = contest.rivals
-    system = System.of(task.design, task.prior, (*members, group))
-    total, k = np.tensordot(basis.weight, system.gram, 1), len(group.ids)
-    mixed, own = total[:-k, -k:], total[-k:, -k:]
-    bent = np.linalg.solve(none.precision, mixed @ theta)
-    beyond = own - mixed.T @ np.linalg.solve(none.precision, mixed)
-    spread = np.linalg.slogdet(np.eye(k) + np.linalg.solve(group.precision, beyond))[1]
-    lead = 0.5 * (theta @ beyond @ theta - spread) - task.candidates.cost(group)
-    true = np.concatenate([none.mean, theta])
-    return replace(
-        contest,
-        rivals=(
-            replace(found, mean=true, nats=float(lead)),
-            replace(none, mean=none.mean + bent),
-        ),
-        wished=True,
-    )

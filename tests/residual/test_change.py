@@ -66,14 +66,8 @@ def adopted():
 def since(adopted):
     """What is new since then, and the new logs by themselves, as planning sees them."""
     model, before, now = adopted
-    shown = []
-    found = diagnose_case(
-        now,
-        baseline=before.fit,
-        declared=model,
-        inside=lambda examined, fitted, named: shown.append(examined),
-    )
-    return found, shown
+    given = {"baseline": before.fit, "declared": model}
+    return [diagnose_case(now, **given, alone=one) for one in (False, True)]
 
 
 def test_since_a_model_was_adopted_only_what_is_new_is_named(adopted, since):
@@ -84,9 +78,9 @@ def test_since_a_model_was_adopted_only_what_is_new_is_named(adopted, since):
 
 
 def test_who_plans_is_shown_the_new_logs_by_themselves(adopted, since):
-    (examined,) = since[1]
-    assert "spring" in examined.nominal.names
-    assert len(examined.logs.tracks) == len(adopted[2].fit)
+    compared, alone = since
+    assert compared.question is None
+    assert "spring" in {t.effect.name for t in alone.question.nominal.terms}
 
 
 def test_an_adopted_model_comes_with_its_logs(adopted):

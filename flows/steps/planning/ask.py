@@ -1,7 +1,6 @@
 """From a verdict to what it leaves open: its logs are looked at once more."""
 
 import json
-from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -12,19 +11,10 @@ from flows.settings import store_folder
 from flows.steps.diagnose import diagnose, read_logs, runs_of
 from flows.steps.models import diagnosis_of
 from flows.storage.diagnosis import checked_verdict, read_verdict
-from residual.diagnosis.examine import Examined
-from residual.diagnosis.findings import Named
 from residual.diagnosis.result import Diagnosis, Verdict
 from residual.errors import InputError, check_nesting
-from residual.evidence.fit import Fit
 from residual.model.record import held_in
-from residual.planning.question import (
-    Question,
-    Wish,
-    open_question,
-    parse_wish,
-    wished_question,
-)
+from residual.planning.question import Question
 from residual.robot.robot import Robot
 from warehouse.layout import read_record
 from warehouse.runs import robot_word
@@ -58,40 +48,23 @@ class Asked:
         return _names(self.verdict) == _names(self.found.verdict)
 
 
-@dataclass(eq=False, slots=True)
-class Listener:
-    """Hears what a search knows before it is let go, and keeps what is asked of it.
-
-    Attributes:
-        wish: What is asked; None for what is open.
-        question: The question; None before the search has ended.
-    """
-
-    wish: Wish | None = None
-    question: Question | None = None
-
-    def __call__(self, examined: Examined, fitted: Fit, named: Sequence[Named]) -> None:
-        """Keep the question."""
-        if self.wish is None:
-            self.question = open_question(examined, fitted, named)
-        else:
-            self.question = wished_question(examined, fitted, self.wish)
-
-
 def ask(request: Next, progress: Progress | None = None) -> Asked:
-    """Find out what a verdict leaves open, or what a wish asks for.
+    """Find out what a verdict leaves open.
+
+    A comparison asks nothing of one arm: of it the new logs are looked at by
+    themselves.
 
     Raises:
         InputError: If the request, the verdict or a log is not usable.
     """
     check_length(request.seconds)
-    wish = None if request.want is None else parse_wish(request.want)
     stored = is_run(request.verdict)
     verdict, again, logs = (_of_store if stored else _of_file)(request)
-    heard = Listener(wish)
-    found = diagnose(again, logs, progress, heard)
-    assert heard.question is not None
-    return Asked(verdict, found, heard.question, logs.robot, again, logs.lines)
+    found = diagnose(again, logs, progress)
+    question = found.question
+    if question is None:
+        question = diagnose(again, logs, progress, alone=True).question
+    return Asked(verdict, found, question, logs.robot, again, logs.lines)
 
 
 def check_length(seconds: float) -> None:

@@ -89,11 +89,9 @@ def test_an_id_is_enough_to_ask_and_the_verdict_is_the_same_again(made, known):
 
 
 @pytest.mark.long
-def test_one_command_designs_runs_and_diagnoses(made, known, monkeypatch, capsys):
+def test_one_command_designs_runs_and_diagnoses(made, known, capsys):
     (store, request), (diagnosis, _) = made, known
-    monkeypatch.setattr("flows.steps.planning.design.MANY", 4)
-    monkeypatch.setattr("flows.steps.planning.design._LOOKS", 70)
-    words = ["--want", "payload>=0.5", "--seconds", "6", "--run", "--store", str(store)]
+    words = ["--seconds", "6", "--run", "--store", str(store)]
     assert main(["next", diagnosis, *words]) == 0
     told = capsys.readouterr().out
     assert "ran it on the simulated arm: run" in told

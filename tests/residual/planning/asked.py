@@ -1,11 +1,12 @@
 """Questions that short logs of a synthetic arm leave open."""
 
 from functools import cache
+from unittest.mock import patch
 
 from benchmarks.synthetic.logs import LogPlan, make
 from benchmarks.synthetic.quasi_static import Plant
 from residual.method.diagnose import diagnose
-from residual.planning.question import open_question, parse_wish, wished_question
+from residual.planning.question import open_question
 from residual.robot.robot import load_robot
 from sim.draw import draw
 from sim.engine.records import stream
@@ -25,16 +26,11 @@ def logs(effect, seed):
 @cache
 def seen(effect, seed):
     robot, (fit, proof) = logs(effect, seed)
-    known = []
-    diagnose(robot, [fit], held_out=[proof], inside=lambda *all: known.append(all))
-    return known[0]
+    with patch("residual.method.diagnose.open_question", wraps=open_question) as inside:
+        diagnose(robot, [fit], held_out=[proof])
+    return inside.call_args.args
 
 
 @cache
-def asked(effect, seed, want=None):
-    examined, fitted, named = seen(effect, seed)
-    if want:
-        question = wished_question(examined, fitted, parse_wish(want))
-    else:
-        question = open_question(examined, fitted, named)
-    return logs(effect, seed)[0], question
+def asked(effect, seed):
+    return logs(effect, seed)[0], open_question(*seen(effect, seed))

@@ -20,7 +20,6 @@ from residual.planning.promise import (
     Course,
     structural_twins,
     sure_after,
-    until_apart,
 )
 from residual.planning.question import NOTHING, Contest, Question, Rival, Signals
 
@@ -178,19 +177,6 @@ def test_nats_and_chance_never_say_opposite_things(case):
         rng = np.random.default_rng(0)
         sure = prospect(asked, times * x.T @ x, frozenset(), rng)
         assert (sure.nats >= 6.0) == (sure.chance >= 0.5)
-
-
-def test_the_seconds_are_the_first_of_which_all_pairs_are_apart(case):
-    rng, _, a, b = case
-    x = rng.normal(size=(200, COLUMNS))
-    asked, way = question(contest(a, b)), course(x, edge=0.5)
-    seconds = until_apart(asked, way, 20.0, frozenset())
-    ends = np.arange(1.1, 20.0, 0.1)
-    shares = np.array([outlook(asked, way.gram(end)).share for end in ends])
-    first = ends[np.argmax(shares >= 1)]
-    assert shares.max() > 1 > shares[0]
-    assert first / 1.25 < seconds < 1.25 * first
-    assert outlook(asked, way.gram(1.0)).share == 0.0  # its ends count for nothing
 
 
 def test_surely_settled_is_said_of_the_first_length_with_that_chance(case):

@@ -3,14 +3,10 @@
 from dataclasses import replace
 
 import numpy as np
-import pytest
 
-from benchmarks.synthetic.motions import make_motion
 from residual.diagnosis.neighbours import Rival
 from residual.diagnosis.result import Alternative, Place
-from residual.errors import InputError, UnknownNameError
 from residual.planning import question as gather
-from residual.planning.outlook import outlook
 from residual.planning.promise import (
     Course,
     logged_products,
@@ -21,20 +17,11 @@ from residual.planning.promise import (
 from residual.planning.question import (
     NOTHING,
     TOGETHER,
-    Wish,
     open_question,
-    parse_wish,
 )
-from sim.engine.records import stream
-from sim.plant.sizes import usual_limits
 from tests.residual.planning.asked import SECONDS, asked, logs, seen
 
 RATE = 50.0  # Hz
-
-
-def motion(robot, family, seconds=10.0, seed=1):
-    made = make_motion(family, usual_limits(robot), seconds, RATE, stream(seed, family))
-    return made.q, made.qd, made.qdd
 
 
 def shrunk_to(question, size):
@@ -82,45 +69,6 @@ def test_a_planned_motion_is_seen_as_its_log_will_be():
     ratio = np.diag(planned)[own] / np.diag(seen)[own]
     # Rows within 0.1 s of a turn are a matter of a sample more or less.
     np.testing.assert_allclose(ratio, 1.0, atol=0.15)
-
-
-def test_a_wish_asks_for_an_effect_against_nothing_on_every_joint_that_may_have_it():
-    robot, question = asked("spring", 2, "payload>=0.5")
-    (contest,) = question.contests
-    assert [r.place for r in contest.rivals] == [Place("payload", (6,)), NOTHING]
-    values = [
-        outlook(
-            wished,
-            Course.of(wished, motion(robot, "fourier"), RATE).gram(10.0),
-        ).nats[0, 0, 1]
-        for mass in (0.25, 0.5)
-        for wished in [asked("spring", 2, f"payload>={mass}")[1]]
-    ]
-    assert values[1] > 2 * values[0]  # all but the Occam part grows by four
-    _, question = asked("spring", 2, "stribeck>=3")
-    joints = [c.rivals[0].place.joints for c in question.contests]
-    assert joints == [(j,) for j in range(1, 7)]
-    _, one = asked("spring", 2, "stribeck@2>=3")
-    assert [c.rivals[0].place.joints for c in one.contests] == [(2,)]
-
-
-def test_wishes_are_read_or_refused():
-    assert parse_wish("payload>=0.5") == Wish("payload", None, 0.5)
-    assert parse_wish(" stribeck @ 3 >= 4e0 ") == Wish("stribeck", 3, 4.0)
-    for text in (
-        "payload",
-        "payload>=",
-        "payload>=-1",
-        "payload>=nan",
-        ">=2",
-        "a b>=1",
-    ):
-        with pytest.raises(InputError, match="expected NAME>=SIZE"):
-            parse_wish(text)
-    with pytest.raises(UnknownNameError, match="did you mean 'payload'"):
-        parse_wish("paylod>=1")
-    with pytest.raises(InputError, match="no candidate on joint 9"):
-        asked("spring", 2, "stribeck@9>=3")
 
 
 def test_a_candidate_without_evidence_is_no_rival_of_nothing(monkeypatch):
