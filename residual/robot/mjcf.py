@@ -157,7 +157,7 @@ class _Writer:
         m = self.m
         nodes = {n.get("name"): n for n in self.root.iter("joint")}
         loops = 0
-        for e in range(m.neq):
+        for e in np.flatnonzero(m.eq_active0):
             if m.eq_type[e] != _JOINT_EQUALITY:
                 loops += 1
                 continue
@@ -167,7 +167,10 @@ class _Writer:
             leader = m.jnt(two).name or f"joint{two}" if two >= 0 else ""
             if two >= 0:
                 offset -= float(factor * m.qpos0[m.jnt_qposadr[two]])
-            follower = nodes[m.jnt(one).name or f"joint{one}"]
+            name = m.jnt(one).name or f"joint{one}"
+            if m.eq_data[e, 2:5].any():
+                self.notes.append(f"joint '{name}' follows '{leader}' by a line only")
+            follower = nodes[name]
             mimic = {"joint": leader, "multiplier": repr(factor)}
             ET.SubElement(follower, "mimic", mimic | {"offset": repr(offset)})
         if loops:

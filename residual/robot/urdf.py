@@ -176,6 +176,10 @@ def read_urdf(text: str, where: str, choice: Choice | None = None) -> Arm:
     choice = choice or Choice()
     root = _parse(text, where)
     tree = _Tree(root)
+    if tree.faults:  # with those of bodies and joints, which need no chain
+        for joint in (j for j in tree.joints.values() if j.get("type") in MOVING):
+            _limits(tree, joint)
+        _check_bodies(tree, ())
     _refuse(tree.faults, where)
     mimics = {
         name: joint

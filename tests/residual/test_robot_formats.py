@@ -98,6 +98,15 @@ def test_of_two_arms_of_an_mjcf_one_is_chosen_and_gravity_may_be_given(tmp_path)
     assert dict(robot.declared["viscous"].values) == {}
 
 
+def test_an_equality_that_is_off_binds_nothing_and_a_curve_is_a_line(tmp_path):
+    off = MJCF.replace(
+        '<joint joint1="finger2"', '<joint active="false" joint1="finger2"'
+    )
+    assert load(written(tmp_path, off)).locked["finger2"] == 0
+    curved = load(written(tmp_path, MJCF.replace("0.01 1 0 0 0", "0.01 1 2 0 0")))
+    assert "joint 'finger2' follows 'finger1' by a line only" in curved.notes
+
+
 def test_an_mjcf_that_does_not_compile_is_refused_in_mujocos_words(tmp_path):
     with pytest.raises(RobotError, match=r"does not compile arm.xml: .*mass"):
         load(written(tmp_path, MJCF.replace('mass="9"', 'mass="-9"')))

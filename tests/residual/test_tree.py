@@ -213,11 +213,15 @@ def test_a_robot_toml_that_says_no_choice_is_refused(tmp_path, toml, message):
 
 def test_all_that_is_wrong_with_a_file_is_said_at_once(tmp_path):
     text = robot_of(
-        joint("a", "base", "x", "ball"), joint("b", "base", "y"), link("x"), link("x")
+        *(joint("a", "base", "x", "ball"), joint("b", "base", "y", axis="0 0 0")),
+        *(link("x", -2.0), link("x")),
     )
     with pytest.raises(RobotError) as caught:
         load(write(tmp_path, text))
-    for part in ("'x' is not unique", "unknown type 'ball'", "'y', which is not found"):
+    for part in (
+        *("'x' is not unique", "unknown type 'ball'", "'y', which is not found"),
+        *("link 'x' has mass -2", "joint 'b' has an axis of length zero"),
+    ):
         assert part in str(caught.value)
 
 
