@@ -26,7 +26,7 @@ from residual.evidence.rules import RULES, Rules
 from residual.model.nominal import Nominal
 from residual.recording import Array
 
-FIRST_LOOKS = 4  # exact looks at candidates where one of them is to be chosen
+FIRST_LOOKS = 4  # admissible candidates to look at where one is to be chosen
 
 # Which effects may be blamed, on which joints, and what a wider choice costs.
 
@@ -253,19 +253,21 @@ def best(
     Args:
         instead: A member that was taken out: only what acts on its joints, and is not
             the same candidate, may stand in for it.
-        looks: How many of them get their rows counted anew, where the first is all
-            that is wanted.
+        looks: Of how many admissible ones the rows are counted anew, where the first
+            is all that is wanted.
     """
     found = []
     own = System.of(task.design, task.prior, base.members)
     tried = [_tried(task, base, g, own) for g in _shortlist(task, base, instead, own)]
     tried.sort(key=lambda one: task.candidates.cost(one[0]) - one[1].score)
-    for group, trial, system in tried[:looks]:
+    for group, trial, system in tried:
         trial = replace(trial, counted=base.counted)
         value, big, small = gain(task.design, task.prior, trial, base, (system, own))
         value -= task.candidates.cost(group)
         if admissible(task, group, value, big, small):
             found.append((value, group, big))
+        if len(found) == looks:
+            break
     return sorted(found, key=lambda item: -item[0])
 
 

@@ -215,6 +215,7 @@ def without_slots(prior: Prior, slots: Array) -> Prior:
     return _prior(prior.precision[np.ix_(rest, rest)], prior.scale, prior.widths)
 
 
+NEARLY_ALL = 0.999  # of the squares of a joint: more is rounding
 PRICE = float(np.log(20))  # nats: one effect in twenty is not of usual size
 
 
@@ -258,13 +259,15 @@ def first_design(logs: Logs, nominal: Nominal, named: Model | None = None) -> De
 
 
 def screen(design: Design, base: Fit, groups: Sequence[Group], system: System) -> Array:
-    """Quadratic evidence gain of every group on top of a fit [nats]. Shape (g,).
+    """Evidence gain of every group on top of a fit, by one projection [nats]. (g,).
 
-    Noise is held at the fit's own, rows at a quarter of their number or more:
-    optimistic, so that nothing worth an exact look is lost. Groups of one shape go as
-    one stack.
+    Rows count for a quarter of their number or more: optimistic, so that nothing worth
+    an exact look is lost. With noise held at the fit's own the gain is a quadratic form
+    q, at most half of the n rows however well a group explains them; with noise taken
+    from what is left it is -n/2 log(1 - 2 q / n). Groups of one shape go as one stack.
     """
-    weight = np.maximum(0.25, base.counted / design.rows) / base.variance
+    counted = np.maximum(0.25 * design.rows, base.counted)
+    weight = counted / design.rows / base.variance
     theta, lower = system.solve(weight)
     shared = overlap(design, system, weight)
     pull = pulls(design, weight) - theta @ shared
@@ -272,8 +275,11 @@ def screen(design: Design, base: Fit, groups: Sequence[Group], system: System) -
     out = np.empty(len(groups))
     for stack in stacks(design, groups):
         c = stack.precision + stack.beyond(weight, half)
-        own = _quadratic(c, pull[stack.ids] + stack.pull, stack.log_det)
-        out[stack.members] = own - 0.5 * stack.level
+        fall, volume = _quadratic(c, pull[stack.ids] + stack.pull)
+        n = stack.acts @ counted
+        share = np.clip(2 * fall / np.maximum(n, 1.0), 0.0, NEARLY_ALL)
+        fall = np.maximum(fall, -0.5 * n * np.log1p(-share))
+        out[stack.members] = fall + 0.5 * (stack.log_det - volume - stack.level)
     return out
 
 
@@ -367,15 +373,14 @@ def _stack(design: Design, groups: Sequence[Group], members: Array) -> Stack:
     return Stack(members, ids, grams, acts, precision, pull, np.array(level), log_det)
 
 
-def _quadratic(c: Array, u: Array, log_det: Array) -> Array:
-    """u'c^-1 u / 2 less the Occam factor, for stacks. Shape (g,)."""
+def _quadratic(c: Array, u: Array) -> tuple[Array, Array]:
+    """u'c^-1 u / 2 and log det c, for stacks. Shapes (g,)."""
     size = np.sqrt(np.maximum(np.diagonal(c, axis1=1, axis2=2), 1e-300))
     if c.shape[1] == 1:
-        return 0.5 * (u[:, 0] / size[:, 0]) ** 2 - np.log(size[:, 0]) + 0.5 * log_det
+        return 0.5 * (u[:, 0] / size[:, 0]) ** 2, 2 * np.log(size[:, 0])
     scaled = c / size[:, :, None] / size[:, None, :]
     values, vectors = np.linalg.eigh(scaled)
     values = np.maximum(values, 1e-12)
     projected = np.einsum("gij,gi->gj", vectors, u / size)
     fit_part = 0.5 * np.sum(projected**2 / values, axis=1)
-    log_c = np.log(values).sum(axis=1) + 2 * np.log(size).sum(axis=1)
-    return fit_part - 0.5 * log_c + 0.5 * log_det
+    return fit_part, np.log(values).sum(axis=1) + 2 * np.log(size).sum(axis=1)
