@@ -95,6 +95,8 @@ def time_line(scale: float, columns: ColumnMap) -> str:
     """
     whole = scale * TIME_UNITS[columns.time_unit] * columns.time_scale
     words = [f"column = {_quoted(columns.time)}"]
+    if columns.nanoseconds:
+        words.append(f"nanoseconds = {_quoted(columns.nanoseconds)}")
     unit = next((u for u, f in TIME_UNITS.items() if _near(whole, f)), None)
     if unit is None:
         words.append(f"scale = {_number(whole)}")

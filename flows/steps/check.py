@@ -8,7 +8,7 @@ from flows.inputs.given import LogSets, load
 from flows.inputs.repair import drafted, gravity_line, place_of, repair_lines
 from flows.requests import Check, Map
 from residual.check.check import check_logs
-from residual.check.result import MOUNTING, Fault, LogCheck
+from residual.check.result import INTERLEAVED, MOUNTING, Fault, LogCheck
 from residual.errors import InputError
 from residual.recording import Recording
 from residual.robot.robot import with_gravity
@@ -89,9 +89,13 @@ def _refusal(report: LogCheck) -> str:
 def _faults(
     logs: LogSets, group: Sequence[Recording], declared: Sequence[str] | None
 ) -> list[Fault]:
-    found = list(check_logs(logs.robot, group, declared).faults)
     labels = {recording.id for recording in group}
     doubts = [(label, doubt) for label, doubt in logs.doubts if label in labels]
+    # Of two arms in one log nothing else is to be said.
+    mixed = [(label, doubt) for label, doubt in doubts if doubt.kind == INTERLEAVED]
+    if mixed:
+        return [Fault(d.kind, d.joints, True, d.words, (), who) for who, d in mixed]
+    found = list(check_logs(logs.robot, group, declared).faults)
     # What makes a log unreadable is said in any case, another doubt only if the check
     # has not found what is behind it.
     behind = any(fault.certain for fault in found)

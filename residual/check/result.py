@@ -8,7 +8,7 @@ import numpy as np
 from residual.errors import InputError, joints_listed, shown
 
 SCHEMA = 1
-DELAY, MOUNTING = "delay", "mounting"
+DELAY, MOUNTING, INTERLEAVED = "delay", "mounting", "interleaved"
 KINDS: tuple[str, ...] = (
     MOUNTING,
     "torque_sign",
@@ -23,6 +23,7 @@ KINDS: tuple[str, ...] = (
     "friction_removed",
     "commanded",
     "clock",
+    INTERLEAVED,
     "spike",
     "frozen",
     "constant",

@@ -61,6 +61,16 @@ URDF_NAMES = {
     "t;Shoulder_Pan_Joint.position;Elbow_Joint.position;"
     "Shoulder_Pan_Joint.effort;Elbow_Joint.effort": ("ms", "deg"),
     "Zeit;Achse 1 Ist;Achse 2 Ist;Achse 1 Drehmoment;Achse 2 Drehmoment": ("ms", "deg"),
+    "time_ms;base_pos [deg];arm_pos [deg];base_effort [Nm];arm_effort [Nm]": (
+        "ms",
+        "deg",
+    ),
+    "time [ms];qpos[0] [deg];qpos[1] [deg];qfrc_actuator[0];qfrc_actuator[1]": (
+        "ms",
+        "deg",
+    ),
+    "__time [ms];/joint_states/j_1/position;/joint_states/j_2/position;"
+    "/joint_states/j_1/effort;/joint_states/j_2/effort": ("ms", "deg"),
 }
 
 
@@ -106,7 +116,8 @@ def test_what_the_file_states_is_certain_and_what_the_numbers_say_is_not(
     tmp_path, table
 ):
     robot = two(tmp_path)
-    stated, *_, bare = URDF_NAMES
+    stated, *_ = URDF_NAMES
+    bare = next(header for header in URDF_NAMES if header.startswith("Zeit"))
     found = draft(write(tmp_path / "a.csv", stated, table), robot)
     assert "q" not in found.doubts
     assert "time" not in found.doubts
@@ -138,6 +149,68 @@ def test_velocities_are_offered_in_the_unit_in_which_they_are_the_angles(
     found = draft(path, two(tmp_path))
     assert "qd" not in found.optional
     assert "in no unit" in found.doubts["qd"][0]
+
+
+def test_names_of_strangers_are_in_the_order_of_the_header_and_that_is_said(
+    tmp_path, table
+):
+    header = "t_ms;up_pos;down_pos;up_torque;down_torque"
+    found = draft(write(tmp_path / "a.csv", header, table), two(tmp_path))
+    assert found.columns.signals["q"].columns == ("up_pos", "down_pos")
+    assert found.columns.signals["tau"].columns == ("up_torque", "down_torque")
+    for signal in ("q", "tau"):
+        assert "in the order of the header" in found.doubts[signal][0]
+    # A joint that is not there is no stranger.
+    path = write(tmp_path / "b.csv", "t_ms;q1;x;tau1;y", table)
+    assert draft(path, two(tmp_path)).missing == ("q", "tau")
+
+
+def test_seconds_and_nanoseconds_are_one_time(tmp_path, table):
+    robot = two(tmp_path)
+    ns = table[:, 0] * 1e6 + 7
+    stamp = np.column_stack([1.7e9 + ns // 1e9, ns % 1e9])
+    header = "stamp.sec;stamp.nanosec;q1;q2;tau1;tau2"
+    rows = np.column_stack([stamp, np.deg2rad(table[:, 1:3]), table[:, 3:]])
+    path = write(tmp_path / "a.csv", header, rows)
+    text = drafted(draft(path, robot), str(path), robot)
+    (tmp_path / "C.toml").write_text(text)
+    log, _ = read_log(str(path), robot, load_columns(tmp_path / "C.toml"))
+    np.testing.assert_allclose(log.t - 1.7e9, ns * 1e-9, atol=5e-7)
+
+
+@pytest.mark.parametrize("start", [0.0, 30.0])
+def test_angles_that_begin_again_go_on_within_the_limits(tmp_path, table, start):
+    robot = two(tmp_path)
+    q = table[:, 1:3]
+    wrapped = table.copy()
+    wrapped[:, 1:3] = (q - start) % 360 + start
+    path = write(tmp_path / "a.csv", "t_ms;q1_deg;q2_deg;tau1;tau2", wrapped)
+    found = draft(path, robot)
+    assert found.columns.signals["q"].unwrap
+    assert "whole turn" in found.doubts["q"][0]
+    text = drafted(found, str(path), robot)
+    (tmp_path / "C.toml").write_text(text)
+    log, _ = read_log(str(path), robot, load_columns(tmp_path / "C.toml"))
+    np.testing.assert_allclose(log.q, np.deg2rad(q), atol=1e-6)
+
+
+@pytest.mark.parametrize("effort", [True, False])
+def test_lists_of_lerobot_are_columns_and_torque_is_asked_for(tmp_path, table, effort):
+    q, tau = np.deg2rad(table[:, 1:3]), table[:, 3:]
+    lists = {"observation.state": q.tolist(), "action": q.tolist()}
+    if effort:
+        lists["observation.effort"] = pa.array(tau.tolist(), pa.list_(pa.float32(), 2))
+    whole = {**lists, "timestamp": table[:, 0] / 1000, "episode_index": [0] * len(q)}
+    pq.write_table(pa.table(whole), tmp_path / "a.parquet")
+    robot = two(tmp_path)
+    found = draft(tmp_path / "a.parquet", robot)
+    assert found.format == "lerobot"
+    if not effort:
+        assert "without torque or current" in found.doubts["tau"][0]
+        return
+    log, _ = read_log(str(tmp_path / "a.parquet"), robot, found.columns)
+    np.testing.assert_array_equal(log.q, q)
+    np.testing.assert_allclose(log.tau, tau, rtol=1e-6)
 
 
 def test_what_is_not_found_is_a_comment_with_all_that_is_there(tmp_path, table):

@@ -230,6 +230,10 @@ def broken_parquet(samples):
 
 
 BAD_FILES = {
+    "no names": (
+        lambda s: b"17,5,base,0.1,0.2,3,4\n17,9,base,0.2,0.3,3,4\n",
+        "starts with numbers.*ros2 topic echo --csv",
+    ),
     "empty": (lambda s: b"", "is empty"),
     "blank": (lambda s: b" \r\n\n", "is empty"),
     "rubbish": (lambda s: bytes(range(256)) * 40, "is binary but not Parquet"),
@@ -270,3 +274,25 @@ def test_what_is_not_a_file_is_refused(robot, tmp_path, monkeypatch, spec, messa
     monkeypatch.chdir(tmp_path)
     with pytest.raises(InputError, match=message):
         read_log(spec, robot)
+
+
+@pytest.mark.parametrize("again", [lambda t: np.repeat(t, 2, 0), lambda t: [*t, *t]])
+def test_rows_that_stand_twice_are_read_once(samples, write, make_robot, again):
+    log, known = read_log(write(np.array(again(samples))), make_robot())
+    np.testing.assert_array_equal(log.t, samples[:, 0])
+    np.testing.assert_array_equal(log.tau, samples[:, 3:])
+    assert any(f"{len(samples)} rows stand there twice" in n for n in known.notes)
+
+
+@pytest.mark.parametrize("every", [1, 4])
+@pytest.mark.parametrize("apart", [0.0, 0.004])
+def test_two_arms_in_one_log_are_refused_with_that_word(
+    samples, write, make_robot, every, apart
+):
+    other = samples[::every].copy()
+    other[:, 0] += apart
+    other[:, 1:3] = -other[:, 1:3] - 0.3
+    both = np.concatenate([samples, other])
+    both = both[np.argsort(both[:, 0], kind="stable")]
+    with pytest.raises(InputError, match="interleaved"):
+        read_log(write(both), make_robot())

@@ -116,6 +116,7 @@ class ColumnMap:
     time: str = "t"
     time_unit: str = "s"  # "s", "ms" or "us"
     time_scale: float = 1.0  # factor on time, after its unit
+    nanoseconds: str | None = None  # column that is added to one of whole seconds
     # Joint signals that the map names; others keep their default columns.
     signals: Mapping[str, SignalMap] = field(default_factory=dict)
     csv: CsvFormat = CsvFormat()
@@ -132,6 +133,13 @@ class _Time:
     column: str = "t"
     unit: Literal["s", "ms", "us"] = "s"
     scale: Annotated[float, Field(strict=True, gt=0, allow_inf_nan=False)] = 1.0
+    nanoseconds: str | None = None
+
+    @model_validator(mode="after")
+    def _check(self) -> "_Time":
+        if self.nanoseconds is not None and (self.unit != "s" or self.scale != 1):
+            raise ValueError("nanoseconds stand beside a column in s, without a scale")
+        return self
 
 
 @table(frozen=True, slots=True, config=_TABLE)
@@ -177,6 +185,7 @@ def _column_map(content: Mapping, name: str) -> ColumnMap:
         time=file.time.column,
         time_unit=file.time.unit,
         time_scale=file.time.scale,
+        nanoseconds=file.time.nanoseconds,
         signals={k: _in_unit(k, s, name) for k, s in given.items() if s},
         csv=file.csv,
         bag=file.bag,
@@ -226,12 +235,14 @@ class Selection:
     time: str
     signals: Mapping[str, SignalMap]
     ignored: tuple[str, ...]
+    nanoseconds: str | None = None
 
     @property
     def used(self) -> tuple[str, ...]:
         """Columns that are read, time first."""
         joints = (c for signal in self.signals.values() for c in signal.columns)
-        return (self.time, *joints)
+        clock = (self.time, self.nanoseconds) if self.nanoseconds else (self.time,)
+        return (*clock, *joints)
 
 
 def select(
@@ -252,7 +263,7 @@ def select(
             if name not in _NEEDED and not set(signal.columns) <= set(columns):
                 continue
         signals[name] = signal
-    chosen = Selection(column_map.time, signals, ())
+    chosen = Selection(column_map.time, signals, (), column_map.nanoseconds)
     try:
         _check_there(chosen.used, columns, where)
     except MissingColumnsError as error:

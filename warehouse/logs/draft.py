@@ -4,6 +4,7 @@ Nothing is applied. What is likely and not certain is said beside the line it co
 `modelgap check` then judges the map by the physics of the arm.
 """
 
+import re
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -49,6 +50,9 @@ MOSTLY = 0.95  # of the steps of a clock go on
 NEEDED = ("time", "q", "tau")
 _SECONDS = {**TIME_UNITS, "ns": 1e-9}
 TURNS = 20 * np.pi  # rad: a joint without limits does not turn ten times in a log
+_SECONDS_OF = re.compile(r"secs?$")
+_TURN = {"rad": 2 * np.pi, "deg": 360.0}
+_OFF_TURN = 0.05  # of a turn, that a joint moves in a sample at most
 _BEST = 0.3  # relative: velocities that are the angles' own, whatever made them smooth
 
 
@@ -132,6 +136,7 @@ class _Drafter:
         self.format = format or self._known_format()
         self.preset = PRESETS.get(self.format or "", Preset(""))
         self.values: dict[tuple[str, ...], Array | None] = {}
+        self.clock: tuple[str, ...] = ()  # columns of time
 
     def draft(self, columns: ColumnMap) -> Draft:
         """Return the map and what is not certain about it."""
@@ -151,20 +156,23 @@ class _Drafter:
         more = {name: signal for name, signal in optional.items() if signal}
         missing = [name for name, signal in signals.items() if signal is None]
         used = {c for s in (*given.values(), *more.values()) for c in s.columns}
-        ns = unit == "ns"
+        ns = unit == "ns" and not self.nanoseconds
         return Draft(
             columns=replace(
                 columns,
                 time=time or "t",
                 time_unit="us" if ns else unit,
                 time_scale=1e-3 if ns else 1.0,
+                nanoseconds=self.nanoseconds,
                 signals=given,
             ),
             format=self.format,
             doubts={name: tuple(words) for name, words in self.doubts.items()},
             optional=more,
             missing=(*(() if time else ("time",)), *missing),
-            rest=tuple(c for c in self.log.columns if c not in used | {time} and c),
+            rest=tuple(
+                c for c in self.log.columns if c and c not in {*used, *self.clock}
+            ),
         )
 
     def _doubt(self, line: str, words: str) -> None:
@@ -189,6 +197,9 @@ class _Drafter:
 
     def _time(self) -> tuple[str | None, str]:
         """Return the column of time and its unit."""
+        self.clock = self._two()
+        if self.clock:
+            return self.clock[0], "s"
         told = {c.name: c.unit for c in self.preset.time if c.name in self.log.columns}
         named = [c for c in self.log.columns if TIMES & {*words_of(c)}]
         found = [c for c in (*told, *named) if self._increases(c)]
@@ -196,6 +207,7 @@ class _Drafter:
             self._doubt("time", "no column of numbers that increase is called a time")
             return None, "s"
         column = found[0]
+        self.clock = (column,)
         others = [c for c in dict.fromkeys(found) if c != column]
         if others and column not in told:
             self._doubt("time", f"{' and '.join(others)} increase too")
@@ -203,16 +215,37 @@ class _Drafter:
             return column, told[column]
         return column, self._time_unit(column)
 
+    @property
+    def nanoseconds(self) -> str | None:
+        """Column of nanoseconds beside one of whole seconds."""
+        return self.clock[1] if len(self.clock) > 1 else None
+
+    def _two(self) -> tuple[str, ...]:
+        """Return the columns of whole seconds and of nanoseconds, () for none."""
+        for column in self.log.columns:
+            for word in ("nanosec", "nanosecs", "nsec", "nsecs"):
+                other = _SECONDS_OF.sub(word, column)
+                if other != column and other in self.log.columns:
+                    return column, other
+        return ()
+
     def _increases(self, column: str) -> bool:
         x = self._read((column,))
+        if x is None:
+            return False
+        steps = np.diff(x[:, 0])
+        if (steps < 0).any() and {*self.log.columns} >= {"episode_index"}:
+            words = "it begins again with each episode: give one episode by itself"
+            self._doubt("time", words)
         # A few samples that repeat or are gone are for the reader to say.
-        return x is not None and float((np.diff(x[:, 0]) > 0).mean()) > MOSTLY
+        return float((steps >= 0).mean()) > MOSTLY and 4 * (steps > 0).mean() > 1
 
     def _time_unit(self, column: str) -> str:
         said = self.log.units.get(column) or unit_word(column)
         if said in _SECONDS:
             return said
-        step = float(np.nanmedian(np.diff(self._read((column,))[:, 0])))
+        steps = np.diff(self._read((column,))[:, 0])
+        step = float(np.median(steps[steps > 0]))
         likely = [
             u for u, f in _SECONDS.items() if MIN_RATE <= 1 / (step * f) <= FASTEST
         ]
@@ -228,7 +261,10 @@ class _Drafter:
     def _seconds(self, column: str | None, unit: str) -> Array | None:
         if column is None:
             return None
-        return self._read((column,))[:, 0] * _SECONDS[unit]
+        t = self._read((column,))[:, 0] * _SECONDS[unit]
+        if self.nanoseconds:
+            t = t + 1e-9 * self._read((self.nanoseconds,))[:, 0]
+        return t
 
     # Signals
 
@@ -239,14 +275,37 @@ class _Drafter:
             column, family = told
             if column.note:
                 self._doubt(name, column.note)
-            return SignalMap(columns=family.columns, unit=column.unit)
+            return self._mapped(name, family, column.unit or self._unit(name, family))
         ranked = self._ranked(name)
         if not ranked:
             if name in NEEDED:
-                self._doubt(name, "no columns, one for each joint, are called so")
+                words = "no columns, one for each joint, are called so"
+                if name == "tau":
+                    words += "; without torque or current no model can be judged"
+                self._doubt(name, words)
             return None
         self._doubt_choice(name, ranked)
-        return SignalMap(columns=ranked[0].columns, unit=self._unit(name, ranked[0]))
+        return self._mapped(name, ranked[0], self._unit(name, ranked[0]))
+
+    def _mapped(self, name: str, family: Family, unit: str) -> SignalMap:
+        """Return the line of a signal; of angles that begin again, unwrapped."""
+        signal = SignalMap(columns=family.columns, unit=unit)
+        q = self._read(family.columns) if name in ("q", "q_ref") else None
+        if q is None:
+            return signal
+        leaps = np.abs(np.diff(q, axis=0)) / _TURN[unit]
+        large = leaps > 0.5
+        if not large.any() or (np.abs(leaps[large] - 1) > _OFF_TURN).any():
+            return signal
+        self._doubt(name, "readings leap by a whole turn; unwrapped they go on")
+        # Where they begin is any number of turns from where the limits are.
+        on = np.unwrap(q, axis=0, period=_TURN[unit]) * UNITS["q"][unit]
+        low, high = (edge(on, axis=0) for edge in (np.nanmin, np.nanmax))
+        middle = (self.robot.lower + self.robot.upper) / 2
+        out = (low < self.robot.lower) | (high > self.robot.upper)
+        turns = np.where(out, np.round(((low + high) / 2 - middle) / (2 * np.pi)), 0)
+        zero = tuple((_TURN[unit] * turns).tolist()) if turns.any() else ()
+        return replace(signal, unwrap=True, zero=zero)
 
     def _doubt_choice(self, name: str, ranked: Sequence[Family]) -> None:
         """Say what else the columns of a signal may be."""
@@ -256,6 +315,9 @@ class _Drafter:
             self._doubt(name, f"or else: {others}")
         if not family.words or family.words[0] in LETTERS:
             self._doubt(name, f"one letter says little: are {family.name} this?")
+        if family.strange:
+            words = "no name is one of the URDF's joints; in the order of the header"
+            self._doubt(name, words)
         if family.more:
             self._doubt(name, f"there are more: {shorten(family.more)}")
         if MOTOR & {*family.words}:
@@ -273,7 +335,13 @@ class _Drafter:
                 continue
             letter = len(family.words) == 1 and family.words[0] in LETTERS
             # A torque rather than a current, as measured rather than by any other name.
-            rank = (bool(CURRENTS & words), letter, not MEASURED & words, len(words))
+            rank = (
+                family.strange,
+                bool(CURRENTS & words),
+                letter,
+                not MEASURED & words,
+                len(words),
+            )
             found.append((rank, len(found), family))
         return [family for _, _, family in sorted(found, key=lambda each: each[:2])]
 

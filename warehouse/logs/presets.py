@@ -27,12 +27,13 @@ WORDS: tuple[tuple[str | None, frozenset[str]], ...] = tuple(
         (None, "ext external hat temp temps temperature temperatures voltage tcp pose"),
         (None, "cart cartesian tool power error err wrench stiffness damping status"),
         (None, "force forces limit mode flag counter o_t_ee ee friction gravity"),
-        ("tau", "tau torque torques trq moment effort drehmoment tq mom current"),
-        ("tau", "currents cur curr strom amps"),
+        ("tau", "tau torque torques trq moment effort efforts drehmoment tq mom qfrc"),
+        ("tau", "current currents cur curr strom amps"),
         ("qdd", "qdd ddq acc accel acceleration accelerations"),
-        ("qd", "qd dq vel velocity velocities speed speeds omega qdot geschwindigkeit"),
+        ("qd", "qd dq vel velocity velocities speed speeds omega qdot qvel"),
+        ("qd", "geschwindigkeit"),
         ("q", "q pos position positions angle angles theta winkel joint joints jpos"),
-        ("q", "axis achse axes"),
+        ("q", "qpos axis achse axes"),
     )
 )
 # Letters that are a whole name, as in "J1" and "M1": likely, and no more.
@@ -50,6 +51,7 @@ UNIT_WORDS = {
     **{word: UNITS[word] for word in _split("deg degrees rad nm ms us sec")},
     **{"degree": "deg", "msec": "ms", "ns": "ns", "amp": "A", "amps": "A"},
 }
+_KNOWN = frozenset({*UNIT_WORDS}).union(*(w for _, w in WORDS), WANTED, MEASURED, MOTOR)
 
 
 @dataclass(frozen=True, slots=True)
@@ -57,7 +59,7 @@ class Column:
     """What a format calls a signal."""
 
     name: str  # column, with "#" for the number of the joint
-    unit: str  # unit that the format gives it
+    unit: str  # unit that the format gives it; "" for what the numbers say
     note: str = ""  # what a user should know of it; empty for nothing
 
 
@@ -74,6 +76,12 @@ class Preset:
 
 
 _CURRENT = "a motor current: robot.toml needs torque_per_unit, N m at the link per A"
+
+
+def _plotted(signal: str, unit: str) -> tuple[Column, ...]:
+    names = (f"/joint_states/{joint}/{signal}" for joint in ("joint_#", "#"))
+    return tuple(Column(name, unit) for name in names)
+
 
 PRESETS: Mapping[str, Preset] = {
     "ur-rtde": Preset(
@@ -121,6 +129,32 @@ PRESETS: Mapping[str, Preset] = {
             "qd": (Column("field.velocity#", "rad/s"),),
         },
     ),
+    "mujoco": Preset(
+        "MuJoCo, the arrays of mjData",
+        (Column("time", "s"),),
+        {
+            "q": (Column("qpos[#]", "rad"),),
+            "tau": (Column("qfrc_actuator[#]", "N m"),),
+            "qd": (Column("qvel[#]", "rad/s"),),
+        },
+    ),
+    "plotjuggler": Preset(
+        "PlotJuggler, joint states as exported to CSV",
+        (Column("__time", "s"),),
+        {
+            "q": _plotted("position", "rad"),
+            "tau": _plotted("effort", "N m"),
+            "qd": _plotted("velocity", "rad/s"),
+        },
+    ),
+    "lerobot": Preset(
+        "LeRobot, version 3 (data/*.parquet)",
+        (Column("timestamp", "s"),),
+        {
+            "q": (Column("observation.state[#]", "", "angles? meta/info.json says"),),
+            "q_ref": (Column("action[#]", "", "angles? meta/info.json says"),),
+        },
+    ),
 }
 
 
@@ -133,6 +167,7 @@ class Family:
     # Columns of the same name beyond the joints of the robot.
     more: tuple[str, ...] = ()
     named: bool = False  # whether they have the names of the URDF's joints
+    strange: bool = False  # whether they have names that are not the URDF's
 
     @property
     def words(self) -> tuple[str, ...]:
@@ -171,7 +206,9 @@ def families(columns: Sequence[str], joints: Sequence[str]) -> list[Family]:
         if all(own):
             more = tuple(c for n, c in sorted(group.items()) if n >= first + dof)
             found.append(Family(name, tuple(own), more))
-    return [*_named(columns, joints), *found]
+    found = [*_named(columns, joints), *found]
+    used = {c for family in found for c in (*family.columns, *family.more)}
+    return [*found, *_strange([c for c in columns if c not in used], dof)]
 
 
 def _numbered(column: str) -> Iterable[tuple[str, int]]:
@@ -199,3 +236,23 @@ def _named(columns: Sequence[str], joints: Sequence[str]) -> list[Family]:
         for name, group in groups.items()
         if len(group) == len(joints)
     ]
+
+
+def _strange(columns: Sequence[str], dof: int) -> list[Family]:
+    """Return the families of joints with other names, as "base_pos" and "elbow_pos".
+
+    Columns belong together by the words that are of signals and the unit in brackets.
+    """
+    groups: dict[tuple, list[str]] = {}
+    for column in columns:
+        known = tuple(w for w in words_of(_BRACKET.sub("", column)) if w in _KNOWN)
+        unit = _BRACKET.search(column)
+        groups.setdefault((known, unit and unit[1]), []).append(column)
+    found = []
+    for (known, _), group in groups.items():
+        # Names that differ in their numbers alone are a family that has a gap.
+        apart = {re.sub(r"\d+", "", column) for column in group}
+        if known and len(group) >= dof and len(apart) > 1:
+            own, more = tuple(group[:dof]), tuple(group[dof:])
+            found.append(Family("_".join(known), own, more, strange=True))
+    return found

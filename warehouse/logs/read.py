@@ -32,6 +32,7 @@ from warehouse.logs.window import (
     Doubt,
     Window,
     check_samples,
+    interleaved,
     odd,
     split_spec,
     time_fault,
@@ -60,6 +61,26 @@ def whole_rows(t: Array, where: str) -> tuple[Array, tuple[Doubt, ...]]:
     latest = np.maximum.accumulate(np.where(np.isfinite(t), t, -np.inf))
     keep = np.isfinite(t) & (t > np.r_[-np.inf, latest[:-1]])
     return keep, (Doubt("clock", (), f"{wrong} {_share(keep)}"),)
+
+
+def once(
+    table: dict[str, Array], time: str
+) -> tuple[dict[str, Array], tuple[str, ...]]:
+    """Return the rows of a table without those that stand there again, and a note.
+
+    Args:
+        table: Columns of the file by name, that of time among them. Shapes (n,).
+    """
+    order = np.argsort(table[time], kind="stable")
+    same = np.diff(table[time][order]) == 0
+    if not same.any():
+        return table, ()
+    for x in table.values():
+        same &= np.diff(x[order]) == 0
+    keep = np.ones(len(order), bool)
+    keep[order[1:][same]] = False
+    words = f"{int(same.sum())} rows stand there twice; they are read once"
+    return {k: x[keep] for k, x in table.items()}, (words,) if same.any() else ()
 
 
 def finite_rows(
@@ -325,6 +346,9 @@ def read_opened(
     chosen = select(log.columns, columns, robot, log.name)
     check_units(chosen, columns.time_unit, log.units, log.name)
     table = log.read(chosen.used)
+    if chosen.nanoseconds:
+        table[chosen.time] = table[chosen.time] + 1e-9 * table.pop(chosen.nanoseconds)
+    table, again = once(table, chosen.time)
     first = _first(table[chosen.time]) * columns.time_unit_seconds
     moved = _locked_that_move(log, robot, label)
     recording, doubts = _samples(table, chosen, columns, robot, label, log.name, window)
@@ -339,7 +363,7 @@ def read_opened(
         ignored=chosen.ignored,
         conversions=_conversions(chosen, columns),
         warnings=odd(recording),
-        notes=log.notes,
+        notes=(*log.notes, *again),
         channels=_channels(chosen, columns),
         doubts=(*doubts, *moved),
         recorded_at=_moment(log, first, recording),
@@ -395,6 +419,8 @@ def _samples(
     """
     with np.errstate(over="ignore", invalid="ignore"):
         t = table[chosen.time] * columns.time_unit_seconds
+    q = np.column_stack([table[c] for c in chosen.signals["q"].columns])
+    mixed = interleaved(q, label)
     keep, doubts = whole_rows(t, name)
     at = _rows(keep)
     if window is not None:
@@ -422,6 +448,7 @@ def _samples(
     pa.default_memory_pool().release_unused()
     with np.errstate(over="ignore"):
         doubts = (*doubts, *broken, *check_samples(recording, robot))
+    doubts = (mixed,) if mixed else doubts
     return recording, doubts
 
 

@@ -16,6 +16,7 @@ from pathlib import Path
 
 import numpy as np
 import pyarrow as pa
+import pyarrow.compute as pc
 import pyarrow.parquet as pq
 from pyarrow import csv as arrow_csv
 
@@ -170,10 +171,11 @@ class CsvLog(LogFile):
         self.units = found.units
         self.recorded_at, unzoned = from_lines(lines[: found.names])
         self.notes = _notes(found, unzoned)
-        if all(is_number(name) for name in self.columns):
+        filled = [name for name in self.columns if name]
+        if 2 * sum(map(is_number, filled)) > len(filled):
             raise InputError(
                 f"{self.name} starts with numbers, expected a line of column names "
-                "such as t,q1,tau1."
+                "such as t,q1,tau1. `ros2 topic echo --csv` writes none: add it."
             )
 
     def read(self, columns: tuple[str, ...]) -> dict[str, Array]:
@@ -380,14 +382,22 @@ class ParquetLog(LogFile):
                 "samples, of which each has several bytes. Export the log again."
             )
         self._schema = self._file.schema_arrow
-        self.columns = tuple(self._schema.names)
+        # Column and place in its lists; of a column of numbers no place.
+        self._places: dict[str, tuple[str, int | None]] = {}
+        for each in self._schema:
+            size = self._lengths(each)
+            own = {f"{each.name}[{k}]": (each.name, k) for k in range(size or 0)}
+            self._places |= own or {each.name: (each.name, None)}
+        self.columns = tuple(self._places)
         told = (self._schema.metadata or {}).get(FIELD.encode(), b"")
         self.recorded_at, _ = from_lines([told.decode(errors="replace")])
 
     def read(self, columns: tuple[str, ...]) -> dict[str, Array]:
         """Return the values of some columns, NaN where empty."""
         for column in columns:
-            kind = self._schema.field(column).type
+            kind = self._schema.field(self._places[column][0]).type
+            if pa.types.is_list(kind) or pa.types.is_fixed_size_list(kind):
+                kind = kind.value_type
             if not (pa.types.is_integer(kind) or pa.types.is_floating(kind)):
                 raise InputError(
                     f"{self.name}: column '{column}' holds {kind}, expected numbers."
@@ -396,15 +406,32 @@ class ParquetLog(LogFile):
         done = 0
         try:
             # Batch by batch: a table of all of it would stand beside the values.
-            for batch in self._file.iter_batches(BATCH, columns=list(columns)):
+            wanted = list(dict.fromkeys(self._places[c][0] for c in columns))
+            for batch in self._file.iter_batches(BATCH, columns=wanted):
                 rows = slice(done, done + len(batch))
                 for c in columns:
-                    column = batch.column(c).cast(pa.float64())
+                    name, k = self._places[c]
+                    column = batch.column(name)
+                    if k is not None:
+                        column = pc.list_element(column, k)
+                    column = column.cast(pa.float64())
                     values[c][rows] = column.to_numpy(zero_copy_only=False)
                 done += len(batch)
         except (pa.ArrowException, OSError) as error:
             raise InputError(_broken(self.name)) from error
         return {c: x[:done] for c, x in values.items()}
+
+    def _lengths(self, field: pa.Field) -> int | None:
+        """How many numbers each list of a column has; None for what is no list."""
+        if pa.types.is_fixed_size_list(field.type):
+            return field.type.list_size
+        if not pa.types.is_list(field.type) or not self._file.metadata.num_rows:
+            return None
+        try:
+            batch = next(self._file.iter_batches(1, columns=[field.name]))
+        except (pa.ArrowException, OSError) as error:
+            raise InputError(_broken(self.name)) from error
+        return len(batch.column(0)[0].as_py() or ())
 
 
 def openable(path: Path) -> Path | pa.BufferReader:

@@ -20,6 +20,8 @@ _WINDOW = re.compile(f"(?:{_EDGE})?:(?:{_EDGE})?")
 
 # So many equal samples in a row are no coincidence, however coarse the sensors.
 RUN = 5
+# Readings of two arms in turn: of a joint's span; of the samples; of the leaps.
+LEAP, LEAPS, BACK = 0.05, 0.02, 0.95
 BLOCK = 1 << 17  # samples that are looked at together
 # A joint that moves by less than this share of the largest span within _LATELY rests.
 STILL, _LATELY = 0.002, 0.2  # 1, s
@@ -290,6 +292,34 @@ def _why_slow(t: Array) -> str:
             how = f"unit = '{unit}'" if unit != "ns" else "unit = 'us', scale = 1e-3"
             return f"Time in {unit}? Say so in --map: time = {{{how}}}."
     return "Record faster, or say in --map what time is in: time = {unit = ...}."
+
+
+def interleaved(q: Array, where: str) -> Doubt | None:
+    """Find readings of two arms in turn: leaps there and back that no joint can do.
+
+    Args:
+        q: Readings in any unit, all rows. Shape (n, dof).
+    """
+    if len(q) < RUN:
+        return None
+    leap = np.diff(q, axis=0)
+    span = np.nanmax(q, axis=0) - np.nanmin(q, axis=0)
+    far = np.abs(leap) > LEAP * span
+    # A single joint leaps where its reading is coarse or begins again.
+    rows = np.flatnonzero(far.sum(axis=1) >= min(2, q.shape[1]))
+    if len(rows) < max(LEAPS * len(q), RUN):
+        return None
+    signs = np.sign(leap[rows]) * far[rows]
+    both = far[rows][1:] & far[rows][:-1]
+    back = (signs[1:] * signs[:-1] < 0)[both]
+    if not len(back) or back.mean() < BACK:
+        return None
+    words = (
+        f"{where}: the angles leap there and back {len(rows)} times in {len(q)} "
+        "samples, as no joint can: two arms or drivers are interleaved in it. Log one "
+        "of them: its topic by itself, or its joints under their names."
+    )
+    return Doubt("interleaved", (), words, fatal=True)
 
 
 def _constant(recording: Recording) -> Doubt | None:
