@@ -80,7 +80,8 @@ def delay_of(
     """Return how late torque is and its deviation [s], and how many joints show it.
 
     The torque is moved back and forth in time: where it fits the motion best, all
-    joints together, it belongs. No slope of a noisy torque is taken.
+    joints together, it belongs, if a freer model predicts blocks that it was not fitted
+    to best there too; else no joint shows it. No slope of a noisy torque is taken.
     """
     delays = np.linspace(*CHECK.delays)
     # In between the filtered torque is smooth enough for a polynomial.
@@ -88,7 +89,8 @@ def delay_of(
     moved = later_torques(recordings, _SHIFTS)
     torques = np.einsum("ks,snj->jkn", wanted @ np.linalg.inv(known), moved)
     joints = columns(robot, motion)
-    nats = np.array([_nats(motion, torques[j], j, own) for j, own in enumerate(joints)])
+    fits = [_nats(motion, torques[j], j, own) for j, own in enumerate(joints)]
+    nats = np.array([nats for nats, _ in fits])
     # The best delay and its deviation, by a parabola through the top.
     total, step = nats.sum(axis=0), delays[1] - delays[0]
     i = int(np.clip(np.argmax(total), 1, len(total) - 2))
@@ -96,15 +98,27 @@ def delay_of(
     shift = 0.5 * float(total[i + 1] - total[i - 1]) / bend
     delay = float(delays[i] + np.clip(shift, -1, 1) * step)
     there = int(np.argmin(np.abs(delays - delay)))
-    more = nats[:, there] - nats[:, len(delays) // 2]
-    return delay, float(step / np.sqrt(bend)), int(np.sum(more > CHECK.delay_agrees))
+    none, sd = len(delays) // 2, float(step / np.sqrt(bend))
+    loss = sum(loss for _, loss in fits)
+    best = int(np.argmin(loss.sum(axis=0)))
+    inside = 0 < best < len(delays) - 1
+    near = inside and abs(delays[best] - delay) < CHECK.delay_near * max(step, sd)
+    better = np.mean(loss[:, best] < loss[:, none]) > 0.5
+    more = nats[:, there] - nats[:, none]
+    agree = int(np.sum(more > CHECK.delay_agrees)) if near and better else 0
+    return delay, sd, agree
 
 
-def _nats(motion: Motion, torques: Array, joint: int, own: Columns) -> Array:
-    """Log evidence of one torque at each delay, beside all that it may have. (k,)."""
+def _nats(
+    motion: Motion, torques: Array, joint: int, own: Columns
+) -> tuple[Array, Array]:
+    """Log evidence of one torque at each delay, beside all that it may have. (k,).
+
+    And by block what a freer model of the others leaves of it [nats], (blocks, k).
+    """
     left, size = torques[:, own.rows] - own.nominal, rms(motion.tau)
-    if not left.size:
-        return np.zeros(len(left))
+    if len(own.nominal) < CHECK.fewest:
+        return np.zeros(len(left)), np.zeros((CHECK.delay_blocks, len(left)))
     floor = max(CHECK.delay_nearest * size[joint], CHECK.delay_coupled * size.max())
     floor = max(floor, 1e-12)
     sigma = max(CHECK.rough_start * size[joint], floor)
@@ -115,7 +129,28 @@ def _nats(motion: Motion, torques: Array, joint: int, own: Columns) -> Array:
         rest = np.mean((left.T - own.values @ at) ** 2, axis=0).min()
         nats = -0.5 * (np.sum(y**2, axis=0) - np.sum(y * (a @ at), axis=0))
         sigma = max(float(np.sqrt(rest)), floor)
-    return nats
+    ridge = (sigma / CHECK.delay_freer) ** 2 / motion.spread
+    return nats, _left_out(own.values, left.T, ridge) * motion.spread / sigma**2
+
+
+def _left_out(x: Array, y: Array, ridge: float) -> Array:
+    """Squares of what each block of rows has beyond the model of the others.
+
+    Args:
+        x, y: Columns and torques of all rows in time. Shapes (n, p), (n, k).
+
+    Returns:
+        Sums of squares. Shape (blocks, k).
+    """
+    grams, sums, out = x.T @ x + ridge * np.eye(x.shape[1]), x.T @ y, []
+    for rows in np.array_split(np.arange(len(x)), CHECK.delay_blocks):
+        a, b = x[rows], y[rows]
+        out.append(
+            np.sum(
+                (b - a @ np.linalg.solve(grams - a.T @ a, sums - a.T @ b)) ** 2, axis=0
+            )
+        )
+    return np.array(out)
 
 
 def long_late(

@@ -189,6 +189,9 @@ class Rules:
     least_delay: float = 0.006  # s
     delay_clear: float = 4.0  # deviations of all joints
     delay_agrees: float = 2.0  # nats of each joint that counts
+    delay_blocks: int = 6  # in time, each predicted by the others
+    delay_near: float = 3.0  # deviations, or steps, to where they are predicted best
+    delay_freer: float = 10.0  # times the priors, for what predicts them
     delay_nearest: float = 0.01  # of the torque: models are no nearer
     delay_coupled: float = 0.003  # of the strongest torque
     rough_start: float = 0.05  # of the torque, to begin with
