@@ -17,7 +17,7 @@ from residual.check.kinematics import (
 )
 from residual.check.late import commanded, filtered, late, long_late
 from residual.check.motion import Motion, thin_rows
-from residual.check.mounting import mounting, nats_of
+from residual.check.mounting import REMOVED, mounting, nats_of
 from residual.check.physics import misread, other_world, wrong_robot
 from residual.check.reading import Reading, odds_of, read_by
 from residual.check.reported import frictionless, joints_exchanged
@@ -31,7 +31,7 @@ from residual.check.samples import (
     without_spikes,
     wraps,
 )
-from residual.check.slips import slips
+from residual.check.slips import Slips, slips
 from residual.errors import InputError, listed
 from residual.recording import Recording
 from residual.robot.dynamics import joints_length
@@ -39,7 +39,7 @@ from residual.robot.limits import with_real_limits
 from residual.robot.robot import Robot
 from residual.signals.splitting import sketch_of
 
-_VELOCITY = "velocity_mismatch"
+_VELOCITY, WRONG = "velocity_mismatch", "wrong_robot"
 
 
 def check_logs(
@@ -120,11 +120,13 @@ def _of_the_arm(
         # Of a load the weight is there where the arm's was taken out.
         alike = mounted.nats if mounted.fault.kind != MOUNTING else -np.inf
         second = max(_nats(mounted.robot, motion, then), alike) - CHECK.odds
-    if slipped and slipped.nats >= max(read if columns else -np.inf, second):
+    rivals = ((read, columns), (second, [mounted.fault] if mounted else []))
+    if slipped and all(_beats(slipped, *rival) for rival in rivals):
         columns, robot = list(slipped.faults), slipped.robot
         inclined = mounting(robot, slipped.motion)
         if inclined and inclined.fault.kind == MOUNTING and inclined.fault.certain:
-            columns.append(inclined.fault)
+            # Rough factors of single torques turn gravity, too.
+            columns.append(replace(inclined.fault, certain=False))
     else:
         if mounted and second > read:
             faults, robot = [*faults, mounted.fault], mounted.robot
@@ -148,6 +150,12 @@ def _of_the_arm(
     return faults + excursions(robot, whole) + out_of_range(robot, whole)
 
 
+def _beats(slipped: Slips, nats: float, faults: Sequence[Fault]) -> bool:
+    """Whether slips win against faults; no absolute is said of what a pair explains."""
+    absolute = any(fault.kind in (WRONG, REMOVED) for fault in faults)
+    return not faults or (slipped.pair and absolute) or slipped.nats >= nats
+
+
 def _of_columns(
     robot: Robot, motion: Motion, logs: Sequence[Recording], columns: list[Fault]
 ) -> list[Fault]:
@@ -155,7 +163,7 @@ def _of_columns(
     if not any(fault.certain for fault in columns):
         columns = joints_exchanged(robot, motion) or columns
     columns = columns or other_world(robot, motion) or wrong_robot(robot, motion)
-    if any(fault.kind == "wrong_robot" for fault in columns):
+    if any(fault.kind == WRONG for fault in columns):
         columns = long_late(robot, motion, logs) or columns
     return columns
 

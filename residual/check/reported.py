@@ -142,11 +142,11 @@ def torque_factors(shares: Shares) -> Array | None:
     own = shares.whole[shows & carries(shares)]
     if len(own) < few:  # of the strongest, one may hide an effect
         own = shares.whole[shows & carries(shares, CHECK.tells)]
-    if len(own) < few or shares.whole[shows].min() <= 0:
+    if len(own) < few or own.min() <= 0:
         return None
     if own.max() > 1 / CHECK.unit_off and own.min() < CHECK.unit_off:
         return None
-    return np.where(shows, 1 / shares.whole, np.nan)
+    return np.where(shows & (shares.whole > 0), 1 / shares.whole, np.nan)
 
 
 def unit_fault(robot: Robot, scaled: Array, shares: Shares) -> Fault:

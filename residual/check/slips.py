@@ -39,6 +39,12 @@ class Slips:
     motion: Motion
     nats: float  # log evidence of the torques as they are in the log, less the odds
 
+    @property
+    def pair(self) -> bool:
+        """Whether two kinds, certainly, make it this arm's log."""
+        certain = {fault.kind for fault in self.faults if fault.certain}
+        return len(certain) > 1
+
 
 def slips(robot: Robot, motion: Motion) -> Slips | None:
     """Find torque in another unit or of other signs, alone or with one other slip.
@@ -51,7 +57,7 @@ def slips(robot: Robot, motion: Motion) -> Slips | None:
         return None
     best = max(_tried(given), key=lambda tried: tried.nats)
     start = best if best.nats - given.nats > CHECK.exchange_worth else given
-    return _whole(start) or _rough(given)
+    return _whole(start) or _rough(start)
 
 
 def _whole(best: "_Tried") -> Slips | None:
@@ -83,16 +89,16 @@ def _whole(best: "_Tried") -> Slips | None:
     return Slips(best.faults, robot, motion, nats)
 
 
-def _rough(given: "_Tried") -> Slips | None:
-    """Suspect a unit where the file is too rough for its log, and nothing else is."""
-    factors = torque_factors(given.shares)
-    if factors is None:
+def _rough(start: "_Tried") -> Slips | None:
+    """Suspect a unit, of an arm as it may be mounted, where the file is too rough."""
+    factors = torque_factors(start.shares)
+    if factors is None or any(fault.kind != MOUNTING for fault in start.faults):
         return None
-    unit = unit_fault(given.robot, factors, given.shares)
+    unit = unit_fault(start.robot, factors, start.shares)
     if not unit.certain:
         return None
-    faults = (replace(unit, certain=False),)
-    return Slips(faults, given.robot, given.motion, -np.inf)
+    faults = tuple(replace(fault, certain=False) for fault in (*start.faults, unit))
+    return Slips(faults, start.robot, start.motion, np.inf if start.faults else -np.inf)
 
 
 def _turned_back(best: "_Tried") -> tuple["_Tried", Array]:
