@@ -4,17 +4,23 @@ The lists are drawn before anything runs. Seeds from 601000 and 602000 on
 decide, once; a quick run has its own.
 """
 
+import tomllib
 from collections.abc import Iterator, Sequence
 from dataclasses import replace
+from pathlib import Path
+from tempfile import TemporaryDirectory
 
 import numpy as np
 
-from benchmarks.check_parts.arms import SEVEN, SIX, chain, recorded, seven
+from benchmarks.check_parts.arms import SEVEN, SIX, chain, recorded, seven, table_of
+from benchmarks.check_parts.judge import read
 from benchmarks.harness.figures import Figures, figure
 from benchmarks.harness.rates import at_least, share
 from benchmarks.synthetic.motions import make_motion
 from benchmarks.synthetic.quasi_static import Plant
+from flows.steps.check import check
 from residual.check.check import check_logs
+from residual.check.result import Fault
 from residual.recording import Recording
 from residual.robot.dynamics import gravity_torque
 from residual.robot.robot import Robot, load_robot, with_gravity
@@ -97,9 +103,32 @@ def _cases() -> Iterator[tuple[str, str, str]]:
                 yield name, pair, kind
 
 
+def _pasted(
+    robot: Robot, logs: Sequence[Recording]
+) -> tuple[Sequence[Fault], Sequence[Fault]]:
+    """Check logs; put the lines where they belong, and return what is certain then."""
+    with TemporaryDirectory() as folder:
+        place, tables = Path(folder), [table_of(log) for log in logs]
+        faults = check(read(place, tables, robot)).faults
+        lines = {
+            line
+            for f in faults
+            if f.certain and f.repair
+            for line in f.repair.split("\n")
+        }
+        gravity = [line for line in lines if line.startswith("gravity")]
+        columns = place / "COLUMNS.toml"
+        columns.write_text("\n".join(sorted(lines - {*gravity})), encoding="utf-8")
+        if any(f.kind == "gravity_removed" and f.certain for f in faults):
+            robot = with_gravity(robot, [0.0, 0.0, 0.0])
+        for line in gravity:
+            robot = with_gravity(robot, tomllib.loads(line)["gravity"])
+        return faults, check(read(place, tables, robot, str(columns))).certain
+
+
 def twos_figures(quick: bool) -> Figures:
     """Sixty logs with two slips each, some beside a hidden spring or load."""
-    right, false, cases = 0, 0, list(_cases())
+    right, false, mended, cases = 0, 0, 0, list(_cases())
     for i, (name, pair, kind) in enumerate(cases[::6] if quick else cases):
         robot, seed = _arm(name), _SEEDS["twos"] + _QUICK * quick + i
         rng, wanted = stream(seed, "slips"), _PAIRS[pair]
@@ -126,8 +155,9 @@ def twos_figures(quick: bool) -> Figures:
             weight = gravity_torque(robot.model, log.q, down) if removed else 0.0
             tau = ((log.tau - weight) * unit * sign)[:, order]
             spoiled.append(replace(log, t=log.t * late, q=log.q[:, order], tau=tau))
-        faults = check_logs(given, spoiled).faults
+        faults, again = _pasted(given, spoiled)
         kinds = {f.kind for f in faults if f.certain}
+        mended += kinds == wanted and not again
         # Factors of a hundred are of gears: the kind is the other name of a unit.
         false += bool(kinds - wanted - {"gear_ratio"})
         right += kinds == wanted
@@ -136,5 +166,6 @@ def twos_figures(quick: bool) -> Figures:
     count = len(cases[::6] if quick else cases)
     return {
         "pairs_right": at_least(share(right, count), 0.85),
+        "pairs_mended": at_least(share(mended, count), 0.85),
         "pairs_false_certain": figure(false, 0, count),
     }
