@@ -146,12 +146,11 @@ def _told(faults: Sequence[Fault], logs: LogSets) -> LogCheck:
 def _repair(fault: Fault, faults: Sequence[Fault], logs: LogSets) -> str | None:
     """Return the lines for a fault.
 
-    A line stands for the whole signal, so it has all that is certain about it.
+    A line stands for the whole signal, so it has all that is certain about it, in the
+    order in which it was found: factors are those of joints that are in their places.
     """
-    every = [r for f in faults if f.certain for r in f.repairs]
-    own = list(fault.repairs)
-    signals = {repair.signal for repair in own}
-    rest = [repair for repair in every if repair.signal in signals]
-    own += [repair for repair in dict.fromkeys(rest) if repair not in own]
+    signals = {repair.signal for repair in fault.repairs}
+    every = [r for f in faults if f.certain for r in f.repairs if r.signal in signals]
+    own = dict.fromkeys([*every, *fault.repairs])
     line = repair_lines(own, logs.robot, logs.columns)
     return gravity_line(logs.robot) if fault.kind == "robot_file" else line

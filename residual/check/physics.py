@@ -37,7 +37,7 @@ def misread(robot: Robot, motion: Motion) -> tuple[list[Fault], Reading]:
     if best.value - was.value < CHECK.gain:
         return [], given
     reading = best.reading
-    mistakes = [*_units(reading, robot.gear_ratio), *_places(reading, given)]
+    mistakes = [*_places(reading, given), *_units(reading, robot.gear_ratio)]
     judged = (_judged(robot, motion, best, mistake) for mistake in mistakes)
     faults = [fault for fault in judged if fault]
     if best.value - was.value < CHECK.certain:

@@ -41,7 +41,7 @@ from warehouse.logs.presets import (
 from warehouse.logs.read import open_log
 from warehouse.logs.ros import topics
 from warehouse.logs.tables import LogFile, guess_form
-from warehouse.logs.window import LIMIT_SLACK, MIN_RATE, SPEED_SLACK
+from warehouse.logs.window import LIMIT_SLACK, MIN_RATE
 
 Array = np.ndarray
 
@@ -146,8 +146,6 @@ class _Drafter:
         t = self._seconds(time, unit)
         signals = {"q": self._signal("q")}
         q = self._radians(signals["q"])
-        if signals["q"] and t is not None:
-            self._check_speed(q, t)
         signals["tau"] = self._signal("tau")
         optional = {name: self._signal(name) for name in ("qd", "q_ref")}
         if optional["qd"] and t is not None:
@@ -415,15 +413,6 @@ class _Drafter:
     def _radians(self, signal: SignalMap | None) -> Array | None:
         q = self._read(signal.columns) if signal else None
         return None if q is None else q * UNITS["q"][signal.unit]
-
-    def _check_speed(self, q: Array | None, t: Array) -> None:
-        if q is None:
-            return
-        with np.errstate(divide="ignore", invalid="ignore"):
-            speed = np.abs(np.diff(q, axis=0) / np.diff(t)[:, None])
-        usual = np.nanquantile(speed, 0.95, axis=0)
-        if (usual > SPEED_SLACK * self.robot.velocity_limit).any():
-            self._doubt("time", "the joints would be much faster than their limits")
 
     def _velocity(
         self, signal: SignalMap, q: Array | None, t: Array
