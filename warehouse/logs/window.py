@@ -22,6 +22,7 @@ _WINDOW = re.compile(f"(?:{_EDGE})?:(?:{_EDGE})?")
 RUN = 5
 # Readings of two arms in turn: of a joint's span; of the samples; of the leaps.
 LEAP, LEAPS, BACK = 0.05, 0.02, 0.95
+STEPS = 32  # readings that a joint must have, or it is at rest
 BLOCK = 1 << 17  # samples that are looked at together
 # A joint that moves by less than this share of the largest span within _LATELY rests.
 STILL, _LATELY = 0.002, 0.2  # 1, s
@@ -304,7 +305,9 @@ def interleaved(q: Array, where: str) -> Doubt | None:
         return None
     leap = np.diff(q, axis=0)
     span = np.nanmax(q, axis=0) - np.nanmin(q, axis=0)
-    far = np.abs(leap) > LEAP * span
+    # A joint at rest leaps by the step of its encoder, there and back.
+    moves = [len(np.unique(own)) > STEPS for own in q.T]
+    far = (np.abs(leap) > LEAP * span) & moves
     # A single joint leaps where its reading is coarse or begins again.
     rows = np.flatnonzero(far.sum(axis=1) >= min(2, q.shape[1]))
     if len(rows) < max(LEAPS * len(q), RUN):
