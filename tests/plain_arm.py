@@ -57,6 +57,14 @@ def with_load(model: pin.Model, mass: float, at: np.ndarray) -> pin.Model:
     return loaded
 
 
+def sizes(robot: Robot, model: pin.Model) -> tuple[np.ndarray, np.ndarray]:
+    """Usual torque and speed of each joint, the same in all logs. Shapes (dof,)."""
+    probe = motion(robot, 20.0, np.random.default_rng(0))
+    usual = np.sqrt((inverse_dynamics(model, *probe[1:]) ** 2).mean(axis=0))
+    speed = np.sqrt((probe[2] ** 2).mean(axis=0))
+    return np.maximum(usual, 0.05 * usual.max()), speed
+
+
 def logs(robot, model, names, seed, hidden=None, seconds=20.0, friction=0.1):
     """Record logs of an arm.
 
@@ -66,10 +74,7 @@ def logs(robot, model, names, seed, hidden=None, seconds=20.0, friction=0.1):
         friction: Coulomb level, and viscous torque at usual speed, of the torque's rms.
     """
     out, rng = [], np.random.default_rng(seed)
-    probe = motion(robot, 20.0, np.random.default_rng(0))  # the same in all logs
-    usual = np.sqrt((inverse_dynamics(model, *probe[1:]) ** 2).mean(axis=0))
-    speed = np.sqrt((probe[2] ** 2).mean(axis=0))
-    usual = np.maximum(usual, 0.05 * usual.max())
+    usual, speed = sizes(robot, model)
     for name in names:
         t, q, qd, qdd = motion(robot, seconds, rng)
         tau = inverse_dynamics(model, q, qd, qdd)
