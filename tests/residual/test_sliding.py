@@ -79,10 +79,8 @@ def test_an_export_says_the_units_of_each_joint():
     head, *_ = csv.reader(to_table(model).files["friction.csv"].decode().splitlines())
     assert head == ["joint", "qd [rad/s] or qd [m/s]", "torque [N m] or torque [N]"]
     text = fmu_parts(model).description.decode()
-    units = [
-        text.split(f'name="tau{j}"')[1].split('unit="')[1].split('"')[0] for j in (1, 3)
-    ]
-    assert units == ["N.m", "N"]
+    after = [text.split(f'name="tau{j}"')[1].split('unit="')[1] for j in (1, 3)]
+    assert [part.split('"')[0] for part in after] == ["N.m", "N"]
 
 
 def test_units_follow_the_joint():
@@ -115,9 +113,8 @@ def test_the_engine_moves_them_by_the_same_dynamics():
         world.reset(q, qd)
         world.step(tau)
         _, after = world.state()
-    felt = pin.rnea(
-        robot.model, robot.model.createData(), q, qd, (np.array(after) - qd) / dt
-    )
+    qdd, data = (np.array(after) - qd) / dt, robot.model.createData()
+    felt = pin.rnea(robot.model, data, q, qd, qdd)
     np.testing.assert_allclose(felt, tau, atol=1e-7)
 
 
@@ -151,12 +148,8 @@ def diagnosed(name, effect, seed):
     true = true_model(robot, np.random.default_rng(seed))
     if effect in ("coulomb", "viscous"):  # hidden is what is more than its file says
         usual, speed = sizes(robot, true)
-        values = (
-            {"level": list(0.1 * usual)},
-            {"coefficient": list(0.06 * usual / speed)},
-        )
-        declared = dict(zip(("coulomb", "viscous"), values, strict=True))
-        toml = json.dumps({"declared": declared})
+        dry, wet = {"level": [*0.1 * usual]}, {"coefficient": [*0.06 * usual / speed]}
+        toml = json.dumps({"declared": {"coulomb": dry, "viscous": wet}})
         robot = robot_from_texts(name, sliding_arm(name), toml)
     fit = logs(robot, true, "abc", 1000 + seed, torque)
     held_out = logs(robot, true, "d", 2000 + seed, torque)
@@ -197,9 +190,8 @@ def test_a_load_on_an_arm_on_a_rail_is_named_in_kilograms():
     robot = arm("rail")
     true = true_model(robot, np.random.default_rng(5))
     loaded = with_load(true, 2.5, np.array([0.06, 0.02, 0.05]))
-    found = mg.diagnose(
-        robot, logs(robot, loaded, "abc", 5), held_out=logs(robot, loaded, "d", 6)
-    )
+    fit, held_out = logs(robot, loaded, "abc", 5), logs(robot, loaded, "d", 6)
+    found = mg.diagnose(robot, fit, held_out=held_out)
     assert found.effects[0].name == "payload"
     mass = found.effects[0].parameters["mass"]
     assert mass.unit == "kg"

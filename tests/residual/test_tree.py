@@ -159,15 +159,9 @@ def test_the_hash_covers_chain_and_locks_and_only_what_was_chosen_survives(tmp_p
 def test_a_file_with_odd_things_is_read_and_they_are_named(tmp_path):
     fixed = joint("f", "l3", "tip", "fixed", extra='<mimic joint="j1"/>')
     text = robot_of(
-        joint("j1", "base", "l1"),
-        link("l1", 0),
+        *(joint("j1", "base", "l1"), link("l1", 0), link("l2", 0), link("l3")),
         joint("j2", "l1", "l2").replace('lower="-2" upper="2"', ""),
-        link("l2", 0),
-        joint("j3", "l2", "l3"),
-        link("l3"),
-        fixed,
-        link("tip"),
-        link("alone"),
+        *(joint("j3", "l2", "l3"), fixed, link("tip"), link("alone")),
     ).replace('velocity="2" effort="90"', 'velocity="inf"')
     robot = load(write(tmp_path, text))
     assert robot.joints == ("j1", "j2", "j3")
