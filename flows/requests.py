@@ -119,6 +119,18 @@ HeldOut = Annotated[
         help="Logs for the proof. Without them the last quarter of the longest log.",
     ),
 ]
+Where = Annotated[
+    str | None,
+    Parameter(
+        help="Also the runs of the store that fulfil a condition over the view runs, "
+        "such as \"campaign = 'night' AND trajectory = 'fourier'\" (modelgap sql "
+        "--schema); not those in quarantine."
+    ),
+]
+HeldOutWhere = Annotated[
+    str | None,
+    Parameter(name="--holdout-where", help="The same for --holdout."),
+]
 Json = Annotated[
     str | None,
     Parameter(help='File for the outcome as JSON; "-" prints it and nothing else.'),

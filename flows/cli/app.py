@@ -139,6 +139,7 @@ _WORDS = {
     "DAYS": "older-than",
     "HERTZ": "rate",
     "COUNT": "per-hour workers draws components periods seeds limit",
+    "CONDITION": "where holdout-where",
     "SHARE": "prior",
     "NUMBER": "seed port",
     "1,2,3": "levels joints",

@@ -4,12 +4,14 @@ from dataclasses import replace
 
 from flows.cli.app import Outputs
 from flows.outputs import progress_bar, read_files
-from flows.requests import Diagnose, Flag, Log
+from flows.requests import Diagnose, Flag, HeldOutWhere, Log, Where
 
 
 def diagnose(
     *logs: Log,
     request: Diagnose,
+    where: Where = None,
+    held_out_where: HeldOutWhere = None,
     report: str | None = None,
     json: str | None = None,
     save_model: str | None = None,
@@ -53,6 +55,7 @@ def diagnose(
             export take.
         verbose: List the effects that these logs could not tell apart.
     """
+    from flows.inputs.given import chosen
     from flows.report.diagnosis import print_diagnosis
     from flows.report.page import of_request
     from flows.steps import diagnose as steps
@@ -60,10 +63,10 @@ def diagnose(
     from residual.diagnosis.verdict import to_json
     from residual.model.record import to_text
 
-    request = replace(request, logs=logs)
+    request = chosen(request, logs, where, held_out_where)
     choice = choose_for(request)
     request = replace(request, model=choice.diagnosis)
-    words = (*logs, *request.baseline, *request.held_out, request.robot)
+    words = (*request.logs, *request.baseline, *request.held_out, request.robot)
     inputs = read_files(words, request.columns)
     files = {"--report": report, "--json": json, "--save-model": save_model}
     out = Outputs(files, inputs)

@@ -23,10 +23,12 @@ from flows.report.experiments import motion_parts, motion_png
 from flows.requests import (
     Campaign,
     Flag,
+    Json,
     OfRobot,
     RobotWord,
     Store,
     Validate,
+    Where,
 )
 from flows.settings import store_folder
 from flows.specs.campaign import load_campaign
@@ -43,6 +45,7 @@ from sim.engine.render import animate
 from sim.trajectories import make_reference
 from sim.trajectories.excitation import usage
 from warehouse.mirror import shown
+from warehouse.query.store import runs_where
 
 DryRun = Annotated[
     Flag,
@@ -76,7 +79,9 @@ def experiment(spec: str, *, store: Store = None, dry_run: DryRun = False) -> No
         say(console, f"stored in {shown(place)}: modelgap show {planned.run_id}")
 
 
-def campaign(spec: str, *, request: Campaign = _MANY, dry_run: DryRun = False) -> None:
+def campaign(
+    spec: str, *, request: Campaign = _MANY, dry_run: DryRun = False, json: Json = None
+) -> None:
     """Run many experiments on the simulated arm, over all cores.
 
     ```
@@ -92,27 +97,35 @@ def campaign(spec: str, *, request: Campaign = _MANY, dry_run: DryRun = False) -
     Args:
         spec: The campaign file.
     """
-    place, console = store_folder(request.store), Console()
+    out = Outputs({"--json": json}, [Path(spec)])
+    place, console = store_folder(request.store), out.console
     where = chosen_runner(request.runner, request.trust_network)
     planned = steps.plan(load_campaign(spec), place, Path(spec).stem)
-    failing = _list(planned, console, True) if dry_run else 0
+    refused = _list(planned, console, True) if dry_run else {}
+    failing = len(refused)
     missing = sum(not p.stored for p in planned)
     known = f"{missing} to run, {len(planned) - missing} in {shown(place)}"
     say(console, f"{known}; {failing} will fail" if failing else known)
     if dry_run:
+        summary = campaigns.Summary(tuple(planned), refused)
+        out.write(document=lambda: campaigns.document(summary, done=False))
+        out.finish()
         return
     with executor_of(where, missing) as executor, progress_bar() as bar:
         summary = campaigns.run_all(planned, place, bar, executor)
+    out.write(document=lambda: campaigns.document(summary))
     say(console, *(f"failed: {why}" for why in summary.failed.values()))
     failed = len(summary.failed)
-    say(console, f"{missing - failed} stored, {failed} failed, {summary.seconds} s")
+    out.finish(f"{missing - failed} stored, {failed} failed, {summary.seconds} s")
     if failed:
         raise RunError(campaigns.advice(summary))
 
 
-def _list(planned: list[steps.Planned], console: Console, rehearsed: bool) -> int:
-    """List experiments, with their motions planned; returns how many will fail."""
-    failing = 0
+def _list(
+    planned: list[steps.Planned], console: Console, rehearsed: bool
+) -> dict[str, str]:
+    """List experiments, with their motions planned; returns why some will fail."""
+    failing = {}
     with progress_bar() as tell:
         for number, each in enumerate(planned):
             why = None
@@ -122,7 +135,7 @@ def _list(planned: list[steps.Planned], console: Console, rehearsed: bool) -> in
             word = "is there" if each.stored else "fails" if why else "to run"
             say(console, f"{each.run_id}  {word:8}  {each.label}")
             if why:
-                failing += 1
+                failing[each.run_id] = why
                 say(console, f"  {why}")
     return failing
 
@@ -130,6 +143,7 @@ def _list(planned: list[steps.Planned], console: Console, rehearsed: bool) -> in
 def validate(
     *runs: Annotated[str, Parameter(name="RUN")],
     request: Validate = _PLAIN,
+    where: Where = None,
     model: str | None = None,
     calibration: str | None = None,
     seeds: int = 1,
@@ -170,6 +184,8 @@ def validate(
     out, place = Outputs({"--report": report}), store_folder(request.store)
     console, found, done = out.console, {}, None
     check_between("--seeds", seeds, 1, 1000)
+    if where is not None:
+        runs = (*runs, *runs_where(place, where))
     if not runs:
         raise InputError("No run to validate on. Name it: modelgap validate RUN")
     choice = chosen_to_drive(place, runs[0], model)

@@ -4,11 +4,12 @@ from dataclasses import replace
 from pathlib import Path
 
 from flows.cli.app import Outputs
+from flows.inputs.given import chosen
 from flows.outputs import check_new_folder, in_folder, progress_bar, read_files
 from flows.report.console import show, wide
 from flows.report.models import identification as identified
 from flows.report.words.calibration import sentences
-from flows.requests import Calibrate, Identify, Json, Log
+from flows.requests import Calibrate, HeldOutWhere, Identify, Json, Log, Where
 from flows.steps import calibrate as calibration
 from flows.steps import identify as identification
 from flows.steps.models import choose_for
@@ -19,7 +20,12 @@ from residual.model.record import robot_files
 
 
 def identify(
-    *logs: Log, request: Identify, export: str | None = None, json: Json = None
+    *logs: Log,
+    request: Identify,
+    where: Where = None,
+    held_out_where: HeldOutWhere = None,
+    export: str | None = None,
+    json: Json = None,
 ) -> None:
     """Identify the parameters of a robot's model.
 
@@ -30,6 +36,7 @@ def identify(
     ```
     modelgap identify A.csv B.csv --robot arm.urdf --holdout C.csv
     modelgap identify A.csv B.csv --robot arm.urdf --consistent --export arm_new
+    modelgap identify --robot irb140 --where "campaign = 'night'"
     ```
 
     Args:
@@ -37,10 +44,10 @@ def identify(
             or the id of a run of the store.
         export: New folder for the identified URDF and robot.toml; give it as --robot.
     """
-    request = replace(request, logs=logs)
+    request = chosen(request, logs, where, held_out_where)
     choice = choose_for(request)
     request = replace(request, model=choice.diagnosis)
-    words = (*logs, *request.held_out, request.robot)
+    words = (*request.logs, *request.held_out, request.robot)
     out = Outputs({"--json": json}, read_files(words, request.columns))
     if export is not None:
         check_new_folder("--export", Path(export))
@@ -59,6 +66,7 @@ def identify(
 def calibrate(
     *logs: Log,
     request: Calibrate,
+    where: Where = None,
     report: str | None = None,
     json: Json = None,
     export: str | None = None,
@@ -86,10 +94,10 @@ def calibrate(
     """
     from flows.report.calibration import render, told
 
-    request = replace(request, logs=logs)
+    request = chosen(request, logs, where)
     choice = choose_for(request)
     request = replace(request, model=choice.diagnosis)
-    inputs = read_files((*logs, request.robot), request.columns)
+    inputs = read_files((*request.logs, request.robot), request.columns)
     out = Outputs({"--report": report, "--json": json}, inputs)
     if export is not None:
         check_new_folder("--export", Path(export))

@@ -12,6 +12,7 @@ import pyarrow as pa
 from cyclopts import Parameter
 
 from flows import requests
+from flows.cli.app import STDOUT
 from flows.outputs import check_outside, check_writable, write_all
 from flows.report.answers import (
     as_bytes,
@@ -74,7 +75,9 @@ class Sql(requests.Request):
 _NOTHING = Sql()
 
 
-def sql(query: str | None = None, /, *, request: Sql = _NOTHING) -> None:
+def sql(
+    query: str | None = None, /, *, request: Sql = _NOTHING, json: requests.Json = None
+) -> None:
     """Ask the store in SQL; it can only be read.
 
     ```
@@ -98,6 +101,10 @@ def sql(query: str | None = None, /, *, request: Sql = _NOTHING) -> None:
         query: One SELECT over the views, in the SQL of DuckDB.
     """
     request = replace(request, query=query, store=store_folder(request.store))
+    if json is not None:
+        if request.out or request.format != "table":
+            raise InputError("--json says form and file: give no --format or --out.")
+        request = replace(request, format="json", out=json if json != STDOUT else None)
     if request.attach is not None:
         _attach(request)
         return

@@ -6,6 +6,7 @@ from contextlib import contextmanager, suppress
 from contextvars import ContextVar
 from dataclasses import dataclass, field, replace
 from pathlib import Path
+from typing import TypeVar
 
 from flows.requests import Request
 from flows.settings import store_folder
@@ -27,6 +28,8 @@ from warehouse.logs import (
 from warehouse.logs.ros import topics
 from warehouse.logs.window import split_spec
 from warehouse.runs import read_manifest, read_run, robot_of_hash
+
+R = TypeVar("R", bound=Request)
 
 
 @dataclass(frozen=True, eq=False, slots=True)
@@ -183,6 +186,39 @@ def need_logs(words: Sequence[str], purpose: str, command: str) -> None:
         raise InputError(
             f"No log {purpose}. Name it first: modelgap {command} LOG ... --robot R."
         )
+
+
+def chosen(
+    request: R,
+    words: Sequence[str],
+    where: str | None = None,
+    held_out_where: str | None = None,
+) -> R:
+    """Return a request with its logs: words of the line, and runs chosen by query.
+
+    Args:
+        where: A condition over the view runs; the ids of what fulfils it follow.
+        held_out_where: The same for what is held out.
+
+    Raises:
+        InputError: If one is no condition, or no run fulfils it.
+    """
+    if where is held_out_where is None:
+        return replace(request, logs=tuple(words))
+    # DuckDB, which no diagnosis of files needs.
+    from warehouse.query.store import runs_where
+
+    sets = {"logs": (tuple(words), where)}
+    if held_out_where is not None:
+        sets["held_out"] = (request.held_out, held_out_where)
+    place = store_folder(request.store)
+    return replace(
+        request,
+        **{
+            name: (*given, *(() if clause is None else runs_where(place, clause)))
+            for name, (given, clause) in sets.items()
+        },
+    )
 
 
 def is_run(word: str) -> bool:

@@ -91,6 +91,37 @@ def advice(summary: Summary) -> str:
     )
 
 
+def document(summary: Summary, done: bool = True) -> dict:
+    """Return the JSON of a campaign: every experiment, in its order.
+
+    Args:
+        done: Whether it was run; else what is not stored is "to run".
+    """
+    new = summary.new
+
+    def state(each: Planned) -> str:
+        if each.run_id in summary.failed:
+            return "failed" if done else "will fail"
+        if each.run_id in new:
+            return "stored" if done else "to run"
+        return "was there"
+
+    return {
+        "schema": 1,
+        "campaign": next((p.campaign for p in summary.planned), None),
+        "runs": [
+            {
+                "run_id": each.run_id,
+                "label": each.label,
+                "state": state(each),
+                "why": summary.failed.get(each.run_id),
+            }
+            for each in summary.planned
+        ],
+        "seconds": summary.seconds if done else None,
+    }
+
+
 def planned_of(request: Campaign) -> list[Planned]:
     """Return the experiments of a campaign, and which of them are stored.
 

@@ -6,8 +6,11 @@ from pathlib import Path
 import pytest
 
 from flows.cli import main
+from residual.errors import InputError
 from residual.robot.robot import load_robot
 from tests.residual.identified import workplace
+from warehouse.layout import read_record
+from warehouse.query.store import ask, runs_where
 
 KEYS = (
     "schema robot declared method prior logs held_out same_run condition noise rows "
@@ -69,3 +72,53 @@ def test_consistent_parameters_stand_beside_the_free_ones(place, capsys):
     assert made["least_mass_matrix"]["consistent"] > 0
     assert made["error"]["filtered"].keys() == {"nominal", "identified", "consistent"}
     assert "where the free fit reaches" in capsys.readouterr().out
+
+
+@pytest.fixture
+def runs(place, capsys):
+    """Three runs in the store, by the word for their motion."""
+    for log, motion in zip("ABC", ("fourier", "fourier", "welding"), strict=True):
+        words = f"import {log}.csv --robot arm.urdf --store s --tag lot=1"
+        assert run(f"{words} --trajectory {motion}") == 0
+    return {row["run_id"]: row["trajectory"] for row in ask(Path("s"), "FROM runs")}
+
+
+def test_runs_chosen_by_a_condition_are_kept_and_rerun_by_their_ids(runs):
+    chosen = ["--where", "'lot=1' IN tags AND trajectory = 'fourier' -- two"]
+    proof = ["--holdout-where", "trajectory IN (SELECT 'welding')"]
+    usual = ["--robot", "arm.urdf", "--store", "s"]
+    assert main(["identify", *chosen, *proof, *usual]) == 0
+    (model,) = ask(Path("s"), "FROM models")
+    record = read_record(Path("s"), model["model_id"])["request"]
+    assert {runs[id] for id in record["logs"]} == {"fourier"}
+    assert len(record["logs"]) == 2
+    assert [runs[id] for id in record["held_out"]] == ["welding"]
+    assert not {"where", "held_out_where"} & set(record)
+    assert main(["rerun", model["model_id"], "--store", "s"]) == 0
+    assert main(["diagnose", *chosen, *proof, *usual, "--json", "v.json"]) == 0
+    assert json.loads(Path("v.json").read_text())["error"]["same_run"] is False
+
+
+@pytest.mark.parametrize(
+    ("condition", "why"),
+    [
+        ("", "not one condition"),
+        ("true) OR (false", "not one condition"),
+        ("true; DROP TABLE runs", "not one condition"),
+        ("true UNION SELECT run_id FROM runs", "not one condition"),
+        ("true, false", "not one condition"),
+        ("nothing = 1", "nothing"),
+        ("run_id IN (SELECT content FROM read_text('/etc/passwd'))", "read_text"),
+    ],
+)
+def test_a_condition_is_one_and_reads_only_the_store(condition, why, runs):
+    with pytest.raises(InputError, match=why):
+        runs_where(Path("s"), condition)
+
+
+def test_where_no_run_fulfils_a_condition_every_command_says_so(runs, capsys):
+    for verb in ("identify", "calibrate", "diagnose", "validate"):
+        robot = [] if verb == "validate" else ["--robot", "arm.urdf"]
+        words = [verb, "--where", "trajectory = 'cyclic'", *robot, "--store", "s"]
+        assert main(words) == 2
+        assert "fulfils trajectory = 'cyclic'" in capsys.readouterr().err

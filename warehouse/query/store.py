@@ -17,6 +17,7 @@ from warehouse.query.guard import (
     check_reads_only,
     collected,
     explain,
+    first_line,
     is_of_samples,
     limited,
     lock,
@@ -75,6 +76,37 @@ def ask(path: Path, query: str, **values: object) -> list[dict]:
     """Return the rows of one answer; the store is open for it alone."""
     with open_store(path) as opened:
         return opened.sql(query, values or None).to_pylist()
+
+
+def runs_where(path: Path, clause: str) -> tuple[str, ...]:
+    """Return the ids of the runs that a WHERE clause chooses, in order of recording.
+
+    Args:
+        path: The store.
+        clause: One condition over the view `runs`, in the SQL of DuckDB. Runs in
+            quarantine are left out unless it speaks of them.
+
+    Raises:
+        InputError: If it is no condition, or no run fulfils it.
+    """
+    try:
+        # The parser itself says that it is one expression: no bracket ends it early.
+        duckdb.SQLExpression(clause)
+    except duckdb.Error as error:
+        raise InputError(
+            f"'{clause}' is not one condition over runs, such as campaign = 'night' "
+            f"AND trajectory = 'fourier': {first_line(error)}"
+        ) from error
+    usable = "true" if "quarantined" in clause.lower() else "NOT quarantined"
+    query = f"""SELECT run_id FROM runs WHERE ({clause}
+        ) AND {usable} ORDER BY recorded_at, created, run_id"""
+    found = tuple(row["run_id"] for row in ask(path, query))
+    if not found:
+        raise InputError(
+            f"No run of {shown(path)} fulfils {clause}. What there is: modelgap sql "
+            '"FROM runs".'
+        )
+    return found
 
 
 class Store:
