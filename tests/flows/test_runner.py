@@ -3,7 +3,6 @@
 import math
 import os
 import signal
-import socket
 import subprocess
 import sys
 import time
@@ -15,6 +14,7 @@ import pytest
 from flows.workers import processes as module
 from flows.workers.processes import RUNNER, TRUST, chosen_runner, executor_of, spread
 from residual.errors import InputError, RunError
+from tests.flows.prefect_server import free_port
 from tests.waiting import PATIENCE
 
 ROOT = Path(__file__).parents[2]
@@ -31,10 +31,10 @@ def test_the_word_decides_then_the_setting_then_threads(monkeypatch):
     assert chosen_runner("dask://[::1]:8786") == "tcp://[::1]:8786"
 
 
-WRONG = ["processes", "ray", "dask://", "dask://127.0.0.1", "dask://a:b"]
+WRONG = "processes ray dask:// dask://127.0.0.1 dask://a:b tcp://a:1"
 
 
-@pytest.mark.parametrize("word", [*WRONG, "tcp://a:1"])
+@pytest.mark.parametrize("word", WRONG.split())
 def test_other_words_are_refused(word):
     with pytest.raises(InputError, match="expected threads, dask or dask://"):
         chosen_runner(word)
@@ -48,17 +48,11 @@ def test_a_cluster_on_the_network_needs_leave(monkeypatch):
     assert chosen_runner("dask://10.0.0.7:8786") == "tcp://10.0.0.7:8786"
 
 
-def _free_port() -> int:
-    with socket.socket() as probe:
-        probe.bind(("127.0.0.1", 0))
-        return probe.getsockname()[1]
-
-
 def test_a_cluster_that_is_not_there_says_how_to_start_one(monkeypatch):
     monkeypatch.setattr(module, "_PATIENCE", 1)
     with (
         pytest.raises(RunError, match="dask worker with --nthreads 1"),
-        executor_of(f"tcp://127.0.0.1:{_free_port()}", 1),
+        executor_of(f"tcp://127.0.0.1:{free_port()}", 1),
     ):
         pass
 
@@ -72,7 +66,7 @@ def _start(*words: str) -> subprocess.Popen:
 @pytest.fixture(scope="module")
 def cluster(tmp_path_factory):
     """A scheduler and two workers, a process each; gives address and workers."""
-    address = f"tcp://127.0.0.1:{_free_port()}"
+    address = f"tcp://127.0.0.1:{free_port()}"
     port, place = address.rpartition(":")[2], str(tmp_path_factory.mktemp("dask"))
     more = ["--host", "127.0.0.1", "--port", port]
     scheduler = _start("distributed.cli.dask_scheduler", *more)

@@ -10,7 +10,9 @@ import zipfile
 from pathlib import Path
 
 import pytest
+import yaml
 
+from tests.flows.prefect_server import free_port
 from tests.pages.page import ROOT
 
 PACKAGES = ("flows", "residual", "sim", "warehouse")
@@ -90,3 +92,18 @@ def test_it_says_its_commit_and_diagnoses(clone, program, tmp_path):
     built_in = ("trajectory", "cyclic", "--robot", "irb140", "--duration", "4")
     _run(program, *built_in, "--csv", "program.csv", cwd=tmp_path)
     assert (tmp_path / "program.csv").exists()
+
+
+@pytest.mark.long
+@pytest.mark.prefect
+def test_a_service_comes_up_with_its_deployments_and_no_checkout(program, tmp_path):
+    place = ("--store", tmp_path / "store")
+    try:
+        _run(program, "up", "--port", str(free_port()), *place, cwd=tmp_path)
+        state = json.loads(_run(program, "status", "--json", *place, cwd=tmp_path))
+    finally:
+        _run(program, "down", "--wait", "0", *place, cwd=tmp_path)
+    assert state["healthy"]
+    served = {row["name"].split("/")[1] for row in state["deployments"]}
+    file = yaml.safe_load((ROOT / "prefect.yaml").read_text(encoding="utf-8"))
+    assert served == {row["name"] for row in file["deployments"]}
