@@ -1,8 +1,10 @@
 """modelgap identify: words in; tables, files and messages out."""
 
 import json
+import re
 from pathlib import Path
 
+import duckdb
 import pytest
 
 from flows.cli import main
@@ -122,3 +124,11 @@ def test_where_no_run_fulfils_a_condition_every_command_says_so(runs, capsys):
         words = [verb, "--where", "trajectory = 'cyclic'", *robot, "--store", "s"]
         assert main(words) == 2
         assert "fulfils trajectory = 'cyclic'" in capsys.readouterr().err
+
+
+def test_the_query_of_the_page_reads_the_files_by_plain_duckdb(runs):
+    page = Path(__file__).parents[2] / "docs" / "sql.md"
+    (query,) = re.findall(r"```sql\n(.*?)```", page.read_text(), re.S)
+    found = duckdb.sql(query.replace("STORE", "s")).fetchall()
+    assert {row[0] for row in found} == set(runs)
+    assert all(samples == 2000 and peak > 0 for _, samples, peak in found)
