@@ -109,7 +109,10 @@ def span_of(night: date) -> tuple[datetime, datetime]:
 def _words(store: Path, diagnosis: str) -> tuple[str, str]:
     try:
         verdict = read_verdict(store, diagnosis)
-        return finding(verdict), errors(verdict)
+        pair = errors(verdict)
+        # Of the end of a log that was fitted up to there no log was held out.
+        own = f"{pair} at the end of the logs" if verdict.error.same_run else pair
+        return finding(verdict), own if pair else ""
     except InputError:
         return "its record cannot be read", ""
 

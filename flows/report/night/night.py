@@ -330,7 +330,8 @@ def _card(each: Report, look: Look, place: Place) -> Card:
     if each.errors:
         pair = "refitted → with what was found"
         pair = "as given → refitted" if each.state == "values" else pair
-        about = f"held-out error: {pair}" if "→" in each.errors else "held-out error"
+        about = f"error: {pair}" if "→" in each.errors else "error"
+        about = about if "at the end" in each.errors else f"held-out {about}"
         parts += [Note(each.errors, "figure"), Note(about, "calm")]
     parts.append(f"{sentence_case(each.alarms)}. {many(each.runs, 'new run')}.")
     parts.append(f"{sentence_case(each.model)}." if each.model else None)
