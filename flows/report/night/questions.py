@@ -31,7 +31,8 @@ DIAGNOSES = f"""
     )
     SELECT d.diagnosis_id AS id,
            coalesce(nullif({_ROBOT.format("d")}, ''), '?') AS robot,
-           d.created, d.verdict, before, after, report_id, adoption::INT AS model,
+           d.created, coalesce(d.recorded_at, d.created) AS recorded, d.verdict,
+           before, after, report_id, adoption::INT AS model,
            row_number() OVER (PARTITION BY d.robot, d.serial ORDER BY d.created,
                                   d.diagnosis_id)
                AS number,
@@ -124,20 +125,22 @@ RUNS = f"""
 # ten; nothing is said of fewer than five.
 PARAMETERS = f"""
     WITH {_UNIT}, nights AS (
-        SELECT joint, name, unit, created, model_id, value,
+        SELECT joint, name, unit, model_id, value,
+               coalesce(m.recorded_at, m.created) AS recorded,
                row_number() OVER one AS night,
                abs(value - lag(value) OVER one) AS moved
         FROM parameters JOIN models m USING (model_id)
         LEFT JOIN unit ON child = model_id
         WHERE status = 'fitted' AND coalesce(unit.robot, m.robot) = $robot
-        WINDOW one AS (PARTITION BY joint, name ORDER BY created, model_id)
+        WINDOW one AS (PARTITION BY joint, name
+                       ORDER BY coalesce(m.recorded_at, m.created), model_id)
     ), usual AS (
         SELECT joint, name, count(*) AS n, avg(value) AS centre,
                avg(moved) / 1.128 AS sigma
         FROM nights WHERE night <= 10 GROUP BY ALL
     )
-    SELECT joint, name, unit, created, value, centre,
+    SELECT joint, name, unit, recorded, value, centre,
            CASE WHEN n >= 5 THEN 3 * sigma END AS width
     FROM nights JOIN usual USING (joint, name)
-    ORDER BY joint, name, created, model_id
+    ORDER BY joint, name, recorded, model_id
 """

@@ -87,9 +87,10 @@ def _tiles(found: Rows, own: Mapping) -> list[Tile]:
 
 
 def _errors(found: Rows, adoptions: Rows) -> Section:
-    oldest_first = found[::-1]
-    before = [(d["created"], d["before"]) for d in oldest_first]
-    after = [(d["created"], d["after"]) for d in oldest_first]
+    # By when the arm was measured: a night may be diagnosed late.
+    oldest_first = sorted(found, key=lambda d: d["recorded"])
+    before = [(d["recorded"], d["before"]) for d in oldest_first]
+    after = [(d["recorded"], d["after"]) for d in oldest_first]
     lines = (
         Series("model that it had", "before", before),
         Series("with the findings", "after", after),
@@ -209,7 +210,7 @@ def _chart(own: Sequence[Mapping]):
     _, centre, width = (own[-1][key] for key in _FIGURES)
     limits = (centre - width, centre + width) if width else None
     beyond = Markup("<b>beyond its limits</b> · ") if _off(own)[0] else ""
-    points = [(row["created"], row["value"]) for row in own]
+    points = [(row["recorded"], row["value"]) for row in own]
     line = Series(own[-1]["name"], "value", points)
     return trend([line], own[-1]["unit"] or "", beyond + _label(own), _SMALL, limits)
 
