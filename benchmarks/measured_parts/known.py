@@ -233,7 +233,7 @@ def figures(rows: Sequence[Mapping]) -> Figures:
         size = f"{100 * target:g}"
         own = [row for row in rows if row["truth"] and row["target"] == target]
         judged = _judged(own, rows, ("named", "suspected"))
-        first, others = judged.mean(axis=0)
+        first, others = (float(x) for x in judged.mean(axis=0))
         n, ok = len(judged), first >= bar
         out[f"added_{size}_first"] = figure(first, bar, n, ok=ok, at_least=True)
         some = [any(_is(x, r["truth"]) for x in r["suspected"]) for r in own]
