@@ -117,7 +117,9 @@ _TABLES: Mapping[str, tuple[Line, ...]] = {
     ),
     "forms": (Line("forms_right", is_right, 0.90, beside=_per_form),),
     "constants": (
-        Line("constants_both_right", _with_constants, 0.90, beside=per(is_right)),
+        Line(
+            "constants_both_right", _with_constants, 0.90, beside=per(_with_constants)
+        ),
         Line("constants_other_right", _other_right),
         Line("constants_on_every_joint", _on_every_joint),
     ),

@@ -274,12 +274,11 @@ def _done(task: Task, minimum: Sequence[Mapping]) -> dict:
 
 def _constants_named(hidden: Sequence, verdict: Verdict) -> dict:
     """Say on how many joints the constant is named, of those that are free for it."""
-    said = [s for s in members(verdict) if s.name.effect == OFFSET]
-    places = {h.joints for h in hidden}
+    said, places = [s.name for s in members(verdict)], {h.joints for h in hidden}
     return {
         "constants": len(places),
-        "constants_named": sum(s.name.joints in places for s in said),
-        "others": [s.name.effect for s in members(verdict) if s.name.effect != OFFSET],
+        "constants_named": sum(n.effect == OFFSET and n.joints in places for n in said),
+        "others": [n.effect for n in said if n.effect != OFFSET],
     }
 
 
@@ -423,8 +422,6 @@ def _task(group: str, what: str, first: int, seed: int) -> Task:
     engine = (known is not None and not known.on_synthetic) or (
         fifth and group in ("singles", "unknown")
     )
-    if group == CONSTANTS and known is not None and not known.on_synthetic:
-        engine = True
     # Nulls are cheap to vary: each has motions of its own.
     of_its_own = group in ("nulls", COUPLINGS, LOADS)
     motion = seed if of_its_own else first + (seed - first) % BENCHES

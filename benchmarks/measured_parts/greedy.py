@@ -69,8 +69,10 @@ class _Selection:
     def of(cls, robot: Robot, logs: Sequence[Recording]) -> "_Selection":
         tracks, _ = prepare(list(logs), Filters())
         base = [_base(robot, track) for track in tracks]
-        load = _load(robot, tracks, base)
         moving = [abs(t.qd[:: t.step]) > STANDSTILL for t in tracks]
+        theta = _plain(base, tracks, moving)
+        body = theta[: 10 * robot.dof]
+        load = [regressor(robot.model, t.q, t.qd, t.qdd) @ body for t in tracks]
         blocks, named = [], {}
         for track, x, torque, moves in zip(tracks, base, load, moving, strict=True):
             named = dict(_named(track, torque))
@@ -87,7 +89,7 @@ class _Selection:
         dof, p = robot.dof, int(ends[-1])
         gram = np.zeros((len(blocks), dof, p, p))
         cross, power = np.zeros((len(blocks), dof, p)), np.zeros((len(blocks), dof))
-        noise = _noise(base, tracks, moving)
+        noise = _noise(base, tracks, moving, theta)
         for b, (x, every, part, tau, moves) in enumerate(blocks):
             for j in range(dof):
                 weight = moves[:, j] / noise[j]
@@ -133,9 +135,8 @@ def _base(robot: Robot, track) -> Array:
     return track.filter(np.concatenate([y, *own], axis=2))
 
 
-def _noise(base, tracks, moving) -> Array:
+def _noise(base, tracks, moving, theta: Array) -> Array:
     """What least squares leaves of each joint [N m]. Shape (dof,)."""
-    theta = _plain(base, tracks, moving)
     left = np.concatenate(
         [t.tau - x @ theta for x, t in zip(base, tracks, strict=True)]
     )
@@ -155,13 +156,6 @@ def _plain(base, tracks, moving) -> Array:
     size = np.maximum(np.linalg.norm(x, axis=0) / np.sqrt(len(x)), 1e-9)
     gram = (x / size).T @ (x / size) + RIDGE * len(x) * np.eye(x.shape[1])
     return np.linalg.solve(gram, (x / size).T @ y) / size
-
-
-def _load(robot: Robot, tracks, base) -> list[Array]:
-    """Torque of the rigid body by least squares, of each log [N m]. Shapes (n, dof)."""
-    moving = [abs(t.qd[:: t.step]) > STANDSTILL for t in tracks]
-    theta = _plain(base, tracks, moving)[: 10 * robot.dof]
-    return [regressor(robot.model, t.q, t.qd, t.qdd) @ theta for t in tracks]
 
 
 def _named(track, load: Array) -> Iterator[tuple[Name, Array]]:

@@ -56,7 +56,7 @@ def diagnose(
         verbose: List the effects that these logs could not tell apart.
     """
     from flows.inputs.given import chosen
-    from flows.report.diagnosis import print_diagnosis
+    from flows.report.diagnosis import print_diagnosis, render
     from flows.report.page import of_request
     from flows.steps import diagnose as steps
     from flows.steps.models import choose_for
@@ -79,8 +79,6 @@ def diagnose(
     out.say(*found.notes[len(read.lines) :])
 
     def page() -> str:
-        from flows.report.diagnosis import render
-
         origin = of_request(request, str(report))
         return render(found, found.verdict.robot, origin=origin)
 

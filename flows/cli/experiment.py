@@ -15,7 +15,7 @@ from flows.cli.app import (
     Outputs,
     check_between,
 )
-from flows.inputs.given import load
+from flows.inputs.given import load, queried
 from flows.outputs import progress_bar, read_files, say
 from flows.report import experiments
 from flows.report.console import show
@@ -45,7 +45,6 @@ from sim.engine.render import animate
 from sim.trajectories import make_reference
 from sim.trajectories.excitation import usage
 from warehouse.mirror import shown
-from warehouse.query.store import runs_where
 
 DryRun = Annotated[
     Flag,
@@ -184,8 +183,7 @@ def validate(
     out, place = Outputs({"--report": report}), store_folder(request.store)
     console, found, done = out.console, {}, None
     check_between("--seeds", seeds, 1, 1000)
-    if where is not None:
-        runs = (*runs, *runs_where(place, where))
+    runs = (*runs, *queried(request.store, where))
     if not runs:
         raise InputError("No run to validate on. Name it: modelgap validate RUN")
     choice = chosen_to_drive(place, runs[0], model)

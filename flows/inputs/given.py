@@ -203,22 +203,21 @@ def chosen(
     Raises:
         InputError: If one is no condition, or no run fulfils it.
     """
-    if where is held_out_where is None:
-        return replace(request, logs=tuple(words))
-    # DuckDB, which no diagnosis of files needs.
+    sets = {"logs": (*words, *queried(request.store, where))}
+    if held_out_where is not None:
+        proof = queried(request.store, held_out_where)
+        sets["held_out"] = (*request.held_out, *proof)
+    return replace(request, **sets)
+
+
+def queried(store: str | Path | None, where: str | None) -> tuple[str, ...]:
+    """Return the ids of the runs that fulfil a condition; none where there is none."""
+    if where is None:
+        return ()
+    # DuckDB, which no command without a condition needs.
     from warehouse.query.store import runs_where
 
-    sets = {"logs": (tuple(words), where)}
-    if held_out_where is not None:
-        sets["held_out"] = (request.held_out, held_out_where)
-    place = store_folder(request.store)
-    return replace(
-        request,
-        **{
-            name: (*given, *(() if clause is None else runs_where(place, clause)))
-            for name, (given, clause) in sets.items()
-        },
-    )
+    return runs_where(store_folder(store), where)
 
 
 def is_run(word: str) -> bool:

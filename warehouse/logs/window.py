@@ -303,18 +303,18 @@ def interleaved(q: Array, where: str) -> Doubt | None:
     """
     if len(q) < RUN:
         return None
-    leap = np.diff(q, axis=0)
-    span = np.nanmax(q, axis=0) - np.nanmin(q, axis=0)
-    # A joint at rest leaps by the step of its encoder, there and back.
-    moves = [len(np.unique(own)) > STEPS for own in q.T]
-    far = (np.abs(leap) > LEAP * span) & moves
+    signs = np.stack([_leaps(own) for own in q.T], axis=1)
     # A single joint leaps where its reading is coarse or begins again.
-    rows = np.flatnonzero(far.sum(axis=1) >= min(2, q.shape[1]))
-    if len(rows) < max(LEAPS * len(q), RUN):
+    least, most = min(2, q.shape[1]), max(LEAPS * len(q), RUN)
+    if np.count_nonzero(np.abs(signs).sum(axis=1) >= least) < most:
         return None
-    signs = np.sign(leap[rows]) * far[rows]
-    both = far[rows][1:] & far[rows][:-1]
-    back = (signs[1:] * signs[:-1] < 0)[both]
+    # A joint at rest leaps by the step of its encoder, there and back.
+    signs *= [len(np.unique(own)) > STEPS for own in q.T]
+    rows = np.flatnonzero(np.abs(signs).sum(axis=1) >= least)
+    if len(rows) < most:
+        return None
+    pairs = signs[rows][1:] * signs[rows][:-1]
+    back = pairs[pairs != 0] < 0
     if not len(back) or back.mean() < BACK:
         return None
     words = (
@@ -323,6 +323,13 @@ def interleaved(q: Array, where: str) -> Doubt | None:
         "of them: its topic by itself, or its joints under their names."
     )
     return Doubt("interleaved", (), words, fatal=True)
+
+
+def _leaps(own: Array) -> Array:
+    """Way of each step that is far for a joint, 0 for the others. Shape (n - 1,)."""
+    step = np.diff(own)
+    far = np.abs(step) > LEAP * (np.nanmax(own) - np.nanmin(own))
+    return (np.where(far, np.sign(step), 0)).astype(np.int8)
 
 
 def _constant(recording: Recording) -> Doubt | None:

@@ -18,6 +18,7 @@ from residual.errors import InputError
 from warehouse.query.store import Store, open_store
 
 _HALF_A_DAY = timedelta(hours=12)
+AT_THE_END = "at the end of the logs"
 Rows = Sequence[Mapping]
 
 
@@ -111,7 +112,7 @@ def _words(store: Path, diagnosis: str) -> tuple[str, str]:
         verdict = read_verdict(store, diagnosis)
         pair = errors(verdict)
         # Of the end of a log that was fitted up to there no log was held out.
-        own = f"{pair} at the end of the logs" if verdict.error.same_run else pair
+        own = f"{pair} {AT_THE_END}" if verdict.error.same_run else pair
         return finding(verdict), own if pair else ""
     except InputError:
         return "its record cannot be read", ""

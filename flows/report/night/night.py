@@ -21,6 +21,7 @@ from flows.report.document import (
     when,
 )
 from flows.report.night.look import (
+    AT_THE_END,
     FlowRun,
     History,
     Look,
@@ -331,7 +332,7 @@ def _card(each: Report, look: Look, place: Place) -> Card:
         pair = "refitted → with what was found"
         pair = "as given → refitted" if each.state == "values" else pair
         about = f"error: {pair}" if "→" in each.errors else "error"
-        about = about if "at the end" in each.errors else f"held-out {about}"
+        about = about if each.errors.endswith(AT_THE_END) else f"held-out {about}"
         parts += [Note(each.errors, "figure"), Note(about, "calm")]
     parts.append(f"{sentence_case(each.alarms)}. {many(each.runs, 'new run')}.")
     parts.append(f"{sentence_case(each.model)}." if each.model else None)
