@@ -19,8 +19,15 @@ from residual.check.late import commanded, filtered, late, long_late
 from residual.check.motion import Motion, thin_rows
 from residual.check.mounting import REMOVED, mounting, nats_of
 from residual.check.physics import misread, other_world, wrong_robot
-from residual.check.reading import Reading, odds_of, read_by
-from residual.check.reported import frictionless, joints_exchanged
+from residual.check.reading import Reading, as_given, odds_of, read_by
+from residual.check.reported import (
+    common_factor,
+    frictionless,
+    joints_exchanged,
+    shares_of,
+    torque_factors,
+    unit_fault,
+)
 from residual.check.result import MOUNTING, Fault, LogCheck, Repair, joints_of
 from residual.check.rules import CHECK
 from residual.check.samples import (
@@ -113,8 +120,16 @@ def _of_the_arm(
         return [*faults, *speeds]
     columns, reading = misread(robot, motion)
     slipped, mounted = slips(robot, motion), None
-    read, second = _nats(robot, motion, reading), -np.inf
-    if reading.angle_unit == 1.0 and (mounted := mounting(robot, motion)):
+    # A reading that is not worth a word is none, and another arm's is no reading.
+    counts = any(fault.kind != WRONG for fault in columns)
+    read = _nats(robot, motion, reading if counts else as_given(robot.dof))
+    second = -np.inf
+    if reading.angle_unit == 1.0:
+        mounted = mounting(robot, motion)
+    gone = mounted and mounted.fault.kind == REMOVED and not mounted.fault.certain
+    if gone and other_world(robot, motion):
+        mounted = None  # another time says more than a weight that may be gone
+    if mounted:
         # The rest is asked of the arm as it is mounted.
         also, then = misread(mounted.robot, motion)
         # Of a load the weight is there where the arm's was taken out.
@@ -143,6 +158,7 @@ def _of_the_arm(
         columns += late(robot, motion, logs)
     if fits:
         columns += frictionless(robot, motion, declared)
+        columns += common_factor(robot, motion)
     mended = any(fault.certain for fault in (*columns, *speeds))
     faults += carried(columns, speeds, logs)
     if mended:
@@ -152,8 +168,17 @@ def _of_the_arm(
 
 def _beats(slipped: Slips, nats: float, faults: Sequence[Fault]) -> bool:
     """Whether slips win against faults; no absolute is said of what a pair explains."""
+    sure = {fault.kind for fault in slipped.faults if fault.certain}
+    if any(fault.kind == REMOVED and fault.certain for fault in faults) and not sure:
+        return False
     absolute = any(fault.kind in (WRONG, REMOVED) for fault in faults)
-    return not faults or (slipped.pair and absolute) or slipped.nats >= nats
+    surer = any(fault.kind in sure and not fault.certain for fault in faults)
+    return (
+        not faults
+        or surer
+        or (slipped.pair and absolute)
+        or slipped.nats >= nats
+    )
 
 
 def _of_columns(
@@ -162,6 +187,10 @@ def _of_columns(
     """What single readings of the columns say, else clocks, single torques, the arm."""
     if not any(fault.certain for fault in columns):
         columns = joints_exchanged(robot, motion) or columns
+    if any(fault.kind == "gear_ratio" and not fault.repairs for fault in columns):
+        shares = shares_of(robot, motion)
+        factors = torque_factors(shares)
+        columns = columns if factors is None else [unit_fault(robot, factors, shares)]
     columns = columns or other_world(robot, motion) or wrong_robot(robot, motion)
     if any(fault.kind == WRONG for fault in columns):
         columns = long_late(robot, motion, logs) or columns

@@ -71,11 +71,11 @@ def mounting(robot: Robot, motion: Motion) -> Mounted | None:
         return None
     was, best = _best(robot, motion)
     none = _weightless(robot, motion)
-    left = none.left / max(was.left, _NOTHING)
-    if none.nats > best.nats + CHECK.mounted and left < CHECK.removed_explains:
-        return _removed(robot, was, none)
     angle, gain = _angle(best.gravity, given), best.nats - was.nats
-    if angle < CHECK.tilted or gain < CHECK.mounted:
+    otherwise = angle >= CHECK.tilted and gain >= CHECK.mounted
+    if none.nats > (best if otherwise else was).nats + CHECK.odds:
+        return _removed(robot, was, none)
+    if not otherwise:
         return None
     if not _seen(shares_of(turned(robot, best.gravity), motion)):
         return None
@@ -101,11 +101,14 @@ def _seen(shares: Shares) -> bool:
 
 
 def _removed(robot: Robot, was: Stand, none: Stand) -> Mounted:
+    """The arm without its weight; certain where that explains most of what is off."""
+    explains = none.left < CHECK.removed_explains * was.left
+    certain = explains and none.nats > was.nats + CHECK.mounted
     words = (
         f"{REMOVED_WORDS}. It fits better by {none.nats - was.nats:.0f} nats; of a "
         "load the weight may be there."
     )
-    fault = Fault(REMOVED, (), True, words)
+    fault = Fault(REMOVED, (), bool(certain), words)
     return Mounted(fault, turned(robot, np.zeros(3)), none.nats)
 
 
@@ -180,12 +183,10 @@ def _weightless(robot: Robot, motion: Motion) -> Stand:
     gone = columns(turned(robot, np.zeros(3)), motion)
     joints = []
     for own, none in zip(there, gone, strict=True):
-        values = none.values.copy()
-        body = values.shape[1] - PER_LINK * robot.dof
-        values[:, body - OUTER : body] = own.values[:, body - OUTER : body]
-        values[:, body - OUTER] = CHECK.body * (own.nominal - none.nominal)
-        values[:, body - OUTER + 1] = 0.0
-        values[:, -PER_LINK:] = own.values[:, -PER_LINK:]
+        values = own.values.copy()
+        tilts = values.shape[1] - PER_LINK * robot.dof - OUTER
+        values[:, tilts] = CHECK.body * (own.nominal - none.nominal)
+        values[:, tilts + 1] = 0.0
         joints.append(replace(none, values=values))
     return _fitted(parts_of(motion, joints), np.zeros(3), ())
 

@@ -162,6 +162,11 @@ class Rules:
     unlike: float = 4.0  # shares of a right joint in its unit are nearer to one
     tells: float = 0.03  # of the strongest torque: a wrist's factor is anything
     factors_alike: float = 1.1  # factors so near to each other are one
+    # One factor on all torques: joints that show it, how well, and its least size.
+    common_joints: int = 3
+    common_seen: float = 0.9  # explained at least
+    common_sd: float = 0.05  # of the share
+    common_off: float = 1.25
     weight_gone: float = 0.2  # of the weight; time that is doubled leaves a quarter
     friction_gone: float = 0.2  # of the declared power
     friction_sure: float = 0.15  # its deviation

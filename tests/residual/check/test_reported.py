@@ -78,6 +78,16 @@ def test_one_factor_for_all_is_told_as_one(factor):
     assert float(said) == pytest.approx(1 / factor, rel=0.05)
 
 
+@pytest.mark.parametrize(("factor", "kind"), [(0.7, "torque_unit"), (1.1, None)])
+def test_one_factor_near_one_is_suspected_with_its_line(factor, kind):
+    robot, logs = clean_logs("irb140")
+    faults = check_logs(robot, edited(logs, tau=times(factor))).faults
+    assert [f.kind for f in faults] == ([kind] if kind else [])
+    for fault in faults:
+        assert not fault.certain
+        assert fault.repairs[0].scale == pytest.approx(1 / factor, rel=0.05)
+
+
 def without_weight(robot, logs, share=1.0):
     down = robot.model.gravity.linear
     return [
@@ -93,6 +103,14 @@ def test_torque_without_weight_is_certain_and_says_what_to_do(name):
     (fault,) = check_logs(robot, without_weight(robot, logs, share)).faults
     assert (fault.kind, fault.joints, fault.certain) == ("gravity_removed", (), True)
     assert "gravity = [0, 0, 0]" in fault.evidence
+
+
+def test_four_seconds_without_weight_is_suspected_and_with_weight_is_not():
+    robot, logs = clean_logs("irb140", families=("fourier",))
+    short = [replace(r, t=r.t[:500], q=r.q[:500], tau=r.tau[:500]) for r in logs]
+    assert "gravity_removed" not in [kind for kind, *_ in kinds(robot, short)]
+    gone = kinds(robot, without_weight(robot, short))
+    assert "gravity_removed" in [kind for kind, *_ in gone]
 
 
 def test_an_arm_that_lacks_the_weight_of_one_joint_has_a_clean_log():
