@@ -103,7 +103,7 @@ def delay_of(
     best = int(np.argmin(loss.sum(axis=0)))
     inside = 0 < best < len(delays) - 1
     near = inside and abs(delays[best] - delay) < CHECK.delay_near * max(step, sd)
-    better = np.mean(loss[:, best] < loss[:, none]) > 0.5
+    better = np.median(loss[:, none] - loss[:, best]) > CHECK.odds
     more = nats[:, there] - nats[:, none]
     agree = int(np.sum(more > CHECK.delay_agrees)) if near and better else 0
     return delay, sd, agree
