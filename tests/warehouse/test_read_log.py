@@ -296,3 +296,24 @@ def test_two_arms_in_one_log_are_refused_with_that_word(
     both = both[np.argsort(both[:, 0], kind="stable")]
     with pytest.raises(InputError, match="interleaved"):
         read_log(write(both), make_robot())
+
+
+@pytest.mark.parametrize("off", [0.06, 0.2])
+def test_two_arms_that_stand_alike_and_take_turns_are_refused(
+    samples, write, make_robot, off
+):
+    other = samples.copy()
+    other[:, 0] += 0.5 * (samples[1, 0] - samples[0, 0])
+    other[:, 1:3] += off
+    both = np.concatenate([samples, other])
+    both = both[np.argsort(both[:, 0])]
+    with pytest.raises(InputError, match="interleaved"):
+        read_log(write(both), make_robot())
+
+
+@pytest.mark.parametrize("noise", [0.0, 1e-3, 0.05])
+def test_noise_of_an_encoder_is_no_second_arm(samples, write, make_robot, noise):
+    rng = np.random.default_rng(3)
+    samples[:, 1:3] += noise * rng.normal(size=(len(samples), 2))
+    log, _ = read_log(write(samples), make_robot())
+    assert len(log.t) == len(samples)

@@ -22,6 +22,7 @@ _WINDOW = re.compile(f"(?:{_EDGE})?:(?:{_EDGE})?")
 RUN = 5
 # Readings of two arms in turn: of a joint's span; of the samples; of the leaps.
 LEAP, LEAPS, BACK = 0.05, 0.02, 0.95
+NEARER = 3.0  # times, that the next reading but one is nearer where two take turns
 STEPS = 32  # readings that a joint must have, or it is at rest
 BLOCK = 1 << 17  # samples that are looked at together
 # A joint that moves by less than this share of the largest span within _LATELY rests.
@@ -303,6 +304,8 @@ def interleaved(q: Array, where: str) -> Doubt | None:
     """
     if len(q) < RUN:
         return None
+    if _in_turn(q):
+        return _two_arms(where, len(q) - 1, len(q))
     signs = np.stack([_leaps(own) for own in q.T], axis=1)
     # A single joint leaps where its reading is coarse or begins again.
     least, most = min(2, q.shape[1]), max(LEAPS * len(q), RUN)
@@ -317,12 +320,26 @@ def interleaved(q: Array, where: str) -> Doubt | None:
     back = pairs[pairs != 0] < 0
     if not len(back) or back.mean() < BACK:
         return None
+    return _two_arms(where, len(rows), len(q))
+
+
+def _two_arms(where: str, leaps: int, samples: int) -> Doubt:
     words = (
-        f"{where}: the angles leap there and back {len(rows)} times in {len(q)} "
+        f"{where}: the angles leap there and back {leaps} times in {samples} "
         "samples, as no joint can: two arms or drivers are interleaved in it. Log one "
         "of them: its topic by itself, or its joints under their names."
     )
     return Doubt("interleaved", (), words, fatal=True)
+
+
+def _in_turn(q: Array) -> bool:
+    """Whether the next reading but one is much nearer than the next, on two joints.
+
+    Of one joint it is twice as far where it moves, and as far where it is noise.
+    """
+    one, two = (np.nanmedian(np.abs(q[k:] - q[:-k]), axis=0) for k in (1, 2))
+    moves = np.array([len(np.unique(own)) > STEPS for own in q.T])
+    return np.count_nonzero((one > NEARER * two) & moves) >= min(2, q.shape[1])
 
 
 def _leaps(own: Array) -> Array:
