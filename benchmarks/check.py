@@ -6,10 +6,6 @@
 
 Every kind of fault is put into logs of simulated and measured arms, at three sizes or
 six (two kinds have six). Sound logs are some in which a joint is held, too.
-A factor on a torque, or a delay, that leaves no trace in a log is not applicable there:
-any body and friction that are fitted to the clean log could carry the change within 5
-nats, and it is less than half of what the robot file misses of the clean torque beside
-friction (`check_parts.judge.trace`). Found or not, they count as `not_applicable`.
 Seeds 122101:122104 decide and are used for nothing else; 1 to 99 are for development.
 Finished jobs are kept in store/benchmarks, by a hash of the code. The last line is one
 JSON object; exit code 1 for a missed bar.
@@ -53,14 +49,13 @@ def _show(rows: list[dict]) -> None:
     """Print one line per kind of fault, and what was missed."""
     told: dict[str, Counter] = {}
     for row in rows:
-        if "hit" in row and not row.get("void"):
+        if "hit" in row:
             told.setdefault(row["kind"], Counter())[row["hit"]] += 1
     for kind, counts in told.items():
         print(f"{kind:18} {counts[True]:4} of {counts.total()}")
     for row in rows:
         if "error" in row or ("hit" in row and not row["hit"]):
-            void = " (not applicable)" if row.get("void") else ""
-            where = f"{row['host']} {row['seed']} size {row.get('size')}{void}"
+            where = f"{row['host']} {row['seed']} size {row.get('size')}"
             what = row.get("error") or row["said"]
             print(f"  {row.get('kind')} {row.get('joints')} on {where}: {what}")
 

@@ -9,7 +9,7 @@ import json
 import math
 import sys
 import tomllib
-from collections.abc import Iterator, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import cache
 from pathlib import Path
@@ -95,20 +95,14 @@ class Figure:
         words = f"{low} to {high}" if "low" in entry else sign + high
         return words + {False: " **missed**", None: " –"}.get(entry["ok"], "")
 
-    def details(self) -> Iterator[str]:
-        """What else the entry holds, in words."""
-        entry = self.entry
-        if self.unit == "share" and "interval" in entry:
-            yield "{} to {} %".format(*(_number(100 * x) for x in entry["interval"]))
-        if len(entry.get("data", ())) > 1:
-            yield ", ".join(f"{k} {a} of {b}" for k, (a, b) in entry["data"].items())
-        if fewer := _incomplete(entry):
-            yield "not in all: " + fewer
-        for key, words in _SHARED["also"].items():
-            # Why there is no bar is said by there being none.
-            idle = key == "why" and entry["bar"] is None
-            if not idle and entry.get(key) not in (None, []):
-                yield words.format(_plain(entry[key]))
+    @property
+    def interval(self) -> str:
+        """Where the rate lies with 95 % (Wilson); "" of what is no rate."""
+        if self.unit != "share" or "interval" not in self.entry:
+            return ""
+        return "{} to {} %".format(
+            *(_number(100 * x) for x in self.entry["interval"])
+        )
 
 
 @cache
@@ -173,10 +167,9 @@ def main() -> int:
 
 def _section(name: str, content: Mapping) -> str:
     words = _WORDS[name]
-    rows = [("what", "value", "n", "bar", "also"), ("---", "---", "---:", "---", "---")]
+    rows = [("what", "value", "n", "bar", "95 %"), ("---", "---", "---:", "---", "---")]
     for is_, entry in figures(name, content).values():
-        also = "; ".join(entry.details())
-        rows.append((is_, str(entry), _number(entry.n), entry.bar, also))
+        rows.append((is_, str(entry), _number(entry.n), entry.bar, entry.interval))
     facts = f"`{RESULTS.name}/{name}.json`: {_origin(name, content)}"
     facts += f", {content['cores']} cores"
     facts += f" ({content['machine']})" if "machine" in content else ""
@@ -228,19 +221,6 @@ def _of_run(name: str, run: Mapping) -> str:
     # Said by the page itself: a reader cannot know when the method changed.
     old = "" if is_current(name, run) else " **of older code**"
     return f"commit {run['commit'][:7]}{dirty}, {run['date'][:10]}{old}"
-
-
-def _incomplete(entry: Mapping) -> str:
-    """Effects of which some cases are not right, the worst first."""
-    counts = dict(entry.get("per_effect", {}))
-    for name, z in entry.get("z_per_effect", {}).items():
-        counts[name] = [sum(abs(x) <= 2 for x in z), len(z)]
-    shares = {k: v for k, v in entry.get("per_form", {}).items() if v < 1}
-    fewer = {k: v for k, v in counts.items() if isinstance(v, list) and v[0] < v[1]}
-    worst = sorted(fewer.items(), key=lambda item: item[1][0] / item[1][1])
-    some = [f"{k} {a} of {b}" for k, (a, b) in worst]
-    some += [f"{k} {_number(100 * v)} %" for k, v in shares.items()]
-    return ", ".join(name.replace("x_", "").replace("_", " ") for name in some)
 
 
 def _table(rows: list[tuple[str, ...]]) -> str:

@@ -229,7 +229,6 @@ class Check(OfRobot):
 
     logs: GivenWords = ()
     _: KW_ONLY
-    declared: Declared = None
     columns: Columns = None
     store: Store = None
 

@@ -27,8 +27,6 @@ TRUE_OF = {
 }
 # What an arm has by its effect, the check may say too, if not with certainty.
 SHOWS_AS = {
-    "torque_gain": ("torque_scale",),
-    "delay": ("delay",),
     "saturation": ("saturated",),
 }
 
@@ -37,8 +35,7 @@ def figures(rows: Rows, absent: Sequence[str], deciding: bool) -> Figures:
     by_group = defaultdict(list)
     for row in rows:
         by_group["crashes" if "error" in row else row["group"]].append(row)
-    every, sound = by_group["faults"], by_group["clean"] + by_group["effects"]
-    faults = [row for row in every if not row.get("void")]
+    faults, sound = by_group["faults"], by_group["clean"] + by_group["effects"]
     mended = [{"kind": r["kind"], "exact": e} for r in faults for e in r["exact"]]
     own = [row["seconds"] for row in faults]
     value = float(np.median(own)) if own else None
@@ -46,7 +43,6 @@ def figures(rows: Rows, absent: Sequence[str], deciding: bool) -> Figures:
     which = [[r["host"], r["seed"], r["said"]] for r in certain]
     out = {
         **lines(_OF_FAULTS, faults),
-        "not_applicable": _void(every),
         **lines([_EXACT], mended),
         **lines([_FALSE], sound),
         "false_certain": figure(len(certain), 0, len(sound), which=which),
@@ -100,12 +96,3 @@ _TRUSTED = Line(
     lambda r: r["answer"] in ("unknown", "refused") and not r["named"],
     1.0,
 )
-
-
-def _void(every: Rows) -> dict:
-    """Count faults that leave no trace in their log (`check_parts.judge.trace`)."""
-    rows = [row for row in every if row.get("void")]
-    entry = figure(len(rows), None, len(every), why="for information, no bar")
-    which = [[r["host"], r["seed"], r["kind"], r["size"], r["joints"]] for r in rows]
-    found = sum(bool(row["hit"]) for row in rows)
-    return entry | {"found_all_the_same": found, "which": which}

@@ -17,7 +17,7 @@ from benchmarks.check_parts.arms import (
     Spoiled,
     host,
 )
-from benchmarks.check_parts.judge import given, judged, read, told, trace
+from benchmarks.check_parts.judge import given, judged, read, told
 from benchmarks.diagnosis_parts.cases import PYBULLET, SYNTHETIC, as_form, make, the_arm
 from benchmarks.harness.cases import guarded
 from benchmarks.hidden.drawn import draw_sized, vocabulary
@@ -34,13 +34,13 @@ from sim.plant.catalogue import kinds
 
 _READING = (
     "torque_sign angle_sign joint_order torque_unit angle_unit time_unit gear_ratio "
-    "torque_scale velocity_mismatch"
+    "velocity_mismatch"
 )
 _MADE = (
-    "clock spike frozen quantised saturated delay filtered out_of_range lockstep "
+    "clock spike frozen quantised saturated filtered out_of_range lockstep "
     "no_reversal too_short robot_file wrong_robot"
 )
-_REPORTED = "gravity_removed friction_removed commanded constant"
+_REPORTED = "gravity_removed commanded constant"
 FAULTS: Mapping[str, Fault] = {
     name: getattr(module, name)
     for module, names in ((reports, _READING), (faults, _MADE), (reports, _REPORTED))
@@ -109,17 +109,8 @@ def _faults(task: Task) -> list[dict]:
             own = host(task.host, task.seed)
             spoiled = _spoil(own, kind, size, task.seed)
             if spoiled is not None:
-                rows.append(_guarded(_judged, own, spoiled, task, size))
+                rows.append(_guarded(judged, own, spoiled, task, size))
     return rows
-
-
-def _judged(own: Host, spoiled: Spoiled) -> dict:
-    """Judge a case, and say whether there is anything to find."""
-    seen = trace(own, spoiled)
-    found = judged(own, spoiled)
-    if seen is None:
-        return found
-    return found | {"void": seen.void, "trace": [seen.others, seen.file]}
 
 
 def _spoil(own: Host, kind: str, size: int, seed: int) -> Spoiled | None:

@@ -81,17 +81,6 @@ def saturated(host: Host, size: int, rng: Rng) -> Spoiled:
     return _of_one(host, rng, "saturated", "tau", spoil, whole=True)
 
 
-def delay(host: Host, size: int, rng: Rng) -> Spoiled:
-    """Torque comes 12, 24 or 48 ms late."""
-    late = (0.012, 0.024, 0.048)[size]
-
-    def change(table: Table) -> Table:
-        columns = [np.interp(table["t"] - late, table["t"], c) for c in table["tau"].T]
-        return table | {"tau": np.column_stack(columns)}
-
-    return Spoiled("delay", (), [change(table) for table in tables_of(host)])
-
-
 def filtered(host: Host, size: int, rng: Rng) -> Spoiled | None:
     """Torque was low-passed at 20, 10 or 5 Hz before it was logged."""
     if host.name in ("ur10", "lwr4"):

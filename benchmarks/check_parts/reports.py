@@ -80,29 +80,6 @@ def gravity_removed(host: Host, size: int, rng: Rng) -> Spoiled:
     return Spoiled("gravity_removed", (), tables)
 
 
-def friction_removed(host: Host, size: int, rng: Rng) -> Spoiled | None:
-    """Declared friction is taken out: all of it, 95 %, or as a driver's rough model."""
-    if host.name == "lwr4":
-        return None  # its sensors are behind the gears, and feel none
-    _, dry, wet = _own(host)
-    dry, wet = np.maximum(dry, 1e-3), np.maximum(wet, 1e-3)
-    share = (1.0, 0.95, rng.uniform(0.9, 1.1, host.robot.dof))[size]
-    toml = (
-        f"[declared.coulomb]\nlevel = {dry.tolist()}\n"
-        f"[declared.viscous]\ncoefficient = {wet.tolist()}\n"
-    )
-
-    def change(table: Table) -> Table:
-        rate = 1 / float(np.median(np.diff(table["t"])))
-        qd = np.gradient(low_pass(table["q"], 10.0, rate), table["t"], axis=0)
-        slow = 0.02 * np.sqrt(np.mean(qd**2, axis=0)) + 1e-9
-        drag = dry * np.tanh(qd / slow) + wet * qd
-        return table | {"tau": table["tau"] - share * drag}
-
-    tables = [change(table) for table in tables_of(host)]
-    return Spoiled("friction_removed", (), tables, toml=toml)
-
-
 def _own(host: Host) -> tuple[Array, Array, Array]:
     """Share of the nominal weight, dry and viscous friction of the arm. (dof,)."""
     motion = thin_rows(host.logs)
@@ -316,15 +293,6 @@ def gear_ratio(host: Host, size: int, rng: Rng) -> Spoiled:
     toml = f"[joints]\ngear_ratio = {gears.tolist()}\n"
     spoiled = _scaled(host, "gear_ratio", factors)
     return Spoiled("gear_ratio", (), spoiled.tables, spoiled.right, toml=toml)
-
-
-def torque_scale(host: Host, size: int, rng: Rng) -> Spoiled:
-    """Torque of one joint is 0.3, 0.5 or 2.5 times what it is."""
-    right = tables_of(host)
-    joint = some(rng, host.robot.dof, 1)
-    factor = np.where(turned(host.robot.dof, joint) < 0, (0.3, 0.5, 2.5)[size], 1.0)
-    tables = changed(right, ("tau",), lambda x: x * factor)
-    return Spoiled("torque_scale", joint, tables, right)
 
 
 def velocity_mismatch(host: Host, size: int, rng: Rng) -> Spoiled | None:

@@ -38,7 +38,7 @@ def check(*logs: Log, request: Check, json: Json = None) -> None:
     out = Outputs({"--json": json}, read_files((*logs, request.robot), request.columns))
     read = checking.read_logs(request)
     out.say(*read.lines[1:])
-    report = checking.check(read, request.declared)
+    report = checking.check(read)
     out.write(document=report.to_json)
     out.say(*check_lines(report))
     out.finish()

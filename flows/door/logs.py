@@ -249,7 +249,6 @@ def check(
     robot: Robot,
     logs: Recording | str | Path | Iterable[Recording | str | Path],
     columns: str | Path | None = None,
-    declared: Sequence[str] | None = None,
 ) -> LogCheck:
     """Check whether logs are what they say they are (docs/check.md).
 
@@ -258,13 +257,11 @@ def check(
         logs: Recordings; or files, which may be such as ``read_logs`` refuses.
         columns: The COLUMNS.toml that they were or are to be read with: the lines that
             mend them are for it. None for the default columns.
-        declared: Effects that the model has; None for the robot's own list.
 
     Raises:
         InputError: If a file is not usable.
     """
     check_robot(robot)
-    check_declared(declared)
     given = [logs] if isinstance(logs, Recording | str | Path) else list(logs)
     if not given:
         raise InputError("No log to check: give one recording or file, or several.")
@@ -277,6 +274,4 @@ def check(
     else:
         doubts = ()
     known = columns_of(robot, columns) or ColumnMap()
-    return check_sets(
-        LogSets(robot, tuple(read), columns=known, doubts=doubts), declared
-    )
+    return check_sets(LogSets(robot, tuple(read), columns=known, doubts=doubts))

@@ -173,7 +173,7 @@ def read_logs(request: Request, purpose: str, robot: Robot | None = None) -> Log
     held_out = getattr(request, "held_out", ())
     words = (*request.logs, *held_out)
     robot = robot or load_of(request.robot, words, request.store)
-    check_declared(request.declared)
+    check_declared(getattr(request, "declared", None))
     need_logs(request.logs, purpose, request.command)
     sets = (request.logs, getattr(request, "baseline", ()), held_out)
     columns, store = request.columns, request.store

@@ -117,7 +117,7 @@ def calibrate_logs(
     Raises:
         InputError: If the logs are not usable together, or a fault of them is certain.
     """
-    report = checked(logs, settings.declared, trust_log)
+    report = checked(logs, trust_log)
     logs = as_mounted(logs, report)
     # One thread: the products are small, two threads only wait for each other.
     made = fit_tables(logs.robot, runs, settings, named, progress)

@@ -30,7 +30,7 @@ def draft_map(request: Map) -> str:
 
 
 @one_blas_thread
-def check(logs: LogSets, declared: Sequence[str] | None = None) -> LogCheck:
+def check(logs: LogSets) -> LogCheck:
     """Check whether logs are what they say they are.
 
     Healthy runs are checked by themselves, so that what is wrong with one set is not
@@ -39,18 +39,18 @@ def check(logs: LogSets, declared: Sequence[str] | None = None) -> LogCheck:
     faults: list[Fault] = []
     # One thread: the products are small, two threads only wait for each other.
     for group in ((*logs.fit, *logs.held_out), logs.baseline):
-        faults += _faults(logs, group, declared) if group else []
+        faults += _faults(logs, group) if group else []
     return _told(_once(faults), logs)
 
 
-def checked(logs: LogSets, declared: Sequence[str] | None, trust_log: bool) -> LogCheck:
+def checked(logs: LogSets, trust_log: bool) -> LogCheck:
     """Check logs before they are used, and refuse those with a certain fault.
 
     Raises:
         InputError: With the first certain fault and the line that mends it; in any
             case where nothing can be computed from a log.
     """
-    report = check(logs, declared)
+    report = check(logs)
     fatal = [doubt.words for _, doubt in logs.doubts if doubt.fatal]
     if fatal and (trust_log or not any(fault.repair for fault in report.certain)):
         raise InputError(fatal[0])
@@ -86,16 +86,14 @@ def _refusal(report: LogCheck) -> str:
     )
 
 
-def _faults(
-    logs: LogSets, group: Sequence[Recording], declared: Sequence[str] | None
-) -> list[Fault]:
+def _faults(logs: LogSets, group: Sequence[Recording]) -> list[Fault]:
     labels = {recording.id for recording in group}
     doubts = [(label, doubt) for label, doubt in logs.doubts if label in labels]
     # Of two arms in one log nothing else is to be said.
     mixed = [(label, doubt) for label, doubt in doubts if doubt.kind == INTERLEAVED]
     if mixed:
         return [Fault(d.kind, d.joints, True, d.words, (), who) for who, d in mixed]
-    found = list(check_logs(logs.robot, group, declared).faults)
+    found = list(check_logs(logs.robot, group).faults)
     # What makes a log unreadable is said in any case, another doubt only if the check
     # has not found what is behind it.
     behind = any(fault.certain for fault in found)

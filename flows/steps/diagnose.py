@@ -110,7 +110,7 @@ def diagnose_logs(
         model: The adopted model; None for the nominal one.
         alone: As of `diagnose`.
     """
-    report = checked(logs, declared, trust_log)
+    report = checked(logs, trust_log)
     logs = as_mounted(logs, report)
     # One thread: the products are small, two threads only wait for each other.
     found = method.diagnose(

@@ -58,8 +58,7 @@ def identify_logs(
     Args:
         known: Effects that the model has, None for the robot's own list; or a model.
     """
-    declared = None if isinstance(known, Model) else known
-    report = checked(logs, declared, trust_log)
+    report = checked(logs, trust_log)
     logs = as_mounted(logs, report)
     made = identify_and_prove(
         logs.robot, logs.fit, logs.held_out, known, options, consistent

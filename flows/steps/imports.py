@@ -91,7 +91,7 @@ def check_logs(
         columns=columns,
         doubts=tuple((log.known.id, d) for log in read for d in log.known.doubts),
     )
-    report = checked(sets, None, request.trust_log)
+    report = checked(sets, request.trust_log)
     found = {"log_check": report.to_json()}
     kept = (replace(log, manifest={**log.manifest, **found}) for log in read)
     return tuple(kept), report

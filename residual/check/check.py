@@ -15,14 +15,13 @@ from residual.check.kinematics import (
     velocity_faults,
     zero_explains,
 )
-from residual.check.late import commanded, filtered, late, long_late
+from residual.check.late import commanded, filtered
 from residual.check.motion import Motion, thin_rows
 from residual.check.mounting import REMOVED, mounting, nats_of
-from residual.check.physics import misread, other_world, wrong_robot
+from residual.check.physics import misread, other_time, wrong_robot
 from residual.check.reading import Reading, as_given, odds_of, read_by
 from residual.check.reported import (
     common_factor,
-    frictionless,
     joints_exchanged,
     shares_of,
     torque_factors,
@@ -49,31 +48,22 @@ from residual.signals.splitting import sketch_of
 _VELOCITY, WRONG = "velocity_mismatch", "wrong_robot"
 
 
-def check_logs(
-    robot: Robot,
-    recordings: Sequence[Recording],
-    declared: Sequence[str] | None = None,
-) -> LogCheck:
+def check_logs(robot: Robot, recordings: Sequence[Recording]) -> LogCheck:
     """Check whether logs are what they say they are.
 
     A fault that others follow from is reported alone: with a wrong unit of time no
     speed is too high, and with a wrong robot file nothing fits.
-
-    Args:
-        declared: Effects that the nominal model has; None for the usual ones.
     """
     if not recordings:
         raise InputError("No log to check: expected at least one recording, got none.")
     with np.errstate(all="ignore"):
         faults = doubted_limits(robot, recordings)
         robot = with_real_limits(robot, recordings)
-        faults += _faults(robot, recordings, declared)
+        faults += _faults(robot, recordings)
     return LogCheck(tuple(sorted(faults, key=lambda fault: not fault.certain)))
 
 
-def _faults(
-    robot: Robot, recordings: Sequence[Recording], declared: Sequence[str] | None
-) -> list[Fault]:
+def _faults(robot: Robot, recordings: Sequence[Recording]) -> list[Fault]:
     single = [(r, spikes(r)) for r in recordings]
     faults = [fault for _, found in single for fault in found]
     logs = [without_spikes(r) if found else r for r, found in single]
@@ -98,14 +88,13 @@ def _faults(
     if turned or dead:
         # Nothing more is known of an arm without one of its angles.
         return faults + dead + carried(turned, speeds, logs)
-    return faults + _of_the_arm(robot, logs, speeds, declared)
+    return faults + _of_the_arm(robot, logs, speeds)
 
 
 def _of_the_arm(
     robot: Robot,
     logs: Sequence[Recording],
     speeds: Sequence[Fault],
-    declared: Sequence[str] | None,
 ) -> list[Fault]:
     """What the file, the motion and its physics say; the first that is certain wins.
 
@@ -120,15 +109,18 @@ def _of_the_arm(
         return [*faults, *speeds]
     columns, reading = misread(robot, motion)
     slipped, mounted = slips(robot, motion), None
+    given = as_given(robot.dof)
     # A reading that is not worth a word is none, and another arm's is no reading.
     counts = any(fault.kind != WRONG for fault in columns)
-    read = _nats(robot, motion, reading if counts else as_given(robot.dof))
+    read = _nats(robot, motion, reading if counts else given)
     second = -np.inf
     if reading.angle_unit == 1.0:
         mounted = mounting(robot, motion)
     gone = mounted and mounted.fault.kind == REMOVED and not mounted.fault.certain
-    if gone and other_world(robot, motion):
-        mounted = None  # another time says more than a weight that may be gone
+    if gone and (
+        other_time(robot, motion) or zero_explains(robot, motion, logs, given)
+    ):
+        mounted = None  # another time or zero says more than a weight that may be gone
     if mounted:
         # The rest is asked of the arm as it is mounted.
         also, then = misread(mounted.robot, motion)
@@ -148,16 +140,13 @@ def _of_the_arm(
             if mounted.fault.kind != MOUNTING:
                 return [*faults, *speeds]
             columns, reading = also, then
-        columns = _of_columns(robot, motion, logs, columns)
+        columns = _of_columns(robot, motion, columns)
     if columns and zero_explains(robot, motion, logs, reading):
         return [*faults, *filtered(logs), *speeds, *out_of_range(robot, whole)]
     computed = commanded(robot, logs)
     fits = not columns
     columns += computed or filtered(logs)
-    if fits and not computed:  # a command is ahead of what it makes the arm do
-        columns += late(robot, motion, logs)
     if fits:
-        columns += frictionless(robot, motion, declared)
         columns += common_factor(robot, motion)
     mended = any(fault.certain for fault in (*columns, *speeds))
     faults += carried(columns, speeds, logs)
@@ -173,28 +162,18 @@ def _beats(slipped: Slips, nats: float, faults: Sequence[Fault]) -> bool:
         return False
     absolute = any(fault.kind in (WRONG, REMOVED) for fault in faults)
     surer = any(fault.kind in sure and not fault.certain for fault in faults)
-    return (
-        not faults
-        or surer
-        or (slipped.pair and absolute)
-        or slipped.nats >= nats
-    )
+    return not faults or surer or (slipped.pair and absolute) or slipped.nats >= nats
 
 
-def _of_columns(
-    robot: Robot, motion: Motion, logs: Sequence[Recording], columns: list[Fault]
-) -> list[Fault]:
-    """What single readings of the columns say, else clocks, single torques, the arm."""
+def _of_columns(robot: Robot, motion: Motion, columns: list[Fault]) -> list[Fault]:
+    """What single readings of the columns say, else the clock, else the arm."""
     if not any(fault.certain for fault in columns):
         columns = joints_exchanged(robot, motion) or columns
     if any(fault.kind == "gear_ratio" and not fault.repairs for fault in columns):
         shares = shares_of(robot, motion)
         factors = torque_factors(shares)
         columns = columns if factors is None else [unit_fault(robot, factors, shares)]
-    columns = columns or other_world(robot, motion) or wrong_robot(robot, motion)
-    if any(fault.kind == WRONG for fault in columns):
-        columns = long_late(robot, motion, logs) or columns
-    return columns
+    return columns or other_time(robot, motion) or wrong_robot(robot, motion)
 
 
 def _nats(robot: Robot, motion: Motion, reading: Reading) -> float:

@@ -6,10 +6,7 @@ from itertools import combinations
 
 import numpy as np
 
-from residual.check.motion import Columns, Motion, columns, later_torques, rms
-from residual.check.physics import bent
-from residual.check.reading import as_given, judge
-from residual.check.result import DELAY, Fault, joints_of
+from residual.check.result import Fault, joints_of
 from residual.check.rules import CHECK
 from residual.errors import joints_listed, listed
 from residual.recording import Array, Recording
@@ -58,118 +55,6 @@ def _spectrum(tau: Array) -> tuple[Array, Array]:
     fall = 10 * np.log10((near + _NOTHING * size) / (high + _NOTHING * size))
     noise, constant = np.sqrt(high / size / 2), np.ptp(tau, axis=0) == 0
     return np.where(constant, 0.0, fall), np.where(constant, 1.0, noise)
-
-
-def late(robot: Robot, motion: Motion, recordings: Sequence[Recording]) -> list[Fault]:
-    """Find torque that belongs to earlier angles, or to later ones."""
-    delay, sd, agree = delay_of(robot, motion, recordings)
-    least = max(CHECK.least_delay, CHECK.delay_clear * sd)
-    if abs(delay) < least or agree < min(2, robot.dof):
-        return []
-    words = (
-        f"The torque comes {abs(1000 * delay):.0f} ms (+- {1000 * sd:.1f} ms) "
-        f"{'later' if delay > 0 else 'earlier'} than the angles it belongs to, on "
-        f"{agree} joints."
-    )
-    return [Fault(DELAY, (), False, words)]
-
-
-def delay_of(
-    robot: Robot, motion: Motion, recordings: Sequence[Recording]
-) -> tuple[float, float, int]:
-    """Return how late torque is and its deviation [s], and how many joints show it.
-
-    The torque is moved back and forth in time: where it fits the motion best, all
-    joints together, it belongs, if a freer model predicts blocks that it was not fitted
-    to best there too; else no joint shows it. No slope of a noisy torque is taken.
-    """
-    delays = np.linspace(*CHECK.delays)
-    # In between the filtered torque is smooth enough for a polynomial.
-    known, wanted = (np.vander(x, len(_SHIFTS)) for x in (_SHIFTS, delays))
-    moved = later_torques(recordings, _SHIFTS)
-    torques = np.einsum("ks,snj->jkn", wanted @ np.linalg.inv(known), moved)
-    joints = columns(robot, motion)
-    fits = [_nats(motion, torques[j], j, own) for j, own in enumerate(joints)]
-    nats = np.array([nats for nats, _ in fits])
-    # The best delay and its deviation, by a parabola through the top.
-    total, step = nats.sum(axis=0), delays[1] - delays[0]
-    i = int(np.clip(np.argmax(total), 1, len(total) - 2))
-    bend = max(float(2 * total[i] - total[i - 1] - total[i + 1]), 1e-12)
-    shift = 0.5 * float(total[i + 1] - total[i - 1]) / bend
-    delay = float(delays[i] + np.clip(shift, -1, 1) * step)
-    there = int(np.argmin(np.abs(delays - delay)))
-    none, sd = len(delays) // 2, float(step / np.sqrt(bend))
-    loss = sum(loss for _, loss in fits)
-    best = int(np.argmin(loss.sum(axis=0)))
-    inside = 0 < best < len(delays) - 1
-    near = inside and abs(delays[best] - delay) < CHECK.delay_near * max(step, sd)
-    better = np.median(loss[:, none] - loss[:, best]) > CHECK.odds
-    more = nats[:, there] - nats[:, none]
-    agree = int(np.sum(more > CHECK.delay_agrees)) if near and better else 0
-    return delay, sd, agree
-
-
-def _nats(
-    motion: Motion, torques: Array, joint: int, own: Columns
-) -> tuple[Array, Array]:
-    """Log evidence of one torque at each delay, beside all that it may have. (k,).
-
-    And by block what a freer model of the others leaves of it [nats], (blocks, k).
-    """
-    left, size = torques[:, own.rows] - own.nominal, rms(motion.tau)
-    if len(own.nominal) < CHECK.fewest:
-        return np.zeros(len(left)), np.zeros((CHECK.delay_blocks, len(left)))
-    floor = max(CHECK.delay_nearest * size[joint], CHECK.delay_coupled * size.max())
-    floor = max(floor, 1e-12)
-    sigma = max(CHECK.rough_start * size[joint], floor)
-    for _ in range(CHECK.fit_rounds):
-        a = own.values * (np.sqrt(motion.spread) / sigma)
-        y = left.T * (np.sqrt(motion.spread) / sigma)
-        at = np.linalg.solve(np.eye(a.shape[1]) + a.T @ a, a.T @ y)
-        rest = np.mean((left.T - own.values @ at) ** 2, axis=0).min()
-        nats = -0.5 * (np.sum(y**2, axis=0) - np.sum(y * (a @ at), axis=0))
-        sigma = max(float(np.sqrt(rest)), floor)
-    ridge = (sigma / CHECK.delay_freer) ** 2 / motion.spread
-    return nats, _left_out(own.values, left.T, ridge) * motion.spread / sigma**2
-
-
-def _left_out(x: Array, y: Array, ridge: float) -> Array:
-    """Squares of what each block of rows has beyond the model of the others.
-
-    Args:
-        x, y: Columns and torques of all rows in time. Shapes (n, p), (n, k).
-
-    Returns:
-        Sums of squares. Shape (blocks, k).
-    """
-    grams, sums, out = x.T @ x + ridge * np.eye(x.shape[1]), x.T @ y, []
-    for rows in np.array_split(np.arange(len(x)), CHECK.delay_blocks):
-        a, b = x[rows], y[rows]
-        out.append(
-            np.sum(
-                (b - a @ np.linalg.solve(grams - a.T @ a, sums - a.T @ b)) ** 2, axis=0
-            )
-        )
-    return np.array(out)
-
-
-def long_late(
-    robot: Robot, motion: Motion, recordings: Sequence[Recording]
-) -> list[Fault]:
-    """Find torque so late that the log looks like that of another arm."""
-    strain, shifts = {}, np.linspace(*CHECK.far_delays).round(2)
-    for shift, tau in zip(shifts, later_torques(recordings, shifts), strict=True):
-        rows = replace(motion, tau=tau)
-        strain[shift] = bent(judge(robot, rows, as_given(robot.dof)))
-    best = min(strain, key=strain.__getitem__, default=0.0)
-    if best == 0 or strain[best] >= CHECK.bent:
-        return []
-    when = "later" if best > 0 else "earlier"
-    words = (
-        f"The torque comes about {abs(best):.2g} s {when} than the angles it belongs "
-        "to: moved by that it is this arm's, and as it is, that of none."
-    )
-    return [Fault(DELAY, (), False, words)]
 
 
 def commanded(robot: Robot, recordings: Sequence[Recording]) -> list[Fault]:

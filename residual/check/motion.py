@@ -24,7 +24,7 @@ from residual.robot.dynamics import (
     regressor,
 )
 from residual.robot.robot import Robot
-from residual.signals.track import Filters, Track, prepare, torque_later
+from residual.signals.track import Filters, Track, prepare
 
 _FILTERS = Filters(CHECK.row_filter, CHECK.row_filter, CHECK.row_rate)
 _NOTHING = 1e-9
@@ -88,19 +88,6 @@ def thin_rows(recordings: Sequence[Recording]) -> Motion | None:
     *rows, log = (np.concatenate(own) for own in zip(*parts, strict=True))
     seconds = sum(t.inner.sum() * t.step / t.rate for _, t, _ in chosen)
     return Motion(*rows, spread=min(1.0, seconds / CHECK.apart / len(log)), log=log)
-
-
-def later_torques(recordings: Sequence[Recording], ahead: Sequence[float]) -> Array:
-    """Torque on the rows of ``thin_rows``, of moments that follow by ``ahead`` [s].
-
-    Shape (len(ahead), n, dof).
-    """
-    chosen = _chosen(recordings)
-    torques = (
-        [torque_later(r, track, _FILTERS, s)[use] for r, track, use in chosen]
-        for s in ahead
-    )
-    return np.stack([np.concatenate(parts) for parts in torques])
 
 
 def _chosen(recordings: Sequence[Recording]) -> list[tuple[Recording, Track, Array]]:

@@ -7,7 +7,7 @@ from typing import NamedTuple
 import numpy as np
 from scipy.linalg import cho_factor, cho_solve
 
-from residual.check.motion import OUTER, Columns, Motion, columns
+from residual.check.motion import OUTER, Columns, Motion
 from residual.check.reading import (
     Judged,
     Reading,
@@ -224,40 +224,6 @@ class Part:
     squares: tuple[float, float, float]  # torque^2, torque * model, model^2
     rows: float
     floor: float
-    own: slice  # coefficients that are this joint's alone: its friction, its rotor
-
-
-def out_of_proportion(robot: Robot, motion: Motion) -> tuple[float, Fault | None]:
-    """Find the torque of one joint that fits the others only times a factor.
-
-    A body moves all joints: what a rough robot file leaves open of it is one and the
-    same in the torques of all of them. A factor on the whole torque of one joint, its
-    weight, inertia and friction alike, contradicts the others.
-
-    Returns:
-        What the factor gains [nats], and the fault; 0 and None where there is none.
-    """
-    parts = parts_of(motion, columns(robot, motion))
-    sigma = _sigma(parts)
-    given = _evidence(parts, sigma, 0, 1.0)
-    table = np.array(
-        [[_evidence(parts, sigma, j, s) for s in _SCALES] for j in range(robot.dof)]
-    )
-    best, gain = table.argmax(axis=1), table.max(axis=1) - given
-    j = int(np.argmax(gain))
-    # At an end of the scales a torque says nothing of the body: a rival, not a factor.
-    nothing = max(table[j, 0], table[j, -1]) - given
-    if (
-        gain[j] < CHECK.scale_worth
-        or nothing > gain[j] - CHECK.scale_says
-        or (np.delete(gain, j) > gain[j] - CHECK.scale_clearer).any()
-    ):
-        return 0.0, None
-    words = (
-        f"The torque of joint {j + 1} is out of proportion to the others: times about "
-        f"{_SCALES[best[j]]:.2g} it fits the same body better by {gain[j]:.0f} nats."
-    )
-    return float(gain[j]), Fault("torque_scale", (j + 1,), False, words)
 
 
 def parts_of(motion: Motion, joints: list[Columns]) -> list[Part]:
@@ -278,14 +244,8 @@ def parts_of(motion: Motion, joints: list[Columns]) -> list[Part]:
         size = np.sqrt(squares[0] / max(rows, 1e-9))
         floor = max(CHECK.scale_noise * size, CHECK.scale_coupled * strongest, 1e-12)
         sums = (weight * values.T @ x for x in (values, model, tau))
-        own_columns = slice(int(starts[j]), int(starts[j + 1]))
-        out.append(Part(*sums, squares, rows, floor, own_columns))
+        out.append(Part(*sums, squares, rows, floor))
     return out
-
-
-def _sigma(parts: list[Part]) -> Array:
-    """What the common body leaves of each torque, by turns with its fit. (dof,)."""
-    return fit_body(parts, np.ones(len(parts[0].gram)))[0]
 
 
 def fit_body(parts: list[Part], prior: Array) -> tuple[Array, Array, float]:
@@ -297,65 +257,32 @@ def fit_body(parts: list[Part], prior: Array) -> tuple[Array, Array, float]:
     Returns:
         What is left of each torque [N m], (dof,); the coefficients; log evidence.
     """
-    sigma, ones = np.array([part.floor for part in parts]), np.ones(len(parts))
+    sigma = np.array([part.floor for part in parts])
     for _ in range(CHECK.rounds):
-        _, at, _ = _fit(parts, sigma, ones, prior)
+        _, at, _ = _fit(parts, sigma, prior)
         for j, part in enumerate(parts):
             power, cross, model = part.squares
             left = power - 2 * cross + model - 2 * at @ (part.torque - part.model)
             left = max(float(left + at @ part.gram @ at), 0.0)
             sigma[j] = max(np.sqrt(left / max(part.rows, 1e-9)), part.floor)
-    square, at, size = _fit(parts, sigma, ones, prior)
+    square, at, size = _fit(parts, sigma, prior)
     noise = sum(part.rows * np.log(sd) for part, sd in zip(parts, sigma, strict=True))
     return sigma, at, float(-0.5 * (square + size) - noise)
 
 
-def _fit(
-    parts: list[Part], sigma: Array, scale: Array, prior: Array | None = None
-) -> tuple[float, Array, float]:
-    """Quadratic form of the rest, coefficients, and log determinant.
-
-    The friction of a joint grows with the factor on its torque, so it speaks neither
-    for a factor nor against one: only what the joint shares with the others does.
-    """
+def _fit(parts: list[Part], sigma: Array, prior: Array) -> tuple[float, Array, float]:
+    """Quadratic form of the rest, coefficients, and log determinant."""
     sums, square = 0.0, 0.0
-    if prior is None:
-        prior = np.ones(len(parts[0].gram))
-        for part, s in zip(parts, scale, strict=True):
-            prior[part.own] = s**-2.0
     gram = np.diag(prior)
-    for part, sd, s in zip(parts, sigma * scale, scale, strict=True):
+    for part, sd in zip(parts, sigma, strict=True):
         power, cross, model = part.squares
         gram += part.gram / sd**2
-        sums = sums + (s * part.torque - part.model) / sd**2
-        square += (s**2 * power - 2 * s * cross + model) / sd**2
+        sums = sums + (part.torque - part.model) / sd**2
+        square += (power - 2 * cross + model) / sd**2
     factor = cho_factor(gram)
     at = cho_solve(factor, sums)
     size = 2 * float(np.log(np.diag(factor[0])).sum()) - float(np.log(prior).sum())
     return square - float(sums @ at), at, size
-
-
-def _evidence(parts: list[Part], sigma: Array, joint: int, factor: float) -> float:
-    """Log evidence of all torques, one of them times a factor."""
-    scale = np.ones(len(parts))
-    scale[joint] = factor
-    square, _, size = _fit(parts, sigma, scale)
-    # Noise grows with the torque that it is a share of: no factor gains by its size.
-    return -0.5 * (square + size)
-
-
-# Factors on one torque that are tried; one that is nearer to 1 is an arm's effect.
-_SCALES = np.geomspace(1 / 36, 36, 13)
-
-
-def other_world(robot: Robot, motion: Motion) -> list[Fault]:
-    """Try other clocks, and scales of single torques."""
-    given = _total(robot, motion)
-    found = [each for each in (_clock(robot, motion, given),) if each[0] > CHECK.world]
-    found.append(out_of_proportion(robot, motion))
-    # One of them explains what the others would have to.
-    _, fault = max(found, key=lambda each: each[0])
-    return [] if fault is None else [fault]
 
 
 def _total(robot: Robot, motion: Motion) -> float:
@@ -363,17 +290,18 @@ def _total(robot: Robot, motion: Motion) -> float:
     return sum(own.of(j, 1.0) for j, own in enumerate(scores))
 
 
-def _clock(robot: Robot, motion: Motion, given: float) -> tuple[float, Fault]:
-    tried = {}
+def other_time(robot: Robot, motion: Motion) -> list[Fault]:
+    """Find a clock in which weight and inertia of this arm go together better."""
+    given, tried = _total(robot, motion), {}
     for factor in CHECK.times:
         qd, qdd = motion.qd / factor, motion.qdd / factor**2
-        slower = replace(motion, qd=qd, qdd=qdd)
-        tried[factor] = _total(robot, slower) - given
+        tried[factor] = _total(robot, replace(motion, qd=qd, qdd=qdd)) - given
     best = max(tried, key=tried.__getitem__)
+    if tried[best] < CHECK.world:
+        return []
     words = (
         "Weight and inertia of this arm do not go together in the time that is given; "
         f"with time times {best:g} they fit better by {tried[best]:.0f} nats."
     )
     certain = tried[best] > CHECK.certain_time
-    fault = Fault("time_unit", (), certain, words, (Repair("t", scale=best),))
-    return tried[best], fault
+    return [Fault("time_unit", (), certain, words, (Repair("t", scale=best),))]

@@ -13,24 +13,20 @@ from itertools import combinations
 
 import numpy as np
 
-from residual.check.motion import Motion, gravity_of, rms, torque_of_file
+from residual.check.motion import Motion, rms, torque_of_file
 from residual.check.physics import bent
 from residual.check.reading import Reading, as_given, exchanged, judge
 from residual.check.result import Fault, Repair, joints_of
 from residual.check.rules import CHECK
-from residual.effects import registry
-from residual.effects.base import Span
 from residual.errors import joints_listed, listed
-from residual.model.nominal import build_nominal, declared_names
 from residual.recording import Array
 from residual.robot.dynamics import gravity_torque
 from residual.robot.robot import Robot
-from residual.signals.track import Filters
 
 _TILTS = 2
 _NOTHING = 1e-12
 _ALIKE = 1e-9  # of the power of a direction of the columns: below it is none
-_SILENT = (np.nan, np.inf, 0.0, 0.0, np.nan, np.inf)
+_SILENT = (np.nan, np.inf, 0.0, 0.0)
 
 
 @dataclass(frozen=True, eq=False, slots=True)
@@ -43,31 +39,27 @@ class Shares:
     # What the nominal torque explains of what friction leaves, 0 to 1, (dof,).
     seen: Array
     load: Array  # size of the nominal torque [N m], (dof,)
-    friction: Array  # power that friction takes [W], (dof,)
-    friction_sd: Array  # its deviation [W], (dof,)
 
 
 def shares_of(robot: Robot, motion: Motion, removed: bool = False) -> Shares:
     """Return the shares of a motion, by a plain regression joint by joint.
 
     tau = share * nominal + a qd + b sign(qd) + c + d qdd, the friction, offset and
-    rotor of any size; and the same with the nominal torque in two parts, weight and
-    inertia. A rough file, a load or a gear's losses leave the shares near one on the
-    joints that carry the arm; torque in another unit, or without a part, does not.
+    rotor of any size. A rough file, a load or a gear's losses leave the shares near
+    one on the joints that carry the arm; torque in another unit, or without a part,
+    does not.
 
     Args:
         removed: Whether a driver took the weight out, but for what it knows it by.
     """
     _, nominal = torque_of_file(robot, motion)
-    down, across = gravity_of(robot)
-    every = [gravity_torque(robot.model, motion.q, axis) for axis in across]
-    weight = gravity_torque(robot.model, motion.q, down)
-    parts = np.stack([weight, *every, nominal - weight], axis=2)
+    weight = gravity_torque(robot.model, motion.q, robot.model.gravity.linear)
     strong = rms(weight)
-    parts[:, strong <= CHECK.weightless * strong.max(), 0] = 0.0
+    weight[:, strong <= CHECK.weightless * strong.max()] = 0.0
     nominal = nominal - weight if removed else nominal
     rows = [
-        _joint(motion, j, nominal[:, j], parts[:, j], removed) for j in range(robot.dof)
+        _joint(motion, j, nominal[:, j], weight[:, j], removed)
+        for j in range(robot.dof)
     ]
     return Shares(*(np.array(column) for column in zip(*rows, strict=True)))
 
@@ -78,7 +70,7 @@ def carries(shares: Shares, least: float = 0.1) -> Array:
 
 
 def _joint(
-    motion: Motion, j: int, nominal: Array, parts: Array, removed: bool
+    motion: Motion, j: int, nominal: Array, weight: Array, removed: bool
 ) -> tuple:
     """The shares of one joint, in the order of the record."""
     use = motion.moving[:, j]
@@ -88,22 +80,16 @@ def _joint(
     slow = max(CHECK.turns * float(rms(qd)), _NOTHING)
     rest = np.column_stack([qd, np.tanh(qd / slow), np.ones_like(qd), qdd])
     _, _, without = _fit(rest, tau, motion.spread)
-    columns = [nominal[use], *([parts[use, 0]] if removed else []), rest]
+    columns = [nominal[use], *([weight[use]] if removed else []), rest]
     whole, sure, left = _fit(np.column_stack(columns), tau, motion.spread)
-    there = removed and bool(parts[:, 0].any())
+    there = removed and bool(weight.any())
     if there and abs(whole[1]) > CHECK.weight_gone * abs(whole[0]):
         left = without  # it is there
-    each, wide, _ = _fit(np.column_stack([parts[use], rest]), tau, motion.spread)
-    # The power of friction is linear in its two coefficients.
-    brake, heavy = np.mean(rest[:, :2] * qd[:, None], axis=0), 1 + _TILTS
-    rubs = slice(heavy + 1, heavy + 3)
     return (
         whole[0],
         np.sqrt(sure[0, 0]),
         1 - left / max(without, _NOTHING),
         rms(nominal[use]),
-        brake @ each[rubs],
-        np.sqrt(brake @ wide[rubs, rubs] @ brake),
     )
 
 
@@ -227,51 +213,6 @@ def common_factor(robot: Robot, motion: Motion) -> list[Fault]:
     )
     repair = Repair("tau", scale=float(f"{1 / factor:.3g}"))
     return [Fault("torque_unit", (), False, words, (repair,))]
-
-
-def frictionless(
-    robot: Robot, motion: Motion, declared: Sequence[str] | None
-) -> list[Fault]:
-    """Find torque without the friction that the robot file declares, on all joints.
-
-    Arms with next to none do exist, so nothing is said where none is declared with its
-    values, and it is never certain.
-    """
-    power = _declared_power(robot, motion, declared)
-    if not (power > 0).any():
-        return []
-    shares = shares_of(robot, motion)
-    with np.errstate(all="ignore"):
-        share, sd = shares.friction / power, shares.friction_sd / power
-    sure = (power > 0) & (sd < CHECK.friction_sure)
-    few = sure.sum() < min(CHECK.joints_least, robot.dof)
-    if few or not (share[sure] < CHECK.friction_gone).all():
-        return []
-    joints = joints_of(sure)
-    words = (
-        f"Expected the friction that robot.toml declares, got "
-        f"{listed(share[sure], '.2f')} of its power on {joints_listed(joints)}: was "
-        "friction taken out before it was logged, or is the torque measured behind the "
-        "gears? Log the torque of the drives, or declare no friction."
-    )
-    return [Fault("friction_removed", (), False, words)]
-
-
-def _declared_power(
-    robot: Robot, motion: Motion, declared: Sequence[str] | None
-) -> Array:
-    """Power that declared friction takes in the rows of each joint [W]. (dof,)."""
-    chosen = declared_names(robot, declared)
-    known = [name for name in chosen if name in robot.declared]
-    rubs = [n for n in known if registry()[n].brakes and robot.declared[n].values]
-    rows = (motion.q, motion.qd, motion.qdd)
-    floor, none = np.full(robot.dof, CHECK.stands), np.zeros(robot.dof)
-    span = Span(none, none, 0.0, 0.0)  # declared with values: no shape is tried
-    model = build_nominal(robot, rubs, span, floor, Filters()).model
-    state = model.state(1.0, np.arange(len(motion.q), dtype=float), rows)
-    drag = sum((term.torque(state) for term in model.terms), np.zeros(motion.q.shape))
-    rows = np.maximum(motion.moving.sum(axis=0), 1)
-    return np.sum(drag * motion.qd * motion.moving, axis=0) / rows
 
 
 def joints_exchanged(robot: Robot, motion: Motion) -> list[Fault]:

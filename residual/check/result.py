@@ -8,7 +8,9 @@ import numpy as np
 from residual.errors import InputError, joints_listed, shown
 
 SCHEMA = 1
-DELAY, MOUNTING, INTERLEAVED = "delay", "mounting", "interleaved"
+MOUNTING, INTERLEAVED = "mounting", "interleaved"
+# Stored checks have them. Whether an arm has them is a diagnosis's to say.
+FORMER = ("torque_scale", "friction_removed", "delay")
 KINDS: tuple[str, ...] = (
     MOUNTING,
     "torque_sign",
@@ -18,9 +20,7 @@ KINDS: tuple[str, ...] = (
     "angle_unit",
     "time_unit",
     "gear_ratio",
-    "torque_scale",
     "gravity_removed",
-    "friction_removed",
     "commanded",
     "clock",
     INTERLEAVED,
@@ -29,7 +29,6 @@ KINDS: tuple[str, ...] = (
     "constant",
     "quantised",
     "saturated",
-    DELAY,
     "filtered",
     "velocity_mismatch",
     "out_of_range",
@@ -38,6 +37,7 @@ KINDS: tuple[str, ...] = (
     "no_reversal",
     "robot_file",
     "wrong_robot",
+    *FORMER,
 )
 
 

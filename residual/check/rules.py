@@ -42,6 +42,8 @@ class Rules:
     # friction and a load are hidden, more where friction holds it.
     held_left: float = 0.5
     held_most_left: float = 0.8
+    rough_start: float = 0.05  # of the torque, to begin with
+    fit_rounds: int = 4
     held_beyond: float = 1.5  # times what a held joint may feel
     held_far_beyond: float = 2.0
 
@@ -140,9 +142,6 @@ class Rules:
     world: float = 65.0  # nats: files that are off by half, not a third, reach 60
     # A rough file may be wrong in inertia and right in weight: time is rarely certain.
     certain_time: float = 150.0
-    scale_worth: float = 12.0  # nats: the odds against it, times the joints
-    scale_clearer: float = 6.0  # nats more than a factor on any other joint
-    scale_says: float = 4.0  # nats more than a torque that is all friction
     # What the fit leaves says how rough a model is; none is nearer than this to the
     # torque, or to the strongest joint's.
     scale_noise: float = 0.01
@@ -168,10 +167,7 @@ class Rules:
     common_sd: float = 0.05  # of the share
     common_off: float = 1.25
     weight_gone: float = 0.2  # of the weight; time that is doubled leaves a quarter
-    friction_gone: float = 0.2  # of the declared power
-    friction_sure: float = 0.15  # its deviation
     joints_least: int = 2
-    stands: float = 1e-3  # rad/s
     poor: float = 0.7  # explained at most, as given
     removed_alike: float = 1.6  # inertia without weight, times that of the file
     nearest: float = 0.02  # of a torque: no file is nearer
@@ -187,20 +183,6 @@ class Rules:
     high_band: tuple[float, float] = (0.35, 0.47)
     fall: float = 20.0  # dB from one to the other: a filter of second order at least
     silent: float = 1e-4  # of the rms: below it no sensor's noise is
-
-    # Torque that is late.
-    delays: tuple[float, float, int] = (-0.08, 0.08, 41)  # s that are tried
-    far_delays: tuple[float, float, int] = (-1.0, 1.0, 51)  # s, for another arm's logs
-    least_delay: float = 0.006  # s
-    delay_clear: float = 4.0  # deviations of all joints
-    delay_agrees: float = 2.0  # nats of each joint that counts
-    delay_blocks: int = 6  # in time, each predicted by the others
-    delay_near: float = 3.0  # deviations, or steps, to where they are predicted best
-    delay_freer: float = 10.0  # times the priors, for what predicts them
-    delay_nearest: float = 0.01  # of the torque: models are no nearer
-    delay_coupled: float = 0.003  # of the strongest torque
-    rough_start: float = 0.05  # of the torque, to begin with
-    fit_rounds: int = 4
 
     # Torque that is a command.
     plan_filter: float = 25.0  # Hz: derivatives of a reference have no noise

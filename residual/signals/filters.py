@@ -22,7 +22,6 @@ def low_pass(
     cutoff: float,
     rate: float,
     step: int = 1,
-    ahead: float = 0.0,
     order: int = 0,
 ) -> Array:
     """Butterworth low-pass of order 4, forwards and backwards, along the first axis.
@@ -35,7 +34,6 @@ def low_pass(
         cutoff: Of the low-pass [Hz].
         rate: Of the signals [Hz].
         step: Which values are wanted: 0, step, 2 step, ...
-        ahead: Time by which the values are of a later signal [s].
         order: Of the time derivative that is wanted, by central differences; above 0
             the cut-off must be well below half of the rate.
 
@@ -43,9 +41,9 @@ def low_pass(
         Shape (ceil(n / step), ...).
     """
     x = np.asarray(x, dtype=float)
-    if cutoff >= 0.45 * rate and not ahead:
+    if cutoff >= 0.45 * rate:
         return x[::step]
-    band, reach = _band(cutoff, rate, step, ahead, order)
+    band, reach = _band(cutoff, rate, step, order)
     rows = -(-len(x) // step)
     blocks = -(-rows // BLOCK)
     flat = x.reshape(len(x), -1).T  # time last: a signal lies together
@@ -73,12 +71,10 @@ def _with_ends(x: Array, reach: int, length: int) -> Array:
 
 
 @cache
-def _band(
-    cutoff: float, rate: float, step: int, ahead: float, order: int
-) -> tuple[Array, int]:
+def _band(cutoff: float, rate: float, step: int, order: int) -> tuple[Array, int]:
     """What makes a block of rows of the samples around it, and how far it reaches."""
-    reach = int(np.ceil((REACH / cutoff + abs(ahead)) * rate))
-    taps = _impulse_response(cutoff, rate, reach, ahead)
+    reach = int(np.ceil(REACH / cutoff * rate))
+    taps = _impulse_response(cutoff, rate, reach)
     for _ in range(order):  # d/dt of the output: the response differenced, turned
         taps = np.convolve(taps, [-rate / 2, 0.0, rate / 2])
     reach += order
@@ -88,14 +84,14 @@ def _band(
     return band, reach
 
 
-def _impulse_response(cutoff: float, rate: float, reach: int, ahead: float) -> Array:
+def _impulse_response(cutoff: float, rate: float, reach: int) -> Array:
     """Values from -reach to reach. The filter is |H|^2, in closed form.
 
     1 / (1 + (tan(w / 2) / tan(w_c / 2))^(2 N))    (bilinear transform, w in rad/sample)
     """
     half = np.linspace(0, np.pi / 2, 4 * reach + 1)[:-1]  # at pi it is zero
     warped = np.tan(half) / np.tan(np.pi * min(cutoff / rate, 0.49))
-    gain = np.exp(-2j * half * ahead * rate) / (1 + warped ** (2 * ORDER))
+    gain = 1 / (1 + warped ** (2 * ORDER))
     pulse = np.fft.irfft(np.append(gain, 0.0))
     taps = np.concatenate([pulse[-reach:], pulse[: reach + 1]])
     return taps / taps.sum()

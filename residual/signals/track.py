@@ -262,15 +262,6 @@ def _track(
     )
 
 
-def torque_later(
-    recording: Recording, track: Track, filters: Filters, ahead: float
-) -> Array:
-    """Filtered torque of a log that many seconds after each row. Shape (m, dof)."""
-    uniform = _resample(recording)
-    tau = _thinned(uniform, round(uniform.rate / track.rate))
-    return low_pass(tau, filters.cutoff(uniform.rate), track.rate, track.step, ahead)
-
-
 def _thinned(u: _Uniform, first: int) -> Array:
     """Torque at the feature rate, so that it passes the very filter of the features.
 

@@ -47,7 +47,7 @@ def found(monkeypatch):
 
     def set(*faults):
         monkeypatch.setattr(
-            steps, "check_logs", lambda robot, logs, declared: LogCheck(tuple(faults))
+            steps, "check_logs", lambda robot, logs: LogCheck(tuple(faults))
         )
 
     set()

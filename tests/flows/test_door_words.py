@@ -33,7 +33,7 @@ def test_a_fit_takes_a_robot_and_recordings(fit, robot, log):
         fit(robot, [])
 
 
-@pytest.mark.parametrize("fit", [mg.diagnose, mg.identify, mg.calibrate, mg.check])
+@pytest.mark.parametrize("fit", [mg.diagnose, mg.identify, mg.calibrate])
 def test_a_name_alone_is_no_list_of_names(fit, robot, log):
     with pytest.raises(mg.InputError, match=r"Write \['viscous', 'coulomb'\]"):
         fit(robot, [log], declared="viscous,coulomb")

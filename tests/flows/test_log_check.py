@@ -42,7 +42,7 @@ def found(monkeypatch):
     """Replace the core of the check; returns what it is asked and what it is to say."""
     said = {"faults": [], "asked": []}
 
-    def check_logs(robot, recordings, declared):
+    def check_logs(robot, recordings):
         said["asked"].append([recording.id for recording in recordings])
         return LogCheck(tuple(said["faults"]))
 
@@ -109,7 +109,7 @@ def test_every_log_is_checked_healthy_runs_by_themselves(place, found, named):
 
 
 def test_a_fault_of_the_healthy_runs_stops_it_too(place, found, named, monkeypatch):
-    def check_logs(robot, recordings, declared):
+    def check_logs(robot, recordings):
         bad = recordings[0].id == "B"
         return LogCheck((SIGN,) if bad else ())
 

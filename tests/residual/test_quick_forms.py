@@ -49,15 +49,6 @@ def test_a_derivative_is_the_central_difference_of_the_low_pass(order):
     np.testing.assert_allclose(ours[inside], theirs[::step][inside], atol=1e-9 * size)
 
 
-@pytest.mark.parametrize("ahead", [-0.5, -0.04, 0.013, 0.08])
-def test_a_signal_ahead_is_the_signal_of_a_later_moment(ahead):
-    t, rate = np.arange(1200) / 60, 60.0
-    wave = lambda t: np.sin(2 * np.pi * 1.1 * t)[:, None]  # noqa: E731
-    ours = low_pass(wave(t), 5.0, rate, 3, ahead=ahead)
-    inside = slice(60, -60)
-    np.testing.assert_allclose(ours[inside], wave(t + ahead)[::3][inside], atol=1e-4)
-
-
 @pytest.mark.parametrize("robust", [False, True])
 def test_power_is_that_of_welch(robust):
     x = walk(3, 1000, 2)

@@ -7,11 +7,7 @@ import numpy as np
 import pinocchio as pin
 import pytest
 
-from residual.check import physics
 from residual.check.check import check_logs
-from residual.check.late import delay_of
-from residual.check.motion import thin_rows
-from residual.check.physics import out_of_proportion
 from residual.check.result import Repair
 from residual.robot.robot import with_gravity
 from residual.signals.filters import low_pass
@@ -120,25 +116,6 @@ def test_angles_of_the_motors_are_mended_by_known_gears():
     assert [repair.signal for repair in fault.repairs] == ["tau", "q"]
 
 
-def test_one_torque_out_of_proportion_is_never_certain():
-    robot, logs = clean_logs("small")
-    for joint, factor in ((2, 0.3), (3, 2.5), (2, 10)):
-        each = np.where(np.arange(1, 4) == joint, factor, 1.0)
-        damaged = edited(logs, tau=times(each))
-        assert kinds(robot, damaged) == [("torque_scale", (joint,), False)]
-
-
-@pytest.mark.parametrize("seconds", [0.03, -0.04])
-def test_torque_that_is_late_or_early_is_never_certain(seconds):
-    robot, logs = clean_logs("small")
-
-    def moved(log):
-        shifted = [np.interp(log.t - seconds, log.t, c) for c in log.tau.T]
-        return replace(log, tau=np.column_stack(shifted))
-
-    assert kinds(robot, [moved(log) for log in logs]) == [("delay", (), False)]
-
-
 def test_a_torque_without_noise_was_filtered():
     robot, logs = clean_logs("small")
     smooth = [replace(r, tau=low_pass(r.tau, 12.0, 125.0)) for r in logs]
@@ -160,60 +137,9 @@ def test_velocity_and_reference_are_mended_with_their_angle():
     assert {r.signal for r in fault.repairs} == {"q", "q_ref"}
 
 
-def test_what_the_model_misses_of_a_torque_makes_no_delay_smaller():
-    robot, logs = clean_logs("small")
-    rng = np.random.default_rng(5)
-
-    def spoiled(log):
-        rate = 1 / float(np.median(np.diff(log.t)))
-        strange = low_pass(rng.normal(size=log.tau.shape), 4.0, rate)
-        strange *= 0.05 * log.tau.std(axis=0) / strange.std(axis=0)
-        columns = [np.interp(log.t - 0.03, log.t, x) for x in (log.tau + strange).T]
-        return replace(log, tau=np.column_stack(columns))
-
-    strange = [spoiled(log) for log in logs]
-    delay, sd, _ = delay_of(robot, thin_rows(strange), strange)
-    assert sd < 0.004
-    assert abs(delay - 0.03) < 3 * sd
-
-
-@pytest.mark.parametrize("factor", [0.3, 0.5, 2.5])
-def test_a_factor_is_found_by_the_body_that_joints_share_not_by_their_friction(factor):
-    robot, logs = clean_logs("irb140")
-    motion = thin_rows(logs)
-    assert out_of_proportion(robot, motion) == (0.0, None)
-    for joint in (2, 3):
-        each = np.where(np.arange(1, 7) == joint, factor, 1.0)
-        _, fault = out_of_proportion(robot, replace(motion, tau=motion.tau * each))
-        assert fault.joints == (joint,)
-    # Of a wrist all is friction: any factor on it is another friction.
-    wrist = np.where(np.arange(1, 7) == 6, factor, 1.0)
-    found = out_of_proportion(robot, replace(motion, tau=motion.tau * wrist))
-    assert found == (0.0, None)
-
-
-@pytest.mark.parametrize(("end", "is_found"), [(15.0, True), (17.0, False)])
-def test_a_factor_has_to_beat_a_torque_that_says_nothing_of_the_body(
-    monkeypatch, end, is_found
-):
-    """Nats of joint 5, times about 6 and times anything large."""
-    robot, logs = clean_logs("irb140")
-    nats = {(4, physics._SCALES[9]): 20.0, (4, physics._SCALES[-1]): end}
-    monkeypatch.setattr(
-        physics, "_evidence", lambda *given: nats.get((given[2], given[3]), 0.0)
-    )
-    gain, fault = out_of_proportion(robot, thin_rows(logs))
-    assert (gain, fault is not None) == ((20.0, True) if is_found else (0.0, False))
-
-
 def logs():
     robot = bare_irb140()
     return robot, [read_log(str(EXAMPLE / f"fit_{k}.csv"), robot)[0] for k in (1, 2)]
-
-
-def moved(log, seconds):
-    tau = [np.interp(log.t - seconds, log.t, column) for column in log.tau.T]
-    return replace(log, tau=np.column_stack(tau))
 
 
 def without(log, at, rows=25):
@@ -221,15 +147,6 @@ def without(log, at, rows=25):
     last = np.repeat(log.tau[-1:], rows, axis=0)
     tau = np.concatenate([log.tau[:k], log.tau[k + rows :], last])
     return replace(log, tau=tau)
-
-
-@pytest.mark.parametrize("seconds", [0.12, -0.2])
-def test_a_long_delay_is_a_delay(seconds):
-    robot, clean = logs()
-    (fault,) = check_logs(robot, [moved(log, seconds) for log in clean]).faults
-    assert (fault.kind, fault.certain) == ("delay", False)
-    assert f"{abs(seconds):.2g} s" in fault.evidence
-    assert ("later" if seconds > 0 else "earlier") in fault.evidence
 
 
 def test_a_block_that_was_dropped_on_the_way_is_doubted_and_not_certain():

@@ -8,8 +8,6 @@ import numpy as np
 import pinocchio as pin
 import pytest
 
-from benchmarks.synthetic.logs import LogPlan, make
-from benchmarks.synthetic.quasi_static import Plant
 from flows.inputs.given import LogSets
 from flows.steps.check import check
 from residual.check.check import check_logs, enough
@@ -121,26 +119,6 @@ def test_an_arm_that_lacks_the_weight_of_one_joint_has_a_clean_log():
         for r in logs
     ]
     assert "gravity_removed" not in [kind for kind, *_ in kinds(robot, balanced)]
-
-
-def test_friction_that_is_declared_and_not_there_is_suspected():
-    robot = load_robot("irb140")
-    plan = tuple(
-        LogPlan(f"fit_{f}", "fit", f, 10.0, 125.0) for f in ("fourier", "cyclic")
-    )
-    logs = make(Plant(robot, (), 3), plan, 3)
-    declared = {n: d.values for n, d in robot.declared.items()}
-    dry, wet = declared["coulomb"]["level"], declared["viscous"]["coefficient"]
-
-    def free(log):
-        qd = np.gradient(low_pass(log.q, 10.0, 125.0), log.t, axis=0)
-        return replace(log, tau=log.tau - dry * np.tanh(qd / 0.02) - wet * qd)
-
-    smooth = [free(log) for log in logs]
-    assert kinds(robot, logs) == []
-    assert kinds(robot, smooth) == [("friction_removed", (), False)]
-    bare = replace(robot, declared={})
-    assert kinds(bare, smooth) == []
 
 
 def referred(robot, logs, measured):
