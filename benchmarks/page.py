@@ -100,9 +100,7 @@ class Figure:
         """Where the rate lies with 95 % (Wilson); "" of what is no rate."""
         if self.unit != "share" or "interval" not in self.entry:
             return ""
-        return "{} to {} %".format(
-            *(_number(100 * x) for x in self.entry["interval"])
-        )
+        return "{} to {} %".format(*(_number(100 * x) for x in self.entry["interval"]))
 
 
 @cache
