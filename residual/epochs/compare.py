@@ -1,7 +1,7 @@
 """What changed since an earlier state of an arm: two epochs, one regression, one proof.
 
 The first epoch's fit is the nominal model; what both epochs have is a nuisance, however
-large; only what the second has beyond it is a finding (docs/used_arms.md).
+large; only what the second has beyond it is a finding (docs/changes.md).
 """
 
 from collections.abc import Callable, Mapping, Sequence

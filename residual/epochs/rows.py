@@ -3,7 +3,7 @@
 All that the arm has anyway is a nuisance: its bodies, friction by speed, load and
 position, a few waves, a constant, and the effects of its model. It is fitted to each
 joint by itself, over both epochs, so that only what is in one of them can be a change
-(docs/used_arms.md).
+(docs/changes.md).
 """
 
 from collections.abc import Sequence

@@ -1,4 +1,4 @@
-"""Thresholds of the comparison of two epochs, in one place (docs/used_arms.md)."""
+"""Thresholds of the comparison of two epochs, in one place (docs/changes.md)."""
 
 from dataclasses import dataclass
 
