@@ -82,7 +82,7 @@ def up(*, request: ServiceRequest = _USUAL, foreground: Flag = False) -> None:
     if foreground:
         stay(place, _say)
     else:
-        print(f"last night, once that is open: {running.pages}/night/latest.html")
+        print(f"all reports, once that is open: {running.pages}/index.html")
         print("modelgap status shows what is due; modelgap down stops it")
 
 

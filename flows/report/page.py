@@ -172,14 +172,15 @@ def library() -> str:
 
 
 @cache
-def own() -> str:
-    """Return our script, which draws what a page has the data of."""
-    return (_TEMPLATES / "page.js").read_text(encoding="utf-8").strip()
+def script(name: str) -> str:
+    """Return a script of ours: what draws figures, or narrows a table."""
+    return (_TEMPLATES / name).read_text(encoding="utf-8").strip()
 
 
 def scripts(body: str) -> list[str]:
-    """Return the scripts that a page runs; none where it has nothing to draw."""
-    return [library(), own()] if 'class="plot"' in body else []
+    """Return the scripts that a page runs; none where nothing on it needs one."""
+    drawn = [library(), script("page.js")] if 'class="plot"' in body else []
+    return [*drawn, *([script("filter.js")] if "data-filters=" in body else [])]
 
 
 @cache
