@@ -12,7 +12,6 @@ from flows.door.logs import as_logs, check_declared, check_robot
 from flows.door.store import Table
 from flows.inputs.given import LogSets
 from flows.outputs import Progress, write_all
-from flows.report.diagnosis import summary
 from flows.report.words.calibration import sentences
 from flows.steps.calibrate import calibrate_logs
 from flows.steps.diagnose import diagnose_logs, known_robot
@@ -122,9 +121,6 @@ class Diagnosis(result.Diagnosis):
     def to_json(self) -> dict:
         """The verdict as plain values, in its documented form (docs/verdict.md)."""
         return to_json(self.verdict)
-
-    def _repr_html_(self) -> str:
-        return summary(self)
 
 
 def diagnose(

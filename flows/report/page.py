@@ -17,7 +17,7 @@ from pathlib import Path
 from jinja2 import Environment, FileSystemLoader, StrictUndefined
 from markupsafe import Markup
 
-from flows.report.document import Document, Part, Strong, tag
+from flows.report.document import Document, Strong, tag
 from flows.report.words.phrases import sentence_case
 from flows.requests import Diagnose
 from warehouse.files import read_parquet
@@ -233,8 +233,3 @@ def environment() -> Environment:
 def render(page: Document) -> str:
     """Return a document as one HTML page that needs nothing else."""
     return environment().get_template("document.html").render(page=page)
-
-
-def fragment(parts: Sequence[Part]) -> str:
-    """Return parts of a page by themselves, for pages of others."""
-    return str(environment().get_template("parts.html").module.draw(parts))
