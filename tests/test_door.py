@@ -128,10 +128,12 @@ def _diagnosis() -> Diagnosis:
     )
     evidence = Evidence(310.0, "fit", "confirmed", 0.9, None)
     mass = {"mass": Parameter(3.96, 0.35, "kg")}
-    effect = Finding("payload", (1,), 0.97, 1, (Place("spring", (1,)),), mass, evidence)
+    spring = (Place("spring", (1,)),)
+    effect = Finding("payload", (1,), 0.97, 1, spring, mass, evidence=evidence)
     left = Unexplained((), 0.04, 0.03, (), None, (0.04,), "autocorrelation")
-    rest = left, error, 0.03, None, ("<&>",), Frames(("one",), "flange")
-    return Diagnosis(Verdict("arm", (), "effects", (effect,), (), *rest))
+    rest = left, error, 0.03, None, ("<&>",)
+    frames = Frames(("one",), "flange")
+    return Diagnosis(Verdict("arm", (), "effects", (effect,), (), *rest, frames=frames))
 
 
 def test_a_diagnosis_is_a_line():
