@@ -88,9 +88,8 @@ def test_a_table_is_read_by_row_by_column_and_as_a_whole():
         _ = TABLE[2]
 
 
-def test_a_table_is_printed_in_columns_and_escaped_in_a_notebook():
+def test_a_table_is_printed_in_columns():
     assert repr(TABLE) == "name  value\n<b>   1.235\nc     –"
-    assert "<td>&lt;b&gt;</td><td>1.235</td>" in TABLE._repr_html_()
     assert repr(Table(pa.table({"i": range(50)}))).endswith("… and 10 more rows")
     assert repr(Table(pa.table({"long": ["x" * 99]}))).endswith("x" * 59 + "…")
 

@@ -29,7 +29,6 @@ from residual.identification.estimate import Options
 from residual.identification.prove import Identified
 from residual.model.corrected import Corrected
 from residual.model.model import Model
-from residual.model.record import robot_files
 from residual.recording import Recording
 from residual.robot.robot import Robot
 from warehouse.logs import check_distinct
@@ -180,12 +179,6 @@ class Identification(Identified):
             {} if self.consistent is None else {"consistent": self.consistent.model}
         )
         return free | bodies
-
-    def save_urdf(self, folder: str | Path) -> None:
-        """Write URDF and robot.toml of the best model into a folder."""
-        place = Path(folder)
-        place.mkdir(parents=True, exist_ok=True)
-        write_all({place / k: v for k, v in robot_files(self.best).items()})
 
     def to_json(self) -> dict:
         """All of it as plain values (docs/identification.md)."""
