@@ -1,3 +1,4 @@
+# ruff: noqa: F401  the names of the door, for editors
 """Find what a robot's dynamic model is missing, from a script or a notebook.
 
     import modelgap as mg
@@ -16,7 +17,14 @@ from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:  # for editors
-    from flows.door.logs import check, compare, export, read_logs, recording
+    from flows.door.logs import (
+        check,
+        compare,
+        export,
+        load_robot,
+        read_logs,
+        recording,
+    )
     from flows.door.loop import Experiment, monitor, next_experiment, simulate
     from flows.door.results import (
         Calibration,
@@ -27,7 +35,6 @@ if TYPE_CHECKING:  # for editors
         identify,
     )
     from flows.door.store import Store, Table, open_store
-    from flows.inputs.given import load as load_robot
     from residual.check.result import LogCheck
     from residual.diagnosis.result import (
         ErrorTables,
@@ -42,41 +49,15 @@ if TYPE_CHECKING:  # for editors
     from residual.recording import Recording
     from residual.robot.robot import Robot
 
-__all__ = [
-    "Calibration",
-    "Diagnosis",
-    "ErrorTables",
-    "Experiment",
-    "Finding",
-    "Identification",
-    "InputError",
-    "LogCheck",
-    "Model",
-    "Options",
-    "Parameter",
-    "Recording",
-    "Robot",
-    "Store",
-    "Table",
-    "Verdict",
-    "calibrate",
-    "check",
-    "compare",
-    "diagnose",
-    "export",
-    "identify",
-    "load_model",
-    "load_robot",
-    "monitor",
-    "next_experiment",
-    "open_store",
-    "read_logs",
-    "recording",
-    "simulate",
-]
-
 _PLACES = {
-    "flows.door.logs": ("check", "compare", "export", "read_logs", "recording"),
+    "flows.door.logs": (
+        "check",
+        "compare",
+        "export",
+        "load_robot",
+        "read_logs",
+        "recording",
+    ),
     "flows.door.loop": ("Experiment", "monitor", "next_experiment", "simulate"),
     "flows.door.results": (
         "Calibration",
@@ -87,7 +68,6 @@ _PLACES = {
         "identify",
     ),
     "flows.door.store": ("Store", "Table", "open_store"),
-    "flows.inputs.given": ("load_robot",),
     "residual.check.result": ("LogCheck",),
     "residual.diagnosis.result": ("ErrorTables", "Finding", "Parameter", "Verdict"),
     "residual.errors": ("InputError",),
@@ -97,19 +77,15 @@ _PLACES = {
     "residual.recording": ("Recording",),
     "residual.robot.robot": ("Robot",),
 }
-_RENAMED = {
-    "load_robot": "load",
-}
 _PLACE = {name: place for place, names in _PLACES.items() for name in names}
+__all__ = sorted(_PLACE)  # pyright: ignore[reportUnsupportedDunderAll]
 
 
 def __getattr__(name: str) -> Any:
     """Load a name when it is first used."""
     if name not in _PLACE:
         raise AttributeError(f"module 'modelgap' has no attribute {name!r}")
-    found = globals()[name] = getattr(
-        import_module(_PLACE[name]), _RENAMED.get(name, name)
-    )
+    found = globals()[name] = getattr(import_module(_PLACE[name]), name)
     return found
 
 

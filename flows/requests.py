@@ -24,13 +24,30 @@ _OF_ROBOT = ("chain", "tip", "xacro_args", "package_dirs")
 # A switch without a value; there is no --no-switch.
 Flag = Annotated[bool, Parameter(negative="")]
 # Takes all following words up to the next option; at least one.
-Words = Annotated[tuple[str, ...], Parameter(consume_multiple=(1, None), negative="")]
+Words = Annotated[
+    tuple[str, ...],
+    Parameter(consume_multiple=(1, None), negative="", metavar="LOG..."),
+]
 # One word at a time; the option may be given again.
-Tags = Annotated[tuple[str, ...], Parameter(negative="")]
+Tags = Annotated[tuple[str, ...], Parameter(negative="", metavar="TAG")]
 # What stands on the line by its place.
 Log = Annotated[str, Parameter(name="LOG")]
+# What the word behind an option is, as help shows it.
+File = Annotated[str | None, Parameter(metavar="FILE")]
+Folder = Annotated[str | None, Parameter(metavar="FOLDER")]
+Id = Annotated[str | None, Parameter(metavar="ID")]
+Name = Annotated[str | None, Parameter(metavar="NAME")]
+Model = Annotated[str | None, Parameter(metavar="MODEL")]
+RobotName = Annotated[str | None, Parameter(metavar="ROBOT")]
+Text = Annotated[str, Parameter(metavar="TEXT")]
+Seconds = Annotated[float, Parameter(metavar="SECONDS")]
+Hertz = Annotated[float, Parameter(metavar="HERTZ")]
+Number = Annotated[int, Parameter(metavar="NUMBER")]
+Count = Annotated[int | None, Parameter(metavar="COUNT")]
 # How an answer of the store is printed.
-Format = Literal["table", "csv", "json", "parquet"]
+Format = Annotated[
+    Literal["table", "csv", "json", "parquet"], Parameter(metavar="NAME")
+]
 GivenWord = Annotated[str, Parameter(parse=False)]
 GivenWords = Annotated[tuple[str, ...], Parameter(parse=False)]
 
@@ -61,19 +78,25 @@ def parse_numbers(_: Any, tokens: Sequence[Token]) -> tuple[int, ...]:
 # Options that many commands have, each explained here and nowhere else.
 Store = Annotated[
     str | Path | None,
-    Parameter(help="Folder of the store; else $MODELGAP_STORE, else ./store."),
+    Parameter(
+        metavar="FOLDER",
+        help="Folder of the store; else $MODELGAP_STORE, else ./store.",
+    ),
 ]
 RobotWord = Annotated[
     str,
     Parameter(
+        metavar="ROBOT",
         help="Built-in name (irb140), robot file (URDF, .xacro, MJCF .xml), or folder "
-        "with one and an optional robot.toml."
+        "with one and an optional robot.toml.",
     ),
 ]
 Columns = Annotated[
     str | None,
     Parameter(
-        name="--map", help="TOML file that says which column is what, in which unit."
+        name="--map",
+        metavar="FILE",
+        help="TOML file that says which column is what, in which unit.",
     ),
 ]
 Declared = Annotated[
@@ -82,13 +105,14 @@ Declared = Annotated[
         converter=parse_declared,
         n_tokens=1,
         negative="",
+        metavar="EFFECT",
         help='Effects that the model has, as a,b; "none" for a bare rigid body. '
         "Without it the robot's own list, or viscous,coulomb,rotor_inertia.",
     ),
 ]
 Numbers = Annotated[
     tuple[int, ...] | None,
-    Parameter(converter=parse_numbers, n_tokens=1, negative=""),
+    Parameter(converter=parse_numbers, n_tokens=1, negative="", metavar="1,2,3"),
 ]
 TrustLog = Annotated[
     Flag,
@@ -101,15 +125,17 @@ TrustNetwork = Annotated[
 Which = Annotated[
     str | None,
     Parameter(
+        metavar="NAME",
         help="Which model of a diagnosis: nominal, identified or augmented, which is "
-        "the usual one."
+        "the usual one.",
     ),
 ]
 ModelWord = Annotated[
     str,
     Parameter(
+        metavar="MODEL",
         help="Id of a diagnosis or model of the store, or a file that a model was "
-        "saved into."
+        "saved into.",
     ),
 ]
 HeldOut = Annotated[
@@ -122,18 +148,26 @@ HeldOut = Annotated[
 Where = Annotated[
     str | None,
     Parameter(
+        metavar="CONDITION",
         help="Also the runs of the store that fulfil a condition over the view runs, "
         "such as \"campaign = 'night' AND trajectory = 'fourier'\" (modelgap sql "
-        "--schema); not those in quarantine."
+        "--schema); not those in quarantine.",
     ),
 ]
 HeldOutWhere = Annotated[
     str | None,
-    Parameter(name="--holdout-where", help="The same for --holdout."),
+    Parameter(
+        name="--holdout-where",
+        metavar="CONDITION",
+        help="The same for --holdout.",
+    ),
 ]
 Json = Annotated[
     str | None,
-    Parameter(help='File for the outcome as JSON; "-" prints it and nothing else.'),
+    Parameter(
+        metavar="FILE",
+        help='File for the outcome as JSON; "-" prints it and nothing else.',
+    ),
 ]
 
 
@@ -190,18 +224,22 @@ class OfRobot(Request):
             n_tokens=1,
             negative="",
             show_default=False,
+            metavar="A,B,C",
             help="Joints of the arm by their names in the file, a,b,c; all others are "
             "locked. Without it those that the log has by name, else the only chain.",
         ),
     ] = ()
     tip: Annotated[
         str | None,
-        Parameter(help="Link that the arm ends with, in place of --chain."),
+        Parameter(
+            metavar="LINK", help="Link that the arm ends with, in place of --chain."
+        ),
     ] = None
     xacro_args: Annotated[
         Tags,
         Parameter(
             name="--xacro-arg",
+            metavar="NAME:=VALUE",
             show_default=False,
             help="Argument of a xacro, name:=value.",
         ),
@@ -210,6 +248,7 @@ class OfRobot(Request):
         Tags,
         Parameter(
             name="--package-dir",
+            metavar="FOLDER",
             show_default=False,
             help="Folder of packages that a xacro finds.",
         ),
@@ -244,7 +283,7 @@ class Map(OfRobot):
 
     log: GivenWord = ""
     _: KW_ONLY
-    format: str | None = None
+    format: Name = None
 
 
 @dataclass(frozen=True, slots=True)
@@ -268,10 +307,10 @@ class Diagnose(OfRobot):
     held_out: HeldOut = ()
     declared: Declared = None
     columns: Columns = None
-    known: Tags = ()
+    known: Annotated[Tags, Parameter(metavar="EFFECT=VALUE")] = ()
     store: Store = None
     trust_log: Flag = False
-    model: str | None = None
+    model: Model = None
 
 
 @dataclass(frozen=True, slots=True)
@@ -294,15 +333,15 @@ class Identify(OfRobot):
     logs: GivenWords = ()
     _: KW_ONLY
     held_out: HeldOut = ()
-    method: str = "wls"
+    method: Annotated[str, Parameter(metavar="NAME")] = "wls"
     declared: Declared = None
-    prior: float | None = None
+    prior: Annotated[float | None, Parameter(metavar="SHARE")] = None
     essential: Flag = False
     consistent: Flag = False
     columns: Columns = None
     store: Store = None
     trust_log: TrustLog = False
-    model: str | None = None
+    model: Model = None
 
 
 @dataclass(frozen=True, slots=True)
@@ -332,9 +371,9 @@ class Calibrate(OfRobot):
     store: Store = None
     trust_log: TrustLog = False
     levels: Numbers = None
-    components: int | None = None
+    components: Count = None
     joints: Numbers = None
-    model: str | None = None
+    model: Model = None
 
 
 @dataclass(frozen=True, slots=True)
@@ -356,14 +395,14 @@ class Import(OfRobot):
 
     logs: GivenWords = ()
     _: KW_ONLY
-    columns: Annotated[str | None, Parameter(name="--map")] = None
-    trajectory: str | None = None
-    kind: str = "log"
+    columns: Annotated[File, Parameter(name="--map")] = None
+    trajectory: Name = None
+    kind: Annotated[str, Parameter(metavar="NAME")] = "log"
     store: Store = None
     trust_log: TrustLog = False
-    serial: str | None = None
+    serial: Name = None
     tags: Annotated[Tags, Parameter(name="--tag")] = ()
-    recorded_at: str | None = None
+    recorded_at: Annotated[str | None, Parameter(metavar="DATE")] = None
 
 
 @dataclass(frozen=True, slots=True)
@@ -381,7 +420,7 @@ class Validate(Request):
     """
 
     run: GivenWord = ""
-    window: float = 0.25
+    window: Seconds = 0.25
     store: Store = None
     model: Annotated[str | None, Parameter(parse=False)] = None
     adopted: Annotated[str | None, Parameter(parse=False)] = None
@@ -402,8 +441,8 @@ class Monitor(Request):
 
     model: GivenWord = ""
     runs: GivenWords = ()
-    good: Annotated[Words, Parameter(name="--calibrate")] = ()
-    per_hour: float = 1.0
+    good: Annotated[Words, Parameter(name="--calibrate", metavar="RUN...")] = ()
+    per_hour: Annotated[float, Parameter(metavar="COUNT")] = 1.0
     store: Store = None
 
 
@@ -425,8 +464,8 @@ class Next(OfRobot):
     robot: RobotWord | None = None
     baseline: Words = ()
     held_out: Annotated[Words, Parameter(name="--holdout")] = ()
-    seconds: float = 20.0
-    seed: int = 0
+    seconds: Seconds = 20.0
+    seed: Number = 0
     columns: Columns = None
     store: Store = None
 
@@ -447,7 +486,7 @@ class Campaign(Request):
     path: GivenWord = ""
     held_out: GivenWord = ""
     seed: Annotated[int | None, Parameter(parse=False)] = None
-    runner: str | None = None
+    runner: Annotated[str | None, Parameter(metavar="ADDRESS")] = None
     trust_network: TrustNetwork = False
     store: Store = None
 
@@ -465,10 +504,10 @@ class Export(Request):
 
     model: GivenWord = ""
     _: KW_ONLY
-    to: str
+    to: Annotated[str, Parameter(metavar="NAME")]
     which: Which = None
-    log: str | None = None
-    columns: Annotated[str | None, Parameter(name="--map")] = None
+    log: Annotated[str | None, Parameter(metavar="LOG")] = None
+    columns: Annotated[File, Parameter(name="--map")] = None
     store: Store = None
 
 
@@ -485,6 +524,6 @@ class Predict(Request):
     _: KW_ONLY
     model: ModelWord
     which: Which = None
-    without: Words = ()
+    without: Annotated[Words, Parameter(metavar="EFFECT...")] = ()
     columns: Columns = None
     store: Store = None

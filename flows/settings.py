@@ -53,7 +53,7 @@ def page_link(address: str, otherwise: Path) -> str:
     """Return where a browser finds a page of the store.
 
     Args:
-        address: Below the first folder of the pages, such as "night/latest.html".
+        address: Below the first folder of the pages, such as "index.html".
     """
     first = os.environ.get(PAGES)
     return f"{first}/{address}" if first else otherwise.as_uri()

@@ -6,7 +6,7 @@ import re
 import pytest
 
 import modelgap as mg
-from flows.cli.app import _BELOW, _COMMANDS, _SHORTER
+from flows.cli import app
 from residual.effects import registry
 from scripts.docs_site import pages
 from tests.checkout import ROOT
@@ -14,10 +14,11 @@ from tests.checkout import ROOT
 PAGES = [ROOT / "README.md", *(ROOT / "docs").rglob("*.md")]
 TEXT = {page: page.read_text(encoding="utf-8") for page in PAGES}
 ALL = "\n".join(TEXT.values())
-COMMANDS = [name for group in _COMMANDS.values() for name in group]
+COMMANDS = [name for group in app.GROUPS.values() for name in group["commands"]]
 GROUPS = {
-    word: {_SHORTER.get(name, name) for name in _COMMANDS[heading]}
-    for heading, (word, _) in _BELOW.items()
+    group["word"]: {app._SHORTER.get(name, name) for name in group["commands"]}
+    for group in app.GROUPS.values()
+    if "word" in group
 }
 # In a span or block of code, at its start or after a prompt: no word of a sentence.
 _CALLED = re.compile(
@@ -27,7 +28,7 @@ _CALLED = re.compile(
 
 @pytest.mark.parametrize("name", COMMANDS)
 def test_a_command_has_its_place_beside_the_generated_reference(name):
-    short = _SHORTER.get(name, name)
+    short = app._SHORTER.get(name, name)
     of = next((word for word, names in GROUPS.items() if short in names), "")
     called = rf"modelgap ({name}|{of} {short})\b"
     assert re.search(called, ALL), f"no page shows modelgap {name}"

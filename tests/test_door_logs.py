@@ -48,7 +48,6 @@ def same(log, other):
 def test_columns_in_memory_are_the_log_that_a_file_is(robot, table, file, kind):
     (log,) = mg.read_logs(kind(table), robot)
     same(log, file)
-    same(mg.recording(robot, kind(table)), file)
 
 
 def test_logs_have_the_names_that_a_mapping_gives_them(robot, table, file):
@@ -75,19 +74,15 @@ def test_a_map_is_for_columns_in_memory_too(robot, table, file, tmp_path):
     own |= {f"J{j}": np.rad2deg(table[f"q{j}"]) for j in range(1, 7)}
     listed = ", ".join(f'"J{j}"' for j in range(1, 7))
     (tmp_path / "C.toml").write_text(f"q = {{columns = [{listed}], unit = 'deg'}}")
-    log = mg.recording(robot, own, columns=tmp_path / "C.toml")
+    (log,) = mg.read_logs(own, robot, columns=tmp_path / "C.toml")
     np.testing.assert_allclose(log.q, file.q, atol=1e-12)
     with pytest.raises(mg.InputError, match=r"missing column q1\.\.6 .*found .*J1"):
         mg.read_logs(own, robot)
 
 
 BAD = {
-    "nothing": ({}, "got none"),
-    "no torque": ({"t": 1, "q": 1}, "got t, q"),
-    "both": ({"table": {}, "t": 1, "q": 1, "tau": 1}, "got a table, t, q, tau"),
     "shape": ({"t": slice(9), "q": 1, "tau": 1}, r"q has shape \(2500, 6\)"),
     "degrees": ({"t": 1, "q": 57.3, "tau": 1}, "Degrees"),
-    "columns": ({"table": {"t": [0, 1], "q": [1]}}, "missing column"),
 }
 
 
@@ -96,11 +91,8 @@ def test_what_is_no_log_is_refused_in_words(robot, file, name):
     given, said = BAD[name]
     made = {}
     for key, how in given.items():
-        if key == "table":
-            made[key] = how
-        else:
-            own = getattr(file, key)
-            made[key] = own[how] if isinstance(how, slice) else how * own
+        own = getattr(file, key)
+        made[key] = own[how] if isinstance(how, slice) else how * own
     with pytest.raises(mg.InputError, match=said):
         mg.recording(robot, **made)
 

@@ -4,14 +4,13 @@ Only here, and for optional extras, is anything loaded late: `modelgap --help` l
 numerics, and a command loads what it needs and no more.
 """
 
-import ast
 import errno
 import os
 import re
 import sys
+import tomllib
 import traceback
 from collections.abc import Callable, Iterable, Mapping, Sequence
-from importlib.util import find_spec
 from pathlib import Path
 
 from cyclopts import (
@@ -54,121 +53,9 @@ Exit codes: 0 done, whatever the verdict; 1 the run failed; 2 bad usage or
 input; 130 interrupted.
 """
 
-_LOGS = "LOG... --robot ROBOT"
-# By group: a command is a function of that name in `flows.cli`, as MODULE:FUNCTION,
-# and what its usage line says where that is not plain.
-_COMMANDS = {
-    "First steps": {
-        "demo": ("demo:demo", None),
-        "diagnose": ("diagnose:diagnose", _LOGS),
-        "next": ("next:next_", "VERDICT.json|ID [LOG...]"),
-    },
-    "Your logs": {
-        "check": ("logs:check", _LOGS),
-        "map": ("logs:map_", "LOG --robot ROBOT [--out COLUMNS.toml]"),
-        "import": ("logs:import_", _LOGS),
-        "identify": ("fit:identify", _LOGS),
-        "calibrate": ("fit:calibrate", _LOGS),
-    },
-    "Your robot's model": {
-        "models": ("models:models", None),
-        "adopt": ("models:adopt", None),
-        "rollback": ("models:rollback", None),
-        "predict": ("models:predict", "LOG... --model MODEL"),
-        "export": ("models:export", "MODEL --to TARGET --out DIR"),
-        "validate": ("experiment:validate", None),
-    },
-    "Sensors": {
-        "monitor": ("monitor:monitor", "MODEL RUN..."),
-    },
-    "Your experiments": {
-        "trajectory": ("experiment:trajectory", None),
-        "experiment": ("experiment:experiment", None),
-        "campaign": ("experiment:campaign", None),
-    },
-    "History": {
-        "runs": ("store:runs", None),
-        "show": ("store:show", None),
-        "sql": ("sql:sql", None),
-        "diff": ("history:diff", None),
-        "lineage": ("history:lineage", None),
-        "rerun": ("history:rerun", None),
-        "verify": ("store:verify", None),
-        "prune": ("store:prune", "--older-than DAYS"),
-        "quarantine": ("store:quarantine", "RUN --reason TEXT"),
-    },
-    "Schedule": {
-        "init": ("project:init", "[DIR]"),
-        "inbox": ("project:inbox", None),
-        "up": ("service:up", None),
-        "status": ("service:status", None),
-        "down": ("service:down", None),
-    },
-}
-# The groups whose commands stand below one word, and what it says of itself. By their
-# names alone the commands are taken too, and not listed.
-_BELOW = {
-    "Your robot's model": ("model", "Models: adopted, predicted with, exported."),
-    "Sensors": ("sensors", "Alarms of sensors."),
-    "Your experiments": ("sim", "Simulated arms: motions, experiments, campaigns."),
-    "History": ("store", "All that was ever run: list, ask in SQL, rerun, keep."),
-    "Schedule": ("project", "A project with an inbox, and the service of each night."),
-}
+# By group: its `commands` by name, each (MODULE:FUNCTION of `flows.cli`, usage, about).
+GROUPS = tomllib.loads(Path(__file__).with_name("commands.toml").read_text("utf-8"))
 _SHORTER = {"models": "list"}  # below its word
-
-
-# What the word after an option is, where its type says no more than that it is one.
-_WORDS = {
-    "FILE": "report json out map export csv plot gif attach file state spec save-model",
-    "FOLDER": "store move package-dir",
-    "ROBOT": "robot",
-    "LOG": "baseline holdout log",
-    "RUN": "calibrate",
-    "ID": "verdict calibration",
-    "MODEL": "model",
-    "EFFECT": "declared effect without",
-    "EFFECT=VALUE": "known",
-    "EFFECT>=VALUE": "want",
-    "NAME": "named trajectory kind held-out serial which method format to",
-    "TAG": "tag keep-tag",
-    "TEXT": "note reason",
-    "KEY=VALUE": "with",
-    "DATE": "recorded-at",
-    "ADDRESS": "host database runner",
-    "SECONDS": "seconds duration window timeout wait every",
-    "DAYS": "older-than",
-    "HERTZ": "rate",
-    "COUNT": "per-hour workers draws components periods seeds limit",
-    "CONDITION": "where holdout-where",
-    "SHARE": "prior",
-    "NUMBER": "seed port",
-    "1,2,3": "levels joints",
-    "A,B,C": "chain",
-    "LINK": "tip",
-    "NAME:=VALUE": "xacro-arg",
-}
-_KINDS = {f"--{name}": kind for kind, names in _WORDS.items() for name in names.split()}
-
-
-class Formatter:
-    """Draws help as cyclopts does, with what an option takes instead of its type."""
-
-    def __call__(self, console, options, panel) -> None:
-        """Draw one panel."""
-        named = [entry.copy(metavar=_kind(entry)) for entry in panel.entries]
-        from cyclopts.help import DefaultFormatter
-
-        usual = DefaultFormatter()
-        usual(console, options, panel.copy(entries=named))
-
-
-def _kind(entry) -> str | None:
-    shown = entry.metavar or ""
-    kind = next((_KINDS[n] for n in entry.names if n in _KINDS), "WORD")
-    about = getattr(getattr(entry.description, "primary_renderable", ""), "markup", "")
-    if kind == "FILE" and "folder" in about.partition(".")[0].lower():
-        kind = "FOLDER"
-    return re.sub(r"STR(\|PATH)?|FLOAT|INT(\.\.\.)?", kind, shown) or None
 
 
 def _version() -> str:
@@ -179,7 +66,6 @@ def _version() -> str:
 
 app = App(
     name="modelgap",
-    help_formatter=Formatter(),
     help=_HELP,
     help_format="plaintext",  # what draws Markdown is a slow import
     version=_version,
@@ -190,44 +76,26 @@ for flag in ("--help", "--version", "--install-completion"):
     app[flag].group = "Options"
 
 
-def _described(place: str) -> str:
-    """Return what a command says of itself, without loading what it needs.
-
-    Args:
-        place: The command as MODULE:FUNCTION.
-    """
-    module, _, name = place.partition(":")
-    source = Path(find_spec(f"flows.cli.{module}").origin).read_text(encoding="utf-8")
-    (command,) = (
-        node
-        for node in ast.parse(source).body
-        if isinstance(node, ast.FunctionDef) and node.name == name
-    )
-    return ast.get_docstring(command).partition("\n\nArgs:")[0]
-
-
 def _register() -> None:
     below = Group.create_ordered("More, a word each")
-    for heading, commands in _COMMANDS.items():
-        word, about = _BELOW.get(heading, ("", ""))
-        group = Group.create_ordered(heading, sort_key=0)
+    for heading, part in GROUPS.items():
+        word, group = part.get("word"), Group.create_ordered(heading, sort_key=0)
         if word:
-            inner = App(word, help=about, version_flags=(), group=below)
+            inner = App(word, help=part["about"], version_flags=(), group=below)
             inner["--help"].group = "Options"
             app.command(inner)
-        for number, (name, (place, usage)) in enumerate(commands.items()):
-            meaning = {"sort_key": number, "help": _described(place)}
-            meaning |= {"help_format": "markdown"}
-            own = {"group": group, "show": not word}
-            _add(app, name, place, usage, meaning | own)
+        for number, (name, command) in enumerate(part["commands"].items()):
+            _add(app, name, command, sort_key=number, group=group, show=not word)
             if word:
-                _add(inner, _SHORTER.get(name, name), place, usage, meaning)
+                _add(inner, _SHORTER.get(name, name), command, sort_key=number)
 
 
-def _add(to: App, name: str, place: str, usage: str | None, meaning: dict) -> None:
+def _add(to: App, name: str, command: Sequence[str], **more: object) -> None:
+    place, usage, about = command
     program = " ".join(["modelgap", *to.name[: to is not app]])
-    usage = usage and f"Usage: {program} {name} {usage} [OPTIONS]"
-    to.command(f"flows.cli.{place}", name=name, usage=usage, **meaning)
+    usage = f"Usage: {program} {name} {usage} [OPTIONS]" if usage else None
+    more |= {"help": about, "help_format": "markdown", "usage": usage}
+    to.command(f"flows.cli.{place}", name=name, **more)
 
 
 _register()
@@ -246,8 +114,13 @@ def run(words: Sequence[str]) -> None:
     tied = re.sub(r"(^|\0)--(json|file)\0-(?=\0|$)", r"\1--\2=-", "\0".join(words))
     # Without a name it asks which there are.
     tied = re.sub(r"(^|\0)--named(?=\0-|$)", r"\1--named=list", tied)
+    words = tied.split("\0") if tied else []
+    _, chain, _ = app.parse_commands(words)
+    for each in chain:
+        if each.default_command and not each.name[0].startswith("-"):
+            each.help = None  # its docstring has more than lists do
     app(
-        tied.split("\0") if tied else [],
+        words,
         exit_on_error=False,
         print_error=False,
         result_action="return_value",
@@ -462,7 +335,7 @@ def _misused(error: CycloptsError) -> str:
 def _missing(error: MissingArgumentError) -> str:
     """Return which option lacks its value, or which word or option is not there."""
     name, kind = error.argument.name, error.argument.field_info.kind
-    shown = f"{name} {_KINDS.get(name, 'WORD')}"
+    shown = f"{name} {error.argument.parameter.metavar or 'WORD'}"
     if error.keyword is not None:
         return f"{name} has nothing behind it, expected {shown}."
     if kind is not kind.KEYWORD_ONLY:  # it has its place on the line

@@ -4,7 +4,7 @@ from dataclasses import replace
 
 from flows.cli.app import Outputs
 from flows.outputs import progress_bar, read_files
-from flows.requests import Diagnose, Flag, HeldOutWhere, Log, Where
+from flows.requests import Diagnose, File, Flag, HeldOutWhere, Log, Where
 
 
 def diagnose(
@@ -12,9 +12,9 @@ def diagnose(
     request: Diagnose,
     where: Where = None,
     held_out_where: HeldOutWhere = None,
-    report: str | None = None,
-    json: str | None = None,
-    save_model: str | None = None,
+    report: File = None,
+    json: File = None,
+    save_model: File = None,
     verbose: Flag = False,
 ) -> None:
     """Name what the model of a robot lacks, from its logs.

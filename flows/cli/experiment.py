@@ -22,10 +22,16 @@ from flows.report.console import show
 from flows.report.experiments import motion_parts, motion_png
 from flows.requests import (
     Campaign,
+    File,
     Flag,
+    Hertz,
+    Id,
     Json,
+    Model,
+    Number,
     OfRobot,
     RobotWord,
+    Seconds,
     Store,
     Validate,
     Where,
@@ -143,10 +149,10 @@ def validate(
     *runs: Annotated[str, Parameter(name="RUN")],
     request: Validate = _PLAIN,
     where: Where = None,
-    model: str | None = None,
-    calibration: str | None = None,
-    seeds: int = 1,
-    report: str | None = None,
+    model: Model = None,
+    calibration: Id = None,
+    seeds: Number = 1,
+    report: File = None,
 ) -> None:
     """Try a model on runs of the store, without fitting anything.
 
@@ -219,10 +225,10 @@ class Trajectory(OfRobot):
     """
 
     robot: RobotWord = "irb140"
-    duration: float = 20.0
-    periods: int = 2
-    seed: int = 0
-    rate: float = 250.0
+    duration: Seconds = 20.0
+    periods: Number = 2
+    seed: Number = 0
+    rate: Hertz = 250.0
 
 
 _MOTION = Trajectory()
@@ -232,9 +238,9 @@ def trajectory(
     kind: str,
     *,
     request: Trajectory = _MOTION,
-    csv: str | None = None,
-    plot: str | None = None,
-    gif: str | None = None,
+    csv: File = None,
+    plot: File = None,
+    gif: File = None,
 ) -> None:
     """Plan a motion within the limits of a robot.
 

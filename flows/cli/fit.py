@@ -9,7 +9,16 @@ from flows.outputs import check_new_folder, in_folder, progress_bar, read_files
 from flows.report.console import show, wide
 from flows.report.models import identification as identified
 from flows.report.words.calibration import sentences
-from flows.requests import Calibrate, HeldOutWhere, Identify, Json, Log, Where
+from flows.requests import (
+    Calibrate,
+    File,
+    Folder,
+    HeldOutWhere,
+    Identify,
+    Json,
+    Log,
+    Where,
+)
 from flows.steps import calibrate as calibration
 from flows.steps import identify as identification
 from flows.steps.models import choose_for
@@ -24,7 +33,7 @@ def identify(
     request: Identify,
     where: Where = None,
     held_out_where: HeldOutWhere = None,
-    export: str | None = None,
+    export: Folder = None,
     json: Json = None,
 ) -> None:
     """Identify the parameters of a robot's model.
@@ -67,9 +76,9 @@ def calibrate(
     *logs: Log,
     request: Calibrate,
     where: Where = None,
-    report: str | None = None,
+    report: File = None,
     json: Json = None,
-    export: str | None = None,
+    export: Folder = None,
 ) -> None:
     """Fit look-up tables to the residual of a model, and validate them in every way.
 

@@ -10,7 +10,7 @@ from flows.outputs import read_files, say
 from flows.report.console import show
 from flows.report.records import channels, log_lines
 from flows.report.words.verdict import check_lines
-from flows.requests import Check, Flag, Import, Json, Log, Map
+from flows.requests import Check, File, Flag, Import, Json, Log, Map
 from flows.settings import store_folder
 from flows.steps import check as checking
 from flows.steps import imports
@@ -44,7 +44,7 @@ def check(*logs: Log, request: Check, json: Json = None) -> None:
     out.finish()
 
 
-def map_(log: Log, *, request: Map, out: str | None = None) -> None:
+def map_(log: Log, *, request: Map, out: File = None) -> None:
     """Draft the map of a log: which column is what, in which unit.
 
     From the names, the units that the file states, the joints of the URDF and the

@@ -2,7 +2,9 @@
 
 from dataclasses import replace
 from pathlib import Path
+from typing import Annotated
 
+from cyclopts import Parameter
 from rich.console import Console
 
 from flows.cli.app import Outputs
@@ -14,7 +16,7 @@ from flows.report.models import (
     adoptions,
     prediction,
 )
-from flows.requests import Export, Log, Predict, Store
+from flows.requests import Export, File, Log, Predict, RobotName, Store, Text
 from flows.settings import store_folder
 from flows.steps import adopt as steps
 from flows.steps import export as exporting
@@ -25,7 +27,7 @@ from warehouse.mirror import shown
 _PLAIN = steps.Adopt()
 
 
-def models(*, robot: str | None = None, store: Store = None) -> None:
+def models(*, robot: RobotName = None, store: Store = None) -> None:
     """List which model each robot has, since when and why.
 
     ```
@@ -66,7 +68,7 @@ def adopt(id: str, /, *, request: steps.Adopt = _PLAIN) -> None:
     say(Console(), *adoption_lines(number, judged))
 
 
-def rollback(*, robot: str | None = None, note: str = "", store: Store = None) -> None:
+def rollback(*, robot: RobotName = None, note: Text = "", store: Store = None) -> None:
     """Give a robot the model back that it had before; nothing is deleted.
 
     ```
@@ -89,8 +91,8 @@ def export(
     /,
     *,
     request: Export,
-    out: str,
-    json: str | None = None,
+    out: Annotated[str, Parameter(metavar="FOLDER")],
+    json: File = None,
 ) -> None:
     """Write a model in the form of another program.
 
@@ -132,8 +134,8 @@ def export(
 def predict(
     *logs: Log,
     request: Predict,
-    out: str | None = None,
-    json: str | None = None,
+    out: File = None,
+    json: File = None,
 ) -> None:
     """Predict the torque of logs with a model; take effects out of it.
 

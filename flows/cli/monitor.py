@@ -9,7 +9,7 @@ from flows.cli.app import Outputs
 from flows.report.console import show
 from flows.report.figures.scores import plot as draw
 from flows.report.monitoring import alarm_table, meaning
-from flows.requests import Flag, Monitor
+from flows.requests import File, Flag, Monitor
 from flows.settings import store_folder
 from flows.steps import monitor as monitoring
 from flows.steps.models import chosen_to_watch
@@ -24,7 +24,7 @@ def monitor(
     *runs: Annotated[str, Parameter(name="RUN")],
     request: Monitor = _HOURLY,
     nominal: Flag = False,
-    plot: str | None = None,
+    plot: File = None,
 ) -> None:
     """Watch the sensors of runs, with limits from healthy runs.
 

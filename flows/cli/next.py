@@ -13,7 +13,7 @@ from flows.report.console import show
 from flows.report.next import Sheet, comparison, nothing_open, render_sheet, told
 from flows.report.page import command
 from flows.report.words.verdict import sentences
-from flows.requests import Flag, Log, Next
+from flows.requests import File, Flag, Hertz, Log, Next
 from flows.settings import store_folder
 from flows.steps.experiment import as_csv
 from flows.steps.planning.ask import Asked, ask
@@ -35,10 +35,10 @@ def next_(
     /,
     *logs: Log,
     request: Next = _PLAIN,
-    rate: float = 250.0,
-    out: str | None = None,
-    report: str | None = None,
-    json: str | None = None,
+    rate: Hertz = 250.0,
+    out: File = None,
+    report: File = None,
+    json: File = None,
     run: Flag = False,
 ) -> None:
     """Choose the motion that tells apart what a verdict leaves open.

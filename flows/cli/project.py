@@ -20,7 +20,7 @@ from flows.inbox.take import (
 from flows.outputs import progress_bar
 from flows.project.read import Project, read_project, start
 from flows.report.words.verdict import headline
-from flows.requests import Flag
+from flows.requests import Flag, RobotName
 from flows.settings import PROJECT
 from flows.steps.monitor import watch_new
 from residual.errors import InputError, plain
@@ -29,7 +29,7 @@ _PAUSE = 5.0  # s between two looks
 
 
 def init(
-    folder: str = ".", /, *, robot: str | None = None, simulated: Flag = False
+    folder: str = ".", /, *, robot: RobotName = None, simulated: Flag = False
 ) -> None:
     """Write modelgap.toml: robots, inboxes, schedules, store, who is told.
 

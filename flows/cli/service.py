@@ -17,7 +17,7 @@ from flows.project.deployments import deployments
 from flows.project.read import project_here
 from flows.report.console import show, wide
 from flows.report.document import Table, words_table
-from flows.requests import Flag, Store
+from flows.requests import Flag, Seconds, Store
 from flows.service.request import DATABASE, ServiceRequest, checked
 from flows.service.state import CLIENT, KEY, store_key
 from flows.settings import API, PREFECT, prefect_home, quiet_prefect, store_folder
@@ -82,7 +82,7 @@ def up(*, request: ServiceRequest = _USUAL, foreground: Flag = False) -> None:
     if foreground:
         stay(place, _say)
     else:
-        print(f"last night, once that is open: {running.pages}/night/latest.html")
+        print(f"all reports, once that is open: {running.pages}/index.html")
         print("modelgap status shows what is due; modelgap down stops it")
 
 
@@ -118,7 +118,7 @@ def status(*, json: Flag = False, store: Store = None) -> None:
         raise RunError(f"{shown(place)}: {'; '.join(found.wrong)}.")
 
 
-def down(*, wait: float = 60.0, store: Store = None) -> None:
+def down(*, wait: Seconds = 60.0, store: Store = None) -> None:
     """Stop worker and server of a store; schedules and history stay.
 
     ```

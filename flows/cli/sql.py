@@ -61,14 +61,14 @@ class Sql(requests.Request):
     """
 
     query: Annotated[str | None, Parameter(parse=False)] = None
-    named: str | None = None
-    with_: Annotated[requests.Tags, Parameter(name="--with")] = ()
+    named: requests.Name = None
+    with_: Annotated[requests.Tags, Parameter(name="--with", metavar="KEY=VALUE")] = ()
     schema: requests.Flag = False
     format: requests.Format = "table"
-    out: str | None = None
-    timeout: float = 60.0
+    out: requests.File = None
+    timeout: requests.Seconds = 60.0
     without_damaged: requests.Flag = False
-    attach: str | None = None
+    attach: requests.File = None
     store: requests.Store = None
 
 

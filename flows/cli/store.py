@@ -4,11 +4,13 @@ import json
 import sys
 from collections.abc import Iterable
 from pathlib import Path
-from typing import Literal
+from typing import Annotated, Literal
+
+from cyclopts import Parameter
 
 from flows.cli.app import check_between
 from flows.report.answers import check_shown, print_table, tell_damage
-from flows.requests import Format, Store, Tags
+from flows.requests import Folder, Format, Name, Number, Store, Tags, Text
 from flows.settings import store_folder
 from residual.errors import InputError
 from warehouse.layout import find, read_record
@@ -24,7 +26,7 @@ _COLUMNS = (
 
 
 def runs(
-    limit: int = 50,
+    limit: Number = 50,
     format: Format = "table",
     store: Store = None,
 ) -> None:
@@ -71,10 +73,10 @@ def verify(*, store: Store = None) -> None:
 
 def prune(
     *,
-    older_than: float,
-    robot: str | None = None,
+    older_than: Annotated[float, Parameter(metavar="DAYS")],
+    robot: Name = None,
     keep_tag: Tags = (),
-    move: str | None = None,
+    move: Folder = None,
     store: Store = None,
 ) -> None:
     """List old runs that nothing refers to, or move them out of the store.
@@ -106,7 +108,7 @@ def prune(
     print(f"{len(found)} runs of {size / 1e6:.1f} MB {word}")
 
 
-def quarantine(id: str, /, *, reason: str, store: Store = None) -> None:
+def quarantine(id: str, /, *, reason: Text, store: Store = None) -> None:
     """Say that a run should not be used, and why; nothing of it is changed.
 
     ```

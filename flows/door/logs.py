@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 
 from flows.inputs.given import LogSets, read_sets
+from flows.inputs.given import load as load_robot
 from flows.outputs import check_new_folder, write_all
 from flows.steps.check import check as check_sets
 from flows.steps.export import export_model, in_place
@@ -25,6 +26,7 @@ from residual.recording import Recording
 from residual.robot.robot import Robot
 from warehouse.logs import ColumnMap, check_distinct, columns_of, read_table
 
+__all__ = ["check", "compare", "export", "load_robot", "read_logs", "recording"]
 Given = str | Path | Mapping[str, Any] | Any  # file, id, columns by name, data frame
 
 
@@ -133,60 +135,33 @@ def _is_table(given: Any) -> bool:
 
 
 def recording(
-    robot: Robot,
-    table: Any = None,
-    *,
-    t: Any = None,
-    q: Any = None,
-    tau: Any = None,
-    qd: Any = None,
-    id: str = "log",
-    columns: str | Path | None = None,
+    robot: Robot, *, t: Any, q: Any, tau: Any, qd: Any = None, id: str = "log"
 ) -> Recording:
-    """Return a log of arrays, or of the columns of a table, checked as a file is.
+    """Return a log of arrays, checked as a file is; ``read_logs`` takes tables.
 
     Args:
         robot: The arm that was logged.
-        table: Columns by name: a mapping or a data frame. Instead of the arrays.
         t: Sample times [s]. Shape (n,).
         q: Joint positions, link side [rad]. Shape (n, dof).
         tau: Joint torques, link side [N m]. Shape (n, dof).
         qd: Joint velocities where they were measured [rad/s]. Shape (n, dof).
         id: What the log is called.
-        columns: COLUMNS.toml for the columns of a table.
 
     Raises:
-        InputError: If something is missing, has another shape, or can be none of this
-            arm: too short, without motion, beyond its range.
+        InputError: If something has another shape, or can be none of this arm: too
+            short, without motion, beyond its range.
     """
+    check_robot(robot)
     arrays = {"t": t, "q": q, "tau": tau, "qd": qd}
     given = {name: np.asarray(x) for name, x in arrays.items() if x is not None}
-    if (table is None) == (not given) or (given and {"t", "q", "tau"} - set(given)):
-        got = [*(["a table"] if table is not None else []), *given]
-        raise InputError(
-            "Expected a table, or t, q and tau as arrays; got "
-            f"{', '.join(got) or 'none'}."
-        )
     for name, x in given.items():
-        shape = (len(given["t"]),) if name == "t" else (len(given["t"]), robot.dof)
+        shape = (given["t"].size, *([] if name == "t" else [robot.dof]))
         if x.shape != shape:
             raise InputError(f"{id}: {name} has shape {x.shape}, expected {shape}.")
-    if table is not None:
-        one, about = read_table(table, robot, columns_of(robot, columns), id)
-    else:
-        one, about = read_table(_by_joint(given), robot, ColumnMap(), id)
+    one, about = read_table(given, robot, ColumnMap(), id)
     for line in about.warnings:
         warnings.warn(line, stacklevel=2)
     return one
-
-
-def _by_joint(given: Mapping[str, Any]) -> dict[str, Any]:
-    """Return arrays as columns: of the names that are read without a map."""
-    out = {"t": given["t"]}
-    for name in ("q", "tau", "qd"):
-        for j, column in enumerate(given.get(name, np.empty((0, 0))).T):
-            out[f"{name}{j + 1}"] = column
-    return out
 
 
 def compare(

@@ -12,7 +12,6 @@ from flows.door.logs import as_logs, check_declared, check_robot
 from flows.door.store import Table
 from flows.inputs.given import LogSets
 from flows.outputs import Progress, write_all
-from flows.report.diagnosis import summary
 from flows.report.words.calibration import sentences
 from flows.steps.calibrate import calibrate_logs
 from flows.steps.diagnose import diagnose_logs, known_robot
@@ -30,7 +29,6 @@ from residual.identification.estimate import Options
 from residual.identification.prove import Identified
 from residual.model.corrected import Corrected
 from residual.model.model import Model
-from residual.model.record import robot_files
 from residual.recording import Recording
 from residual.robot.robot import Robot
 from warehouse.logs import check_distinct
@@ -123,9 +121,6 @@ class Diagnosis(result.Diagnosis):
         """The verdict as plain values, in its documented form (docs/verdict.md)."""
         return to_json(self.verdict)
 
-    def _repr_html_(self) -> str:
-        return summary(self)
-
 
 def diagnose(
     robot: Robot,
@@ -184,12 +179,6 @@ class Identification(Identified):
             {} if self.consistent is None else {"consistent": self.consistent.model}
         )
         return free | bodies
-
-    def save_urdf(self, folder: str | Path) -> None:
-        """Write URDF and robot.toml of the best model into a folder."""
-        place = Path(folder)
-        place.mkdir(parents=True, exist_ok=True)
-        write_all({place / k: v for k, v in robot_files(self.best).items()})
 
     def to_json(self) -> dict:
         """All of it as plain values (docs/identification.md)."""

@@ -1,7 +1,6 @@
 """The store from Python: SQL in, finished tables out."""
 
 from collections.abc import Iterator, Mapping
-from html import escape
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -13,8 +12,6 @@ from warehouse.query.named import NAMED
 
 if TYPE_CHECKING:
     from warehouse.query.store import Store as OpenedStore
-
-# A finished table: rows of named columns, to read, print and hand on.
 
 _SHOWN, _WIDE = 40, 60  # rows and letters of a cell; more is for programs
 
@@ -69,28 +66,12 @@ class Table:
         return self._rows.take([range(len(self))[which]]).to_pylist()[0]
 
     def __repr__(self) -> str:
-        lines = [self.columns, *self._texts()]
-        widths = [max(map(len, column)) for column in zip(*lines, strict=True)]
-        body = ("  ".join(map(str.ljust, line, widths)).rstrip() for line in lines)
-        return "\n".join([*body, *self._more()])
-
-    def _repr_html_(self) -> str:
-        def line(tag: str, texts: list[str]) -> str:
-            cells = "".join(f"<{tag}>{escape(text)}</{tag}>" for text in texts)
-            return f"<tr>{cells}</tr>"
-
-        body = "".join(line("td", texts) for texts in self._texts())
-        more = "".join(f"<p>{text}</p>" for text in self._more())
-        head = line("th", self.columns)
-        return f"<table><thead>{head}</thead><tbody>{body}</tbody></table>{more}"
-
-    def _texts(self) -> list[list[str]]:
         rows = self._rows.slice(0, _SHOWN).to_pylist()
-        return [[_text(value) for value in row.values()] for row in rows]
-
-    def _more(self) -> list[str]:
-        left = len(self) - _SHOWN
-        return [f"… and {left} more rows"] if left > 0 else []
+        lines = [self.columns, *(list(map(_text, row.values())) for row in rows)]
+        widths = [max(map(len, column)) for column in zip(*lines, strict=True)]
+        text = ["  ".join(map(str.ljust, line, widths)).rstrip() for line in lines]
+        more = len(self) - _SHOWN
+        return "\n".join([*text, *([f"… and {more} more rows"] if more > 0 else [])])
 
 
 def _text(value: object) -> str:
@@ -105,9 +86,6 @@ def _not_installed(library: str, method: str) -> InputError:
         f".{method}() needs {library}, which is not installed. Install it, or use "
         ".arrow() or .rows()."
     )
-
-
-__all__ = ["Store", "open_store"]
 
 
 class Store:

@@ -26,7 +26,7 @@ from flows.report.document import (
     tag,
     words_table,
 )
-from flows.report.page import Pairs, fragment
+from flows.report.page import Pairs
 from flows.report.page import render as render_page
 from flows.report.tables import sure
 from flows.report.words import outlook
@@ -42,7 +42,7 @@ from flows.report.words.phrases import (
 )
 from flows.report.words.verdict import held_out_words, rising
 from residual.diagnosis.result import Diagnosis, Finding, Verdict
-from residual.quantity import MISSING, fraction, known, number, percent, probability
+from residual.quantity import MISSING, fraction, known, number, percent
 
 _TEXT = texts()["diagnosis"]
 
@@ -102,14 +102,13 @@ def document(
     sections = (
         _staged(staged),
         _missing(result, charts.finding_charts(result) if drawn else ()),
-        _proof(result, charts.error_charts(result) if drawn else ()),
+        _proof(result, charts.error_chart(result) if drawn else None),
         _curves(result, *(charts.motions(result) if drawn else ((), 0))),
         _else(result),
         _evidence(result),
         _given(verdict),
         _left(verdict, charts.left_charts(result) if drawn else ()),
         _sizes(verdict),
-        _spectra(verdict, *(charts.spectrum_charts(result) if drawn else ((), ()))),
         Section("notes", "What was understood of the logs", [result.notes], open=False),
         _origin(verdict, origin),
         _read(verdict),
@@ -263,20 +262,21 @@ def _cannot_tell(effect: Finding, result: Diagnosis) -> Markup:
     ).format(noun(effect.name), tables.others(effect, result, " or from "))
 
 
-def _proof(result: Diagnosis, bars: Sequence[Chart]) -> Section:
+def _proof(result: Diagnosis, bars: Chart | None) -> Section:
     lines, worse = tables.error_rows(result), "; ".join(rising(result.verdict))
     worse = worse and f"Worse with the findings by more than 2 % (moving): {worse}."
-    table, few = tables.error_table(lines), len(result.effects) < _MANY
+    about = "Held-out error, % of the measured torque"
+    table = tables.error_table(lines, tables.METRICS, about)
+    few = len(result.effects) < _MANY
     parts: list[Part | None] = [
-        *bars[:1],
-        _folded(bars[1:], "The same over all samples, standstill too", False),
+        bars,
         Fold("The errors of each joint", [table], few) if table else None,
     ]
     parts += [Note(worse, "callout")] if worse and any(parts) else []
     after = _TEXT["after" if result.effects else "no_after"]
     note = _TEXT["stages"].format(after) if bars else ""
     heading = "Before and after, on unseen motion"
-    brief = [*tables.brief_errors(result, lines), worse]
+    brief = [tables.brief_errors(result, lines), worse]
     return Section("proof", heading, parts, note, brief=brief)
 
 
@@ -371,16 +371,6 @@ def _sizes(verdict: Verdict) -> Section:
     return Section("sizes", heading, parts, _TEXT["sizes"], open=nothing, brief=brief)
 
 
-def _spectra(
-    verdict: Verdict, first: Sequence[Chart], others: Sequence[Chart]
-) -> Section:
-    cutoff = number(verdict.error.cutoff_hz)
-    filtered = "" if cutoff == MISSING else _TEXT["filtered"].format(cutoff)
-    note = _TEXT["spectra"].format(filtered)
-    parts = [first, _folded(others, "The other joints")] if first else ()
-    return Section("spectra", "Spectrum of the residual", parts, note, open=False)
-
-
 def _origin(verdict: Verdict, origin: Pairs) -> Section:
     """Under which assumptions, on which logs, and by what it was made."""
     declared, logs = ", ".join(verdict.declared), ", ".join(verdict.error.logs)
@@ -406,30 +396,3 @@ def _read(verdict: Verdict) -> Section:
 def print_truth(staged: Staged, console: Console) -> None:
     """Print what was hidden beside what was found."""
     show(console, *truth(staged), wrapped=True)
-
-
-def summary(result: Diagnosis) -> str:
-    """Return the headline, the effects, and the errors before and after, escaped."""
-    errors, dof = result.errors, result.verdict.dof
-    parts: list[Part] = [tag("strong", words.sentences(result.verdict)[0])]
-    if result.effects:
-        heads = ("missing", "size", "probability", "cannot be told from")
-        rows = [
-            (
-                one.where,
-                "; ".join(f"{key} {value}" for key, value in one.parameters.items()),
-                probability(one.probability),
-                ", ".join(other.name for other in one.equivalent) or MISSING,
-            )
-            for one in result.effects
-        ]
-        parts.append(words_table(heads, rows))
-    parts.append(f"Error on held-out motion ({', '.join(errors.logs)}), filtered:")
-    rows = [
-        (name, *map(percent, values), percent(errors.overall_moving.get(name)))
-        for name, values in errors.moving.items()
-        if values is not None
-    ]
-    heads = ("model", *(f"joint {j}" for j in range(1, dof + 1)), "all")
-    parts += [Table(heads, rows), *(f"Warning: {w}" for w in result.warnings)]
-    return fragment(parts)

@@ -1,6 +1,6 @@
 """What reports are made of: sentences, tables, charts, and figures at the head.
 
-Each subject (a diagnosis, a calibration, a night) is told in these, a function a
+Each subject (a diagnosis, a calibration) is told in these, a function a
 section. `console` prints them in the terminal, `page` draws them. Any text may be
 `Markup`: a page takes it as it is, the terminal without its tags.
 """
@@ -48,6 +48,7 @@ class Table:
         sections: Rows, from 0, before which a new part of it begins.
         groups: Words over columns that belong together, and how many those are.
         named: Column that says what a row is of.
+        filters: Columns by whose values a reader may narrow it.
         look: Its class in the style sheet.
     """
 
@@ -60,6 +61,7 @@ class Table:
     sections: Collection[int] = ()
     groups: Sequence[tuple[str, int]] = ()
     named: int = 0
+    filters: Collection[int] = ()
     look: str = "tight"
 
     @property
@@ -95,7 +97,6 @@ class Chart:
         name: Effect it shows, None where it shows none.
         plot: What the page draws it from, as plotly's schema has it.
         height: Of what the page draws [CSS px].
-        svg: The picture as a part of the page.
     """
 
     uri: str
@@ -105,7 +106,6 @@ class Chart:
     name: str | None = None
     plot: Mapping[str, Any] | None = None
     height: int = 0
-    svg: str = ""
 
 
 @dataclass(frozen=True, slots=True)
@@ -162,20 +162,10 @@ class Beside:
     columns: Sequence[Sequence["Part"]]
 
 
-@dataclass(frozen=True, slots=True)
-class Card:
-    """One of many things of a kind: its state, as a class and in words; what it is."""
-
-    state: str
-    word: str
-    heading: str
-    parts: Sequence["Part"]
-
-
-# Also a list, charts or cards side by side, words and what they mean.
+# Also a list, charts side by side, words and what they mean.
 Part = (
     str | Table | Chart | Note | Heading | Steps | Callout | Facts | Fold | Beside
-) | (Sequence[Chart] | Sequence[Card] | Sequence[str] | Mapping[str, str])
+) | (Sequence[Chart] | Sequence[str] | Mapping[str, str])
 
 
 @dataclass(frozen=True, slots=True)
@@ -211,7 +201,6 @@ class Document:
         lead: Sentences after the headline.
         setting: What it was made of and how.
         callouts: What is to be seen before the sections.
-        links: To other pages.
         foot: Where it is from.
     """
 
@@ -223,5 +212,4 @@ class Document:
     tiles: Sequence[Tile | None] = ()
     setting: str = ""
     callouts: Sequence[Callout] = ()
-    links: Sequence[str] = ()
     foot: Sequence[tuple[str, str]] = ()

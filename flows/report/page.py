@@ -17,7 +17,7 @@ from pathlib import Path
 from jinja2 import Environment, FileSystemLoader, StrictUndefined
 from markupsafe import Markup
 
-from flows.report.document import Document, Part, Strong, tag
+from flows.report.document import Document, Strong, tag
 from flows.report.words.phrases import sentence_case
 from flows.requests import Diagnose
 from warehouse.files import read_parquet
@@ -172,14 +172,15 @@ def library() -> str:
 
 
 @cache
-def own() -> str:
-    """Return our script, which draws what a page has the data of."""
-    return (_TEMPLATES / "page.js").read_text(encoding="utf-8").strip()
+def script(name: str) -> str:
+    """Return a script of ours: what draws figures, or narrows a table."""
+    return (_TEMPLATES / name).read_text(encoding="utf-8").strip()
 
 
 def scripts(body: str) -> list[str]:
-    """Return the scripts that a page runs; none where it has nothing to draw."""
-    return [library(), own()] if 'class="plot"' in body else []
+    """Return the scripts that a page runs; none where nothing on it needs one."""
+    drawn = [library(), script("page.js")] if 'class="plot"' in body else []
+    return [*drawn, *([script("filter.js")] if "data-filters=" in body else [])]
 
 
 @cache
@@ -232,8 +233,3 @@ def environment() -> Environment:
 def render(page: Document) -> str:
     """Return a document as one HTML page that needs nothing else."""
     return environment().get_template("document.html").render(page=page)
-
-
-def fragment(parts: Sequence[Part]) -> str:
-    """Return parts of a page by themselves, for pages of others."""
-    return str(environment().get_template("parts.html").module.draw(parts))

@@ -9,6 +9,7 @@ from pydantic import TypeAdapter
 from flows.inputs.given import load
 from flows.outputs import json_text
 from flows.report.diagnosis import render
+from flows.report.index import write_index
 from flows.report.page import made_of, of_record
 from flows.report.words.phrases import Hidden, Staged
 from flows.report.words.verdict import sentences
@@ -45,6 +46,7 @@ def diagnosis_page(
         **(files or {}),
     }
     folder = store_report(store, {"robot": robot, "kind": kind}, ids[0], contents)
+    write_index(store)
     return folder / "report.html"
 
 

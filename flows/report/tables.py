@@ -1,7 +1,7 @@
 """The rows of every table of a diagnosis, and what a finding means for the robot."""
 
 import re
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from math import floor, log10
 from textwrap import wrap
@@ -89,15 +89,9 @@ def title(effect: Finding, verdict: Verdict) -> str:
     return phrase(effect, verdict.dof) + (f" ({called})" if called else "")
 
 
-def parameters(effect: Finding, verdict: Verdict) -> list[tuple[str, int | None, str]]:
-    """Return name, joint and text of each size; joint None where it has only one."""
-    rows = [(o.name, o.joint, o.text) for o in sizes(effect, verdict)]
-    return [*rows, *((name, None, str(p)) for name, p in effect.combinations.items())]
-
-
 def parameter_table(effect: Finding, verdict: Verdict) -> Table:
     """Return the sizes of a finding: a row per joint, or per parameter."""
-    rows, about = parameters(effect, verdict), "Size, ± one standard deviation"
+    rows, about = _parameters(effect, verdict), "Size, ± one standard deviation"
     joints = dict.fromkeys(joint for _, joint, _ in rows if joint is not None)
     if not joints:
         cells = [(name, text) for name, _, text in rows]
@@ -114,16 +108,23 @@ def parameter_table(effect: Finding, verdict: Verdict) -> Table:
 def parameter_lines(effect: Finding, verdict: Verdict, width: int) -> list[str]:
     """Return the same as lines: a name, then its value or one per joint."""
     lines: list[str] = []
-    rows = parameters(effect, verdict)
-    for name in dict.fromkeys(name for name, _, _ in rows):
-        mine = [(joint, text) for own, joint, text in rows if own == name]
-        joint, text = mine[0]
+    last = ""
+    for name, joint, text in _parameters(effect, verdict):
         if joint is None and len(f"{name} {text}") <= width:
             lines.append(f"{name} {text}")
             continue
-        lines.append(name)
-        lines += [f"  {f'J{j} ' if j is not None else ''}{text}" for j, text in mine]
+        lines += [name] if name != last else []
+        lines.append(f"  {text}" if joint is None else f"  J{joint} {text}")
+        last = name
     return [*lines, *wrap(frame_words(effect, verdict.frames), width)]
+
+
+def _parameters(effect: Finding, verdict: Verdict) -> list[tuple[str, int | None, str]]:
+    """Name, joint and text of each size, by name; joint None where it has only one."""
+    rows = [(o.name, o.joint, o.text) for o in sizes(effect, verdict)]
+    rows += [(name, None, str(p)) for name, p in effect.combinations.items()]
+    names = list(dict.fromkeys(name for name, _, _ in rows))
+    return sorted(rows, key=lambda row: names.index(row[0]))
 
 
 def found_again(effect: Finding) -> str:
@@ -381,87 +382,60 @@ def _evidence_cell(effect: Finding) -> str:
     return "\n".join(lines)
 
 
-def error_table(lines: Sequence[ErrorRow]) -> Table | None:
-    """All errors: by metric, then by model."""
-    groups = [
-        (metric, [s for s in _shown(metric) if has(lines, metric, s)])
-        for metric in METRICS
-    ]
-    groups = [(metric, stages) for metric, stages in groups if stages]
-    if not groups:
+def error_table(
+    lines: Sequence[ErrorRow], metrics: Collection[str], about: str
+) -> Table | None:
+    """Return errors by metric, then by model; None where none is known.
+
+    Args:
+        about: What they are of.
+    """
+    leading = next(iter(METRICS))
+    groups = {
+        # The reference stands beside the leading metric only.
+        metric: [
+            stage
+            for stage in (*STAGES, *([PLAIN] if metric == leading else []))
+            if has(lines, metric, stage)
+        ]
+        for metric in metrics
+    }
+    columns = [(metric, stage) for metric, own in groups.items() for stage in own]
+    if not columns:
         return None
-    columns = [(metric, stage) for metric, stages in groups for stage in stages]
     share = any(known(line.unexplained) for line in lines)
     rows = []
     for row in lines:
         cells = [_error(row, metric, stage) for metric, stage in columns]
-        flag = tag("span", "flagged", "tag refuted") + " " if row.flagged else ""
+        flag = "flagged " if row.flagged else ""
         rest = [flag + bare_percent(row.unexplained)] if share else []
         rows.append((sentence_case(row.label), *cells, *rest))
-    over = [(sentence_case(METRICS[metric]), len(own)) for metric, own in groups]
+    over = [(sentence_case(METRICS[m]), len(own)) for m, own in groups.items() if own]
     heads = [stage.replace("_", " ") for _, stage in columns]
     return Table(
         ("Joint", *heads, *(["Unexplained"] if share else [])),
         rows,
-        "Held-out error, % of the measured torque",
+        about,
         sections=(len(rows) - 1,),
         groups=[("", 1), *over, *([("", 1)] if share else [])],
         look="tight errors",
     )
 
 
-def _shown(metric: str) -> tuple[str, ...]:
-    """Models of a table's columns; the reference stands beside the leading one."""
-    return (*STAGES, PLAIN) if metric == next(iter(METRICS)) else STAGES
-
-
-# Broken by hand, so that eighty columns hold all of them.
-_HEADS = {"identified": "identi-\nfied", "augmented": "aug-\nmented"}
-
-
-_HEADS[PLAIN] = "least\nsquares"
-
-
-_PAIR = 12  # characters of an error before and after
-
-
-def brief_errors(diagnosis: Diagnosis, lines: Sequence[ErrorRow]) -> list[str | Table]:
-    """As many errors as eighty columns hold; the page and the JSON have all."""
-    refit = ("nominal", "identified")
-    metrics = [m for m in METRICS if any(has(lines, m, s) for s in refit)]
-    if not metrics:
-        return []
-    # Models in full for the first metric known, of the second before and after.
-    first, second = metrics[0], metrics[1:2]
-    stages = [s for s in (*STAGES, PLAIN) if has(lines, first, s)]
-    share = any(known(row.unexplained) for row in lines)
-    rows = []
-    for row in lines:
-        cells = [_error(row, first, stage) for stage in stages]
-        cells += [_both_errors(row, metric) for metric in second]
-        flag = " !" if row.flagged else "  "
-        rest = [bare_percent(row.unexplained) + flag] if share else []
-        rows.append((row.label, *cells, *rest))
+def brief_errors(diagnosis: Diagnosis, lines: Sequence[ErrorRow]) -> Table | None:
+    """Return the errors of the first metric known; page and JSON have all."""
+    first = next((m for m in METRICS if any(has(lines, m, s) for s in STAGES)), None)
+    if first is None:
+        return None
     where = f" on {', '.join(diagnosis.errors.logs)}" if diagnosis.errors.logs else ""
     weak = " (the same run: a weak proof)" if diagnosis.errors.same_run else ""
-    heads = ["joint", *(_HEADS.get(s, s) for s in stages)]
-    heads += [*(METRICS[m] for m in second), *(["unex-\nplained"] if share else [])]
-    pairs = [len(stages) + 1] if second else []
-    title = f"Held-out error{where}{weak}, {METRICS[first]}, % of torque"
-    about = "Arrows: identified (refit without the findings) → augmented."
-    table = Table(heads, rows, title, least=dict.fromkeys(pairs, _PAIR))
-    return [table, *([about] if pairs else [])]
+    about = f"Held-out error{where}{weak}, {METRICS[first]}, % of torque"
+    return error_table(lines, [first], about)
 
 
 def _error(row: ErrorRow, metric: str, stage: str) -> str:
     kind = Strong if stage == "augmented" else str
     return kind(bare_percent(row.values[metric].get(stage)))
-
-
-def _both_errors(row: ErrorRow, metric: str) -> str:
-    values = [row.values[metric].get(stage) for stage in ("identified", "augmented")]
-    before, after = map(bare_percent, values)
-    return f"{before} → {after:>5}" if any(map(known, values)) else ""
 
 
 def evidence_table(diagnosis: Diagnosis) -> Table:

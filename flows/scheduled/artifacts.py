@@ -20,8 +20,8 @@ from prefect.runtime import flow_run
 
 from flows.project.deployments import COMMITTED, NOTICE, STORE
 from flows.report.figures.scores import plot as draw
+from flows.report.index import INDEX, title_of
 from flows.report.monitoring import meaning
-from flows.report.night.look import title_of
 from flows.report.words.calibration import sentences
 from flows.report.words.verdict import brief
 from flows.settings import PAGES, page_link
@@ -134,7 +134,7 @@ def plot(key: str, png: bytes, words: str) -> None:
 
 
 def verdict(name: str, page: Path, words: str) -> None:
-    """Show a verdict, its page, and where the night and the robot are.
+    """Show a verdict, its page, and where all others are.
 
     Args:
         name: Robot, number and verdict in half a line.
@@ -143,8 +143,7 @@ def verdict(name: str, page: Path, words: str) -> None:
     create_link_artifact(at, "report", key="report", description=name)
     lines = [f"**{name}**", words, f"[Report]({at})"]
     if os.environ.get(PAGES):
-        night = page_link("night/latest.html", page)
-        lines[-1] += f" · [The night]({night})"
+        lines[-1] += f" · [All reports]({page_link(INDEX, page)})"
     create_markdown_artifact("\n\n".join(lines), "verdict", description=name)
 
 
@@ -156,8 +155,7 @@ def linked(key: str, page: Path, words: str, link: str, about: str) -> None:
 
 def link_of(page: Path) -> str:
     """Return where a browser finds a page that is a file of a report."""
-    id = page.parent.name.removeprefix("report_id=")
-    return page_link(f"report/{id}/{page.name}", page)
+    return page_link(f"{page.parent.name}/{page.name}", page)
 
 
 def _row(about: dict, per_joint: np.ndarray, overall: float | None = None) -> dict:

@@ -10,6 +10,7 @@ from prefect.flow_runs import suspend_flow_run
 from prefect.input import RunInput
 
 from flows.project.deployments import PROPOSED
+from flows.report.index import write_index
 from flows.report.models import adoption_lines, proposal_markdown, proposal_page
 from flows.report.page import made_of
 from flows.scheduled import artifacts
@@ -49,6 +50,7 @@ def adopt_or_propose(diagnosis: str, store: str, auto: bool) -> str | None:
         return None
     made = made_of(place, diagnosis)
     page = keep_proposal(place, proposal, proposal_page(proposal, made).encode())
+    write_index(place)
     about = f"a new model waits for a decision: diagnosis {diagnosis}"
     text = proposal_markdown(proposal)
     artifacts.linked("proposal", page, text, "Side by side", about)

@@ -16,26 +16,20 @@ from prefect.client.schemas.actions import WorkPoolCreate, WorkPoolUpdate
 from prefect.client.schemas.filters import (
     FlowFilter,
     FlowRunFilter,
-    LogFilter,
     WorkPoolFilter,
 )
 from prefect.client.schemas.objects import FlowRun as Run
-from prefect.client.schemas.sorting import FlowRunSort, LogSort
+from prefect.client.schemas.sorting import FlowRunSort
 from prefect.exceptions import ObjectAlreadyExists, ObjectNotFound, PrefectException
 
-from flows.report.night import look, questions
-from flows.report.night.look import FlowRun, History, Past
+from flows.report.index import INDEX, refused
 from flows.service.state import PROCESSES, Running, lives, read_running, store_key
 from residual.errors import RunError
-from warehouse.query.store import open_store
 
 POOL = "modelgap"
 INBOX = "inbox"  # name of the flow that looks into inboxes
 ACTIVE = ("PENDING", "RUNNING", "CANCELLING")
 _AT_ONCE = 200  # that the server gives at once
-# Levels of logs that are warnings; what is worse has failed, and says so there.
-_WARNINGS = {"ge_": 30, "le_": 39}
-_LONGEST = 300  # characters of one
 _LATELY = timedelta(days=1)
 _WAIT = 60.0  # s for an answer
 
@@ -187,69 +181,6 @@ def start_flow(client: SyncPrefectClient, deployment: str) -> None:
     client.create_flow_run_from_deployment(known.id)
 
 
-def past_of(to: Api) -> Past:
-    """Return what tells of the flow runs of a time, and of what they warned of."""
-
-    def past(begin: datetime, end: datetime) -> History | None:
-        span = {"after_": begin.replace(tzinfo=UTC), "before_": end.replace(tzinfo=UTC)}
-        logs = LogFilter(level=_WARNINGS, timestamp=span)
-        try:
-            with to.client(wait=10.0) as client:
-                found = _runs_between(client, span)
-                warned = client.read_logs(
-                    logs, limit=_AT_ONCE, sort=LogSort.TIMESTAMP_ASC
-                )
-        except RunError:
-            return None
-        names = {run.id: run.name for run in found}
-        lines = [
-            (names[line.flow_run_id], " ".join(line.message.split())[:_LONGEST])
-            for line in warned
-            if line.flow_run_id in names
-        ]
-        return History(tuple(map(_flow_run, found)), tuple(dict.fromkeys(lines)))
-
-    return past
-
-
-def _runs_between(client: SyncPrefectClient, span: Mapping) -> list[Run]:
-    """Return the flow runs of a time, latest first.
-
-    Of those of inboxes only what failed, and what refused a log.
-    """
-    wanted = (
-        ({"state": {"type": {"not_any_": ["SCHEDULED", "CANCELLED"]}}}, True),
-        ({"state": {"type": {"any_": ["FAILED", "CRASHED"]}}}, False),
-        ({"name": {"like_": "refused"}}, False),
-    )
-    found: dict = {}
-    for about, quiet in wanted:
-        rows = client.read_flow_runs(
-            flow_filter=but_inbox(client) if quiet else None,
-            flow_run_filter=FlowRunFilter(expected_start_time=span, **about),
-            sort=FlowRunSort.START_TIME_DESC,
-            limit=_AT_ONCE,
-        )
-        found |= {row.id: row for row in rows}
-    return sorted(found.values(), key=_begun, reverse=True)
-
-
-def _begun(run: Run) -> datetime:
-    when = run.start_time or run.expected_start_time
-    return when.astimezone(UTC).replace(tzinfo=None)
-
-
-def _flow_run(run: Run) -> FlowRun:
-    return FlowRun(
-        id=str(run.id),
-        name=run.name,
-        state=run.state_type.value,
-        begun=_begun(run),
-        seconds=run.total_run_time.total_seconds(),
-        message=(run.state.message if run.state else None) or "",
-    )
-
-
 # Whether what runs for a store is well.
 
 
@@ -274,11 +205,10 @@ class Status:
 
     @property
     def pages(self) -> Mapping[str, str]:
-        """Addresses of the pages over the store, none where no server answers."""
+        """Address of the index of all reports, none where no server answers."""
         if self.running is None or not self.server:
             return {}
-        first = self.running.pages
-        return {"night": f"{first}/night/latest.html", "reports": f"{first}/index.html"}
+        return {"reports": f"{self.running.pages}/{INDEX}"}
 
     def document(self) -> dict:
         """Return it as JSON has it; times are UTC in ISO 8601."""
@@ -327,15 +257,9 @@ def status(home: Path, most: int = 10) -> Status:
         return Status(running, (*wrong, str(error)), worker=worker)
     if not due:
         wrong = (*wrong, "it has no deployments")
-    refused = _refused(home.parent)
-    return Status(running, wrong, True, worker, due, runs, refused)
-
-
-def _refused(store: Path) -> tuple[Mapping, ...]:
-    since = datetime.now(UTC).replace(tzinfo=None) - _LATELY
-    with open_store(store) as opened:
-        rows = look.ask(opened, questions.REFUSED)
-    return tuple(row for row in rows if row["created"] and row["created"] > since)
+    lately = datetime.now(UTC).replace(tzinfo=None) - _LATELY
+    turned_away = tuple(refused(home.parent, lately))
+    return Status(running, wrong, True, worker, due, runs, turned_away)
 
 
 def wait_until(ready: Callable[[], bool], seconds: float, otherwise: str) -> None:

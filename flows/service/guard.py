@@ -20,6 +20,7 @@ from starlette.datastructures import Headers, MutableHeaders
 from starlette.responses import JSONResponse
 from starlette.types import ASGIApp, Message, Receive, Scope, Send
 
+from flows.report.page import hash_of, script
 from flows.settings import is_loopback
 
 _READING = ("GET", "HEAD", "OPTIONS")
@@ -39,11 +40,15 @@ _PAGE = (
     "img-src 'self' data: blob:; font-src 'self' data:; worker-src 'self' blob:; "
     "object-src 'none'; base-uri 'none'; form-action 'self'; frame-ancestors 'none'"
 )
-# Pages over the store that are made now run no script. One that is stored may be of
-# another store and another author, copied into this one, and may have scripts, for its
-# curves: it gets an origin of its own, without key or storage, that may ask nothing.
+# The index of the store is made now and runs one script, ours. A page that is stored
+# may be of another store and another author, copied into this one, and may have
+# scripts, for its curves: it gets an origin of its own, without key or storage, that
+# may ask nothing.
 _NO = "base-uri 'none'; form-action 'none'; frame-ancestors 'none'"
-MADE = f"default-src 'none'; style-src 'unsafe-inline'; img-src data:; {_NO}"
+MADE = (
+    f"default-src 'none'; script-src {hash_of(script('filter.js'))}; "
+    f"style-src 'unsafe-inline'; img-src data:; {_NO}"
+)
 STORED = (
     "sandbox allow-scripts; default-src 'none'; script-src 'unsafe-inline'; "
     f"style-src 'unsafe-inline'; img-src data: blob:; font-src data:; {_NO}"

@@ -15,6 +15,8 @@ import json
 import secrets
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
+from pathlib import Path, PurePosixPath
+from threading import Lock
 from time import monotonic
 
 from starlette.concurrency import run_in_threadpool
@@ -28,7 +30,7 @@ from starlette.responses import (
 from starlette.routing import Route, Router
 from starlette.types import ASGIApp, Receive, Scope, Send
 
-from flows.report.night.site import Answer, Site
+from flows.report.index import INDEX, page_at
 from flows.service.guard import DOOR, MADE, STORED, Rules
 
 OPEN, PAGES = "/open", "/pages"
@@ -81,6 +83,12 @@ if (key === null) {
 }
 """
 _NOTHING = "There is no such page of this store. All that there are: /pages/index.html"
+_TYPES = {
+    ".html": "text/html; charset=utf-8",
+    ".json": "application/json",
+    ".gif": "image/gif",
+    ".png": "image/png",
+}
 
 
 @dataclass(frozen=True, eq=False, slots=True)
@@ -124,22 +132,27 @@ def with_entry(app: ASGIApp, rules: Rules, tickets: Tickets) -> ASGIApp:
     return _before(app, routes)
 
 
-def with_pages(app: ASGIApp, rules: Rules, site: Site, tickets: Tickets) -> ASGIApp:
-    """Return an application that also serves the pages over a store.
+def with_pages(app: ASGIApp, rules: Rules, store: Path, tickets: Tickets) -> ASGIApp:
+    """Return an application that also serves the index and reports of a store.
 
     Args:
         tickets: Those given for pages; none of them opens anything else.
     """
+    one_at_a_time = Lock()
 
     async def page(request: Request) -> Response:
         shown = request.query_params.get("ticket")
         if not rules.has_key(request.headers) and not tickets.take(shown):
             return _html(_DOOR.encode(), DOOR)
         address = request.url.path.removeprefix(f"{PAGES}/")
-        return _answered(await run_in_threadpool(site.answer, address))
+        return _answered(address, await run_in_threadpool(read, address))
+
+    def read(address: str) -> bytes | None:
+        with one_at_a_time:
+            return page_at(store, address)
 
     async def first(_: Request) -> Response:
-        return RedirectResponse(f"{PAGES}/index.html", 307)
+        return RedirectResponse(f"{PAGES}/{INDEX}", 307)
 
     routes = [
         *_shared(PAGES, _DOOR_SCRIPT, rules, tickets),
@@ -185,11 +198,12 @@ async def _ticket(request: Request) -> object:
     return body.get("ticket") if isinstance(body, dict) else None
 
 
-def _answered(found: Answer | None) -> Response:
-    if found is None:
+def _answered(address: str, body: bytes | None) -> Response:
+    kind = _TYPES.get(PurePosixPath(address).suffix)
+    if body is None or kind is None:
         return _html(_NOTHING.encode(), MADE, 404, "text/plain; charset=utf-8")
-    policy = STORED if found.stored and found.type.startswith("text/html") else MADE
-    return _html(found.body, policy, 200, found.type)
+    stored = address != INDEX and kind == _TYPES[".html"]
+    return _html(body, STORED if stored else MADE, 200, kind)
 
 
 def _html(

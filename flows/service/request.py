@@ -11,7 +11,7 @@ from urllib.parse import urlsplit
 from cyclopts import Parameter
 
 from flows.project.read import Project
-from flows.requests import Flag, Request, Store
+from flows.requests import Count, Flag, Request, Store
 from flows.service.state import CLIENT, SERVER, Running, store_key
 from flows.settings import (
     API,
@@ -52,11 +52,11 @@ class ServiceRequest(Request):
     """
 
     store: Store = None
-    host: str | None = None
-    port: int | None = None
-    workers: int | None = None
-    every: int | None = None
-    database: str | None = None
+    host: Annotated[str | None, Parameter(metavar="ADDRESS")] = None
+    port: Count = None
+    workers: Count = None
+    every: Annotated[int | None, Parameter(metavar="SECONDS")] = None
+    database: Annotated[str | None, Parameter(metavar="ADDRESS")] = None
     trust_network: Flag = False
     project: Annotated[Project | None, Parameter(parse=False)] = None
 

@@ -4,11 +4,8 @@ from prefect.server.api.server import create_app
 from prefect.settings import get_current_settings
 from starlette.types import ASGIApp
 
-from flows.report.night.site import Site
-from flows.service.api import Api, past_of
 from flows.service.guard import Guard, rules_for
 from flows.service.pages import Tickets, with_entry, with_pages
-from flows.service.state import Running
 from flows.settings import store_folder
 from residual.errors import RunError
 
@@ -26,7 +23,5 @@ def app() -> ASGIApp:
     if key is None or not key.get_secret_value():
         raise RunError("The server was given no key. Start it by modelgap up.")
     rules = rules_for(host, port, key.get_secret_value())
-    to = Api(Running(host, port, "").url, rules.key)
-    site = Site(store_folder(), past_of(to))
     served = with_entry(create_app(final=True), rules, Tickets())
-    return Guard(with_pages(served, rules, site, Tickets()), rules)
+    return Guard(with_pages(served, rules, store_folder(), Tickets()), rules)

@@ -6,7 +6,7 @@ from pathlib import Path
 from typing import NamedTuple
 
 from flows.inputs.given import load
-from flows.requests import Flag, GivenWord, Request, Store
+from flows.requests import Flag, GivenWord, Request, Store, Text
 from flows.settings import store_folder
 from flows.steps.models import diagnosis_of
 from flows.storage.diagnosis import read_known, read_models, read_verdict, store_report
@@ -131,7 +131,7 @@ class Adopt(Request):
     """
 
     model: GivenWord = ""
-    note: str = ""
+    note: Text = ""
     force: Flag = False
     store: Store = None
 

@@ -11,10 +11,13 @@ from concurrent.futures import Executor
 from dataclasses import asdict, dataclass
 from functools import cache
 from pathlib import Path
+from typing import Annotated
+
+from cyclopts import Parameter
 
 from flows.inputs.given import load
 from flows.outputs import Progress
-from flows.requests import Request, Store
+from flows.requests import Number, Request, Store
 from flows.settings import store_folder
 from flows.specs.experiment import ExperimentSpec, derived_seed
 from flows.steps.campaign import run_all
@@ -59,8 +62,8 @@ class Demo(Request):
             twice as much.
     """
 
-    seed: int = 7
-    effect: str | None = None
+    seed: Number = 7
+    effect: Annotated[str | None, Parameter(metavar="EFFECT")] = None
     store: Store = None
     background: BackgroundWord = CLEAN
 

@@ -6,6 +6,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from residual.errors import InputError, joints_listed, shown
+from residual.quantity import plain
 
 SCHEMA = 1
 MOUNTING, INTERLEAVED = "mounting", "interleaved"
@@ -141,8 +142,7 @@ class LogCheck:
     def to_json(self) -> dict:
         """Return the check in its documented form (docs/check.md)."""
         faults = [{name: getattr(f, name) for name in _TOLD} for f in self.faults]
-        faults = [fault | {"joints": list(fault["joints"])} for fault in faults]
-        return {"schema": SCHEMA, "verdict": self.verdict, "faults": faults}
+        return plain({"schema": SCHEMA, "verdict": self.verdict, "faults": faults})
 
     def __repr__(self) -> str:
         lines = [f"LogCheck({self.verdict})"]

@@ -267,9 +267,9 @@ class Finding:
         equivalent: What these logs cannot tell from it; of several joints each with
             those on which they cannot.
         parameters: By key.
-        evidence: Why it is believed.
         combinations: What the motion determines in place of parameters that it does
             not, by formula.
+        evidence: Why it is believed.
     """
 
     name: str
@@ -278,8 +278,8 @@ class Finding:
     order: int
     equivalent: tuple[Place, ...]
     parameters: Mapping[str, Parameter]
-    evidence: Evidence
     combinations: Mapping[str, Parameter] = field(default_factory=dict)
+    evidence: Evidence = field(kw_only=True)
 
     @property
     def where(self) -> str:
@@ -378,7 +378,6 @@ class Verdict:
     nominal_scale: Number
     next_experiment: Mapping | None
     warnings: tuple[str, ...]
-    frames: Frames
     log_check: LogCheck | None = None
     contradictions: tuple[str, ...] = ()
     drift: Drift | None = None
@@ -387,6 +386,7 @@ class Verdict:
     alternatives: tuple[Alternative, ...] = ()
     edit: tuple[Edit, ...] | None = None
     bodies: Moved | None = None
+    frames: Frames = field(kw_only=True)
     suspected: tuple[Finding, ...] = ()
     too_small: tuple[int, ...] = ()
 

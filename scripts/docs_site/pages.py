@@ -11,7 +11,7 @@ from cyclopts import Argument
 
 import modelgap as mg
 from benchmarks.hidden.drawn import is_clear
-from flows.cli.app import _BELOW, _COMMANDS, app
+from flows.cli.app import GROUPS, app
 from flows.report.words.phrases import sentence_case
 from residual.effects import registry
 from scripts.docs_site import curve
@@ -81,12 +81,11 @@ def commands_page() -> str:
         "What `modelgap COMMAND --help` prints, in one place. Exit codes: 0 done, "
         "whatever was found; 1 the run failed; 2 bad usage or input; 130 interrupted.",
     ]
-    for heading, commands in _COMMANDS.items():
+    for heading, group in GROUPS.items():
         parts.append(f"## {heading}")
-        if heading in _BELOW:
-            word, about = _BELOW[heading]
-            parts.append(f"{about} They are listed by `modelgap {word}`.")
-        parts += [_command_section(name) for name in commands]
+        if word := group.get("word"):
+            parts.append(f"{group['about']} They are listed by `modelgap {word}`.")
+        parts += [_command_section(name) for name in group["commands"]]
     return "\n\n".join(parts) + "\n"
 
 

@@ -6,6 +6,7 @@ import math
 import os
 import re
 import time
+from importlib import import_module
 from pathlib import Path
 
 import numpy as np
@@ -13,7 +14,7 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 import pytest
 
-from flows.cli.app import app
+from flows.cli.app import GROUPS, app
 from residual.errors import DEEPEST, InputError, check_nesting
 from residual.model.record import load_model
 from residual.robot.files import parse_toml
@@ -253,4 +254,13 @@ def test_an_escape_in_a_record_is_not_printed(run, store):
 def test_help_says_what_an_option_takes_and_not_that_it_is_a_word(run, command):
     _, out, _ = run(command, "--help")
     found = re.search(r"--\S+ (STR|PATH|WORD|INT|FLOAT)\b", out)
-    assert not found, f"{found[0]}: say in flows.cli.app._WORDS what it takes"
+    assert not found, f"{found[0]}: give it a metavar"
+
+
+@pytest.mark.parametrize("group", GROUPS.values(), ids=GROUPS)
+def test_lists_say_of_a_command_what_it_says_first_of_itself(group):
+    for place, _, about in group["commands"].values():
+        module, _, name = place.partition(":")
+        command = getattr(import_module(f"flows.cli.{module}"), name)
+        first = " ".join(command.__doc__.partition("\n\n")[0].split())
+        assert first == about

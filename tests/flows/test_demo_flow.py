@@ -105,7 +105,7 @@ def test_a_night_is_called_by_its_verdict_and_leaves_few_artifacts(
     assert address in Artifact.get("report").data
     told = Artifact.get("verdict").data
     assert "Nothing is missing." in told
-    assert f"{address}night/latest.html" in told
+    assert f"{address}index.html" in told
     assert json.loads(Artifact.get("calibrate").data) == [
         {"scheme": "run", "model": "ls", "J1": 1.0, "all": 2.0}
     ]

@@ -17,7 +17,7 @@ def test_page_fetches_nothing_and_runs_only_its_own_two_scripts(
     several_page: str,
 ) -> None:
     page = Page(several_page)
-    assert page.scripts == [base.library(), base.own()]
+    assert page.scripts == [base.library(), base.script("page.js")]
     policy = page.all("meta")[2]["content"]
     assert policy.startswith("default-src 'none'; ")
     allowed = policy.split("script-src ")[1].split()

@@ -165,7 +165,7 @@ def test_a_finding_of_a_body_says_what_the_model_has():
     robot = bare_irb140()
     model = bare(robot, load(robot, 2.0, (0.01, 0, 0, 0.01, 0, 0.01)))
     told = {"mass": Parameter(2.2, 0.1, "kg"), "com_z": Parameter(0.1, 0.02, "m")}
-    one = Finding("payload", (6,), 1.0, 1, (), told, None, {})
+    one = Finding("payload", (6,), 1.0, 1, (), told, evidence=None)
     made = Embodied(model, Moved(("the load",), (0.0,), 0.5))
     said = as_embodied(one, made).parameters
     assert said["mass"].value == pytest.approx(2.0)

@@ -21,8 +21,6 @@ class Bins(NamedTuple):
 
     x: Array
     median: Array
-    low: Array
-    high: Array
 
 
 def envelope(t: Array, y: Array, buckets: int = 450) -> tuple[Array, Array]:
@@ -59,13 +57,6 @@ def draw(count: int, most: int) -> Array:
     return np.sort(np.random.default_rng(0).choice(count, most, replace=False))
 
 
-def is_curve(x: Array, fitted: Array) -> bool:
-    """Return whether the fitted effect is one value per x, so a line may join it."""
-    order = np.argsort(x, kind="stable")
-    steps = np.abs(np.diff(fitted[order]))
-    return bool(len(steps)) and np.quantile(steps, 0.9) <= 0.03 * np.ptp(fitted)
-
-
 def edges(x: Array, fitted: Array) -> Array:
     """Return bin edges fine enough for the fitted effect, with one at zero.
 
@@ -86,15 +77,14 @@ def edges(x: Array, fitted: Array) -> Array:
 
 
 def medians(x: Array, y: Array, at: Array) -> Bins:
-    """Return median and quartiles of y in each bin of x."""
+    """Return the medians of x and y in each bin of x."""
     place = np.clip(np.searchsorted(at, x, side="right") - 1, 0, len(at) - 2)
     order = np.argsort(place, kind="stable")
     groups = np.split(order, np.searchsorted(place[order], np.arange(1, len(at) - 1)))
-    rows = np.full((4, len(groups)), np.nan)
+    rows = np.full((2, len(groups)), np.nan)
     for i, group in enumerate(groups):
         if len(group) >= _LEAST_IN_BIN:
-            low, mid, high = np.quantile(y[group], (0.25, 0.5, 0.75))
-            rows[:, i] = np.median(x[group]), mid, low, high
+            rows[:, i] = np.median(x[group]), np.median(y[group])
     return Bins(*rows)
 
 
@@ -129,13 +119,13 @@ Trace = dict[str, Any]
 Plot = dict[str, Any]
 
 
-def packed(values: np.ndarray) -> dict[str, str]:
+def packed(values: Array) -> dict[str, str]:
     """Return values as the library reads them: four bytes each, as base64."""
     code = base64.b64encode(np.asarray(values, "<f4").tobytes()).decode()
     return {"dtype": "f4", "bdata": code}
 
 
-def over_time(t: np.ndarray, y: np.ndarray, most: int) -> Trace:
+def over_time(t: Array, y: Array, most: int) -> Trace:
     """Return a curve over time of at most about so many points, broken at gaps.
 
     Args:
@@ -159,6 +149,16 @@ def line(name: str, colour: str, width: float = 1.5, **more: Any) -> Trace:
     """Return what a line looks like; its points come beside it."""
     style = {"color": colour, "width": width, **more.pop("line", {})}
     return {"type": "scatter", "mode": "lines", "name": name, "line": style, **more}
+
+
+def dots(name: str, x: Array, y: Array, marker: Mapping) -> Trace:
+    """Return points, drawn as marks."""
+    place = {"x": packed(x), "y": packed(y)}
+    return (
+        {"type": "scatter", "mode": "markers", "name": name}
+        | place
+        | {"marker": dict(marker)}
+    )
 
 
 def axis(title: str, **more: Any) -> dict[str, Any]:

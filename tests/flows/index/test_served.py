@@ -5,7 +5,7 @@ from html.parser import HTMLParser
 
 import pytest
 
-from flows.report.night.site import Answer, Site
+from flows.report.page import hash_of, script
 from flows.service.guard import Guard
 from flows.service.pages import DOOR, LIFE, MADE, STORED, Tickets, with_pages
 from tests.flows.asgi import (
@@ -20,9 +20,10 @@ from tests.flows.asgi import (
     scope,
     signed,
 )
-from tests.flows.night.stores import STORED as PAGE
+from tests.flows.index.stores import STORED as PAGE
+from tests.flows.index.stores import fill
 
-NIGHT = "/pages/night/latest.html"
+INDEX = "/pages/index.html"
 EVIL = origin("http://evil.example")
 
 
@@ -52,8 +53,7 @@ def clock():
 
 @pytest.fixture
 def app(nights, clock):
-    site = Site(nights.store, lambda *_: None)
-    return Guard(with_pages(prefect, OURS, site, Tickets(clock)), OURS)
+    return Guard(with_pages(prefect, OURS, nights.store, Tickets(clock)), OURS)
 
 
 def get(app, path: str, *given, query: str = "", **more):
@@ -71,34 +71,34 @@ def ticket(app) -> str:
 
 
 def test_who_has_no_key_gets_a_page_with_nothing_in_it(app, nights):
-    shown = {get(app, path)[2] for path in (NIGHT, "/pages/index.html", "/pages/none")}
+    shown = {get(app, path)[2] for path in (INDEX, "/pages/none")}
     assert len(shown) == 1  # not even whether there is such a page
     (door,) = shown
-    status, headers, _ = get(app, NIGHT)
+    status, headers, _ = get(app, INDEX)
     assert (status, headers["content-security-policy"]) == (200, DOOR)
     for secret in (SECRET, "two_link", nights.missing):
         assert secret.encode() not in door
 
 
 def test_a_program_with_the_key_gets_the_page(app):
-    status, headers, body = get(app, NIGHT, signed())
+    status, headers, body = get(app, INDEX, signed())
     assert (status, headers["content-security-policy"]) == (200, MADE)
     assert b"two_link #1" in body
     assert headers["cache-control"] == "no-store"
     assert headers["x-frame-options"] == "DENY"
-    assert get(app, NIGHT, signed("modelgap:guessed"))[1][
+    assert get(app, INDEX, signed("modelgap:guessed"))[1][
         "content-security-policy"
     ] == (DOOR)
 
 
 def test_a_ticket_opens_one_page_once_and_not_for_long(app, clock):
     given = f"ticket={ticket(app)}"
-    assert b"two_link #1" in get(app, NIGHT, query=given)[2]
-    assert b"two_link" not in get(app, NIGHT, query=given)[2]
+    assert b"two_link #1" in get(app, INDEX, query=given)[2]
+    assert b"two_link" not in get(app, INDEX, query=given)[2]
     late = f"ticket={ticket(app)}"
     clock.now = LIFE + 1
-    assert b"two_link" not in get(app, NIGHT, query=late)[2]
-    assert b"two_link" not in get(app, NIGHT, query="ticket=")[2]
+    assert b"two_link" not in get(app, INDEX, query=late)[2]
+    assert b"two_link" not in get(app, INDEX, query="ticket=")[2]
 
 
 def test_a_ticket_is_for_who_has_the_key(app):
@@ -112,13 +112,13 @@ def test_a_ticket_is_for_who_has_the_key(app):
 
 
 def test_pages_of_others_and_other_names_get_none(app):
-    assert get(app, NIGHT, EVIL, signed())[0] == 403
-    assert get(app, NIGHT, origin("null"), signed())[0] == 403
-    assert get(app, NIGHT, signed(), host="evil.example:4200")[0] == 421
+    assert get(app, INDEX, EVIL, signed())[0] == 403
+    assert get(app, INDEX, origin("null"), signed())[0] == 403
+    assert get(app, INDEX, signed(), host="evil.example:4200")[0] == 421
 
 
 def test_a_stored_page_has_no_origin_that_the_server_listens_to(app, nights):
-    path = f"/pages/report/{nights.report}/report.html"
+    path = f"/pages/report_id={nights.report}/report.html"
     status, headers, body = get(app, path, signed())
     assert (status, body) == (200, PAGE)
     policy = headers["content-security-policy"]
@@ -131,13 +131,15 @@ def test_a_stored_page_has_no_origin_that_the_server_listens_to(app, nights):
     assert "cross-origin-opener-policy" not in headers  # no browser shows both
 
 
-def test_what_is_made_runs_no_script(app):
-    _, headers, body = get(app, NIGHT, signed())
-    assert "script" not in headers["content-security-policy"]
+def test_what_is_made_runs_no_script_but_ours(app):
+    _, headers, body = get(app, INDEX, signed())
+    own = hash_of(script("filter.js"))
+    assert f"script-src {own};" in headers["content-security-policy"]
     found = Attributes()
     found.feed(body.decode())
     assert {"a", "main", "h1"} <= found.tags
-    assert not {"script", "iframe", "img", "form"} & found.tags
+    assert body.count(b"<script") == 1
+    assert not {"iframe", "img", "form"} & found.tags
     assert not {name for name in found.names if name.startswith("on")}
 
 
@@ -180,12 +182,13 @@ def test_all_else_goes_to_prefect(app):
     assert (status, headers["location"]) == (307, "/pages/index.html")
 
 
-def test_other_files_of_a_report_are_no_pages(nights):
-    class Data(Site):
-        def answer(self, _):
-            return Answer(b'{"a": "<script>"}', "application/json", stored=True)
-
-    site = Data(nights.store, lambda *_: None)
-    told = get(with_pages(prefect, OURS, site, Tickets()), "/pages/a", signed())
+def test_other_files_of_a_report_are_no_pages(tmp_path):
+    nights = fill(
+        tmp_path, files={"truth.json": b'{"a": "<script>"}', "a.svg": b"<svg>"}
+    )
+    app = with_pages(prefect, OURS, nights.store, Tickets())
+    place = f"/pages/report_id={nights.report}"
+    told = get(app, f"{place}/truth.json", signed())
     assert told[1]["content-type"] == "application/json"
     assert told[1]["content-security-policy"] == MADE
+    assert get(app, f"{place}/a.svg", signed())[0] == 404

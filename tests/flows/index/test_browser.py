@@ -5,11 +5,12 @@ from types import SimpleNamespace
 
 import pytest
 
+from flows.report.index import write_index
 from flows.service import api
 from flows.service.state import store_key
 from flows.settings import prefect_home
 from tests.flows.browser import alone
-from tests.flows.night.stores import fill
+from tests.flows.index.stores import fill
 from tests.flows.prefect_server import served as serving
 
 pytestmark = [pytest.mark.prefect, pytest.mark.slow, pytest.mark.long]
@@ -35,7 +36,7 @@ def served(tmp_path_factory):
     """A store of some nights, and its server as `modelgap up` starts it."""
     nights = fill(tmp_path_factory.mktemp("seen") / "store", THIEF)
     home = prefect_home(nights.store)
-    with serving(home) as (running, _):
+    with serving(home) as running:
         yield SimpleNamespace(running=running, key=store_key(home), nights=nights)
 
 
@@ -53,7 +54,7 @@ def opened(tab, address: str) -> None:
 
 
 def test_a_browser_without_the_key_sees_nothing(served, tab):
-    tab.open(f"{served.running.pages}/night/latest.html")
+    tab.open(f"{served.running.pages}/index.html")
     said = "document.body?.innerText.includes('does not have the key')"
     tab.wait(said, "it says so")
     assert "two_link" not in tab.run("document.documentElement.outerHTML")
@@ -66,7 +67,7 @@ def test_every_link_opens_at_both_widths_and_nothing_goes_beyond(served, tab):
     tab.wait("location.href === 'about:blank'", "it is left")
     tab.said.clear()
     tab.asked.clear()
-    todo, seen = [f"{served.running.pages}/night/latest.html"], {}
+    todo, seen = [f"{served.running.pages}/index.html"], {}
     while todo:
         address = todo.pop()
         if address in seen:
@@ -78,12 +79,14 @@ def test_every_link_opens_at_both_widths_and_nothing_goes_beyond(served, tab):
             assert tab.run(room), (address, width)
         status = "performance.getEntriesByType('navigation')[0].responseStatus"
         seen[address] = tab.run(status)
-        if "/report/" not in address:
+        if address.endswith("/index.html"):
             todo += tab.run(LINKS)
-    kinds = {
-        address.removeprefix(served.running.pages).split("/")[1] for address in seen
+    kinds = {address.removeprefix(served.running.pages) for address in seen}
+    assert kinds == {
+        "/index.html",
+        f"/report_id={served.nights.report}/report.html",
+        f"/report_id={served.nights.proposal}/proposal.html",
     }
-    assert kinds == {"night", "robot", "record", "report", "reports", "index.html"}
     assert set(seen.values()) == {200}
     hosts = {url.split("/")[2] for url in tab.asked.values() if "://" in url}
     assert hosts == {f"127.0.0.1:{served.running.port}"}
@@ -94,9 +97,27 @@ def test_every_link_opens_at_both_widths_and_nothing_goes_beyond(served, tab):
     assert ours == []
 
 
+@pytest.mark.parametrize("width", [1280, 390])
+def test_a_reader_narrows_the_index_and_the_address_keeps_it(tmp_path, tab, width):
+    file = write_index(fill(tmp_path / "store").store).as_uri()
+    tab.resize(width, 900)
+    shown = "[...document.querySelectorAll('tbody tr')].filter((r) => r.clientHeight)"
+    for address in (f"{file}#State=alarm", f"{file}#Words=gain+drop"):
+        tab.open("about:blank")
+        tab.wait("location.href === 'about:blank'", "it is left")
+        tab.open(address)
+        tab.wait("document.querySelector('.filters') !== null", "it is open")
+        assert tab.run(f"{shown}.length") == 1
+        assert "gain drop" in tab.run(f"{shown}[0].innerText")
+        assert tab.run("location.href") == address
+    tab.run("""for (const each of document.querySelectorAll('.filters *')) {
+      each.value = ''; each.dispatchEvent(new Event('input')); }""")
+    assert tab.run(f"{shown}.length") == 5
+
+
 def test_a_stored_page_has_neither_the_key_nor_the_ear_of_the_server(served, tab):
     tab.open(api.opening_address(served.running.ui, served.key))
     tab.wait("location.pathname.startsWith('/v2')", "the ticket has opened the page")
-    opened(tab, f"{served.running.pages}/report/{served.nights.report}/report.html")
+    opened(tab, f"{served.running.pages}/report_id={served.nights.report}/report.html")
     told = json.loads(tab.wait("document.title[0] === '{' && document.title", "tried"))
     assert told == {"key": "refused", "asked": "refused"}

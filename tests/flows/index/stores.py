@@ -1,9 +1,8 @@
 """A store as nights leave it, with two robots; the name of one is an attack."""
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
-
-import pyarrow as pa
 
 from flows.storage.diagnosis import store_report
 from tests.warehouse import store_samples as made
@@ -29,23 +28,25 @@ class Nights:
     watched: str
 
 
-def fill(store: Path, stored: bytes = STORED) -> Nights:
-    """Put runs, two diagnoses, a report, a proposal, an alarm and models into it."""
+def fill(
+    store: Path, stored: bytes = STORED, files: Mapping[str, bytes] | None = None
+) -> Nights:
+    """Put runs, two diagnoses, a report, a proposal, an alarm and a refusal into it."""
     runs = tuple(made.commit(store, seed) for seed in range(4))
     missing = diagnose(store, runs[:2], made.verdict())
     nothing = diagnose(
         store, runs[2:], made.verdict(verdict="none", effects=[], robot=EVIL)
     )
     about = {"robot": "two_link", "kind": "nightly"}
-    page = store_report(store, about, missing, {"report.html": stored})
+    page = store_report(store, about, missing, {"report.html": stored, **(files or {})})
     asked = {**about, "kind": "proposal", "parent": None, "findings": []}
     side = store_report(store, asked, missing, {"proposal.html": STORED})
     rows = rows_table("alarms", [alarm(runs[0])])
     told = {"robot": "two_link", "kind": "monitor"}
     parents = {"watched": [runs[0]]}
     watched = commit_record(store, "validations", told, {"alarms": rows}, parents)
-    for night, value in enumerate((*5 * (1.0, 1.1), 9.0)):
-        identify(store, runs[0], night, value)
+    turned = {"robot": "two_link", "kind": "refused", "verdict": "bad.csv: no <t>"}
+    commit_record(store, "validations", turned)
     return Nights(store, runs, missing, nothing, _id(page), _id(side), watched)
 
 
@@ -59,15 +60,6 @@ def alarm(run: str) -> dict:
     place = {"run_id": run, "time": 0.1, "until": 0.2, "joint": 2}
     fault = {"sensor": "torque", "fault": "gain drop", "kind": "t2", "score": 3.0}
     return place | fault
-
-
-def identify(store: Path, run: str, night: int, value: float) -> str:
-    """Store a model with one parameter."""
-    same = {"name": "mass of link 2", "joint": 2, "unit": "kg", "status": "fitted"}
-    numbers = {"value": value, "std": 0.1, "nominal": 1.0}
-    rows = pa.Table.from_pylist([same | numbers])
-    record = {"robot": "two_link", "stage": "identified", "night": night}
-    return commit_record(store, "models", record, {"parameters": rows}, {"fit": [run]})
 
 
 def adopt(store: Path, diagnosis: str, note: str = "") -> str:

@@ -1,6 +1,6 @@
 import pytest
 
-from tests.flows.night.stores import fill
+from tests.flows.index.stores import fill
 
 
 @pytest.fixture(scope="session")

@@ -1,0 +1,229 @@
+"""The index of a store: what was found, by robot and night, and every report of it.
+
+One page, `reports/index.html` of the store. It is written when a report is stored, and
+again when the server of the store is asked for it; a browser filters it.
+"""
+
+import re
+from collections.abc import Iterator, Mapping
+from datetime import UTC, date, datetime, timedelta
+from functools import lru_cache
+from pathlib import Path
+
+from markupsafe import Markup
+
+from flows.outputs import write_all
+from flows.report.document import Document, Section, Table, Tile, link, tag, when
+from flows.report.page import render
+from flows.report.words.verdict import VALUES_OFF, errors, finding
+from flows.storage.diagnosis import read_verdict
+from residual.errors import InputError
+from residual.quantity import MISSING
+from warehouse.files import check_file
+from warehouse.ids import ID_DIGITS
+from warehouse.layout import find
+from warehouse.provenance import version_text
+from warehouse.query.store import Store, open_store
+from warehouse.verify import other_files
+
+INDEX = "index.html"
+STATES = {
+    "effects": "something missing",
+    "unknown": "unknown",
+    "values": "values off",
+    "none": "nothing missing",
+}
+MOST = 2000  # rows of each kind, the latest; all others are in SQL
+_HALF_A_DAY = timedelta(hours=12)
+_FILE = re.compile(rf"report_id=([0-9a-f]{{{ID_DIGITS}}})/([\w-][\w.-]{{0,60}})")
+_HEADS = ("When (UTC)", "Night", "Robot", "State", "Found", "Error, held out")
+
+# A robot is its name and, where it has one, its serial number: two of a kind are two.
+_ROBOT = "coalesce(nullif(concat_ws(' ', {0}.robot, {0}.serial), ''), '?')"
+
+# Every diagnosis with its number among those of its robot, and its report.
+_DIAGNOSES = f"""
+    WITH page AS (
+        SELECT parent AS diagnosis_id, arg_max(report_id, created) AS report_id
+        FROM reports JOIN lineage ON child = report_id AND role = 'diagnosis'
+        WHERE kind IN ('demo', 'nightly') GROUP BY ALL
+    )
+    SELECT d.diagnosis_id AS id, {_ROBOT.format("d")} AS robot, d.created, d.verdict,
+           report_id, row_number() OVER (
+               PARTITION BY d.robot, d.serial ORDER BY d.created, d.diagnosis_id
+           ) AS number
+    FROM diagnoses d LEFT JOIN page USING (diagnosis_id)
+    ORDER BY d.created DESC, d.diagnosis_id DESC
+"""
+
+# A proposal is answered where its robot has got another model since.
+_PROPOSALS = f"""
+    SELECT report_id, {_ROBOT.format("d")} AS robot, r.created, parent AS id,
+           NOT EXISTS (SELECT 1 FROM adoptions a
+                       WHERE a.robot = d.robot AND a.created > r.created
+                         AND a.serial IS NOT DISTINCT FROM d.serial) AS waits
+    FROM reports r JOIN lineage ON child = report_id AND role = 'diagnosis'
+    JOIN diagnoses d ON diagnosis_id = parent
+    WHERE kind = 'proposal' ORDER BY r.created DESC, report_id
+"""
+
+_ALARMS = f"""
+    SELECT v.validation_id AS id, v.created, count(DISTINCT a.run_id) AS runs,
+           any_value({_ROBOT.format("u")}) AS robot,
+           list(DISTINCT concat('joint ', a.joint, ': ',
+                CASE WHEN starts_with(a.fault, a.sensor) THEN a.fault
+                     ELSE concat(a.sensor, ' ', a.fault) END)) AS what
+    FROM validations v JOIN alarms a USING (validation_id)
+    LEFT JOIN runs u ON u.run_id = a.run_id
+    GROUP BY ALL ORDER BY v.created DESC, id
+"""
+
+# Logs that an inbox refused, with the reason (`flows.inbox.take`).
+_REFUSED = """
+    SELECT validation_id AS id, robot, verdict AS why, created
+    FROM validations WHERE kind = 'refused' ORDER BY created DESC, id
+"""
+
+Row = tuple[datetime, str, Markup | str, Markup | str, str]
+
+
+def write_index(store: Path) -> Path:
+    """Write the index of a store; return its file."""
+    with open_store(store) as opened:
+        text = render(document(opened))
+    path = store / "reports" / INDEX
+    path.parent.mkdir(parents=True, exist_ok=True)
+    write_all({path: text})
+    return path
+
+
+def page_at(store: Path, address: str) -> bytes | None:
+    """Return the index or a file of a report; None where there is no such thing.
+
+    Nothing of an address is ever joined to a path but an id of hex digits, and a file
+    name that a record of the store has.
+
+    Args:
+        address: As links of the index have it, "index.html" or "report_id=.../...".
+    """
+    if address == INDEX:
+        return write_index(store).read_bytes()
+    match = _FILE.fullmatch(address)
+    try:
+        found = find(store, match[1]) if match else None
+        path = other_files(found).get(match[2]) if found else None
+        if path is None or found.kind != "reports":
+            return None
+        check_file(path)
+        return path.read_bytes()
+    except InputError:
+        return None
+
+
+def document(opened: Store) -> Document:
+    """Return the index of a store."""
+    found = sorted(_rows(opened), key=lambda row: row[0], reverse=True)
+    cells = [
+        (when(at), f"{night_of(at)}", robot, state, words, error)
+        for at, robot, state, words, error in found
+    ]
+    waits = sum("waits" in str(row[2]) for row in found)
+    robots = {row[1] for row in found}
+    nights = {night_of(row[0]) for row in found}
+    table = Table(_HEADS, cells, left=range(6), named=4, look="list", filters=(1, 2, 3))
+    none = Markup(
+        "Nothing is stored yet. <kbd>modelgap demo</kbd> or <kbd>modelgap up</kbd> "
+        "make something."
+    )
+    told = f"{datetime.now(UTC):%Y-%m-%d %H:%M:%S} UTC by modelgap {version_text()}"
+    return Document(
+        title="modelgap: reports",
+        about=Markup("Store <b>{}</b>").format(opened.path.name),
+        headline="What was found, by robot and night",
+        tiles=[
+            Tile("Robots", str(len(robots)), ""),
+            Tile("Nights", str(len(nights)), "from noon to noon UTC"),
+            Tile("Waiting", str(waits), "for your decision"),
+        ],
+        sections=(Section("all", "Reports", [table if cells else none], shown=False),),
+        foot=[("Store", opened.path.name), ("Written", told)],
+    )
+
+
+def night_of(time: datetime) -> date:
+    """Return the night that a time belongs to, from noon to noon, by its morning."""
+    return (time + _HALF_A_DAY).date()
+
+
+def title_of(store: Path, diagnosis: str) -> str:
+    """Return robot and number of a diagnosis, as "irb140 #2"."""
+    with open_store(store) as opened:
+        rows = _ask(
+            opened, f"SELECT * FROM ({_DIAGNOSES}) WHERE id = $id", id=diagnosis
+        )
+    return _title(rows[0])
+
+
+def refused(store: Path, since: datetime) -> list[dict]:
+    """Return the logs that inboxes refused since a time, the latest first.
+
+    Each has `robot`, `why` and `created` [UTC].
+    """
+    with open_store(store) as opened:
+        rows = _ask(opened, _REFUSED)
+    return [row for row in rows if row["created"] and row["created"] > since]
+
+
+def _rows(opened: Store) -> Iterator[Row]:
+    diagnoses = _ask(opened, _DIAGNOSES)
+    titles = {each["id"]: _title(each) for each in diagnoses}
+    for each in diagnoses[:MOST]:
+        state, words, error = _verdict(opened.path, each["id"])
+        said = Markup("{}: {}").format(titles[each["id"]], words)
+        if each["report_id"]:
+            said = _report(each["report_id"], "report.html", said)
+        word = tag("span", STATES.get(state, state), f"of {state}")
+        yield each["created"], each["robot"], word, said, error
+    for each in _ask(opened, _PROPOSALS)[:MOST]:
+        asked = Markup("{}: the model beside the one that it has").format(
+            titles.get(each["id"], each["robot"])
+        )
+        said = _report(each["report_id"], "proposal.html", asked)
+        if each["waits"]:
+            said += Markup(" ") + tag("kbd", f"modelgap adopt {each['id'][:8]}")
+        state = "waits for a decision" if each["waits"] else "decided"
+        yield each["created"], each["robot"], state, said, ""
+    for each in _ask(opened, _ALARMS)[:MOST]:
+        where = "1 run" if each["runs"] == 1 else f"{each['runs']} runs"
+        words = f"in {where}: {', '.join(sorted(each['what']))}"
+        yield each["created"], each["robot"], "alarm", words, ""
+    for each in _ask(opened, _REFUSED)[:MOST]:
+        yield each["created"], each["robot"] or "?", "log refused", each["why"], ""
+
+
+def _ask(opened: Store, query: str, **values: object) -> list[dict]:
+    """Return the rows of a query, of what is whole."""
+    return opened.sql(query, values or None, without_damaged=True).to_pylist()
+
+
+def _title(diagnosis: Mapping) -> str:
+    return f"{diagnosis['robot']} #{diagnosis['number']}"
+
+
+def _report(id: str, file: str, words: str) -> Markup:
+    return link(f"report_id={id}/{file}", words)
+
+
+# A record never changes, and reading one takes longer than making a row of it.
+@lru_cache(maxsize=2 * MOST)
+def _verdict(store: Path, diagnosis: str) -> tuple[str, str, str]:
+    """Return the state of a verdict, what it names, and its errors, in words."""
+    try:
+        verdict = read_verdict(store, diagnosis)
+        words, pair = finding(verdict), errors(verdict)
+    except InputError:
+        return "unknown", "its record cannot be read", MISSING
+    state = "values" if words == VALUES_OFF else verdict.verdict
+    # Of the end of a log that was fitted up to there no log was held out.
+    weak = pair and verdict.error.same_run
+    return state, words, f"{pair} at the end of the logs" if weak else pair

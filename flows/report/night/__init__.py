@@ -1,1 +1,0 @@
-"""Pages over all of a store: a night, a robot, every report, one record."""

@@ -1,0 +1,114 @@
+"""The index of a store: what was found by robot and night, and where links lead."""
+
+import re
+from datetime import datetime, timedelta
+
+import pytest
+
+from flows.report.index import night_of, page_at, write_index
+from tests.flows.index.stores import STORED, adopt, fill
+
+LINK = re.compile(r'href="([^"#?]+)"')
+
+
+def page(store) -> str:
+    return page_at(store, "index.html").decode()
+
+
+def rows(text: str) -> list[list[str]]:
+    """The cells of the table as a reader sees them."""
+    body = text[text.index("<tbody>") : text.index("</tbody>")]
+    lines = re.findall(r"<tr>(.*?)</tr>", body)
+    cells = [re.findall(r"<t[hd].*?>(.*?)</t[hd]>", line) for line in lines]
+    return [[re.sub(r"<[^>]+>", "", cell) for cell in row] for row in cells]
+
+
+def test_it_says_what_was_found_by_robot_and_night_and_what_waits(nights):
+    text = page(nights.store)
+    found = {row[3]: row for row in rows(text)}
+    assert set(found) == {
+        "something missing",
+        "values off",
+        "waits for a decision",
+        "alarm",
+        "log refused",
+    }
+    when, night, robot, _, words, error = found["something missing"]
+    assert night == f"{night_of(datetime.fromisoformat(when))}"
+    assert robot == "two_link"
+    assert words.startswith("two_link #1: payload")
+    assert error == "8.6 → 5.6 %"
+    assert f"modelgap adopt {nights.missing[:8]}" in found["waits for a decision"][4]
+    assert found["alarm"][4] == "in 1 run: joint 2: torque gain drop"
+    assert found["log refused"][4] == "bad.csv: no &lt;t&gt;"
+    assert 'data-filters="1,2,3"' in text
+
+
+def test_an_adoption_answers_a_proposal(tmp_path):
+    nights = fill(tmp_path / "store")
+    adopt(nights.store, nights.missing)
+    text = page(nights.store)
+    assert "decided" in {row[3] for row in rows(text)}
+    assert "modelgap adopt" not in text
+
+
+def test_a_name_that_is_an_attack_is_text(nights):
+    text = page(nights.store)
+    assert "<img src=x" not in text
+    assert "&lt;img src=x onerror=alert(1)&gt;" in text
+
+
+def test_every_link_leads_to_a_report_on_disk_and_at_the_server(nights):
+    file = write_index(nights.store)
+    links = set(LINK.findall(file.read_text(encoding="utf-8")))
+    assert links == {
+        f"report_id={nights.report}/report.html",
+        f"report_id={nights.proposal}/proposal.html",
+    }
+    for link in links:
+        assert (file.parent / link).read_bytes() == STORED
+        assert page_at(nights.store, link) == STORED
+
+
+@pytest.mark.parametrize(
+    "address",
+    [
+        "../up.json",
+        "report_id=../../_prefect/key",
+        "report_id={report}/../../../_prefect/key",
+        "report_id={report}/_report.parquet",
+        "report_id={report}/_sums.json",
+        "report_id={report}/report.html/",
+        "report_id={report}/..",
+        "report_id={run}/part-0.parquet",
+        "report_id=zz/report.html",
+        "report_id=" + "ab" * 10 + "/report.html",
+        "index.html/",
+        "INDEX.html",
+        "a\x00.html",
+        "index.html\n",
+        "x" * 5000,
+    ],
+)
+def test_what_is_no_page_is_none_and_reads_no_file(nights, address):
+    for word, id in {"{report}": nights.report, "{run}": nights.runs[0]}.items():
+        address = address.replace(word, id)
+    assert page_at(nights.store, address) is None
+
+
+def test_a_stored_page_that_was_changed_is_not_shown(tmp_path):
+    nights = fill(tmp_path / "store")
+    (file,) = nights.store.glob(f"reports/*{nights.report}/report.html")
+    file.write_bytes(STORED.replace(b"stored", b"storex"))
+    assert page_at(nights.store, f"report_id={nights.report}/report.html") is None
+
+
+def test_nights_go_from_noon_to_noon():
+    noon = datetime(2026, 11, 22, 12)
+    assert str(night_of(noon - timedelta(seconds=1))) == "2026-11-22"
+    assert str(night_of(noon)) == "2026-11-23"
+
+
+def test_an_empty_store_says_what_fills_it(tmp_path):
+    (tmp_path / "store").mkdir()
+    assert "modelgap demo" in page(tmp_path / "store")
