@@ -30,7 +30,7 @@ from warehouse.files import (
 )
 from warehouse.ids import ID_DIGITS, check_id, data_hash, seal_folder
 from warehouse.layout import find_run
-from warehouse.mirror import brought, ensure_local, is_there, names_in, shown
+from warehouse.remote import bring, bring_file, is_there, names_in, shown
 from warehouse.schema import KINDS, QUARANTINE, SAMPLES_FILE
 
 _OF_RECORDING = ("t", "q", "tau", "qd", "qdd", "q_ref")
@@ -112,7 +112,7 @@ def quarantine(store: Path, run_id: str, reason: str) -> Path:
         raise InputError("A quarantine needs a reason, for those who find it later.")
     id = find_run(store, run_id).id
     target = _tombstone(store, id)
-    ensure_local(target)
+    bring_file(target)
     if not target.exists():
         told = {"run_id": id, "reason": reason, "at": datetime.now(UTC).isoformat()}
         replace_file(store, target, (json.dumps(told) + "\n").encode())
@@ -130,7 +130,7 @@ def quarantined(store: Path) -> frozenset[str]:
 def tombstone(store: Path, run_id: str) -> str | None:
     """Return why a run should not be used, None where it may be."""
     path = _tombstone(store, run_id)
-    ensure_local(path)
+    bring_file(path)
     try:
         return str(json.loads(path.read_bytes()).get("reason"))
     except FileNotFoundError:
@@ -208,7 +208,7 @@ def robot_of_hash(store: Path, content_hash: str) -> str:
         if load_robot(name).content_hash == content_hash:
             return name
     folder = robot_folder(store, content_hash)
-    if brought(folder):
+    if bring(folder):
         return str(folder)
     raise InputError(
         f"No description of the robot {content_hash[:8]} was kept in {shown(store)}. "
@@ -229,7 +229,7 @@ def robot_word(store: Path, word: str, content_hash: str | None) -> str:
     except ModelgapError as error:
         why = str(error)
     kept = robot_folder(store, content_hash or "")
-    if brought(kept) and _hash(str(kept)) == content_hash:
+    if bring(kept) and _hash(str(kept)) == content_hash:
         return str(kept)
     raise InputError(
         f"The robot that this was made with is not here: {why} And no description of "

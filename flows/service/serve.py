@@ -7,7 +7,7 @@ from starlette.types import ASGIApp
 from flows.report.night.site import Site
 from flows.service.api import Api, past_of
 from flows.service.guard import Guard, rules_for
-from flows.service.pages import Tickets, with_entry, with_pages
+from flows.service.pages import Tickets, with_entry, with_pages, with_policies
 from flows.service.state import Running
 from flows.settings import store_folder
 from residual.errors import RunError
@@ -29,4 +29,5 @@ def app() -> ASGIApp:
     to = Api(Running(host, port, "").url, rules.key)
     site = Site(store_folder(), past_of(to))
     served = with_entry(create_app(final=True), rules, Tickets())
-    return Guard(with_pages(served, rules, site, Tickets()), rules)
+    served = with_pages(served, rules, site, Tickets())
+    return Guard(with_policies(served), rules)

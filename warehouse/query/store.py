@@ -11,7 +11,6 @@ from residual.errors import InputError
 from warehouse.bucket import is_address
 from warehouse.catalogue import read_catalogue
 from warehouse.files import check_file
-from warehouse.mirror import bucket_of, mirror_of, shown
 from warehouse.query.guard import (
     Reading,
     check_reads_only,
@@ -25,6 +24,7 @@ from warehouse.query.guard import (
 )
 from warehouse.query.samples import Samples, unchecked
 from warehouse.query.views import catalogue_views, signal_rows
+from warehouse.remote import bucket_of, folder_of, shown
 from warehouse.runs import quarantined
 from warehouse.schema import COMPUTED, DEFAULT_DOF, KINDS, TEXT, VIEWS
 
@@ -61,7 +61,7 @@ def needs_damaged(lines: Iterable[str]) -> str:
 def open_store(path: Path | str) -> "Store":
     """Open a store for reading."""
     word = str(path)
-    folder = mirror_of(word) if is_address(word) else Path(path).resolve()
+    folder = folder_of(word) if is_address(word) else Path(path).resolve()
     if not folder.is_dir():
         raise InputError(
             f"There is no store at {shown(folder)}. Make one with modelgap experiment "

@@ -28,9 +28,9 @@ from residual.errors import InputError
 from warehouse.files import check_file
 from warehouse.ids import ID_DIGITS, record_folder
 from warehouse.layout import find
-from warehouse.mirror import bucket_of
 from warehouse.provenance import version_text
 from warehouse.query.store import Store, open_store
+from warehouse.remote import bucket_of
 from warehouse.verify import other_files
 
 _ID = f"[0-9a-f]{{6,{ID_DIGITS}}}"

@@ -7,7 +7,15 @@ import pytest
 
 from flows.report.night.site import Answer, Site
 from flows.service.guard import Guard
-from flows.service.pages import DOOR, LIFE, MADE, STORED, Tickets, with_pages
+from flows.service.pages import (
+    DOOR,
+    LIFE,
+    MADE,
+    STORED,
+    Tickets,
+    with_pages,
+    with_policies,
+)
 from tests.flows.asgi import (
     BODY,
     JSON,
@@ -53,7 +61,8 @@ def clock():
 @pytest.fixture
 def app(nights, clock):
     site = Site(nights.store, lambda *_: None)
-    return Guard(with_pages(prefect, OURS, site, Tickets(clock)), OURS)
+    served = with_pages(prefect, OURS, site, Tickets(clock))
+    return Guard(with_policies(served), OURS)
 
 
 def get(app, path: str, *given, query: str = "", **more):
@@ -149,7 +158,7 @@ def test_an_application_behind_the_guard_chooses_none_but_known_policies(nights)
 
     ((_, given),) = [
         (k, v)
-        for k, v in answer(Guard(loose, OURS), scope(path="/"))[0]["headers"]
+        for k, v in answer(with_policies(loose), scope(path="/"))[0]["headers"]
         if k == b"content-security-policy"
     ]
     assert b"*" not in given
