@@ -175,6 +175,8 @@ def _rows(
 ) -> tuple[pa.Table, tuple[str, ...]]:
     old = before.rows[kind.name] if before else _read_index(store, kind)
     known, merged = _once(old, kind, folders), []
+    if len(old) == len(known) == len(folders):
+        return old, ()
     gone = len(old) - len(known)
     if len(folders) > len(known) + (_SPARE if before else 0):
         left, merged = _read_segments(store, kind)

@@ -7,7 +7,7 @@ columns of a query reach the files, so that one over one run reads that run.
 """
 
 import os
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from functools import lru_cache, partial
 from io import BytesIO
 from pathlib import Path
@@ -145,17 +145,3 @@ class Ranges(BytesIO):
         if start >= self._first:
             return self._tail[start - self._first : max(end - self._first, 0)]
         return self._fetch(start, end) if start < end else b""
-
-
-def unchecked(patterns: Sequence[str], store: Path) -> list[Path]:
-    """Return the files of records that a query reads by name, to be checked before.
-
-    Args:
-        patterns: Names as DuckDB takes them, with * and ?.
-    """
-    found = []
-    for pattern in patterns:
-        within = Path(pattern)
-        if within.is_absolute() and within.is_relative_to(store):
-            found += store.glob(str(within.relative_to(store)))
-    return [path for path in found if (path.parent / "_sums.json").is_file()]

@@ -36,8 +36,8 @@ from flows.report.words.phrases import sentence_case
 from residual.errors import InputError, shortened
 from residual.quantity import number
 from warehouse.layout import find, read_record
+from warehouse.quarantine import tombstone
 from warehouse.query.store import Store
-from warehouse.runs import tombstone
 from warehouse.verify import other_files
 
 PART = 200  # entries on one page

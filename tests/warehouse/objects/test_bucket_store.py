@@ -14,11 +14,11 @@ from warehouse import catalogue, remote
 from warehouse.commit import commit_run
 from warehouse.layout import find, list_folders
 from warehouse.numbered import ADOPTED, Adoption, MeanwhileError, commit_adoption
+from warehouse.quarantine import quarantine
 from warehouse.remote import IDENTITY
 from warehouse.runs import (
     has_seal,
     open_seal,
-    quarantine,
     read_run,
 )
 from warehouse.verify import verify_all
