@@ -1,7 +1,6 @@
 """Where things are kept, and how Prefect is told to be quiet and stay at home."""
 
 import errno
-import ipaddress
 import os
 import socket
 import tomllib
@@ -33,13 +32,13 @@ def store_folder(option: str | None = None) -> Path:
 
     Args:
         option: A folder, or s3://BUCKET/PREFIX, of which the folder of this machine
-            beside it is returned (`warehouse.mirror`).
+            beside it is returned (`warehouse.remote`).
     """
     word = str(option or os.environ.get(STORE) or _of_project())
     if is_address(word):
-        from warehouse.mirror import mirror_of
+        from warehouse.remote import folder_of
 
-        return mirror_of(word)
+        return folder_of(word)
     place = Path(word).resolve()
     for folder in (place, *place.parents):
         if folder.exists():
@@ -73,16 +72,6 @@ def cores() -> int:
     if hasattr(os, "sched_getaffinity"):
         return len(os.sched_getaffinity(0))
     return os.cpu_count() or 1  # Windows and macOS tie no process to some
-
-
-def is_loopback(host: str) -> bool:
-    """Return whether only programs of this machine reach an address."""
-    if host == "localhost":
-        return True
-    try:
-        return ipaddress.ip_address(host).is_loopback
-    except ValueError:
-        return False
 
 
 def port_is_free(host: str, port: int) -> bool:

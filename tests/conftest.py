@@ -12,7 +12,7 @@ from hypothesis.configuration import set_hypothesis_home_dir
 
 from tests import s3
 from tests.checkout import changed, listing
-from warehouse import catalogue, mirror
+from warehouse import catalogue, remote
 
 # Before numpy is loaded, so that a bare `pytest` runs as `make test` does: two test
 # processes with two BLAS threads each fight over two cores.
@@ -91,7 +91,7 @@ def bucket_store(s3_server, tmp_path, monkeypatch):
     """The address of a store in a bucket of its own; nothing is in it."""
     for name, value in s3.variables(s3_server, tmp_path / "cache").items():
         monkeypatch.setenv(name, value)
-    mirror.forget()
+    remote.forget()
     yield s3.new_bucket(s3_server)
     catalogue.forget_waiting()
-    mirror.forget()
+    remote.forget()

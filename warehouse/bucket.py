@@ -11,8 +11,8 @@ import os
 import re
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
-from dataclasses import dataclass
-from datetime import UTC, datetime, timedelta
+from datetime import timedelta
+from textwrap import shorten
 from typing import Any
 from urllib.parse import urlsplit
 
@@ -24,25 +24,8 @@ _BUCKET = re.compile(r"[a-z0-9][a-z0-9.-]{1,61}[a-z0-9]")
 _PART = re.compile(r"[A-Za-z0-9_=.-]{1,100}")
 
 _SCALE = "Object storage needs the extra: pip install '.[scale]' in the checkout."
-# A profile may renew its keys; they are asked for again after this time.
-_FRESH = timedelta(minutes=10)
-_RETRIES = {"max_retries": 4, "retry_timeout": timedelta(seconds=60)}
-# So many keys go in one request to delete.
-_AT_ONCE = 1000
+_RETRIES, _PATIENCE = 4, timedelta(seconds=60)
 _NO_BUCKET = "NoSuchBucket"
-
-
-@dataclass(frozen=True, slots=True)
-class Address:
-    """A place in a bucket."""
-
-    bucket: str
-    prefix: str  # what the keys of the store begin with, without a slash at the end
-
-    @property
-    def url(self) -> str:
-        """As --store takes it."""
-        return f"s3://{self.bucket}/{self.prefix}".rstrip("/")
 
 
 def is_address(word: str) -> bool:
@@ -50,40 +33,29 @@ def is_address(word: str) -> bool:
     return _SCHEME.match(word) is not None
 
 
-def parse(word: str) -> Address:
-    """Return the address in a word, such as s3://bucket/prefix."""
-    found = _SCHEME.match(word)
-    if found is None or found[1].lower() != "s3" or not word[3:].startswith("//"):
+def parse(word: str) -> tuple[str, str]:
+    """Return the bucket and the prefix in an address such as s3://bucket/prefix."""
+    scheme, _, rest = word.partition("://")
+    bucket, _, prefix = rest.rstrip("/").partition("/")
+    parts = prefix.split("/") if prefix else []
+    plain = all(p not in (".", "..") and _PART.fullmatch(p) for p in parts)
+    if scheme.lower() != "s3" or not _BUCKET.fullmatch(bucket) or not plain:
         raise InputError(
             f"--store {word}: expected a folder, or s3://BUCKET/PREFIX for object "
-            f"storage. A folder of that name is ./{word}."
+            "storage: BUCKET of 3 to 63 small letters, digits, dots and hyphens, "
+            "PREFIX of letters, digits and . _ = - between slashes. A folder is "
+            f"./{word}."
         )
-    bucket, _, rest = word[5:].partition("/")
-    prefix = rest.rstrip("/")
-    parts = prefix.split("/") if prefix else []
-    if not _BUCKET.fullmatch(bucket):
-        raise InputError(
-            f"--store {word}: '{bucket}' is no name of a bucket. Expected "
-            "s3://BUCKET/PREFIX with 3 to 63 small letters, digits, dots and hyphens."
-        )
-    if any(p in (".", "..") or not _PART.fullmatch(p) for p in parts):
-        raise InputError(
-            f"--store {word}: the prefix may have letters, digits and . _ = - between "
-            "its slashes."
-        )
-    return Address(bucket, prefix)
+    return bucket, prefix
 
 
 def settings() -> dict:
     """Return what `obstore.store.S3Store` takes beside bucket and prefix."""
-    profile = None if os.environ.get("AWS_ACCESS_KEY_ID") else _Profile()
-    endpoint = endpoint_url() or (profile and profile.endpoint)
+    keys, profile = _profile() if not os.environ.get("AWS_ACCESS_KEY_ID") else ({}, {})
     region = os.environ.get("AWS_REGION") or os.environ.get("AWS_DEFAULT_REGION")
-    region = region or (profile and profile.region) or "us-east-1"
-    asked: dict = {"region": region, **_endpoint(endpoint)}
-    if profile:
-        asked["credential_provider"] = profile.keys
-    return asked
+    region = region or profile.get("region") or "us-east-1"
+    endpoint = endpoint_url() or profile.get("endpoint_url")
+    return {"region": region, **keys, **_endpoint(endpoint)}
 
 
 def endpoint_url() -> str | None:
@@ -96,86 +68,61 @@ def _endpoint(url: str | None) -> dict:
     if not url:
         return {}
     parts = urlsplit(url)
-    if parts.scheme not in ("http", "https") or not parts.hostname:
+    may = os.environ.get("AWS_ALLOW_HTTP", "").lower() in ("1", "true")
+    plain = parts.scheme == "http" and (may or is_loopback(parts.hostname or ""))
+    if not parts.hostname or not (plain or parts.scheme == "https"):
         raise InputError(
-            f"AWS_ENDPOINT_URL is '{url}', expected https://HOST or http://127.0.0.1:PORT."
+            f"AWS_ENDPOINT_URL is '{url}', expected https://HOST or "
+            "http://127.0.0.1:PORT. Runs and keys would cross the network in the open "
+            "by http to another machine; say that they may: AWS_ALLOW_HTTP=true."
         )
-    if parts.scheme == "https":
-        return {"endpoint": url}
-    said = os.environ.get("AWS_ALLOW_HTTP", "").lower() in ("1", "true")
-    if not said and not _is_loopback(parts.hostname):
-        raise InputError(
-            f"The endpoint {url} is not encrypted and on another machine: runs and "
-            "keys would cross the network in the open. Use https, or say that it may "
-            "be so: AWS_ALLOW_HTTP=true."
-        )
-    return {"endpoint": url, "client_options": {"allow_http": True}}
+    return {"endpoint": url} | (
+        {"client_options": {"allow_http": True}} if plain else {}
+    )
 
 
-def _is_loopback(host: str) -> bool:
+def is_loopback(host: str) -> bool:
+    """Return whether only programs of this machine reach an address."""
     try:
         return host == "localhost" or ipaddress.ip_address(host).is_loopback
     except ValueError:
         return False
 
 
-class _Profile:
-    """Keys, region and endpoint of the user's profile."""
-
-    def __init__(self) -> None:
-        try:
-            from botocore.exceptions import BotoCoreError
-            from botocore.session import Session
-        except ImportError as error:
-            raise InputError(_SCALE) from error
-        try:
-            session = Session()
-            self._found = session.get_credentials()
-            self.region = session.get_config_variable("region")
-            self.endpoint = session.get_scoped_config().get("endpoint_url")
-        except BotoCoreError as error:
-            raise InputError(f"The AWS profile is not usable: {error}") from error
-        if self._found is None:
-            raise InputError(
-                "There are no keys for the object storage. Set AWS_ACCESS_KEY_ID and "
-                "AWS_SECRET_ACCESS_KEY, or AWS_PROFILE."
-            )
-
-    def keys(self) -> dict:
-        """Return the keys of the moment, as obstore asks for them."""
-        now = self._found.get_frozen_credentials()
-        return {
-            "access_key_id": now.access_key,
-            "secret_access_key": now.secret_key,
-            "token": now.token,
-            "expires_at": datetime.now(UTC) + _FRESH,
-        }
-
-
-class BucketError(InputError):
-    """The object storage did not do what it was asked to."""
-
-
-@dataclass(frozen=True, slots=True)
-class Listed:
-    """One object of a listing."""
-
-    key: str  # its key, without the prefix of the store
-    size: int  # its size [bytes]
-    modified: datetime  # when it was written, by the clock of the server
+def _profile() -> tuple[dict, dict]:
+    """Return where keys come from, and all that the user's profile says."""
+    try:
+        from botocore.exceptions import BotoCoreError
+        from botocore.session import Session
+        from obstore.auth.boto3 import Boto3CredentialProvider
+    except ImportError as error:
+        raise InputError(_SCALE) from error
+    try:
+        session = Session()
+        provider = Boto3CredentialProvider(session)
+        return {"credential_provider": provider}, session.get_scoped_config()
+    except BotoCoreError as error:
+        raise InputError(f"The AWS profile is not usable: {error}") from error
+    except ValueError as error:
+        raise InputError(
+            "There are no keys for the object storage. Set AWS_ACCESS_KEY_ID and "
+            "AWS_SECRET_ACCESS_KEY, or AWS_PROFILE."
+        ) from error
 
 
 class Bucket:
-    """A bucket below a prefix; a verb that it does not do raises BucketError."""
+    """A bucket below a prefix; a verb that it does not do raises InputError."""
 
     def __init__(self, store: Any, url: str) -> None:
         self._store = store
-        self._url = url
-        self._obstore = _library()
+        self.url = url
+        import obstore
+
+        self._obstore = obstore
 
     def put_if_absent(self, key: str, data: bytes) -> bool:
         """Write an object if there is none; whether it is this one."""
-        with self._told("write"):
+        with self._explained("write"):
             try:
                 # In one request: of several parts the condition would stand at none.
                 self._obstore.put(
@@ -187,12 +134,12 @@ class Bucket:
 
     def put(self, key: str, data: bytes) -> None:
         """Write an object, or a new version of it."""
-        with self._told("write"):
+        with self._explained("write"):
             self._obstore.put(self._store, key, data)
 
     def get(self, key: str) -> bytes | None:
         """Return an object, None where there is none."""
-        with self._told("read"):
+        with self._explained("read"):
             try:
                 return bytes(self._obstore.get(self._store, key).bytes())
             except FileNotFoundError as error:
@@ -202,69 +149,53 @@ class Bucket:
 
     def get_range(self, key: str, start: int, end: int) -> bytes:
         """Return the bytes of an object from `start` to before `end`."""
-        with self._told("read"):
+        with self._explained("read"):
             return bytes(
                 self._obstore.get_range(self._store, key, start=start, end=end)
             )
 
-    def objects(self, prefix: str) -> list[Listed]:
-        """Return all objects below whole parts of a key, such as "_index/tail"."""
-        with self._told("list"):
+    def keys(self, prefix: str) -> list[str]:
+        """Return all keys below whole parts of a key, such as "commits/samples"."""
+        with self._explained("list"):
             pages = self._obstore.list(self._store, prefix)
-            found = [
-                Listed(each["path"], each["size"], each["last_modified"])
-                for page in pages
-                for each in page
-            ]
-        return sorted(found, key=lambda each: each.key)
+            return sorted(each["path"] for page in pages for each in page)
 
     def names(self, prefix: str) -> list[str]:
         """Return the names that stand after a folder's name in keys, each once."""
-        with self._told("list"):
+        with self._explained("list"):
             found = self._obstore.list_with_delimiter(self._store, prefix)
         files = (each["path"] for each in found["objects"])
         return sorted(p.rpartition("/")[2] for p in (*found["common_prefixes"], *files))
 
     def delete(self, keys: Sequence[str]) -> None:
         """Remove objects; one that is gone already is no error."""
-        with self._told("delete"):
-            for first in range(0, len(keys), _AT_ONCE):
-                self._obstore.delete(self._store, list(keys[first : first + _AT_ONCE]))
+        with self._explained("delete"):
+            self._obstore.delete(self._store, list(keys))
 
     @contextmanager
-    def _told(self, what: str) -> Iterator[None]:
+    def _explained(self, what: str) -> Iterator[None]:
         try:
             yield
-        except FileNotFoundError as error:
-            if _NO_BUCKET in str(error):
-                raise BucketError(f"There is no bucket for {self._url}.") from error
-            if what == "delete":  # a server that tells of what is gone
-                return
-            raise BucketError(
-                f"{self._url}: an object that should be there is not ({_short(error)})."
-            ) from error
         except (self._obstore.exceptions.BaseError, OSError) as error:
-            raise BucketError(
-                f"{self._url} does not let us {what}: {_short(error)}. Check the "
-                "endpoint (AWS_ENDPOINT_URL), the bucket and the keys."
+            gone = isinstance(error, FileNotFoundError)
+            if gone and _NO_BUCKET in str(error):
+                raise InputError(f"There is no bucket for {self.url}.") from error
+            if gone and what == "delete":  # a server that tells of what is gone
+                return
+            short = shorten(str(error).split("Debug source")[0], 200)
+            raise InputError(
+                f"{self.url} does not let us {what}: {short}. Check the endpoint "
+                "(AWS_ENDPOINT_URL), the bucket and the keys."
             ) from error
 
 
-def open_bucket(address: Address) -> Bucket:
-    """Return a bucket of S3, or of what speaks like it; nothing is asked of it yet."""
-    make, prefix = _library().store.S3Store, address.prefix or None
-    store = make(address.bucket, prefix=prefix, retry_config=_RETRIES, **settings())
-    return Bucket(store, address.url)
-
-
-def _library() -> Any:
+def open_bucket(word: str) -> Bucket:
+    """Return the bucket of an address; nothing is asked of it yet."""
+    bucket, prefix = parse(word)
     try:
-        import obstore
+        from obstore.store import S3Store
     except ImportError as error:
         raise InputError(_SCALE) from error
-    return obstore
-
-
-def _short(error: Exception) -> str:
-    text = " ".join(str(error).split("Debug source")[0].split())
-    return text if len(text) <= 200 else f"{text[:197]}..."
+    retries = {"max_retries": _RETRIES, "retry_timeout": _PATIENCE}
+    store = S3Store(bucket, prefix=prefix or None, retry_config=retries, **settings())
+    return Bucket(store, f"s3://{bucket}/{prefix}".rstrip("/"))

@@ -16,6 +16,7 @@ import os
 import threading
 import uuid
 from collections.abc import Mapping, Sequence
+from concurrent.futures import ThreadPoolExecutor
 from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
@@ -31,23 +32,13 @@ from warehouse.files import (
     write_parquet,
 )
 from warehouse.layout import list_folders
-from warehouse.listing import (
-    all_records,
-    append,
-    begin,
-    bring_rows,
-    read_listing,
-    read_rows,
-    still_noted,
-)
-from warehouse.mirror import bucket_of
+from warehouse.remote import bring_file, bring_index, names_in, place_of, put_index
 from warehouse.schema import INDEX, KINDS, Kind
 
 # So many rows may be outside of the catalogue files before who reads them adds them:
 # reading one costs a millisecond, writing all of them as much as reading some dozens.
 _SPARE = 32
-Places = Mapping[str, Mapping[str, str]]
-Rows = Mapping[str, pa.Table]
+_AT_ONCE = 16  # records that are fetched from a bucket
 # So many rows in one file: writing it costs what one commit does, once in so many.
 SIZE = 64
 _waiting: dict[tuple[str, str], list[pa.Table]] = {}
@@ -66,19 +57,31 @@ class Catalogue:
 
 def _filled(
     known: pa.Table, kind: Kind, folders: Mapping[str, str]
-) -> tuple[pa.Table, pa.Table, tuple[str, ...]]:
-    """Return all rows, those read from records now, and what is damaged of them."""
+) -> tuple[pa.Table, tuple[str, ...]]:
+    """Return all rows, also those read from records now, and what is damaged."""
     missing = folders.keys() - set(known.column(kind.key).to_pylist())
     new, damaged = [kind.fields.empty_table()], []
+    _bring_all([Path(folders[id], kind.row) for id in missing])
     for id in sorted(missing):
         try:
             new.append(_read_row(Path(folders[id]) / kind.row, kind))
         except InputError as error:
             damaged.append(str(error))
-    read = pa.concat_tables(new)
-    rows = pa.concat_tables([known, read]).combine_chunks()
+    rows = pa.concat_tables([known, *new]).combine_chunks()
     rows = rows.sort_by([("created", "ascending"), (kind.key, "ascending")])
-    return rows, read, tuple(damaged)
+    return rows, tuple(damaged)
+
+
+def _bring_all(paths: Sequence[Path]) -> None:
+    """Fetch rows of a bucket, some at a time; who reads one says what is wrong."""
+
+    def fetch(path: Path) -> None:
+        with suppress(InputError):
+            bring_file(path)
+
+    if paths and place_of(paths[0]):
+        with ThreadPoolExecutor(_AT_ONCE) as beside:
+            list(beside.map(fetch, paths))
 
 
 def _read_row(path: Path, kind: Kind) -> pa.Table:
@@ -92,50 +95,6 @@ def _read_row(path: Path, kind: Kind) -> pa.Table:
             "import it again."
         )
     return table.select(kind.fields.names).cast(kind.fields)
-
-
-def _read_bucket(store: Path, before: Catalogue | None) -> Catalogue:
-    listing = read_listing(store)
-    if not listing.head.number:
-        return _rebuilt(store)
-    if before is not None and before.folders == _folders(store, listing.places):
-        return before
-    known = {k: read_rows(store, listing.head, kind) for k, kind in KINDS.items()}
-    catalogue, new = _of_bucket(store, listing.places, known)
-    if sum(map(len, new.values())) > _SPARE:
-        # Who may only read is served too, only slower.
-        with suppress(InputError):
-            append(store, new)
-    return catalogue
-
-
-def _rebuilt(store: Path) -> Catalogue:
-    """Return the catalogue of a bucket, made again from its records."""
-    none = {name: kind.fields.empty_table() for name, kind in KINDS.items()}
-    catalogue, rows = _of_bucket(store, all_records(store), none)
-    with suppress(InputError):
-        begin(store, rows)
-    return catalogue
-
-
-def _folders(store: Path, places: Places) -> dict[str, dict[str, str]]:
-    base = str(store)
-    return {
-        kind: {id: f"{base}/{folder}" for id, folder in found.items()}
-        for kind, found in places.items()
-    }
-
-
-def _of_bucket(store: Path, places: Places, known: Rows) -> tuple[Catalogue, Rows]:
-    """Return the catalogue, and those of its rows that were read from records."""
-    folders, rows, new, damaged = _folders(store, places), {}, {}, {}
-    for name, kind in KINDS.items():
-        once = _once(known[name], kind, folders[name])
-        missing = folders[name].keys() - set(once.column(kind.key).to_pylist())
-        bring_rows([Path(folders[name][id], kind.row) for id in missing])
-        read = _filled(once, kind, folders[name])
-        rows[name], new[name], damaged[name] = read
-    return Catalogue(folders, rows, damaged), new
 
 
 def remember(store: Path, kind: Kind, row: pa.Table) -> None:
@@ -162,9 +121,11 @@ def flush() -> None:
 
 def _read_segments(store: Path, kind: Kind) -> tuple[list[pa.Table], list[Path]]:
     """Return what writers left, and the files it is in; what is torn is no loss."""
-    tables, files = [], sorted((store / INDEX).glob(f"{kind.name}-*.parquet"))
+    names = (n for n in names_in(store, INDEX) if n.startswith(f"{kind.name}-"))
+    tables, files = [], [store / INDEX / name for name in names]
     for file in files:
         with suppress(InputError):
+            bring_index(file)
             table = read_unsummed(file)
             if table.schema.equals(kind.fields):
                 tables.append(table)
@@ -173,19 +134,15 @@ def _read_segments(store: Path, kind: Kind) -> tuple[list[pa.Table], list[Path]]
 
 def _write(key: tuple[str, str], rows: list[pa.Table]) -> None:
     folder = Path(key[0]) / INDEX
-    if bucket_of(folder.parent):
-        # At the end of a process, or where it may not: the commits themselves are done.
-        with suppress(InputError, OSError, RuntimeError):
-            own = still_noted(folder.parent, key[1], pa.concat_tables(rows))
-            append(folder.parent, {key[1]: own})
-        return
     name = f"{key[1]}-{os.getpid()}-{uuid.uuid4().hex[:8]}"
-    draft = folder / f".{name}.part"
-    # A full disk, or a store that has gone: the commits themselves are done.
-    with suppress(OSError):
+    draft, target = folder / f".{name}.part", folder / f"{name}.parquet"
+    # A full disk, a store that has gone, the end of the process: the commits
+    # themselves are done.
+    with suppress(OSError, InputError, RuntimeError):
         folder.mkdir(exist_ok=True)
         write_parquet(draft, pa.concat_tables(rows))
-        os.replace(draft, folder / f"{name}.parquet")
+        os.replace(draft, target)
+        put_index(target)
 
 
 def forget_waiting() -> None:
@@ -203,8 +160,6 @@ def read_catalogue(store: Path, before: Catalogue | None = None) -> Catalogue:
     Args:
         before: What was read earlier; it is given back if nothing has changed.
     """
-    if bucket_of(store):
-        return _read_bucket(store, before)
     folders = {kind: list_folders(store, kind) for kind in KINDS}
     if before is not None and before.folders == folders:
         return before
@@ -220,19 +175,22 @@ def _rows(
 ) -> tuple[pa.Table, tuple[str, ...]]:
     old = before.rows[kind.name] if before else _read_index(store, kind)
     known, merged = _once(old, kind, folders), []
+    if len(old) == len(known) == len(folders):
+        return old, ()
     gone = len(old) - len(known)
     if len(folders) > len(known) + (_SPARE if before else 0):
         left, merged = _read_segments(store, kind)
         known = _once(pa.concat_tables([known, *left]), kind, folders)
-    rows, _, damaged = _filled(known, kind, folders)
+    rows, damaged = _filled(known, kind, folders)
     added = len(rows) - len(old) + gone
     if not added and not gone:
         return old, damaged
     if before is None and (added > _SPARE or 4 * added >= len(old) or gone):
         # A store that one may only read is still read, only slower.
-        with suppress(OSError):
+        with suppress(OSError, InputError):
             sweep_staging(store)
             replace_file(store, store / INDEX / f"{kind.name}.parquet", rows)
+            put_index(store / INDEX / f"{kind.name}.parquet", merged)
         for file in merged:
             with suppress(OSError):
                 file.unlink()
@@ -251,8 +209,10 @@ def _once(rows: pa.Table, kind: Kind, folders: Mapping) -> pa.Table:
 
 def _read_index(store: Path, kind: Kind) -> pa.Table:
     # Missing, torn, or of a version with other columns: all of it can be read again.
+    path = store / INDEX / f"{kind.name}.parquet"
     with suppress(InputError):
-        table = read_unsummed(store / INDEX / f"{kind.name}.parquet")
+        bring_index(path)
+        table = read_unsummed(path)
         if table.schema.equals(kind.fields):
             return table
     return kind.fields.empty_table()

@@ -27,8 +27,8 @@ from warehouse.files import (
 )
 from warehouse.ids import record_folder
 from warehouse.layout import find_run
-from warehouse.mirror import bucket_of, is_copied
 from warehouse.provenance import about_origin, keep_made_with, provenance
+from warehouse.remote import bucket_of, is_here
 from warehouse.schema import KINDS, SAMPLES_FILE, SIGNALS, VIEWS, arrow_schema
 
 Array = np.ndarray
@@ -108,7 +108,7 @@ def commit_run(
 def commit_seal(store: Path, run_id: str, sealed: Sealed) -> None:
     """Put a hidden half into the store; one that is there already stays."""
     target = ids.seal_folder(store, run_id)
-    if is_copied(target):
+    if is_here(target):
         return
     units = {name: SIGNALS[name].unit for name in sealed.truth if name in SIGNALS}
     with staged(store, f"sealed-{run_id}") as folder:
@@ -271,7 +271,7 @@ def manifest_id(full: Mapping) -> str:
 
 def _is_there(target: Path, kind: str) -> bool:
     """Whether a record is at its place; a damaged one is told, not repaired."""
-    if not is_copied(target):
+    if not is_here(target):
         return False
     read_parquet(target / KINDS[kind].row, [KINDS[kind].key])
     return True

@@ -23,20 +23,18 @@ import pyarrow.parquet as pq
 
 from residual.errors import InputError
 from warehouse.ids import data_hash, digest
-from warehouse.mirror import (
+from warehouse.remote import (
     PRIVATE,
-    SUMS,
+    bring,
+    bring_file,
     bucket_of,
-    damaged,
-    ensure_local,
     place_of,
-    sums_in,
-    sums_text,
     upload,
     upload_file,
     writable,
 )
 from warehouse.schema import SEALED, STAGING
+from warehouse.sums import SUMS, damaged, sums_in, sums_text
 
 Array = np.ndarray
 
@@ -71,7 +69,7 @@ def footer_hash(data: bytes) -> str:
 
 def read_sums(folder: Path) -> Mapping[str, Mapping]:
     """Return the sums of a folder's files by name."""
-    ensure_local(folder / SUMS)
+    bring_file(folder / SUMS)
     try:
         return sums_in(folder)
     except FileNotFoundError as error:
@@ -81,7 +79,7 @@ def read_sums(folder: Path) -> Mapping[str, Mapping]:
 def check_file(path: Path) -> None:
     """Check a file against the sums beside it."""
     sums = read_sums(path.parent)
-    ensure_local(path)
+    bring_file(path)
     if path.name not in sums:
         raise damaged(path, f"it is not in {SUMS}")
     size, expected = sums[path.name]["bytes"], sums[path.name]["sha256"]
@@ -115,6 +113,7 @@ def check_footer(path: Path) -> None:
 def file_faults(folder: Path) -> tuple[str, ...]:
     """Return what of a record's files is not as written, a line each."""
     try:
+        bring(folder)
         sums = read_sums(folder)
     except InputError as error:
         return (str(error),)

@@ -9,8 +9,13 @@ from pathlib import Path
 from residual.errors import InputError
 from warehouse.files import read_cell, read_parquet
 from warehouse.ids import ID_DIGITS, check_id
-from warehouse.listing import listed_ids
-from warehouse.mirror import SUMS, bucket_of, is_there, names_in, shown
+from warehouse.remote import (
+    bucket_of,
+    committed,
+    is_there,
+    names_in,
+    shown,
+)
 from warehouse.schema import KINDS
 
 RERUN_OF = "rerun of"  # what a record is to the one it was made again from
@@ -33,7 +38,7 @@ class Found:
 def list_folders(store: Path, kind: str) -> dict[str, str]:
     """Return the folder of every record of one kind, by id, in the order of ids."""
     if bucket_of(store):
-        return listed_ids(store, kind)
+        return committed(store, KINDS[kind].folder)
     prefix = f"{KINDS[kind].key}="
     return dict(sorted(e for b in _bases(store, kind) for e in _entries(b, prefix)))
 
@@ -45,12 +50,12 @@ def find(store: Path, id: str) -> Found:
         InputError: If it is not an id, or none or several records begin with it.
     """
     check_id(id)
-    found = _copied(store, id)
-    for kind in KINDS if not found else ():
-        found += [
-            Found(kind, known, Path(folder))
-            for known, folder in _matches(store, kind, id)
-        ]
+    found: list[Found] = []
+    for kind in KINDS:
+        matches = _matches(store, kind, id)
+        found += [Found(kind, known, Path(folder)) for known, folder in matches]
+        if found and len(id) == ID_DIGITS:
+            break
     if len(found) == 1:
         return found[0]
     if not found:
@@ -125,34 +130,22 @@ def _ids_in(value: object) -> list[str]:
     return [value] if whole and not set(value) - set("0123456789abcdef") else []
 
 
-def _copied(store: Path, id: str) -> list[Found]:
-    """Return a record of a bucket by its whole id if there is a copy: nobody asks."""
-    if bucket_of(store) is None or len(id) < ID_DIGITS:
-        return []
-    places = [
-        Found(name, id, Path(base, f"{kind.key}={id}"))
-        for name, kind in KINDS.items()
-        for base in _bases(store, name)
-    ]
-    return [each for each in places if (each.folder / SUMS).is_file()]
-
-
 def _matches(store: Path, kind: str, id: str) -> list[tuple[str, str]]:
     if len(id) < ID_DIGITS:
         return [e for e in list_folders(store, kind).items() if e[0].startswith(id)]
     # A whole id needs no listing: its path is known but for the robot.
     known, bases = KINDS[kind], _bases(store, kind)
-    if kind == "runs" and bucket_of(store):
-        robots = names_in(store, known.folder)
-        bases = [str(store / known.folder / robot) for robot in robots]
     paths = [os.path.join(base, f"{known.key}={id}") for base in bases]
     return [(id, path) for path in paths if is_there(Path(path))]
 
 
 def _bases(store: Path, kind: str) -> list[str]:
-    """Return the folders of this machine that hold the records of a kind."""
-    base = str(store / KINDS[kind].folder)
-    return [path for _, path in _entries(base, "robot=")] if kind == "runs" else [base]
+    """Return the folders that hold the records of a kind."""
+    folder = KINDS[kind].folder
+    if kind != "runs":
+        return [str(store / folder)]
+    robots = (name for name in names_in(store, folder) if name.startswith("robot="))
+    return [str(store / folder / name) for name in robots]
 
 
 def _entries(folder: str, prefix: str) -> list[tuple[str, str]]:

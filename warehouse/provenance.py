@@ -20,7 +20,7 @@ from pathlib import Path
 
 from residual.errors import InputError
 from warehouse.files import replace_file
-from warehouse.mirror import ensure_local
+from warehouse.remote import bring_file
 
 ROOT = Path(__file__).resolve().parents[1]
 PACKAGES = ("flows", "residual", "sim", "warehouse")
@@ -267,7 +267,7 @@ def keep_made_with(store: Path) -> None:
 def read_packages(store: Path, known: Mapping | None) -> dict[str, str] | None:
     """Return versions by package; None where they were not kept."""
     path = store / MADE_WITH / _list(known)
-    ensure_local(path)
+    bring_file(path)
     try:
         content = path.read_bytes()
         check_kept(path.name, content)
@@ -298,7 +298,7 @@ def about_changes(store: Path, known: Mapping | None) -> str:
     more = changes["count"] - len(changes["files"][:4])
     told = f"{some} and {more} more" if more > 0 else some
     place = store / MADE_WITH / _patch(changes["sha256"])
-    ensure_local(place)
+    bring_file(place)
     if not changes["kept"]:
         where = f"{changes['bytes']} bytes, too large to be kept"
     else:

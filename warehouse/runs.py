@@ -3,7 +3,6 @@
 import json
 import re
 import tomllib
-from datetime import UTC, datetime
 from functools import lru_cache
 from pathlib import Path
 
@@ -24,14 +23,13 @@ from warehouse.files import (
     publish,
     read_cell,
     read_parquet,
-    replace_file,
     staged,
     to_arrays,
 )
-from warehouse.ids import ID_DIGITS, check_id, data_hash, seal_folder
+from warehouse.ids import data_hash, seal_folder
 from warehouse.layout import find_run
-from warehouse.mirror import brought, ensure_local, is_there, names_in, shown
-from warehouse.schema import KINDS, QUARANTINE, SAMPLES_FILE
+from warehouse.remote import bring, is_there, shown
+from warehouse.schema import KINDS, SAMPLES_FILE
 
 _OF_RECORDING = ("t", "q", "tau", "qd", "qdd", "q_ref")
 
@@ -102,47 +100,6 @@ def open_seal(store: Path, run_id: str) -> Sealed:
     return Sealed(spec, truth)
 
 
-def quarantine(store: Path, run_id: str, reason: str) -> Path:
-    """Say that a run should not be used; nothing of it is deleted or changed.
-
-    Returns:
-        The tombstone; the first one stays.
-    """
-    if not reason.strip():
-        raise InputError("A quarantine needs a reason, for those who find it later.")
-    id = find_run(store, run_id).id
-    target = _tombstone(store, id)
-    ensure_local(target)
-    if not target.exists():
-        told = {"run_id": id, "reason": reason, "at": datetime.now(UTC).isoformat()}
-        replace_file(store, target, (json.dumps(told) + "\n").encode())
-    return target
-
-
-def quarantined(store: Path) -> frozenset[str]:
-    """Return the ids of all runs with a tombstone."""
-    names = names_in(store, QUARANTINE)
-    names = (n[:-5] for n in names if n.startswith("run_id=") and n.endswith(".json"))
-    ids = (name.removeprefix("run_id=") for name in names)
-    return frozenset(check_id(id) for id in ids if len(id) == ID_DIGITS)
-
-
-def tombstone(store: Path, run_id: str) -> str | None:
-    """Return why a run should not be used, None where it may be."""
-    path = _tombstone(store, run_id)
-    ensure_local(path)
-    try:
-        return str(json.loads(path.read_bytes()).get("reason"))
-    except FileNotFoundError:
-        return None
-    except (ValueError, AttributeError):
-        return "its tombstone cannot be read"
-
-
-def _tombstone(store: Path, run_id: str) -> Path:
-    return store / QUARANTINE / f"run_id={check_id(run_id)}.json"
-
-
 # Descriptions of robots that do not come with the program, kept with their runs.
 #
 # ``robots/sha256=<hash>/<name>.urdf`` and, where there was one, ``robot.toml``; the
@@ -208,7 +165,7 @@ def robot_of_hash(store: Path, content_hash: str) -> str:
         if load_robot(name).content_hash == content_hash:
             return name
     folder = robot_folder(store, content_hash)
-    if brought(folder):
+    if bring(folder):
         return str(folder)
     raise InputError(
         f"No description of the robot {content_hash[:8]} was kept in {shown(store)}. "
@@ -229,7 +186,7 @@ def robot_word(store: Path, word: str, content_hash: str | None) -> str:
     except ModelgapError as error:
         why = str(error)
     kept = robot_folder(store, content_hash or "")
-    if brought(kept) and _hash(str(kept)) == content_hash:
+    if bring(kept) and _hash(str(kept)) == content_hash:
         return str(kept)
     raise InputError(
         f"The robot that this was made with is not here: {why} And no description of "

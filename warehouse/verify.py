@@ -1,14 +1,12 @@
 """Whether records are what their ids say, one by one or a whole store, byte for byte.
 
 A record is as it was committed where the hash of its content, taken once more, is its
-id. A whole store is verified over a backend: the folder as it is, or the bucket, from
-which each thing is fetched anew into a folder of its own, and never from its mirror.
+id.
 """
 
 import hashlib
 import json
-from collections.abc import Callable, Iterator, Mapping
-from contextlib import contextmanager, suppress
+from collections.abc import Callable, Collection, Iterator, Mapping
 from dataclasses import dataclass
 from itertools import chain, combinations
 from pathlib import Path
@@ -19,11 +17,10 @@ from residual.errors import InputError, ModelgapError
 from residual.robot.robot import load_robot
 from warehouse import ids
 from warehouse.commit import manifest_id
-from warehouse.files import file_faults, read_parquet, staged, table_hash, to_arrays
+from warehouse.files import file_faults, read_parquet, table_hash, to_arrays
 from warehouse.layout import Found, list_folders
-from warehouse.listing import AGAIN, all_records, read_listing
-from warehouse.mirror import SUMS, brought, bucket_of, names_in, object_key, sums_in
 from warehouse.provenance import MADE_WITH, check_kept
+from warehouse.remote import bring, bring_file, drop, fetched_anew, names_in
 from warehouse.runs import ROBOTS, open_seal
 from warehouse.schema import (
     KINDS,
@@ -34,6 +31,7 @@ from warehouse.schema import (
     VIEWS,
     arrow_schema,
 )
+from warehouse.sums import SUMS
 
 _OPEN_TO_OTHERS = 0o077
 _OTHER_FORM = (LookupError, TypeError, ValueError, AttributeError, RecursionError)
@@ -47,7 +45,6 @@ _SAME = {
 
 def faults(found: Found) -> tuple[str, ...]:
     """Return what is not as it was committed, a line each; empty for a good record."""
-    brought(found.folder)
     wrong = file_faults(found.folder)
     if wrong:
         return wrong
@@ -86,7 +83,7 @@ def list_tables(found: Found) -> dict[str, pa.Table]:
 
 def other_files(found: Found) -> dict[str, Path]:
     """Return the files of a record beside its row, by their names."""
-    brought(found.folder)
+    bring(found.folder)
     paths = sorted(p for p in found.folder.iterdir() if p.is_file())
     own = {KINDS[found.kind].row, SUMS}
     return {p.name: p for p in paths if p.name not in own}
@@ -171,114 +168,40 @@ class Verified:
     faults: tuple[str, ...]  # what is not as it was committed, a line each
 
 
-class _Folder:
-    """The parts of a store by their names in it, where they lie."""
-
-    def __init__(self, store: Path) -> None:
-        self._store = store
-
-    def records(self) -> dict[str, dict[str, str]]:
-        """Return the folder of every record by kind and id."""
-        return {kind: list_folders(self._store, kind) for kind in KINDS}
-
-    def names(self, folder: str) -> list[str]:
-        return names_in(self._store, folder)
-
-    def content(self, name: str) -> bytes:
-        return (self._store / name).read_bytes()
-
-    @contextmanager
-    def fetched(self, folder: str, run: str | None = None) -> Iterator[Path]:
-        """Give a store in which a folder is, and the row of a run."""
-        yield self._store
-
-    def misplaced(self, records: Mapping) -> Iterator[Verified]:
-        """Give what a catalogue that others rely on says otherwise than the records."""
-        yield from ()
-
-
-class _Bucket(_Folder):
-    def records(self) -> dict[str, dict[str, str]]:
-        return all_records(self._store)
-
-    def content(self, name: str) -> bytes:
-        return bucket_of(self._store).get(name) or b""
-
-    @contextmanager
-    def fetched(self, folder: str, run: str | None = None) -> Iterator[Path]:
-        with staged(self._store, "verify") as scratch:
-            self._fetch(scratch, folder)
-            if run:
-                self._fetch(scratch, run, only=KINDS["runs"].row)
-            yield scratch
-
-    def misplaced(self, records: Mapping) -> Iterator[Verified]:
-        for kind, found in read_listing(self._store).places.items():
-            # One that was committed since the records were listed.
-            more = set(found) - set(records[kind])
-            gone = [id for id in more if not self.content(f"{found[id]}/{SUMS}")]
-            for id in sorted(gone):
-                yield Verified(kind, id, ("it is listed and not in the bucket",))
-            for id in sorted(set(records[kind]) - set(found)):
-                yield Verified(kind, id, (f"it is in no catalogue. {AGAIN}",))
-
-    def _fetch(self, scratch: Path, folder: str, only: str | None = None) -> None:
-        """Write the files of a record as the bucket has them, whatever is in them."""
-        bucket, place = bucket_of(self._store), scratch / folder
-        if ".." in place.parts:  # no name of ours
-            return
-        sums = bucket.get(f"{folder}/{SUMS}")
-        if sums is None:  # it was never committed
-            return
-        place.mkdir(parents=True)
-        (place / SUMS).write_bytes(sums)
-        # Of a damaged list nothing is fetched: who reads it says so.
-        with suppress(InputError, KeyError, TypeError, AttributeError):
-            for name, known in sums_in(place).items():
-                key = object_key(folder, name, known["sha256"])
-                data = bucket.get(key) if only in (None, name) else None
-                if data is not None:
-                    (place / Path(name).name).write_bytes(data)
-
-
 def verify_all(store: Path) -> Iterator[Verified]:
-    """Verify every record, seal, robot, patch and tombstone of a store, one by one."""
-    place = _Bucket(store) if bucket_of(store) else _Folder(store)
-    records, whole = place.records(), {}
-    for kind, found in records.items():
-        for id, folder in found.items():
-            with place.fetched(folder) as root:
-                wrong = faults(Found(kind, id, root / folder))
+    """Verify every record, seal, robot, patch and tombstone of a store, one by one.
+
+    Those of a bucket are fetched anew for it, and none is kept.
+    """
+    with fetched_anew(store) as place:
+        whole = set()
+        for kind in KINDS:
+            for id, folder in list_folders(place, kind).items():
+                wrong = faults(Found(kind, id, Path(folder)))
                 yield Verified(kind, id, wrong)
-            if kind == "runs" and not wrong:
-                whole[id] = folder
-    yield from _verify_other(place, whole)
-    yield from place.misplaced(records)
+                drop(Path(folder))
+                if kind == "runs" and not wrong:
+                    whole.add(id)
+        yield from _verify_other(place, whole)
 
 
-def _verify_other(place: _Folder, runs: Mapping[str, str]) -> Iterator[Verified]:
+def _verify_other(place: Path, runs: Collection[str]) -> Iterator[Verified]:
     """Verify what is no record of its own; `runs` are those that are whole."""
-    for name in place.names(SEALED):
-        id, folder = name.removeprefix("run_id="), f"{SEALED}/{name}"
-        with place.fetched(folder, runs.get(id)) as root:
-            if not (root / folder).is_dir():
-                continue
-            # Of a run that is damaged or gone only the bytes of its seal are verified.
-            opened = _complaint(open_seal, root, id) if id in runs else ()
-            wrong = file_faults(root / folder) or opened
-            yield Verified(SEALED, id, wrong)
-    for name in place.names(ROBOTS):
-        folder = f"{ROBOTS}/{name}"
-        with place.fetched(folder) as root:
-            robot = root / folder
-            if not robot.is_dir():
-                continue
-            wrong = file_faults(robot) or _complaint(check_robot, robot)
-            yield Verified(ROBOTS, name, wrong)
+    for name in names_in(place, SEALED):
+        id, folder = name.removeprefix("run_id="), place / SEALED / name
+        # Of a run that is damaged or gone only the bytes of its seal are verified.
+        opened = _complaint(open_seal, place, id) if id in runs else ()
+        yield Verified(SEALED, id, file_faults(folder) or opened)
+        drop(folder)
+    for name in names_in(place, ROBOTS):
+        folder = place / ROBOTS / name
+        yield Verified(
+            ROBOTS, name, file_faults(folder) or _complaint(check_robot, folder)
+        )
     for top, check in ((MADE_WITH, check_kept), (QUARANTINE, _check_tombstone)):
-        for name in place.names(top):
+        for name in names_in(place, top):
             yield Verified(
-                top, name, _complaint(_check_content, place, top, name, check)
+                top, name, _complaint(_check_content, place / top / name, check)
             )
 
 
@@ -293,8 +216,9 @@ def check_robot(folder: Path) -> None:
         raise ValueError(f"{folder.name} describes another robot than its name says")
 
 
-def _check_content(place: _Folder, top: str, name: str, check: Callable) -> None:
-    check(name, place.content(f"{top}/{name}"))
+def _check_content(path: Path, check: Callable) -> None:
+    bring_file(path)
+    check(path.name, path.read_bytes())
 
 
 def _check_tombstone(name: str, content: bytes) -> None:

@@ -31,7 +31,7 @@ from warehouse.bucket import Bucket
 from warehouse.commit import commit_run
 from warehouse.files import to_table, write_parquet
 from warehouse.layout import list_folders
-from warehouse.mirror import CACHE, bucket_of, forget, mirror_of
+from warehouse.remote import CACHE, bucket_of, folder_of, forget
 from warehouse.runs import read_run
 from warehouse.verify import verify_all
 
@@ -55,7 +55,7 @@ def one_winner(address: str, writers: int, runs: int) -> list[int]:
     with forked(__name__).Pool(writers) as pool:
         wrote = pool.starmap(_write_all, [(address, range(runs))] * writers, 1)
     counts = Counter(id for ids in wrote for id in ids)
-    store = mirror_of(address)
+    store = folder_of(address)
     if set(counts) != set(list_folders(store, "runs")):
         return [0]
     return list(counts.values())
@@ -77,7 +77,7 @@ def killed(address: str, kills: int) -> tuple[int, int]:
         process.join()
         first += 2
     own_copies()
-    store = mirror_of(address)
+    store = folder_of(address)
     broken = {(v.kind, v.id) for v in verify_all(store) if v.faults}
     with warehouse.open(address) as opened:
         ids = opened.sql("SELECT run_id FROM runs").column(0).to_pylist()
@@ -90,7 +90,7 @@ def killed(address: str, kills: int) -> tuple[int, int]:
 
 def _usual_commit(address: str) -> float:
     """Return how long a commit takes here [s]."""
-    store = mirror_of(address)
+    store = folder_of(address)
     return median(wall(call(run, store, 10**6 + seed)) for seed in range(6))
 
 
@@ -112,7 +112,7 @@ def timed_questions(address: str, runs: int) -> dict[str, float]:
 
 def paired_commits(address: str, pairs: int) -> Costs:
     """Time commits of runs of 20 s, each beside a put of one object of that size."""
-    store, times = mirror_of(address), []
+    store, times = folder_of(address), []
     with tempfile.TemporaryDirectory() as folder:
         for seed in range(pairs + 2):
             log, twin = synthetic(seed, _ROWS)
@@ -151,7 +151,7 @@ def _asked(address: str, query: str) -> float:
 def _write_all(address: str, seeds: range) -> list[str]:
     """Commit runs; return the ids of those of which this is the one that is stored."""
     own_copies()
-    store, wrote = mirror_of(address), []
+    store, wrote = folder_of(address), []
     catalogue_remember = catalogue.remember
 
     def remember(place, kind, row):
@@ -170,16 +170,18 @@ def _write_all(address: str, seeds: range) -> list[str]:
 
 def _write_until_killed(address: str, first: int, started) -> None:
     own_copies()
-    store = mirror_of(address)
+    store = folder_of(address)
     for seed in range(first, first + 1000):
         run(store, seed)
         started.set()
 
 
 def _size(bucket: Bucket) -> int:
-    listed = bucket.objects("samples")
-    latest = max(listed, key=lambda each: each.modified).key.rpartition("/")[0]
-    return sum(each.size for each in listed if each.key.startswith(latest))
+    keys = bucket.keys("samples")
+    sizes: Counter = Counter()
+    for key in keys[-4:]:  # of one of the last
+        sizes[key.rpartition("/")[0]] += len(bucket.get(key) or b"")
+    return max(sizes.values())
 
 
 _PATIENCE = 60.0  # s until it must answer

@@ -33,7 +33,8 @@ def requests() -> Iterator[tuple[str, dict, bool]]:
     """Give name, request as ASGI has it, and whether it is to be let through."""
     own, json = ("origin", _OWN), ("content-type", "application/json")
     body, key = ("content-length", "12"), _signed(KEY)
-    yield "own page", scope_of("POST", own, json, body), True
+    yield "own page", scope_of("POST", own, key, json, body), True
+    yield "own page, no key", scope_of("POST", own, json, body), False
     yield "own program", scope_of("POST", key, json, body), True
     yield "own reading", scope_of("GET"), True
     for host in _HOSTS:
@@ -47,13 +48,13 @@ def requests() -> Iterator[tuple[str, dict, bool]]:
             told = f"{method} from {origin!r}"
             yield told, scope_of(method, given, json, body, key), False
         yield f"events for {origin!r}", scope_of("GET", given, kind="websocket"), False
-        two = scope_of("POST", own, given, json, body)
+        two = scope_of("POST", own, given, key, json, body)
         yield f"two pages, {origin!r}", two, False
     for kind in _KINDS:
         given = () if kind is None else (("content-type", kind),)
-        yield f"body of {kind}", scope_of("POST", own, *given, body), False
+        yield f"body of {kind}", scope_of("POST", own, key, *given, body), False
         yield f"body of {kind}, key", scope_of("POST", key, *given, body), False
-        twice = scope_of("PUT", own, json, *(given or (json,)), body)
+        twice = scope_of("PUT", own, key, json, *(given or (json,)), body)
         yield f"JSON and {kind}", twice, False
     for word in _KEYS:
         given = () if word is None else (_signed(word),)

@@ -16,7 +16,7 @@ from flows.settings import store_folder
 from flows.steps import demo as steps
 from flows.steps.diagnose import diagnose_runs, request_of
 from flows.storage.diagnosis import read_outcome
-from warehouse.mirror import shown
+from warehouse.remote import shown
 
 # As it was once called; a demonstration is always plain now.
 Plain = Annotated[Flag, Parameter(show=False)]

@@ -50,7 +50,7 @@ from sim.engine.records import TrajectorySpec
 from sim.engine.render import animate
 from sim.trajectories import make_reference
 from sim.trajectories.excitation import usage
-from warehouse.mirror import shown
+from warehouse.remote import shown
 
 DryRun = Annotated[
     Flag,

@@ -15,7 +15,7 @@ from flows.settings import store_folder
 from flows.steps import check as checking
 from flows.steps import imports
 from residual.errors import InputError
-from warehouse.mirror import shown
+from warehouse.remote import shown
 
 
 def check(*logs: Log, request: Check, json: Json = None) -> None:

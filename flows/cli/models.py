@@ -22,7 +22,7 @@ from flows.steps import adopt as steps
 from flows.steps import export as exporting
 from flows.steps import predict as predicting
 from residual.model.compare import WHOLE
-from warehouse.mirror import shown
+from warehouse.remote import shown
 
 _PLAIN = steps.Adopt()
 

@@ -13,7 +13,7 @@ from flows.requests import File, Flag, Monitor
 from flows.settings import store_folder
 from flows.steps import monitor as monitoring
 from flows.steps.models import chosen_to_watch
-from warehouse.mirror import shown
+from warehouse.remote import shown
 
 _HOURLY = Monitor()
 

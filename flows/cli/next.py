@@ -25,7 +25,7 @@ from residual.errors import InputError
 from residual.model.nominal import declared_names
 from sim.engine.records import TrajectorySpec
 from sim.trajectories import make_reference
-from warehouse.mirror import shown
+from warehouse.remote import shown
 
 _PLAIN = Next()
 

@@ -22,7 +22,7 @@ from flows.service.request import DATABASE, ServiceRequest, checked
 from flows.service.state import CLIENT, KEY, store_key
 from flows.settings import API, PREFECT, prefect_home, quiet_prefect, store_folder
 from residual.errors import InputError, RunError
-from warehouse.mirror import shown
+from warehouse.remote import shown
 
 if TYPE_CHECKING:
     from flows.service.api import Status

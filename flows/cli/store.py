@@ -14,11 +14,12 @@ from flows.requests import Folder, Format, Name, Number, Store, Tags, Text
 from flows.settings import store_folder
 from residual.errors import InputError
 from warehouse.layout import find, read_record
+from warehouse.quarantine import quarantine as set_aside
+from warehouse.quarantine import tombstone
 from warehouse.query import store as opening
 from warehouse.query.lineage import move_away, old_runs
 from warehouse.query.views import text as quoted
-from warehouse.runs import quarantine as set_aside
-from warehouse.runs import read_manifest, tombstone
+from warehouse.runs import read_manifest
 
 _COLUMNS = (
     "run_id, robot, log, tags, kind, trajectory, duration_s, created, quarantined"

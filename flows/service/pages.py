@@ -20,6 +20,7 @@ from threading import Lock
 from time import monotonic
 
 from starlette.concurrency import run_in_threadpool
+from starlette.datastructures import Headers, MutableHeaders
 from starlette.requests import Request
 from starlette.responses import (
     HTMLResponse,
@@ -28,12 +29,48 @@ from starlette.responses import (
     Response,
 )
 from starlette.routing import Route, Router
-from starlette.types import ASGIApp, Receive, Scope, Send
+from starlette.types import ASGIApp, Message, Receive, Scope, Send
 
 from flows.report.index import INDEX, page_at
-from flows.service.guard import DOOR, MADE, STORED, Rules
+from flows.report.page import hash_of, script
+from flows.service.guard import LARGEST, OPEN, Rules
 
-OPEN, PAGES = "/open", "/pages"
+PAGES = "/pages"
+# A page talks to its own server only. Prefect's pages set styles from scripts, and what
+# draws their graphs compiles code of its own: allowed, since it too comes from here.
+_PAGE = (
+    "default-src 'self'; connect-src 'self' ws://{host}; "
+    "script-src 'self' 'unsafe-eval'; style-src 'self' 'unsafe-inline'; "
+    "img-src 'self' data: blob:; font-src 'self' data:; worker-src 'self' blob:; "
+    "object-src 'none'; base-uri 'none'; form-action 'self'; frame-ancestors 'none'"
+)
+# The index of the store is made now and runs one script, ours. A page that is stored
+# may be of another store and another author, copied into this one, and may have
+# scripts, for its curves: it gets an origin of its own, without key or storage, that
+# may ask nothing.
+_NO = "base-uri 'none'; form-action 'none'; frame-ancestors 'none'"
+MADE = (
+    f"default-src 'none'; script-src {hash_of(script('filter.js'))}; "
+    f"style-src 'unsafe-inline'; img-src data:; {_NO}"
+)
+STORED = (
+    "sandbox allow-scripts; default-src 'none'; script-src 'unsafe-inline'; "
+    f"style-src 'unsafe-inline'; img-src data: blob:; font-src data:; {_NO}"
+)
+# Without a key: a page with nothing in it, whose script asks for a ticket.
+DOOR = (
+    "default-src 'none'; script-src 'self'; connect-src 'self'; "
+    f"img-src data:; style-src 'unsafe-inline'; {_NO}"
+)
+KNOWN = frozenset({MADE, STORED, DOOR})
+_POLICY, _OPENER = "Content-Security-Policy", "Cross-Origin-Opener-Policy"
+_ALWAYS = {
+    "X-Frame-Options": "DENY",
+    "X-Content-Type-Options": "nosniff",
+    "Referrer-Policy": "same-origin",
+    _OPENER: "same-origin",
+    "Cross-Origin-Resource-Policy": "same-origin",
+}
 LIFE = 600.0  # s that a ticket is good for
 _MOST = 100  # tickets at a time; the oldest are dropped
 _FRESH = {"Cache-Control": "no-store"}
@@ -119,7 +156,13 @@ def with_entry(app: ASGIApp, rules: Rules, tickets: Tickets) -> ASGIApp:
         return HTMLResponse(_ENTRY)
 
     async def take(request: Request) -> Response:
-        if tickets.take(await _ticket(request)):
+        body = b""
+        async for part in request.stream():
+            body += part
+            if len(body) > LARGEST:
+                told = f"Expected at most {LARGEST} bytes without the key."
+                return JSONResponse({"detail": told}, 413)
+        if tickets.take(_ticket_in(body)):
             return JSONResponse({"key": rules.key}, headers=_FRESH)
         told = "This address has been used, or is too old. Another: modelgap up."
         return JSONResponse({"detail": told}, 403)
@@ -163,6 +206,25 @@ def with_pages(app: ASGIApp, rules: Rules, store: Path, tickets: Tickets) -> ASG
     return _before(app, routes)
 
 
+def with_policies(app: ASGIApp) -> ASGIApp:
+    """Return an application whose pages may do no more than they have to."""
+
+    async def answer(scope: Scope, receive: Receive, send: Send) -> None:
+        async def sent(message: Message) -> None:
+            if message["type"] == "http.response.start":
+                headers = MutableHeaders(scope=message)
+                page = _PAGE.format(host=Headers(scope=scope)["host"])
+                policy = headers.get(_POLICY, "")
+                headers.update(_ALWAYS | {_POLICY: policy if policy in KNOWN else page})
+                if policy == STORED:  # browsers show no sandbox that asks for this too
+                    del headers[_OPENER]
+            await send(message)
+
+        await app(scope, receive, sent)
+
+    return answer
+
+
 def _shared(place: str, code: str, rules: Rules, tickets: Tickets) -> list[Route]:
     """Return what both ways in have: a script, and tickets for who has the key."""
 
@@ -190,12 +252,11 @@ def _before(app: ASGIApp, routes: Sequence[Route]) -> ASGIApp:
     return chosen
 
 
-async def _ticket(request: Request) -> object:
+def _ticket_in(body: bytes) -> object:
     try:
-        body = json.loads(await request.body())
-    except (ValueError, RecursionError):
+        return json.loads(body)["ticket"]
+    except (ValueError, RecursionError, KeyError, TypeError):
         return None
-    return body.get("ticket") if isinstance(body, dict) else None
 
 
 def _answered(address: str, body: bytes | None) -> Response:

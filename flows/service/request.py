@@ -19,10 +19,10 @@ from flows.settings import (
     PAGES,
     ROOT,
     STORE,
-    is_loopback,
     quiet_prefect,
 )
 from residual.errors import InputError, not_installed
+from warehouse.bucket import is_loopback
 
 DATABASE = "MODELGAP_DATABASE_URL"
 PORT = 4200

@@ -18,7 +18,6 @@ from residual.threads import one_blas_thread
 from warehouse.files import read_parquet
 from warehouse.ids import record_folder
 from warehouse.layout import list_folders, read_record
-from warehouse.mirror import shown
 from warehouse.numbered import (
     ADOPTED,
     ADOPTIONS,
@@ -29,6 +28,7 @@ from warehouse.numbered import (
     commit_adoption,
     read_adoption,
 )
+from warehouse.remote import shown
 from warehouse.runs import read_run
 from warehouse.schema import KINDS
 

@@ -19,7 +19,7 @@ from flows.steps import experiment
 from flows.steps.experiment import Planned, plan
 from flows.workers.processes import executor_of, spread
 from residual.errors import InputError, RunError
-from warehouse.mirror import shown
+from warehouse.remote import shown
 
 Runs = dict[str, list[str]]  # ids by role
 

@@ -10,7 +10,7 @@ from flows.steps.rerun import apart, environment_apart
 from residual.errors import InputError, RunError
 from warehouse.compare import Channel, compare, values_apart
 from warehouse.layout import Found, find
-from warehouse.mirror import bucket_of, shown
+from warehouse.remote import bucket_of, shown
 from warehouse.runs import read_channels, read_manifest
 from warehouse.schema import INDEX
 from warehouse.verify import open_to_others, read_row, verify_all

@@ -34,8 +34,8 @@ from warehouse import ids
 from warehouse.commit import Sealed, commit_run, sealed_hash
 from warehouse.ids import plain, record_folder
 from warehouse.layout import find
-from warehouse.mirror import is_there
 from warehouse.provenance import plant_code_hash
+from warehouse.remote import is_there
 from warehouse.runs import keep_robot
 
 ADOPTED, FEED_FORWARD = "adopted", "feed_forward"

@@ -27,7 +27,7 @@ from warehouse.logs import (
     unique_ids,
 )
 from warehouse.logs.tables import iso, parse
-from warehouse.mirror import is_there
+from warehouse.remote import is_there
 from warehouse.runs import keep_robot, read_manifest
 
 LONGEST = 60

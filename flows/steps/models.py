@@ -32,8 +32,8 @@ from residual.signals.track import Filters
 from residual.tables.lookup import Lookup
 from warehouse.commit import commit_record
 from warehouse.layout import Found, find, list_folders, read_record
-from warehouse.mirror import shown
 from warehouse.numbered import Adoption, adopted
+from warehouse.remote import shown
 from warehouse.runs import read_manifest
 
 NOMINAL = "nominal"

@@ -15,8 +15,9 @@ from residual.recording import Array, Recording
 from residual.threads import one_blas_thread
 from warehouse.commit import commit_record
 from warehouse.layout import find_run, read_record
+from warehouse.quarantine import tombstone
 from warehouse.query.store import ask
-from warehouse.runs import read_run, tombstone
+from warehouse.runs import read_run
 from warehouse.schema import rows_table
 
 MOST_HEALTHY = 12  # of them are read

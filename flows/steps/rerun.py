@@ -40,8 +40,8 @@ from warehouse.compare import Channel, compare, differing, values_apart
 from warehouse.files import read_parquet, table_hash, to_arrays
 from warehouse.ids import ID_DIGITS, data_hash, plain
 from warehouse.layout import RERUN_OF, Found, find, list_folders, needed, read_record
-from warehouse.mirror import brought, is_there
 from warehouse.provenance import about_changes, provenance, read_packages
+from warehouse.remote import bring, is_there
 from warehouse.runs import open_seal, read_manifest, robot_word
 from warehouse.schema import SAMPLES_FILE, SEALED
 from warehouse.verify import faults, list_tables, other_files, read_row
@@ -398,7 +398,7 @@ def _link(store: Path, own: Path, before: Sequence[Found], sealed: bool) -> None
 
 def _share(folder: Path, target: Path) -> None:
     target.mkdir(parents=True)
-    brought(folder)
+    bring(folder)
     for path in folder.iterdir():
         # A symbolic link would not do: SQL follows it out of the store and refuses.
         try:

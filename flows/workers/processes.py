@@ -27,8 +27,9 @@ from queue import SimpleQueue
 from typing import Any
 from urllib.parse import urlsplit
 
-from flows.settings import ONE_THREAD, cores, is_loopback
+from flows.settings import ONE_THREAD, cores
 from residual.errors import InputError, ModelgapError, RunError
+from warehouse.bucket import is_loopback
 
 RUNNER, TRUST = "MODELGAP_RUNNER", "MODELGAP_TRUST_NETWORK"
 THREADS, DASK = "threads", "dask"

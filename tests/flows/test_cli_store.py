@@ -16,8 +16,8 @@ import pytest
 from flows.cli import sql as sql_command
 from tests.checkout import ROOT
 from tests.warehouse import store_samples as made
+from warehouse.quarantine import quarantine
 from warehouse.query.store import open_store
-from warehouse.runs import quarantine
 from warehouse.schema import all_views
 
 

@@ -17,9 +17,9 @@ from flows.workers.processes import Here, executor_of, spread
 from tests import s3
 from tests.waiting import PATIENCE
 from tests.warehouse import store_samples as made
-from warehouse import mirror
+from warehouse import remote
 from warehouse.layout import list_folders
-from warehouse.mirror import shown
+from warehouse.remote import shown
 from warehouse.runs import read_run
 
 ROOT = Path(__file__).parents[2]
@@ -83,7 +83,7 @@ def test_machines_share_a_store_and_no_disk(
     # Each machine wrote some of them, and nothing into its working directory.
     for number in "12":
         place = tmp_path / f"machine-{number}"
-        assert list(place.glob("copies/*/samples/robot=two_link/run_id=*"))
+        assert list(place.glob("copies/*/made_with/*"))
         assert {p.name for p in place.iterdir()} <= {"copies", "dask-scratch-space"}
 
 
@@ -96,8 +96,8 @@ def test_a_campaign_gives_its_workers_the_name_of_the_store(
     class Elsewhere(Here):
         def submit(self, work, *words):
             given.append(words[0].keywords["store"])
-            monkeypatch.setenv(mirror.CACHE, str(tmp_path / "another machine"))
-            mirror.forget()
+            monkeypatch.setenv(remote.CACHE, str(tmp_path / "another machine"))
+            remote.forget()
             return super().submit(work, *words)
 
     def run(spec, place, *_):

@@ -15,7 +15,7 @@ from warehouse.files import (
     write_sums,
 )
 from warehouse.layout import find_run
-from warehouse.runs import quarantine
+from warehouse.quarantine import quarantine
 from warehouse.verify import verify_all
 
 SUM = "SELECT sum(q1) AS s FROM samples WHERE run_id = $id"

@@ -13,8 +13,8 @@ from flows.cli import main
 from tests.warehouse import store_samples as made
 from tests.warehouse.test_store_verdicts import MODEL
 from warehouse.commit import commit_record, commit_run
+from warehouse.quarantine import quarantine
 from warehouse.query.named import NAMED, TAKES
-from warehouse.runs import quarantine
 from warehouse.schema import VIEWS, all_views, arrow_schema
 
 DOCS = Path(__file__).parents[2] / "docs" / "sql.md"

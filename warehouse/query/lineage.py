@@ -16,8 +16,8 @@ from residual.errors import InputError
 from warehouse.files import staged
 from warehouse.ids import check_id, seal_folder
 from warehouse.layout import find, find_run
-from warehouse.mirror import bucket_of, shown
 from warehouse.query.store import Store, open_store
+from warehouse.remote import bucket_of, shown
 from warehouse.schema import KINDS
 
 LOOKED_AT = ("batch", "watched")

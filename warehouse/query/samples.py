@@ -7,7 +7,8 @@ columns of a query reach the files, so that one over one run reads that run.
 """
 
 import os
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
+from functools import lru_cache, partial
 from io import BytesIO
 from pathlib import Path
 
@@ -15,9 +16,11 @@ import pyarrow.dataset as ds
 from pyarrow.fs import FileSystem, FSSpecHandler, LocalFileSystem, PyFileSystem
 
 from residual.errors import InputError
+from warehouse.bucket import Bucket
 from warehouse.files import check_file, check_footer, footer_hash
-from warehouse.mirror import bucket_of, damaged, is_there, object_key, sums_in
+from warehouse.remote import bucket_of, object_of
 from warehouse.schema import SAMPLES_FILE, arrow_schema, sample_columns
+from warehouse.sums import damaged
 
 _CHECKED = ds.ParquetFileFormat(
     default_fragment_scan_options=ds.ParquetFragmentScanOptions(
@@ -36,7 +39,7 @@ class Samples:
         self._folders: Mapping[str, str] = {}
         self._remote = bucket_of(store) is not None
         if self._remote:
-            self._files = PyFileSystem(FSSpecHandler(_objects(store)))
+            self._files = _objects()
 
     def dataset(self, folders: Mapping[str, str], dof: int) -> ds.Dataset:
         """Return the samples of runs; no file is opened for it.
@@ -92,43 +95,36 @@ class Samples:
         return found
 
 
-def _objects(store: Path):
+def _objects() -> FileSystem:
     # Late: its library is a slow import, and of no use to a store in a folder.
     from fsspec import AbstractFileSystem
 
     class Objects(AbstractFileSystem):
-        """Samples in a bucket by their path in the mirror: nothing else is reached."""
+        """Samples in a bucket by their path here: nothing else is reached."""
 
         protocol, cachable = "modelgap", False
-
-        def _place(self, path: str) -> tuple[str, Mapping]:
-            folder = Path(path).parent
-            if not is_there(folder):
-                raise FileNotFoundError(path)
-            known = sums_in(folder)[SAMPLES_FILE]
-            within = folder.relative_to(store).as_posix()
-            return object_key(within, SAMPLES_FILE, known["sha256"]), known
+        _place = staticmethod(lru_cache(1)(object_of))
 
         def info(self, path: str, **_: object) -> dict:
-            size = self._place(path)[1]["bytes"]
-            return {"name": path, "size": size, "type": "file"}
+            known = self._place(Path(path))[2]
+            return {"name": path, "size": known["bytes"], "type": "file"}
 
         def _open(self, path: str, mode: str = "rb", **_: object) -> "Ranges":
-            return Ranges(store, path, *self._place(path))
+            return Ranges(path, *self._place(Path(path)))
 
-    return Objects()
+    return PyFileSystem(FSSpecHandler(Objects()))
 
 
 class Ranges(BytesIO):
     """A file in a bucket, of which parts are fetched as they are read."""
 
-    def __init__(self, store: Path, path: str, key: str, known: Mapping) -> None:
+    def __init__(self, path: str, bucket: Bucket, key: str, known: Mapping) -> None:
         super().__init__()
-        self._bucket, self._key, self._size = bucket_of(store), key, known["bytes"]
-        self._at = 0
+        self._size, self._at = known["bytes"], 0
+        self._fetch = partial(bucket.get_range, key)
         length, expected = known.get("footer") or (self._size, known["sha256"])
         self._first = self._size - length
-        self._tail = self._bucket.get_range(key, self._first, self._size)
+        self._tail = self._fetch(self._first, self._size)
         if footer_hash(self._tail) != expected:
             raise damaged(Path(path), "its end is not what was written")
 
@@ -146,22 +142,6 @@ class Ranges(BytesIO):
         start = self._at
         end = self._size if size is None or size < 0 else min(start + size, self._size)
         self._at = max(start, end)
-        if start >= end:
-            return b""
         if start >= self._first:
-            return self._tail[start - self._first : end - self._first]
-        return self._bucket.get_range(self._key, start, end)
-
-
-def unchecked(patterns: Sequence[str], store: Path) -> list[Path]:
-    """Return the files of records that a query reads by name, to be checked before.
-
-    Args:
-        patterns: Names as DuckDB takes them, with * and ?.
-    """
-    found = []
-    for pattern in patterns:
-        within = Path(pattern)
-        if within.is_absolute() and within.is_relative_to(store):
-            found += store.glob(str(within.relative_to(store)))
-    return [path for path in found if (path.parent / "_sums.json").is_file()]
+            return self._tail[start - self._first : max(end - self._first, 0)]
+        return self._fetch(start, end) if start < end else b""

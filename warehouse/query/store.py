@@ -1,8 +1,9 @@
 """The store as a database: open it and ask in SQL."""
 
-from collections.abc import Collection, Iterable, Mapping
+from collections.abc import Collection, Iterable, Mapping, Sequence
 from contextlib import suppress
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import duckdb
 import pyarrow as pa
@@ -11,7 +12,7 @@ from residual.errors import InputError
 from warehouse.bucket import is_address
 from warehouse.catalogue import read_catalogue
 from warehouse.files import check_file
-from warehouse.mirror import bucket_of, mirror_of, shown
+from warehouse.quarantine import quarantined
 from warehouse.query.guard import (
     Reading,
     check_reads_only,
@@ -23,10 +24,21 @@ from warehouse.query.guard import (
     lock,
     reads_only,
 )
-from warehouse.query.samples import Samples, unchecked
 from warehouse.query.views import catalogue_views, signal_rows
-from warehouse.runs import quarantined
-from warehouse.schema import COMPUTED, DEFAULT_DOF, KINDS, TEXT, VIEWS
+from warehouse.remote import bucket_of, folder_of, shown
+from warehouse.schema import (
+    COMPUTED,
+    DEFAULT_DOF,
+    KINDS,
+    TEXT,
+    VIEWS,
+    arrow_schema,
+    sample_columns,
+)
+from warehouse.sums import SUMS
+
+if TYPE_CHECKING:
+    from warehouse.query.samples import Samples
 
 _BATCH = 100_000  # samples that are fetched at once
 
@@ -61,7 +73,7 @@ def needs_damaged(lines: Iterable[str]) -> str:
 def open_store(path: Path | str) -> "Store":
     """Open a store for reading."""
     word = str(path)
-    folder = mirror_of(word) if is_address(word) else Path(path).resolve()
+    folder = folder_of(word) if is_address(word) else Path(path).resolve()
     if not folder.is_dir():
         raise InputError(
             f"There is no store at {shown(folder)}. Make one with modelgap experiment "
@@ -109,6 +121,20 @@ def runs_where(path: Path, clause: str) -> tuple[str, ...]:
     return found
 
 
+def _unchecked(patterns: Sequence[str], store: Path) -> list[Path]:
+    """Return the files of records that a query reads by name, to be checked before.
+
+    Args:
+        patterns: Names as DuckDB takes them, with * and ?.
+    """
+    found = []
+    for pattern in patterns:
+        within = Path(pattern)
+        if within.is_absolute() and within.is_relative_to(store):
+            found += store.glob(str(within.relative_to(store)))
+    return [path for path in found if (path.parent / SUMS).is_file()]
+
+
 class Store:
     """An opened store; it sees what others commit meanwhile."""
 
@@ -116,9 +142,9 @@ class Store:
         self.path = path
         # Of one in a bucket the folder holds copies only.
         self._connection = reads_only(None if bucket_of(path) else path)
-        self._samples = Samples(path)
         lock(self._connection)
         self._left_out: dict[str, str] = {}
+        self._samples: Samples | None = None
         self._quarantined = quarantined(path)
         self._catalogue = read_catalogue(path)
         self._table("signals", signal_rows())
@@ -156,11 +182,11 @@ class Store:
         """
         reading = check_reads_only(self._connection, query)
         self.refresh()
-        if "samples" in reading.tables:
-            self._drop(self._samples.footers())
+        if "samples" in query.lower():
+            self._drop(self._make_samples().footers())
         if not without_damaged:
             self._need_whole(reading.tables)
-        for path in unchecked(reading.files, self.path):
+        for path in _unchecked(reading.files, self.path):
             check_file(path)
         with limited(self._connection, timeout):
             while True:
@@ -243,13 +269,22 @@ class Store:
     def _load_catalogue(self) -> None:
         for kind, rows in self._catalogue.rows.items():
             self._table(kind, rows)
-        self._make_samples()
+        # Until a query is about them: most are not.
+        columns = arrow_schema(sample_columns(self._most_joints()))
+        self._connection.register("samples", columns.empty_table())
 
-    def _make_samples(self) -> None:
+    def _most_joints(self) -> int:
+        known = self._catalogue.rows["runs"].column("dof").to_pylist()
+        return max([DEFAULT_DOF, *known])
+
+    def _make_samples(self) -> "Samples":
+        # Late, as Arrow's datasets are a slow import.
+        from warehouse.query.samples import Samples
+
+        self._samples = self._samples or Samples(self.path)
         found = self._catalogue.folders["runs"]
-        known = self._catalogue.rows["runs"].select(["run_id", "dof"]).to_pylist()
-        folders = {r["run_id"]: found[r["run_id"]] for r in known}
-        folders = {id: f for id, f in folders.items() if id not in self._left_out}
-        most = max((row["dof"] for row in known), default=DEFAULT_DOF)
-        whole = self._samples.dataset(folders, max(most, DEFAULT_DOF))
+        known = self._catalogue.rows["runs"].column("run_id").to_pylist()
+        folders = {id: found[id] for id in known if id not in self._left_out}
+        whole = self._samples.dataset(folders, self._most_joints())
         self._connection.register("samples", whole)
+        return self._samples

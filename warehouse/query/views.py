@@ -16,7 +16,7 @@ import pyarrow as pa
 
 from residual.errors import InputError
 from warehouse.catalogue import read_catalogue
-from warehouse.mirror import bucket_of
+from warehouse.remote import bucket_of
 from warehouse.schema import (
     COMPUTED,
     DEFAULT_DOF,

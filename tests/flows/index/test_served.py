@@ -7,7 +7,15 @@ import pytest
 
 from flows.report.page import hash_of, script
 from flows.service.guard import Guard
-from flows.service.pages import DOOR, LIFE, MADE, STORED, Tickets, with_pages
+from flows.service.pages import (
+    DOOR,
+    LIFE,
+    MADE,
+    STORED,
+    Tickets,
+    with_pages,
+    with_policies,
+)
 from tests.flows.asgi import (
     BODY,
     JSON,
@@ -53,7 +61,8 @@ def clock():
 
 @pytest.fixture
 def app(nights, clock):
-    return Guard(with_pages(prefect, OURS, nights.store, Tickets(clock)), OURS)
+    served = with_pages(prefect, OURS, nights.store, Tickets(clock))
+    return Guard(with_policies(served), OURS)
 
 
 def get(app, path: str, *given, query: str = "", **more):
@@ -151,7 +160,7 @@ def test_an_application_behind_the_guard_chooses_none_but_known_policies(nights)
 
     ((_, given),) = [
         (k, v)
-        for k, v in answer(Guard(loose, OURS), scope(path="/"))[0]["headers"]
+        for k, v in answer(with_policies(loose), scope(path="/"))[0]["headers"]
         if k == b"content-security-policy"
     ]
     assert b"*" not in given

@@ -1,10 +1,9 @@
-"""Buckets that break at a given moment, and mirrors for buckets without an address."""
+"""Buckets that break at a given moment, and folders for buckets without an address."""
 
 import itertools
 
-from warehouse import mirror
+from warehouse import remote
 from warehouse.bucket import Bucket
-from warehouse.mirror import identity_of
 
 
 class KilledError(BaseException):
@@ -15,7 +14,7 @@ class Breaking(Bucket):
     """A bucket whose writer is killed at one of its changes."""
 
     def __init__(self, bucket, at):
-        super().__init__(bucket._store, bucket._url)
+        super().__init__(bucket._store, bucket.url)
         self._left = itertools.count(at, -1)
 
     def _change(self, change, *about):
@@ -41,9 +40,7 @@ class Careless(Bucket):
         return True
 
 
-def mirror_for(bucket, place):
-    """Return the mirror of a bucket, as `mirror.mirror_of` does of an address."""
-    card = {"url": bucket._url, "identity": identity_of(bucket)}
-    mirror._open[place.name] = bucket
-    mirror._renew(place, card)
+def folder_for(bucket, place):
+    """Return the folder of a bucket, as `remote.folder_of` does of an address."""
+    remote.attach(place, bucket)
     return place

@@ -3,19 +3,19 @@
 import pytest
 from obstore.store import MemoryStore
 
-from tests.warehouse.objects.buckets import mirror_for
-from warehouse import catalogue, mirror
+from tests.warehouse.objects.buckets import folder_for
+from warehouse import catalogue, remote
 from warehouse.bucket import Bucket
 
 
 @pytest.fixture(autouse=True)
 def own_cache(tmp_path, monkeypatch):
     """Mirrors of a test's own, and no bucket known from another."""
-    monkeypatch.setenv(mirror.CACHE, str(tmp_path / "cache"))
-    mirror.forget()
+    monkeypatch.setenv(remote.CACHE, str(tmp_path / "cache"))
+    remote.forget()
     yield
     catalogue.forget_waiting()
-    mirror.forget()
+    remote.forget()
 
 
 @pytest.fixture
@@ -27,4 +27,4 @@ def memory():
 @pytest.fixture
 def store(memory, tmp_path):
     """A store in that bucket."""
-    return mirror_for(memory, tmp_path / "cache" / "memory")
+    return folder_for(memory, tmp_path / "cache" / "memory")

@@ -7,13 +7,13 @@ import pytest
 import warehouse
 from residual.errors import InputError
 from tests.warehouse import store_samples as made
-from warehouse import mirror
-from warehouse.bucket import BucketError, open_bucket, parse
+from warehouse import remote
+from warehouse.bucket import open_bucket
 from warehouse.verify import verify_all
 
 
 def test_of_eight_writers_of_one_key_one_wins(bucket_store):
-    bucket = open_bucket(parse(bucket_store))
+    bucket = open_bucket(bucket_store)
     with ThreadPoolExecutor(8) as beside:
         for number in range(5):
             texts = [bytes([writer]) * 1000 for writer in range(8)]
@@ -25,20 +25,17 @@ def test_of_eight_writers_of_one_key_one_wins(bucket_store):
 
 
 def test_what_a_store_asks_of_it(bucket_store):
-    bucket = open_bucket(parse(bucket_store))
+    bucket = open_bucket(bucket_store)
     bucket.put("a/x/1", b"0123456789")
     bucket.put("a/y/2", b"")
     bucket.put("ab/3", b"")
+    assert bucket.keys("a") == ["a/x/1", "a/y/2"]
     assert bucket.get_range("a/x/1", 2, 5) == b"234"
-    assert [(o.key, o.size) for o in bucket.objects("a")] == [
-        ("a/x/1", 10),
-        ("a/y/2", 0),
-    ]
     assert bucket.names("a") == ["x", "y"]
     assert bucket.names("a/x") == ["1"]
     bucket.delete(["a/y/2", "a/none"])
     assert bucket.get("a/y/2") is None
-    with pytest.raises(BucketError, match="should be there is not"):
+    with pytest.raises(InputError, match="does not let us read"):
         bucket.get_range("a/none", 0, 1)
 
 
@@ -46,11 +43,11 @@ def test_a_bucket_that_is_not_there_and_a_server_that_is_gone_are_told(
     bucket_store, monkeypatch
 ):
     with pytest.raises(InputError, match="There is no bucket for s3://not-there/a"):
-        mirror.mirror_of("s3://not-there/a")
-    monkeypatch.setattr("warehouse.bucket._RETRIES", {"max_retries": 0})
+        remote.folder_of("s3://not-there/a")
+    monkeypatch.setattr("warehouse.bucket._RETRIES", 0)
     monkeypatch.setenv("AWS_ENDPOINT_URL", "http://127.0.0.1:9")
     with pytest.raises(InputError, match=r"AWS_ENDPOINT_URL"):
-        mirror.mirror_of(bucket_store)
+        remote.folder_of(bucket_store)
 
 
 def test_a_store_is_there_for_who_comes_with_nothing_but_its_address(
@@ -58,9 +55,9 @@ def test_a_store_is_there_for_who_comes_with_nothing_but_its_address(
 ):
     with pytest.raises(InputError, match=f"There is no store at {bucket_store}"):
         warehouse.open(bucket_store)
-    run = made.commit(mirror.mirror_of(bucket_store), 1)
-    monkeypatch.setenv(mirror.CACHE, str(tmp_path / "another machine"))
-    mirror.forget()
+    run = made.commit(remote.folder_of(bucket_store), 1)
+    monkeypatch.setenv(remote.CACHE, str(tmp_path / "another machine"))
+    remote.forget()
     with warehouse.open(bucket_store) as opened:
         rows = opened.sql("SELECT run_id, avg(q1) AS q FROM samples GROUP BY run_id")
         assert [v.faults for v in verify_all(opened.path) if v.faults] == []

@@ -9,16 +9,16 @@ import pytest
 import warehouse
 from residual.errors import InputError
 from tests.warehouse import store_samples as made
-from tests.warehouse.objects.buckets import Breaking, Careless, KilledError, mirror_for
-from warehouse import catalogue, mirror
+from tests.warehouse.objects.buckets import Breaking, Careless, KilledError, folder_for
+from warehouse import catalogue, remote
 from warehouse.commit import commit_run
 from warehouse.layout import find, list_folders
-from warehouse.mirror import IDENTITY
 from warehouse.numbered import ADOPTED, Adoption, MeanwhileError, commit_adoption
+from warehouse.quarantine import quarantine
+from warehouse.remote import IDENTITY
 from warehouse.runs import (
     has_seal,
     open_seal,
-    quarantine,
     read_run,
 )
 from warehouse.verify import verify_all
@@ -32,11 +32,11 @@ def faults(store):
 
 def forget_copies(store, bucket, tmp_path, name="other"):
     """Look at a bucket as another machine does."""
-    return mirror_for(bucket, tmp_path / "cache" / name)
+    return folder_for(bucket, tmp_path / "cache" / name)
 
 
 def keys(bucket, prefix=""):
-    return [each.key for each in bucket.objects(prefix)]
+    return bucket.keys(prefix)
 
 
 def test_a_run_has_the_id_and_the_bytes_that_it_has_in_a_folder(
@@ -100,8 +100,8 @@ def test_killed_at_any_change_nothing_partial_is_visible(memory, tmp_path):
     # After one change is before the next: the bucket is the same.
     seen, at, run = set(), 0, None
     while run is None:
-        bucket = type(memory)(type(memory._store)(), memory._url)
-        place = mirror_for(Breaking(bucket, at), tmp_path / "cache" / f"killed-{at}")
+        bucket = type(memory)(type(memory._store)(), memory.url)
+        place = folder_for(Breaking(bucket, at), tmp_path / "cache" / f"killed-{at}")
         with contextlib.suppress(KilledError):
             run = every_commit(place)
         catalogue.forget_waiting()
@@ -134,7 +134,7 @@ def check(store):
 
 def test_a_server_that_ignores_conditions_is_refused(memory, tmp_path):
     careless = Careless(memory._store, "s3://careless")
-    place = mirror_for(careless, tmp_path / "cache" / "careless")
+    place = folder_for(careless, tmp_path / "cache" / "careless")
     with pytest.raises(InputError, match=r"s3://careless ignores the condition"):
         made.commit(place)
     assert keys(memory) == [IDENTITY]
@@ -146,7 +146,7 @@ def test_two_writers_of_one_id_with_other_bits_leave_one_whole_record(
     # As on two processors: one spec, and samples that differ in the last digit.
     log = made.recording(1)
     run = made.commit(store, 1)
-    second = mirror_for(memory, tmp_path / "cache" / "second")
+    second = folder_for(memory, tmp_path / "cache" / "second")
     changed = made.recording(2, q_ref=log.q)
     with monkeypatch.context() as both:
         # Neither sees the other before its last put.
@@ -191,10 +191,10 @@ def test_another_store_at_the_same_address_is_not_taken_for_the_first(
 ):
     run = made.commit(store)
     memory.delete(keys(memory))
-    place = mirror_for(memory, store)
+    place = folder_for(memory, store)
     assert not place.is_dir()
-    mirror.forget()
-    mirror_for(memory, store)
+    remote.forget()
+    folder_for(memory, store)
     new = made.commit(store, 7)
     assert list_folders(store, "runs").keys() == {new}
     with pytest.raises(InputError, match="Nothing in s3://memory/store"):
@@ -203,7 +203,7 @@ def test_another_store_at_the_same_address_is_not_taken_for_the_first(
 
 def test_a_list_of_sums_that_names_other_places_reaches_none(store, memory, tmp_path):
     run = made.commit(store)
-    (key,) = [k for k in keys(memory, "samples") if k.endswith("_sums.json")]
+    (key,) = keys(memory, "commits/samples")
     sums = json.loads(memory.get(key))
     sums["files"]["../../../../evil"] = sums["files"]["_run.parquet"]
     memory.put(key, json.dumps(sums).encode())
