@@ -79,13 +79,14 @@ def monitor(
     """Calibrate a monitor on healthy logs, and tell what in others is not as usual.
 
     Args:
-        model: The model whose residual is watched: of a diagnosis, or adopted.
+        model: The model whose residual is watched: of a diagnosis, or adopted. It is
+            fitted to the healthy logs.
         healthy: Logs of the arm as it should be, three or more.
         watched: Logs to look at.
         per_hour: False alarms wanted at most in an hour.
 
     Returns:
-        `alarms` and `novelty` of each watched log by its id.
+        `alarms` of each watched log by its id.
 
     Raises:
         InputError: If there are too few healthy logs, or one is of another arm.

@@ -19,8 +19,8 @@ from prefect.events import emit_event
 from prefect.runtime import flow_run
 
 from flows.project.deployments import COMMITTED, NOTICE, STORE
-from flows.report.figures.scores import plot as draw
 from flows.report.monitoring import meaning
+from flows.report.monitoring import plot as draw
 from flows.report.night.look import title_of
 from flows.report.words.calibration import sentences
 from flows.report.words.verdict import brief
