@@ -39,7 +39,7 @@ def monitor(
 
     Args:
         model: Id of a diagnosis, or a robot (built-in name, URDF, folder) for the
-            model that it has (modelgap models). Its coefficients are fitted to the
+            model that it has (modelgap models), else its nominal one, fitted to the
             healthy runs.
         runs: Ids of the runs to watch; the beginning is enough.
         nominal: Of a robot take the nominal model, whatever it has.

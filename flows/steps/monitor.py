@@ -9,7 +9,6 @@ from flows.requests import Monitor as Request
 from flows.settings import HEALTHY, store_folder
 from flows.steps.models import Source, in_force, source_of
 from residual.errors import InputError
-from residual.identification.identify import identify
 from residual.model.model import Model
 from residual.monitoring.monitor import LEAST_RUNS, Alarm, Monitor, calibrate
 from residual.recording import Recording
@@ -101,12 +100,8 @@ def watch(
     watched: Mapping[str, Recording],
     per_hour: float,
 ) -> Watched:
-    """Fit a model to healthy runs, calibrate a monitor, watch runs; nothing is stored.
-
-    Runs are by their id.
-    """
-    good = list(healthy.values())
-    made = calibrate(identify(model.robot, good, model).model, good, per_hour)
+    """Calibrate a monitor and watch runs, each by its id; nothing is stored."""
+    made = calibrate(model, list(healthy.values()), per_hour)
     return Watched(
         monitor=made,
         calibration=tuple(healthy),

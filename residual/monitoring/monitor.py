@@ -10,6 +10,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
+from scipy.special import stdtrit
 
 from residual.errors import InputError
 from residual.model.model import Model
@@ -30,6 +31,7 @@ from residual.recording import Array, Recording
 from residual.signals.track import sample_rate
 
 LEAST_RUNS = 3
+_TINY = 1e-9
 
 
 @dataclass(frozen=True, slots=True)
@@ -142,7 +144,7 @@ def calibrate(
     peaks = [block_maxima(log.t, scores_of(log, size)) for log in logs]
     # The false alarms are shared among the kinds.
     wanted = per_hour * MONITOR.block / 3600 / len(KINDS)
-    limits = np.array([limits_of(own, wanted) for own in np.concatenate(peaks, axis=1)])
+    limits = np.array([limits_of(own, wanted) for own in zip(*peaks, strict=True)])
     limits[BIAS:] *= MONITOR.wider
     # A reading without noise rests while its joint does, however long that is.
     limits[STILL, limits[STILL] > MONITOR.still * rate] = np.inf
@@ -179,7 +181,7 @@ def block_maxima(t: Array, values: Array) -> Array:
     return np.maximum.reduceat(values, np.flatnonzero(np.diff(block, prepend=-1)), 1)
 
 
-def limits_of(peaks: Array, wanted: float) -> Array:
+def limits_of(runs: Sequence[Array], wanted: float) -> Array:
     """Return the limits of one kind, from its maxima of blocks on healthy runs.
 
     Neighbouring values are nearly the same; blocks of some seconds are nearly
@@ -188,19 +190,23 @@ def limits_of(peaks: Array, wanted: float) -> Array:
 
     P(M > u + x) = share exp(-x / beta),   limit = u + beta log(share / wanted)
 
-    beta is taken at the upper end of its confidence. Joints are brought to one size
-    first, by the level that a twentieth of their blocks exceeds; the tail is that of
-    the largest of all joints, since they are anything but independent.
+    beta is taken at the upper end of its confidence. Blocks of one run are alike in
+    what the run is like, so no limit is below what the largest value of the next run
+    may be either, by Student's t of the logarithms; few runs make wide limits. Joints
+    are brought to one size first, by the level that a twentieth of their blocks
+    exceeds; the tail is that of the largest of all joints, since they are anything but
+    independent.
 
     Args:
-        peaks: Shape (b, dof).
+        runs: Shapes (b, dof).
         wanted: Probability that a block exceeds them, at most.
 
     Returns:
         Infinite where it never left 0. Shape (dof,).
     """
+    peaks, count = np.vstack(runs), len(runs)
     level = np.quantile(peaks, 0.95, axis=0)
-    level = np.maximum(level, 1e-6 * max(level.max(), 1e-9))
+    level = np.maximum(level, 1e-6 * max(level.max(), _TINY))
     largest = (peaks / level).max(axis=1)
     threshold = float(np.quantile(largest, 1.0 - MONITOR.tail))
     above = largest[largest > threshold] - threshold
@@ -210,6 +216,10 @@ def limits_of(peaks: Array, wanted: float) -> Array:
         share = len(above) / len(largest)
         further = beta * max(0.0, float(np.log(share / wanted)))
         limit = max(limit, threshold + further)
+    each = np.log([max(float((run / level).max()), _TINY) for run in runs])
+    sure = float(stdtrit(count - 1, 1.0 - min(wanted * len(peaks) / count, 0.5)))
+    further = each.mean() + sure * each.std(ddof=1) * np.sqrt(1 + 1 / count)
+    limit = max(limit, float(np.exp(further)))
     return np.where(peaks.max(axis=0) > 0, level * limit, np.inf)
 
 

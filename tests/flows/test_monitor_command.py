@@ -98,14 +98,12 @@ def test_a_diagnosis_brings_its_very_model_and_its_good_runs(made):
     id, _ = store_outcome(store, found, {"fit": good})
     record_id, watched, _ = monitor.monitor(Monitor(id, (fine,), store=store))
     assert sorted(watched.calibration) == sorted(good)
-    mine = watched.monitor.model.terms
-    assert [(t.effect.name, t.joints) for t in mine] == [
-        (t.effect.name, t.joints) for t in augmented.terms
-    ]
+    assert watched.monitor.model.to_record() == augmented.to_record()
     assert watched.alarms[fine] == ()
     record = read_record(store, record_id)
     assert record["model_id"]
-    assert Model.from_record(record["monitor"]["model"]).terms == mine
+    kept = Model.from_record(record["monitor"]["model"])
+    assert kept.to_record() == augmented.to_record()
 
 
 def test_the_command_prints_a_table_and_draws(made, tmp_path, capsys):

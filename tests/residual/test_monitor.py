@@ -173,7 +173,7 @@ def peaks(values):
 
 @pytest.mark.parametrize("memory", [0.0, 0.9, 0.99])
 def test_false_alarms_are_no_more_than_wanted(memory):
-    healthy = np.vstack([peaks(noise(i, 20.0, memory)) for i in range(15)])
+    healthy = [peaks(noise(i, 20.0, memory)) for i in range(15)]
     limits = limits_of(healthy, MONITOR.block / 3600)
     hours = 10
     over = peaks(noise(99, 3600.0 * hours, memory)) > limits
@@ -182,5 +182,11 @@ def test_false_alarms_are_no_more_than_wanted(memory):
 
 
 def test_limits_scale_with_the_scores():
-    runs, by = np.vstack([peaks(noise(i, 20.0)) for i in range(5)]), [3.0, 100.0]
-    np.testing.assert_allclose(limits_of(by * runs, 1e-4), by * limits_of(runs, 1e-4))
+    runs, by = [peaks(noise(i, 20.0)) for i in range(5)], np.array([3.0, 100.0])
+    larger = limits_of([by * run for run in runs], 1e-4)
+    np.testing.assert_allclose(larger, by * limits_of(runs, 1e-4))
+
+
+def test_few_runs_make_wide_limits():
+    few, many = ([peaks(noise(i, 20.0)) for i in range(n)] for n in (3, 15))
+    assert (limits_of(few, 1e-4) > limits_of(many, 1e-4)).all()
