@@ -51,7 +51,7 @@ def _measure(asked: str | None, name: str, quick: bool) -> Figures:
         return all_missing(_SEEDED[name], why)
     part = import_module(f"benchmarks.loop_parts.{name}")
     seeds = seed_range(asked) if asked else part.SEEDS
-    parts = f"benchmarks/loop_parts/{name}.py", "flows/steps/planning"
+    parts = f"benchmarks/loop_parts/{name}.py", "flows/steps/next.py"
     place = kept_file(f"loop-{name}", *parts)
     with Processes(2) as pool:
         rows = run_kept(place, part.words, pool, part.run, part.jobs(seeds))

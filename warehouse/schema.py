@@ -251,7 +251,7 @@ VIEWS: dict[str, tuple[Column, ...]] = {
         Column("time", NUMBER, "when it was raised, on the clock of the log", "s"),
         Column("joint", JOINT, "joint from 1"),
         Column("sensor", TEXT, "encoder or torque"),
-        Column("fault", TEXT, "such as frozen, jump, gain drop; deviation for no name"),
+        Column("fault", TEXT, "frozen, jump, drift, spikes, noise, bias or lost scale"),
         Column("kind", TEXT, "score that named it"),
         Column("score", NUMBER, "that score over its limit", "1"),
         Column("until", NUMBER, "when the last score fell below its limit", "s"),

@@ -21,16 +21,17 @@ from benchmarks.harness.figures import Figures, figure, undecided
 from benchmarks.harness.logs import in_engine
 from benchmarks.harness.rates import at_least, rate
 from flows.specs.experiment import derived_seed
-from flows.steps.planning.design import Design, design
+from flows.steps.next import Ranking, rank_motions
 from residual.diagnosis.result import Diagnosis, Place
 from residual.effects import reported_joints
 from residual.method.diagnose import diagnose
-from residual.planning.outlook import Pair, realised
-from residual.planning.promise import logged_products, promised, structural_twins
-from residual.planning.question import Question
-from residual.recording import Recording
+from residual.planning.outlook import Pair, Refit, log_evidence
+from residual.planning.promise import every_column, promised, structural_twins
+from residual.planning.question import Contest, Question
+from residual.recording import Array, Recording
 from residual.robot.dynamics import inverse_dynamics
 from residual.robot.robot import Robot, load_robot
+from residual.signals.track import prepare
 from sim.draw import draw_hidden, usual_effects
 from sim.engine.geometry import MARGIN, body, clearances
 from sim.engine.records import PlantEffect, PlantSpec, TrajectorySpec, stream
@@ -169,7 +170,7 @@ def _row(seed: int) -> dict:
         case.effect.name,
         tuple(reported_joints(case.effect.name, case.effect.joints, _robot().dof)),
     )
-    made = design(case.search.question, _robot(), SECONDS, seed)
+    made = rank_motions(case.search.question, _robot(), SECONDS, seed)
     assert made is not None
     logs = {k: _log(case.plant, m, _LATER) for k, m in _motions(made, seed).items()}
     after = diagnose(_robot(), (case.logs[0], logs[DESIGNED]), held_out=case.logs[1:])
@@ -200,7 +201,7 @@ def _row(seed: int) -> dict:
     }
 
 
-def _motions(made: Design, seed: int) -> dict[str, TrajectorySpec]:
+def _motions(made: Ranking, seed: int) -> dict[str, TrajectorySpec]:
     """The motions that are followed, all of one length."""
     fast = round(SECONDS / SHORT)
     chance, best = stream(seed, "random"), derived_seed(seed, "d")
@@ -278,6 +279,48 @@ def _leads(search: Search, truth: Place, log: Recording) -> list[float] | None:
         min(_lead(question, p, gram, products) for p in pairs)
         for gram, products in logged_products(question, log, until)
     ]
+
+
+def logged_products(
+    question: Question, recording: Recording, until: Sequence[float]
+) -> list[tuple[Array, Array]]:
+    """Return X' X and X' y of a log up to some times from its first sample, whitened.
+
+    Rows are filtered and left out as in a diagnosis.
+
+    Args:
+        until: Times [s].
+    """
+    floor, model = question.signals.speed_floor, question.nominal
+    (track,), _ = prepare([recording], model.filters, floor)
+    state = question.seen_with.observe(track)
+    columns = track.filter(every_column(question, state))
+    y = track.tau - track.filter(model.torque_on(track))
+    root = np.sqrt(question.signals.information * track.moving)
+    t = track.t[:: track.step] - track.t[0]
+    out = []
+    for end in until:
+        rows = t < end
+        x = (root[rows, :, None] * columns[rows]).reshape(-1, columns.shape[2])
+        out.append((x.T @ x, x.T @ (root[rows] * y[rows]).ravel()))
+    return out
+
+
+def realised(
+    contest: Contest, gram: Array, products: Array, true: int, other: int
+) -> float:
+    """Log Bayes factor that a log did bring [nats].
+
+    Args:
+        gram: Whitened Gram of the shared columns on the log. Shape (m, m).
+        products: X' y. Shape (m,).
+        true: Index of the rival that it speaks for where positive.
+    """
+    values = [
+        log_evidence(products[:, None], gram, Refit.of(contest.rivals[i], gram))[0]
+        for i in (true, other)
+    ]
+    return float(values[0] - values[1])
 
 
 def _seconds(leads: list[float] | None) -> float | None:

@@ -15,11 +15,10 @@ import numpy as np
 from benchmarks.harness.figures import Figures, figure, missing, partial
 from benchmarks.harness.rates import wilson
 from residual.errors import InputError
-from residual.model.nominal import declared_names, prepare_logs, start_nominal
+from residual.identification.identify import identify
 from residual.monitoring.monitor import Alarm, calibrate
 from residual.recording import Recording
 from residual.robot.robot import load_robot
-from residual.signals.track import Filters
 from sim.engine.records import (
     PlantEffect,
     PlantSpec,
@@ -131,6 +130,9 @@ FAULTS = {
     "drift": None,
 }
 _SENSOR = {"frozen": "encoder", "jump": "encoder", "drift": "encoder"}
+_NAMES = {"torque bias": "bias", "gain drop": "lost scale"} | {
+    "gain drop of the log": "lost scale"
+}
 _PER_HOUR = 1.0
 
 
@@ -203,7 +205,8 @@ class Seen:
     @property
     def right(self) -> bool:
         """Whether the kind of fault is right too."""
-        return self.named and self.case.fault.startswith(self.first.fault)
+        fault = self.case.fault
+        return self.named and self.first.fault == _NAMES.get(fault, fault)
 
 
 def monitoring_figures(quick: bool) -> Figures:
@@ -224,9 +227,7 @@ def watch_arm(arm: int, plan: Plan, pool: Executor) -> list[Seen]:
         for case in _cases(arm, plan, plan.faulty, 2000)
     ]
     good = list(pool.map(good_run, _cases(arm, plan, plan.good, 0)))
-    logs = prepare_logs(ROBOT, good, None, Filters())
-    model = start_nominal(logs, declared_names(ROBOT, None)).model
-    monitor = calibrate(model, good, _PER_HOUR)
+    monitor = calibrate(identify(ROBOT, good).model, good, _PER_HOUR)
     return [
         Seen(case, joint, onset, monitor.watch(log))
         for case, (joint, onset, log) in zip(

@@ -7,8 +7,8 @@ from cyclopts import Parameter
 
 from flows.cli.app import Outputs
 from flows.report.console import show
-from flows.report.figures.scores import plot as draw
 from flows.report.monitoring import alarm_table, meaning
+from flows.report.monitoring import plot as draw
 from flows.requests import File, Flag, Monitor
 from flows.settings import store_folder
 from flows.steps import monitor as monitoring
@@ -33,13 +33,13 @@ def monitor(
     modelgap monitor 77e0 3f2a 4b1c --plot watched.png
     ```
 
-    Encoders that freeze, jump or wander off, torque sensors with a bias, a lower gain
-    or spikes: when, which joint, which sensor. In a closed loop an encoder that drifts
-    slowly is hidden: the arm follows it (docs/monitoring.md).
+    Encoders that freeze, jump or drift, torque sensors with a bias, a lost scale or
+    spikes, noise of both: when, which joint, which sensor. In a closed loop an encoder
+    that drifts slowly is hidden: the arm follows it (docs/monitoring.md).
 
     Args:
         model: Id of a diagnosis, or a robot (built-in name, URDF, folder) for the
-            model that it has (modelgap models). Its coefficients are fitted to the
+            model that it has (modelgap models), else its nominal one, fitted to the
             healthy runs.
         runs: Ids of the runs to watch; the beginning is enough.
         nominal: Of a robot take the nominal model, whatever it has.

@@ -15,8 +15,7 @@ from flows.specs.experiment import experiment_of
 from flows.steps.diagnose import diagnose_logs
 from flows.steps.experiment import as_csv, make, run_id_of
 from flows.steps.monitor import Watched, watch
-from flows.steps.planning.ask import check_length
-from flows.steps.planning.design import design, document
+from flows.steps.next import check_length, rank_motions
 from residual.errors import InputError
 from residual.model.model import Model
 from residual.recording import Recording
@@ -85,7 +84,7 @@ def monitor(
         per_hour: False alarms wanted at most in an hour.
 
     Returns:
-        `alarms` and `novelty` of each watched log by its id.
+        `alarms` of each watched log by its id.
 
     Raises:
         InputError: If there are too few healthy logs, or one is of another arm.
@@ -124,8 +123,8 @@ def next_experiment(
     found = as_door(Diagnosis, made)
     if made.question is None:
         made = diagnose_logs(logs, progress=progress, alone=True)
-    best = design(made.question, robot, seconds, seed, progress)
+    best = rank_motions(made.question, robot, seconds, seed, progress)
     if best is None or best.best.seen.hopeless:
         return Experiment(found, None, None)
     reference = make_reference(robot, best.best.spec, RATE)
-    return Experiment(found, document(best, None), reference)
+    return Experiment(found, best.document(None), reference)

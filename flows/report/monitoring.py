@@ -1,11 +1,18 @@
-"""Watched runs: alarms, and what they mean."""
+"""Watched runs: alarms, what they mean, and the scores as a picture."""
 
+import io
 from collections.abc import Mapping
 
+from matplotlib.figure import Figure
+
 from flows.report.document import Table
+from flows.report.figures.look import JOINTS
 from flows.report.words.phrases import many
 from flows.steps.monitor import Watched
 from residual.recording import Recording
+
+_MOST = 6  # runs in one picture
+_LEAST = 0.02  # score that is drawn
 
 
 def meaning(found: Watched) -> str:
@@ -40,3 +47,28 @@ def alarm_table(found: Watched, watched: Mapping[str, Recording]) -> Table:
     ]
     heads = ("run", "since start [s]", "joint", "sensor", "fault", "over limit")
     return Table(heads, rows, left=(0, 3, 4))
+
+
+def plot(found: Watched, runs: Mapping[str, Recording]) -> bytes:
+    """Draw the score of each joint and the alarms, as a PNG.
+
+    Args:
+        runs: The watched runs by id; those with alarms come first.
+    """
+    ids = sorted(runs, key=lambda id: -len(found.alarms[id]))[:_MOST]
+    figure = Figure(figsize=(9, 0.6 + 2.4 * len(ids)), layout="constrained")
+    panels = figure.subplots(len(ids), 1, squeeze=False)[:, 0]
+    for axes, id in zip(panels, ids, strict=True):
+        t, scores = found.monitor.scores(runs[id])
+        for j, score in enumerate(scores.T):
+            style = {"lw": 0.8, "label": f"J{j + 1}", "color": JOINTS[j % len(JOINTS)]}
+            axes.semilogy(t - t[0], score.clip(_LEAST), **style)
+        axes.axhline(1.0, color="black", lw=0.8, ls="--")
+        for alarm in found.alarms[id]:
+            axes.axvline(alarm.time - t[0], color="black", lw=1.0)
+        axes.set(ylabel="score / limit", title=f"run {id[:8]}")
+    panels[0].legend(ncols=7, fontsize="small", loc="lower right")
+    panels[-1].set_xlabel("time since the run began [s]")
+    out = io.BytesIO()
+    figure.savefig(out, format="png", dpi=110)
+    return out.getvalue()

@@ -19,9 +19,9 @@ from prefect.events import emit_event
 from prefect.runtime import flow_run
 
 from flows.project.deployments import COMMITTED, NOTICE, STORE
-from flows.report.figures.scores import plot as draw
 from flows.report.index import INDEX, title_of
 from flows.report.monitoring import meaning
+from flows.report.monitoring import plot as draw
 from flows.report.words.calibration import sentences
 from flows.report.words.verdict import brief
 from flows.settings import PAGES, page_link

@@ -22,6 +22,7 @@ from residual.calibration.calibrate import with_tables
 from residual.calibration.rows import MEASURED, PAPER
 from residual.errors import InputError, check_name
 from residual.export.exported import Whole, body_of
+from residual.identification.identify import identify
 from residual.model.corrected import Corrected
 from residual.model.model import Model
 from residual.model.nominal import declared_names, prepare_logs, start_nominal
@@ -300,8 +301,8 @@ class Source:
         return as_described(robot, run, manifest, self.robot or "the model")
 
     def model_of(self, robot: Robot, runs: Sequence[Recording]) -> Model:
-        """Return the model to start from; calibration fits its coefficients."""
-        return nominal_of(robot, runs) if self.model is None else self.model
+        """Return the model: of a diagnosis as it is, of a robot fitted to some runs."""
+        return self.model or identify(robot, runs).model
 
 
 def source_of(word: str, store: Path) -> Source:

@@ -10,8 +10,8 @@ from flows.settings import HEALTHY, store_folder
 from flows.steps.models import Source, in_force, source_of
 from residual.errors import InputError
 from residual.model.model import Model
-from residual.monitoring.monitor import LEAST_RUNS, Alarm, Monitor, calibrate, to_record
-from residual.recording import Array, Recording
+from residual.monitoring.monitor import LEAST_RUNS, Alarm, Monitor, calibrate
+from residual.recording import Recording
 from residual.threads import one_blas_thread
 from warehouse.commit import commit_record
 from warehouse.layout import find_run, read_record
@@ -21,7 +21,6 @@ from warehouse.runs import read_run
 from warehouse.schema import rows_table
 
 MOST_HEALTHY = 12  # of them are read
-NOVEL = 0.01  # share of a run outside of what was calibrated that is worth a word
 
 
 @dataclass(frozen=True, eq=False, slots=True)
@@ -31,30 +30,20 @@ class Watched:
     monitor: Monitor  # the monitor, calibrated
     calibration: tuple[str, ...]  # ids of the healthy runs
     alarms: Mapping[str, tuple[Alarm, ...]]  # alarms of each watched run, by its id
-    # Share of each run that is outside of the healthy runs. Shapes (dof,).
-    novelty: Mapping[str, Array]
     seconds: float  # length of all watched runs [s]
 
     @property
     def notes(self) -> tuple[str, ...]:
         """What to know about it, a line each."""
-        out = []
-        minutes = 60 * self.monitor.hours
-        if self.monitor.per_hour * self.monitor.hours < 1:
+        out, hours = [], self.monitor.hours
+        if self.monitor.per_hour * hours < 1:
             out.append(
-                f"The healthy runs last {minutes:.3g} min in all: that alarms are "
+                f"The healthy runs last {60 * hours:.3g} min in all: that alarms are "
                 f"false at most {self.monitor.per_hour:g} times an hour is "
                 "extrapolated."
             )
         if not self.monitor.referenced:
-            out.append("q_ref is not logged: no errors of tracking, no cycles.")
-        for run, shares in self.novelty.items():
-            joint = int(shares.argmax())
-            if shares[joint] > NOVEL:
-                out.append(
-                    f"Run {run}: joint {joint + 1} is for {100 * shares[joint]:.0f} % "
-                    "of the time where no healthy run was; alarms there may be false."
-                )
+            out.append("q_ref is not logged: no errors of tracking.")
         return tuple(out)
 
 
@@ -75,14 +64,34 @@ def monitor(request: Request) -> tuple[str, Watched, dict[str, Recording]]:
         source.robot_of(run, store)
     start = source.model_of(robot, list(healthy.values()))
     found = watch(start, healthy, watched, request.per_hour)
-    record = request.to_record() | {
-        "model": source.diagnosis or request.model,
-        "runs": list(watched),
-        "good": list(healthy),
-        "robot": None if source.diagnosis else request.model,
-        "robot_hash": robot.content_hash,
+    record = {
+        "robot": robot.name,
+        "kind": "monitor",
+        "model_id": source.diagnosis
+        and read_record(store, source.diagnosis)["model_id"],
+        "alarms": {id: len(alarms) for id, alarms in found.alarms.items()},
+        "watched_s": found.seconds,
+        "request": request.to_record()
+        | {
+            "model": source.diagnosis or request.model,
+            "runs": list(watched),
+            "good": list(healthy),
+            "robot": None if source.diagnosis else request.model,
+            "robot_hash": robot.content_hash,
+        },
+        "notes": found.notes,
+        "monitor": found.monitor.to_record(),
     }
-    return _put(store, source, found, record), found, watched
+    rows = [
+        {"run_id": id, **asdict(alarm)}
+        for id, alarms in found.alarms.items()
+        for alarm in alarms
+    ]
+    parents = {"calibration": list(healthy), "watched": list(watched)}
+    if source.diagnosis:
+        parents["diagnosis"] = [source.diagnosis]
+    tables = {"alarms": rows_table("alarms", rows)}
+    return commit_record(store, "validations", record, tables, parents), found, watched
 
 
 @one_blas_thread
@@ -98,7 +107,6 @@ def watch(
         monitor=made,
         calibration=tuple(healthy),
         alarms={id: made.watch(run) for id, run in watched.items()},
-        novelty={id: made.novelty(run) for id, run in watched.items()},
         seconds=sum(run.duration for run in watched.values()),
     )
 
@@ -214,43 +222,14 @@ def usable_runs(store: Path, ids: Sequence[str]) -> dict[str, Recording]:
 def _check(source: Source, healthy: Mapping, watched: Mapping) -> None:
     if not watched:
         raise InputError("No run to watch. Name it: modelgap monitor MODEL RUN ...")
-    if len(healthy) < LEAST_RUNS:
+    if not healthy:
         whose = f"diagnosis {source.diagnosis} has" if source.diagnosis else "there are"
         raise InputError(
-            f"Healthy runs to calibrate on: {whose} {len(healthy)}, expected at least "
+            f"Healthy runs to calibrate on: {whose} none, expected at least "
             f"{LEAST_RUNS}. Name them: --calibrate RUN ..."
         )
-    both = sorted(set(healthy) & set(watched))
-    if both:
+    if both := sorted(set(healthy) & set(watched)):
         raise InputError(
             f"Run {both[0]} is to be watched and to calibrate on. Watch another, or "
             "name the healthy runs with --calibrate."
         )
-
-
-def _put(store: Path, source: Source, found: Watched, request: Mapping) -> str:
-    told = to_record(found.monitor)
-    model = (
-        read_record(store, source.diagnosis)["model_id"] if source.diagnosis else None
-    )
-    record = {
-        "robot": found.monitor.model.robot.name,
-        "kind": "monitor",
-        "model_id": model,
-        "alarms": {id: len(alarms) for id, alarms in found.alarms.items()},
-        "novelty": {id: shares.tolist() for id, shares in found.novelty.items()},
-        "watched_s": found.seconds,
-        "request": request,
-        "notes": found.notes,
-        "monitor": told,
-    }
-    rows = [
-        {"run_id": id, **asdict(alarm)}
-        for id, alarms in found.alarms.items()
-        for alarm in alarms
-    ]
-    table = rows_table("alarms", rows)
-    parents = {"calibration": list(found.calibration), "watched": list(found.alarms)}
-    if source.diagnosis:
-        parents["diagnosis"] = [source.diagnosis]
-    return commit_record(store, "validations", record, {"alarms": table}, parents)

@@ -164,10 +164,9 @@ def _concluded(
     )
     question = open_question(examined, judged.fit, listed)
     verdict, places = conclude(case), places_of(judged.fit.members)
-    hint = promised(question)
     verdict = replace(
         verdict,
-        next_experiment=None if hint is None else hint.document(),
+        next_experiment=promised(question),
         alternatives=settled_by(question, places, verdict.alternatives),
     )
     return Diagnosis(

@@ -242,20 +242,3 @@ def _median(values: Array, weight: Array) -> float:
     order = np.argsort(values)
     half = np.searchsorted(np.cumsum(weight[order]), 0.5)
     return float(values[order][min(half, len(values) - 1)])
-
-
-def realised(
-    contest: Contest, gram: Array, products: Array, true: int, other: int
-) -> float:
-    """Log Bayes factor that a log did bring [nats].
-
-    Args:
-        gram: Whitened Gram of the shared columns on the log. Shape (m, m).
-        products: X' y. Shape (m,).
-        true: Index of the rival that it speaks for where positive.
-    """
-    values = [
-        log_evidence(products[:, None], gram, Refit.of(contest.rivals[i], gram))[0]
-        for i in (true, other)
-    ]
-    return float(values[0] - values[1])

@@ -21,14 +21,15 @@ from residual.planning.outlook import (
 )
 from residual.planning.question import Question, Rival, together
 from residual.quantity import number, probability
-from residual.recording import Array, Recording
+from residual.recording import Array
 from residual.robot.robot import Robot
-from residual.signals.track import prepare, widened
+from residual.signals.track import widened
 
 SECONDS = 20.0  # length of a motion where nobody says another [s]
 PERIODS = 2  # of it
 TRAVEL = 60.0  # s through all of the range: what cannot be told there is told nowhere
-_LEAST, _STEP = 1e-3, 1.2  # a share that is none; a step in which lengths are looked at
+_LEAST = 1e-3  # a share that is none
+LENGTHS = 6  # of a motion that are looked at
 SURE = 0.8  # chance from which a motion is called enough
 MOTIONS, HARMONICS = 6, 5
 TURN = np.pi  # rad to either side: what of a range is used at most
@@ -99,31 +100,6 @@ def _whitened(question: Question, motion: Sequence[Array], rate: float) -> Array
     return np.sqrt(weight)[:, :, None] * columns
 
 
-def logged_products(
-    question: Question, recording: Recording, until: Sequence[float]
-) -> list[tuple[Array, Array]]:
-    """Return X' X and X' y of a log up to some times from its first sample, whitened.
-
-    Rows are filtered and left out as in a diagnosis.
-
-    Args:
-        until: Times [s].
-    """
-    floor, model = question.signals.speed_floor, question.nominal
-    (track,), _ = prepare([recording], model.filters, floor)
-    state = question.seen_with.observe(track)
-    columns = track.filter(every_column(question, state))
-    y = track.tau - track.filter(model.torque_on(track))
-    root = np.sqrt(question.signals.information * track.moving)
-    t = track.t[:: track.step] - track.t[0]
-    out = []
-    for end in until:
-        rows = t < end
-        x = (root[rows, :, None] * columns[rows]).reshape(-1, columns.shape[2])
-        out.append((x.T @ x, x.T @ (root[rows] * y[rows]).ravel()))
-    return out
-
-
 def every_column(question: Question, state: State) -> Array:
     """Return the inertial columns and those of all effects. Shape (n, dof, m)."""
     n, dof = state.q.shape
@@ -151,39 +127,32 @@ def standing(question: Question, qd: Array, rate: float) -> Array:
     return widened(still, int(np.ceil(question.signals.margin * rate)))
 
 
-@dataclass(frozen=True, eq=False, slots=True)
-class Promise:
-    """What a free motion would do for a question.
+def plan_of(
+    question: Question,
+    seen: Outlook,
+    sure: Prospect,
+    seconds: float,
+    after: float | None = None,
+) -> dict:
+    """Return what a motion promises as `next_experiment` of a verdict has it.
 
-    Attributes:
-        seen: Of the best of some motions.
-        sure: Chance that all of it settles the question, and by how many nats; how
-            much of a motion is enough is asked of a designed one.
-        rivals: What it tells apart, each once.
+    Args:
+        seen: What all of it brings at the sizes that were found.
+        sure: What all of it brings, counted in drawn logs.
+        seconds: Length of the motion [s].
+        after: After how many of them the question is settled surely [s]; None for
+            never, and where that was not asked.
     """
-
-    seen: Outlook
-    sure: Prospect
-    rivals: tuple
-
-    def document(self) -> dict:
-        """Return it as `next_experiment` of a verdict has it: no motion is designed."""
-        return {
-            "rivals": [{"name": p.name, "joints": list(p.joints)} for p in self.rivals],
-            "family": None,
-            "parameters": None,
-            "seconds": SECONDS,
-            **said(self.sure, None),
-            "program": None,
-        }
-
-
-def said(sure: Prospect, after: float | None) -> dict:
-    """Return what is promised, as `next_experiment` says it."""
+    rivals = told_apart(question, seen)
     return {
+        "rivals": [{"name": p.name, "joints": list(p.joints)} for p in rivals],
+        "family": None,
+        "parameters": None,
+        "seconds": seconds,
         "sure_after": after,
         "expected_nats": round(sure.nats, 3),
         "chance": round(sure.chance, 3),
+        "program": None,
     }
 
 
@@ -203,19 +172,23 @@ def sure_words(seconds: float, after: float | None, chance: float) -> str:
     )
 
 
-def promised(question: Question) -> Promise | None:
-    """Return what free motions promise; None where none of them would decide."""
+def promised(question: Question) -> dict | None:
+    """Return what the best of some free motions promises, as `plan_of`.
+
+    None where none of them would decide. How much of a motion is enough is asked of one
+    that an arm can make.
+    """
     if not question.contests:
         return None
     courses = free_courses(question)
     twins = structural_twins(question, courses)
-    seen = [outlook(question, course.gram(SECONDS), twins) for course in courses]
+    grams = [course.gram(SECONDS) for course in courses]
+    seen = [outlook(question, gram, twins) for gram in grams]
     best = int(np.argmax([one.share for one in seen]))
     if seen[best].hopeless:
         return None
-    gram = courses[best].gram(SECONDS)
-    sure = prospect(question, gram, twins, np.random.default_rng(0))
-    return Promise(seen[best], sure, told_apart(question, seen[best]))
+    sure = prospect(question, grams[best], twins, np.random.default_rng(0))
+    return plan_of(question, seen[best], sure, SECONDS)
 
 
 def sure_after(
@@ -250,29 +223,20 @@ def until_apart(
 ) -> float:
     """Return after how long of a motion all pairs are expected to be apart [s].
 
+    Between two lengths evidence grows by a power of the length.
+
     Args:
         seconds: Length of the motion [s]; where all of it is not enough, as much longer
             as evidence is missing.
     """
-
-    def share(length: float) -> float:
-        return outlook(question, course.gram(length), twins).share
-
-    whole = share(seconds)
-    if whole < 1:
-        return seconds / max(whole, _LEAST)
-    low, high, below = 2 * course.edge, seconds, _LEAST
-    while high > _STEP * low:
-        middle = np.sqrt(low * high)
-        got = share(middle)
-        low, below, high, whole = (
-            (low, below, middle, got) if got >= 1 else (middle, got, high, whole)
-        )
-    if not np.isfinite(whole):
-        return high
-    # Between two lengths evidence grows by a power of the length.
-    part = np.log(1 / max(below, _LEAST)) / np.log(whole / max(below, _LEAST))
-    return float(low * (high / low) ** min(part, 1.0))
+    lengths = np.geomspace(2 * course.edge + 1 / course.rate, seconds, LENGTHS)
+    shares = [outlook(question, course.gram(x), twins).share for x in lengths]
+    got = np.log(np.clip(shares, _LEAST, 1 / _LEAST))
+    if got[-1] < 0:
+        return float(seconds / np.exp(got[-1]))
+    enough = int(np.argmax(got >= 0))
+    pair = slice(max(enough - 1, 0), enough + 1)
+    return float(np.exp(np.interp(0.0, got[pair], np.log(lengths[pair]))))
 
 
 def structural_twins(

@@ -1,5 +1,6 @@
 """modelgap monitor: from runs of the store to alarms, a record and a picture."""
 
+import json
 from dataclasses import replace
 
 import numpy as np
@@ -13,9 +14,8 @@ from flows.steps import experiment, monitor
 from flows.storage.diagnosis import store_outcome
 from residual.diagnosis.result import Diagnosis
 from residual.effects import registry
-from residual.model.model import Term
+from residual.model.model import Model, Term
 from residual.model.nominal import prepare_logs, start_nominal
-from residual.monitoring.monitor import from_record
 from residual.robot.robot import load_robot
 from residual.signals.track import Filters
 from tests.verdict_documents import typed
@@ -68,8 +68,7 @@ def test_the_record_has_alarms_limits_and_lineage(made, watched):
     record = read_record(store, id)
     assert (record["robot"], record["kind"]) == (ROBOT, "monitor")
     assert record["alarms"] == {fine: 0, bad: len(found.alarms[bad])}
-    again = from_record(record["monitor"])
-    assert again.limits["jump"].tolist() == found.monitor.limits["jump"].tolist()
+    assert record["monitor"] == json.loads(json.dumps(found.monitor.to_record()))
     with open_store(store) as opened:
         table = opened.sql(f"FROM alarms WHERE validation_id = '{id}'")
         assert table.num_rows == len(found.alarms[bad])
@@ -103,7 +102,8 @@ def test_a_diagnosis_brings_its_very_model_and_its_good_runs(made):
     assert watched.alarms[fine] == ()
     record = read_record(store, record_id)
     assert record["model_id"]
-    assert from_record(record["monitor"]).model.to_record() == augmented.to_record()
+    kept = Model.from_record(record["monitor"]["model"])
+    assert kept.to_record() == augmented.to_record()
 
 
 def test_the_command_prints_a_table_and_draws(made, tmp_path, capsys):
@@ -121,8 +121,8 @@ def test_the_command_prints_a_table_and_draws(made, tmp_path, capsys):
 
 # G, GG and GGG stand for good runs, F for the one that is watched.
 BAD = {
-    "irb140 F": "there are 0, expected at least 3",
-    "irb140 F --calibrate GG": "there are 2, expected",
+    "irb140 F": "there are none, expected at least 3",
+    "irb140 F --calibrate GG": "2 runs to calibrate on, expected",
     "irb140 G --calibrate GGG": "to be watched and to calib",
     "irb140 F F --calibrate GGG": "is given twice",
     "irb140 --calibrate GGG": "No run to watch",

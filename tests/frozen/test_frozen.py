@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from residual.model.nominal import prepare_logs, start_nominal
-from residual.monitoring.monitor import calibrate, to_record
+from residual.monitoring.monitor import calibrate
 from residual.robot.robot import load_robot
 from residual.signals.track import Filters
 from tests.frozen.make import HIDDEN, document
@@ -68,8 +68,7 @@ def test_a_monitor_has_the_limits_it_had():
     nominal = start_nominal(logs, ("viscous", "coulomb", "rotor_inertia"))
     monitor = calibrate(nominal.model, good)
     now = {
-        "monitor": to_record(monitor),
+        "monitor": monitor.to_record(),
         "alarms": [asdict(alarm) for alarm in monitor.watch(other)],
-        "novelty": monitor.novelty(other).tolist(),
     }
     assert_same(now, frozen("monitoring"))

@@ -5,6 +5,7 @@ from functools import cache
 
 import numpy as np
 
+from residual.identification.identify import identify
 from residual.model.nominal import prepare_logs, start_nominal
 from residual.monitoring.monitor import Monitor, calibrate
 from residual.recording import Recording
@@ -43,10 +44,15 @@ def spoilt(log: Recording, fault: str, joint: int, onset: float) -> Recording:
         q[first:, j] += np.deg2rad(0.5)
     elif fault == "spikes":
         tau[first :: round(RATE), j] += 0.5 * RANGE[j]
-    elif fault == "torque bias":
+    elif fault == "bias":
         tau[first:, j] += 0.15 * RANGE[j]
-    elif fault == "gain drop":
+    elif fault == "lost scale":
         tau[first:, j] *= 0.7
+    elif fault == "noise":
+        noise = np.random.default_rng(first).normal(size=len(tau) - first)
+        tau[first:, j] += 0.05 * RANGE[j] * noise
+    elif fault == "drift":
+        q[first:, j] += np.deg2rad(2.0) * (log.t[first:] - log.t[first])
     return replace(log, q=q, tau=tau)
 
 
@@ -64,7 +70,7 @@ def good_runs() -> tuple[Recording, ...]:
 def model_of(runs):
     logs = prepare_logs(ROBOT, list(runs), None, Filters())
     names = ("viscous", "coulomb", "rotor_inertia")
-    return start_nominal(logs, names).model
+    return identify(ROBOT, list(runs), start_nominal(logs, names).model).model
 
 
 @cache

@@ -14,8 +14,6 @@ from residual.identification.identify import identify
 from residual.method.diagnose import diagnose
 from residual.model.compare import compare, prepare_held_out
 from residual.model.nominal import prepare_logs, start_nominal
-from residual.monitoring import scores as monitoring
-from residual.monitoring.usual import block_maxima
 from residual.recording import Recording
 from residual.robot import dynamics as lazy
 from residual.robot.dynamics import LazyRegressor, inertial_parameters, regressor
@@ -186,20 +184,6 @@ def test_a_log_in_pieces_gets_the_verdict_of_the_whole(short, monkeypatch):
     for key, value in whole.effects[0].parameters.items():
         mine = cut.effects[0].parameters[key]
         assert abs(mine.value - value.value) < 0.3 * value.std
-
-
-def test_scores_of_a_long_log_are_the_largest_of_every_16_ms(log, monkeypatch):
-    spoiled = log.tau.copy()
-    spoiled[2000, 1] += 5.0
-    log = replace(log, tau=spoiled)
-    whole = monitoring.fast_scores(log)
-    monkeypatch.setattr(pieces, "LONG", 10.0)
-    monkeypatch.setattr(pieces, "PIECE", 4.0)
-    for mine, theirs in zip(monitoring.fast_scores(log), whole, strict=True):
-        assert (np.diff(mine.t) > 0).all()
-        assert_allclose(mine.values.max(axis=0), theirs.values.max(axis=0))
-        levels = (np.quantile(block_maxima(s), 0.9, axis=0) for s in (mine, theirs))
-        assert_allclose(*levels, rtol=0.05)
 
 
 def test_a_recording_copies_what_somebody_can_still_write_to():

@@ -25,12 +25,10 @@ from warehouse.logs.presets import (
     CURRENTS,
     LETTERS,
     MEASURED,
-    MOTOR,
     PRESETS,
     TIMES,
     WANTED,
     WORDS,
-    Column,
     Family,
     Preset,
     families,
@@ -79,8 +77,7 @@ def draft(path: Path, robot: Robot, format: str | None = None) -> Draft:
         return _of_bag(path, bag, joints)
     form = guess_form(path)
     log = open_log(path, ColumnMap(csv=form), joints)
-    made = _Drafter(log, robot, joints, format)
-    return made.draft(ColumnMap(csv=form))
+    return _Drafter(log, robot, joints, format).draft(ColumnMap(csv=form))
 
 
 def _of_bag(path: Path, bag: Mapping[str, tuple], joints: Sequence[str]) -> Draft:
@@ -133,108 +130,73 @@ class _Drafter:
         self.log, self.robot = log, robot
         self.doubts: dict[str, list[str]] = {}
         self.families = families(log.columns, joints)
-        self.format = format or self._known_format()
+        known = (n for n, p in PRESETS.items() if self._is_of(p))
+        self.format = format or next(known, None)
         self.preset = PRESETS.get(self.format or "", Preset(""))
         self.values: dict[tuple[str, ...], Array | None] = {}
-        self.clock: tuple[str, ...] = ()  # columns of time
 
     def draft(self, columns: ColumnMap) -> Draft:
         """Return the map and what is not certain about it."""
         if columns.csv.decimal == ",":
             self._doubt("csv", "numbers have a comma before the decimals")
-        time, unit = self._time()
-        t = self._seconds(time, unit)
-        signals = {"q": self._signal("q")}
-        q = self._radians(signals["q"])
-        signals["tau"] = self._signal("tau")
-        optional = {name: self._signal(name) for name in ("qd", "q_ref")}
-        if optional["qd"] and t is not None:
-            optional["qd"] = self._velocity(optional["qd"], q, t)
-        given = {name: signal for name, signal in signals.items() if signal}
-        more = {name: signal for name, signal in optional.items() if signal}
-        missing = [name for name, signal in signals.items() if signal is None]
-        used = {c for s in (*given.values(), *more.values()) for c in s.columns}
-        ns = unit == "ns" and not self.nanoseconds
+        clock, unit = self._time()
+        found = {name: self._signal(name) for name in ("q", "tau", "qd", "q_ref")}
+        if found["qd"] and found["q"] and clock:
+            found["qd"] = self._velocity(found["qd"], found["q"], clock, unit)
+        some = {name: signal for name, signal in found.items() if signal}
+        used = {*clock, *(c for s in some.values() for c in s.columns)}
+        ns = unit == "ns"
         return Draft(
             columns=replace(
                 columns,
-                time=time or "t",
+                time=clock[0] if clock else "t",
                 time_unit="us" if ns else unit,
                 time_scale=1e-3 if ns else 1.0,
-                nanoseconds=self.nanoseconds,
-                signals=given,
+                nanoseconds=clock[1] if len(clock) > 1 else None,
+                signals={n: s for n, s in some.items() if n in NEEDED},
             ),
             format=self.format,
             doubts={name: tuple(words) for name, words in self.doubts.items()},
-            optional=more,
-            missing=(*(() if time else ("time",)), *missing),
-            rest=tuple(
-                c for c in self.log.columns if c and c not in {*used, *self.clock}
+            optional={n: s for n, s in some.items() if n not in NEEDED},
+            missing=tuple(
+                n for n in NEEDED if n not in some and not (n == "time" and clock)
             ),
+            rest=tuple(c for c in self.log.columns if c and c not in used),
         )
 
     def _doubt(self, line: str, words: str) -> None:
         self.doubts.setdefault(line, []).append(words)
 
-    def _known_format(self) -> str | None:
-        """Return the preset whose angles and time are in the log."""
-        for name, preset in PRESETS.items():
-            times = {column.name for column in preset.time}
-            if times & {*self.log.columns} and self._of_preset(preset, "q"):
-                return name
-        return None
+    def _is_of(self, preset: Preset) -> bool:
+        """Whether time and angles of a preset are in the log."""
+        return bool({*preset.time} & {*self.log.columns} and self._told(preset, "q"))
 
-    def _of_preset(self, preset: Preset, signal: str) -> tuple[Column, Family] | None:
-        for column in preset.signals.get(signal, ()):
-            for family in self.families:
-                if family.name == column.name:
-                    return column, family
-        return None
+    def _told(self, preset: Preset, signal: str) -> tuple[Family, str] | None:
+        """Return the columns that a preset has for a signal, and their unit."""
+        named = {family.name: family for family in reversed(self.families)}
+        units = preset.signals.get(signal, {})
+        return next(((named[n], u) for n, u in units.items() if n in named), None)
 
-    # Time
-
-    def _time(self) -> tuple[str | None, str]:
-        """Return the column of time and its unit."""
-        self.clock = self._two()
-        if self.clock:
-            return self.clock[0], "s"
-        told = {c.name: c.unit for c in self.preset.time if c.name in self.log.columns}
-        named = [c for c in self.log.columns if TIMES & {*words_of(c)}]
-        found = [c for c in (*told, *named) if self._increases(c)]
-        if not found:
-            self._doubt("time", "no column of numbers that increase is called a time")
-            return None, "s"
-        column = found[0]
-        self.clock = (column,)
-        others = [c for c in dict.fromkeys(found) if c != column]
-        if others and column not in told:
-            self._doubt("time", f"{' and '.join(others)} increase too")
-        if column in told:
-            return column, told[column]
-        return column, self._time_unit(column)
-
-    @property
-    def nanoseconds(self) -> str | None:
-        """Column of nanoseconds beside one of whole seconds."""
-        return self.clock[1] if len(self.clock) > 1 else None
-
-    def _two(self) -> tuple[str, ...]:
-        """Return the columns of whole seconds and of nanoseconds, () for none."""
+    def _time(self) -> tuple[tuple[str, ...], str]:
+        """Return the column of time, or those of seconds and nanoseconds; the unit."""
         for column in self.log.columns:
             for word in ("nanosec", "nanosecs", "nsec", "nsecs"):
                 other = _SECONDS_OF.sub(word, column)
                 if other != column and other in self.log.columns:
-                    return column, other
-        return ()
+                    return (column, other), "s"
+        named = [c for c in self.log.columns if TIMES & {*words_of(c)}]
+        found = [c for c in (*self.preset.time, *named) if self._increases(c)]
+        if not found:
+            self._doubt("time", "no column of numbers that increase is called a time")
+            return (), "s"
+        column = found[0]
+        return (column,), self.preset.time.get(column) or self._time_unit(column)
 
     def _increases(self, column: str) -> bool:
         x = self._read((column,))
         if x is None:
             return False
         steps = np.diff(x[:, 0])
-        if (steps < 0).any() and {*self.log.columns} >= {"episode_index"}:
-            words = "it begins again with each episode: give one episode by itself"
-            self._doubt("time", words)
         # A few samples that repeat or are gone are for the reader to say.
         return float((steps >= 0).mean()) > MOSTLY and 4 * (steps > 0).mean() > 1
 
@@ -244,49 +206,48 @@ class _Drafter:
             return said
         steps = np.diff(self._read((column,))[:, 0])
         step = float(np.median(steps[steps > 0]))
-        likely = [
-            u for u, f in _SECONDS.items() if MIN_RATE <= 1 / (step * f) <= FASTEST
-        ]
+        rates = {unit: 1 / (step * seconds) for unit, seconds in _SECONDS.items()}
+        likely = [u for u, rate in rates.items() if MIN_RATE <= rate <= FASTEST]
         unit = (likely or ["s"])[0]
-        also = f", or {likely[1]}" if len(likely) > 1 else ""
-        words = (
-            f"no unit is stated; in {unit} samples are {step:.6g} {unit} apart{also}"
-        )
-        if unit != "s" or also or not likely:
-            self._doubt("time", words)
+        if unit != "s" or len(likely) != 1:
+            also = f", or {likely[1]}" if len(likely) > 1 else ""
+            apart = f"in {unit} samples are {step:.6g} {unit} apart{also}"
+            self._doubt("time", f"no unit is stated; {apart}")
         return unit
-
-    def _seconds(self, column: str | None, unit: str) -> Array | None:
-        if column is None:
-            return None
-        t = self._read((column,))[:, 0] * _SECONDS[unit]
-        if self.nanoseconds:
-            t = t + 1e-9 * self._read((self.nanoseconds,))[:, 0]
-        return t
-
-    # Signals
 
     def _signal(self, name: str) -> SignalMap | None:
         """Return the columns of a signal with their unit, None where there are none."""
-        told = self._of_preset(self.preset, name)
-        if told:
-            column, family = told
-            if column.note:
-                self._doubt(name, column.note)
-            return self._mapped(name, family, column.unit or self._unit(name, family))
+        if told := self._told(self.preset, name):
+            family, unit = told
+            if not unit:
+                self._doubt(name, "the format states no unit, nor that these are it")
+            return self._mapped(name, family, unit or self._unit(name, family))
         ranked = self._ranked(name)
         if not ranked:
+            words = "no columns, one for each joint, are called so"
+            if name == "tau":
+                words += "; without torque or current no model can be judged"
             if name in NEEDED:
-                words = "no columns, one for each joint, are called so"
-                if name == "tau":
-                    words += "; without torque or current no model can be judged"
                 self._doubt(name, words)
             return None
-        self._doubt_choice(name, ranked)
-        return self._mapped(name, ranked[0], self._unit(name, ranked[0]))
+        family, *others = ranked
+        if others:
+            names = "; ".join(shorten(f.columns) for f in others)
+            self._doubt(name, f"or else: {names}")
+        if not family.words or family.words[0] in LETTERS:
+            self._doubt(name, f"one letter says little: are {family.name} this?")
+        if family.strange:
+            words = "no name is one of the URDF's joints; in the order of the header"
+            self._doubt(name, words)
+        if family.more:
+            self._doubt(name, f"there are more: {shorten(family.more)}")
+        return self._mapped(name, family, self._unit(name, family))
 
     def _mapped(self, name: str, family: Family, unit: str) -> SignalMap:
         """Return the line of a signal; of angles that begin again, unwrapped."""
+        if unit == "A":
+            words = "a motor current: robot.toml needs torque_per_unit, N m per A"
+            self._doubt(name, words)
         signal = SignalMap(columns=family.columns, unit=unit)
         q = self._read(family.columns) if name in ("q", "q_ref") else None
         if q is None:
@@ -305,58 +266,39 @@ class _Drafter:
         zero = tuple((_TURN[unit] * turns).tolist()) if turns.any() else ()
         return replace(signal, unwrap=True, zero=zero)
 
-    def _doubt_choice(self, name: str, ranked: Sequence[Family]) -> None:
-        """Say what else the columns of a signal may be."""
-        family = ranked[0]
-        if len(ranked) > 1:
-            others = "; ".join(shorten(f.columns) for f in ranked[1:])
-            self._doubt(name, f"or else: {others}")
-        if not family.words or family.words[0] in LETTERS:
-            self._doubt(name, f"one letter says little: are {family.name} this?")
-        if family.strange:
-            words = "no name is one of the URDF's joints; in the order of the header"
-            self._doubt(name, words)
-        if family.more:
-            self._doubt(name, f"there are more: {shorten(family.more)}")
-        if MOTOR & {*family.words}:
-            self._doubt(name, 'of the motor? Then side = "motor"; modelgap check says')
-
     def _ranked(self, name: str) -> list[Family]:
-        """Return the families that may be a signal, the likeliest first."""
-        reference = name == "q_ref"
-        meant = "q" if reference else name
-        found = []
-        for family in self.families:
+        """Return the families that may be a signal, the likeliest first.
+
+        A torque rather than a current, as measured rather than by any other name.
+        """
+        meant = "q" if name == "q_ref" else name
+
+        def rank(family: Family) -> tuple:
             words = {*family.words}
-            wanted = bool(WANTED & words)
-            if wanted is not reference or self._meaning(family) != meant:
-                continue
             letter = len(family.words) == 1 and family.words[0] in LETTERS
-            # A torque rather than a current, as measured rather than by any other name.
-            rank = (
-                family.strange,
-                bool(CURRENTS & words),
-                letter,
-                not MEASURED & words,
-                len(words),
-            )
-            found.append((rank, len(found), family))
-        return [family for _, _, family in sorted(found, key=lambda each: each[:2])]
+            current, other = bool(CURRENTS & words), not MEASURED & words
+            return family.strange, current, letter, other, len(words)
+
+        found = [
+            family
+            for family in self.families
+            if bool(WANTED & {*family.words}) is (name == "q_ref")
+            and self._meaning(family) == meant
+        ]
+        return sorted(found, key=rank)
 
     def _meaning(self, family: Family) -> str | None:
-        unit = self._stated(family)
+        """Return the signal that columns are of, by their unit or their words."""
+        words, unit = {*family.words}, self._stated(family)
         of_unit = next((n for n in ("q", "qd", "qdd", "tau") if unit in UNITS[n]), None)
         if of_unit:
-            bad = any(s is None and w & {*family.words} for s, w in WORDS)
+            bad = any(signal is None and own & words for signal, own in WORDS)
             return None if bad else of_unit
         if len(family.words) == 1 and family.words[0] in LETTERS:
             return LETTERS[family.words[0]]
-        if not family.words and family.named:
+        if not words and family.named:
             return "q"
-        for signal, words in WORDS:
-            if words & {*family.words}:
-                return signal
-        return None
+        return next((signal for signal, own in WORDS if own & words), None)
 
     def _stated(self, family: Family) -> str | None:
         """Unit that the file or the name states, as a map calls it."""
@@ -370,38 +312,33 @@ class _Drafter:
             return "deg/s"
         if name in ("q", "q_ref"):
             return self._angle(name, family)
-        usual = next(iter(UNITS[name]))
-        if name != "tau":
-            return usual
-        if CURRENTS & {*family.words} and "torque" not in family.words:
-            words = "a current by its name: robot.toml needs torque_per_unit"
-            self._doubt("tau", words)
-            return "A"
-        self._doubt("tau", "no unit is stated; taken for N m at the link")
-        return usual
+        if name == "tau":
+            if CURRENTS & {*family.words} and "torque" not in family.words:
+                return "A"
+            self._doubt("tau", "no unit is stated; taken for N m at the link")
+        return next(iter(UNITS[name]))
 
     def _angle(self, name: str, family: Family) -> str:
         """Return the unit of angles by what the joints of the robot can reach."""
-        q = self._read(family.columns)
+        usual, q = self.preset.angle or "rad", self._read(family.columns)
         if q is None:
             self._doubt(name, "no unit is stated, and its numbers cannot be read")
-            return self.preset.angle or "rad"
+            return usual
         low, high = np.nanmin(q, axis=0), np.nanmax(q, axis=0)
-        if self._reach(low, high) <= LIMIT_SLACK:
-            if self.preset.angle:
-                self._doubt(name, f"{self.preset.angle} by the format; radians fit too")
-            elif name == "q" and (high - low).max() < LIMIT_SLACK:
-                self._doubt(name, "radians? It hardly moves, and degrees would fit too")
-            return self.preset.angle or "rad"
-        if name == "q":
+        if self._reach(low, high) > LIMIT_SLACK:
             sure = self._reach(np.deg2rad(low), np.deg2rad(high)) <= LIMIT_SLACK
-            why = "inside" if sure else "still beyond"
             self._doubt(
                 name,
                 f"no unit is stated; up to {max(-low.min(), high.max()):.4g} is beyond "
-                f"the joints' limits in rad, {why} them in degrees",
+                f"the joints' limits in rad, {'inside' if sure else 'still beyond'} "
+                "them in degrees",
             )
-        return "deg"
+            return "deg"
+        if usual == "deg":
+            self._doubt(name, "degrees by the format; radians fit too")
+        elif (high - low).max() < LIMIT_SLACK:
+            self._doubt(name, "radians? It hardly moves, and degrees would fit too")
+        return usual
 
     def _reach(self, low: Array, high: Array) -> float:
         """How far angles lie beyond the limits of the joints, at the most [rad]."""
@@ -410,19 +347,16 @@ class _Drafter:
         turns = np.where(free, np.maximum(-low, high) - TURNS, 0)
         return float(max(beyond.max(), turns.max()))
 
-    def _radians(self, signal: SignalMap | None) -> Array | None:
-        q = self._read(signal.columns) if signal else None
-        return None if q is None else q * UNITS["q"][signal.unit]
-
     def _velocity(
-        self, signal: SignalMap, q: Array | None, t: Array
+        self, signal: SignalMap, angles: SignalMap, clock: tuple[str, ...], unit: str
     ) -> SignalMap | None:
         """Return velocities in the unit in which they are those of the angles."""
-        qd = self._read(signal.columns)
-        if q is None or qd is None:
+        q, qd, t = (self._read(c) for c in (angles.columns, signal.columns, clock))
+        if q is None or qd is None or t is None:
             return None
+        seconds = t @ [_SECONDS[unit], 1e-9][: len(clock)]
         with np.errstate(divide="ignore", invalid="ignore"):
-            own = np.gradient(q, t, axis=0)
+            own = np.gradient(q * UNITS["q"][angles.unit], seconds, axis=0)
         own[~np.isfinite(own)] = np.nan
         size = np.nansum(own**2)
         for unit in (signal.unit, *UNITS["qd"]):
@@ -434,14 +368,13 @@ class _Drafter:
     def _read(self, columns: tuple[str, ...]) -> Array | None:
         """Values of some columns; None where they are no numbers. Shape (n, k)."""
         if columns not in self.values:
-            self.values[columns] = self._numbers(columns)
+            try:
+                read = self.log.read(columns)
+            except InputError:
+                x = np.zeros((0, len(columns)))
+            else:
+                x = np.column_stack([read[c] for c in columns]).astype(float)
+            x[~np.isfinite(x)] = np.nan
+            enough = np.isfinite(x).all(axis=1).sum() > 1
+            self.values[columns] = x if enough else None
         return self.values[columns]
-
-    def _numbers(self, columns: tuple[str, ...]) -> Array | None:
-        try:
-            read = self.log.read(columns)
-        except InputError:
-            return None
-        x = np.column_stack([read[c] for c in columns]).astype(float)
-        x[~np.isfinite(x)] = np.nan
-        return x if np.isfinite(x).all(axis=1).sum() > 1 else None

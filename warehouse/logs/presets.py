@@ -44,77 +44,58 @@ WANTED = frozenset(  # what was asked of the arm, not what it did
     + _split("goal d planned nominal udes kdes")
 )
 MEASURED = frozenset(_split("act actual meas measured msr ist state feedback fb"))
-MOTOR = frozenset(_split("motor mot drive rotor"))
 TIMES = frozenset(_split("t time times timestamp stamp zeit clock elapsed krctime"))
 # Of the units in a name; those of one letter are words of another meaning, too.
 UNIT_WORDS = {
     **{word: UNITS[word] for word in _split("deg degrees rad nm ms us sec")},
     **{"degree": "deg", "msec": "ms", "ns": "ns", "amp": "A", "amps": "A"},
 }
-_KNOWN = frozenset({*UNIT_WORDS}).union(*(w for _, w in WORDS), WANTED, MEASURED, MOTOR)
+_KNOWN = frozenset({*UNIT_WORDS}).union(*(w for _, w in WORDS), WANTED, MEASURED)
 
 
-@dataclass(frozen=True, slots=True)
-class Column:
-    """What a format calls a signal."""
-
-    name: str  # column, with "#" for the number of the joint
-    unit: str  # unit that the format gives it; "" for what the numbers say
-    note: str = ""  # what a user should know of it; empty for nothing
+Units = Mapping[str, str]  # by column, the best first; "" for what the numbers say
 
 
 @dataclass(frozen=True, slots=True)
 class Preset:
-    """A log format of a maker."""
+    """A log format of a maker; only its angles where it publishes no names."""
 
     about: str  # whose it is
-    time: tuple[Column, ...] = ()  # its columns of time, the best first
-    # Its columns by signal, the best first; empty where the maker publishes no names,
-    # and only what follows is known.
-    signals: Mapping[str, tuple[Column, ...]] = field(default_factory=dict)
+    time: Units = field(default_factory=dict)
+    signals: Mapping[str, Units] = field(default_factory=dict)
     angle: str | None = None  # unit of angles whose names and file say none
 
 
-_CURRENT = "a motor current: robot.toml needs torque_per_unit, N m at the link per A"
+def _measured(*names: str, q_ref: str = "", angle: str = "rad") -> dict[str, Units]:
+    """Units of what formats call q, tau and qd, and the wanted q."""
+    units = {"q": angle, "tau": "N m", "qd": "rad/s"}
+    found = {key: {n: units[key]} for key, n in zip(units, names, strict=False)}
+    return found | ({"q_ref": {q_ref: angle}} if q_ref else {})
 
 
-def _plotted(signal: str, unit: str) -> tuple[Column, ...]:
-    names = (f"/joint_states/{joint}/{signal}" for joint in ("joint_#", "#"))
-    return tuple(Column(name, unit) for name in names)
+def _plotted(number: str) -> dict[str, Units]:
+    kinds = ("position", "effort", "velocity")
+    return _measured(*(f"/joint_states/{number}/{kind}" for kind in kinds))
 
 
+_RTDE = _measured("actual_q_#", "actual_current_as_torque_#", "actual_qd_#")
 PRESETS: Mapping[str, Preset] = {
     "ur-rtde": Preset(
         "Universal Robots, RTDE (rtde/csv_writer.py of its client)",
-        (Column("timestamp", "s"),),
-        {
-            "q": (Column("actual_q_#", "rad"),),
-            "tau": (
-                Column("actual_current_as_torque_#", "N m"),
-                Column("actual_current_#", "A", _CURRENT),
-            ),
-            "qd": (Column("actual_qd_#", "rad/s"),),
-            "q_ref": (Column("target_q_#", "rad"),),
-        },
+        {"timestamp": "s"},
+        _RTDE
+        | {"tau": _RTDE["tau"] | {"actual_current_#": "A"}}
+        | {"q_ref": {"target_q_#": "rad"}},
     ),
     "franka": Preset(
         "Franka, libfranka's logToCSV (src/log.cpp)",
-        (Column("time", "ms"),),
-        {
-            "q": (Column("state.q[#]", "rad"),),
-            "tau": (Column("state.tau_J[#]", "N m"),),
-            "qd": (Column("state.dq[#]", "rad/s"),),
-            "q_ref": (Column("state.q_d[#]", "rad"),),
-        },
+        {"time": "ms"},
+        _measured("state.q[#]", "state.tau_J[#]", "state.dq[#]", q_ref="state.q_d[#]"),
     ),
     "kuka-fri": Preset(
         "KUKA LWR, Fast Research Interface Library (src/DataLogging.cpp)",
-        (Column("KRCTime", "s"), Column("LocalTime", "s")),
-        {
-            "q": (Column("ActPJ#", "deg"), Column("ActJ#", "deg")),
-            "tau": (Column("ActFJ#", "N m"),),
-            "q_ref": (Column("UDesPJ#", "deg"), Column("UDesJ#", "deg")),
-        },
+        {"KRCTime": "s", "LocalTime": "s"},
+        _measured("ActPJ#", "ActFJ#", q_ref="UDesPJ#", angle="deg"),
     ),
     "robotstudio": Preset(
         "ABB RobotStudio, which publishes no names: degrees where nothing says more",
@@ -122,38 +103,23 @@ PRESETS: Mapping[str, Preset] = {
     ),
     "ros": Preset(
         "ROS joint states: a bag, or text by rostopic echo -p",
-        (Column("%time", "ns"), Column("field.header.stamp", "ns")),
-        {
-            "q": (Column("field.position#", "rad"),),
-            "tau": (Column("field.effort#", "N m"),),
-            "qd": (Column("field.velocity#", "rad/s"),),
-        },
+        {"%time": "ns", "field.header.stamp": "ns"},
+        _measured("field.position#", "field.effort#", "field.velocity#"),
     ),
     "mujoco": Preset(
         "MuJoCo, the arrays of mjData",
-        (Column("time", "s"),),
-        {
-            "q": (Column("qpos[#]", "rad"),),
-            "tau": (Column("qfrc_actuator[#]", "N m"),),
-            "qd": (Column("qvel[#]", "rad/s"),),
-        },
+        {"time": "s"},
+        _measured("qpos[#]", "qfrc_actuator[#]", "qvel[#]"),
     ),
     "plotjuggler": Preset(
         "PlotJuggler, joint states as exported to CSV",
-        (Column("__time", "s"),),
-        {
-            "q": _plotted("position", "rad"),
-            "tau": _plotted("effort", "N m"),
-            "qd": _plotted("velocity", "rad/s"),
-        },
+        {"__time": "s"},
+        {key: own | _plotted("#")[key] for key, own in _plotted("joint_#").items()},
     ),
     "lerobot": Preset(
         "LeRobot, version 3 (data/*.parquet)",
-        (Column("timestamp", "s"),),
-        {
-            "q": (Column("observation.state[#]", "", "angles? meta/info.json says"),),
-            "q_ref": (Column("action[#]", "", "angles? meta/info.json says"),),
-        },
+        {"timestamp": "s"},
+        {"q": {"observation.state[#]": ""}, "q_ref": {"action[#]": ""}},
     ),
 }
 
@@ -164,8 +130,7 @@ class Family:
 
     name: str  # their name, with "#" for what differs
     columns: tuple[str, ...]  # one for each joint, joint 1 first
-    # Columns of the same name beyond the joints of the robot.
-    more: tuple[str, ...] = ()
+    more: tuple[str, ...] = ()  # of the same name, beyond the joints of the robot
     named: bool = False  # whether they have the names of the URDF's joints
     strange: bool = False  # whether they have names that are not the URDF's
 

@@ -4,12 +4,12 @@ from dataclasses import replace
 
 import numpy as np
 
+from benchmarks.loop_parts.next import logged_products
 from residual.diagnosis.neighbours import Rival
 from residual.diagnosis.result import Alternative, Place
 from residual.planning import question as gather
 from residual.planning.promise import (
     Course,
-    logged_products,
     promised,
     settled_by,
     structural_twins,

@@ -1,21 +1,12 @@
 """modelgap next: from a verdict and its logs to a program."""
 
 import json
-from dataclasses import replace
 from pathlib import Path
-from types import SimpleNamespace
 
 import numpy as np
 import pytest
 
 from flows.cli import main
-from flows.cli.next import _command
-from flows.inputs.given import load
-from flows.report.next import told
-from flows.requests import Diagnose
-from flows.steps.planning.ask import Asked
-from residual.diagnosis.result import Place
-from sim.engine.records import TrajectorySpec
 from tests.residual.planning.asked import logs
 
 NAMES = ["t", *(f"{x}{j}" for x in ("q", "tau") for j in range(1, 7))]
@@ -46,7 +37,7 @@ def place(tmp_path_factory):
 @pytest.fixture
 def here(place, monkeypatch):
     monkeypatch.chdir(place)
-    monkeypatch.setattr("flows.steps.planning.design.WAVES", 2)
+    monkeypatch.setattr("flows.steps.next.WAVES", 2)
     return place
 
 
@@ -66,7 +57,7 @@ def test_a_verdict_says_by_itself_what_a_motion_could_settle(place):
 
 
 def test_a_program_is_found_written_and_explained(here, capsys):
-    files = ("--out", "p.csv", "--report", "p.html", "--json", "n.json")
+    files = ("--out", "p.csv", "--json", "n.json")
     assert main(["next", *GIVEN, "--seconds", "8", *files]) == 0
     shown = capsys.readouterr().out
     assert "next experiment: " in shown
@@ -81,14 +72,9 @@ def test_a_program_is_found_written_and_explained(here, capsys):
     plan = document["next_experiment"]
     assert plan["program"] == "p.csv"
     assert document["effects"] == json.loads(Path("v.json").read_text())["effects"]
-    page = Path("p.html").read_text()
-    # One number, the same in the text, in the JSON and on the page.
     assert plan["sure_after"] is not None
-    for text in (shown, page):
-        assert f"{plan['sure_after']:.1f} s" in text
+    assert f"{plan['sure_after']:.1f} s" in shown
     assert plan["seconds"] == table["t"][-1]
-    assert "modelgap diagnose fit.csv NEW_LOG --robot irb140" in page
-    assert "Tools, cables, fixtures and fences are not known here" in page
 
 
 @pytest.mark.parametrize(
@@ -99,7 +85,6 @@ def test_a_program_is_found_written_and_explained(here, capsys):
         (["v.json"], "has the verdict but not the logs"),
         (["v.json", "fit.csv"], "has the verdict but not the logs"),
         ([*GIVEN, "--seconds", "1"], "--seconds 1: expected 4 to 600"),
-        ([*GIVEN, "--run"], "--run takes the id of a diagnosis"),
         ([*GIVEN, "--rate", "0"], "--rate 0: expected 1"),
         ([*GIVEN, "--out", "v.json"], "would overwrite an input"),
         (["abc", "--store", "nowhere"], "nowhere"),
@@ -111,36 +96,6 @@ def test_what_cannot_be_done_is_told_in_two_lines(here, capsys, words, message):
     told = capsys.readouterr().err
     assert message in told
     assert len(told.strip().splitlines()) <= 3
-
-
-def test_the_command_for_the_new_log_asks_as_the_others_were_asked():
-    known = ("payload.mass=2", "link.3.mass=4")
-    asked = Diagnose(("a b.csv",), robot="irb140", declared=("coulomb",), known=known)
-    asked = replace(asked, columns="C.toml", model="3f2a", trust_log=True)
-    opened = Asked(None, None, None, load("irb140"), asked)
-    assert _command(opened, "s") == (
-        "modelgap diagnose 'a b.csv' NEW_LOG --robot irb140 --declared coulomb --known "
-        "payload.mass=2 --known link.3.mass=4 --map C.toml --model 3f2a --store s "
-        "--trust-log"
-    )
-    usual = ("viscous", "coulomb", "rotor_inertia")
-    opened = replace(opened, request=Diagnose(("A",), robot="irb140", declared=usual))
-    assert _command(opened, None) == "modelgap diagnose A NEW_LOG --robot irb140"
-    held = Diagnose(("A",), robot="irb140", held_out=("B", "C"))
-    assert _command(replace(opened, request=held), None) == (
-        "modelgap diagnose A NEW_LOG --robot irb140 --holdout B --holdout C"
-    )
-
-
-@pytest.mark.parametrize(
-    ("periods", "said"), [(1, "in 1 period,"), (2, "in 2 periods,")]
-)
-def test_one_period_is_no_periods(periods, said, monkeypatch):
-    monkeypatch.setattr("flows.report.next._inseparable", lambda _: [])
-    spec = TrajectorySpec("fourier", 10.0, periods, 0)
-    best = SimpleNamespace(spec=spec, after=1.0, sure=SimpleNamespace(chance=0.9))
-    design = SimpleNamespace(best=best, rivals=[Place("spring", (1,))] * 2)
-    assert said in told(design)[0]
 
 
 def test_where_nothing_is_open_nothing_is_proposed(here, capsys, monkeypatch):

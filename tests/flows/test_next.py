@@ -3,7 +3,8 @@
 import numpy as np
 import pytest
 
-from flows.steps.planning.design import apart_by_no_motion, design, document
+from flows.report.next import told
+from flows.steps.next import Ranking, rank_motions
 from residual.planning.promise import SURE, promised, structural_twins
 from residual.robot.dynamics import inverse_dynamics
 from residual.robot.robot import load_robot
@@ -18,7 +19,7 @@ from tests.residual.planning.asked import asked
 @pytest.fixture(scope="module")
 def made():
     robot, question = asked("spring", 2)
-    return robot, design(question, robot, 12.0, seed=3)
+    return robot, rank_motions(question, robot, 12.0, seed=3)
 
 
 def test_the_best_settles_the_question_and_none_of_the_others_sooner(made):
@@ -27,7 +28,8 @@ def test_the_best_settles_the_question_and_none_of_the_others_sooner(made):
     assert 1.0 < best.after <= 12.0
     assert SURE <= best.sure.chance <= 1
     assert all(best.after <= (one.after or np.inf) for one in others)
-    assert {r.name for r in found.rivals} == {"spring", "balancer"}
+    rivals = found.document(None)["rivals"]
+    assert {r["name"] for r in rivals} == {"spring", "balancer"}
 
 
 def test_it_keeps_all_limits_over_the_whole_motion(made):
@@ -45,7 +47,7 @@ def test_it_keeps_all_limits_over_the_whole_motion(made):
 
 def test_the_document_gives_the_same_motion_again(made):
     robot, found = made
-    plan = document(found, "p.csv")
+    plan = found.document("p.csv")
     keys = {"rivals", "family", "parameters", "seconds", "sure_after", "program"}
     assert set(plan) == keys | {"expected_nats", "chance"}
     spec = TrajectorySpec.from_record(
@@ -55,11 +57,12 @@ def test_the_document_gives_the_same_motion_again(made):
     np.testing.assert_array_equal(again.q, first.q)
 
 
-def test_twins_are_told_as_such():
+def test_twins_are_told_as_such(made):
+    _, found = made
     _, question = asked("coulomb_asymmetry", 4)
-    same, _ = apart_by_no_motion(question, structural_twins(question))
-    assert [{a.name, b.name} for a, b in same] == [{"offset", "coulomb_asymmetry"}]
-    assert promised(question) is None  # and nothing else is open
+    assert promised(question) is None  # nothing but the twins is open
+    ranking = Ranking(question, structural_twins(question), found.ranked)
+    assert any("are one torque on every motion" in line for line in told(ranking))
 
 
 @pytest.mark.parametrize(

@@ -1,0 +1,271 @@
+"""Which built-in motion settles soonest what a verdict leaves open."""
+
+import json
+from collections.abc import Iterator
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from flows.inputs.given import LogSets, is_run
+from flows.outputs import Progress
+from flows.requests import Diagnose, Next
+from flows.settings import store_folder
+from flows.steps.diagnose import diagnose, read_logs, runs_of
+from flows.steps.models import diagnosis_of
+from flows.storage.diagnosis import checked_verdict, read_verdict
+from residual.diagnosis.result import Diagnosis, Verdict
+from residual.errors import InputError, check_nesting
+from residual.model.record import held_in
+from residual.planning.outlook import Outlook, Pair, Prospect, outlook
+from residual.planning.promise import (
+    Course,
+    plan_of,
+    structural_twins,
+    sure_after,
+    until_apart,
+)
+from residual.planning.question import Question
+from residual.robot.robot import Robot
+from residual.threads import one_blas_thread
+from sim.engine.records import TrajectorySpec, stream
+from sim.trajectories.fourier import draw, written
+from sim.trajectories.limits import workspace
+from sim.trajectories.reference import make_plan
+from warehouse.layout import read_record
+from warehouse.runs import robot_word
+
+SHORTEST, LONGEST = 4.0, 600.0  # s, of a motion
+# Families that excite the arm. Those that follow a workpiece take a second or two to
+# plan and move as the piece lies.
+FOURIER, MOVES = "fourier", "move_stop_move"
+PERIODS = (2.5, 5.0, 10.0)  # s, of the motions, about
+WAVES, PLACES = 8, 4  # motions of each period, of either family
+LOOKS = 3  # motions that are looked at closely
+# Samples of a motion per row of a log: where it is one of many, and looked at closely.
+COARSER, FINER = 0.5, 2
+
+
+@dataclass(frozen=True, eq=False, slots=True)
+class Opened:
+    """A verdict, its logs diagnosed once more, and what they leave open."""
+
+    verdict: Verdict  # as it was named
+    found: Diagnosis  # the same logs once more
+    question: Question
+    robot: Robot
+    lines: tuple[str, ...] = ()  # what the user should know of the logs
+
+    @property
+    def same(self) -> bool:
+        """Whether the logs gave the verdict again."""
+        one, other = (
+            {(f.name, f.joints) for f in v.effects} | {v.verdict}
+            for v in (self.verdict, self.found.verdict)
+        )
+        return one == other
+
+
+def open_verdict(request: Next, progress: Progress | None = None) -> Opened:
+    """Find out what a verdict leaves open.
+
+    A comparison asks nothing of one arm: of it the new logs are looked at by
+    themselves.
+
+    Raises:
+        InputError: If the request, the verdict or a log is not usable.
+    """
+    check_length(request.seconds)
+    stored = is_run(request.verdict)
+    verdict, again, logs = (_of_store if stored else _of_file)(request)
+    found = diagnose(again, logs, progress)
+    question = found.question
+    if question is None:
+        question = diagnose(again, logs, progress, alone=True).question
+    return Opened(verdict, found, question, logs.robot, logs.lines)
+
+
+def check_length(seconds: float) -> None:
+    """Raise InputError unless a motion may be so long [s]."""
+    if not SHORTEST <= seconds <= LONGEST:
+        raise InputError(
+            f"--seconds {seconds:g}: expected {SHORTEST:g} to {LONGEST:g}."
+        )
+
+
+def _of_store(request: Next) -> tuple[Verdict, Diagnose, LogSets]:
+    """The verdict, request and runs of a diagnosis in the store."""
+    given = {"logs": request.logs, "--robot": request.robot, "--map": request.columns}
+    given |= {"--holdout": request.held_out, "--baseline": request.baseline}
+    if extra := [name for name, value in given.items() if value]:
+        raise InputError(
+            f"{', '.join(extra)}: a diagnosis in the store knows its own. Leave it "
+            "out, or name the JSON file of a verdict."
+        )
+    store = store_folder(request.store)
+    id = diagnosis_of(store, request.verdict)
+    record = read_record(store, id)
+    kept = record.get("request") or {}
+    if kept.get("step") != "diagnose":
+        raise InputError(f"{id} does not say how it was made. Diagnose its runs again.")
+    word = robot_word(store, kept["robot"], kept.get("robot_hash"))
+    again = Diagnose.from_record({**kept, "robot": word}, store)
+    return read_verdict(store, id), again, runs_of(again)
+
+
+def _of_file(request: Next) -> tuple[Verdict, Diagnose, LogSets]:
+    """The verdict of a JSON file, and the logs that were named with it."""
+    verdict = read_verdict_file(Path(request.verdict))
+    if request.robot is None or not request.logs:
+        raise InputError(
+            f"{request.verdict} has the verdict but not the logs. Name them: modelgap "
+            f"next {request.verdict} LOG... --robot R."
+        )
+    again = Diagnose(
+        logs=request.logs,
+        robot=request.robot,
+        held_out=request.held_out,
+        baseline=request.baseline,
+        declared=verdict.declared,
+        columns=request.columns,
+        store=request.store,
+    )
+    logs = read_logs(again)
+    if logs.robot.name != verdict.robot:
+        raise InputError(
+            f"{request.verdict} is of {verdict.robot}, --robot is {logs.robot.name}. "
+            "Give the robot of the verdict."
+        )
+    return verdict, again, logs
+
+
+def read_verdict_file(path: Path) -> Verdict:
+    """Return the verdict of a JSON file.
+
+    Raises:
+        InputError: If it is not there, or no verdict.
+    """
+    try:
+        document = json.loads(path.read_text(encoding="utf-8"))
+    except OSError as error:
+        raise InputError(
+            f"{path}: no such verdict. Expected the id of a diagnosis, or the file of "
+            "modelgap diagnose --json."
+        ) from error
+    except (ValueError, RecursionError) as error:
+        raise InputError(f"{path.name} is no JSON: {error}.") from error
+    if not isinstance(document, dict):
+        raise InputError(f"{path.name} has no verdict: expected a JSON object.")
+    check_nesting(document, path.name)
+    if held_in(path) == "a model":
+        raise InputError(
+            f"{path.name} holds a model, expected a verdict: the file of modelgap "
+            "diagnose --json, or the id of a diagnosis."
+        )
+    return checked_verdict(document)
+
+
+@dataclass(frozen=True, eq=False, slots=True)
+class Motion:
+    """A motion, and what it promises."""
+
+    spec: TrajectorySpec  # planned again from it, it is the same
+    seen: Outlook  # what all of it brings at the sizes that were found
+    sure: Prospect  # what all of it brings, counted in drawn logs
+    # After how long of it the question is settled surely [s]; None for never.
+    after: float | None
+
+    @property
+    def rank(self) -> tuple[float, float]:
+        """Less is better: soon sure; where never, a small chance not to be."""
+        return np.inf if self.after is None else self.after, -self.sure.chance
+
+
+@dataclass(frozen=True, eq=False, slots=True)
+class Ranking:
+    """Motions for a question."""
+
+    question: Question
+    twins: frozenset[Pair]  # pairs that no motion tells apart
+    ranked: tuple[Motion, ...]  # those that were looked at closely, the best first
+
+    @property
+    def best(self) -> Motion:
+        """The one to run."""
+        return self.ranked[0]
+
+    def document(self, program: str | None) -> dict:
+        """Return the best as `next_experiment` of a verdict has it.
+
+        Args:
+            program: File with the motion for a controller; None where none is written.
+        """
+        spec, best = self.best.spec, self.best
+        shown: dict = {"periods": spec.periods}
+        if spec.coefficients:
+            shown["coefficients"] = [list(row) for row in spec.coefficients]
+        else:
+            shown["seed"] = spec.seed
+        plan = plan_of(self.question, best.seen, best.sure, spec.duration, best.after)
+        return plan | {"family": spec.kind, "parameters": shown, "program": program}
+
+
+@one_blas_thread
+def rank_motions(
+    question: Question,
+    robot: Robot,
+    seconds: float,
+    seed: int,
+    tell: Progress | None = None,
+) -> Ranking | None:
+    """Rank motions of both families; None where nothing is open, or none is found.
+
+    Each is weighed by how much of it all pairs need to be apart at the sizes that were
+    found; of the best few it is counted in drawn logs after how long they are surely.
+
+    Args:
+        seconds: Length of the motion [s].
+        seed: Seed of all that is drawn.
+    """
+    if not question.contests:
+        return None
+    tell = tell or (lambda stage, share: None)
+    twins, every = structural_twins(question), list(_specs(robot, seconds, seed))
+    weighed = []
+    for i, spec in enumerate(every):
+        tell("motions", i / len(every))
+        try:
+            course = _course(question, robot, spec, COARSER)
+        except InputError:  # the arm finds no room for it
+            continue
+        weighed.append((until_apart(question, course, seconds, twins), i))
+    looked = []
+    for _, i in sorted(weighed)[:LOOKS]:
+        course = _course(question, robot, every[i], FINER)
+        seen = outlook(question, course.gram(seconds), twins)
+        sure = sure_after(question, course, seconds, twins)
+        looked.append(Motion(every[i], seen, *sure))
+    tell("motions", 1.0)
+    ranked = tuple(sorted(looked, key=lambda motion: motion.rank))
+    return Ranking(question, twins, ranked) if ranked else None
+
+
+def _specs(robot: Robot, seconds: float, seed: int) -> Iterator[TrajectorySpec]:
+    """Motions of both families: of several periods, each drawn some times."""
+    rng = stream(seed, "next/fourier")
+    for periods in sorted({max(1, round(seconds / p)) for p in PERIODS}):
+        place = workspace(robot, seconds / periods)
+        for _ in range(WAVES):
+            rows = written(draw(place, rng))
+            yield TrajectorySpec(FOURIER, seconds, periods, 0, rows)
+        for i in range(PLACES):
+            yield TrajectorySpec(MOVES, seconds, periods, 100 * seed + i)
+
+
+def _course(
+    question: Question, robot: Robot, spec: TrajectorySpec, finer: float
+) -> Course:
+    plan = make_plan(robot, spec)
+    rate = finer * question.signals.rate
+    motion = plan.curve(np.arange(round(plan.once * rate)) / rate)
+    return Course.of(question, motion, rate, max(plan.once - plan.period, 0.0))
