@@ -144,10 +144,11 @@ def _best(robot: Robot, motion: Motion) -> tuple[Stand, Stand]:
     starts = [was] if clear else [was, *tried[:3]]
     best = max((_refined(robot, motion, s) for s in starts), key=lambda s: s.nats)
     axis = size * np.sign(best.gravity) * (np.abs(best.gravity) > 0.9 * size)
-    if _off(axis, best.gravity) or not axis.any():
+    if not axis.any() or _angle(axis, best.gravity) > CHECK.tilted:
         return was, best
+    # Arms are mounted along an axis; a load turns what the torques say by some degrees.
     near = _stand(robot, motion, axis)
-    return was, near if near.nats > best.nats - CHECK.axis_worth else best
+    return was, near if near.nats > best.nats - CHECK.odds else best
 
 
 def _off(one: Array, other: Array) -> bool:
