@@ -144,7 +144,7 @@ def _fall(result: Diagnosis) -> Tile | None:
         where = change.where.removesuffix(",")
         return Tile(label, fall, f"of the torque {where}, before → after")
     level, where = words.level(result.errors)
-    note = f"of the torque {where}, refitted"
+    note = f"of the torque {where.removesuffix(',')}, refitted"
     return None if result.effects else Tile(label, percent(level), note)
 
 
