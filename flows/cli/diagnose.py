@@ -4,7 +4,7 @@ from dataclasses import replace
 
 from flows.cli.app import Outputs
 from flows.outputs import progress_bar, read_files
-from flows.requests import Diagnose, File, Flag, HeldOutWhere, Log, Where
+from flows.requests import Diagnose, File, HeldOutWhere, Log, Where
 
 
 def diagnose(
@@ -15,7 +15,6 @@ def diagnose(
     report: File = None,
     json: File = None,
     save_model: File = None,
-    verbose: Flag = False,
 ) -> None:
     """Name what the model of a robot lacks, from its logs.
 
@@ -53,7 +52,6 @@ def diagnose(
         json: File for the verdict as JSON; "-" prints it and nothing else.
         save_model: File for the model with what was found, which predict and
             export take.
-        verbose: List the effects that these logs could not tell apart.
     """
     from flows.inputs.given import chosen
     from flows.report.diagnosis import print_diagnosis, render
@@ -89,6 +87,6 @@ def diagnose(
         },
         lambda: to_json(found.verdict),
     )
-    print_diagnosis(found, out.console, verbose)
+    print_diagnosis(found, out.console)
     kept = steps.keep(request, stored, found)[0] if stored else None
     out.finish(*([f"stored as a diagnosis: modelgap show {kept}"] if kept else []))

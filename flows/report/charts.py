@@ -75,13 +75,16 @@ def motions(diagnosis: Diagnosis) -> tuple[list[tuple[str, list[Chart]]], int]:
 
 
 def _in_order(diagnosis: Diagnosis) -> list[int]:
-    """All joints: by how much findings lower their errors; without by their errors."""
+    """All joints, by how much findings lower their errors.
 
-    def fall(row: ErrorRow) -> float:
+    Without findings those that stay unexplained come first, then by their errors.
+    """
+    named, left = diagnosis.effects, diagnosis.unexplained.joints
+
+    def fall(row: ErrorRow) -> tuple[bool, float]:
         before, after = map(row.values["filtered"].get, ("identified", "augmented"))
-        if not known(before):
-            return 0.0
-        return before - after if diagnosis.effects and known(after) else before
+        lost = before - after if named and known(before) and known(after) else before
+        return not named and row.joint in left, lost if known(lost) else 0.0
 
     rows = [row for row in error_rows(diagnosis) if row.joint]
     by_fall = [row.joint for row in sorted(rows, key=fall, reverse=True)]

@@ -34,14 +34,13 @@ from flows.report.words import verdict as words
 from flows.report.words.phrases import (
     Staged,
     baseline_sentences,
-    joint_words,
     many,
     noun,
     sentence_case,
     texts,
 )
 from flows.report.words.verdict import held_out_words, rising
-from residual.diagnosis.result import Diagnosis, Finding, Verdict
+from residual.diagnosis.result import Change, Diagnosis, Finding, Verdict
 from residual.quantity import MISSING, fraction, known, number, percent
 
 _TEXT = texts()["diagnosis"]
@@ -68,19 +67,15 @@ def render(
     return render_page(document(result, robot_name, staged, origin))
 
 
-def print_diagnosis(result: Diagnosis, console: Console, verbose: bool = False) -> None:
+def print_diagnosis(result: Diagnosis, console: Console) -> None:
     """Print a diagnosis: verdict, findings, errors, what is left, what to do next.
 
     Args:
         console: Where to print; 80 columns and no colour are enough.
-        verbose: List the effects that these logs could not tell apart.
     """
     report = document(result, drawn=False)
     first = ("missing", "given", "proof", "left", "sizes")
     print_document(console, report, first, ("else",))
-    if verbose and not result.effects:
-        pairs = outlook.confusable_pairs(result.verdict)
-        show(console, *(f"  look alike: {pair}" for pair in pairs), wrapped=True)
     line(console, "")
 
 
@@ -125,8 +120,8 @@ def document(
 
 
 def tiles_of(result: Diagnosis) -> tuple[Tile | None, ...]:
-    """Return up to five figures that say what is missing, and what naming it gains."""
-    return _size(result), _torque(result), _fall(result), _sure(result), _rest(result)
+    """Return up to four figures that say what is missing, and what naming it gains."""
+    return _size(result), _fall(result), _sure(result), _rest(result)
 
 
 def _size(result: Diagnosis) -> Tile | None:
@@ -141,23 +136,6 @@ def _size(result: Diagnosis) -> Tile | None:
     return Tile("Effects found", str(len(named)), note) if named else None
 
 
-def _torque(result: Diagnosis) -> Tile | None:
-    """What the robot's controller does not know: the most that a model lacks."""
-    named = result.effects
-    lacking = [(m, one) for one in named for m in tables.missing_torque(result, one)]
-    if not lacking:
-        return None
-    most, effect = max(lacking, key=lambda pair: pair[0].share or 0.0)
-    note = joint_words([most.joint])
-    if most.share:
-        note += f": {fraction(most.share)} of the largest torque there"
-    if len(named) > 1:
-        note += f", from {noun(effect.name)}"
-    return Tile(
-        "Torque that the model lacks", f"up to {number(most.peak)} {most.unit}", note
-    )
-
-
 def _fall(result: Diagnosis) -> Tile | None:
     label = "Error on unseen motion"
     change = words.change(result.verdict) if result.effects else None
@@ -166,7 +144,7 @@ def _fall(result: Diagnosis) -> Tile | None:
         where = change.where.removesuffix(",")
         return Tile(label, fall, f"of the torque {where}, before → after")
     level, where = words.level(result.errors)
-    note = f"of the torque {where}, refitted"
+    note = f"of the torque {where.removesuffix(',')}, refitted"
     return None if result.effects else Tile(label, percent(level), note)
 
 
@@ -319,25 +297,22 @@ def _evidence(result: Diagnosis) -> Section:
 
 
 def _given(verdict: Verdict) -> Section:
-    off, every = outlook.off_rows(verdict), outlook.all_rows(verdict)
-    more = outlook.hidden_rows(verdict)
-    title = f"All {len(every)} values, as given and as these logs have them"
-    folded = Fold(title, [_values(every)])
-    if not off:
-        parts = [_TEXT["none_off"], folded] if every else ()
-        return Section("given", "The values that the model was given", parts)
-    heading = "Given values that the logs do not bear out"
-    rest = f"And {more} more, in the list of all values."
-    parts = [_values(off), Note(rest, "soft spaced") if more else None, folded]
-    heads = ("value", "as given", "as the logs have it", "")
-    rest = f"and {more} more: 'changes' in the JSON has all of them."
-    brief = [words_table(heads, off, heading), rest if more else ""]
-    return Section("given", heading, parts, _TEXT["given"], brief=brief)
-
-
-def _values(rows: Sequence[tuple[str, ...]]) -> Table:
+    off, most = outlook.off(verdict), outlook.MOST_VALUES
     heads = ("Value", "As given", "As the logs have it", "Off by")
-    return Table(heads, [(sentence_case(what), *rest) for what, *rest in rows])
+
+    def table(changes: Sequence[Change], title: str = "") -> Table:
+        return words_table(heads, outlook.value_rows(changes, verdict), title)
+
+    title = f"All {len(verdict.changes)} values, as given and as these logs have them"
+    folded = Fold(title, [table(verdict.changes)])
+    if not off:
+        parts = [_TEXT["none_off"], folded] if verdict.changes else ()
+        return Section("given", "The values that the model was given", parts)
+    heading, more = "Given values that the logs do not bear out", len(off) - most
+    rest = f"And {more} more: 'changes' in the JSON has all of them." * (more > 0)
+    parts = [table(off[:most]), Note(rest, "soft spaced") if rest else None, folded]
+    brief = [table(off[:most], heading), rest]
+    return Section("given", heading, parts, _TEXT["given"], brief=brief)
 
 
 def _left(verdict: Verdict, figures: Sequence[Chart]) -> Section:
@@ -354,20 +329,13 @@ def _sizes(verdict: Verdict) -> Section:
     if not rows:
         return Section("sizes", heading, ())
     never = _NEVER if any(outlook.NEVER in row for row in rows) else ""
-    cells = [(sentence_case(name), *rest) for name, *rest in rows]
-    alike = outlook.confusable_words(verdict)
-    parts = [
-        Table(heads, cells, left=(0, 1), look="tight sizes"),
-        Note(never, "soft spaced") if never else None,
-        Fold(alike, [outlook.confusable_pairs(verdict)]) if alike else None,
-    ]
-    heads, rows = outlook.detectable_rows(verdict, short=True)
     # The longest word of a name, so that none is broken.
     least = max(len(word) for row in rows for word in row[0].split())
     title = "Smallest size that would have been found"
-    table = Table(heads, rows, title, left=(0, 1), least={0: least})
-    brief = [table, never, alike and f"{alike} --verbose lists them."]
-    brief = brief if nothing else ()
+    look = {"least": {0: least}, "look": "tight sizes"}
+    table = Table(heads, rows, title, left=(0, 1), **look)
+    parts = [table, Note(never, "soft spaced") if never else None]
+    brief = [table, never] if nothing else ()
     return Section("sizes", heading, parts, _TEXT["sizes"], open=nothing, brief=brief)
 
 

@@ -124,13 +124,6 @@ class Heading:
 
 
 @dataclass(frozen=True, slots=True)
-class Steps:
-    """What is to be done, one after the other."""
-
-    steps: Sequence[str]
-
-
-@dataclass(frozen=True, slots=True)
 class Callout:
     """Lines that are to be seen before all else, such as warnings."""
 
@@ -163,9 +156,9 @@ class Beside:
 
 
 # Also a list, charts side by side, words and what they mean.
-Part = (
-    str | Table | Chart | Note | Heading | Steps | Callout | Facts | Fold | Beside
-) | (Sequence[Chart] | Sequence[str] | Mapping[str, str])
+Part = (str | Table | Chart | Note | Heading | Callout | Facts | Fold | Beside) | (
+    Sequence[Chart] | Sequence[str] | Mapping[str, str]
+)
 
 
 @dataclass(frozen=True, slots=True)

@@ -5,7 +5,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from flows.report.document import Document, Section, Table, words_table
-from flows.report.page import Made, render
+from flows.report.page import Pairs, render
 from flows.report.words.phrases import texts
 from flows.report.words.verdict import sentences
 from flows.steps.adopt import Judged, Listed, Proposal
@@ -199,7 +199,7 @@ def _fall(before: float | None, after: float | None) -> str:
     return f"{percent(before)} -> {percent(after)}"
 
 
-def proposal_page(proposal: Proposal, made: Made | None = None) -> str:
+def proposal_page(proposal: Proposal, made: Pairs = ()) -> str:
     """Return the page of a proposal: one HTML document that needs nothing else."""
     diagnosis, errors = proposal.judged.diagnosis, _joint_errors(proposal)
     rows = _compared(proposal)
@@ -223,7 +223,7 @@ def proposal_page(proposal: Proposal, made: Made | None = None) -> str:
                 [_TEXT["answer"], f"modelgap adopt {diagnosis}"],
             ),
         ),
-        foot=made.facts if made else (),
+        foot=made,
     )
     return render(page)
 

@@ -8,8 +8,7 @@ import hashlib
 import json
 import re
 import shlex
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from collections.abc import Sequence
 from functools import cache
 from importlib.util import find_spec
 from pathlib import Path
@@ -31,45 +30,6 @@ _SHORT = 12  # digits of a commit that people read
 Pairs = Sequence[tuple[str, str]]
 
 
-@dataclass(frozen=True, slots=True)
-class Made:
-    """Where a record comes from.
-
-    Attributes:
-        what: Its kind in the singular, such as "diagnosis".
-        created: When it was committed, ISO 8601 to the second, UTC.
-        version: Version of the program that made it; None where it was not noted.
-        commit: Commit in git of that program, its beginning; None for no checkout.
-        changed: Whether the program had changes that were not committed.
-        data: Ids that it was made from by role, such as fit, held_out and model.
-        command: What makes it again and compares it.
-    """
-
-    what: str
-    id: str
-    created: str
-    version: str | None
-    commit: str | None
-    changed: bool
-    data: Mapping[str, tuple[str, ...]]
-    command: str
-
-    @property
-    def facts(self) -> Pairs:
-        """All of that, as the foot of a page has it."""
-        program = self.version or "of a version that was not noted"
-        program += f", commit {self.commit}" if self.commit else ""
-        changes = " with changes that were not committed"
-        program += changes if self.commit and self.changed else ""
-        return [
-            (sentence_case(self.what), tag("code", self.id)),
-            ("Stored", f"{self.created} UTC"),
-            ("By modelgap", program),
-            *((sentence_case(role), _ids(ids)) for role, ids in self.data.items()),
-            ("Again", tag("kbd", self.command)),
-        ]
-
-
 _KINDS = {
     "runs": "run",
     "models": "model",
@@ -84,8 +44,11 @@ def _ids(ids: Sequence[str]) -> Markup:
     return Markup(" ").join(tag("code", id) for id in ids)
 
 
-def made_of(store: Path, id: str) -> Made:
-    """Return where a record of a store comes from.
+def made_of(store: Path, id: str) -> Pairs:
+    """Return where a record of a store comes from, as the foot of a page has it.
+
+    Its kind and id, when and by which program it was stored, the ids that it was made
+    from by role, and the command that makes it again and compares it.
 
     Raises:
         InputError: If there is no such record, or it is damaged.
@@ -96,22 +59,23 @@ def made_of(store: Path, id: str) -> Made:
     row = read_parquet(found.row, columns).to_pylist()[0]
     known = json.loads(row[columns[-1]])
     known = (known.get("provenance") if is_run else known) or {}
-    data: dict[str, tuple[str, ...]] = {}
+    program = (known.get("versions") or {}).get("modelgap")
+    program = program or "of a version that was not noted"
+    if known.get("commit"):
+        program += f", commit {known['commit'][:_SHORT]}"
+        program += " with changes that were not committed" if known.get("dirty") else ""
+    data: dict[str, list[str]] = {}
     for parent in row["lineage"] or ():
-        role = parent["role"].replace("_", " ")
-        data[role] = (*data.get(role, ()), parent["parent"])
+        data.setdefault(parent["role"].replace("_", " "), []).append(parent["parent"])
     kinds = found.kind, read_record(store, found.id).get("kind")
     again = "show" if {"reports", "adoptions", "tracking"} & {*kinds} else "rerun"
-    return Made(
-        what=_KINDS[found.kind],
-        id=found.id,
-        created=f"{row['created']:%Y-%m-%d %H:%M:%S}",
-        version=(known.get("versions") or {}).get("modelgap"),
-        commit=(known.get("commit") or "")[:_SHORT] or None,
-        changed=bool(known.get("dirty")),
-        data=data,
-        command=f"modelgap {again} {found.id}",
-    )
+    return [
+        (sentence_case(_KINDS[found.kind]), tag("code", found.id)),
+        ("Stored", f"{row['created']:%Y-%m-%d %H:%M:%S} UTC"),
+        ("By modelgap", program),
+        *((sentence_case(role), _ids(ids)) for role, ids in data.items()),
+        ("Again", tag("kbd", f"modelgap {again} {found.id}")),
+    ]
 
 
 def of_request(request: Diagnose, page: str = "report.html") -> Pairs:
@@ -128,13 +92,13 @@ def of_request(request: Diagnose, page: str = "report.html") -> Pairs:
     return [*facts, (_AGAIN, tag("kbd", command(request, page)))]
 
 
-def of_record(made: Made, record: Mapping) -> Pairs:
-    """Return the origin of a diagnosis in the store."""
-    asked = record.get("request")
+def of_diagnosis(store: Path, id: str) -> Pairs:
+    """Return the origin of a diagnosis in the store, with the page made again."""
+    facts, asked = made_of(store, id), read_record(store, id).get("request")
     if not asked:
-        return made.facts
+        return facts
     again = command(Diagnose.from_record(asked, None), "report.html")
-    return [*made.facts[:-1], (_AGAIN, tag("kbd", again))]
+    return [*facts[:-1], (_AGAIN, tag("kbd", again))]
 
 
 def command(request: Diagnose, page: str | None) -> str:

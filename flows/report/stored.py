@@ -10,13 +10,12 @@ from flows.inputs.given import load
 from flows.outputs import json_text
 from flows.report.diagnosis import render
 from flows.report.index import write_index
-from flows.report.page import made_of, of_record
+from flows.report.page import of_diagnosis
 from flows.report.words.phrases import Hidden, Staged
 from flows.report.words.verdict import sentences
 from flows.storage.diagnosis import read_outcome, store_report
 from residual.diagnosis.verdict import to_json
 from sim.engine.render import gif_of
-from warehouse.layout import read_record
 from warehouse.runs import read_run
 
 CLIP = 6.0  # s of motion in the picture
@@ -38,7 +37,7 @@ def diagnosis_page(
     """
     found = read_outcome(store, ids[1])
     robot = found.verdict.robot
-    origin = of_record(made_of(store, ids[0]), read_record(store, ids[0]))
+    origin = of_diagnosis(store, ids[0])
     page = render(found, robot, staged, origin)
     contents = {
         "report.html": page.encode(),

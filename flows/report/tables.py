@@ -5,7 +5,6 @@ from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from math import floor, log10
 from textwrap import wrap
-from typing import NamedTuple
 
 import numpy as np
 from markupsafe import Markup
@@ -136,43 +135,28 @@ def found_again(effect: Finding) -> str:
 _CERTAIN = (0.999, 0.99)
 
 
-class Missing(NamedTuple):
-    """The most torque of an effect on a joint, and its share of the largest."""
+def means(diagnosis: Diagnosis, effect: Finding) -> str:
+    """Return in one sentence what a model without it gets wrong; empty if unknown.
 
-    joint: int
-    peak: float
-    share: float | None
-    unit: str = "N m"
-
-
-def missing_torque(diagnosis: Diagnosis, effect: Finding) -> list[Missing]:
-    """Return what the torque lacks without a finding, the largest share first."""
+    Of at most two joints, those where it is the largest share of the torque.
+    """
     mine = [c for c in diagnosis.clouds if c.name == effect.name and len(c.x)]
     if effect_named(effect.name).variable is not None and effect.joints:
         mine = [c for c in mine if c.joint in effect.joints] or mine
-    out = []
+    parts = []
     for cloud in mine:
         peak = float(np.abs(cloud.fitted).max())
-        whole, joint = _largest(diagnosis, cloud.joint), cloud.joint
-        share, unit = (
-            peak / whole if whole else None,
+        whole, unit = (
+            _largest(diagnosis, cloud.joint),
             diagnosis.torque_unit(cloud.joint),
         )
-        out.append(Missing(joint, peak, share, unit))
-    return sorted(out, key=lambda one: -(one.share or 0.0))
-
-
-def means(diagnosis: Diagnosis, effect: Finding) -> str:
-    """Return in one sentence what a model without it gets wrong; empty if unknown."""
-    lacking = missing_torque(diagnosis, effect)[:2]
-    if not lacking:
-        return ""
-    parts = [
-        f"by up to {number(one.peak)} {one.unit} on joint {one.joint}"
-        + (f" ({fraction(one.share)} of the largest torque there)" if one.share else "")
-        for one in lacking
-    ]
-    return f"Without it the predicted torque is off {' and '.join(parts)}."
+        share = peak / whole if whole else 0.0
+        words = f"by up to {number(peak)} {unit} on joint {cloud.joint}"
+        of = f" ({fraction(share)} of the largest torque there)" if share else ""
+        parts.append((share, words + of))
+    worst = [words for _, words in sorted(parts, reverse=True)[:2]]
+    words = f"Without it the predicted torque is off {' and '.join(worst)}."
+    return words if worst else ""
 
 
 def sure(probability: float | None) -> str:

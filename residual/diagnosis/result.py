@@ -34,7 +34,7 @@ class Dependence:
     on: str
     of: tuple[int, ...]
     form: str
-    share: float
+    share: Number
     frequency: Number
 
 

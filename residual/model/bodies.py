@@ -69,9 +69,9 @@ class Moved:
     bodies: tuple[str, ...]  # in words, "link 5" or "the load"
     # By how much the error of each joint rose on the fit logs, as a share of torque
     # rms; below zero where it fell at the cost of another.
-    price: tuple[float, ...]
+    price: tuple[float | None, ...]
     # Chance that logs of possible bodies are fitted so much worse by them.
-    chance: float
+    chance: float | None
 
 
 def bodies_of(model: Model, friction: bool = False) -> Bodies:

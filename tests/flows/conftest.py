@@ -121,7 +121,7 @@ def calls(monkeypatch):
         verdict = typed({"robot": robot.name, "warnings": ["core"]})
         return Diagnosis(verdict, notes=("core note",))
 
-    def print_diagnosis(found, console, verbose=False):
+    def print_diagnosis(found, console):
         console.print(f"verdict {found.verdict.verdict}")
 
     def drawn(outcome, robot_name, motion=None, origin=()):

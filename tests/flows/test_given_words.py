@@ -2,7 +2,7 @@
 
 import pytest
 
-from flows.report.words.outlook import off_rows, off_words, other_sets
+from flows.report.words.outlook import off_words, other_sets, value_rows
 from residual.diagnosis.result import Verdict
 from tests.flows.report_outcomes import effect, given_value, parameter
 from tests.verdict_documents import typed
@@ -68,7 +68,8 @@ def test_values_that_are_off_are_counted_and_named(changes, sentence):
     ],
 )
 def test_a_row_says_what_it_is_as_given_and_by_how_much_it_is_off(change, cells):
-    (row,) = off_rows(verdict(changes=[change]))
+    one = verdict(changes=[change])
+    (row,) = value_rows(one.changes, one)
     what, nominal, _, off = (cell.replace("−", "-") for cell in row)
     assert (what, nominal, off) == cells
 

@@ -1,15 +1,12 @@
 """What the findings leave open: the rest, what was too small to see, what is next."""
 
 from collections.abc import Mapping, Sequence
-from typing import NamedTuple
 
 from flows.report.words.phrases import (
     count,
     joint_words,
-    kind,
     listing,
     many,
-    noun,
     phrase,
     sentence_case,
 )
@@ -19,7 +16,6 @@ from residual.diagnosis.result import (
     Alternative,
     Change,
     Dependence,
-    Number,
     Place,
     Unexplained,
     Verdict,
@@ -33,30 +29,20 @@ NEVER = "n.d."  # not detectable here: it would take more than an arm can have
 _ELSEWHERE = 10**6  # column of what does not sit on one joint: after every joint
 
 
-def detectable_rows(
-    verdict: Verdict, short: bool = False
-) -> tuple[list[str], list[list[str]]]:
+def detectable_rows(verdict: Verdict) -> tuple[list[str], list[list[str]]]:
     """Return (heading, rows): smallest size that would have been found, per joint.
 
     Effects on pairs of joints or on the whole arm get rows and a column of their own.
-
-    Args:
-        short: Call effects by their names and joints J1, for narrow columns.
     """
     sizes: dict[tuple[str, str], dict[int, str]] = {}
     for item in verdict.minimum_detectable:
-        joints = item.joints
-        local = len(joints) == 1
-        if short:
-            name = " ".join([*item.name.split("_"), *map(str, joints[local:])])
-        else:
-            name = kind(item.name) if local else phrase(item)
-        column = joints[0] if local else _ELSEWHERE
+        local = len(item.joints) == 1
+        name = " ".join([*item.name.split("_"), *map(str, item.joints[local:])])
+        column = item.joints[0] if local else _ELSEWHERE
         row = sizes.setdefault((name, unit_text(item.unit)), {})
-        row[column] = _size(item.value, short)
+        row[column] = NEVER if item.value is None else _size(item.value)
     columns = sorted({column for found in sizes.values() for column in found})
-    joint, other = ("J", "else") if short else ("Joint ", "Pair or arm")
-    heads = [other if c == _ELSEWHERE else f"{joint}{c}" for c in columns]
+    heads = ["else" if c == _ELSEWHERE else f"J{c}" for c in columns]
     rows = [
         [name, unit, *(found.get(c, MISSING) for c in columns)]
         for (name, unit), found in sizes.items()
@@ -64,38 +50,8 @@ def detectable_rows(
     return ["Effect", "Unit", *heads], rows
 
 
-def _size(value: Number, short: bool) -> str:
-    if value is None:
-        return NEVER
-    return f"{value:.2g}" if short and value < 100 else number(value)
-
-
-def confusable_words(verdict: Verdict) -> str | None:
-    """Return how many effects these logs could not tell apart; None if none."""
-    pairs = confusable_pairs(verdict)
-    if not pairs:
-        return None
-    one = len(pairs) == 1
-    return (
-        f"Even at three times these sizes, {len(pairs)} pair{'' if one else 's'} of "
-        f"effects would look alike in these logs."
-    )
-
-
-def confusable_pairs(verdict: Verdict) -> list[str]:
-    """Return what these logs could not tell apart at three times these sizes."""
-    pairs: dict[tuple[str, str], set[int]] = {}
-    for item in verdict.minimum_detectable:
-        for other in item.confusable:
-            if other.joints == item.joints:
-                one, two = sorted(noun(x.name) for x in (item, other))
-                pairs.setdefault((one, two), set()).update(item.joints)
-            else:
-                pairs.setdefault((phrase(item), phrase(other)), set())
-    return [
-        f"{one} and {two}{f' on {joint_words(sorted(on))}' if on else ''}"
-        for (one, two), on in pairs.items()
-    ]
+def _size(value: float) -> str:
+    return f"{value:.2g}" if value < 100 else number(value)
 
 
 def unexplained_words(verdict: Verdict) -> list[str]:
@@ -209,18 +165,9 @@ def _key(place: Place) -> Key:
     return place.name, place.joints
 
 
-_ROWS = 12
+MOST_VALUES = 12
 _HUGE = 10.0  # times: of a value that was next to nothing a share says nothing
 _LONGEST = 2  # parts of a sum that are printed; the JSON has all of them
-
-
-class GivenRow(NamedTuple):
-    """One value of a table: what it is, as given, as the logs have it, how sure."""
-
-    what: str
-    given: str
-    found: str
-    off: str
 
 
 def off(verdict: Verdict) -> list[Change]:
@@ -250,29 +197,17 @@ def off_words(verdict: Verdict) -> str:
     return f"{start}{many} of its values {verb} off: {listing(parts)}."
 
 
-def off_rows(verdict: Verdict) -> list[GivenRow]:
-    """Return the table of the values that are off, at most twelve."""
-    return [_row(c, verdict) for c in off(verdict)[:_ROWS]]
-
-
-def all_rows(verdict: Verdict) -> list[GivenRow]:
-    """Return the table of every value that the model was given."""
-    return [_row(c, verdict) for c in verdict.changes]
-
-
-def _row(change: Change, verdict: Verdict) -> GivenRow:
-    share = _share(change)
-    return GivenRow(
-        _what(change, verdict),
-        f"{number(change.nominal)} {unit_text(change.unit)}".strip(),
-        measured(change.identified, change.std, change.unit),
-        f"{100 * share:+.0f} %" if abs(share) < _HUGE else "",
-    )
-
-
-def hidden_rows(verdict: Verdict) -> int:
-    """Return how many values the table leaves out."""
-    return max(len(off(verdict)) - _ROWS, 0)
+def value_rows(changes: Sequence[Change], verdict: Verdict) -> list[tuple[str, ...]]:
+    """Return rows of values: what it is, as given, as the logs have it, how far off."""
+    return [
+        (
+            _what(change, verdict),
+            f"{number(change.nominal)} {unit_text(change.unit)}".strip(),
+            measured(change.identified, change.std, change.unit),
+            f"{100 * _share(change):+.0f} %" if abs(_share(change)) < _HUGE else "",
+        )
+        for change in changes
+    ]
 
 
 def _what(change: Change, verdict: Verdict) -> str:

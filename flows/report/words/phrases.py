@@ -137,32 +137,25 @@ def alternatives(effect: Finding, dof: int | None = None) -> list[str]:
 # What only an experiment of our own can show: the truth, and the edit test.
 
 
-def edit_sentence(edit: Edit) -> str:
+def edit_sentence(edit: Edit, named: str = "take it out again") -> str:
     """Return what is left of one effect that was taken out of the model again."""
-    words = f"take it out again: error {percent(edit.error)} of torque"
-    if known(edit.least_squares):
-        words += f"; least squares {percent(edit.least_squares)}"
-    if known(edit.reference):
-        words += f"; true parameters {percent(edit.reference)}"
+    words = f"{named}: error {percent(edit.error)} of torque"
+    parts = {
+        "with it": edit.kept,
+        "least squares": edit.least_squares,
+        "with the true or the baseline's own parameters": edit.reference,
+    }
+    words += "".join(f"; {k} {percent(v)}" for k, v in parts.items() if known(v))
     return sentence_case(f"{words}.")
 
 
 def baseline_sentences(verdict: Verdict) -> list[str]:
     """Return what is left on the baseline of each effect of a verdict, by name."""
-    out = []
-    for edit in verdict.edit or ():
-        if not known(edit.error):
-            continue
-        named = sentence_case(phrase(Place(edit.name, edit.joints)))
-        words = f"{named}, taken out again: error {percent(edit.error)} of torque"
-        if known(edit.kept):
-            words += f" on the baseline, {percent(edit.kept)} with it"
-        if known(edit.least_squares):
-            words += f"; least squares {percent(edit.least_squares)}"
-        if known(edit.reference):
-            words += f"; the baseline's own model {percent(edit.reference)}"
-        out.append(f"{words}.")
-    return out
+    return [
+        edit_sentence(edit, f"{phrase(Place(edit.name, edit.joints))}, taken out again")
+        for edit in verdict.edit or ()
+        if known(edit.error)
+    ]
 
 
 _JUDGED = {

@@ -18,11 +18,10 @@ def diagnosis(tmp_path):
 def test_it_says_id_time_version_commit_data_and_what_makes_it_again(
     tmp_path, diagnosis
 ):
-    made = made_of(tmp_path, diagnosis[:6])
-    assert (made.what, made.id) == ("diagnosis", diagnosis)
-    assert made.data == {"fit": (RUN, "bc" * 10), "held out": (HELD,)}
-    assert made.command == f"modelgap rerun {diagnosis}"
-    assert made.created.startswith("20")
-    foot = " ".join(value for _, value in made.facts)
-    for word in (diagnosis, RUN, HELD, made.created, made.version, made.command):
-        assert word in foot
+    foot = dict(made_of(tmp_path, diagnosis[:6]))
+    assert diagnosis in foot["Diagnosis"]
+    assert all(run in foot["Fit"] for run in (RUN, "bc" * 10))
+    assert HELD in foot["Held out"]
+    assert f"modelgap rerun {diagnosis}" in foot["Again"]
+    assert foot["Stored"].startswith("20")
+    assert foot["By modelgap"][0].isdigit()
