@@ -1,27 +1,19 @@
 """Principal components and partial least squares under the names of the paper.
 
-Sections 2.3 and 2.4, eq. 12 to 27. scikit-learn fits; here are the scaling of the
-paper, its names, and the rules for how many components are more than chance, and for
-when nothing is left to explain.
+Sections 2.3 and 2.4, eq. 12 to 27, and how many components are more than chance.
 
 Chance, by parallel analysis: Horn, J. L. (1965), Psychometrika 30, compares with white
 noise. Rows of a log are autocorrelated: two slow signals of no relation correlate by
 chance. So chance is drawn with the spectrum of every variable kept (phase
-randomisation: Theiler et al. 1992, Physica D 58); the count from permuted rows stands
-beside it.
+randomisation: Theiler et al. 1992, Physica D 58).
 """
 
-import warnings
 from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
-from residual.errors import InputError
-from residual.recording import Array
-from residual.signals.filters import randomise_phases
-from residual.tables.crossval import (
-    EXHAUSTED,
+from residual.blocks import (
     as_block,
     as_names,
     as_pair,
@@ -30,9 +22,12 @@ from residual.tables.crossval import (
     check_varying,
     frozen,
 )
+from residual.errors import InputError
+from residual.recording import Array
+from residual.signals.filters import randomise_phases
 
-# The weights are an eigenvector found by iteration: to the last digits, not to 1e-3.
-_TO_THE_END = {"tol": 1e-24, "max_iter": 20_000}
+# Covariance below this share of the first one is rounding: nothing is left to explain.
+EXHAUSTED = 1e-12
 LEAST_DRAWS = 20  # a 95 % limit from fewer is their maximum
 _QUANTILE = 0.95  # of the surrogates, that chance may not exceed
 
@@ -46,7 +41,6 @@ class Pls:
     x_mean: Array
     x_scale: Array
     y_mean: Array  # mean of Y, (j,)
-    T: Array  # orthogonal scores of scaled X (eq. 14), (n, A)
     V: Array  # weights that give scores from scaled X itself (eq. 19), (k, A)
     Q: Array  # loadings of Y (eq. 16), (j, A)
 
@@ -71,8 +65,9 @@ def fit_pls(
 ) -> Pls:
     """Fit a partial least squares regression (paper, eq. 14 to 27).
 
-    Columns of X are scaled to unit variance: rad, rad/s and rad/s^2 do not compare.
-    Fewer components than asked for come back where nothing of Y is left to explain.
+    Kernel PLS (Dayal and MacGregor 1997, algorithm 1), from Z'Z and Z'Y alone. Columns
+    of X are scaled to unit variance: rad, rad/s and rad/s^2 do not compare. Fewer
+    components than asked for come back where nothing of Y is left to explain.
 
     Args:
         X: Regressors. Shape (n, k).
@@ -83,8 +78,6 @@ def fit_pls(
         InputError: On a constant column, more components than the rank of X, blocks
             of different length, or a value that is not finite.
     """
-    from sklearn.cross_decomposition import PLSRegression
-
     X, Y = as_pair(X, Y)
     names = as_names(names, X.shape[1], "x")
     check_count(len(X), 2, 2**62, "rows of X", "Take a longer log.")
@@ -95,17 +88,35 @@ def fit_pls(
     remedy = f"The bound is the rank of X ({len(X)} rows, {X.shape[1]} columns)."
     wanted = rank if components is None else components
     count = check_count(wanted, 1, rank, "components", remedy)
-    with warnings.catch_warnings():
-        # Of a response that is explained, or of weights that rounding keeps moving.
-        warnings.simplefilter("ignore")
-        fit = PLSRegression(count, scale=False, **_TO_THE_END).fit(Z, Y - y_mean)
-    T, Q = fit.x_scores_, fit.y_loadings_
-    # |w'E'F| of each component, by Q = F't / t't
-    covariance = (T**2).sum(axis=0) * np.linalg.norm(Q, axis=0)
-    rounding = covariance <= EXHAUSTED * covariance[0]
-    used = int(np.argmax(rounding)) if rounding.any() else count
-    parts = (np.ascontiguousarray(p[:, :used]) for p in (T, fit.x_rotations_, Q))
+    parts = _components(Z.T @ Z, Z.T @ (Y - y_mean), count)
     return Pls(names, *map(frozen, (x_mean, x_scale, y_mean, *parts)))
+
+
+def leading(S: Array) -> tuple[Array, float]:
+    """Eigenvector of S S' to its largest eigenvalue, and S's norm. Shape (j, p)."""
+    values, vectors = np.linalg.eigh(S @ S.T)
+    q = np.ascontiguousarray(vectors[:, -1])
+    return q * np.sign(q[np.abs(q).argmax()]), float(max(values[-1], 0.0) ** 0.5)
+
+
+def _components(G: Array, S: Array, count: int) -> tuple[Array, Array]:
+    """Return V and Q from G = Z'Z (k, k) and S = Z'Y (k, j)."""
+    V, P, Q = (np.zeros((count, n)) for n in (len(G), len(G), S.shape[1]))
+    first, done = 0.0, 0
+    for a in range(count):
+        q, size = leading(S.T)
+        first = first or size
+        if size <= EXHAUSTED * first:
+            break
+        w = S @ q / size
+        # Twice: rounding of long products would make late scores oblique.
+        v = w - V[:a].T @ (P[:a] @ w)
+        V[a] = v - V[:a].T @ (P[:a] @ v)
+        energy = V[a] @ G @ V[a]
+        P[a], Q[a] = G @ V[a] / energy, V[a] @ S / energy
+        S = S - energy * np.outer(P[a], Q[a])
+        done = a + 1
+    return V[:done].T.copy(), Q[:done].T.copy()
 
 
 @dataclass(frozen=True, eq=False, slots=True)
@@ -137,16 +148,14 @@ def fit_pca(X: Array, names: Sequence[str] | None = None) -> Pca:
     angles, speeds and accelerations have different units. A sign is chosen so that
     the largest loading of each component is positive.
     """
-    from sklearn.decomposition import PCA
-
     X = as_block(X, "X")
     check_count(len(X), 2, 2**62, "rows of X", "Take a longer log.")
     names = as_names(names, X.shape[1], "x")
     check_varying(X, names)
-    # The sign is scikit-learn's.
-    fit = PCA(svd_solver="full").fit((X - X.mean(axis=0)) / X.std(axis=0, ddof=1))
-    loadings = np.ascontiguousarray(fit.components_.T)
-    return Pca(names, frozen(loadings), frozen(fit.explained_variance_))
+    values, vectors = np.linalg.eigh(np.corrcoef(X.T).reshape(len(names), -1))
+    largest = np.abs(vectors).argmax(axis=0)
+    vectors = vectors * np.sign(vectors[largest, range(len(names))])
+    return Pca(names, frozen(vectors[:, ::-1].copy()), frozen(values[::-1].copy()))
 
 
 def state_block(q: Array, qd: Array, qdd: Array) -> Array:
@@ -163,9 +172,8 @@ def state_names(joints: Sequence[int]) -> tuple[str, ...]:
 class RealComponents:
     """Numbers of components that stand out of chance."""
 
-    count: int  # against phase-randomised surrogates: the number to use
-    permuted: int  # against permuted rows, which forget that rows are autocorrelated
-    phase_limit: Array  # quantile of the surrogates' eigenvalues, (k,)
+    count: int
+    limit: Array  # quantile of the surrogates' eigenvalues, (k,)
 
 
 def real_components(
@@ -187,18 +195,16 @@ def real_components(
     own = _eigenvalues(X)
     spectra = [np.fft.rfft(X[rows] - X[rows].mean(0), axis=0) for rows in parts]
     means = np.concatenate([np.repeat(X[r].mean(0)[None], len(r), 0) for r in parts])
-    order = np.concatenate(parts)
-    phase, permuted = np.empty((2, draws, X.shape[1]))
+    drawn = np.empty((draws, X.shape[1]))
     for i in range(draws):
         pairs = zip(spectra, parts, strict=True)
         new = [randomise_phases(s, len(rows), rng) for s, rows in pairs]
-        phase[i] = _eigenvalues(np.concatenate(new) + means)
-        permuted[i] = _eigenvalues(rng.permuted(X[order], axis=0))
-    limits = [np.quantile(p, _QUANTILE, axis=0) for p in (phase, permuted)]
+        drawn[i] = _eigenvalues(np.concatenate(new) + means)
+    limit = np.quantile(drawn, _QUANTILE, axis=0)
     # In a correlation matrix a first component too large makes the others small, so
     # only an unbroken start is a count.
-    counts = [int(np.logical_and.accumulate(own > limit).sum()) for limit in limits]
-    return RealComponents(*counts, frozen(limits[0]))
+    count = int(np.logical_and.accumulate(own > limit).sum())
+    return RealComponents(count, frozen(limit))
 
 
 def _parts(rows: int, run: Array | None) -> list[Array]:
