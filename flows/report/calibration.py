@@ -7,8 +7,8 @@ from collections.abc import Sequence
 
 import numpy as np
 
+from flows.report import calibration_charts as figures
 from flows.report.document import Callout, Chart, Document, Section, Strong, Table, Tile
-from flows.report.figures import calibration as figures
 from flows.report.page import render as render_page
 from flows.report.words.calibration import sentences
 from flows.report.words.phrases import sentence_case, texts
@@ -177,8 +177,8 @@ def _components(result: Calibration) -> Table:
         (
             one.family.replace("_", " "),
             one.block,
-            str(one.real),
-            ", ".join(f"{name} {value:+.2f}" for name, value in one.first),
+            str(one.pca.real),
+            ", ".join(f"{name} {value:+.2f}" for name, value in one.pca.strongest(0)),
         )
         for one in result.blocks
     ]

@@ -82,8 +82,8 @@ def _components(one) -> dict:
         "block": one.block,
         "explained": _numbers(one.explained),
         "surrogate_limit": _numbers(one.limit),
-        "real": one.real,
-        "first": [[name, round(value, 4)] for name, value in one.first],
+        "real": one.pca.real,
+        "first": [[name, round(value, 4)] for name, value in one.pca.strongest(0)],
     }
 
 

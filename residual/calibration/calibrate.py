@@ -30,7 +30,6 @@ from residual.calibration.rows import (
     cut_single,
     measured_rows,
     paper_rows,
-    shorten,
     thinning,
 )
 from residual.calibration.scores import (
@@ -146,15 +145,14 @@ class Source:
         self._known: dict[frozenset[int], Array] = {}
         self.nominal: Model | None = None
         self.declared: tuple[str, ...] = tuple(robot.declared)
+        self._thin, self.notes = thinning(runs)
         if settings.paper:
-            runs, self.notes = shorten(runs)
-            self.rows = paper_rows(runs, settings.joints)
+            self.rows = paper_rows(runs, settings.joints, self._thin)
             self.notes += (_TWIN,) if settings.declared is not None else ()
             return
         self._prepared = prepare_runs(robot, runs, settings.declared)
         self.declared = self._prepared.names
         self.nominal = identified_without(self._prepared)
-        self._thin, self.notes = thinning(runs)
         self._joints = settings.joints
         self.rows = self._rows(self.nominal)
         self._known[frozenset()] = self.rows.Y

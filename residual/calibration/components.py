@@ -119,45 +119,6 @@ def _components(G: Array, S: Array, count: int) -> tuple[Array, Array]:
     return V[:done].T.copy(), Q[:done].T.copy()
 
 
-@dataclass(frozen=True, eq=False, slots=True)
-class Pca:
-    """Principal components of centred, scaled columns (paper, eq. 12)."""
-
-    names: tuple[str, ...]
-    loadings: Array  # orthonormal loadings P, (k, a)
-    eigenvalues: Array  # variance of each component; they add up to k, (a,)
-
-    @property
-    def explained(self) -> Array:
-        """Share of the whole variance per component, adding up to 1. Shape (a,)."""
-        return self.eigenvalues / len(self.names)
-
-    def strongest(
-        self, component: int, count: int = 3
-    ) -> tuple[tuple[str, float], ...]:
-        """Variables with the largest loadings of a component (from 0), with sign."""
-        column = self.loadings[:, component]
-        order = np.argsort(-np.abs(column), kind="stable")[:count]
-        return tuple((self.names[i], float(column[i])) for i in order)
-
-
-def fit_pca(X: Array, names: Sequence[str] | None = None) -> Pca:
-    """Return all principal components of signals as columns, in any units.
-
-    The columns are centred and scaled to unit variance first (paper, below eq. 12):
-    angles, speeds and accelerations have different units. A sign is chosen so that
-    the largest loading of each component is positive.
-    """
-    X = as_block(X, "X")
-    check_count(len(X), 2, 2**62, "rows of X", "Take a longer log.")
-    names = as_names(names, X.shape[1], "x")
-    check_varying(X, names)
-    values, vectors = np.linalg.eigh(np.corrcoef(X.T).reshape(len(names), -1))
-    largest = np.abs(vectors).argmax(axis=0)
-    vectors = vectors * np.sign(vectors[largest, range(len(names))])
-    return Pca(names, frozen(vectors[:, ::-1].copy()), frozen(values[::-1].copy()))
-
-
 def state_block(q: Array, qd: Array, qdd: Array) -> Array:
     """Return [q, qd, qdd] side by side (paper, eq. 13 and 28). Shape (n, 3 joints)."""
     return np.hstack([as_block(part, "a part of the state") for part in (q, qd, qdd)])
@@ -169,42 +130,63 @@ def state_names(joints: Sequence[int]) -> tuple[str, ...]:
 
 
 @dataclass(frozen=True, eq=False, slots=True)
-class RealComponents:
-    """Numbers of components that stand out of chance."""
+class Pca:
+    """Principal components of centred, scaled columns (paper, eq. 12)."""
 
-    count: int
-    limit: Array  # quantile of the surrogates' eigenvalues, (k,)
+    names: tuple[str, ...]
+    loadings: Array  # orthonormal loadings P, (k, k)
+    eigenvalues: Array  # variance of each component; they add up to k, (k,)
+    limit: Array  # what 95 of 100 surrogates of the signals do not exceed, (k,)
+
+    @property
+    def real(self) -> int:
+        """Number of leading components with more variance than chance gives.
+
+        In a correlation matrix a first component too large makes the others small, so
+        only an unbroken start is a count.
+        """
+        return int(np.logical_and.accumulate(self.eigenvalues > self.limit).sum())
+
+    def strongest(self, component: int) -> tuple[tuple[str, float], ...]:
+        """The three variables with the largest loadings of a component, with sign."""
+        column = self.loadings[:, component]
+        order = np.argsort(-np.abs(column), kind="stable")[:3]
+        return tuple((self.names[i], float(column[i])) for i in order)
 
 
-def real_components(
+def fit_pca(
     X: Array,
     rng: np.random.Generator,
+    names: Sequence[str] | None = None,
     *,
     run: Array | None = None,
     draws: int = 100,
-) -> RealComponents:
-    """Count the leading components with more variance than chance gives.
+) -> Pca:
+    """Return all principal components of signals as columns, in any units.
 
-    A component counts if its eigenvalue, and those of all before it, exceed the
-    quantile of the same eigenvalue over the surrogates, which are drawn within runs.
+    The columns are centred and scaled to unit variance first (paper, below eq. 12):
+    angles, speeds and accelerations have different units. A sign is chosen so that
+    the largest loading of each component is positive. Surrogates are drawn within runs.
     """
     X = as_block(X, "X")
-    check_varying(X, as_names(None, X.shape[1], "x"))
+    check_count(len(X), 2, 2**62, "rows of X", "Take a longer log.")
+    names = as_names(names, X.shape[1], "x")
+    check_varying(X, names)
     check_count(draws, LEAST_DRAWS, 10**6, "draws", "100 are usual.")
     parts = _parts(len(X), run)
-    own = _eigenvalues(X)
+    values, vectors = np.linalg.eigh(_correlation(X))
+    largest = np.abs(vectors).argmax(axis=0)
+    vectors = vectors * np.sign(vectors[largest, range(len(names))])
     spectra = [np.fft.rfft(X[rows] - X[rows].mean(0), axis=0) for rows in parts]
     means = np.concatenate([np.repeat(X[r].mean(0)[None], len(r), 0) for r in parts])
     drawn = np.empty((draws, X.shape[1]))
     for i in range(draws):
         pairs = zip(spectra, parts, strict=True)
         new = [randomise_phases(s, len(rows), rng) for s, rows in pairs]
-        drawn[i] = _eigenvalues(np.concatenate(new) + means)
+        drawn[i] = np.linalg.eigvalsh(_correlation(np.concatenate(new) + means))[::-1]
     limit = np.quantile(drawn, _QUANTILE, axis=0)
-    # In a correlation matrix a first component too large makes the others small, so
-    # only an unbroken start is a count.
-    count = int(np.logical_and.accumulate(own > limit).sum())
-    return RealComponents(count, frozen(limit))
+    ordered = vectors[:, ::-1].copy(), values[::-1].copy(), limit
+    return Pca(names, *map(frozen, ordered))
 
 
 def _parts(rows: int, run: Array | None) -> list[Array]:
@@ -217,5 +199,5 @@ def _parts(rows: int, run: Array | None) -> list[Array]:
     return parts
 
 
-def _eigenvalues(X: Array) -> Array:
-    return np.linalg.eigvalsh(np.corrcoef(X.T).reshape(X.shape[1], -1))[::-1]
+def _correlation(X: Array) -> Array:
+    return np.corrcoef(X.T).reshape(X.shape[1], -1)

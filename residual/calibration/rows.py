@@ -154,7 +154,9 @@ class Rows:
         return out
 
 
-def paper_rows(runs: Sequence[Run], joints: Sequence[int] | None = None) -> Rows:
+def paper_rows(
+    runs: Sequence[Run], joints: Sequence[int] | None = None, thin: int = 1
+) -> Rows:
     """Return the rows of the paper: X of the reference, Y the twin's error one ahead.
 
     Of joints from 1, or of the paper's first three.
@@ -168,7 +170,7 @@ def paper_rows(runs: Sequence[Run], joints: Sequence[int] | None = None) -> Rows
         log, rate = run.log, sample_rate(run.log.t)
         X = _reference_state(log, own)
         both = np.hstack([run.twin["e_tau"][:, own], log.tau[:, own]])
-        step = _step(rate, PAPER_HZ)
+        step = thin * _step(rate, PAPER_HZ)
         ahead = np.hsplit(np.ascontiguousarray(both[1:])[::step], 2)
         now = np.ascontiguousarray(X[:-1])[::step]
         everywhere = np.ones(ahead[0].shape, bool)
@@ -305,32 +307,7 @@ def thinning(runs: Sequence[Run]) -> tuple[int, tuple[str, ...]]:
     thin = max(1, int(np.ceil(total / MOST)))
     if thin == 1:
         return 1, ()
-    return thin, (
-        f"{total / 60:.3g} min of logs: the model is identified from all of them, "
-        f"tables are fitted to one row in {thin}",
-    )
-
-
-def shorten(runs: Sequence[Run]) -> tuple[tuple[Run, ...], tuple[str, ...]]:
-    """Keep the middle of every run where all of them are longer than tables can use.
-
-    Of the paper's rows each needs the next one. Those of more than a quarter of an hour
-    would take gigabytes and hours, and say what these say. A line says what was done.
-    """
-    total = sum(run.log.duration for run in runs)
-    if total <= MOST:
-        return tuple(runs), ()
-    out = []
-    for run in runs:
-        count = len(run.log.t)
-        kept = max(int(count * MOST / total), 2)
-        first = (count - kept) // 2
-        out.append(_part(run, slice(first, first + kept)))
-    return tuple(out), (
-        f"{total / 60:.3g} min of logs are more than tables are fitted to: of each of "
-        f"{len(runs)} runs or parts the middle {100 * MOST / total:.2g} % was taken, "
-        f"{MOST / 60:g} min in all. For others give windows, such as A.csv@0:600",
-    )
+    return thin, (f"{total / 60:.3g} min of logs: tables take one row in {thin}",)
 
 
 def _part(run: Run, rows: slice, label: str = "") -> Run:

@@ -8,12 +8,7 @@ from time import process_time
 import numpy as np
 
 from residual.calibration.choice import LEAST_SQUARES, Option
-from residual.calibration.components import (
-    fit_pca,
-    real_components,
-    state_block,
-    state_names,
-)
+from residual.calibration.components import Pca, fit_pca, state_block, state_names
 from residual.calibration.crossval import relative_error
 from residual.calibration.effects import Tables
 from residual.calibration.nominal_pls import NominalForm
@@ -39,22 +34,21 @@ _TWIN_STATE = ("e_q", "e_qd", "e_qdd")
 
 @dataclass(frozen=True, eq=False, slots=True)
 class Components:
-    """Principal components of one block of one family (paper, figures 4 to 6).
-
-    Attributes:
-        family, block: What it is of.
-        explained: Share of the variance per component [%]. Shape (k,).
-        limit: What surrogates with the same spectra reach [%]. Shape (k,).
-        real: Components beyond surrogates.
-        first: Variables with the largest loadings of the first component.
-    """
+    """Principal components of one block of one family (paper, figures 4 to 6)."""
 
     family: str
     block: str
-    explained: Array
-    limit: Array
-    real: int
-    first: tuple[tuple[str, float], ...]
+    pca: Pca
+
+    @property
+    def explained(self) -> Array:
+        """Share of the variance per component [%]. Shape (k,)."""
+        return 100 * self.pca.eigenvalues / len(self.pca.names)
+
+    @property
+    def limit(self) -> Array:
+        """What surrogates with the same spectra reach [%]. Shape (k,)."""
+        return 100 * self.pca.limit / len(self.pca.names)
 
 
 @dataclass(frozen=True, eq=False, slots=True)
@@ -167,11 +161,8 @@ def components_of(
             WHITE: (rng.normal(size=X.shape), rows.names),
         }
         for name, (values, names) in blocks.items():
-            pca = fit_pca(values, names)
-            real = real_components(values, rng, run=rows.run[chosen], draws=_DRAWS)
-            shares = 100 * pca.explained, 100 * real.limit / len(names)
-            first = pca.strongest(0)
-            out.append(Components(family, name, *shares, real.count, first))
+            own = {"run": rows.run[chosen], "draws": _DRAWS}
+            out.append(Components(family, name, fit_pca(values, rng, names, **own)))
     return tuple(out)
 
 

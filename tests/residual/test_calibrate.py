@@ -14,7 +14,7 @@ from residual.calibration.choice import MAIN, PAIRS, Option, candidates
 from residual.calibration.effects import make_tables
 from residual.calibration.nominal import identified_without, prepare_runs
 from residual.calibration.nominal_pls import NominalForm
-from residual.calibration.rows import GUARD, Run, cut_single, paper_rows, shorten
+from residual.calibration.rows import GUARD, Run, cut_single, paper_rows, thinning
 from residual.calibration.scores import (
     BLOCK,
     DEFAULT,
@@ -176,7 +176,7 @@ def test_figures_have_what_they_need():
         ("fourier", "residual"),
         ("fourier", "white noise"),
     ]
-    assert all(c.real == 0 for c in views.blocks if c.block == "white noise")
+    assert all(c.pca.real == 0 for c in views.blocks if c.block == "white noise")
     assert set(views.sweep.errors) == {RUN, RANDOM}
     assert views.sweep.errors[RUN].shape == (len(SWEEP), 3)
     assert (views.sweep.errors[RANDOM] > 0).all()
@@ -295,25 +295,18 @@ def test_a_joint_that_moves_in_one_run_alone_is_refused_by_name():
         calibrate(truth().robot, still, replace(QUICK, paper=True))
 
 
-def test_of_logs_that_are_too_long_the_middles_are_taken_in_step_with_their_twins(
+def test_of_long_logs_one_row_in_some_is_taken_with_the_error_of_its_next_sample(
     monkeypatch,
 ):
     runs = paper_runs()
-    assert shorten(runs) == (runs, ())
-    total = sum(run.log.duration for run in runs)
-    monkeypatch.setattr(cut, "MOST", 0.4 * total)
-    kept, (note,) = shorten(runs)
-    assert "the middle 40 %" in note
-    for run, own in zip(runs, kept, strict=True):
-        assert own.log.id == run.log.id
-        assert len(own.log.t) == int(0.4 * len(run.log.t))
-        first = int(np.searchsorted(run.log.t, own.log.t[0]))
-        rows = slice(first, first + len(own.log.t))
-        np.testing.assert_array_equal(own.log.tau, run.log.tau[rows])
-        np.testing.assert_array_equal(own.log.q_ref, run.log.q_ref[rows])
-        np.testing.assert_array_equal(own.twin["e_tau"], run.twin["e_tau"][rows])
-        beside = len(run.log.t) - rows.stop - first
-        assert abs(beside) <= 1  # as much before as behind
+    monkeypatch.setattr(cut, "MOST", 0.4 * sum(run.log.duration for run in runs))
+    thin, (note,) = thinning(runs)
+    assert thin == 3
+    assert "one row in 3" in note
+    every, some = paper_rows(runs), paper_rows(runs, None, thin)
+    for name in ("X", "Y", "tau"):
+        own = [getattr(rows, name)[rows.run == 1] for rows in (every, some)]
+        np.testing.assert_array_equal(own[0][::3], own[1])
 
 
 def test_long_logs_identify_the_model_whole_and_tables_take_fewer_rows(monkeypatch):

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from residual.calibration.components import fit_pca, fit_pls, real_components
+from residual.calibration.components import fit_pca, fit_pls
 from residual.errors import InputError
 from residual.signals.filters import randomise_phases
 
@@ -70,15 +70,16 @@ def test_other_columns_and_names_than_fitted_are_refused():
 
 def test_components_are_eigenvectors_of_the_correlations(rng):
     X = rng.normal(size=(60, 4)) @ rng.normal(size=(4, 4))
-    pca, C = fit_pca(X), np.corrcoef(X.T)
+    pca, C = fit_pca(X, rng, draws=20), np.corrcoef(X.T)
     np.testing.assert_allclose(pca.eigenvalues, np.linalg.eigvalsh(C)[::-1], atol=1e-10)
     np.testing.assert_allclose(
         C @ pca.loadings, pca.loadings * pca.eigenvalues, atol=1e-10
     )
     largest = np.abs(pca.loadings).argmax(axis=0)
     assert (pca.loadings[largest, range(4)] > 0).all()
-    names = [name for name, _ in pca.strongest(0, 4)]
-    assert names == [f"x{i + 1}" for i in np.argsort(-np.abs(pca.loadings[:, 0]))]
+    names = [name for name, _ in pca.strongest(0)]
+    order = np.argsort(-np.abs(pca.loadings[:, 0]))[:3]
+    assert names == [f"x{i + 1}" for i in order]
 
 
 @pytest.mark.parametrize("rows", [16, 17])
@@ -101,8 +102,8 @@ def test_slow_signals_of_no_relation_have_no_component():
         for _ in range(6)
     ]
     X = np.stack(waves, axis=1)
-    found = real_components(X, np.random.default_rng(0), draws=60)
-    assert found.count == 0
+    found = fit_pca(X, np.random.default_rng(0), draws=60)
+    assert found.real == 0
     # Of independent rows the limit is not far above one.
     assert found.limit[0] > 1.5
 
@@ -111,8 +112,8 @@ def test_a_common_signal_is_one_component_and_white_noise_none(rng):
     noise = rng.normal(size=(500, 5))
     common = noise + 2 * rng.normal(size=(500, 1))
     run = np.repeat([0, 1], 250)
-    assert real_components(noise, rng, run=run, draws=60).count == 0
-    assert real_components(common, rng, run=run, draws=60).count == 1
+    assert fit_pca(noise, rng, run=run, draws=60).real == 0
+    assert fit_pca(common, rng, run=run, draws=60).real == 1
 
 
 @pytest.mark.parametrize(
@@ -127,4 +128,4 @@ def test_a_common_signal_is_one_component_and_white_noise_none(rng):
 )
 def test_bad_blocks_are_refused_with_what_to_do(rng, X, options, message):
     with pytest.raises(InputError, match=message):
-        real_components(X, rng, **options)
+        fit_pca(X, rng, **options)
