@@ -121,11 +121,10 @@ class Fits:
 
         In N m. Shape (options, m, j).
         """
-        out = np.zeros((len(options), *rows.Y.shape))
+        offsets, slopes = zip(*map(self._line, options), strict=True)
+        lines = (rows.X @ np.hstack(slopes)).reshape(len(rows.X), len(options), -1)
+        out = np.array(offsets)[:, None] + lines.transpose(1, 0, 2)
         tabled = [i for i, option in enumerate(options) if option.ridge is not None]
-        for i, option in enumerate(options):
-            offset, slope = self._line(option)
-            out[i] = offset + (rows.X @ slope if slope.any() else 0.0)
         if tabled:
             each = [self._coefficients(options[i]) for i in tabled]
             read = (rows.Z @ np.hstack(each)).reshape(len(rows.X), len(tabled), -1)

@@ -25,8 +25,8 @@ from residual.calibration.scores import (
 from residual.recording import Array
 
 INPUT, TWIN, WHITE, LEFT = "input", "twin error", "white noise", "residual"
-SWEEP = (2, 4, 8, 15, 22, 30, 40)  # levels
-_COMPONENTS, _FOLDS = 15, 6  # of the sweep; so many folds say what all do
+SWEEP = (2, 4, 8, 15, 22, 40)  # levels
+_COMPONENTS, _FOLDS = 15, 4  # of the sweep; so many folds say what all do
 _DRAWS, _MOST_ROWS = 40, 1500  # of surrogates; more rows do not move the limit
 _MOST = 600  # rows of a picture
 _TWIN_STATE = ("e_q", "e_qd", "e_qdd")
