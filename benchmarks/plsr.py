@@ -19,7 +19,6 @@ GROUPS = {
     "sweep": "plsr_parts.speed:sweep_figures",
     "lookup": "plsr_parts.speed:lookup_figures",
     "errors": "plsr_parts.errors:paper_set_figures",
-    "sparse": "plsr_parts.errors:sparse_figures",
     "measured": "plsr_parts.errors:measured_figures",
     "monitoring": "plsr_parts.monitoring:monitoring_figures",
 }

@@ -352,15 +352,13 @@ class Calibrate(OfRobot):
         paper: As the paper does it: states of the reference of joints 1 to 3, errors
             against the simulated twin; only for logs with a reference (q_ref), on which
             the twin of a measured log is simulated.
-        levels: Levels of the paper form: 22 for every variable, or a number for each,
-            as 8,8,8,22,22,22,2,2,2. Without it they are chosen on runs left out.
-        components: Components of the paper form: at most so many are tried (30), and
-            exactly so many exported if --levels are given.
+        levels: Levels of the paper form: a number for every variable, or one for each,
+            as 8,8,8,22,22,22,2,2,2. Without it 22.
+        components: Components of the paper form: so many are exported, and no more are
+            tried. Without it 30 are tried, and as many exported as do best on runs left
+            out.
         joints: Joints of states and torques, as 1,2,3. Without it all; with --paper
             the first three, as in the paper.
-        model: Whose named effects stand beside the tables: the id of a diagnosis or an
-            adoption, or nominal. Without it, on runs of the store, the model that the
-            robot has (modelgap models), else the latest diagnosis of these runs.
     """
 
     logs: GivenWords = ()
@@ -373,7 +371,6 @@ class Calibrate(OfRobot):
     levels: Numbers = None
     components: Count = None
     joints: Numbers = None
-    model: Model = None
 
 
 @dataclass(frozen=True, slots=True)

@@ -50,8 +50,8 @@ HOMONYMS = {
     ("residual/check/result.py", "delay"): "a fault of a log, of the same nature",
     ("residual/robot/mjcf.py", "offset"): "of a joint that follows another one",
     ("residual/robot/urdf.py", "offset"): "the same as a URDF has it",
-    ("residual/tables/evaluate.py", "offset"): "the constant of a look-up model",
-    ("residual/tables/lookup.py", "offset"): "the same in its record and its files",
+    ("residual/model/evaluate.py", "offset"): "the constant of a look-up model",
+    ("residual/model/lookup.py", "offset"): "the same in its record and its files",
 }
 NAMED_BY_FILES = ("residual/effects/", "sim/effects/")
 MOST_FILES = 21

@@ -1,15 +1,12 @@
-"""Errors: of the paper's table 1 on a frozen set, of sparse tables, of measured arms.
+"""Errors: of the paper's table 1 on a frozen set, and of measured arms.
 
 The frozen set: IRB 140 whose gears stick (Fs = 1.5 Fc, 0.05 rad/s), pull harder one way
 (10 % of Fc) and under load (5 %), torque noise 1 % of range; six runs of 20 s, two
 periods each. The twin knows rigid body and rotors alone, or friction as well.
 
-Sparse: levels are chosen on four runs and judged on four others, against every number
-of levels and components judged on these others themselves: the best that hindsight
-could have taken. Measured: unseen runs and unseen blocks of real arms.
+Measured: unseen runs and unseen blocks of real arms.
 """
 
-from collections.abc import Sequence
 from dataclasses import replace
 from functools import cache
 from pathlib import Path
@@ -18,38 +15,23 @@ import numpy as np
 
 from benchmarks.harness.figures import Figures, figure, missing
 from benchmarks.measured_parts.arms import data_folder
-from benchmarks.plsr_parts.speed import repeated_rows
 from flows.steps.experiment import with_twins
 from residual.calibration.calibrate import Calibration, Settings, calibrate
-from residual.calibration.choice import Training, chosen_lookup, corrected
-from residual.calibration.methods import (
-    DEFAULT,
-    EFFECTS,
-    LS,
-    NONE,
-    PAPER_FORM,
-    PLSR,
-    Forms,
-    methods,
-)
-from residual.calibration.rows import Rows, Run, paper_rows
+from residual.calibration.rows import Run
 from residual.calibration.scores import (
     BLOCK,
+    DEFAULT,
+    LS,
+    NOTHING,
+    PAPER_FORM,
+    PLSR,
     RANDOM,
     RUN,
     Score,
     find,
-    ratio_interval,
-    relative_error,
 )
-from residual.method.diagnose import diagnose
-from residual.model.model import Term
-from residual.recording import Array, Recording
+from residual.recording import Recording
 from residual.robot.robot import Robot, load_robot
-from residual.tables.form import PAIR_FORM, EffectForm
-from residual.tables.lookup import Lookup
-from residual.tables.nominal_choice import SWEEP, choose_levels
-from residual.tables.nominal_pls import NominalForm, fill_unvisited, fit_nominal_pls
 from sim.engine.records import Noise, PlantEffect, PlantSpec, Rates, TrajectorySpec
 from sim.experiment import run_experiment
 from sim.plant import tables as at
@@ -162,9 +144,8 @@ _LOADED = "load"  # in the name of a log: another arm than that of the others
 BEST = 1.02  # of what anyone would try first, on every scheme
 # Of each arm: model, what it is held against, the least ratio that is a failure.
 _PAIRS = (
-    ("default_over_none", DEFAULT, NONE, NOT_WORSE),
-    ("default_over_named", DEFAULT, EFFECTS, None),
-    ("paper_form_over_none", PAPER_FORM, NONE, None),
+    ("default_over_none", DEFAULT, NOTHING, NOT_WORSE),
+    ("paper_form_over_none", PAPER_FORM, NOTHING, None),
 )
 _NO_BAR = "for information, no bar of its own"
 
@@ -201,7 +182,7 @@ def measured_figures(quick: bool) -> Figures:
 
 def over_none(made: Calibration) -> dict:
     """The default form against no compensation, the worst joint on unseen runs."""
-    one, none = (find(made.scores, RUN, model) for model in (DEFAULT, NONE))
+    one, none = (find(made.scores, RUN, model) for model in (DEFAULT, NOTHING))
     ratios = one.rmsev / none.rmsev
     return figure(
         float(ratios.max()),
@@ -223,7 +204,7 @@ def over_best(made: Calibration) -> dict:
     for scheme in dict.fromkeys(one.scheme for one in made.scores):
         ours, *others = (
             find(made.scores, scheme, model).overall
-            for model in (DEFAULT, NONE, LS, PLSR)
+            for model in (DEFAULT, NOTHING, LS, PLSR)
         )
         ratios[scheme] = round(ours / min(others), 4)
     return figure(max(ratios.values()), BEST, len(ratios), ratios=ratios)
@@ -237,7 +218,7 @@ def rounded(values: np.ndarray) -> list[float]:
 def _calibrated(folder: Path) -> Calibration:
     robot, logs = _read(folder)
     runs, settings = [Run(log) for log in logs], Settings(views=False)
-    return calibrate(robot, runs, settings, _named(robot, logs))
+    return calibrate(robot, runs, settings)
 
 
 def _read(folder: Path) -> tuple[Robot, list[Recording]]:
@@ -246,115 +227,33 @@ def _read(folder: Path) -> tuple[Robot, list[Recording]]:
     return robot, [read_log(str(path), robot)[0] for path in paths]
 
 
-def _named(robot: Robot, logs: list[Recording]) -> tuple[Term, ...]:
-    """What a diagnosis of all logs names: its names have seen every block."""
-    models = diagnose(robot, logs).models
-    return models["augmented"].terms[len(models["nominal"].terms) :]
-
-
 def _ratio(made: Calibration, model: str, other: str, bar: float | None) -> dict:
     """Error of one model over that of another, over all joints, on unseen blocks."""
     # The parts of a single log are its runs here.
-    scheme = BLOCK if find(made.scores, BLOCK, NONE) else RUN
+    scheme = BLOCK if find(made.scores, BLOCK, NOTHING) else RUN
     pair = [find(made.scores, scheme, name) for name in (model, other)]
-    if None in pair:
-        return missing(bar, "the diagnosis names nothing")
-    ratio = ratio_interval(*pair, np.random.default_rng(0))
-    told = {"interval": rounded([ratio.low, ratio.high]), "joints": _joints(*pair)}
+    value, interval = _interval(*pair)
+    told = {"interval": rounded(interval), "joints": _joints(*pair)}
     told |= {"percent": rounded(pair[0].rmsev), "all": round(pair[0].overall, 3)}
     told |= {"other_percent": rounded(pair[1].rmsev)}
     if bar is None:
         told["why"] = _NO_BAR
-    return figure(ratio.value, bar, ratio.folds, **told)
+    return figure(value, bar, len(pair[0].miss), **told)
+
+
+def _interval(one: Score, other: Score) -> tuple[float, np.ndarray]:
+    """Ratio of errors over all joints, and where it lies in 95 of 100 draws of folds.
+
+    Folds are drawn with replacement, both models of a fold together: the percentile
+    bootstrap of Efron and Tibshirani (1993, ch. 13).
+    """
+    misses = np.stack([one.miss.sum(axis=1), other.miss.sum(axis=1)])
+    folds, rng = misses.shape[1], np.random.default_rng(0)
+    drawn = misses[:, rng.integers(folds, size=(2000, folds))].sum(axis=2)
+    ratios = np.sqrt(drawn[0] / np.maximum(drawn[1], 1e-300))
+    value = one.overall / max(other.overall, 1e-300)
+    return value, np.quantile(ratios, [0.025, 0.975])
 
 
 def _joints(one: Score, other: Score) -> list[float]:
     return rounded(one.rmsev / other.rmsev)
-
-
-_WORSE, _SHARE, _NEAR, _BEATS = 1.02, 0.1, 1.01, 0.8
-_FRESH = (101, 102, 103)
-_PAPER = NominalForm(components=30)
-_DENSE = replace(PAIR_FORM, sparsity=0.0)
-_COMPONENTS = 15
-
-
-def sparse_figures(quick: bool) -> Figures:
-    """Return the figures; the frozen set is left to the full run."""
-    out: Figures = {}
-    for side, name in enumerate(("bare", "declared")):
-        keys = (f"sparse_{name}_over_better", f"sparse_{name}_cells")
-        if quick:
-            why = "the full run measures it"
-            out |= {
-                k: missing(b, why) for k, b in zip(keys, (_WORSE, _SHARE), strict=True)
-            }
-            continue
-        out |= _sparse(paper_rows(frozen_runs(side)), keys)
-    ratios = [_chosen_over_best(seed) for seed in _FRESH[: 1 if quick else None]]
-    entry = figure(max(ratios), _NEAR, len(ratios), ratios=_rounded(ratios))
-    if quick:
-        entry |= {"ok": None, "why": "one set; the full run takes three"}
-    return out | {"chosen_levels_over_best_of_sweep": entry}
-
-
-def _sparse(rows: Rows, keys: tuple[str, str]) -> Figures:
-    """Unseen-run error of sparse pair tables over that of the better dense form."""
-    training = Training(rows.X, rows.Y, rows.run, rows.tau, rows.part, rows.second)
-    loads = tuple((v, len(rows.names) + i) for i, v in enumerate(rows.velocities))
-    form = EffectForm(velocities=rows.velocities, loads=loads)
-    forms = {"sparse": form, "default": replace(form, pairs=_DENSE)}
-    held = [rows.run == run for run in np.unique(rows.run)]
-    miss = {name: np.zeros(len(rows.joints)) for name in ("none", *forms)}
-    cells = {name: [] for name in forms}
-    paper = []
-    for out in held:
-        kept, new = training.rows(~out), training.rows(out)
-        miss["none"] += (new.Y**2).sum(axis=0)
-        for name, own in forms.items():
-            lookup = chosen_lookup(kept, own)
-            miss[name] += ((new.Y - corrected(lookup, new)) ** 2).sum(axis=0)
-            cells[name].append(_cells(lookup))
-        made = methods(Forms(form, _PAPER))[PAPER_FORM](kept)(new)
-        paper.append([((new.Y - one) ** 2).sum(axis=0) for one in made])
-    # As the paper takes it: the number of components that does best on these runs.
-    curve = np.sum(paper, axis=0)
-    miss["paper"] = curve[curve.sum(axis=1).argmin()]
-    power = (rows.tau**2).sum(axis=0).sum()
-    percent = {k: float(relative_error(m.sum(), power)) for k, m in miss.items()}
-    better = min(percent["default"], percent["paper"])
-    dense = 36 * 22**2
-    told = {"percent": {k: round(v, 3) for k, v in percent.items()}}
-    told |= {"joints": _rounded(np.sqrt(miss["sparse"] / miss["default"]))}
-    entry = figure(percent["sparse"] / better, _WORSE, len(held), **told)
-    if percent["default"] > _BEATS * percent["none"]:
-        entry |= {"ok": None, "why": "the default form does not beat none by a fifth"}
-    share = max(cells["sparse"]) / dense
-    return {keys[0]: entry, keys[1]: figure(share, _SHARE, len(held), **cells)}
-
-
-def _cells(lookup: Lookup) -> int:
-    """Table cells that say something, of all joints together."""
-    return sum(int((t.values != 0).any(axis=-1).sum()) for t in lookup.tables)
-
-
-def _chosen_over_best(seed: int) -> float:
-    """Error of the chosen levels on new runs over the least that any would leave."""
-    X, Y, run = (part[::4] for part in repeated_rows(seed))
-    new, truth, _ = (part[::4] for part in repeated_rows(seed + 1000))
-    form = NominalForm(components=_COMPONENTS)
-    chosen = choose_levels(X, Y, run, Y, form)
-    own = _errors(X, Y, (new, truth), chosen.form)[chosen.components]
-    every = [min(_errors(X, Y, (new, truth), replace(form, levels=k))) for k in SWEEP]
-    return own / min(every)
-
-
-def _errors(X: Array, Y: Array, new: tuple, form: NominalForm) -> list[float]:
-    """Errors on new rows of 0 to A components."""
-    model = fill_unvisited(fit_nominal_pls(X, Y, form))
-    counts = range(model.components + 1)
-    return [float(np.linalg.norm(new[1] - model.predict(new[0], a))) for a in counts]
-
-
-def _rounded(values: Sequence[float]) -> list[float]:
-    return [round(float(v), 4) for v in values]

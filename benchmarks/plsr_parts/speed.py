@@ -16,14 +16,12 @@ from scipy.sparse import csr_matrix
 from benchmarks.harness.figures import Figures, figure, missing, partial
 from benchmarks.harness.origin import ROOT
 from benchmarks.harness.rates import cpu
-from residual.tables.crossval import leave_one_out, random_blocks, systematic
-from residual.tables.kernels import evaluate_levels, evaluate_row, evaluate_rows
-from residual.tables.nominal_choice import nominal_errors
-from residual.tables.nominal_pls import (
-    NominalForm,
-    NominalPls,
-    fit_nominal_pls,
-    nominal_lookup,
+from residual.calibration.crossval import leave_one_out, random_blocks, systematic
+from residual.calibration.nominal_pls import NominalForm, NominalPls, fit_nominal_pls
+from residual.model.lookup_kernels import (
+    evaluate_levels,
+    evaluate_row,
+    evaluate_rows,
 )
 
 RATE = 250.0  # Hz
@@ -223,11 +221,11 @@ def sweep_figures(quick: bool) -> Figures:
         random_blocks(n, np.random.default_rng(1)),
     ]
     tried = _SWEPT[::6] if quick else _SWEPT
-    nominal_errors(X[:4000:9], Y[:4000:9], [systematic(445)], Y[:4000:9], _swept(3))
+    _validate(X[:4000:9], Y[:4000:9], [systematic(445)], _swept(3))
 
     def sweep() -> None:
         for levels in tried:
-            nominal_errors(X, Y, schemes, Y, _swept(levels))
+            _validate(X, Y, schemes, _swept(levels))
 
     spent = seconds(sweep)
     whole = spent * len(_SWEPT) / len(tried)
@@ -235,6 +233,24 @@ def sweep_figures(quick: bool) -> Figures:
     if quick:
         entry = partial(entry, f"scaled up from {len(tried)} of {len(_SWEPT)} levels")
     return {"sweep_seconds": entry}
+
+
+def _validate(X, Y, schemes, form: NominalForm) -> list[np.ndarray]:
+    """Squared errors on held-out rows, of every number of components. (A + 1, j)."""
+    out = []
+    for folds in schemes:
+        miss = 0.0
+        for fold in range(folds.count):
+            held = folds.of_row == fold
+            model = fit_nominal_pls(X[~held], Y[~held], form)
+            T, left = model.transform(X[held]), Y[held] - model.y_mean
+            errors = [(left**2).sum(axis=0)]
+            for t, q in zip(T.T, model.Q, strict=True):
+                left = left - np.outer(t, q)
+                errors.append((left**2).sum(axis=0))
+            miss = miss + np.array(errors)
+        out.append(miss)
+    return out
 
 
 def _swept(levels: int) -> NominalForm:
@@ -257,7 +273,7 @@ def lookup_figures(quick: bool) -> Figures:
     X, Y = motion_rows(20_000)
     model = fit_nominal_pls(X, Y, NominalForm(_LEVELS))
     new = motion_rows(_STATES, seed=1)[0]
-    packed, levels = nominal_lookup(model).packed, model.levels.encode(new).values
+    packed, levels = model.lookup().packed, model.levels.encode(new).values
     out = np.empty((len(new), Y.shape[1]))
     evaluate_rows(new[:9], packed, out[:9])
     evaluate_levels(levels[:9], packed, out[:9])

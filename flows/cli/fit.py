@@ -104,8 +104,6 @@ def calibrate(
     from flows.report.calibration import render, told
 
     request = chosen(request, logs, where)
-    choice = choose_for(request)
-    request = replace(request, model=choice.diagnosis)
     inputs = read_files((*request.logs, request.robot), request.columns)
     out = Outputs({"--report": report, "--json": json}, inputs)
     if export is not None:
@@ -115,7 +113,7 @@ def calibrate(
         from flows.steps.experiment import with_twins
 
         runs = with_twins(read.robot, runs)
-    out.say(*read.lines[:1], *choice.lines, *read.lines[1:])
+    out.say(*read.lines)
     with progress_bar() as progress:
         done = calibration.calibrate(request, read, runs, progress)
     made = done.made

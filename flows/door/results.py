@@ -19,9 +19,8 @@ from flows.steps.identify import identify_logs
 from flows.storage import calibration as calibrated
 from flows.storage import identification as identified
 from residual.calibration import calibrate as core
-from residual.calibration.methods import DEFAULT, NONE
 from residual.calibration.rows import Run
-from residual.calibration.scores import RUN, find
+from residual.calibration.scores import DEFAULT, NOTHING, RUN, find
 from residual.diagnosis import result
 from residual.diagnosis.verdict import to_json
 from residual.errors import InputError
@@ -259,7 +258,7 @@ class Calibration(core.Calibration):
         return core.corrected_model(self)
 
     def __repr__(self) -> str:
-        ours, none = (find(self.scores, RUN, model) for model in (DEFAULT, NONE))
+        ours, none = (find(self.scores, RUN, model) for model in (DEFAULT, NOTHING))
         error = (
             f"{none.overall:.3g} % -> {ours.overall:.3g} %" if ours and none else "–"
         )

@@ -8,7 +8,7 @@ from matplotlib.axes import Axes
 
 from flows.report.document import Callout, Document, Section, Strong, Table
 from flows.report.figures.look import JOINTS
-from flows.report.figures.paper import SOFT, blank, figure_style, rule
+from flows.report.figures.plot import SOFT, blank, figure_style, rule
 from flows.report.page import render
 from flows.report.words.phrases import texts
 from flows.steps.models import NOMINAL

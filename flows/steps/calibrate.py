@@ -9,16 +9,10 @@ from flows.outputs import Progress
 from flows.requests import Calibrate
 from flows.settings import store_folder
 from flows.steps.check import as_mounted, checked
-from flows.storage.calibration import (
-    Found,
-    effects_of,
-    found_effects,
-    store_calibration,
-)
+from flows.storage.calibration import store_calibration
 from residual.calibration.calibrate import Calibration, Settings
 from residual.calibration.calibrate import calibrate as fit_tables
 from residual.calibration.rows import Run
-from residual.model.model import Term
 from residual.threads import one_blas_thread
 from warehouse.files import read_parquet
 from warehouse.layout import find_run
@@ -79,20 +73,11 @@ def calibrate(
         InputError: If the logs are not usable together, or a fault of them is certain.
     """
     store, ids = store_folder(request.store), tuple((logs.runs or {}).values())
-    found = Found()
-    if request.model and not request.paper:
-        found = effects_of(store, request.model)
-    elif not request.paper:
-        found = found_effects(store, ids, logs.robot, request.declared)
-    settings = _settings(request)
     made, warnings = calibrate_logs(
-        logs, runs, settings, found.effects, request.trust_log, progress
+        logs, runs, _settings(request), request.trust_log, progress
     )
-    if found.line:
-        made = replace(made, notes=(*made.notes, found.line))
     asked = request.to_record() | {
         "logs": list(ids),
-        "diagnosis": found.diagnosis,
         "robot_hash": logs.robot.content_hash,
     }
     stored = len(ids) == len(runs)
@@ -105,14 +90,10 @@ def calibrate_logs(
     logs: LogSets,
     runs: Sequence[Run],
     settings: Settings,
-    named: Sequence[Term] = (),
     trust_log: bool = False,
     progress: Progress | None = None,
 ) -> tuple[Calibration, tuple[str, ...]]:
     """Fit and validate every model; returns what is odd but usable beside it.
-
-    Args:
-        named: What a diagnosis found, for the model with named effects.
 
     Raises:
         InputError: If the logs are not usable together, or a fault of them is certain.
@@ -120,7 +101,7 @@ def calibrate_logs(
     report = checked(logs, trust_log)
     logs = as_mounted(logs, report)
     # One thread: the products are small, two threads only wait for each other.
-    made = fit_tables(logs.robot, runs, settings, named, progress)
+    made = fit_tables(logs.robot, runs, settings, progress)
     return made, (*logs.warnings, *report.sentences)
 
 
@@ -134,7 +115,7 @@ def _settings(request: Calibrate) -> Settings:
     if request.levels is not None:
         one, *more = request.levels
         form = replace(form, levels=request.levels if more else one)
-    return replace(settings, form=form, given=request.levels is not None)
+    return replace(settings, form=form, exact=request.components is not None)
 
 
 def _beside(store: Path, id: str) -> tuple[str | None, dict]:

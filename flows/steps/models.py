@@ -9,7 +9,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from flows.inputs.given import is_run, load, load_of, robot_of
-from flows.requests import Calibrate, Diagnose, Identify
+from flows.requests import Diagnose, Identify
 from flows.settings import store_folder
 from flows.storage.calibration import CORRECTED, KIND, STAGE
 from flows.storage.diagnosis import (
@@ -24,13 +24,13 @@ from residual.errors import InputError, check_name
 from residual.export.exported import Whole, body_of
 from residual.identification.identify import identify
 from residual.model.corrected import Corrected
+from residual.model.lookup import Lookup
 from residual.model.model import Model
 from residual.model.nominal import declared_names, prepare_logs, start_nominal
 from residual.model.record import from_record, load_model
 from residual.recording import Recording
 from residual.robot.robot import Robot
 from residual.signals.track import Filters
-from residual.tables.lookup import Lookup
 from warehouse.commit import commit_record
 from warehouse.layout import Found, find, list_folders, read_record
 from warehouse.numbered import Adoption, adopted
@@ -108,7 +108,7 @@ def choose(
     return Choice(last[1].diagnosis_id, f"model: {name}")
 
 
-def choose_for(request: Diagnose | Identify | Calibrate) -> Choice:
+def choose_for(request: Diagnose | Identify) -> Choice:
     """Return the model that a request goes by, as `choose` does."""
     logs = (*request.logs, *getattr(request, "held_out", ()))
     robot = load_of(request.robot, logs, request.store)

@@ -11,21 +11,17 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from residual.calibration.choice import Training, chosen_model, lookup_of
-from residual.calibration.methods import (
-    EFFECTS,
-    Choices,
-    Forms,
-    fit_chosen,
-    levels_of,
-    methods,
+from residual.calibration.choice import (
+    MAIN,
+    NONE,
+    Option,
+    candidates,
+    choose,
+    fit_forms,
 )
-from residual.calibration.methods import NONE as NOTHING
-from residual.calibration.nominal import (
-    Prepared,
-    identified_without,
-    prepare_runs,
-)
+from residual.calibration.effects import Tables, make_tables
+from residual.calibration.nominal import Prepared, identified_without, prepare_runs
+from residual.calibration.nominal_pls import NominalForm, fit_nominal_pls
 from residual.calibration.rows import (
     FEW,
     PAPER,
@@ -34,48 +30,46 @@ from residual.calibration.rows import (
     cut_single,
     measured_rows,
     paper_rows,
-    shorten,
     thinning,
 )
 from residual.calibration.scores import (
+    BLOCK,
+    PAPER_FORM,
+    RANDOM,
     RUN,
-    UNSEEN,
+    SCHEMES,
+    WIDE,
     Scheme,
     Score,
+    Trial,
+    choices,
+    find,
     make_schemes,
-    score,
+    scores_of,
+    training_of,
+    try_forms,
 )
 from residual.calibration.views import (
-    SWEEP,
     Components,
-    Oddities,
-    Plane,
     Sweep,
-    Terms,
     Unseen,
     components_of,
-    oddities_of,
-    plane_of,
+    middle_run,
     sweep_levels,
-    terms_of,
     unseen_run,
 )
-from residual.model.corrected import NEAREST, Column, Corrected, Tables
-from residual.model.model import Model, Term
+from residual.model.corrected import NEAREST, Column, Corrected
+from residual.model.corrected import Tables as JointTables
+from residual.model.lookup import Axis, Lookup, Table
+from residual.model.model import Model
 from residual.recording import Array
 from residual.robot.robot import Robot
-from residual.tables.form import MAIN, NONE, EffectForm, Option
-from residual.tables.lookup import Axis, Lookup, Table
-from residual.tables.nominal_choice import ChosenLevels
-from residual.tables.nominal_pls import NominalForm, fit_nominal_pls, nominal_lookup
 
 Progress = Callable[[str, float], None]
 # On random rows the error still falls at 30 components; the paper does not say.
 PAPER_SETTING = NominalForm(components=30)
-_SWEEP_COMPONENTS = 15
 _TWIN = "--declared says nothing with --paper: the twin has what its robot declares"
 _CUT = "one log only: it was cut into parts, so unseen parts are of the same run"
-MOST_CHOSEN = 12  # variables: of six joints there are four times the pairs of three
 
 
 @dataclass(frozen=True, slots=True)
@@ -85,67 +79,56 @@ class Settings:
     Attributes:
         paper: The paper's regressors and twin error, in place of measured motion.
         declared: Effects that the nominal model has; None for the robot's own list.
-        form: Levels and components of the paper's form.
-        given: Whether levels and components are to be exactly so, and none is chosen.
+        form: Levels of the paper's form, and components: at most so many are tried.
+        exact: Whether the exported tables of the paper's form have just so many.
         joints: Joints of X and Y, from 1; None for all, or the paper's.
-        pairs: Whether the default form may take all pair tables.
         views: Whether to compute what only figures need.
-        levels: Numbers of levels of the sweep.
-        schemes: Schemes to judge under; None for all that the rows allow.
+        schemes: Schemes to report; None for all that the rows allow.
         seed: Of random blocks and surrogates.
     """
 
     paper: bool = False
     declared: tuple[str, ...] | None = None
     form: NominalForm = PAPER_SETTING
-    given: bool = False
+    exact: bool = False
     joints: tuple[int, ...] | None = None
-    pairs: bool = True
     views: bool = True
-    levels: tuple[int, ...] = SWEEP
     schemes: tuple[str, ...] | None = None
     seed: int = 0
 
 
 @dataclass(frozen=True, eq=False, slots=True)
 class Calibration:
-    """What was found.
+    """Look-up tables, and what each form is worth.
 
     Attributes:
         robot: Name of the robot.
         rows: The rows.
-        schemes: The schemes that these rows allow.
         scores: The table.
         chosen: What the default form takes for each joint.
-        levels: Levels and components of the paper's form that were chosen; None where
-            they were given.
         proven: Whether there were enough runs to choose by.
         default: The default form on all rows, as tables.
-        paper: The paper's form on all rows, as tables, with these levels.
+        paper: The paper's form on all rows, as tables.
+        components: Its number of components.
         nominal: Nominal model identified from all runs; None in paper mode.
         declared: Effects that the nominal model has.
-        components, sweep, terms, oddities: For the figures; None where not wanted.
-        unseen, plane: The same: a run that no model saw, scores and loadings of PLSR.
+        blocks, sweep, unseen: For the figures; None or empty where they are not there.
         notes: What to know about it, a line each.
     """
 
     robot: str
     rows: Rows
-    schemes: tuple[Scheme, ...]
     scores: tuple[Score, ...]
     chosen: tuple[Option, ...]
-    levels: ChosenLevels | None
     proven: bool
     default: Lookup
     paper: Lookup
+    components: int
     nominal: Model | None
     declared: tuple[str, ...]
-    components: tuple[Components, ...] = ()
+    blocks: tuple[Components, ...] = ()
     sweep: Sweep | None = None
-    terms: Terms | None = None
-    oddities: Oddities | None = None
     unseen: Unseen | None = None
-    plane: Plane | None = None
     notes: tuple[str, ...] = field(default=())
 
     @property
@@ -157,47 +140,30 @@ class Calibration:
 class Source:
     """Rows, and what nominal models leave on them; each is identified once."""
 
-    def __init__(
-        self,
-        robot: Robot,
-        runs: Sequence[Run],
-        settings: Settings,
-        named: Sequence[Term],
-    ) -> None:
+    def __init__(self, robot: Robot, runs: Sequence[Run], settings: Settings) -> None:
         self._prepared: Prepared | None = None
-        self._known: dict[tuple, Array] = {}
+        self._known: dict[frozenset[int], Array] = {}
         self.nominal: Model | None = None
         self.declared: tuple[str, ...] = tuple(robot.declared)
-        self.named: tuple[Term, ...] = ()
+        self._thin, self.notes = thinning(runs)
         if settings.paper:
-            runs, self.notes = shorten(runs)
-            self.rows = paper_rows(runs, settings.joints)
+            self.rows = paper_rows(runs, settings.joints, self._thin)
             self.notes += (_TWIN,) if settings.declared is not None else ()
             return
         self._prepared = prepare_runs(robot, runs, settings.declared)
         self.declared = self._prepared.names
         self.nominal = identified_without(self._prepared)
-        self._thin, self.notes = thinning(runs)
         self._joints = settings.joints
         self.rows = self._rows(self.nominal)
-        self._known[frozenset(), False] = self.rows.Y
-        self.named = tuple(named)
+        self._known[frozenset()] = self.rows.Y
 
-    def plain(self, left_out: Collection[int]) -> Array:
-        """What the nominal model leaves. Shape (n, j)."""
-        return self._left(left_out, ())
-
-    def with_effects(self, left_out: Collection[int]) -> Array:
-        """What the model with named effects leaves. Shape (n, j)."""
-        return self._left(left_out, self.named)
-
-    def _left(self, left_out: Collection[int], named: tuple[Term, ...]) -> Array:
+    def left(self, left_out: Collection[int]) -> Array:
+        """What a nominal model leaves that has not seen some blocks. Shape (n, j)."""
         if self._prepared is None:
             return self.rows.Y
-        key = (frozenset(left_out), bool(named))
+        key = frozenset(left_out)
         if key not in self._known:
-            model = identified_without(self._prepared, left_out, named)
-            self._known[key] = self._rows(model).Y
+            self._known[key] = self._rows(identified_without(self._prepared, key)).Y
         return self._known[key]
 
     def _rows(self, model: Model) -> Rows:
@@ -210,7 +176,6 @@ def calibrate(
     robot: Robot,
     runs: Sequence[Run],
     settings: Settings | None = None,
-    named: Sequence[Term] = (),
     progress: Progress | None = None,
 ) -> Calibration:
     """Fit and validate every model under every scheme.
@@ -218,7 +183,6 @@ def calibrate(
     Args:
         runs: Its logs; a single one is cut into parts. Of more than 15 min all identify
             the model, and tables take every second row, or third, or fewer.
-        named: What a diagnosis found, for the model with named effects.
 
     Raises:
         InputError: If a log does not suit the mode, a column is constant, or there
@@ -228,109 +192,100 @@ def calibrate(
     notes = (_CUT,) if len(runs) == 1 else ()
     runs = cut_single(runs)
     tell("nominal model", 0.0)
-    source = Source(robot, runs, settings, named)
+    source = Source(robot, runs, settings)
     rows = source.rows
     schemes, more = make_schemes(rows, np.random.default_rng(settings.seed))
-    if settings.schemes is not None:
-        schemes = tuple(s for s in schemes if s.name in settings.schemes)
-    without = None if settings.paper else source.plain
-    parts = (rows.X, rows.Y, rows.run, rows.tau, rows.part, rows.second, rows.moving)
-    training = Training(*parts, without)
-    taught = training.taught()
-    forms = _forms(rows, settings)
-    tell("default form", 0.05)
-    default, options = chosen_model(training, forms.default)
-    tell("levels", 0.08)
-    chosen = Choices(options, levels_of(taught, forms) if forms.levels else None)
-    if chosen.levels is None:
-        fitted = fit_nominal_pls(taught.X, taught.Y, settings.form, fewer=True)
-        paper = nominal_lookup(fitted)
-    else:
-        paper = nominal_lookup(*fit_chosen(taught, chosen.levels))
-    paper = replace(paper, names=rows.names)
+    names = (*rows.names, *(f"tau{j}" for j in rows.joints))
+    tables = make_tables(rows.X, rows.tau - rows.Y, rows.velocities, names)
+    table = _table(schemes, source, tables, settings, tell)
+    taught = training_of(rows, rows.Y, tables).taught()
+    fitted = fit_nominal_pls(taught.X, taught.Y, settings.form, fewer=True)
+    best = fitted.components if settings.exact else table.components
+    components = min(best, fitted.components)
     made = Calibration(
         robot.name,
         rows,
-        schemes,
-        _table(schemes, training, source, forms, chosen, tell),
-        options,
-        chosen.levels,
+        table.scores,
+        table.chosen,
         len(rows.labels) >= FEW,
-        lookup_of(training, forms.default, default, options),
-        paper,
+        fit_forms(taught, tables).lookup(table.chosen),
+        replace(fitted.lookup(components), names=rows.names),
+        components,
         source.nominal,
         source.declared,
+        unseen=table.unseen,
         notes=(*notes, *more, *source.notes),
     )
     if not settings.views:
         return made
-    return replace(made, **_views(made, runs, training, source, forms, settings, tell))
+    tell("principal components", 0.85)
+    blocks = components_of(rows, runs, np.random.default_rng(settings.seed))
+    sweep = None
+    if len(rows.names) <= WIDE:
+        tell("levels", 0.9)
+        swept = [s for s in schemes if s.name in (RUN, RANDOM)]
+        sweep = sweep_levels(rows, swept, tables, settings.form.components)
+    tell("levels", 1.0)
+    return replace(made, blocks=blocks, sweep=sweep)
 
 
-def _forms(rows: Rows, settings: Settings) -> Forms:
-    """What may be chosen from; no levels where given, or where pairs are too many."""
-    first, many = len(rows.names), len(rows.names) > MOST_CHOSEN
-    loads = tuple((speed, first + i) for i, speed in enumerate(rows.velocities))
-    names = (*rows.names, *(f"tau{j}" for j in rows.joints))
-    form = EffectForm(velocities=rows.velocities, loads=loads, names=names)
-    form = form if settings.pairs else replace(form, pairs=None)
-    levels = () if settings.given or many else settings.levels
-    return Forms(form, settings.form, levels)
+@dataclass(frozen=True, eq=False, slots=True)
+class _Tried:
+    """The table, and what was chosen by its first scheme.
+
+    Attributes:
+        chosen: Option of each joint.
+        components: Of the paper's form, what does best there.
+        unseen: A run that no model has seen; None where none was left out.
+    """
+
+    scores: tuple[Score, ...]
+    chosen: tuple[Option, ...]
+    components: int
+    unseen: Unseen | None
 
 
 def _table(
     schemes: Sequence[Scheme],
-    training: Training,
     source: Source,
-    forms: Forms,
-    chosen: Choices,
-    tell: Progress,
-) -> tuple[Score, ...]:
-    nested = methods(forms)
-    # Rows of every motion are fitted here anyway, so the choice is made only once.
-    once = methods(forms, chosen)
-    out: list[Score] = []
-    for number, scheme in enumerate(schemes):
-        own = nested if scheme.name in UNSEEN else once
-        for place, (name, method) in enumerate(own.items()):
-            done = (number + place / len(own)) / len(schemes)
-            tell(f"{scheme.name}: {name}", 0.1 + 0.6 * done)
-            out.append(score(scheme, name, method, training, source.plain))
-        if source.named:
-            # All of it is in the response: nothing is fitted.
-            response = source.with_effects
-            out.append(score(scheme, EFFECTS, once[NOTHING], training, response))
-    return tuple(out)
-
-
-def _views(
-    made: Calibration,
-    runs: Sequence[Run],
-    training: Training,
-    source: Source,
-    forms: Forms,
+    tables: Tables,
     settings: Settings,
     tell: Progress,
-) -> dict[str, object]:
-    """What the paper's figures show, by field of a calibration."""
-    rows = made.rows
-    taught, rng = training.taught(), np.random.default_rng(settings.seed)
-    tell("principal components", 0.72)
-    out: dict[str, object] = {"components": components_of(rows, runs, rng)}
-    tell("levels", 0.78)
-    count = min(settings.form.components, _SWEEP_COMPONENTS)
-    out["sweep"] = sweep_levels(taught, made.schemes, count, settings.levels)
-    tell("importance", 0.9)
-    out["terms"] = terms_of(taught, forms.default, made.chosen, rng)
-    tell("outliers", 0.97)
-    out["oddities"] = oddities_of(taught, rows, settings.form)
-    tell("outliers", 1.0)
-    out["plane"] = plane_of(taught, rows.names, rows.joints)
-    by_run = next((scheme for scheme in made.schemes if scheme.name == RUN), None)
-    if by_run is not None:
-        chosen = methods(forms, Choices(made.chosen, made.levels))
-        out["unseen"] = unseen_run(training, rows, by_run, chosen, source.plain)
-    return out
+) -> _Tried:
+    rows, shown = source.rows, middle_run(source.rows)
+    options = candidates(len(rows.names))
+    first = BLOCK if len(rows.labels) < FEW else RUN
+
+    def tried(scheme: Scheme, options: Sequence[Option]) -> Trial:
+        tell(SCHEMES[scheme.name], 0.1 + 0.7 * schemes.index(scheme) / len(schemes))
+        paper = scheme.unseen or len(rows.names) <= WIDE
+        form, fold = settings.form if paper else None, scheme.name == RUN
+        args = (scheme, rows, source.left, tables, options, form)
+        return try_forms(*args, shown if fold else None)
+
+    lead = tried(next(s for s in schemes if s.name == first), options)
+    chosen = choose(lead.seconds, lead.options)
+    # Rows of every run are fitted where rows are left out, so the choice is made.
+    settled = [o for o in options if o.ridge is None or o in chosen]
+    scores: list[Score] = []
+    unseen, components = None, 0
+    for scheme in schemes:
+        if scheme.name == first:
+            trial = lead
+        elif settings.schemes is None or scheme.name in settings.schemes:
+            trial = tried(scheme, options if scheme.unseen else settled)
+        else:
+            continue
+        own = choices(trial, lead, rows)
+        cells = scores_of(trial, own)
+        if trial is lead:
+            components = find(cells, first, PAPER_FORM).components
+        if settings.schemes is None or scheme.name in settings.schemes:
+            scores += cells
+        if scheme.name == RUN:
+            left = source.left(scheme.left_out[shown])
+            unseen = unseen_run(rows, trial, shown, left, own[shown])
+    return _Tried(tuple(scores), chosen, components, unseen)
 
 
 def corrected_model(made: Calibration) -> Corrected | None:
@@ -352,7 +307,7 @@ def with_tables(model: Model, lookup: Lookup, joints: Sequence[int]) -> Correcte
     columns = tuple(map(_column, lookup.names))
     each = [_of_joint(lookup, m) for m in range(len(joints))]
     tables = (
-        Tables(joint - 1, columns, own, _kind(own), NEAREST)
+        JointTables(joint - 1, columns, own, _kind(own), NEAREST)
         for joint, own in zip(joints, each, strict=True)
     )
     return Corrected(model, tuple(tables))

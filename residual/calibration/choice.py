@@ -1,49 +1,52 @@
 """Which correction each joint gets: what leaves least on runs or blocks left out.
 
-`residual/tables/choose.py` proposes tables of several variables. Here its proposal
-stands beside what anyone would try first: nothing, a constant, PLSR of the states with
-every number of components, least squares, main effects by ridge, the same with load.
+One joint gets one of: nothing, PLSR of the states with some components (with none it is
+a constant), least squares, a table for each variable, these with one of speed and load.
 Each is fitted to the other runs and judged on the one left out, with a nominal model
 that has not seen it: what a model leaves on runs that it was identified from is
 smaller, and of another shape, than what it leaves on others.
 """
 
-from collections.abc import Callable, Collection, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
+from scipy.sparse import csr_matrix
 
-from residual.calibration.rows import FEW
+from residual.blocks import as_names, frozen
+from residual.calibration.components import Pls, fit_pls
+from residual.calibration.effects import (
+    RIDGES,
+    EffectFit,
+    Tables,
+    fit_effects,
+)
 from residual.model.compare import is_sure
+from residual.model.corrected import NONE
+from residual.model.lookup import Axis, Lookup, Table
 from residual.recording import Array
-from residual.tables.choose import (
-    PROVEN,
-    EffectModel,
-    build_lookup,
-    fit_effect_tables,
-    of_joints,
-)
-from residual.tables.components import fit_pls
-from residual.tables.form import (
-    LEAST_SQUARES,
-    LOADED,
-    MAIN,
-    NAMED,
-    NONE,
-    PAIRS,
-    PLSR,
-    Base,
-    EffectForm,
-    Option,
-    fit_base,
-    fit_linear,
-    fit_rest,
-)
-from residual.tables.lookup import Lookup
 
+LEAST_SQUARES, PLSR = "least squares", "plsr"
+MAIN, PAIRS = "main effects", "main effects and load"
 # How surely a correction is better than nothing, one-sided. To take nothing has its
 # price too, so one in ten by chance, and not the hundredth that a model is blamed at.
 LIKELY = 0.9
+
+
+@dataclass(frozen=True, slots=True)
+class Option:
+    """One choice for one joint."""
+
+    kind: str  # one of the five constants
+    ridge: float | None = None  # of tables, per 20 000 rows
+    count: int = 0  # components of PLSR
+
+
+def candidates(variables: int) -> tuple[Option, ...]:
+    """Return what a joint may get of so many states, nothing first."""
+    lines = [Option(PLSR, count=a) for a in range(variables)]
+    tables = [Option(kind, ridge) for kind in (MAIN, PAIRS) for ridge in RIDGES]
+    return (Option(NONE), *lines, Option(LEAST_SQUARES), *tables)
 
 
 @dataclass(frozen=True, eq=False, slots=True)
@@ -53,32 +56,22 @@ class Training:
     Attributes:
         X: States. Shape (n, d).
         Y: What the nominal model leaves [N m]. Shape (n, j).
-        run: Run of each row. Shape (n,).
         tau: Measured torque [N m]. Shape (n, j).
-        part: Part of each row, a block of its run. Shape (n,).
         second: Second that each row is in, through all runs. Shape (n,).
+        Z: Columns of the tables that the rows are in (`effects.Tables`).
         moving: Whether a row counts for a joint; None where all do. Shape (n, j), bool.
-        without: What a nominal model leaves on these rows that has not seen some more
-            parts; None where Y does not depend on the rows.
     """
 
     X: Array
     Y: Array
-    run: Array
     tau: Array
-    part: Array
     second: Array
+    Z: csr_matrix
     moving: Array | None = None
-    without: Callable[[Collection[int]], Array] | None = None
-
-    @property
-    def loaded(self) -> Array:
-        """States, then what each joint carries by the model [N m]. Shape (n, d + j)."""
-        return np.hstack([self.X, self.tau - self.Y])
 
     def rows(self, chosen: Array) -> "Training":
         """Return some of the rows."""
-        parts = (self.X, self.Y, self.run, self.tau, self.part, self.second)
+        parts = (self.X, self.Y, self.tau, self.second, self.Z)
         moving = None if self.moving is None else self.moving[chosen]
         return Training(*(part[chosen] for part in parts), moving)
 
@@ -112,160 +105,133 @@ class Training:
                 Y[~moves, j] = (offset + X[~moves] @ slope)[:, 0]
             else:
                 Y[:, j] = 0.0
-        # The load, which is torque less what is left, stays as it is.
-        return replace(self, Y=Y, tau=self.tau + Y - self.Y)
+        return replace(self, Y=Y)
 
 
-def corrected(lookup: Lookup, rows: Training) -> Array:
-    """Corrections by tables that may need loads. Shape (m, j)."""
-    return lookup.predict(rows.loaded[:, : len(lookup.names)])
+@dataclass(frozen=True, eq=False, slots=True)
+class Fits:
+    """All forms, fitted to the same rows."""
+
+    line: tuple[Array, Array]  # least squares: constant (j,), slope (d, j)
+    pls: Pls
+    effects: EffectFit
+
+    def forecasts(self, rows: Training, options: Sequence[Option]) -> Array:
+        """Return the corrections of rows if all joints take each of some options.
+
+        In N m. Shape (options, m, j).
+        """
+        offsets, slopes = zip(*map(self._line, options), strict=True)
+        lines = (rows.X @ np.hstack(slopes)).reshape(len(rows.X), len(options), -1)
+        out = np.array(offsets)[:, None] + lines.transpose(1, 0, 2)
+        tabled = [i for i, option in enumerate(options) if option.ridge is not None]
+        if tabled:
+            each = [self._coefficients(options[i]) for i in tabled]
+            read = (rows.Z @ np.hstack(each)).reshape(len(rows.X), len(tabled), -1)
+            out[tabled] += read.transpose(1, 0, 2)
+        return out
+
+    def lookup(self, options: Sequence[Option]) -> Lookup:
+        """Return the correction with an option for each joint, as tables.
+
+        Loads become variables, after all states, only if a joint takes them.
+        """
+        states, joints = self.effects.tables.states, len(options)
+        offset, slope = np.zeros(joints), np.zeros((len(states.names), joints))
+        coefficients = np.zeros(self.effects.right.shape)
+        for j, option in enumerate(options):
+            own_offset, own_slope = self._line(option)
+            offset[j], slope[:, j] = own_offset[j], own_slope[:, j]
+            if option.ridge is not None:
+                coefficients[:, j] = self._coefficients(option)[:, j]
+        axes: list[Axis] = []
+        tables: list[Table] = []
+        if coefficients.any():
+            axes, tables = self.effects.as_tables(coefficients)
+        names, low, high = states.names, states.low, states.high
+        if any(option.kind == PAIRS for option in options):
+            loads = self.effects.tables.loads
+            names = (*names, *loads.names[1::2])
+            slope = np.vstack([slope, np.zeros((joints, joints))])
+            low, high = (
+                np.r_[a, b[1::2]] for a, b in ((low, loads.low), (high, loads.high))
+            )
+        responses = as_names(None, joints, "joint ")
+        linear = (frozen(offset), frozen(slope), low, high)
+        return Lookup(names, responses, tuple(axes), tuple(tables), *linear)
+
+    def _line(self, option: Option) -> tuple[Array, Array]:
+        """What is not in tables: constant (j,) and slope (d, j)."""
+        if option.kind == LEAST_SQUARES:
+            return self.line
+        if option.kind == PLSR:
+            return self.pls.linear(option.count)
+        mean = self.effects.y_mean
+        constant = np.zeros_like(mean) if option.kind == NONE else mean
+        return constant, np.zeros_like(self.line[1])
+
+    def _coefficients(self, option: Option) -> Array:
+        return self.effects.coefficients(option.ridge, option.kind == PAIRS)
 
 
-def chosen_lookup(training: Training, form: EffectForm) -> Lookup:
-    """The default form, its options chosen on runs left out of these rows."""
-    return lookup_of(training, form, *chosen_model(training, form))
-
-
-def lookup_of(
-    training: Training,
-    form: EffectForm,
-    model: EffectModel,
-    options: Sequence[Option],
-) -> Lookup:
-    """The tables of a fit of these rows, with each joint's option."""
-    lookup = build_lookup(model.base, model.rest, options, form)
-    return _with_plsr(lookup, training, options)
-
-
-def chosen_model(
-    training: Training, form: EffectForm
-) -> tuple[EffectModel, tuple[Option, ...]]:
-    """The default form with the options that leave least on what was left out.
-
-    The best must be better than nothing beyond chance, by blocks of two seconds.
-
-    Of fewer than four runs blocks are left out instead, of which the other blocks of
-    the run are fitted: one run, or two, do not span what a third one does. Blocks do
-    not show what happens outside the range of their own runs.
-    """
-    taught, runs = training.taught(), _runs(training)
-    X = taught.loaded if form.loads else taught.X
-    model = fit_effect_tables(X, taught.Y, runs, taught.tau, form)
-    tried = _candidates(model.chosen, form, training.X.shape[1])
-    miss = _held_out(training, choice_groups(training), form, tried)
-    joints = range(len(model.chosen))
-    return model, tuple(tried[_best(miss[..., j])][j] for j in joints)
-
-
-def choice_groups(training: Training) -> Array:
-    """Runs to choose by; their blocks where runs are fewer than four. Shape (n,)."""
-    few = len(np.unique(training.run)) < FEW
-    return training.part if few else training.run
-
-
-def _runs(training: Training) -> Array:
-    """Runs that a proposal is made by; their blocks where there are two. (n,)."""
-    two = len(np.unique(training.run)) < PROVEN
-    return training.part if two else training.run
-
-
-def _candidates(
-    proposed: Sequence[Option], form: EffectForm, variables: int
-) -> list[tuple[Option, ...]]:
-    """What is tried, each with an option per joint: nothing is the first."""
-    tables = [Option(MAIN, r) for r in form.ridges]
-    tables += [Option(LOADED, r) for r in form.ridges if form.loads]
-    lines = [Option(PLSR, count=a) for a in range(variables)]  # of none: a constant
-    every = [Option(NONE), *tables, *lines, Option(LEAST_SQUARES)]
-    out = [(one,) * len(proposed) for one in every]
-    # The others are among these already.
-    return out + [tuple(proposed)] * any(o.kind in (NAMED, PAIRS) for o in proposed)
-
-
-def _best(miss: Array) -> int:
-    """Number of the best candidate; the first, nothing, where that may be chance.
-
-    Args:
-        miss: Squared errors per second. Shape (candidates, seconds).
-    """
-    best = int(np.argmin(miss.sum(axis=1)))
-    return best if is_sure(miss[0], miss[best], LIKELY) else 0
-
-
-def _held_out(
-    training: Training,
-    groups: Array,
-    form: EffectForm,
-    tried: Sequence[tuple[Option, ...]],
-) -> Array:
-    """Squared errors of each candidate on groups left out, per second. (c, s, j)."""
-    _, second = np.unique(training.second, return_inverse=True)
-    out = np.zeros((len(tried), second.max() + 1, training.Y.shape[1]))
-    for label in np.unique(groups):
-        held = groups == label
-        Y = training.Y
-        if training.without is not None:
-            Y = training.without(np.unique(training.part[held]).tolist())
-        rows = replace(training, Y=Y, without=None)
-        kept, new = rows.rows(~held).taught(), rows.rows(held)
-        for number, guess in enumerate(_guesses(kept, new, form, tried)):
-            np.add.at(out[number], second[held], new.misses(guess))
-    return out
-
-
-def _guesses(
-    kept: Training, new: Training, form: EffectForm, tried: Sequence[tuple]
-) -> list[Array]:
-    """Corrections of new rows by every candidate. Shapes (m, j)."""
-    base = fit_base(kept.loaded if form.loads else kept.X, kept.Y, form)
-    seen = new.loaded if form.loads else new.X
-    linear, main, loaded = base.predict(seen, form)
-    pls = fit_pls(kept.X, kept.Y)
-    by_ridge = {MAIN: main, LOADED: loaded}
-    out = []
-    for options in tried:
-        (one, *_) = options
-        if len(set(options)) > 1 or one.kind in (NAMED, PAIRS):
-            guess = corrected(fixed_lookup(kept, form, options, base), new)
-        elif one.kind in by_ridge:
-            guess = by_ridge[one.kind][form.ridges.index(one.ridge)]
-        elif one.kind == PLSR:
-            offset, slope = pls.linear(one.count)
-            guess = offset + new.X @ slope
-        else:
-            guess = linear if one.kind == LEAST_SQUARES else np.zeros_like(linear)
-        out.append(guess)
-    return out
-
-
-def fixed_lookup(
-    training: Training,
-    form: EffectForm,
-    options: Sequence[Option],
-    base: Base | None = None,
-) -> Lookup:
-    """The default form with its options given: nothing is chosen on these rows.
+def fit_forms(
+    rows: Training, tables: Tables, counts: Callable[[], Array] | None = None
+) -> Fits:
+    """Fit all forms to rows as taught; a ridge is solved for when it is asked for.
 
     Args:
-        base: What `fit_base` makes of these rows, where it is known.
+        counts: Returns Z'Z of the rows, where there is a shorter way to it.
     """
-    training = training.taught()
-    X = training.loaded if form.loads else training.X
-    base = base or fit_base(X, training.Y, form)
-    ridges = [form.ridges.index(o.ridge or form.ridges[-1]) for o in options]
-    left = training.Y - of_joints(base.predict(X, form)[1], ridges)
-    rest = fit_rest(X, left, _runs(training), form, options)
-    return _with_plsr(build_lookup(base, rest, options, form), training, options)
+    lines = [
+        fit_linear(rows.X[moves], rows.Y[moves][:, [j]])
+        for j, moves in enumerate(rows.counted.T)
+    ]
+    offset, slope = (np.concatenate(part, axis=-1) for part in zip(*lines, strict=True))
+    effects = fit_effects(tables, rows.Z, rows.Y, counts)
+    return Fits((offset, slope), fit_pls(rows.X, rows.Y), effects)
 
 
-def _with_plsr(lookup: Lookup, training: Training, options: Sequence[Option]) -> Lookup:
-    """The same with the linear part of the joints that take PLSR."""
-    takers = [j for j, option in enumerate(options) if option.kind == PLSR]
-    if not takers:
-        return lookup
-    pls = fit_pls(training.X, training.taught().Y)
-    offset, slope = lookup.offset.copy(), lookup.slope.copy()
-    for j in takers:
-        own_offset, own_slope = pls.linear(options[j].count)
-        offset[j], slope[: len(own_slope), j] = own_offset[j], own_slope[:, j]
-    return replace(lookup, offset=offset, slope=slope)
+def fit_linear(X: Array, Y: Array) -> tuple[Array, Array]:
+    """Least squares of Y: a constant (j,), and coefficients of X's columns (d, j)."""
+    mean, scale = X.mean(axis=0), X.std(axis=0)
+    scale = np.where(scale > 0, scale, 1.0)
+    slope = np.linalg.lstsq((X - mean) / scale, Y - Y.mean(axis=0), rcond=None)[0]
+    slope = slope / scale[:, None]
+    return Y.mean(axis=0) - mean @ slope, slope
+
+
+def choose(miss: Array, options: Sequence[Option]) -> tuple[Option, ...]:
+    """Return the best option of each joint; the first, nothing, where it may be chance.
+
+    Args:
+        miss: Squared errors on rows left out, per second. (options, seconds, j).
+    """
+    best = miss.sum(axis=1).argmin(axis=0)
+    return tuple(
+        options[i if is_sure(miss[0, :, j], miss[i, :, j], LIKELY) else 0]
+        for j, i in enumerate(best)
+    )
+
+
+def chosen_tables(
+    rows: Training, group: Array, tables: Tables
+) -> tuple[Lookup, tuple[Option, ...]]:
+    """Fit what leaves least on groups left out, in turn; nothing depends on a model.
+
+    Args:
+        group: Log, or block of it, of each row; two at least. Shape (n,).
+    """
+    options = candidates(rows.X.shape[1])
+    miss = np.zeros((len(options), int(rows.second.max()) + 1, rows.Y.shape[1]))
+    for label in np.unique(group):
+        held = group == label
+        fits, new = fit_forms(rows.rows(~held), tables), rows.rows(held)
+        add_seconds(miss, new, fits.forecasts(new, options))
+    chosen = choose(miss, options)
+    return fit_forms(rows, tables).lookup(chosen), chosen
+
+
+def add_seconds(miss: Array, rows: Training, forecasts: Array) -> None:
+    """Add squared errors of rows to those of each second. (options, seconds, j)."""
+    for own, forecast in zip(miss, forecasts, strict=True):
+        np.add.at(own, rows.second, rows.misses(forecast))

@@ -7,22 +7,20 @@ diagnosis named can be added, and all are fitted together.
 """
 
 from collections.abc import Collection, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 from residual.calibration.rows import (
-    Part,
+    Blocks,
     Run,
     chosen_rows,
-    cut_parts,
-    folds_without,
-    label_rows,
+    cut_blocks,
+    row_times,
     torque_at,
-    tracks_without,
 )
 from residual.evidence.design import Design
 from residual.evidence.fit import as_model, fit, start
 from residual.evidence.priors import priors
-from residual.model.model import Model, Term
+from residual.model.model import Model
 from residual.model.nominal import (
     Logs,
     Nominal,
@@ -45,14 +43,16 @@ class Prepared:
         logs: Signals and the range of motion.
         runs: The logs behind them.
         nominal: Where every identification starts.
-        parts: Blocks of the logs, which identifications may leave out.
-        design: Columns of the nominal model; its folds are those of ``label_rows``.
+        blocks: Blocks of the logs, which identifications may leave out.
+        places: Place of each log's rows in them.
+        design: Columns of the nominal model; its folds are those places.
     """
 
     logs: Logs
     runs: tuple[Run, ...]
     nominal: Nominal
-    parts: tuple[Part, ...]
+    blocks: Blocks
+    places: tuple[Array, ...]
     design: Design
 
     @property
@@ -80,32 +80,36 @@ def prepare_runs(
     """Filter all logs once; declared effects are the robot's own list for None."""
     logs = prepare_logs(robot, [run.log for run in runs], None, Filters(), whole=True)
     nominal = start_nominal(logs, declared_names(robot, declared))
-    parts = cut_parts([track.t[chosen_rows(track)] for track in logs.tracks])
-    labels = label_rows(logs.tracks, parts)
-    design = Design(logs.tracks, nominal.model, labels=labels)
-    return Prepared(logs, tuple(runs), nominal, parts, design)
+    blocks = cut_blocks([track.t[chosen_rows(track)] for track in logs.tracks])
+    numbered = enumerate(map(row_times, logs.tracks))
+    places = tuple(blocks.places(run, t) for run, t in numbered)
+    design = Design(logs.tracks, nominal.model, labels=list(places))
+    return Prepared(logs, tuple(runs), nominal, blocks, places, design)
 
 
-def identified_without(
-    prepared: Prepared, left_out: Collection[int] = (), named: Sequence[Term] = ()
-) -> Model:
-    """Identify the model from all parts of the runs but some, by number.
-
-    Coefficients of named effects, beyond the declared ones, are fitted too.
-    """
-    design, nominal, parts = prepared.design, prepared.nominal, prepared.parts
+def identified_without(prepared: Prepared, left_out: Collection[int] = ()) -> Model:
+    """Identify the model from all blocks of the runs but some, by number."""
+    design, nominal = prepared.design, prepared.nominal
     if left_out:
-        folds = folds_without(parts, left_out)  # a last edge may have no rows
+        folds = prepared.blocks.kept(left_out)  # a last edge may have no rows
         design = design.part(folds[folds < design.folds], alone=True)
-    wide, size = priors(design, nominal), design.size
+    wide = priors(design, nominal)
     first = start(design, wide[-1])
-    if named:
-        # Some effects read the model's own torque: it should be about right.
-        design.show_torque(as_model(nominal, first))
-    groups = design.add([(t.effect, t.joints, t.shape) for t in named])
-    fits = [fit(design, p, groups, first.counted, None, rounds=4) for p in wide]
+    fits = [fit(design, p, (), first.counted, None, rounds=4) for p in wide]
     best = as_model(nominal, max(fits, key=lambda f: f.score))
-    design.take_back(size)
-    tracks = tracks_without(prepared.tracks, parts, left_out)
+    tracks = _without(prepared, left_out)
     shown = spread([track.seconds for track in tracks])
     return with_standstill(best, [tracks[i] for i in shown])
+
+
+def _without(prepared: Prepared, left_out: Collection[int]) -> list[Track]:
+    """What is left of each log without some blocks."""
+    out = []
+    for track, places in zip(prepared.tracks, prepared.places, strict=True):
+        kept = prepared.blocks.mask(places, left_out)
+        if kept.all():
+            out.append(track)
+        elif kept.any():
+            inner, moving = track.inner & kept, track.moving & kept[:, None]
+            out.append(replace(track, inner=inner, moving=moving))
+    return out

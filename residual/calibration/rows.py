@@ -17,11 +17,11 @@ from itertools import pairwise
 
 import numpy as np
 
+from residual.blocks import frozen
+from residual.calibration.components import state_block, state_names
 from residual.errors import InputError
 from residual.recording import Array, Recording
 from residual.signals.track import Filters, Track, sample_rate
-from residual.tables.components import state_block, state_names
-from residual.tables.crossval import frozen
 
 BLOCKS = 4  # of a run
 FEW = 4  # runs under which leaving one out leaves fewer than three
@@ -29,115 +29,56 @@ GUARD = 0.25  # s, beside a block that is left out: filters and friction remembe
 PAPER, MEASURED = "paper", "measured"
 PAPER_JOINTS = 3  # section 2.4 of the paper
 PAPER_HZ, MEASURED_HZ = 125.0, 60.0  # a higher rate repeats rows and changes nothing
-_REPEATED = 1e-3  # squared distance to the previous period, as a share of chance's
-_LEFT = 0.5  # ... beyond which a motion has left its start
 _ENOUGH = 10  # rows per variable from which on a joint has rows in motion to learn from
 PARTS = 5  # of a single log
 MOST = 900.0  # s of logs in all
 
 
-@dataclass(frozen=True, slots=True)
-class Part:
-    """A block of a run.
+@dataclass(frozen=True, eq=False, slots=True)
+class Blocks:
+    """Blocks of all runs, numbered through; rows have a place in one.
 
-    Attributes:
-        run: Number of the run.
-        begin, end: From when on, and until when, on the log's own clock [s].
+    A place is 3 times the block's number, and 0, 1 or 2 for rows close to the block
+    before, to none and to the block after.
     """
 
-    run: int
-    begin: float
-    end: float
+    cuts: tuple[Array, ...]  # where each run is cut, on the log's own clock [s]
 
-    def rows(self, t: Array, guard: float = 0.0) -> Array:
-        """Whether times of its run are in it, or so close to it. Shape (n,), bool."""
-        return (t >= self.begin - guard) & (t < self.end + guard)
+    @property
+    def runs(self) -> Array:
+        """Run of each block."""
+        return np.repeat(np.arange(len(self.cuts)), [len(c) + 1 for c in self.cuts])
+
+    def places(self, run: int, t: Array) -> Array:
+        """Place of rows of a run, at times on the log's own clock [s]. Shape (n,)."""
+        cuts = self.cuts[run]
+        begin, end = np.r_[-np.inf, cuts], np.r_[cuts, np.inf]
+        own = np.searchsorted(cuts, t, side="right")
+        first = int(np.searchsorted(self.runs, run))
+        beside = (t >= end[own] - GUARD).astype(int) - (t < begin[own] + GUARD)
+        return 3 * (first + own) + 1 + beside
+
+    def kept(self, left_out: Collection[int]) -> Array:
+        """Return the places that are in no block that is left out, nor close to it."""
+        gone, runs = np.isin(np.arange(len(self.runs)), list(left_out)), self.runs
+        same = runs[1:] == runs[:-1]
+        before = np.r_[False, gone[:-1] & same]
+        after = np.r_[gone[1:] & same, False]
+        free = ~np.column_stack([gone | before, gone, gone | after])
+        return np.flatnonzero(free.ravel())
+
+    def mask(self, places: Array, left_out: Collection[int]) -> Array:
+        """Whether rows stay where some blocks are left out. Shape (n,), bool."""
+        return np.isin(places, self.kept(left_out))
 
 
-def cut_parts(times: Sequence[Array]) -> tuple[Part, ...]:
+def cut_blocks(times: Sequence[Array]) -> Blocks:
     """Cut every run into blocks of equally many rows, given at their times [s]."""
-    out = []
-    for run, t in enumerate(times):
-        inner = t[np.arange(1, BLOCKS) * len(t) // BLOCKS]
-        ends = (-np.inf, *map(float, inner), np.inf)
-        out += [Part(run, a, b) for a, b in pairwise(ends)]
-    return tuple(out)
+    inner = [t[np.arange(1, BLOCKS) * len(t) // BLOCKS] for t in times]
+    return Blocks(tuple(map(frozen, inner)))
 
 
-def part_of_rows(parts: Sequence[Part], times: Sequence[Array]) -> tuple[Array, Array]:
-    """Return the part of every row, given their times [s], and one that it is close to.
-
-    Numbers of parts; -1 where no other part is close. Shapes (n,), all runs.
-    """
-    own, near = [], []
-    for run, t in enumerate(times):
-        inside, beside = np.zeros(len(t), int), np.full(len(t), -1)
-        for number, part in enumerate(parts):
-            if part.run != run:
-                continue
-            within = part.rows(t)
-            inside[within] = number
-            beside[part.rows(t, GUARD) & ~within] = number
-        own.append(inside)
-        near.append(beside)
-    return np.concatenate(own), np.concatenate(near)
-
-
-def label_rows(tracks: Sequence[Track], parts: Sequence[Part]) -> list[Array]:
-    """Number the rows by part: three for each, its inside and both of its edges.
-
-    3 times the part's number, and 0, 1 or 2 for rows close to the part before, to none
-    and to the part after. Shapes (m,).
-    """
-    out = []
-    for run, track in enumerate(tracks):
-        t, labels = _times(track), np.zeros(len(track.tau), dtype=int)
-        for number, part in enumerate(parts):
-            if part.run == run:
-                place = 1 - (t < part.begin + GUARD) + (t >= part.end - GUARD)
-                labels = np.where(part.rows(t), 3 * number + place, labels)
-        out.append(labels)
-    return out
-
-
-def folds_without(parts: Sequence[Part], left_out: Collection[int]) -> Array:
-    """Return the labels of the rows that are neither left out nor close to that."""
-
-    def near(number: int, other: int) -> bool:
-        same = 0 <= other < len(parts) and parts[other].run == parts[number].run
-        return same and other in left_out
-
-    kept = []
-    for number in (n for n in range(len(parts)) if n not in left_out):
-        kept += [] if near(number, number - 1) else [3 * number]
-        kept += [3 * number + 1]
-        kept += [] if near(number, number + 1) else [3 * number + 2]
-    return np.array(kept, dtype=int)
-
-
-def tracks_without(
-    tracks: Sequence[Track], parts: Sequence[Part], left_out: Collection[int]
-) -> tuple[Track, ...]:
-    """Return what is left of each track without some parts, by number."""
-    out = []
-    for run, track in enumerate(tracks):
-        own = [n for n, part in enumerate(parts) if part.run == run]
-        gone = [n for n in own if n in left_out]
-        if len(gone) == len(own):
-            continue
-        out.append(_masked(track, [parts[n] for n in gone]))
-    return tuple(out)
-
-
-def _masked(track: Track, parts: Sequence[Part]) -> Track:
-    if not parts:
-        return track
-    t = _times(track)
-    kept = ~np.any([part.rows(t, GUARD) for part in parts], axis=0)
-    return replace(track, inner=track.inner & kept, moving=track.moving & kept[:, None])
-
-
-def _times(track: Track) -> Array:
+def row_times(track: Track) -> Array:
     """Times of a track's rows on the log's own clock [s]. Shape (m,)."""
     return track.t[:: track.step][: len(track.tau)]
 
@@ -172,9 +113,8 @@ class Rows:
         labels: Name of each run.
         families: Kind of motion of each run; "" where it is not known.
         rates: Rows per second of each run [Hz].
-        parts: Blocks of the runs.
-        part: Number of the part of each row. Shape (n,).
-        near: Number of another part that a row is close to, -1 for none. Shape (n,).
+        blocks: Blocks of the runs.
+        place: Place of each row in them. Shape (n,).
         moving: Whether a row counts for a joint: it moves there. Shape (n, j), bool.
     """
 
@@ -188,9 +128,8 @@ class Rows:
     labels: tuple[str, ...]
     families: tuple[str, ...]
     rates: tuple[float, ...]
-    parts: tuple[Part, ...]
-    part: Array
-    near: Array
+    blocks: Blocks
+    place: Array
     moving: Array
 
     @property
@@ -214,16 +153,10 @@ class Rows:
             start = out[own].max(initial=start) + 1
         return out
 
-    def periods(self) -> dict[int, int]:
-        """Rows after which each run repeats itself; its whole length if it does not."""
-        out = {}
-        for number in range(len(self.labels)):
-            q = self.X[self.run == number, : len(self.names) // 3]
-            out[number] = repeat_period(q) or len(q)
-        return out
 
-
-def paper_rows(runs: Sequence[Run], joints: Sequence[int] | None = None) -> Rows:
+def paper_rows(
+    runs: Sequence[Run], joints: Sequence[int] | None = None, thin: int = 1
+) -> Rows:
     """Return the rows of the paper: X of the reference, Y the twin's error one ahead.
 
     Of joints from 1, or of the paper's first three.
@@ -237,7 +170,7 @@ def paper_rows(runs: Sequence[Run], joints: Sequence[int] | None = None) -> Rows
         log, rate = run.log, sample_rate(run.log.t)
         X = _reference_state(log, own)
         both = np.hstack([run.twin["e_tau"][:, own], log.tau[:, own]])
-        step = _step(rate, PAPER_HZ)
+        step = thin * _step(rate, PAPER_HZ)
         ahead = np.hsplit(np.ascontiguousarray(both[1:])[::step], 2)
         now = np.ascontiguousarray(X[:-1])[::step]
         everywhere = np.ones(ahead[0].shape, bool)
@@ -290,35 +223,6 @@ def chosen_rows(track: Track, thin: int = 1) -> Array:
     return np.flatnonzero(inner)[:: thin * _step(track.rate, MEASURED_HZ)]
 
 
-def repeat_period(q: Array) -> int | None:
-    """Return after how many rows positions (n, d) repeat, None if they do not.
-
-    d(L) = mean |z(t + L) - z(t)|^2 / (2 d) of standardised joints z is 1 by chance and
-    0 for a repetition; its first valley after the motion has left its start counts.
-    """
-    moving = np.ptp(q, axis=0) > 0
-    if not moving.any() or len(q) < 8:
-        return None
-    z = (q - q.mean(axis=0))[:, moving] / q.std(axis=0)[moving]
-    n, most = len(z), int(0.9 * len(z))
-    spectrum = np.fft.rfft(z, 2 * n, axis=0)
-    product = np.fft.irfft((spectrum * spectrum.conj()).sum(axis=1))[:most]
-    before = np.concatenate([[0.0], np.cumsum((z**2).sum(axis=1))])
-    lag = np.arange(most)
-    squares = before[n - lag] + before[n] - before[lag]
-    distance = (squares - 2 * product) / (n - lag) / (2 * z.shape[1])
-    away = np.flatnonzero(distance > _LEFT)
-    if not len(away):
-        return None
-    near = np.flatnonzero((distance < _REPEATED) & (lag > away[0]))
-    if not len(near):
-        return None
-    # The valley, not its near side.
-    end = np.flatnonzero(np.diff(near) > 1)
-    valley = near[: end[0] + 1] if len(end) else near
-    return int(valley[np.argmin(distance[valley])])
-
-
 def _check_paper(run: Run) -> None:
     lacks = []
     if run.log.q_ref is None:
@@ -365,8 +269,8 @@ def _stacked(
     # Of a joint that hardly moves, what it holds is all that there is.
     moving = moving | (moving.sum(axis=0) < _ENOUGH * X.shape[1])
     run = np.repeat(np.arange(len(runs)), [len(t) for t in times])
-    parts = cut_parts(times)
-    part, near = part_of_rows(parts, times)
+    blocks = cut_blocks(times)
+    places = [blocks.places(number, t) for number, t in enumerate(times)]
     return Rows(
         mode,
         joints,
@@ -375,9 +279,8 @@ def _stacked(
         tuple(r.log.id for r in runs),
         tuple(r.family or "" for r in runs),
         tuple(rates),
-        parts,
-        frozen(part),
-        frozen(near),
+        blocks,
+        frozen(np.concatenate(places)),
         frozen(moving),
     )
 
@@ -404,32 +307,7 @@ def thinning(runs: Sequence[Run]) -> tuple[int, tuple[str, ...]]:
     thin = max(1, int(np.ceil(total / MOST)))
     if thin == 1:
         return 1, ()
-    return thin, (
-        f"{total / 60:.3g} min of logs: the model is identified from all of them, "
-        f"tables are fitted to one row in {thin}",
-    )
-
-
-def shorten(runs: Sequence[Run]) -> tuple[tuple[Run, ...], tuple[str, ...]]:
-    """Keep the middle of every run where all of them are longer than tables can use.
-
-    Of the paper's rows each needs the next one. Those of more than a quarter of an hour
-    would take gigabytes and hours, and say what these say. A line says what was done.
-    """
-    total = sum(run.log.duration for run in runs)
-    if total <= MOST:
-        return tuple(runs), ()
-    out = []
-    for run in runs:
-        count = len(run.log.t)
-        kept = max(int(count * MOST / total), 2)
-        first = (count - kept) // 2
-        out.append(_part(run, slice(first, first + kept)))
-    return tuple(out), (
-        f"{total / 60:.3g} min of logs are more than tables are fitted to: of each of "
-        f"{len(runs)} runs or parts the middle {100 * MOST / total:.2g} % was taken, "
-        f"{MOST / 60:g} min in all. For others give windows, such as A.csv@0:600",
-    )
+    return thin, (f"{total / 60:.3g} min of logs: tables take one row in {thin}",)
 
 
 def _part(run: Run, rows: slice, label: str = "") -> Run:

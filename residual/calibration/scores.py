@@ -1,46 +1,65 @@
-"""Schemes of validation, and the errors of one model under each of them.
+"""Schemes of validation, and the errors of every model under each of them.
 
 RMSEC and RMSEV are 100 ||Y* - Yhat|| / ||Y*|| on the rows that a fold fitted and on
 those that it held out (paper, eq. 29), Y* the measured torque. On measured motion a
 joint has rows only where it moves (`Training.taught` says why).
 """
 
-from collections.abc import Callable, Collection, Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Callable, Collection, Iterator, Sequence
+from dataclasses import dataclass
+from functools import partial
 
 import numpy as np
+from scipy.sparse import csr_matrix
 
-from residual.calibration.choice import Training
-from residual.calibration.methods import PAPER_FORM, PLSR, SPARSE, Method
-from residual.calibration.rows import FEW, Rows
-from residual.errors import InputError
-from residual.recording import Array
-from residual.tables.crossval import (
+from residual.blocks import check_varying
+from residual.calibration.choice import (
+    LEAST_SQUARES,
+    NONE,
+    Option,
+    Training,
+    add_seconds,
+    choose,
+    fit_forms,
+)
+from residual.calibration.choice import PLSR as LINES
+from residual.calibration.crossval import (
     BLOCKS,
     Folds,
-    fold_power,
+    fold_sums,
     leave_one_out,
     random_blocks,
     relative_error,
     systematic,
-    systematic_repeats,
 )
+from residual.calibration.effects import Tables, pair_counts
+from residual.calibration.nominal_pls import NominalForm, fit_nominal_pls
+from residual.calibration.rows import FEW, Rows
+from residual.errors import InputError
+from residual.recording import Array
 
 RUN, BLOCK, FAMILY, SYSTEMATIC = "run", "block", "family", "systematic"
-REPEATS, RANDOM = "repeats", "random"
-WORDS = {
+RANDOM = "random"
+SCHEMES = {
     RUN: "leave one run out",
     BLOCK: "leave one block of a run out",
     FAMILY: "leave one family out",
-    REPEATS: "systematic, repeats together",
     SYSTEMATIC: f"systematic {BLOCKS}",
     RANDOM: f"random {BLOCKS}",
 }
-_DRAWS = 2000  # of the bootstrap
-# Nominal model and choices have not seen what is held out.
-UNSEEN = (RUN, BLOCK, FAMILY)
+NOTHING, LS, PLSR, PAPER_FORM, DEFAULT = "none", "ls", "plsr", "paper", "default"
+MODELS = {
+    NOTHING: "no compensation",
+    LS: "LS",
+    PLSR: "PLSR",
+    PAPER_FORM: "paper form",
+    DEFAULT: "default form",
+}
+# Variables from which on the paper's form is fitted for unseen runs alone: six joints
+# have four times the pairs of three, and forty folds of rows would take a minute.
+WIDE = 12
 
-# What a model leaves on all rows when it is identified without some parts. (n, j).
+# What a model leaves on all rows when it is identified without some blocks. (n, j).
 Response = Callable[[Collection[int]], Array]
 
 
@@ -49,22 +68,28 @@ class Scheme:
     """One scheme.
 
     Attributes:
-        name: Key of `WORDS`.
+        name: Key of `SCHEMES`.
         folds: Which rows are held out together.
-        left_out: Parts that the nominal model of each fold must not see.
-        near: Fold that each row is too close to for being fitted when it is held out;
-            None where that is no matter. Shape (n,).
+        left_out: Blocks that the nominal model of each fold must not see; none of them
+            where rows are held out.
     """
 
     name: str
     folds: Folds
     left_out: tuple[frozenset[int], ...]
-    near: Array | None = None
 
-    def fitted(self, fold: int) -> Array:
-        """Rows that are fitted when a fold is held out. Shape (n,), bool."""
-        kept = self.folds.of_row != fold
-        return kept if self.near is None else kept & (self.near != fold)
+    @property
+    def unseen(self) -> bool:
+        """Whether nominal model and choice have not seen what is held out."""
+        return any(self.left_out)
+
+    def split(self, rows: Rows) -> Iterator[tuple[Array, Array]]:
+        """Yield the rows that each fold fits, and those that it holds out. (n,)."""
+        for fold, left_out in enumerate(self.left_out):
+            held = self.folds.of_row == fold
+            # What is close to a block is neither.
+            kept = rows.blocks.mask(rows.place, left_out) if left_out else ~held
+            yield kept, held
 
 
 def make_schemes(
@@ -73,11 +98,14 @@ def make_schemes(
     """Return the schemes that these rows allow, and why others are left out."""
     if len(rows.labels) < 2:
         raise InputError("One run: expected two or more to leave one out.")
-    count, notes, out = len(rows.X), [], []
-    alone = tuple(_parts(rows, [i]) for i in range(len(rows.labels)))
-    out.append(Scheme(RUN, leave_one_out(rows.run), alone))
+    for number, label in enumerate(rows.labels):
+        kept = rows.X[rows.run != number]
+        check_varying(kept, rows.names, f"all but run {label},")
+    run_of, notes = rows.blocks.runs, []
+    out = [_unseen(RUN, rows.run, [{i} for i in range(len(rows.labels))], run_of)]
     if len(rows.labels) < FEW:
-        out.append(_blocks(rows))
+        alone = [frozenset([i]) for i in range(len(run_of))]
+        out.append(Scheme(BLOCK, leave_one_out(rows.place // 3), tuple(alone)))
         notes.append(
             f"{len(rows.labels)} runs are few: blocks within them are left out too, "
             "which asks less, and the choice that is judged on an unseen run is made "
@@ -85,68 +113,146 @@ def make_schemes(
         )
     families = sorted(set(rows.families))
     if len(families) > 1 and "" not in families:
-        together = tuple(
-            _parts(rows, [i for i, f in enumerate(rows.families) if f == family])
-            for family in families
-        )
-        out.append(Scheme(FAMILY, leave_one_out(rows.family, FAMILY), together))
+        of_run = [families.index(f) for f in rows.families]
+        numbers = range(len(families))
+        runs = [{i for i, f in enumerate(of_run) if f == n} for n in numbers]
+        out.append(_unseen(FAMILY, np.array(of_run)[rows.run], runs, run_of))
     else:
-        notes.append(
-            "no family left out: "
-            + (
-                "all runs are of one"
-                if len(families) == 1 and families[0]
-                else "the kind of motion of the logs is not known"
-            )
-        )
-    periods = rows.periods()
-    repeating = [i for i, p in periods.items() if p < (rows.run == i).sum()]
-    if repeating:
-        out.append(_by_rows(REPEATS, systematic_repeats(rows.run, periods)))
-    else:
-        notes.append("no run repeats itself: repeats cannot be kept together")
-    out.append(_by_rows(SYSTEMATIC, systematic(count)))
-    out.append(_by_rows(RANDOM, random_blocks(count, rng)))
+        one = len(families) == 1 and families[0]
+        unknown = "the kind of motion of the logs is not known"
+        notes.append(f"no family left out: {'all runs are of one' if one else unknown}")
+    by_rows = (systematic(len(rows.X)), random_blocks(len(rows.X), rng))
+    for name, folds in zip((SYSTEMATIC, RANDOM), by_rows, strict=True):
+        # A few dozen parameters from thousands of rows do not know one block of them.
+        out.append(Scheme(name, folds, (frozenset(),) * folds.count))
     return tuple(out), tuple(notes)
 
 
-def _parts(rows: Rows, runs: Collection[int]) -> frozenset[int]:
-    return frozenset(i for i, part in enumerate(rows.parts) if part.run in runs)
+def _unseen(name: str, label: Array, runs: Sequence[set], run_of: Array) -> Scheme:
+    left_out = [np.flatnonzero(np.isin(run_of, list(own))).tolist() for own in runs]
+    return Scheme(name, leave_one_out(label), tuple(map(frozenset, left_out)))
 
 
-def _blocks(rows: Rows) -> Scheme:
-    """Leave out a block of a run at a time, and what is close to it."""
-    names = [rows.labels[part.run] for part in rows.parts]
-    number = [i - names.index(name) + 1 for i, name in enumerate(names)]
-    labels = (f"{n}, block {i}" for n, i in zip(names, number, strict=True))
-    folds = Folds(BLOCK, rows.part, tuple(labels))
-    alone = tuple(frozenset([i]) for i in range(len(names)))
-    return Scheme(BLOCK, folds, alone, rows.near)
-
-
-def _by_rows(name: str, folds: Folds) -> Scheme:
-    # A few dozen parameters from thousands of rows do not know one block of them, and
-    # these schemes leave rows of the same motion in the training set anyway.
-    return Scheme(name, folds, (frozenset(),) * folds.count)
-
-
-@dataclass(frozen=True, slots=True)
-class Interval:
-    """A ratio of errors, and where it lies in 95 of 100 bootstrap draws.
+@dataclass(frozen=True, eq=False, slots=True)
+class Trial:
+    """Squared errors of every form under one scheme [N^2 m^2].
 
     Attributes:
-        value: The ratio.
-        low, high: Ends of the interval.
-        folds: How many runs or blocks it is from.
+        scheme: The scheme.
+        options: Options that were tried.
+        fitted, held: On rows fitted and held out, by option. (folds, options, j).
+        paper_fitted, paper_held: The same of the paper's form with 0 to A components;
+            None where it was not fitted.
+        power_fitted, power: Squared torque of the rows. (folds, j).
+        seconds: On rows held out, per second. (options, seconds, j).
+        forecasts: Corrections of the rows of one fold, by option, and by all
+            components of the paper's form; None where no fold was asked for.
     """
 
-    value: float
-    low: float
-    high: float
-    folds: int
+    scheme: Scheme
+    options: tuple[Option, ...]
+    fitted: Array
+    held: Array
+    paper_fitted: Array | None
+    paper_held: Array | None
+    power_fitted: Array
+    power: Array
+    seconds: Array
+    forecasts: tuple[Array, Array] | None
 
-    def __str__(self) -> str:
-        return f"{self.value:.2f} ({self.low:.2f} to {self.high:.2f})"
+
+def try_forms(
+    scheme: Scheme,
+    rows: Rows,
+    response: Response,
+    tables: Tables,
+    options: Sequence[Option],
+    form: NominalForm | None,
+    shown: int | None = None,
+) -> Trial:
+    """Fit all forms without each fold, and judge them on that fold.
+
+    Args:
+        response: What a nominal model leaves that was identified without some blocks.
+        options: What a joint may get.
+        form: The paper's form; None to leave it out.
+        shown: A fold whose corrections are kept.
+    """
+    fitted, held, power_fitted, paper, forecasts = [], [], [], [], None
+    every = counts = None
+    seconds = np.zeros((len(options), int(rows.second.max()) + 1, len(rows.joints)))
+    for fold, (kept, out) in enumerate(scheme.split(rows)):
+        Y = response(scheme.left_out[fold])
+        if every is None or scheme.unseen:
+            every = training_of(rows, Y, tables)
+            counts = None if scheme.unseen else pair_counts(every.Z)
+        known, new = every.rows(kept), every.rows(out)
+        taught = known.taught()
+        own = None
+        if counts is not None:  # of few rows less than of many
+            own = partial(_less, counts, every.Z[out])
+        fits = fit_forms(taught, tables, own)
+        predicted = fits.forecasts(new, options)
+        fitted.append(_squares(known, fits.forecasts(known, options)))
+        held.append(_squares(new, predicted))
+        power_fitted.append(known.misses(known.Y - known.tau).sum(axis=0))
+        add_seconds(seconds, new, predicted)
+        if form is not None:
+            by_count = paper_forecast(taught, form)
+            paper.append([_squares(part, by_count(part)) for part in (known, new)])
+            if fold == shown:
+                forecasts = predicted, by_count(new)[-1]
+    both = (None, None)
+    if form is not None:
+        both = tuple(map(np.array, zip(*paper, strict=True)))
+    torque = rows.tau * rows.moving
+    return Trial(
+        scheme,
+        tuple(options),
+        np.array(fitted),
+        np.array(held),
+        *both,
+        np.array(power_fitted),
+        fold_sums(torque * torque, scheme.folds),
+        seconds,
+        forecasts,
+    )
+
+
+def _less(counts: Array, Z: csr_matrix) -> Array:
+    return counts - pair_counts(Z)
+
+
+def training_of(rows: Rows, Y: Array, tables: Tables) -> Training:
+    """Return all rows with what some nominal model leaves [N m]. Shape (n, j)."""
+    moving = None if rows.moving.all() else rows.moving
+    Z = tables.encode(rows.X, rows.tau - Y)
+    return Training(rows.X, Y, rows.tau, rows.second, Z, moving)
+
+
+def paper_forecast(rows: Training, form: NominalForm) -> Callable[[Training], Array]:
+    """Fit the paper's form to rows as taught; predict by 0 to A components.
+
+    Where the rows bear fewer, the last comes again. Shapes (A + 1, m, j).
+    """
+    model = fit_nominal_pls(rows.X, rows.Y, form, fewer=True)
+
+    def predict(new: Training) -> Array:
+        T = model.transform(new.X)
+        out = np.empty((form.components + 1, *new.Y.shape))
+        out[0] = model.y_mean
+        for a in range(form.components):
+            out[a + 1] = out[a]
+            if a < T.shape[1]:
+                out[a + 1] += np.outer(T[:, a], model.Q[a])
+        return out
+
+    return predict
+
+
+def _squares(rows: Training, predicted: Array) -> Array:
+    """Squared error of every choice. Shape (c, m, j) to (c, j)."""
+    return np.stack([rows.misses(p).sum(axis=0) for p in predicted])
 
 
 @dataclass(frozen=True, eq=False, slots=True)
@@ -178,89 +284,61 @@ class Score:
         return float(relative_error(self.miss.sum(), self.power.sum()))
 
 
-def score(
-    scheme: Scheme, model: str, method: Method, rows: Training, response: Response
-) -> Score:
-    """Fit a model without each fold, and judge it on that fold.
+def choices(trial: Trial, lead: Trial, rows: Rows) -> list[tuple[Option, ...]]:
+    """Return each fold's option of each joint: chosen by what others were held out.
 
     Args:
-        scheme: What is held out, and which runs the nominal model must not see.
-        rows: All rows; their Y is not used.
-        response: What a nominal model leaves that was identified without some parts.
+        lead: The trial to choose by, which left out runs, or blocks of few of them.
     """
-    fitted, unseen, power_c = [], [], []
-    # Rows of every run are fitted under the other schemes: no choice is made there.
-    depends = rows.without is not None and scheme.name in UNSEEN
-    for fold, left_out in enumerate(scheme.left_out):
-        held, kept = scheme.folds.of_row == fold, scheme.fitted(fold)
-        Y = response(left_out)
-        told = replace(rows, Y=Y, without=None)
-        training = told.rows(kept)
-        if depends:
-            without = _without_more(response, left_out, kept)
-            training = replace(training, without=without)
-        forecast, new = method(training), told.rows(held)
-        fitted.append(_squares(training, forecast(training)))
-        unseen.append(_squares(new, forecast(new)))
-        power_c.append(training.misses(training.Y - training.tau).sum(axis=0))
-    torque = rows.tau if rows.moving is None else rows.tau * rows.moving
-    power = fold_power(torque, scheme.folds)
-    sums = np.array(fitted), np.array(unseen), np.array(power_c), power
-    return _score(scheme.name, model, sums)
+    out = []
+    for left_out in trial.scheme.left_out:
+        gone = np.isin(rows.place // 3, list(left_out))
+        seen = np.ones(lead.seconds.shape[1])
+        seen[rows.second[gone]] = 0
+        out.append(choose(lead.seconds * seen[:, None], lead.options))
+    return out
 
 
-def _without_more(response: Response, left_out: frozenset[int], kept: Array):
-    return lambda parts: response(left_out | frozenset(parts))[kept]
+def scores_of(trial: Trial, chosen: Sequence[Sequence[Option]]) -> list[Score]:
+    """Return the cells of the table of one scheme, given each fold's choice."""
+    place = {option: i for i, option in enumerate(trial.options)}
+    nothing, line = place[Option(NONE)], place[Option(LEAST_SQUARES)]
+    # With all components PLSR is least squares.
+    lines = [i for option, i in place.items() if option.kind == LINES] + [line]
+    both, out = (trial.fitted, trial.held), []
+    for name, at in ((NOTHING, [nothing]), (LS, [line]), (PLSR, lines)):
+        out.append(_score(trial, name, *(part[:, at] for part in both)))
+    if trial.paper_held is not None:
+        out.append(_score(trial, PAPER_FORM, trial.paper_fitted, trial.paper_held))
+    numbers = np.array([[[place[o] for o in own]] for own in chosen])
+    own = (np.take_along_axis(part, numbers, axis=1) for part in both)
+    return [*out, _score(trial, DEFAULT, *own)]
 
 
-def _squares(rows: Training, predicted: Array) -> Array:
-    """Squared error of every choice. Shape (c, m, j) to (c, j)."""
-    return np.stack([rows.misses(p).sum(axis=0) for p in predicted])
-
-
-def _score(scheme: str, model: str, sums: tuple[Array, ...]) -> Score:
-    fitted, unseen, power_c, power = sums
+def _score(trial: Trial, model: str, fitted: Array, unseen: Array) -> Score:
+    power = trial.power
     curve = relative_error(unseen.sum(axis=0), power.sum(axis=0))
-    best, told = 0, None
-    if model in (PLSR, PAPER_FORM, SPARSE):
+    best, counted = 0, model in (PLSR, PAPER_FORM)
+    if counted:
         # A_opt as in the paper: at least one component, by this validation itself.
         best = 1 + int(np.nansum(curve[1:] ** 2, axis=1).argmin())
-        told = best
-    rmsec = relative_error(fitted[:, best].sum(axis=0), power_c.sum(axis=0))
+    power_fitted = trial.power_fitted.sum(axis=0)
+    rmsec = relative_error(fitted[:, best].sum(axis=0), power_fitted)
     by_fold = relative_error(unseen[:, best], power)
     return Score(
-        scheme,
+        trial.scheme.name,
         model,
         rmsec,
         curve[best],
         np.nanmean(by_fold, axis=0),
-        told,
-        curve if told else None,
+        best if counted else None,
+        curve if counted else None,
         unseen[:, best],
         power,
     )
 
 
-def ratio_interval(one: Score, other: Score, rng: np.random.Generator) -> Interval:
-    """Error of one model over that of another, over all joints, with its interval.
-
-    Both under one scheme. Folds are drawn with replacement, both models of a fold
-    together: the percentile bootstrap of Efron and Tibshirani (1993, ch. 13). Blocks of
-    one run are more alike than runs: an interval of blocks is of these runs only.
-    """
-    misses = np.stack([one.miss.sum(axis=1), other.miss.sum(axis=1)])
-    folds = misses.shape[1]
-    drawn = misses[:, rng.integers(folds, size=(_DRAWS, folds))].sum(axis=2)
-    ratios = np.sqrt(drawn[0] / np.maximum(drawn[1], 1e-300))
-    low, high = np.quantile(ratios, [0.025, 0.975])
-    whole = misses.sum(axis=1)
-    value = float(np.sqrt(whole[0] / max(whole[1], 1e-300)))
-    return Interval(value, float(low), float(high), folds)
-
-
 def find(scores: Sequence[Score], scheme: str, model: str) -> Score | None:
     """Return one cell of the table, None where it is not there."""
-    for one in scores:
-        if (one.scheme, one.model) == (scheme, model):
-            return one
-    return None
+    same = (s for s in scores if (s.scheme, s.model) == (scheme, model))
+    return next(same, None)

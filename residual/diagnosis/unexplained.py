@@ -1,11 +1,10 @@
 """The leftover of one examined, looked at and corrected, with the sentences on it.
 
-The default form of the data-driven tables (`residual/tables/choose.py`) without pair
-tables: nothing, least squares, main effects, the same with load, whichever serves fit
-logs best that were left out. The variables are the joint's own state and what its
-leftover was found to depend on. "Nothing" means not correctable from the state. The
-logs held out for the proof have no part in it (G2017 eq. 31, on top of the named
-effects).
+The default form of the data-driven tables (`residual/calibration/choice.py`): nothing,
+PLSR, least squares, tables, whichever serves fit logs best that were left out. The
+variables are the joint's own state and what its leftover was found to depend on.
+"Nothing" means not correctable from the state. The logs held out for the proof have no
+part in it (G2017 eq. 31, on top of the named effects).
 """
 
 from collections.abc import Sequence
@@ -13,6 +12,8 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from residual.calibration.choice import Training, chosen_tables
+from residual.calibration.effects import make_tables
 from residual.diagnosis.examine import Adequacy, Examined, repeat
 from residual.diagnosis.patterns import (
     DIRECTION,
@@ -38,8 +39,6 @@ from residual.model.model import Model
 from residual.recording import Array
 from residual.signals.splitting import logs_of
 from residual.signals.track import Track
-from residual.tables.choose import fit_effect_tables
-from residual.tables.form import EffectForm
 
 REPEATABLE, TIME_DRIVEN = "repeatable", "time-driven"
 
@@ -248,7 +247,6 @@ def _stack(tracks: Sequence[Track], j: int, lines: Sequence[Array]) -> Array:
     return np.concatenate([x[t.moving[:, j]] for t, x in pairs])
 
 
-LEVELS = (5, 10, 20)  # finer ones cost four times as much
 MOST_ROWS = 12_000  # more of the same logs change nothing but the time
 
 
@@ -273,22 +271,29 @@ def corrected(
 def _tables(logs, left: Leftover) -> Tables | None:
     j = left.joint
     columns = _columns(left)
-    X, Y, tau = [], [], []
+    X, Y, tau, second, seconds = [], [], [], [], 0
     for track, state, torque in logs:
         rows = slice(None, None, track.step)
         load = track.filter(torque[:, j])[track.inner]
-        own = np.column_stack(read(state, columns))[rows][track.inner]
-        X.append(np.column_stack([own, load]))
+        X.append(np.column_stack(read(state, columns))[rows][track.inner])
         tau.append(track.tau[track.inner, j])
         Y.append(tau[-1] - load)
+        t = track.t[rows][: len(track.inner)][track.inner]
+        second.append(seconds + (t - track.t[0]).astype(int))
+        seconds = 1 + max(seconds, int(second[-1].max(initial=0)))
     fold = _folds([track for track, _, _ in logs])
     thin = slice(None, None, 1 + len(fold) // MOST_ROWS)
-    X, Y, tau = (np.concatenate(part)[thin] for part in (X, Y, tau))
+    X, Y, tau, second = (np.concatenate(part)[thin] for part in (X, Y, tau, second))
     if not _checkable(X, fold[thin]):
         return None
-    form = _form(columns)
-    made = fit_effect_tables(X, Y[:, None], fold[thin], tau[:, None], form)
-    return Tables(j, columns, made.lookup, made.chosen[0].kind)
+    loads = (tau - Y)[:, None]
+    names = [f"{on}{'-' if f == DIFFERENCE else '+'}{of}" for on, of, f in columns]
+    speeds = [i for i, (on, _, _) in enumerate(columns) if on == "qd"]
+    tables = make_tables(X, loads, (0,), (*names, "load"), speeds)
+    Z = tables.encode(X, loads)
+    training = Training(X, Y[:, None], tau[:, None], second, Z)
+    lookup, (option,) = chosen_tables(training, fold[thin], tables)
+    return Tables(j, columns, lookup, option.kind)
 
 
 def _folds(tracks: Sequence[Track]) -> Array:
@@ -320,18 +325,6 @@ def _columns(left: Leftover) -> tuple[Column, ...]:
     found = [c.variable for c in left.curves if c.variable.on != "tau"]
     more = [(v.on, v.of, v.form) for v in found if (v.on, v.of) not in known]
     return tuple(own + more)
-
-
-def _form(columns: Sequence[Column]) -> EffectForm:
-    names = [f"{on}{'-' if f == DIFFERENCE else '+'}{of}" for on, of, f in columns]
-    return EffectForm(
-        velocities=tuple(i for i, (on, _, _) in enumerate(columns) if on == "qd"),
-        loads=((0, len(columns)),),
-        names=(*names, "load"),
-        pyramid=LEVELS,
-        named=0,
-        pairs=None,
-    )
 
 
 @dataclass(frozen=True, eq=False, slots=True)

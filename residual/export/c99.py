@@ -19,8 +19,8 @@ from residual.export.program import (
     template,
 )
 from residual.model.corrected import NOTHING, Tables
+from residual.model.lookup import Lookup
 from residual.signals.standstill import Standstill
-from residual.tables.lookup import Lookup
 
 # What a formula or a table calls the motion, and what the function of the header does.
 _ARRAYS = {

@@ -9,12 +9,11 @@ import numpy as np
 
 from residual.effects.base import BRISTLE, Portable
 from residual.export.exported import Split, Whole, body_of, file_stem, split
-from residual.model.corrected import DIFFERENCE, Corrected, Tables
+from residual.model.corrected import DIFFERENCE, NONE, Corrected, Tables
 from residual.model.model import LEAST_SPEED, Model, Term
 from residual.recording import Array
 from residual.robot.dynamics import Chain, chain_of
 from residual.signals.standstill import SMOOTH, Standstill
-from residual.tables.form import NONE
 
 WORD = re.compile(r"[a-z]\w*")
 

@@ -25,12 +25,11 @@ from residual.export.exported import (
     split,
 )
 from residual.export.program import WORD
-from residual.model.corrected import Corrected
+from residual.model.corrected import NONE, Corrected
+from residual.model.lookup import export_lookup
 from residual.model.model import Model, Term
 from residual.quantity import along
 from residual.recording import Array
-from residual.tables.form import NONE
-from residual.tables.lookup import export_lookup
 
 DENSE = 4001  # points that the curve is looked at
 ENOUGH = 1e-3  # of the largest value: more points help no controller

@@ -9,12 +9,12 @@ from typing import NamedTuple
 import numpy as np
 
 from residual.effects.base import State
+from residual.model.lookup import Lookup
 from residual.model.model import Model
 from residual.recording import Array, Recording
 from residual.signals.track import Track, at_samples, prepare
-from residual.tables.form import NONE
-from residual.tables.lookup import Lookup
 
+NONE = "none"  # the kind of a correction that no table helps
 NOTHING, NEAREST = "nothing", "nearest"  # what a table says beyond its range
 DIFFERENCE = "difference"  # of two positions, where their sum is not meant
 
@@ -35,7 +35,7 @@ class Tables:
     # What its tables read, beside the load; velocities among them.
     columns: tuple[Column, ...]
     lookup: Lookup  # the tables
-    kind: str  # what it got: one of the constants of `tables.form`
+    kind: str  # what it got: NONE, or a kind of `calibration.choice`
     # What it says beyond the range it was drawn on: "nothing", or what the "nearest"
     # level has.
     beyond: str = NOTHING

@@ -13,11 +13,10 @@ import pytest
 from flows.cli import main
 from flows.report.diagnosis import render
 from residual.calibration import calibrate as core
+from residual.calibration.nominal_pls import NominalForm
 from residual.check.result import LogCheck
 from residual.diagnosis.result import Diagnosis
 from residual.recording import Recording
-from residual.tables.form import EffectForm
-from residual.tables.nominal_pls import NominalForm
 from sim.engine.records import PlantRun
 from tests.flows import report_outcomes
 from tests.flows.adopted_arm import make_nights
@@ -104,9 +103,10 @@ def several_page():
 @pytest.fixture
 def few_tables(monkeypatch):
     """A calibration of fewer levels and components: same words, quick numbers."""
-    lean = partial(core.Settings, form=NominalForm(6, 4), levels=(2, 5), pairs=False)
+    lean = partial(core.Settings, form=NominalForm(6, 4))
     monkeypatch.setattr("flows.steps.calibrate.Settings", lean)
-    monkeypatch.setattr(core, "EffectForm", partial(EffectForm, pyramid=(5, 10)))
+    monkeypatch.setattr("residual.calibration.effects.LEVELS", 10)
+    monkeypatch.setattr("residual.calibration.views.SWEEP", (2, 5))
 
 
 @pytest.fixture

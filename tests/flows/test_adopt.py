@@ -12,7 +12,6 @@ from flows.steps import rerun as reruns
 from flows.steps.adopt import Adopt, adopt, list_adoptions, roll_back
 from flows.steps.models import choose, chosen_to_watch
 from flows.storage import diagnosis as keep
-from flows.storage.calibration import effects_of
 from flows.storage.diagnosis import read_known, read_models, read_verdict
 from residual.diagnosis.held_out import worth
 from residual.errors import InputError
@@ -115,13 +114,6 @@ def test_identify_starts_from_it_and_so_does_its_rerun(fresh, capsys):
     _, kept = said("identify", second, store, capsys, "--model", "nominal")
     names = {t["name"] for t in read_record(store, kept)["model"]["terms"]}
     assert "spring" not in names
-
-
-def test_a_calibration_has_its_names_and_not_its_values(made):
-    store, *_, id = made
-    found = effects_of(store, id)
-    assert [(t.effect.name, t.joints) for t in found.effects] == [("spring", (1,))]
-    assert (found.diagnosis, "spring J2" in found.line) == (id, True)
 
 
 def test_rolling_back_is_one_more_record_and_deletes_nothing(fresh):

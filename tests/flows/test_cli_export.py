@@ -15,6 +15,7 @@ from flows.cli import main
 from flows.steps import export as exporting
 from flows.steps.export import compiler, export_model, make_fmu
 from flows.steps.models import read_model
+from residual.calibration.choice import MAIN
 from residual.errors import InputError, UnknownNameError
 from residual.export.c99 import to_c99
 from residual.export.exported import Motion, exciting
@@ -22,7 +23,6 @@ from residual.export.mujoco import to_mujoco
 from residual.model.corrected import Corrected, Tables
 from residual.model.record import to_record
 from residual.signals.standstill import CHOICES
-from residual.tables.form import MAIN
 from tests.exports.back import (
     BACK,
     CREEP,

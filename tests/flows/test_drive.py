@@ -19,6 +19,7 @@ from flows.steps.rerun import apart
 from flows.steps.rerun import made_again as again
 from flows.steps.validate import drive_unseen, validate
 from residual.calibration.calibrate import with_tables
+from residual.calibration.components import state_names
 from residual.effects import registry
 from residual.errors import InputError
 from residual.model.control import (
@@ -27,12 +28,11 @@ from residual.model.control import (
     computed_torque,
     feed_forward,
 )
+from residual.model.lookup import Axis, Lookup, Table, export_lookup
 from residual.model.model import Model, Term
 from residual.model.record import to_record
 from residual.robot.dynamics import inertial_parameters
 from residual.robot.robot import load_robot
-from residual.tables.components import state_names
-from residual.tables.lookup import Axis, Lookup, Table, export_lookup
 from sim.engine.records import Noise, PlantEffect, PlantSpec, TrajectorySpec
 from sim.plant import tables as at
 from sim.plant.controller import maker_of

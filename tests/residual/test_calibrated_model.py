@@ -6,13 +6,12 @@ import numpy as np
 import pytest
 
 from residual.calibration.calibrate import corrected_model
+from residual.calibration.components import state_names
 from residual.calibration.rows import MEASURED, PAPER
 from residual.export.exported import exciting
-from residual.model.corrected import NEAREST
+from residual.model.corrected import NEAREST, NONE
+from residual.model.lookup import Axis, Lookup, Table
 from residual.model.record import from_record, to_record
-from residual.tables.components import state_names
-from residual.tables.form import NONE
-from residual.tables.lookup import Axis, Lookup, Table
 from tests.exports.models import model_with, robot_of
 
 JOINTS = (1, 2, 3, 4, 5, 6)

@@ -4,17 +4,14 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from sklearn.model_selection import KFold, LeaveOneGroupOut
 
-from residual.errors import InputError
-from residual.tables.crossval import (
-    HeldOut,
-    fold_power,
+from residual.calibration.crossval import (
+    fold_sums,
     leave_one_out,
     random_blocks,
     relative_error,
-    simplest,
     systematic,
-    systematic_repeats,
 )
+from residual.errors import InputError
 
 
 @given(st.integers(2, 60), st.integers(2, 20), st.integers(0, 99))
@@ -30,22 +27,12 @@ def test_every_row_is_held_out_once_in_folds_of_equal_size(rows, blocks, seed):
     assert (np.diff(systematic(rows, blocks).of_row) >= 0).all()
 
 
-def test_repeats_of_a_block_are_left_out_together():
-    run = np.repeat([0, 1], 40)
-    folds = systematic_repeats(run, {0: 20, 1: 10}, blocks=8)
-    assert folds.count == 8
-    np.testing.assert_array_equal(folds.of_row[:20], folds.of_row[20:40])
-    np.testing.assert_array_equal(folds.of_row[40:50], folds.of_row[70:80])
-    assert folds.of_row[:5].tolist() == [0] * 5
-    assert not set(folds.of_row[:40]) & set(folds.of_row[40:])
-
-
 def test_errors_are_relative_to_torque_pooled():
     torque = np.array([[3.0], [3], [3], [6], [6], [6]])
-    power = fold_power(torque, systematic(6, 2))
+    power = fold_sums(torque**2, systematic(6, 2))
     np.testing.assert_allclose(power, [[27], [108]])
-    errors = HeldOut("systematic", np.full((1, 2, 1), 27.0), power)
-    assert errors.pooled()[0, 0] == pytest.approx(100 * np.sqrt(54 / (27 + 108)))
+    pooled = relative_error(np.array([54.0]), power.sum(axis=0))
+    assert pooled[0] == pytest.approx(100 * np.sqrt(54 / (27 + 108)))
     assert np.isnan(relative_error(np.ones(1), np.zeros(1))).all()
 
 
@@ -62,19 +49,6 @@ def test_runs_and_equal_blocks_are_those_of_scikit_learn(rng):
         np.testing.assert_array_equal(folds.of_row, of_row)
 
 
-def held(miss):
-    miss = np.asarray(miss, float)[:, :, None]
-    return HeldOut("run", miss, np.ones((miss.shape[1], 1)))
-
-
-def test_the_simplest_is_as_good_as_the_best_within_its_doubt():
-    clear = held([[9, 9, 9], [1, 1.2, 0.8], [0.99, 1.19, 0.81]])
-    assert simplest(clear, 0) == 1
-    assert simplest(held([[1, 1, 1], [0.5, 0.5, 1.6]]), 0) == 0
-    assert simplest(held([[1, 1, 1], [0.5, 0.5, 0.6]]), 0) == 1
-    assert simplest(held([[1, 1, 1], [0.99, 0.99, 0.99]]), 0) == 0
-
-
 @pytest.mark.parametrize(
     ("call", "message"),
     [
@@ -82,11 +56,6 @@ def test_the_simplest_is_as_good_as_the_best_within_its_doubt():
         (lambda: systematic(10, 1), "blocks must be 2 to 10, got 1"),
         (lambda: random_blocks(5, np.random.default_rng(0)), "blocks must be 2 to 5"),
         (lambda: leave_one_out(np.zeros(5)), "different runs must be 2 to 5, got 1"),
-        (lambda: systematic_repeats(np.zeros(9), 0, 3), "rows of a period must be"),
-        (
-            lambda: fold_power(np.ones(4), systematic(5, 2)),
-            "folds are of 5 rows, the data of 4",
-        ),
     ],
 )
 def test_bad_schemes_are_refused(call, message):

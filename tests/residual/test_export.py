@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 
 from flows.steps.export import compiler
+from residual.calibration.choice import MAIN
 from residual.effects import registry
 from residual.effects.base import Portable
 from residual.errors import InputError
@@ -22,7 +23,6 @@ from residual.export.simulators import to_mjcf, to_urdf
 from residual.model.corrected import NEAREST, NOTHING, Corrected, Tables
 from residual.model.model import Model
 from residual.signals.standstill import CHOICES
-from residual.tables.form import MAIN
 from tests.exports.back import c99_back, fast_states
 from tests.exports.models import (
     ARMS,

@@ -4,8 +4,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 
+from residual.calibration.levels import equal_levels, merge_rows, quantile_levels
 from residual.errors import InputError
-from residual.tables.levels import equal_levels, merge_rows, quantile_levels
 
 COLUMNS = arrays(
     float, st.integers(3, 40), elements=st.floats(-5, 5, width=16), fill=st.nothing()
@@ -21,7 +21,6 @@ def test_levels_follow_the_order_of_values_and_stay_within_their_number(x, k, ma
     assert codes.values.max() < levels.sizes[0] <= k
     order = np.argsort(x, kind="stable")
     assert (np.diff(codes.values[order, 0].astype(int)) >= 0).all()
-    assert not levels.outside(x[:, None]).any()
 
 
 def test_equal_levels_are_equally_wide_and_an_edge_belongs_above():
@@ -53,12 +52,11 @@ def test_velocities_get_a_level_of_standing_still(rng):
     assert 0.001 not in one_way.edges[0]
 
 
-def test_values_outside_are_put_in_the_nearest_level_and_flagged():
+def test_values_outside_are_put_in_the_nearest_level():
     levels = equal_levels(np.array([[0.0, 0], [1, 1]]), 4, ("q1", "qd1"))
     X = np.array([[-1, 0.5], [0.5, 2], [0.5, 0.5], [-1, 9]])
     codes = levels.encode(X)
     assert codes.values.tolist() == [[0, 2], [2, 3], [2, 2], [0, 3]]
-    assert levels.outside(X).tolist() == [[1, 0], [0, 1], [0, 0], [1, 1]]
 
 
 @pytest.mark.parametrize("levels", [3, 300])  # 64-bit keys, and wider ones

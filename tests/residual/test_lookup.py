@@ -11,14 +11,14 @@ import numpy as np
 import pytest
 
 from flows.steps.export import build, compiler
+from residual.calibration.choice import MAIN, PAIRS, Option
+from residual.calibration.nominal_pls import NominalForm, fit_nominal_pls
 from residual.errors import InputError
 from residual.export.c99 import tables_header
-from residual.tables.choose import fit_effect_tables
-from residual.tables.evaluate import by_row, predict
-from residual.tables.form import EffectForm
-from residual.tables.lookup import Axis, Lookup, Table, export_lookup, find_triples
-from residual.tables.nominal_pls import NominalForm, fit_nominal_pls, nominal_lookup
+from residual.model.evaluate import by_row, predict
+from residual.model.lookup import Axis, Lookup, Table, export_lookup, find_triples
 from tests.residual.motion_blocks import NAMES, motion
+from tests.residual.test_choice import fitted
 
 EXACT = {"rtol": 0, "atol": 1e-12}
 
@@ -35,7 +35,7 @@ def model(block):
 
 @pytest.mark.parametrize("components", [1, 5, None])
 def test_tables_equal_the_paper_form(block, model, components):
-    lookup = nominal_lookup(model, components)
+    lookup = model.lookup(components)
     expected = model.predict(block[0], components)
     np.testing.assert_allclose(lookup.predict(block[0]), expected, **EXACT)
 
@@ -95,29 +95,26 @@ def _evaluated(files, tmp_path, X):
 
 
 def test_the_export_evaluates_on_its_own(block, model, tmp_path):
-    X, Y, torque, run = block
-    files = export_lookup(nominal_lookup(model))
+    X, Y, torque, _ = block
+    files = export_lookup(model.lookup())
     assert set(files) == {"model.npz", "tables.csv", "model.json", "evaluate.py"}
     text = files["evaluate.py"].decode()
     assert "residual" not in text
     found = _evaluated(files, tmp_path, X[::20])
     np.testing.assert_allclose(found, model.predict(X[::20]), **EXACT)
-    form = EffectForm((3, 4, 5), NAMES, pairs=None)
-    chosen = fit_effect_tables(X, Y, run, torque, form)
-    found = _evaluated(export_lookup(chosen.lookup), tmp_path, X[::20])
-    np.testing.assert_allclose(found, chosen.lookup.predict(X[::20]), **EXACT)
+    own = fitted(X, Y, torque).lookup([Option(MAIN, 20.0)] * 3)
+    found = _evaluated(export_lookup(own), tmp_path, X[::20])
+    np.testing.assert_allclose(found, own.predict(X[::20]), **EXACT)
 
 
 def test_a_single_row_is_evaluated_as_many_are(rng, block, model):
-    X, Y, torque, run = block
-    lines = np.c_[X, np.ones(len(X))] @ rng.normal(size=(X.shape[1] + 1, Y.shape[1]))
-    straight = fit_effect_tables(X, lines, run, torque, EffectForm(pairs=None, named=0))
-    form = EffectForm((3, 4, 5), NAMES, pairs=None)
+    X, Y, torque, _ = block
+    fits = fitted(X, Y, torque)
     for lookup in (
-        nominal_lookup(model),
-        fit_effect_tables(X, Y, run, torque, form).lookup,
-        replace(nominal_lookup(model), slope=rng.normal(size=(9, Y.shape[1]))),
-        straight.lookup,
+        model.lookup(),
+        fits.lookup([Option(MAIN, 20.0)] * 3),
+        replace(model.lookup(), slope=rng.normal(size=(9, Y.shape[1]))),
+        fits.lookup([Option("least squares")] * 3),
     ):
         saved = dict(np.load(io.BytesIO(export_lookup(lookup)["model.npz"])))
         rows = np.vstack([X[:50], 1e9 * X[:2], lookup.low, lookup.high])
@@ -127,22 +124,21 @@ def test_a_single_row_is_evaluated_as_many_are(rng, block, model):
 
 
 def test_an_exported_lookup_is_read_again_bit_for_bit(rng, block, model, tmp_path):
-    X, Y, torque, run = block
-    pairs, path = nominal_lookup(model), tmp_path / "model.npz"
+    X, Y, torque, _ = block
+    pairs, path = model.lookup(), tmp_path / "model.npz"
     slope = rng.normal(size=pairs.slope.shape)
-    form = EffectForm((3, 4, 5), NAMES, pairs=None)
-    main = fit_effect_tables(X, Y, run, torque, form).lookup
+    main = fitted(X, Y, torque).lookup([Option(PAIRS, 20.0)] * 3)
     for lookup in (replace(pairs, names=NAMES, slope=slope), main):
         path.write_bytes(export_lookup(lookup)["model.npz"])
-        again = Lookup.load(path)
+        again, own = Lookup.load(path), np.hstack([X, torque])[:, : len(lookup.names)]
         assert again.to_record() == lookup.to_record()
-        np.testing.assert_array_equal(again.predict(X), lookup.predict(X))
+        np.testing.assert_array_equal(again.predict(own), lookup.predict(own))
 
 
 @pytest.mark.skipif(compiler() is None, reason="no C compiler here")
 def test_a_header_of_tables_alone_says_what_they_say(rng, block, model, tmp_path):
     X = np.ascontiguousarray(block[0][:200])
-    pairs = nominal_lookup(model)
+    pairs = model.lookup()
     lookup = replace(pairs, names=NAMES, slope=rng.normal(size=pairs.slope.shape))
     ((name, text),) = tables_header(lookup, "my-arm").items()
     assert name == "my_arm_tables.h"
@@ -163,7 +159,7 @@ def test_a_header_of_tables_alone_says_what_they_say(rng, block, model, tmp_path
 
 
 def test_the_evaluator_is_short_and_flags_what_lies_outside(model):
-    files = export_lookup(nominal_lookup(model))
+    files = export_lookup(model.lookup())
     code = files["evaluate.py"].decode().split('"""', 2)[2]
     assert len([line for line in code.splitlines() if line.strip()]) <= 50
     space = {"__name__": "evaluate"}
@@ -174,7 +170,7 @@ def test_the_evaluator_is_short_and_flags_what_lies_outside(model):
 
 def test_the_csv_holds_every_cell_with_its_intervals(block, model):
     X = block[0][:7]
-    lookup = nominal_lookup(model)
+    lookup = model.lookup()
     rows = list(csv.reader(io.StringIO(export_lookup(lookup)["tables.csv"].decode())))
     assert rows[0][:3] == ["table", "variable_1", "from_1"]
     place = {name: i for i, name in enumerate(lookup.names)}
@@ -191,20 +187,20 @@ def test_the_csv_holds_every_cell_with_its_intervals(block, model):
 
 
 def test_the_json_says_what_each_table_is_of_and_bytes_repeat(model):
-    told = json.loads(export_lookup(nominal_lookup(model))["model.json"])
+    told = json.loads(export_lookup(model.lookup())["model.json"])
     assert len(told["tables"]) == 36
     assert told["tables"][0]["variables"] == ["x1", "x2"]
     assert told["tables"][0]["levels"] == [9, 9]
     assert [len(axis["edges"]) for axis in told["axes"]] == [8] * 9
-    first = export_lookup(nominal_lookup(model))
-    assert first == export_lookup(nominal_lookup(model))
+    first = export_lookup(model.lookup())
+    assert first == export_lookup(model.lookup())
 
 
 def test_bad_rows_are_refused(model):
-    lookup = nominal_lookup(model)
+    lookup = model.lookup()
     with pytest.raises(InputError, match="X has 2 columns, the tables are of 9"):
         lookup.predict(np.ones((3, 2)))
     with pytest.raises(InputError, match="NaN or infinite in row 0"):
         lookup.predict(np.full((1, 9), np.nan))
     with pytest.raises(InputError, match="components must be 0 to 5, got 6"):
-        nominal_lookup(model, 6)
+        model.lookup(6)

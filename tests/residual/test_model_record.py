@@ -8,18 +8,18 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from residual.calibration.choice import MAIN
 from residual.effects import registry
 from residual.effects.base import Span
 from residual.errors import InputError, UnknownNameError
-from residual.model.corrected import Corrected, Tables
+from residual.model.corrected import NONE, Corrected, Tables
+from residual.model.lookup import Axis, Lookup, Table
 from residual.model.model import Model, Term
 from residual.model.record import from_record, load_model, to_record
 from residual.robot.dynamics import inertial_parameters
 from residual.robot.robot import Robot, load_robot
 from residual.signals.standstill import CHOICES
 from residual.signals.track import Filters, prepare
-from residual.tables.form import MAIN, NONE
-from residual.tables.lookup import Axis, Lookup, Table
 from tests.residual.arms import SEVEN, arm, recording, smooth_motion, urdf_text
 
 NAMES = sorted(registry())

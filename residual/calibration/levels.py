@@ -15,9 +15,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from residual.errors import InputError
-from residual.recording import Array
-from residual.tables.crossval import (
+from residual.blocks import (
     as_block,
     as_names,
     as_rows,
@@ -25,6 +23,8 @@ from residual.tables.crossval import (
     check_varying,
     frozen,
 )
+from residual.errors import InputError
+from residual.recording import Array
 
 MOST = 4096  # levels of one variable; no encoder of ours resolves more in a log
 DWELL = 1e-3  # rad/s: a joint slower than this stands still
@@ -55,10 +55,6 @@ class Levels:
         for i, edges in enumerate(self.edges):
             codes[:, i] = np.searchsorted(edges, X[:, i], side="right")
         return Codes(frozen(codes), self.sizes)
-
-    def outside(self, X: Array) -> Array:
-        """Return which values are outside the calibrated range. Shape (n, d)."""
-        return np.less(X, self.low) | np.greater(X, self.high)
 
 
 class Codes(NamedTuple):

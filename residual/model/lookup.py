@@ -20,9 +20,9 @@ from pathlib import Path
 
 import numpy as np
 
+from residual.blocks import as_rows
 from residual.quantity import plain
 from residual.recording import Array
-from residual.tables.crossval import as_rows
 
 GRID = 1024  # steps per axis that lead to a level without a search
 CUBE = 32_768  # cells that a table of three axes may have: 1 MB for four joints
@@ -165,7 +165,7 @@ class Lookup:
 
     def predict(self, X: Array) -> Array:
         """Return the correction of rows, in units of the responses. Shape (m, j)."""
-        from residual.tables.kernels import evaluate_rows
+        from residual.model.lookup_kernels import evaluate_rows
 
         X = np.ascontiguousarray(as_rows(X, self.names, "the tables are of"))
         out = np.empty((len(X), len(self.joints)))

@@ -1,0 +1,225 @@
+"""Our form: a table for each variable, and one of speed and load for each joint.
+
+Friction is a function of one variable: a table of the velocity holds it on any path,
+while the paper's pair tables would have to see it beside every value of the others. The
+one pair of variables that has a name is speed and load: friction of a gear grows with
+the torque that it carries, and that torque is known, since it is the model's. Its table
+is fitted together with the others: fitted after them it would find that they have
+already learnt the load as a function of the path.
+
+All tables are fitted by one ridge regression on levels of several widths at once:
+
+    min |Y - ybar - (Z - zbar) g|^2 + ridge n / 20000 g' K^-1 g
+
+with Z a column per level and K the number of widths in which two levels are one. Where
+rows are few the wide levels speak, where they are many the narrow ones do.
+"""
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field
+from functools import cached_property, partial
+
+import numpy as np
+from scipy.linalg import (
+    block_diag,
+    cho_factor,
+    cho_solve,
+    cholesky,
+    solve_triangular,
+)
+from scipy.sparse import csr_matrix
+
+from residual.blocks import frozen
+from residual.calibration.levels import DWELL, Levels, quantile_levels
+from residual.model.lookup import Axis, Table
+from residual.recording import Array
+
+LEVELS, WIDTHS = 20, (1, 2, 4)  # of a variable; levels that are one in each width
+PAIR_LEVELS, PAIR_WIDTHS = 12, (1, 2)  # of speed and of load
+RIDGES = (20.0, 200.0, 2000.0)  # per ROWS rows
+ROWS = 20_000
+
+
+@dataclass(frozen=True, eq=False, slots=True)
+class Tables:
+    """The tables that are fitted: levels of the variables, and of speeds and loads.
+
+    Columns of Z are the levels of the variables, then the cells of each joint's table.
+    """
+
+    states: Levels
+    loads: Levels  # speed and load of each joint by turns
+    speeds: tuple[int, ...]  # column of each joint's speed
+    single: Array  # penalty on the levels of the variables, (k, k)
+    paired: tuple[Array, ...]  # ... and on the cells of each joint's table
+
+    @property
+    def starts(self) -> Array:
+        """First column of each variable, of each joint's table, and their number."""
+        sizes = self.loads.sizes
+        cells = [a * b for a, b in zip(sizes[::2], sizes[1::2], strict=True)]
+        return np.cumsum([0, *self.states.sizes, *cells])
+
+    def encode(self, X: Array, loads: Array) -> csr_matrix:
+        """Return Z of rows: states (n, d), and loads of the joints [N m] (n, j)."""
+        own = self.loads.encode(_by_turns(X[:, self.speeds], loads))
+        across = np.array(own.sizes[1::2])
+        cells = own.values[:, ::2].astype(np.int64) * across + own.values[:, 1::2]
+        at = np.hstack([self.states.encode(X).values, cells]) + self.starts[:-1]
+        ends = np.arange(0, at.size + 1, at.shape[1])
+        shape = (len(X), int(self.starts[-1]))
+        return csr_matrix((np.ones(at.size), at.ravel(), ends), shape=shape)
+
+
+def make_tables(
+    X: Array,
+    loads: Array,
+    speeds: Sequence[int],
+    names: Sequence[str],
+    velocities: Sequence[int] | None = None,
+) -> Tables:
+    """Choose levels by rows of states and loads; they say nothing of the responses.
+
+    Args:
+        X: States. Shape (n, d).
+        loads: Torque that each joint carries by the model [N m]. Shape (n, j).
+        speeds: Column of each joint's speed.
+        names: Of the states, then of the loads.
+        velocities: Columns that hold velocities; those of the joints if None.
+
+    Raises:
+        InputError: On a constant column, or a value that is not finite.
+    """
+    both, turns = _by_turns(X[:, speeds], loads), range(0, 2 * len(speeds), 2)
+    moving = speeds if velocities is None else velocities
+    states = quantile_levels(X, LEVELS, names[: X.shape[1]], velocities=moving)
+    own = zip((names[i] for i in speeds), names[X.shape[1] :], strict=True)
+    named = [name for pair in own for name in pair]
+    pairs = quantile_levels(both, PAIR_LEVELS, named, velocities=turns, constant=True)
+    one = [sum(_shared(e, width) for width in WIDTHS) for e in states.edges]
+    two = []
+    for a, b in zip(pairs.edges[::2], pairs.edges[1::2], strict=True):
+        two.append(sum(np.kron(_shared(a, w), _shared(b, w)) for w in PAIR_WIDTHS))
+    penalty = block_diag(*map(np.linalg.inv, one))
+    return Tables(states, pairs, tuple(speeds), penalty, tuple(map(np.linalg.inv, two)))
+
+
+def _by_turns(speeds: Array, loads: Array) -> Array:
+    return np.stack([speeds, loads], axis=2).reshape(len(loads), -1)
+
+
+def _shared(edges: Array, width: int) -> Array:
+    """Whether two levels are one where so many neighbours are. Shape (k, k)."""
+    level, still = np.arange(len(edges) + 1), np.flatnonzero(edges == -DWELL)
+    group = level // width
+    if len(still):  # either direction, and standing still, stay apart
+        level = level - (still[0] + 1)
+        group = np.sign(level) * np.ceil(np.abs(level) / width)
+    return (group[:, None] == group[None, :]).astype(float)
+
+
+@dataclass(eq=False)
+class EffectFit:
+    """Normal equations of some rows; coefficients are solved for when asked for."""
+
+    tables: Tables
+    counts: Callable[[], Array]  # Z'Z, (k, k)
+    share: Array  # share of the rows in each column, (k,)
+    right: Array  # Z'(Y - ybar), (k, j)
+    y_mean: Array  # mean of the responses, (j,)
+    rows: int
+    _solved: dict[float, tuple[Array, Array]] = field(default_factory=dict)
+
+    @cached_property
+    def gram(self) -> Array:
+        """Centred Z'Z. Shape (k, k)."""
+        return self.counts() - self.rows * np.outer(self.share, self.share)
+
+    def coefficients(self, ridge: float, paired: bool) -> Array:
+        """Contribution of each column of Z to each response [N m]. Shape (k, j).
+
+        Those of each table have mean zero over the rows.
+
+        Args:
+            ridge: Per 20 000 rows.
+            paired: Whether each joint has a table of its speed and load.
+        """
+        if ridge not in self._solved:
+            self._solved[ridge] = self._solve(ridge * self.rows / ROWS)
+        return self._solved[ridge][int(paired)]
+
+    def _solve(self, stiff: float) -> tuple[Array, Array]:
+        """Coefficients without the tables of speed and load, and with them.
+
+        With A = L L' the system of the variables alone and B that part of a joint's
+        cells, the cells solve a Schur complement of their own size.
+        """
+        count, starts = len(self.tables.single), self.tables.starts
+        A = self.gram[:count, :count] + stiff * self.tables.single
+        L = cholesky(A, lower=True, check_finite=False)
+
+        def forward(b: Array) -> Array:
+            return solve_triangular(L, b, lower=True, check_finite=False)
+
+        def back(b: Array) -> Array:
+            return solve_triangular(L, b, lower=True, trans="T", check_finite=False)
+
+        right, across = forward(self.right[:count]), forward(self.gram[:count, count:])
+        plain, paired = np.zeros((2, *self.right.shape))
+        plain[:count] = back(right)
+        first = len(self.tables.states.sizes)
+        for j, penalty in enumerate(self.tables.paired):
+            own = slice(*starts[first + j : first + j + 2])
+            B = across[:, own.start - count : own.stop - count]
+            schur = self.gram[own, own] + stiff * penalty - B.T @ B
+            rest = self.right[own, j] - B.T @ right[:, j]
+            paired[own, j] = cho_solve(cho_factor(schur), rest)
+            paired[:count, j] = right[:, j] - B @ paired[own, j]
+        paired[:count] = back(paired[:count])
+        return self._centred(plain), self._centred(paired)
+
+    def _centred(self, out: Array) -> Array:
+        for a, b in zip(self.tables.starts, self.tables.starts[1:], strict=False):
+            out[a:b] -= (self.share[a:b] @ out[a:b]) * out[a:b].any(axis=0)
+        return out
+
+    def as_tables(self, coefficients: Array) -> tuple[list[Axis], list[Table]]:
+        """Return coefficients as tables, those that are zero left out.
+
+        Loads are variables behind all states, in the order of the joints.
+        """
+        states, loads = self.tables.states, self.tables.loads
+        cut = np.split(coefficients, self.tables.starts[1:-1])
+        axes = [Axis(i, edges) for i, edges in enumerate(states.edges)]
+        count = len(axes)
+        out = [Table((i,), frozen(t)) for i, t in enumerate(cut[:count]) if t.any()]
+        for j, values in enumerate(cut[count:]):
+            if not values.any():
+                continue
+            sizes = loads.sizes[2 * j : 2 * j + 2]
+            place, values = len(axes), values.reshape(*sizes, -1)
+            out.append(Table((place, place + 1), frozen(values.copy())))
+            axes.append(Axis(self.tables.speeds[j], loads.edges[2 * j]))
+            axes.append(Axis(count + j, loads.edges[2 * j + 1]))
+        return axes, out
+
+
+def fit_effects(
+    tables: Tables,
+    Z: csr_matrix,
+    Y: Array,
+    counts: Callable[[], Array] | None = None,
+) -> EffectFit:
+    """Sum up rows: their columns Z of the tables, and responses Y [N m] (n, j).
+
+    Args:
+        counts: Returns Z'Z, where there is a shorter way to it.
+    """
+    n, y_mean = Z.shape[0], Y.mean(axis=0)
+    share, right = np.asarray(Z.sum(axis=0)).ravel() / n, Z.T @ (Y - y_mean)
+    return EffectFit(tables, counts or partial(pair_counts, Z), share, right, y_mean, n)
+
+
+def pair_counts(Z: csr_matrix) -> Array:
+    """Return Z'Z: how many rows are in two columns at once. Shape (k, k)."""
+    return (Z.T @ Z).toarray()

@@ -1,1 +1,0 @@
-"""Regression on nominal levels and its peers; knows no robot and no effect."""

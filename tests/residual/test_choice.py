@@ -1,0 +1,226 @@
+"""Our form of tables, and the one choice of a correction for each joint."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from residual.calibration.choice import (
+    LEAST_SQUARES,
+    MAIN,
+    PAIRS,
+    PLSR,
+    Option,
+    Training,
+    candidates,
+    chosen_tables,
+    fit_forms,
+)
+from residual.calibration.components import fit_pls
+from residual.calibration.effects import ROWS, make_tables
+from residual.calibration.nominal_pls import NominalForm, fit_nominal_pls
+from residual.errors import InputError
+from residual.model.corrected import NONE
+from tests.residual.motion_blocks import NAMES, motion
+
+ALL = (*NAMES, "tau1", "tau2", "tau3")
+SPEEDS = (3, 4, 5)
+
+
+def training(X, Y, load, moving=None):
+    """Rows, and the tables whose levels are those of these rows."""
+    tables = make_tables(X, load, SPEEDS[: Y.shape[1]], ALL[: 9 + Y.shape[1]])
+    second = np.arange(len(X)) // 20
+    Z = tables.encode(X, load)
+    return Training(X, Y, load + Y, second, Z, moving), tables
+
+
+def fitted(X, Y, load):
+    """All forms, fitted to all rows."""
+    return fit_forms(*training(X, Y, load))
+
+
+def carried(X, Y):
+    """A load that all joints decide, and Y with friction that grows with it."""
+    load = 40 * np.cos(X[:, :3].sum(axis=1, keepdims=True) + np.arange(3))
+    return load, Y + 0.3 * np.abs(load) * np.sign(X[:, 3:6])
+
+
+def chosen(X, Y, load, run):
+    data, tables = training(X, Y, load)
+    return chosen_tables(data, run, tables)
+
+
+def unseen(X, Y, load, run):
+    """What is left of each run by a choice among the others, over what was there."""
+    left = 0.0
+    for one in np.unique(run):
+        out = run == one
+        lookup, _ = chosen(X[~out], Y[~out], load[~out], run[~out])
+        own = np.hstack([X, load])[out][:, : len(lookup.names)]
+        left = left + ((Y[out] - lookup.predict(own)) ** 2).sum(axis=0)
+    return np.sqrt(left / (Y**2).sum(axis=0))
+
+
+def test_friction_is_learnt_for_unseen_runs_where_the_paper_form_fails(rng):
+    X, Y, torque, run = motion(rng, runs=4, rows=1000)
+    ours = unseen(X, Y, torque, run)
+    assert (ours < 0.4).all()
+    left = 0.0
+    for one in range(4):
+        out = run == one
+        model = fit_nominal_pls(X[~out], Y[~out], NominalForm(22, 8))
+        left = left + ((Y[out] - model.predict(X[out])) ** 2).sum(axis=0)
+    assert (ours < 0.5 * np.sqrt(left / (Y**2).sum(axis=0))).all()
+    _, options = chosen(X, Y, torque, run)
+    assert {o.kind for o in options} <= {MAIN, PAIRS}
+
+
+def test_friction_that_grows_with_the_load_takes_a_table_of_speed_and_load(rng):
+    X, Y, _, run = motion(rng, runs=4, rows=800)
+    load, Y = carried(X, Y)
+    lookup, options = chosen(X, Y, load, run)
+    assert [o.kind for o in options] == [PAIRS] * 3
+    assert lookup.names == ALL
+    assert (unseen(X, Y, load, run) < 0.35).all()
+
+
+def test_where_nothing_is_left_nothing_is_chosen(rng):
+    X, Y, torque, run = motion(rng, runs=4, rows=600, friction=0.0)
+    lookup, options = chosen(X, Y, torque, run)
+    assert [o.kind for o in options] == [NONE] * 3
+    assert not lookup.predict(X).any()
+    assert lookup.tables == ()
+
+
+def test_a_straight_line_is_left_to_a_line(rng):
+    X, _, torque, run = motion(rng, runs=4, rows=600)
+    Y = np.c_[3 + 2 * X[:, 0] + X[:, 4] + 0.1 * rng.normal(size=len(X))]
+    lookup, options = chosen(X, Y, torque[:, :1], run)
+    assert options[0].kind in (LEAST_SQUARES, PLSR)
+    assert np.abs(lookup.predict(X) - Y).max() < 0.6
+
+
+def test_what_holds_in_one_run_alone_is_not_taken(rng):
+    X, Y, torque, run = motion(rng, runs=4, rows=600)
+    turned = np.where(run[:, None] % 2 == 0, Y, -Y)
+    _, options = chosen(X, turned, torque, run)
+    assert [o.kind for o in options] == [NONE] * 3
+
+
+@pytest.mark.parametrize("kind", [MAIN, PAIRS])
+def test_tables_solve_the_ridge_equations(rng, kind):
+    X, Y, _, _ = motion(rng, runs=1, rows=400)
+    load, Y = carried(X, Y)
+    data, tables = training(X, Y, load)
+    found = fit_forms(data, tables).forecasts(data, [Option(kind, 200.0)])[0]
+    Z, count = data.Z.toarray(), len(tables.single)
+    for j in range(3):
+        own = list(range(count))
+        penalty = tables.single
+        if kind == PAIRS:
+            own += range(*tables.starts[9 + j : 11 + j])
+            more = tables.paired[j]
+            penalty = np.block(
+                [
+                    [penalty, np.zeros((count, len(more)))],
+                    [np.zeros((len(more), count)), more],
+                ]
+            )
+        A = Z[:, own] - Z[:, own].mean(axis=0)
+        ridge = 200.0 * len(X) / ROWS * penalty
+        g = np.linalg.solve(A.T @ A + ridge, A.T @ (Y[:, j] - Y[:, j].mean()))
+        np.testing.assert_allclose(found[:, j], Y[:, j].mean() + A @ g, atol=1e-7)
+
+
+def test_levels_of_either_direction_share_nothing_across_standstill(rng):
+    X, _, torque, _ = motion(rng, runs=1, rows=400)
+    tables = make_tables(X, torque, SPEEDS, ALL)
+    start, end = tables.starts[3:5]
+    shared = np.linalg.inv(tables.single[start:end, start:end])
+    still = int(np.searchsorted(tables.states.edges[3], 0.0))
+    assert np.abs(shared[:still, still:]).max() < 1e-9
+    assert shared[0, 1] > 0.5
+
+
+def test_a_look_up_says_what_the_fits_behind_it_say(rng):
+    X, Y, _, _ = motion(rng, runs=2, rows=300)
+    load, Y = carried(X, Y)
+    data, tables = training(X, Y, load)
+    fits = fit_forms(data, tables)
+    options = (Option(PAIRS, 20.0), Option(PLSR, count=2), Option(MAIN, 200.0))
+    each = fits.forecasts(data, options)
+    lookup = fits.lookup(options)
+    expected = np.stack([each[j][:, j] for j in range(3)], axis=1)
+    got = lookup.predict(np.hstack([X, load]))
+    np.testing.assert_allclose(got, expected, atol=1e-9)
+    pls = fit_pls(X, Y)
+    by_scores = Y.mean(axis=0) + pls.transform(X)[:, :2] @ pls.Q.T[:2]
+    np.testing.assert_allclose(got[:, 1], by_scores[:, 1], atol=1e-9)
+
+
+def test_a_joint_that_carries_nothing_is_no_error(rng):
+    X, Y, _, run = motion(rng, runs=4, rows=600)
+    load, Y = carried(X, Y)
+    load[:, 2] = 0.0
+    lookup, options = chosen(X, Y, load, run)
+    assert [o.kind for o in options[:2]] == [PAIRS] * 2
+    assert np.isfinite(lookup.predict(np.hstack([X, load]))).all()
+
+
+def test_the_best_of_what_anyone_would_try_is_taken_unless_by_chance(rng):
+    """No joint gets what loses to nothing or a line on what was left out."""
+    X, friction, torque, run = motion(rng, runs=4, rows=500)
+    line = X @ rng.normal(size=(9, 3))
+    for Y in (line, friction, rng.normal(size=friction.shape)):
+        Y = Y + 0.5 * rng.normal(size=Y.shape)
+        data, tables = training(X, Y, torque)
+        _, options = chosen_tables(data, run, tables)
+        every = candidates(9)
+        left = np.zeros((len(every), 3))
+        for one in range(4):
+            out = run == one
+            fits, new = fit_forms(data.rows(~out), tables), data.rows(out)
+            left += ((new.Y - fits.forecasts(new, every)) ** 2).sum(axis=1)
+        ours = np.array([left[every.index(o), j] for j, o in enumerate(options)])
+        simple = [i for i, o in enumerate(every) if o.ridge is None]
+        assert (ours <= 1.02**2 * left[simple].min(axis=0)).all()
+
+
+def standing(rng):
+    """Noise, and at standstill friction that one sees in no other motion."""
+    X, Y, torque, run = motion(rng, runs=4, rows=400, friction=0.0, noise=0.1)
+    moving = np.abs(X[:, 3:6]) > 0.4
+    Y = np.where(moving, Y, -4 * np.sign(X[:, 3:6]))
+    return X, Y, torque, run, moving
+
+
+def test_a_line_and_a_step_in_motion_are_taught_at_standstill_too(rng):
+    X, Y, torque, _, moving = standing(rng)
+    friction = X @ np.ones((9, 3)) + 2 * np.sign(X[:, 3:6])
+    mixed, _ = training(X, np.where(moving, friction, Y), torque, moving)
+    taught = mixed.taught()
+    np.testing.assert_allclose(taught.Y, friction, atol=1e-9)
+    np.testing.assert_allclose(taught.taught().Y, taught.Y, atol=1e-9)
+
+
+def test_what_is_left_at_standstill_alone_is_no_table(rng):
+    X, Y, torque, run, moving = standing(rng)
+    _, options = chosen(X, Y, torque, run)
+    assert NONE not in {o.kind for o in options}
+    data, tables = training(X, Y, torque, moving)
+    taught = replace(data.taught(), moving=moving)
+    _, options = chosen_tables(taught, run, tables)
+    assert [o.kind for o in options] == [NONE] * 3
+
+
+@pytest.mark.parametrize(
+    ("X", "message"),
+    [
+        (np.full((9, 9), np.nan), "NaN or infinite in row 0"),
+        (np.ones((9, 9)), "constant over all 9 rows: q1 = 1"),
+    ],
+)
+def test_bad_input_is_refused(X, message):
+    with pytest.raises(InputError, match=message):
+        make_tables(X, np.ones((9, 3)), SPEEDS, ALL)
