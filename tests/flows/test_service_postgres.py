@@ -37,10 +37,10 @@ def database(tmp_path_factory):
     data, log = str(folder / "data"), str(folder / "log")
     ask("initdb", "-D", data, "-U", "modelgap", "-A", "trust")
     options = f"-p {port} -k {folder} -c listen_addresses=127.0.0.1"
-    ask("pg_ctl", "-D", data, "-l", log, "-o", options, "-w", "start")
+    ask("pg_ctl", "-D", data, "-l", log, "-o", options, "-t", "300", "start")
     ask("createdb", "-h", "127.0.0.1", "-p", port, "-U", "modelgap", "history")
     yield f"postgresql://modelgap:secret@127.0.0.1:{port}/history"
-    ask("pg_ctl", "-D", data, "-m", "immediate", "-w", "stop")
+    ask("pg_ctl", "-D", data, "-m", "immediate", "-t", "300", "stop")
 
 
 def test_up_status_and_down_with_a_history_in_postgresql(
