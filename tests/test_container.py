@@ -2,12 +2,18 @@
 
 import json
 import re
+from configparser import ConfigParser
+from pathlib import Path
 
 import pytest
+import yaml
 
+from flows.cli import main
 from flows.project.deployments import deployments
-from flows.settings import is_loopback
+from flows.service.request import DATABASE, database_url
+from flows.service.up import _CANCEL, _WAIT
 from tests.checkout import ROOT
+from warehouse.bucket import is_loopback
 
 TEXT = (ROOT / "Containerfile").read_text(encoding="utf-8")
 LINES = TEXT.replace("\\\n", " ").splitlines()
@@ -63,3 +69,33 @@ def test_a_wheel_has_copies_of_what_its_schedules_start(monkeypatch, tmp_path):
     for each in deployments(None)["deployments"]:
         file = each.get("parameters", {}).get("campaign_file")
         assert file is None or (tmp_path / file).is_file()
+
+
+def _block(page: str, language: str) -> str:
+    text = (ROOT / "docs" / page).read_text(encoding="utf-8")
+    return re.search(rf"```{language}\n(.*?)```", text, re.DOTALL)[1]
+
+
+def test_the_compose_file_builds_ours_and_shows_nothing_to_the_network():
+    services = yaml.safe_load(_block("container.md", "yaml"))["services"]
+    own, database = services["modelgap"], services["database"]
+    assert (ROOT / own["build"]["dockerfile"]).is_file()
+    assert database_url(own["environment"][DATABASE]).startswith(
+        "postgresql+asyncpg://"
+    )
+    assert own["volumes"] == [f"./store:{_values('VOLUME')[0]}"]
+    assert set(own["depends_on"]) == {"database"}
+    assert all(is_loopback(port.partition(":")[0]) for port in database["ports"])
+
+
+def test_the_unit_starts_a_command_that_stays_and_is_started_again():
+    unit = ConfigParser()
+    unit.optionxform = str
+    unit.read_string(_block("scheduling.md", "ini"))
+    service = unit["Service"]
+    program, *words = service["ExecStart"].split()
+    assert Path(program).name == "modelgap"
+    assert main([*words, "--help"]) == 0
+    # It ends with 1 where server or worker have ended, and takes its time to stop.
+    assert service["Restart"] == "on-failure"
+    assert float(service["TimeoutStopSec"]) > _WAIT + _CANCEL

@@ -10,7 +10,7 @@ import ipaddress
 import os
 import re
 from collections.abc import Iterator, Sequence
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from datetime import timedelta
 from textwrap import shorten
 from typing import Any
@@ -41,10 +41,9 @@ def parse(word: str) -> tuple[str, str]:
     plain = all(p not in (".", "..") and _PART.fullmatch(p) for p in parts)
     if scheme.lower() != "s3" or not _BUCKET.fullmatch(bucket) or not plain:
         raise InputError(
-            f"--store {word}: expected a folder, or s3://BUCKET/PREFIX for object "
-            "storage: BUCKET of 3 to 63 small letters, digits, dots and hyphens, "
-            "PREFIX of letters, digits and . _ = - between slashes. A folder is "
-            f"./{word}."
+            f"--store {word}: expected a folder, or s3://BUCKET/PREFIX; a folder of "
+            f"that name is ./{word}. BUCKET has 3 to 63 small letters, digits, dots "
+            "and hyphens, PREFIX letters, digits and . _ = - between slashes."
         )
     return bucket, prefix
 
@@ -52,10 +51,10 @@ def parse(word: str) -> tuple[str, str]:
 def settings() -> dict:
     """Return what `obstore.store.S3Store` takes beside bucket and prefix."""
     keys, profile = _profile() if not os.environ.get("AWS_ACCESS_KEY_ID") else ({}, {})
-    region = os.environ.get("AWS_REGION") or os.environ.get("AWS_DEFAULT_REGION")
-    region = region or profile.get("region") or "us-east-1"
-    endpoint = endpoint_url() or profile.get("endpoint_url")
-    return {"region": region, **keys, **_endpoint(endpoint)}
+    names = map(os.environ.get, ("AWS_REGION", "AWS_DEFAULT_REGION"))
+    region = next(filter(None, names), None) or profile.get("region") or "us-east-1"
+    endpoint = _endpoint(endpoint_url() or profile.get("endpoint_url"))
+    return {"region": region, **keys, **endpoint}
 
 
 def endpoint_url() -> str | None:
@@ -101,12 +100,10 @@ def _profile() -> tuple[dict, dict]:
         session = Session()
         provider = Boto3CredentialProvider(session)
         return {"credential_provider": provider}, session.get_scoped_config()
-    except BotoCoreError as error:
-        raise InputError(f"The AWS profile is not usable: {error}") from error
-    except ValueError as error:
+    except (BotoCoreError, ValueError) as error:
         raise InputError(
-            "There are no keys for the object storage. Set AWS_ACCESS_KEY_ID and "
-            "AWS_SECRET_ACCESS_KEY, or AWS_PROFILE."
+            f"There are no usable keys for the object storage ({error}). Set "
+            "AWS_ACCESS_KEY_ID and AWS_SECRET_ACCESS_KEY, or AWS_PROFILE."
         ) from error
 
 
@@ -169,7 +166,7 @@ class Bucket:
 
     def delete(self, keys: Sequence[str]) -> None:
         """Remove objects; one that is gone already is no error."""
-        with self._explained("delete"):
+        with self._explained("delete"), suppress(FileNotFoundError):
             self._obstore.delete(self._store, list(keys))
 
     @contextmanager
@@ -177,11 +174,8 @@ class Bucket:
         try:
             yield
         except (self._obstore.exceptions.BaseError, OSError) as error:
-            gone = isinstance(error, FileNotFoundError)
-            if gone and _NO_BUCKET in str(error):
+            if _NO_BUCKET in str(error):
                 raise InputError(f"There is no bucket for {self.url}.") from error
-            if gone and what == "delete":  # a server that tells of what is gone
-                return
             short = shorten(str(error).split("Debug source")[0], 200)
             raise InputError(
                 f"{self.url} does not let us {what}: {short}. Check the endpoint "

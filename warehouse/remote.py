@@ -2,17 +2,14 @@
 
 Every part of the program takes a store as a folder. Of a store in a bucket that is a
 folder of this machine: for what is being written, what was fetched to be read, and what
-makes no sense in a bucket, such as Prefect's database. Nothing that was committed is
-ever changed, so what was fetched is right for ever and may be deleted.
+makes no sense in a bucket, such as Prefect's database. What is committed never changes,
+so what was fetched is right for ever and may be deleted.
 
 A record is there where `commits/<its folder>.json` is, which is its list of sums: it is
-put last, under the condition that there is none. Before that put nothing of a record is
-visible, after it all of it is; what a kill leaves are objects that nothing names. The
-hash of a file is in its key, so that two writers of one record never write into each
-other's files, whatever is in them.
+put last, if there is none; what a kill leaves before are objects that nothing names.
+The hash of a file is in its key: two writers of one record share no file.
 
-Whatever asks the bucket raises InputError where it does not answer, or gives what is
-damaged.
+What asks the bucket raises InputError where it does not answer, or gives other bytes.
 """
 
 import hashlib
@@ -40,6 +37,7 @@ _AT_ONCE = 8
 _PLAIN = (QUARANTINE, "made_with")
 # Names in a bucket become paths here, so they are what we write, letter by letter.
 _RECORD = re.compile(r"[a-z]+(/robot=[a-z0-9_-]{1,40})?/[a-z0-9_]+=[0-9a-f]{1,64}")
+_THERE = {name for name in FOLDERS if not name.startswith("_")}
 _open: dict[str, Bucket] = {}
 _writable: set[str] = set()
 _real = lru_cache(os.path.realpath)
@@ -48,31 +46,11 @@ _real = lru_cache(os.path.realpath)
 def identity_of(bucket: Bucket) -> str | None:
     """Return the identity of the store in a bucket, None where there is no store."""
     text = bucket.get(IDENTITY)
-    try:
-        known = None if text is None else json.loads(text)
+    with suppress(ValueError, KeyError, TypeError):
+        known = json.loads(text or b"null")
         if known is None or known["schema"] == _FORM:
             return known and str(known["store"])
-    except (ValueError, KeyError, TypeError):
-        pass
     raise InputError(f"{IDENTITY} in the bucket is of no store of this version.")
-
-
-def _make_identity(bucket: Bucket) -> str | None:
-    """Make a store in a bucket if there is none, and try its server's condition.
-
-    A server that takes the same put twice ignores the condition, and would let two
-    writers of one record believe that they were first. Such servers exist.
-    """
-    new = json.dumps({"schema": _FORM, "store": uuid.uuid4().hex}).encode()
-    bucket.put_if_absent(IDENTITY, new)
-    if bucket.put_if_absent(IDENTITY, bucket.get(IDENTITY) or new):
-        raise InputError(
-            f"The server of {bucket.url} ignores the condition of a put "
-            "(If-None-Match): of eight writers of one record all eight would believe "
-            f"to be the first. Nothing but {IDENTITY} was written. Use one that keeps "
-            "it: AWS S3, SeaweedFS, MinIO (docs/object_storage.md)."
-        )
-    return identity_of(bucket)
 
 
 def folder_of(word: str) -> Path:
@@ -107,10 +85,22 @@ def bucket_of(store: Path) -> Bucket | None:
 
 
 def writable(store: Path) -> Bucket:
-    """Return the bucket of a folder, made a store, and known to keep conditions."""
+    """Return the bucket of a folder, made a store, and known to keep conditions.
+
+    A server that takes the same put twice ignores the condition, and would let two
+    writers of one record believe that they were first. Such servers exist.
+    """
     bucket = bucket_of(store)
     if str(store) not in _writable:
-        _note(store, bucket, _make_identity(bucket))
+        new = json.dumps({"schema": _FORM, "store": uuid.uuid4().hex}).encode()
+        bucket.put_if_absent(IDENTITY, new)
+        if bucket.put_if_absent(IDENTITY, bucket.get(IDENTITY) or new):
+            raise InputError(
+                f"The server of {bucket.url} ignores the condition of a put "
+                "(If-None-Match): every writer of a record would be the first. Use one "
+                "that keeps it: AWS S3, SeaweedFS, MinIO (docs/object_storage.md)."
+            )
+        _note(store, bucket, identity_of(bucket))
         _writable.add(str(store))
     return bucket
 
@@ -127,17 +117,11 @@ def place_of(path: Path) -> tuple[Path, str] | None:
     if not text.startswith(root + os.sep):
         return None
     name, _, key = text[len(root) + 1 :].partition(os.sep)
-    top = key.partition("/")[0]
-    if top.startswith("_") or top not in FOLDERS:
-        return None
-    return Path(root, name), key
+    return (Path(root, name), key) if key.partition("/")[0] in _THERE else None
 
 
 def is_here(folder: Path) -> bool:
-    """Return whether there is a record, of a bucket only if its sums were fetched.
-
-    For who is about to commit: the condition of his put asks the bucket.
-    """
+    """Return whether there is a record, of a bucket only if its sums were fetched."""
     return (folder / SUMS).is_file() if place_of(folder) else folder.is_dir()
 
 
@@ -243,28 +227,23 @@ def upload(folder: Path, target: Path) -> bool:
 def upload_file(path: Path, target: Path) -> bool:
     """Put a file by itself into a bucket; False where its place is in a folder."""
     place = place_of(target)
-    if place is None:
-        return False
-    bucket, data = writable(place[0]), path.read_bytes()
-    if not bucket.put_if_absent(place[1], data):
-        data = bucket.get(place[1]) or data
-    keep(target, data)
-    return True
+    if place:
+        writable(place[0]).put_if_absent(place[1], path.read_bytes())
+        bring_file(target)
+    return place is not None
 
 
 def bring_index(path: Path) -> None:
     """Fetch a file of the catalogue anew, which others may have written again."""
-    bucket = bucket_of(path.parent.parent)
-    if bucket and (data := bucket.get(f"{INDEX}/{path.name}")) is not None:
-        keep(path, data)
-    elif bucket:
+    if bucket := bucket_of(path.parent.parent):
         path.unlink(missing_ok=True)
+        if data := bucket.get(f"{INDEX}/{path.name}"):
+            keep(path, data)
 
 
 def put_index(path: Path, instead: Sequence[Path] = ()) -> None:
     """Put a file of the catalogue into the bucket, if any, in place of others."""
-    bucket = bucket_of(path.parent.parent)
-    if bucket:
+    if bucket := bucket_of(path.parent.parent):
         bucket.put(f"{INDEX}/{path.name}", path.read_bytes())
         bucket.delete([f"{INDEX}/{each.name}" for each in instead])
 
@@ -282,12 +261,6 @@ def fetched_anew(store: Path) -> Iterator[Path]:
     finally:
         del _open[place.name]
         shutil.rmtree(place, ignore_errors=True)
-
-
-def drop(folder: Path) -> None:
-    """Forget what was fetched of a record; of a store in a folder all of it stays."""
-    if place_of(folder):
-        shutil.rmtree(folder, ignore_errors=True)
 
 
 def _commit_key(folder: str) -> str:

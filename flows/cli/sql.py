@@ -54,6 +54,8 @@ class Sql(requests.Request):
         format: How to print the answer; parquet needs --out on a terminal.
         out: File for the answer, not among the records of the store.
         timeout: Seconds that a query may take; inf for no end.
+        check: Whether samples are checked as they are read. Without it questions about
+            all samples are faster, and a flipped bit is not seen (docs/sql.md).
         without_damaged: Answer from what is whole, and say what was left out.
         attach: Write a DuckDB database of the views, for DuckDB itself, DBeaver or a
             notebook. It reads the files of the store, is an export outside of it, and
@@ -67,6 +69,7 @@ class Sql(requests.Request):
     format: requests.Format = "table"
     out: requests.File = None
     timeout: requests.Seconds = 60.0
+    check: Annotated[bool, Parameter(negative="--no-check")] = True
     without_damaged: requests.Flag = False
     attach: requests.File = None
     store: requests.Store = None
@@ -127,11 +130,11 @@ def sql(
     elif request.named == LIST:
         _give(named_table(), format, out)
     elif not any(chosen) and sys.stdin.isatty():
-        with open_store(request.store) as opened:
+        with open_store(request.store, request.check) as opened:
             prompt(opened, format, **how)
     else:
         text, values = _query_of(request)
-        with open_store(request.store) as opened:
+        with open_store(request.store, request.check) as opened:
             _give(opened.sql(text, values, **how), format, out)
             tell_damage(opened)
 

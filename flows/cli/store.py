@@ -3,21 +3,20 @@
 import json
 import sys
 from collections.abc import Iterable
-from pathlib import Path
 from typing import Annotated, Literal
 
 from cyclopts import Parameter
 
 from flows.cli.app import check_between
 from flows.report.answers import check_shown, print_table, tell_damage
-from flows.requests import Folder, Format, Name, Number, Store, Tags, Text
+from flows.requests import Format, Name, Number, Store, Tags, Text
 from flows.settings import store_folder
 from residual.errors import InputError
 from warehouse.layout import find, read_record
 from warehouse.quarantine import quarantine as set_aside
 from warehouse.quarantine import tombstone
 from warehouse.query import store as opening
-from warehouse.query.lineage import move_away, old_runs
+from warehouse.query.lineage import old_runs
 from warehouse.query.views import text as quoted
 from warehouse.runs import read_manifest
 
@@ -77,36 +76,31 @@ def prune(
     older_than: Annotated[float, Parameter(metavar="DAYS")],
     robot: Name = None,
     keep_tag: Tags = (),
-    move: Folder = None,
     store: Store = None,
 ) -> None:
-    """List old runs that nothing refers to, or move them out of the store.
+    """List old runs that nothing refers to, with the folders that they are.
 
     ```
     modelgap prune --older-than 90
-    modelgap prune --older-than 90 --keep-tag healthy --move /archive/2026
+    modelgap prune --older-than 90 --keep-tag healthy
     ```
 
-    Nothing is ever deleted. A run stays while a model, diagnosis, validation or
-    adoption was made from it, or it raised an alarm. Without --move it is only listed,
-    with its size. What is moved keeps its place in the other folder, which modelgap
-    reads as a store (--store); a kill leaves a run in one of them, or in both, whole.
+    Nothing is moved or deleted. A run is not listed while a model, diagnosis,
+    validation or adoption was made from it, or it raised an alarm. A folder that has
+    them at the same places is a store too (docs/store.md).
 
     Args:
         older_than: Age in days, by the time of recording, else of the commit.
         robot: Only of the robot of this name.
         keep_tag: Runs with this tag stay; may be given several times.
-        move: Folder outside of the store to move them to.
     """
     check_between("--older-than", older_than, 0.0, 1e5)
     place = store_folder(store)
     found = old_runs(place, older_than, robot, keep_tag)
     for old in found:
-        where = move_away(place, old, Path(move)) if move else "may be moved"
-        print(f"{old.id}  {old.size / 1e6:8.2f} MB  {where}", flush=True)
-    word = "moved" if move else "to move with --move FOLDER"
+        print("\n".join(old.places))
     size = sum(old.size for old in found)
-    print(f"{len(found)} runs of {size / 1e6:.1f} MB {word}")
+    print(f"{len(found)} runs of {size / 1e6:.1f} MB", file=sys.stderr)
 
 
 def quarantine(id: str, /, *, reason: Text, store: Store = None) -> None:

@@ -89,7 +89,7 @@ def _simulated(project: Project, robot: RobotTable) -> dict:
             "held_out": robot.held_out,
             "auto": robot.auto,
         },
-        entry="flows.scheduled.flows.",
+        entry="flows.scheduled.nightly.",
         schedules=_cron(robot.nightly, robot.timezone, "nightly"),
     )
 

@@ -25,7 +25,6 @@ from flows.settings import HEALTHY, cores, store_folder
 from flows.steps import calibrate as calibration
 from flows.steps import campaign as campaigns
 from flows.steps import diagnose as diagnosis
-from flows.steps import diff as verification
 from flows.steps import identify as identification
 from flows.steps import monitor as monitoring
 from flows.steps import rerun as reruns
@@ -220,12 +219,3 @@ def report(ids: list[str], store: str) -> str:
     artifacts.verdict(name, page, stored.words(ids[1], Path(store)))
     artifacts.rename(name)
     return str(page)
-
-
-def verify(store: str | None = None) -> list[str]:
-    """Read the whole store and return what is in it; fail where a byte is another."""
-    log, out = get_run_logger(), []
-    for line in verification.verify(store_folder(store)):
-        log.info(line)
-        out.append(line)
-    return out

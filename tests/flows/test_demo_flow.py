@@ -5,6 +5,7 @@ import logging
 from pathlib import Path
 from types import SimpleNamespace
 
+import numpy as np
 import pytest
 import yaml
 
@@ -12,11 +13,12 @@ from flows.requests import Campaign
 from flows.settings import API, PAGES, quiet_prefect
 from flows.steps import campaign
 from flows.steps.experiment import run_id_of
-from flows.workers.processes import Here
+from flows.workers.processes import RUNNER, Here, local_cluster
 from residual.errors import InputError, RunError
 from tests.flows.faked_night import NAME, faked
 from tests.waiting import until
 from warehouse.ids import record_folder
+from warehouse.runs import read_channels
 
 ROOT = Path(__file__).parents[2]
 
@@ -26,9 +28,9 @@ pytestmark = pytest.mark.prefect
 @pytest.fixture
 def flows(server):
     """All flows, loaded only now: Prefect takes its settings when it is."""
-    from flows.scheduled import flows
+    from flows.scheduled import nightly
 
-    return flows
+    return nightly
 
 
 @pytest.fixture
@@ -176,6 +178,27 @@ def test_a_large_campaign_has_some_experiments_in_each_task(
     flows.run_campaign(Campaign(str(tmp_path / "C.toml"), store=tmp_path / "store"))
     assert asked[0] == ("seed=0 and 2 more", 3)
     assert (len(asked), sum(count for _, count in asked)) == (134, 402)
+
+
+@pytest.mark.long
+def test_dask_makes_the_same_runs_with_the_same_bits(
+    flows, tmp_path, monkeypatch, compiled_plant
+):
+    from prefect_dask import DaskTaskRunner
+
+    monkeypatch.setenv("PYTHONPATH", str(ROOT))
+    path, stores = tmp_path / "C.toml", (tmp_path / "threads", tmp_path / "dask")
+    path.write_text("[trajectory]\nduration = 2.0\n[grid]\nseed = [1, 2, 3]\n")
+    ids = flows.campaign(str(path), store=str(stores[0]))
+    monkeypatch.setenv(RUNNER, "dask")
+    two = DaskTaskRunner(cluster_kwargs=local_cluster() | {"n_workers": 2})
+    by_dask = flows.campaign.with_options(task_runner=two)
+    assert by_dask(str(path), store=str(stores[1])) == ids
+    assert len(ids) == 3
+    for id in ids:
+        here, there = (read_channels(store, id) for store in stores)
+        assert here.keys() == there.keys()
+        assert all(np.array_equal(here[name], there[name]) for name in here)
 
 
 def test_a_rerun_that_is_not_reproduced_fails_its_flow(flows, monkeypatch, tmp_path):

@@ -5,19 +5,16 @@ it, or an alarm was raised on it. That it was only looked at (watched without an
 or listed in a batch) binds nothing; an old one may go to a folder that keeps it.
 """
 
-import os
-import shutil
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from datetime import UTC, datetime, timedelta
 from pathlib import Path
 
-from residual.errors import InputError
-from warehouse.files import staged
+from warehouse.files import read_sums
 from warehouse.ids import check_id, seal_folder
 from warehouse.layout import find, find_run
 from warehouse.query.store import Store, open_store
-from warehouse.remote import bucket_of, shown
+from warehouse.remote import is_there
 from warehouse.schema import KINDS
 
 LOOKED_AT = ("batch", "watched")
@@ -89,8 +86,8 @@ class Old:
     """A run that nothing refers to."""
 
     id: str
-    folder: Path
     size: int  # bytes of its files
+    places: tuple[str, ...]  # its folder in the store, and that of its sealed half
 
 
 def old_runs(
@@ -105,34 +102,11 @@ def old_runs(
     asked = {"before": before, "robot": robot, "keep": list(keep)}
     with open_store(store) as opened:
         found = opened.sql(_QUERY, asked | {"looked_at": list(LOOKED_AT)})
-    folders = [find_run(store, id) for id in found.column(0).to_pylist()]
-    return [
-        Old(run.id, run.folder, sum(p.stat().st_size for p in run.folder.iterdir()))
-        for run in folders
-    ]
+    return [_old(store, id) for id in found.column(0).to_pylist()]
 
 
-def move_away(store: Path, old: Old, to: Path) -> Path:
-    """Move a run into another folder, at the place that it had in the store.
-
-    Copied first, and out of the store at once: a kill leaves it in the store or in
-    both, whole. Its sealed half goes with it.
-    """
-    to = to.resolve()
-    if bucket_of(store):
-        raise InputError(f"{shown(store)} is in a bucket, of which nothing is moved.")
-    if to == store or store in to.parents:
-        raise InputError(f"{to} is in the store {store}. Give a folder outside of it.")
-    seal = seal_folder(store, old.id)
-    parts = [old.folder, *([seal] if seal.is_dir() else [])]
-    for part in parts:
-        target = to / part.relative_to(store)
-        draft = target.with_name(f".{target.name}.part")
-        shutil.rmtree(draft, ignore_errors=True)
-        shutil.copytree(part, draft)
-        shutil.rmtree(target, ignore_errors=True)
-        os.replace(draft, target)
-    for part in parts:
-        with staged(store, "moved") as folder:
-            os.replace(part, folder / part.name)
-    return to / old.folder.relative_to(store)
+def _old(store: Path, id: str) -> Old:
+    seal = seal_folder(store, id)
+    parts = [find_run(store, id).folder, *([seal] if is_there(seal) else [])]
+    size = sum(each["bytes"] for part in parts for each in read_sums(part).values())
+    return Old(id, size, tuple(part.relative_to(store).as_posix() for part in parts))

@@ -230,10 +230,16 @@ def _fill(made: duckdb.DuckDBPyConnection, store: Path) -> None:
     for name, query in catalogue_views().items():
         made.execute(f"CREATE VIEW {name} AS {query}")
     most = made.sql("SELECT max(dof) FROM catalogue.runs").fetchall()[0][0]
-    columns = arrow_schema(sample_columns(max(most or 0, DEFAULT_DOF)))
-    where = _glob(store, folders["runs"], SAMPLES_FILE)
-    view = _typed(made, "samples", columns, where)
-    made.execute(f"CREATE VIEW samples AS {view}")
+    view_samples(made, store, folders["runs"], max(most or 0, DEFAULT_DOF))
+
+
+def view_samples(
+    made: duckdb.DuckDBPyConnection, store: Path, folders: Mapping[str, str], dof: int
+) -> None:
+    """Make the view of all samples by DuckDB's own reader, which checks nothing."""
+    where = _glob(store, folders, SAMPLES_FILE)
+    view = _typed(made, "samples", arrow_schema(sample_columns(dof)), where)
+    made.execute(f"CREATE OR REPLACE VIEW samples AS {view}")
 
 
 def _glob(store: Path, folders: Mapping[str, str], file: str) -> str | None:
@@ -253,7 +259,7 @@ def _typed(made, name: str, fields, where: str | None) -> str:
     """Return a query for some columns, whatever the files at hand have of them."""
     # An empty table says the types, also of columns that no file has.
     made.register("_none", fields.empty_table())
-    made.execute(f"CREATE TABLE catalogue.no_{name} AS FROM _none")
+    made.execute(f"CREATE OR REPLACE TABLE catalogue.no_{name} AS FROM _none")
     made.unregister("_none")
     names = ", ".join(f'"{field.name}"' for field in fields)
     if where is None:

@@ -15,6 +15,7 @@ from flows.scheduled import artifacts, loop, tasks
 from flows.scheduled import project as projects
 from flows.settings import HEALTHY, cores, store_folder
 from flows.steps import campaign as campaigns
+from flows.steps import diff as verification
 from flows.workers.processes import Processes, chosen_runner
 from residual.errors import RunError
 from residual.threads import one_blas_thread
@@ -168,7 +169,18 @@ def rerun(id: str, verify: bool = True, store: str | None = None) -> list[str]:
     return tasks.rerun(id, verify, store)
 
 
-verify = flow(tasks.verify, timeout_seconds=_LIMIT)
+@flow(name="verify", flow_run_name="verify", timeout_seconds=_LIMIT)
+def verify(store: str | None = None) -> list[str]:
+    """Read the whole store and return what is in it; fail where a byte is another.
+
+    Args:
+        store: Folder of the store; else $MODELGAP_STORE, else ./store.
+    """
+    log, out = get_run_logger(), []
+    for line in verification.verify(store_folder(store)):
+        log.info(line)
+        out.append(line)
+    return out
 
 
 def _second() -> int:
