@@ -117,6 +117,7 @@ BAD |= {
     words.replace("V", verb, 1): message.replace("V", verb)
     for words, message in OF_ALL.items()
     for verb in VERBS
+    if not (verb == "check" and "--declared" in words)  # it takes none
 }
 
 
