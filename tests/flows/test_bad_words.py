@@ -90,7 +90,7 @@ BAD = {
     f"import A.csv {ROBOT} --serial a/b": "expected a text of 1 to 40 letters",
     "runs --store s3:/robots/cell": "a folder, or s3://BUCKET/PREFIX",
     "runs --store gs://robots/cell": "a folder, or s3://BUCKET/PREFIX",
-    "runs --store s3://r/cell": "BUCKET of 3 to 63",
+    "runs --store s3://r/cell": "BUCKET has 3 to 63",
     "runs --store nowhere": "There is no store at",
     "runs --limit 0": "expected 1 or more",
     "runs --format xml": "--format",

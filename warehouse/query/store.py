@@ -10,7 +10,7 @@ import pyarrow as pa
 
 from residual.errors import InputError
 from warehouse.bucket import is_address
-from warehouse.catalogue import read_catalogue
+from warehouse.catalogue import Catalogue, read_catalogue
 from warehouse.files import check_file
 from warehouse.quarantine import quarantined
 from warehouse.query.guard import (
@@ -152,17 +152,14 @@ class Store:
         lock(self._connection)
         self._left_out: dict[str, str] = {}
         self._samples: Samples | None = None
-        self._quarantined = quarantined(path)
-        self._catalogue = read_catalogue(path)
-        self._table("signals", signal_rows())
-        self._load_quarantined()
-        self._load_catalogue()
-        for name, query in catalogue_views().items():
-            self._connection.execute(f"CREATE VIEW {name} AS {query}")
+        self._quarantined: frozenset[str] = frozenset()
+        self._catalogue: Catalogue | None = None  # until somebody asks
 
     @property
     def damaged(self) -> tuple[str, ...]:
         """One line for each file that cannot be read and is left out."""
+        if self._catalogue is None:
+            self.refresh()
         listed = self._catalogue.damaged.values()
         return (*(line for lines in listed for line in lines), *self._left_out.values())
 
@@ -204,15 +201,20 @@ class Store:
                     raise InputError(needs_damaged(self._left_out.values()))
 
     def refresh(self) -> None:
-        """See what was committed or quarantined since."""
-        marked = quarantined(self.path)
-        if marked != self._quarantined:
+        """See what is committed or quarantined by now."""
+        marked, first = quarantined(self.path), self._catalogue is None
+        if first or marked != self._quarantined:
             self._quarantined = marked
-            self._load_quarantined()
+            ids = pa.array(sorted(marked), TEXT)
+            self._table("quarantine", pa.table({"run_id": ids}))
         catalogue = read_catalogue(self.path, self._catalogue)
         if catalogue is not self._catalogue:
             self._catalogue = catalogue
             self._load_catalogue()
+        if first:
+            self._table("signals", signal_rows())
+            for name, query in catalogue_views().items():
+                self._connection.execute(f"CREATE VIEW {name} AS {query}")
 
     def close(self) -> None:
         """Let go of the connection."""
@@ -268,10 +270,6 @@ class Store:
             f"CREATE OR REPLACE TABLE catalogue.{name} AS FROM _rows"
         )
         self._connection.unregister("_rows")
-
-    def _load_quarantined(self) -> None:
-        ids = pa.array(sorted(self._quarantined), TEXT)
-        self._table("quarantine", pa.table({"run_id": ids}))
 
     def _load_catalogue(self) -> None:
         for kind, rows in self._catalogue.rows.items():

@@ -112,7 +112,7 @@ def test_killed_at_any_change_nothing_partial_is_visible(memory, tmp_path):
         at += 1
     assert run == last
     assert check(other) == (1, 1, 1)
-    assert at > 15
+    assert at > 12
     assert seen == {(0, 0, 0), (1, 0, 0), (1, 1, 0), (1, 1, 1)}
 
 
