@@ -183,7 +183,7 @@ def fit_forms(
         counts: Returns Z'Z of the rows, where there is a shorter way to it.
     """
     lines = [
-        fit_linear(rows.X[moves], rows.Y[moves][:, [j]])
+        _least_squares(rows.X[moves], rows.Y[moves][:, [j]])
         for j, moves in enumerate(rows.counted.T)
     ]
     offset, slope = (np.concatenate(part, axis=-1) for part in zip(*lines, strict=True))
@@ -196,6 +196,16 @@ def fit_linear(X: Array, Y: Array) -> tuple[Array, Array]:
     mean, scale = X.mean(axis=0), X.std(axis=0)
     scale = np.where(scale > 0, scale, 1.0)
     slope = np.linalg.lstsq((X - mean) / scale, Y - Y.mean(axis=0), rcond=None)[0]
+    slope = slope / scale[:, None]
+    return Y.mean(axis=0) - mean @ slope, slope
+
+
+def _least_squares(X: Array, Y: Array) -> tuple[Array, Array]:
+    """The same from products of columns: a tenth of the time, half of the digits."""
+    mean, scale = X.mean(axis=0), X.std(axis=0)
+    scale = np.where(scale > 0, scale, 1.0)
+    Z = (X - mean) / scale
+    slope = np.linalg.lstsq(Z.T @ Z, Z.T @ (Y - Y.mean(axis=0)), rcond=None)[0]
     slope = slope / scale[:, None]
     return Y.mean(axis=0) - mean @ slope, slope
 

@@ -179,15 +179,17 @@ def try_forms(
         shown: A fold whose corrections are kept.
     """
     fitted, held, power_fitted, paper, forecasts = [], [], [], [], None
-    every = counts = None
+    every = counts = once = None
     seconds = np.zeros((len(options), int(rows.second.max()) + 1, len(rows.joints)))
     for fold, (kept, out) in enumerate(scheme.split(rows)):
         Y = response(scheme.left_out[fold])
         if every is None or scheme.unseen:
             every = training_of(rows, Y, tables)
             counts = None if scheme.unseen else pair_counts(every.Z)
+            # What stands says what all rows in motion say, where rows are held out.
+            once = None if scheme.unseen or form is not None else every.taught()
         known, new = every.rows(kept), every.rows(out)
-        taught = known.taught()
+        taught = known.taught() if once is None else once.rows(kept)
         own = None
         if counts is not None:  # of few rows less than of many
             own = partial(_less, counts, every.Z[out])
