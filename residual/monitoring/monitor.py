@@ -249,7 +249,9 @@ def _alarms(log: Sight, values: Array, limits: Array) -> tuple[Alarm, ...]:
     return tuple(out)
 
 
-def _named(t: Array, ratio: Array, values: Array, first: int, stop: int):
+def _named(
+    t: Array, ratio: Array, values: Array, first: int, stop: int
+) -> tuple[int, int]:
     """Return the kind and the joint from 0 that name an alarm of some rows.
 
     The surest kind that crosses within the next moment, else the collected error that

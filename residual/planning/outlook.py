@@ -66,31 +66,24 @@ class Refit:
         return scale * cho_solve((self.factor, True), scale * right)
 
 
-def gap(gram: Array, a: Rival, b: Refit) -> float:
-    """What B, refitted, leaves of the difference of the two means, squared [2 nats].
+def expected_nats(gram: Array, a: Refit, b: Refit) -> float:
+    """Expected log Bayes factor of A against B, A at its found size being true [nats].
+
+    0.5 (d' S_B^-1 d + tr S_B^-1 - tr S_A^-1 + ln det S_B - ln det S_A); below 0 where B
+    says more surely what A says, too. The first part is what B, refitted, leaves of the
+    difference d of the two means.
 
     Args:
         gram: Gram of the shared columns, whitened. Shape (m, m).
     """
     apart = np.zeros(len(gram))
-    apart[a.columns] += a.mean
+    apart[a.rival.columns] += a.rival.mean
     apart[b.rival.columns] -= b.rival.mean
     seen = gram @ apart
     pull = seen[b.rival.columns]
-    return max(float(apart @ seen - pull @ b.solve(pull)), 0.0)
-
-
-def expected_nats(gram: Array, a: Refit, b: Refit) -> float:
-    """Expected log Bayes factor of A against B, A at its found size being true [nats].
-
-    0.5 (d' S_B^-1 d + tr S_B^-1 - tr S_A^-1 + ln det S_B - ln det S_A); below 0 where B
-    says more surely what A says, too.
-
-    Args:
-        gram: Gram of the shared columns, whitened. Shape (m, m).
-    """
+    gap = max(float(apart @ seen - pull @ b.solve(pull)), 0.0)
     certainty = a.learned - b.learned + b.log_det - a.log_det
-    return 0.5 * (gap(gram, a.rival, b) + certainty)
+    return 0.5 * (gap + certainty)
 
 
 def log_evidence(products: Array, gram: Array, b: Refit) -> Array:
@@ -143,13 +136,11 @@ class Outlook:
 
     Attributes:
         nats: Expected evidence of each pair that a motion can tell apart [nats].
-        least: The least of them; 0 where there is no such pair.
         share: Of the evidence that the pairs still need, how much the worst of them
             gets: at 1 all are expected to be apart.
     """
 
     nats: Mapping[Pair, float]
-    least: float
     share: float
 
     @property
@@ -178,7 +169,7 @@ def outlook(
             need = contest.enough - contest.lead(a, b)
             shares.append(value / need if need > 0 else np.inf)
     share = float(min(shares, default=0.0))
-    return Outlook(nats, min(nats.values(), default=0.0), share)
+    return Outlook(nats, share)
 
 
 @dataclass(frozen=True, slots=True)

@@ -73,7 +73,10 @@ class Course:
             rate: Samples per second [Hz].
         """
         signals = question.signals
-        rows = np.sqrt(signals.rate / rate) * _whitened(question, motion, rate)
+        t = signals.start + np.arange(len(motion[0])) / rate
+        columns = every_column(question, question.seen_with.state(rate, t, motion))
+        weight = np.sqrt(signals.information * ~standing(question, motion[1], rate))
+        rows = np.sqrt(signals.rate / rate) * (weight[:, :, None] * columns)
         return cls(rows, rate, opening, signals.edge)
 
     def gram(self, seconds: float) -> Array:
@@ -89,15 +92,6 @@ class Course:
     def _part(self, first: int, last: int) -> Array:
         flat = self.rows[first : max(last, first)].reshape(-1, self.rows.shape[2])
         return flat.T @ flat
-
-
-def _whitened(question: Question, motion: Sequence[Array], rate: float) -> Array:
-    """The shared columns in units of the noise, 0 where a joint stands. (n, dof, m)."""
-    signals = question.signals
-    t = signals.start + np.arange(len(motion[0])) / rate
-    columns = every_column(question, question.seen_with.state(rate, t, motion))
-    weight = signals.information * ~standing(question, motion[1], rate)
-    return np.sqrt(weight)[:, :, None] * columns
 
 
 def every_column(question: Question, state: State) -> Array:
