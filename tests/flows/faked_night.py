@@ -21,7 +21,7 @@ def faked(monkeypatch, tmp_path):
 
     To be called when Prefect has its settings.
     """
-    from flows.scheduled import artifacts, flows, loop, tasks
+    from flows.scheduled import artifacts, loop, nightly, tasks
     from flows.scheduled import project as projects
 
     page = tmp_path / "report.html"
@@ -40,7 +40,7 @@ def faked(monkeypatch, tmp_path):
     runs = {"fit": ["aa", "bb"], "held_out": ["cc"]}
     take(stored, "diagnosis_page", page)
     take(stored, "words", "Nothing is missing.")
-    take(flows, "run_campaign", SimpleNamespace(new=("aa",), failed={}))
+    take(nightly, "run_campaign", SimpleNamespace(new=("aa",), failed={}))
     monkeypatch.setattr(campaign, "by_role", lambda *_: runs)
     monkeypatch.setattr(projects, "read_verdict", lambda *_: typed({}))
     monkeypatch.setattr(diagnose, "request_of", lambda *asked: asked)
