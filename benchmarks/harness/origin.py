@@ -18,7 +18,7 @@ from pathlib import Path
 ROOT = Path(__file__).resolve().parents[2]
 RESULTS = ROOT / "benchmarks" / "results"
 # The floors above the method (pyproject.toml), which it cannot import.
-_ABOVE = ("calibration", "export", "identification", "monitoring")
+_ABOVE = ("export", "identification", "monitoring")
 _CORE = ROOT / "residual"
 _METHOD = tuple(
     sorted(
