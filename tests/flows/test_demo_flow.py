@@ -256,6 +256,7 @@ def test_every_deployment_names_a_flow_and_parameters_that_exist(server):
         flow = getattr(import_module(module), name)
         known = set(flow.parameters.properties)
         own = deployment.get("parameters", {})
+        assert flow.to_deployment("served", parameters=own).flow_name == flow.name
         more = [*deployment["schedules"], *deployment.get("triggers", [])]
         for given in (own, *(each.get("parameters", {}) for each in more)):
             assert set(given) <= known, deployment["name"]
