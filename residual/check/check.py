@@ -15,7 +15,6 @@ from residual.check.kinematics import (
     velocity_faults,
     zero_explains,
 )
-from residual.check.late import commanded, filtered
 from residual.check.motion import Motion, thin_rows
 from residual.check.mounting import REMOVED, mounting, nats_of
 from residual.check.physics import misread, other_time, wrong_robot
@@ -38,6 +37,7 @@ from residual.check.samples import (
     wraps,
 )
 from residual.check.slips import Slips, slips
+from residual.check.torque_source import commanded, filtered
 from residual.errors import InputError, listed
 from residual.recording import Recording
 from residual.robot.dynamics import joints_length

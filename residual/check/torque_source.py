@@ -1,4 +1,4 @@
-"""Torque that is smoothed at its source, late, or was never measured."""
+"""Torque that is smoothed at its source, or was never measured."""
 
 from collections.abc import Sequence
 from dataclasses import replace
