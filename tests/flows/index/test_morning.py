@@ -186,7 +186,7 @@ def loaded(log, known):
 def test_four_loads_and_a_refused_log_are_one_story_from_the_inbox_on(project, capsys):
     (project.folder / "arm.urdf").write_text(urdf_text(AXES))
     known, places = truth(), [inbox.folder for inbox in inboxes(project)]
-    for k, log in enumerate(logs(3, noise=0.5, seed=1)):
+    for k, log in enumerate(logs(8, noise=0.5, seed=1)):
         write_csv(places[1] / f"good_{k}.csv", log)
     write_csv(places[0] / "usual.csv", logs(1, noise=0.5, seed=2)[0])
     assert main(["inbox", "--once"]) == 0  # what alarms are judged by later
@@ -198,7 +198,7 @@ def test_four_loads_and_a_refused_log_are_one_story_from_the_inbox_on(project, c
     said = capsys.readouterr().out
     assert "4 of 4 new runs alarm" in said
     assert "lacks a payload at the flange" in said
-    assert "(4 new runs against 3 healthy runs)" in said
+    assert "(4 new runs against 8 healthy runs)" in said
     with open_store(project.store) as opened:
         rows = opened.sql("SELECT verdict FROM diagnoses ORDER BY created").to_pylist()
     assert [row["verdict"] for row in rows] == ["none", "effects"]
