@@ -3,8 +3,8 @@
 Prefect checks the key of what is asked below /api. But it takes a body without
 Content-Type as JSON, reads a body to its end before it looks at it, answers to any Host
 and any page, and fails on a first message of a WebSocket that is no JSON object.
-`Guard` refuses these before Prefect sees anything.
-Starlette's own check of hosts knows no port, no second Host header and no IPv6.
+`Guard` refuses these before Prefect sees anything; Starlette's own check of hosts knows
+no port, no second Host header and no IPv6.
 """
 
 import hmac
@@ -26,6 +26,8 @@ _LOOPBACK = ("127.0.0.1", "localhost", "[::1]")
 _EVERYWHERE = ("0.0.0.0", "::")
 OPEN = "/open"  # the one place that takes a body without the key: a ticket for it
 LARGEST = 1 << 16  # bytes of a ticket, or of the message that shows the key
+# A refusal is read under the name that the page asked for: it may ask no more.
+_ALONE = {"Content-Security-Policy": "default-src 'none'; frame-ancestors 'none'"}
 _POLICY_VIOLATION = 1008  # close code of a WebSocket, RFC 6455 section 7.4.1
 
 
@@ -119,10 +121,9 @@ class Guard:
         kind = scope["type"]
         why = refusal(scope, self.rules) if kind in ("http", "websocket") else None
         if why and kind == "http":
-            await JSONResponse({"detail": why[1]}, why[0])(scope, receive, send)
+            await JSONResponse({"detail": why[1]}, why[0], _ALONE)(scope, receive, send)
         elif why:
-            await receive()
-            # Before it is accepted: the browser gets a 403.
+            await receive()  # before it is accepted: the browser gets a 403
             await send({"type": "websocket.close", "code": _POLICY_VIOLATION})
         else:
             if kind == "websocket" and not self.rules.has_key(Headers(scope=scope)):

@@ -254,8 +254,10 @@ def test_a_rebound_name_shows_nothing(paged, tab):
 
 @pytest.mark.long
 def test_the_pages_work_and_ask_for_nothing_beyond_this_machine(paged, tab):
-    api.ask(paged.api, "/flows/", {"name": "seen-flow"})
-    api.ask(paged.api, "/variables/", {"name": "seen_variable", "value": 1})
+    with paged.api.client() as client:
+        client.request("POST", "/flows/", json={"name": "seen-flow"})
+        variable = {"name": "seen_variable", "value": 1}
+        client.request("POST", "/variables/", json=variable)
     address = api.opening_address(paged.ui, paged.api.key)
     tab.open(address)
     tab.wait("location.pathname.startsWith('/v2')", "the ticket has opened the page")
