@@ -311,8 +311,7 @@ def interleaved(q: Array, where: str) -> Doubt | None:
     least, most = min(2, q.shape[1]), max(LEAPS * len(q), RUN)
     if np.count_nonzero(np.abs(signs).sum(axis=1) >= least) < most:
         return None
-    # A joint at rest leaps by the step of its encoder, there and back.
-    signs *= [len(np.unique(own)) > STEPS for own in q.T]
+    signs *= [_moves(own) for own in q.T]
     rows = np.flatnonzero(np.abs(signs).sum(axis=1) >= least)
     if len(rows) < most:
         return None
@@ -335,11 +334,18 @@ def _two_arms(where: str, leaps: int, samples: int) -> Doubt:
 def _in_turn(q: Array) -> bool:
     """Whether the next reading but one is much nearer than the next, on two joints.
 
-    Of one joint it is twice as far where it moves, and as far where it is noise.
+    Of one joint it is twice as far where it moves, and as far where it is noise. Of a
+    long log evenly spread readings are looked at: every log that is read comes here.
     """
-    one, two = (np.nanmedian(np.abs(q[k:] - q[:-k]), axis=0) for k in (1, 2))
-    moves = np.array([len(np.unique(own)) > STEPS for own in q.T])
-    return np.count_nonzero((one > NEARER * two) & moves) >= min(2, q.shape[1])
+    at = np.arange(0, len(q) - 2, 1 + len(q) // BLOCK)
+    one, two = (np.nanmedian(np.abs(q[at + k] - q[at]), axis=0) for k in (1, 2))
+    nearer = np.flatnonzero(one > NEARER * two)
+    return sum(_moves(q[:, j]) for j in nearer) >= min(2, q.shape[1])
+
+
+def _moves(own: Array) -> bool:
+    """Whether a joint moves: at rest it leaps by its encoder's step, there and back."""
+    return len(np.unique(own)) > STEPS
 
 
 def _leaps(own: Array) -> Array:
