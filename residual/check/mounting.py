@@ -14,7 +14,13 @@ from functools import cached_property
 import numpy as np
 import pinocchio as pin
 
-from residual.check.motion import OUTER, Motion, columns, gravity_of
+from residual.check.motion import (
+    OUTER,
+    Motion,
+    columns,
+    gravity_of,
+    torque_of_file,
+)
 from residual.check.physics import Part, fit_body, parts_of
 from residual.check.reported import Shares, carries, shares_of
 from residual.check.result import MOUNTING, Fault, Repair
@@ -136,7 +142,8 @@ def _best(robot: Robot, motion: Motion) -> tuple[Stand, Stand]:
     """The arm as given, and under the best direction of gravity of the same size."""
     given = np.asarray(robot.model.gravity.linear)
     size = float(np.linalg.norm(given))
-    axes = [x for x in size * np.vstack([np.eye(3), -np.eye(3)]) if _off(x, given)]
+    every = size * np.vstack([np.eye(3), -np.eye(3)])
+    axes = [x for x in every if _angle(x, given) > CHECK.tilted / 2]
     was, *tried = (_stand(robot, motion, x) for x in (given, *axes))
     tried.sort(key=lambda stand: -stand.nats)
     # A good direction stands out: nothing more is asked of an upright arm.
@@ -149,10 +156,6 @@ def _best(robot: Robot, motion: Motion) -> tuple[Stand, Stand]:
     # Arms are mounted along an axis; a load turns what the torques say by some degrees.
     near = _stand(robot, motion, axis)
     return was, near if near.nats > best.nats - CHECK.odds else best
-
-
-def _off(one: Array, other: Array) -> bool:
-    return _angle(one, other) > CHECK.tilted / 2
 
 
 def _angle(one: Array, other: Array) -> float:
@@ -180,15 +183,14 @@ def _weightless(robot: Robot, motion: Motion) -> Stand:
 
     They know the weight to some share; it takes the place of a tilt.
     """
-    there = columns(robot, motion)
-    gone = columns(turned(robot, np.zeros(3)), motion)
+    _, inertia = torque_of_file(turned(robot, np.zeros(3)), motion)
     joints = []
-    for own, none in zip(there, gone, strict=True):
-        values = own.values.copy()
+    for j, own in enumerate(columns(robot, motion)):
+        nominal, values = inertia[own.rows, j], own.values.copy()
         tilts = values.shape[1] - PER_LINK * robot.dof - OUTER
-        values[:, tilts] = CHECK.body * (own.nominal - none.nominal)
+        values[:, tilts] = CHECK.body * (own.nominal - nominal)
         values[:, tilts + 1] = 0.0
-        joints.append(replace(none, values=values))
+        joints.append(replace(own, nominal=nominal, values=values))
     return _fitted(parts_of(motion, joints), np.zeros(3), ())
 
 

@@ -16,7 +16,6 @@ from residual.signals.filters import power_density
 from residual.signals.track import Filters, at_times, motion_of
 
 _NOTHING = 1e-16
-_SHIFTS = (-0.08, -0.04, 0.0, 0.04, 0.08)  # s by which the torque is moved
 
 
 def filtered(recordings: Sequence[Recording]) -> list[Fault]:
