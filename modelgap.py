@@ -17,7 +17,7 @@ from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:  # for editors
-    from flows.door.logs import (
+    from flows.api.logs import (
         check,
         compare,
         export,
@@ -25,8 +25,8 @@ if TYPE_CHECKING:  # for editors
         read_logs,
         recording,
     )
-    from flows.door.loop import Experiment, monitor, next_experiment, simulate
-    from flows.door.results import (
+    from flows.api.loop import Experiment, monitor, next_experiment, simulate
+    from flows.api.results import (
         Calibration,
         Diagnosis,
         Identification,
@@ -34,7 +34,7 @@ if TYPE_CHECKING:  # for editors
         diagnose,
         identify,
     )
-    from flows.door.store import Store, Table, open_store
+    from flows.api.store import Store, Table, open_store
     from residual.check.result import LogCheck
     from residual.diagnosis.result import (
         ErrorTables,
@@ -50,7 +50,7 @@ if TYPE_CHECKING:  # for editors
     from residual.robot.robot import Robot
 
 _PLACES = {
-    "flows.door.logs": (
+    "flows.api.logs": (
         "check",
         "compare",
         "export",
@@ -58,8 +58,8 @@ _PLACES = {
         "read_logs",
         "recording",
     ),
-    "flows.door.loop": ("Experiment", "monitor", "next_experiment", "simulate"),
-    "flows.door.results": (
+    "flows.api.loop": ("Experiment", "monitor", "next_experiment", "simulate"),
+    "flows.api.results": (
         "Calibration",
         "Diagnosis",
         "Identification",
@@ -67,7 +67,7 @@ _PLACES = {
         "diagnose",
         "identify",
     ),
-    "flows.door.store": ("Store", "Table", "open_store"),
+    "flows.api.store": ("Store", "Table", "open_store"),
     "residual.check.result": ("LogCheck",),
     "residual.diagnosis.result": ("ErrorTables", "Finding", "Parameter", "Verdict"),
     "residual.errors": ("InputError",),

@@ -58,7 +58,7 @@ MOST_FILES = 21
 MAX_LINES = 600
 MAX_BODY = 80
 # Rooms of the method that decide something, each by one record.
-DECIDING = ("check", "epochs", "evidence", "monitoring")
+DECIDING = ("check", "changes", "evidence", "monitoring")
 THRESHOLDS = re.compile(r".*(Rules|Thresholds)")
 
 
@@ -113,11 +113,11 @@ def test_a_folder_imports_only_what_stands_below_it(room):
 
 
 def test_nothing_goes_out_by_the_door():
-    doors = {"modelgap", "flows.door"}
+    doors = {"modelgap", "flows.api"}
     wrong = [
         _name(path)
         for path in _sources(*ROOMS)
-        if not _name(path).startswith("flows/door/")
+        if not _name(path).startswith("flows/api/")
         and any(_within(name, doors) for name in _imports(path))
     ]
     assert wrong == []

@@ -27,7 +27,7 @@ def main(folder: Path, count: int) -> None:
     campaign.write_text(f"[grid]\nseed = {list(range(1, count + 1))}\n")
     os.environ.update(quiet_prefect(prefect_home(folder / "flow")))
     # Prefect takes its settings when it is imported.
-    from flows.scheduled.nightly import campaign as flow
+    from flows.pipelines.nightly import campaign as flow
 
     bare, store = folder / "bare", str(folder / "flow")
     planned = steps.planned_of(Campaign(str(campaign), store=bare))

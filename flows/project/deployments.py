@@ -14,7 +14,7 @@ STORED, STORE = "modelgap.inbox.stored", "modelgap.store"
 NOTICE = "modelgap.notice"  # what people are told: .alarm, .finding, .refused, .failed
 _OF_THE_EXAMPLE = "nightly"  # the night of the built-in arm: a project has its own
 _OF_A_PROJECT = ("monitor", "alarm")  # are told whose runs they are
-_ENTRY = "flows.scheduled.project."
+_ENTRY = "flows.pipelines.project."
 _WORDS = ("kind", "robot", "title", "text", "page")  # of a notice
 
 
@@ -89,7 +89,7 @@ def _simulated(project: Project, robot: RobotTable) -> dict:
             "held_out": robot.held_out,
             "auto": robot.auto,
         },
-        entry="flows.scheduled.nightly.",
+        entry="flows.pipelines.nightly.",
         schedules=_cron(robot.nightly, robot.timezone, "nightly"),
     )
 

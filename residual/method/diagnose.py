@@ -23,7 +23,7 @@ from residual.diagnosis.whole import (
     signal_notes,
     warnings,
 )
-from residual.epochs.compare import Asked, compared
+from residual.changes.compare import Asked, compared
 from residual.errors import InputError
 from residual.evidence.rules import RULES
 from residual.model.compare import (

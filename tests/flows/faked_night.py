@@ -21,8 +21,8 @@ def faked(monkeypatch, tmp_path):
 
     To be called when Prefect has its settings.
     """
-    from flows.scheduled import artifacts, loop, nightly, tasks
-    from flows.scheduled import project as projects
+    from flows.pipelines import artifacts, loop, nightly, tasks
+    from flows.pipelines import project as projects
 
     page = tmp_path / "report.html"
     page.write_text("<html>")

@@ -28,7 +28,7 @@ pytestmark = pytest.mark.prefect
 @pytest.fixture
 def flows(server):
     """All flows, loaded only now: Prefect takes its settings when it is."""
-    from flows.scheduled import nightly
+    from flows.pipelines import nightly
 
     return nightly
 
@@ -212,8 +212,8 @@ def test_a_rerun_that_is_not_reproduced_fails_its_flow(flows, monkeypatch, tmp_p
 
 
 def test_a_finding_is_told_once(flows, order, monkeypatch, tmp_path):
-    from flows.scheduled import artifacts
-    from flows.scheduled import project as projects
+    from flows.pipelines import artifacts
+    from flows.pipelines import project as projects
 
     told = []
     monkeypatch.setattr(artifacts, "tell", lambda name, about: told.append(name))
@@ -283,7 +283,7 @@ def test_the_events_of_the_deployments_are_those_that_flows_send(server):
 def test_only_what_lies_outside_is_tried_again(server):
     from prefect.states import Failed
 
-    from flows.scheduled import tasks
+    from flows.pipelines import tasks
     from residual.errors import InputError
 
     again = {

@@ -25,7 +25,7 @@ def made(arm_nights):
 @pytest.fixture
 def nights(server, made, monkeypatch):
     """The tasks of a night; events are told to a list."""
-    from flows.scheduled import loop
+    from flows.pipelines import loop
 
     told = []
     monkeypatch.setattr(

@@ -12,7 +12,7 @@ def asked(server, monkeypatch, tmp_path):
     from prefect.exceptions import Pause
     from prefect.flow_engine import run_flow
 
-    from flows.scheduled import loop
+    from flows.pipelines import loop
 
     given = []
     monkeypatch.setattr(loop, "question", lambda *about: "| now | then |")

@@ -59,7 +59,7 @@ def test_a_real_robot_has_its_night_and_starts_when_logs_were_stored(project):
 
 def test_a_simulated_robot_runs_its_campaign(project):
     trial = by_name(project)["trial"]
-    assert trial["entrypoint"] == "flows.scheduled.nightly.nightly"
+    assert trial["entrypoint"] == "flows.pipelines.nightly.nightly"
     assert Path(trial["parameters"]["campaign_file"]).is_file()
     assert (trial["parameters"]["auto"], trial["schedules"]) == (True, [])
 

@@ -116,7 +116,7 @@ def test_commands_in_a_project_use_its_store(place, monkeypatch):
 
 @pytest.mark.prefect
 def test_a_notice_is_a_list_of_arguments_and_never_a_line_for_a_shell(place, server):
-    from flows.scheduled.project import notify
+    from flows.pipelines.project import notify
 
     program = (
         "import sys; open('told','w').write(repr(sys.argv[1:]) + sys.stdin.read())"
@@ -134,7 +134,7 @@ def test_a_notice_is_a_list_of_arguments_and_never_a_line_for_a_shell(place, ser
 @pytest.mark.prefect
 @pytest.mark.parametrize("command", [f"'{sys.executable}', '-c', 'exit(3)'", "'none'"])
 def test_a_notice_that_does_not_arrive_fails_its_flow(place, server, command):
-    from flows.scheduled.project import notify
+    from flows.pipelines.project import notify
 
     (place / "modelgap.toml").write_text(f"{HEAD}[notify]\ncommand = [{command}]\n")
     with pytest.raises((OSError, CalledProcessError)):

@@ -8,8 +8,8 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from types import MappingProxyType
 
-from flows.door.logs import as_logs
-from flows.door.results import Diagnosis, as_door, log_sets
+from flows.api.logs import as_logs
+from flows.api.results import Diagnosis, as_door, log_sets
 from flows.outputs import Progress, write_all
 from flows.specs.experiment import experiment_of
 from flows.steps.diagnose import diagnose_logs

@@ -11,7 +11,7 @@ from itertools import pairwise
 
 import numpy as np
 
-from residual.epochs.rows import Layout
+from residual.changes.rows import Layout
 from residual.recording import Array
 
 RIDGE = 1e-5  # of the rows: keeps what no motion shows where the joint fit has it

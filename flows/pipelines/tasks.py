@@ -20,7 +20,7 @@ from flows.inputs.given import robot_of
 from flows.project.deployments import ALARM
 from flows.report import stored
 from flows.report.monitoring import meaning
-from flows.scheduled import artifacts
+from flows.pipelines import artifacts
 from flows.settings import HEALTHY, cores, store_folder
 from flows.steps import calibrate as calibration
 from flows.steps import campaign as campaigns

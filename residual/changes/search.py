@@ -6,7 +6,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from residual.effects.base import against_position
-from residual.epochs.contrast import (
+from residual.changes.contrast import (
     Candidate,
     Contrast,
     Table,
@@ -15,9 +15,9 @@ from residual.epochs.contrast import (
     vocabulary,
     weighed,
 )
-from residual.epochs.joint import Joint
-from residual.epochs.rows import Both, beside
-from residual.epochs.unrest import Warmth, basics, first_noise, is_basic, joints_of
+from residual.changes.joint import Joint
+from residual.changes.rows import Both, beside
+from residual.changes.unrest import Warmth, basics, first_noise, is_basic, joints_of
 from residual.evidence.fit import limits_of
 from residual.recording import Array
 

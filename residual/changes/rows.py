@@ -13,7 +13,7 @@ import numpy as np
 
 from residual.effects import registry
 from residual.effects.base import Placed
-from residual.epochs.rules import Rules
+from residual.changes.rules import Rules
 from residual.evidence.design import Design, Group
 from residual.evidence.fit import Fit, Prior, as_model, fit, settled
 from residual.evidence.priors import relative_prior

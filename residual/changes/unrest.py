@@ -11,10 +11,10 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.special import psi
 
-from residual.epochs.contrast import Noise
-from residual.epochs.joint import Joint, Piece
-from residual.epochs.rows import Both, Layout
-from residual.epochs.rules import Rules
+from residual.changes.contrast import Noise
+from residual.changes.joint import Joint, Piece
+from residual.changes.rows import Both, Layout
+from residual.changes.rules import Rules
 from residual.evidence.columns import Group
 from residual.evidence.design import Design
 from residual.evidence.fit import autocorrelation_time

@@ -5,9 +5,9 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from residual.epochs.contrast import SQUARES, expected_worth, worth_of
-from residual.epochs.joint import OWN, Joint
-from residual.epochs.rows import Layout
+from residual.changes.contrast import SQUARES, expected_worth, worth_of
+from residual.changes.joint import OWN, Joint
+from residual.changes.rows import Layout
 from sim.engine.records import Hidden
 from tests.residual.arms import Y, Z, arm, diagnose_case, short_case
 

@@ -21,11 +21,11 @@ from residual.diagnosis.result import (
     Verdict,
 )
 from residual.effects.base import Effect
-from residual.epochs.contrast import Candidate, expected_worth
-from residual.epochs.models import Epoch, values_that_changed
-from residual.epochs.search import Change, Found
-from residual.epochs.unnamed import Rest, follows
-from residual.epochs.unrest import Warmth
+from residual.changes.contrast import Candidate, expected_worth
+from residual.changes.models import Epoch, values_that_changed
+from residual.changes.search import Change, Found
+from residual.changes.unnamed import Rest, follows
+from residual.changes.unrest import Warmth
 from residual.model.compare import Cloud
 from residual.quantity import along, plain
 from residual.recording import Array

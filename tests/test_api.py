@@ -13,8 +13,8 @@ import pyarrow as pa
 import pytest
 
 import modelgap as mg
-from flows.door.results import Diagnosis
-from flows.door.store import Table
+from flows.api.results import Diagnosis
+from flows.api.store import Table
 from residual.diagnosis.result import (
     ErrorTables,
     Evidence,

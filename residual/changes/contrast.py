@@ -13,8 +13,8 @@ import numpy as np
 
 from residual.effects import registry
 from residual.effects.base import Effect, Placed, Shape
-from residual.epochs.joint import Joint, Piece
-from residual.epochs.rows import Both
+from residual.changes.joint import Joint, Piece
+from residual.changes.rows import Both
 from residual.evidence.columns import Group
 from residual.evidence.design import Design
 from residual.recording import Array

@@ -8,8 +8,8 @@ from typing import Any
 import numpy as np
 import pyarrow as pa
 
-from flows.door.logs import as_logs, check_declared, check_robot
-from flows.door.store import Table
+from flows.api.logs import as_logs, check_declared, check_robot
+from flows.api.store import Table
 from flows.inputs.given import LogSets
 from flows.outputs import Progress, write_all
 from flows.report.words.calibration import sentences

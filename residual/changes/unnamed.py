@@ -13,9 +13,9 @@ import numpy as np
 from scipy.special import stdtr
 
 from residual.effects.base import Effect, State
-from residual.epochs.contrast import Candidate
-from residual.epochs.joint import Joint
-from residual.epochs.search import Found
+from residual.changes.contrast import Candidate
+from residual.changes.joint import Joint
+from residual.changes.search import Found
 from residual.evidence.columns import Group, sound
 from residual.recording import Array
 

@@ -11,8 +11,8 @@ from prefect import flow, get_run_logger
 from prefect.runtime import flow_run
 
 from flows.requests import Campaign
-from flows.scheduled import artifacts, loop, tasks
-from flows.scheduled import project as projects
+from flows.pipelines import artifacts, loop, tasks
+from flows.pipelines import project as projects
 from flows.settings import HEALTHY, cores, store_folder
 from flows.steps import campaign as campaigns
 from flows.steps import diff as verification
