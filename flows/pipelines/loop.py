@@ -9,12 +9,12 @@ from prefect import flow, get_run_logger
 from prefect.flow_runs import suspend_flow_run
 from prefect.input import RunInput
 
+from flows.pipelines import artifacts
+from flows.pipelines.tasks import task
 from flows.project.deployments import PROPOSED
 from flows.report.index import write_index
 from flows.report.models import adoption_lines, proposal_markdown, proposal_page
 from flows.report.page import made_of
-from flows.pipelines import artifacts
-from flows.pipelines.tasks import task
 from flows.settings import store_folder
 from flows.steps.adopt import Adopt, judge, keep_proposal, known_already, proposal_of
 from flows.steps.adopt import adopt as give

@@ -10,9 +10,9 @@ from functools import partial
 from prefect import flow, get_run_logger
 from prefect.runtime import flow_run
 
-from flows.requests import Campaign
 from flows.pipelines import artifacts, loop, tasks
 from flows.pipelines import project as projects
+from flows.requests import Campaign
 from flows.settings import HEALTHY, cores, store_folder
 from flows.steps import campaign as campaigns
 from flows.steps import diff as verification

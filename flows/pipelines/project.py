@@ -23,12 +23,12 @@ from flows.inbox.take import (
     look_twice,
     take_all,
 )
+from flows.pipelines import artifacts, loop, tasks
+from flows.pipelines.tasks import task
 from flows.project.deployments import STORED as ARRIVED
 from flows.project.deployments import resource
 from flows.project.read import Project, read_project
 from flows.report.words.verdict import headline
-from flows.pipelines import artifacts, loop, tasks
-from flows.pipelines.tasks import task
 from flows.settings import HEALTHY, store_folder
 from flows.storage.diagnosis import read_verdict
 from residual.errors import InputError

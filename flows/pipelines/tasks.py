@@ -17,10 +17,10 @@ from prefect.task_runners import TaskRunner, ThreadPoolTaskRunner
 
 from flows import requests
 from flows.inputs.given import robot_of
+from flows.pipelines import artifacts
 from flows.project.deployments import ALARM
 from flows.report import stored
 from flows.report.monitoring import meaning
-from flows.pipelines import artifacts
 from flows.settings import HEALTHY, cores, store_folder
 from flows.steps import calibrate as calibration
 from flows.steps import campaign as campaigns

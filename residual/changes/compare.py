@@ -9,16 +9,16 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from residual.diagnosis.changes import baseline_edits, dense_fit
-from residual.diagnosis.conclude import as_embodied, error_tables
-from residual.diagnosis.result import PLAIN, STAGES, Diagnosis, Verdict
-from residual.diagnosis.whole import STILL
 from residual.changes.conclude import Judged, clouds, conclude
 from residual.changes.models import Epoch, augmented, fit_epoch
 from residual.changes.rows import both_epochs
 from residual.changes.rules import Rules
 from residual.changes.search import Change, Found, find
 from residual.changes.unnamed import unnamed
+from residual.diagnosis.changes import baseline_edits, dense_fit
+from residual.diagnosis.conclude import as_embodied, error_tables
+from residual.diagnosis.result import PLAIN, STAGES, Diagnosis, Verdict
+from residual.diagnosis.whole import STILL
 from residual.errors import joints_listed
 from residual.evidence.design import Design
 from residual.evidence.embodied import Embodied

@@ -6,6 +6,11 @@ from itertools import product
 
 import numpy as np
 
+from residual.changes.contrast import Candidate, expected_worth
+from residual.changes.models import Epoch, values_that_changed
+from residual.changes.search import Change, Found
+from residual.changes.unnamed import Rest, follows
+from residual.changes.unrest import Warmth
 from residual.diagnosis.findings import EXPLAINED
 from residual.diagnosis.result import (
     Dependence,
@@ -21,11 +26,6 @@ from residual.diagnosis.result import (
     Verdict,
 )
 from residual.effects.base import Effect
-from residual.changes.contrast import Candidate, expected_worth
-from residual.changes.models import Epoch, values_that_changed
-from residual.changes.search import Change, Found
-from residual.changes.unnamed import Rest, follows
-from residual.changes.unrest import Warmth
 from residual.model.compare import Cloud
 from residual.quantity import along, plain
 from residual.recording import Array

@@ -11,10 +11,10 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from residual.effects import registry
-from residual.effects.base import Effect, Placed, Shape
 from residual.changes.joint import Joint, Piece
 from residual.changes.rows import Both
+from residual.effects import registry
+from residual.effects.base import Effect, Placed, Shape
 from residual.evidence.columns import Group
 from residual.evidence.design import Design
 from residual.recording import Array

@@ -10,10 +10,10 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from residual.diagnosis.result import Change
 from residual.changes.rows import Both, JointFit, joint_fit, without
 from residual.changes.search import Change as FoundChange
 from residual.changes.search import Found
+from residual.diagnosis.result import Change
 from residual.evidence.embodied import Beside, Embodied, embodied
 from residual.evidence.fit import Fit, as_model
 from residual.evidence.priors import SCALES

@@ -11,9 +11,9 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from residual.changes.rules import Rules
 from residual.effects import registry
 from residual.effects.base import Placed
-from residual.changes.rules import Rules
 from residual.evidence.design import Design, Group
 from residual.evidence.fit import Fit, Prior, as_model, fit, settled
 from residual.evidence.priors import relative_prior

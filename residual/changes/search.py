@@ -5,7 +5,6 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from residual.effects.base import against_position
 from residual.changes.contrast import (
     Candidate,
     Contrast,
@@ -18,6 +17,7 @@ from residual.changes.contrast import (
 from residual.changes.joint import Joint
 from residual.changes.rows import Both, beside
 from residual.changes.unrest import Warmth, basics, first_noise, is_basic, joints_of
+from residual.effects.base import against_position
 from residual.evidence.fit import limits_of
 from residual.recording import Array
 

@@ -12,10 +12,10 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.special import stdtr
 
-from residual.effects.base import Effect, State
 from residual.changes.contrast import Candidate
 from residual.changes.joint import Joint
 from residual.changes.search import Found
+from residual.effects.base import Effect, State
 from residual.evidence.columns import Group, sound
 from residual.recording import Array
 

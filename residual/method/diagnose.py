@@ -7,6 +7,7 @@ that was not fitted (G2017 section 1.3 and 3, with a named effect in place of PL
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 
+from residual.changes.compare import Asked, compared
 from residual.check.result import LogCheck
 from residual.diagnosis.angle_noise import noise_notes
 from residual.diagnosis.conclude import Case, conclude
@@ -23,7 +24,6 @@ from residual.diagnosis.whole import (
     signal_notes,
     warnings,
 )
-from residual.changes.compare import Asked, compared
 from residual.errors import InputError
 from residual.evidence.rules import RULES
 from residual.model.compare import (
