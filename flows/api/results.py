@@ -180,7 +180,7 @@ class Identification(Identified):
         return free | bodies
 
     def to_json(self) -> dict:
-        """All of it as plain values (docs/identification.md)."""
+        """All of it as plain values (docs/method.md)."""
         return identified.document(self)
 
     def __repr__(self) -> str:

@@ -357,7 +357,7 @@ def _read(verdict: Verdict) -> Section:
     cutoff = number(verdict.error.cutoff_hz)
     at = "" if cutoff == MISSING else f" at {cutoff} Hz"
     terms = {word: text.format(cutoff=at) for word, text in texts()["reading"].items()}
-    below = "All words: docs/glossary.md."
+    below = "All words: the glossary in CONTRIBUTING.md."
     return Section("read", "How to read this page", [terms], below=below, open=False)
 
 

@@ -1,8 +1,6 @@
 """What an engineer asks of months of runs, and the same from DuckDB alone."""
 
-import re
 from datetime import date
-from pathlib import Path
 
 import duckdb
 import pyarrow as pa
@@ -14,10 +12,8 @@ from tests.warehouse import store_samples as made
 from tests.warehouse.test_store_verdicts import MODEL
 from warehouse.commit import commit_record, commit_run
 from warehouse.quarantine import quarantine
-from warehouse.query.named import NAMED, TAKES
+from warehouse.query.named import NAMED
 from warehouse.schema import VIEWS, all_views, arrow_schema
-
-DOCS = Path(__file__).parents[2] / "docs" / "sql.md"
 
 
 def measured(seed):
@@ -219,15 +215,6 @@ def test_alarms_by_joint_and_runs_that_nobody_looked_at(told, ask):
         told[1][1],
     )
     assert named(ask, "never_diagnosed") == []  # the third is in quarantine
-
-
-def test_there_are_twenty_questions_and_the_page_has_them_all():
-    page = DOCS.read_text(encoding="utf-8")
-    listed = re.findall(r"^\| `(\w+)` \|", page, re.MULTILINE)
-    assert sorted(listed) == sorted(NAMED)
-    assert len(NAMED) >= 20
-    for name, values in TAKES.items():
-        assert all(f"--named {name} --with {key}=" in page for key in values)
 
 
 def test_duckdb_alone_gives_the_same_rows(told, tmp_path, capsys):
