@@ -20,7 +20,7 @@ from residual.errors import InputError, shortened
 from residual.export.exported import Exported, Whole
 from residual.model.compare import compare as core_compare
 from residual.model.compare import prepare_held_out
-from residual.model.corrected import Corrected
+from residual.model.corrected import CorrectedModel
 from residual.model.model import Model
 from residual.recording import Recording
 from residual.robot.robot import Robot
@@ -165,7 +165,7 @@ def recording(
 
 
 def compare(
-    models: Mapping[str, Model | Corrected], logs: Sequence[Recording]
+    models: Mapping[str, Model | CorrectedModel], logs: Sequence[Recording]
 ) -> ErrorTables:
     """Return the errors of several models of one robot on the same logs.
 
@@ -188,7 +188,7 @@ def compare(
     if not models or not logs:
         raise InputError("Nothing to compare: give one model or more, and one log.")
     first = next(iter(models.values()))
-    base = first.model if isinstance(first, Corrected) else first
+    base = first.model if isinstance(first, CorrectedModel) else first
     held_out = prepare_held_out(logs, base)
     errors, _ = core_compare(models, held_out, base.filters)
     cutoff = min(one.track.cutoff for one in held_out)

@@ -25,8 +25,8 @@ from residual.diagnosis import result
 from residual.diagnosis.verdict import to_json
 from residual.errors import InputError
 from residual.identification.estimate import Options
-from residual.identification.prove import Identified
-from residual.model.corrected import Corrected
+from residual.identification.prove import ValidatedIdentification
+from residual.model.corrected import CorrectedModel
 from residual.model.model import Model
 from residual.recording import Recording
 from residual.robot.robot import Robot
@@ -159,7 +159,7 @@ def diagnose(
     return as_door(Diagnosis, found)
 
 
-class Identification(Identified):
+class Identification(ValidatedIdentification):
     """An identified model, which can be shown and kept."""
 
     __slots__ = ()
@@ -173,7 +173,7 @@ class Identification(Identified):
     @property
     def models(self) -> Mapping[str, Model]:
         """Models by name: nominal, identified, and consistent where it was asked."""
-        free = {"nominal": self.found.nominal, "identified": self.found.model}
+        free = {"nominal": self.free.nominal, "identified": self.free.model}
         bodies = (
             {} if self.consistent is None else {"consistent": self.consistent.model}
         )
@@ -188,7 +188,7 @@ class Identification(Identified):
             f"{self.errors[name].overall('filtered'):.3g} %"
             for name in ("nominal", "consistent" if self.consistent else "identified")
         )
-        count = len(self.found.base)
+        count = len(self.free.base)
         return (
             f"Identification({self.robot.name}: {count} parameters; "
             f"held-out {before} -> {after})"
@@ -253,7 +253,7 @@ class Calibration(core.Calibration):
         return calibrated.document(self, sentences(self), self.warnings, {})
 
     @property
-    def model(self) -> Corrected | None:
+    def model(self) -> CorrectedModel | None:
         """Model and tables as one; None where they correct a simulated twin."""
         return core.corrected_model(self)
 

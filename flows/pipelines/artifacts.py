@@ -29,7 +29,7 @@ from flows.steps.calibrate import Calibrated
 from flows.steps.monitor import Watched
 from flows.steps.validate import Validation
 from flows.storage.diagnosis import read_verdict
-from residual.identification.prove import Identified
+from residual.identification.prove import ValidatedIdentification
 from residual.recording import Recording
 
 Rows = Sequence[Mapping]
@@ -54,7 +54,7 @@ def record(key: str, ids: Sequence[str], words: str, rows: Rows = ()) -> None:
         create_markdown_artifact(about, key, about.split("\n")[0])
 
 
-def identification(made: Identified, kept: str | None) -> None:
+def identification(made: ValidatedIdentification, kept: str | None) -> None:
     """Show an identification: errors on held-out motion by model."""
     rows = [
         _row({"model": name}, errors.per_joint("filtered"), errors.overall("filtered"))

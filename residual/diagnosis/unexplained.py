@@ -34,7 +34,7 @@ from residual.evidence.design import Design
 from residual.evidence.fit import Fit
 from residual.evidence.rules import RULES
 from residual.model.compare import Cloud
-from residual.model.corrected import DIFFERENCE, Column, Corrected, Tables, read
+from residual.model.corrected import DIFFERENCE, Column, CorrectedModel, Tables, read
 from residual.model.model import Model
 from residual.recording import Array
 from residual.signals.splitting import logs_of
@@ -252,7 +252,7 @@ MOST_ROWS = 12_000  # more of the same logs change nothing but the time
 
 def corrected(
     model: Model, tracks: Sequence[Track], left: Sequence[Leftover]
-) -> Corrected | None:
+) -> CorrectedModel | None:
     """Fit the correction to what a model leaves on the fit logs.
 
     Returns:
@@ -265,7 +265,7 @@ def corrected(
     logs = list(zip(tracks, states, torque, strict=True))
     tables = [_tables(logs, one) for one in left]
     kept = tuple(t for t in tables if t is not None)
-    return Corrected(model, kept) if kept else None
+    return CorrectedModel(model, kept) if kept else None
 
 
 def _tables(logs, left: Leftover) -> Tables | None:
@@ -334,7 +334,7 @@ class Remains:
     joints: tuple[Leftover, ...]  # one entry per unexplained joint
     # The model with a statistical correction; None where nothing is left, or no joint
     # can be checked.
-    correction: Corrected | None
+    correction: CorrectedModel | None
     sentences: tuple[str, ...]  # sentences
 
 
@@ -372,7 +372,7 @@ def shared_source(examined: Examined, fitted: Fit) -> str | None:
     )
 
 
-def _helpless(made: Corrected | None) -> str | None:
+def _helpless(made: CorrectedModel | None) -> str | None:
     if made is None or not made.helpless:
         return None
     many = "s" if len(made.helpless) > 1 else ""

@@ -11,7 +11,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from residual.errors import InputError
-from residual.model.corrected import Corrected
+from residual.model.corrected import CorrectedModel
 from residual.model.model import Model, Term
 from residual.model.record import to_record
 from residual.recording import Array
@@ -84,7 +84,7 @@ def limits(robot: Robot) -> tuple[Array, Array, Array]:
     return lower, upper, np.where(known, robot.velocity_limit, USUAL_SPEED)
 
 
-Whole = Model | Corrected
+Whole = Model | CorrectedModel
 
 
 @dataclass(frozen=True, slots=True)
@@ -164,7 +164,7 @@ def split(whole: Whole, refuse: Callable[[Term], str], tables: str = "") -> Spli
     reasons = [(t, why) for t in body_of(whole).terms if (why := refuse(t))]
     gone = {term for term, _ in reasons}
     kept = _with_terms(whole, (t for t in body_of(whole).terms if t not in gone))
-    if tables and isinstance(whole, Corrected):
+    if tables and isinstance(whole, CorrectedModel):
         reasons.append((None, tables))
         kept = body_of(kept)
     return Split(whole, kept, tuple(reasons))
@@ -173,12 +173,12 @@ def split(whole: Whole, refuse: Callable[[Term], str], tables: str = "") -> Spli
 def _with_terms(whole: Whole, terms: Iterable[Term]) -> Whole:
     """A model with other terms, and nothing beside them but tables on top."""
     model = replace(body_of(whole), terms=tuple(terms), tables=())
-    return replace(whole, model=model) if isinstance(whole, Corrected) else model
+    return replace(whole, model=model) if isinstance(whole, CorrectedModel) else model
 
 
 def body_of(whole: Whole) -> Model:
     """Return the model without its tables."""
-    return whole.model if isinstance(whole, Corrected) else whole
+    return whole.model if isinstance(whole, CorrectedModel) else whole
 
 
 def file_stem(whole: Whole) -> str:
@@ -211,7 +211,7 @@ def _without(whole: Whole, term: Term | None) -> Whole:
 def _named(whole: Whole, term: Term | None) -> tuple[str, tuple[int, ...]]:
     if term is not None:
         return term.effect.name, tuple(j + 1 for j in term.joints)
-    tables: Sequence = whole.tables if isinstance(whole, Corrected) else ()
+    tables: Sequence = whole.tables if isinstance(whole, CorrectedModel) else ()
     return TABLES, tuple(t.joint + 1 for t in tables)
 
 

@@ -9,7 +9,7 @@ import numpy as np
 
 from residual.effects.base import BRISTLE, Portable
 from residual.export.exported import Split, Whole, body_of, file_stem, split
-from residual.model.corrected import DIFFERENCE, NONE, Corrected, Tables
+from residual.model.corrected import DIFFERENCE, NONE, CorrectedModel, Tables
 from residual.model.model import LEAST_SPEED, Model, Term
 from residual.recording import Array
 from residual.robot.dynamics import Chain, chain_of
@@ -140,7 +140,7 @@ def program_of(carried: Whole) -> Program:
     lines, memory = _lines(model, memory)
     known = model.speed_floor
     state = model.state(1.0, np.zeros(1), np.zeros((3, 1, dof)))
-    tables = carried.tables if isinstance(carried, Corrected) else ()
+    tables = carried.tables if isinstance(carried, CorrectedModel) else ()
     return Program(
         name=file_stem(carried),
         chain=chain_of(robot.model),

@@ -25,7 +25,7 @@ from residual.export.exported import (
     split,
 )
 from residual.export.program import WORD
-from residual.model.corrected import NONE, Corrected
+from residual.model.corrected import NONE, CorrectedModel
 from residual.model.lookup import export_lookup
 from residual.model.model import Model, Term
 from residual.quantity import along
@@ -47,7 +47,9 @@ def to_table(whole: Whole) -> Exported:
     parts = split(whole, lambda t: "" if _file(t) else "it is no curve of one joint")
     files = {file: _csv(body_of(parts.carried), file) for file in _OF}
     files = {file: text for file, text in files.items() if text}
-    for own in parts.carried.tables if isinstance(parts.carried, Corrected) else ():
+    for own in (
+        parts.carried.tables if isinstance(parts.carried, CorrectedModel) else ()
+    ):
         if own.kind != NONE:
             text = export_lookup(own.lookup)["tables.csv"]
             files[f"tables_{own.joint + 1}.csv"] = text

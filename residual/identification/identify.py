@@ -127,7 +127,7 @@ class Identification:
     def status(self) -> tuple[str, ...]:
         """Of each parameter: "fitted", "nominal" or "dropped"."""
         out = ["fitted"] * len(self.base)
-        for one in self.preflight.held:
+        for one in self.preflight.fixed:
             out[one.index] = "nominal"
         for i in self.essential.dropped if self.essential else ():
             out[i] = "dropped"

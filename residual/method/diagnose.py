@@ -24,7 +24,7 @@ from residual.diagnosis.whole import (
     signal_notes,
     warnings,
 )
-from residual.errors import InputError
+from residual.errors import InputError, listed
 from residual.evidence.rules import RULES
 from residual.model.compare import (
     Errors,
@@ -87,9 +87,9 @@ def diagnose(
     wanted = _Wanted(fit, held_out, same_run, tell)
     if alone or not baseline:
         return _alone(robot, declared, wanted)
-    if robot.known:
+    if robot.known_values:
         raise InputError(
-            f"Known values ({', '.join(robot.known)}) are of one state of the arm, and "
+            f"Known values ({listed(robot.known_values)}) hold for one arm state; "
             "a baseline compares two. Leave out either."
         )
     return compared(Asked(robot, baseline, fit, held_out, declared, same_run), tell)
