@@ -187,7 +187,7 @@ def _fitted(
         # A prior speaks for what the motion does not show: nothing need be held.
         precision = _precision(nominal, base, spread, options)
         start = replace(start, free=np.arange(len(base)), precision=precision)
-        seen = replace(seen, held=())
+        seen = replace(seen, fixed=())
     estimate = estimated(rows, blocks, start, options)
     essential = None
     if options.essential:
