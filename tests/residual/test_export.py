@@ -15,7 +15,6 @@ from residual.export.c99 import prefix_of, to_c99
 from residual.export.exported import (
     body_of,
     exciting,
-    random_states,
     to_json,
     with_bodies,
 )
@@ -23,7 +22,7 @@ from residual.export.simulators import to_mjcf, to_urdf
 from residual.model.corrected import NEAREST, NOTHING, CorrectedModel, Tables
 from residual.model.model import Model
 from residual.signals.standstill import CHOICES
-from tests.exports.back import c99_back, fast_states
+from tests.exports.back import c99_back, fast_states, random_states
 from tests.exports.models import (
     ARMS,
     NAMES,
