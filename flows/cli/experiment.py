@@ -44,7 +44,6 @@ from flows.steps import experiment as steps
 from flows.steps import validate as trial
 from flows.steps.experiment import as_csv, refusal_of
 from flows.steps.models import calibration_of, chosen_to_drive
-from flows.workers.processes import chosen_runner, executor_of
 from residual.errors import InputError, RunError
 from sim.engine.records import TrajectorySpec
 from sim.engine.render import animate
@@ -92,7 +91,6 @@ def campaign(
     ```
     modelgap campaign CAMPAIGN.toml --dry-run
     modelgap campaign CAMPAIGN.toml
-    modelgap campaign CAMPAIGN.toml --runner dask://127.0.0.1:8786
     ```
 
     A campaign is a SPEC.toml with [grid], lists of which every combination is run, or
@@ -104,7 +102,6 @@ def campaign(
     """
     out = Outputs({"--json": json}, [Path(spec)])
     place, console = store_folder(request.store), out.console
-    where = chosen_runner(request.runner, request.trust_network)
     planned = steps.plan(load_campaign(spec), place, Path(spec).stem)
     refused = _list(planned, console, True) if dry_run else {}
     failing = len(refused)
@@ -116,8 +113,8 @@ def campaign(
         out.write(document=lambda: campaigns.document(summary, done=False))
         out.finish()
         return
-    with executor_of(where, missing) as executor, progress_bar() as bar:
-        summary = campaigns.run_all(planned, place, bar, executor)
+    with progress_bar() as bar:
+        summary = campaigns.run_all(planned, place, bar)
     out.write(document=lambda: campaigns.document(summary))
     say(console, *(f"failed: {why}" for why in summary.failed.values()))
     failed = len(summary.failed)

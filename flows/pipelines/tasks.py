@@ -30,7 +30,7 @@ from flows.steps import monitor as monitoring
 from flows.steps import rerun as reruns
 from flows.steps import validate as validation
 from flows.steps.experiment import Planned
-from flows.workers.processes import DASK, Here, chosen_runner, local_cluster, plainly
+from flows.workers.processes import DASK, Here, chosen_runner, plainly
 from residual.errors import RunError
 
 HOUR = 3600.0  # s
@@ -49,9 +49,10 @@ def task_runner() -> TaskRunner:
     # Late, as it is an extra.
     from prefect_dask import DaskTaskRunner
 
-    if address == DASK:
-        return DaskTaskRunner(cluster_kwargs=local_cluster())
-    return DaskTaskRunner(address=address)
+    if address != DASK:
+        return DaskTaskRunner(address=address)
+    cluster = {"n_workers": cores(), "threads_per_worker": 1, "host": "127.0.0.1"}
+    return DaskTaskRunner(cluster_kwargs=cluster | {"dashboard_address": None})
 
 
 def outside(_task: object, _run: object, state) -> bool:

@@ -13,7 +13,7 @@ from flows.requests import Campaign
 from flows.settings import API, PAGES, quiet_prefect
 from flows.steps import campaign
 from flows.steps.experiment import run_id_of
-from flows.workers.processes import RUNNER, Here, local_cluster
+from flows.workers.processes import RUNNER, Here
 from residual.errors import InputError, RunError
 from tests.flows.faked_night import NAME, faked
 from tests.waiting import until
@@ -184,15 +184,12 @@ def test_a_large_campaign_has_some_experiments_in_each_task(
 def test_dask_makes_the_same_runs_with_the_same_bits(
     flows, tmp_path, monkeypatch, compiled_plant
 ):
-    from prefect_dask import DaskTaskRunner
-
     monkeypatch.setenv("PYTHONPATH", str(ROOT))
     path, stores = tmp_path / "C.toml", (tmp_path / "threads", tmp_path / "dask")
     path.write_text("[trajectory]\nduration = 2.0\n[grid]\nseed = [1, 2, 3]\n")
     ids = flows.campaign(str(path), store=str(stores[0]))
     monkeypatch.setenv(RUNNER, "dask")
-    two = DaskTaskRunner(cluster_kwargs=local_cluster() | {"n_workers": 2})
-    by_dask = flows.campaign.with_options(task_runner=two)
+    by_dask = flows.campaign.with_options(task_runner=flows.tasks.task_runner())
     assert by_dask(str(path), store=str(stores[1])) == ids
     assert len(ids) == 3
     for id in ids:
