@@ -3,7 +3,9 @@
 from tests.checkout import changed, listing
 
 
-def test_what_is_made_removed_or_written_is_listed_but_caches_and_the_store_are_not(tmp_path):
+def test_what_is_made_removed_or_written_is_listed_but_caches_and_the_store_are_not(
+    tmp_path,
+):
     (tmp_path / "docs").mkdir()
     for name in ("kept", "written", "removed", "docs/page"):
         (tmp_path / name).write_text("text")
