@@ -72,13 +72,6 @@ def answers(url: str, wait: float = 10.0) -> bool:
         return False
 
 
-def opening_address(ui: str, key: str) -> str:
-    """Return the address at which a browser gets the key: once, and not for long."""
-    with Api(f"{ui}/open", key).client() as client:
-        ticket = client.request("POST", "/ticket", json={}).json()["ticket"]
-    return f"{ui}/open#{ticket}"
-
-
 def open_pool(client: SyncPrefectClient, most: int, paused: bool = False) -> None:
     """Make the work pool if it is not there, and let it give out work or not.
 
