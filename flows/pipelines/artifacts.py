@@ -187,9 +187,7 @@ def notice(
     ids: Sequence[str] = (),
     page: str = "",
 ) -> None:
-    """Send the event of something that people are told: one for each.
-
-    Automations of Prefect and a project's command take it from there.
+    """Send an event for people, on which an automation of Prefect notifies them.
 
     Args:
         kind: "alarm", "finding", "refused" or "failed".

@@ -1,12 +1,9 @@
-"""Flows of a project: its inboxes, the nights of its real robots, who is told.
+"""Flows of a project: its inboxes and the nights of its real robots.
 
 To be imported under `flows.settings.quiet_prefect`; `flows.project.deployments` says
 when each is started.
 """
 
-import os
-import re
-import subprocess
 from collections import Counter
 from pathlib import Path
 
@@ -178,46 +175,3 @@ def _diagnosed_new(project: str, robot: str) -> str | None:
     found(ids[0], store, page)
     loop.adopt_or_propose(ids[0], store, auto)
     return page
-
-
-@flow(name="notify", flow_run_name="notify: {title}", timeout_seconds=tasks.HOUR)
-def notify(
-    project: str,
-    kind: str,
-    robot: str,
-    title: str,
-    text: str = "",
-    ids: list[str] | None = None,
-    page: str = "",
-) -> None:
-    """Start the program of a project's file with what an event says.
-
-    The program is a list of arguments, never a line for a shell: what came out of a
-    stranger's log must start nothing. It gets title and text on its standard input.
-
-    Args:
-        project: Folder of the project.
-        kind: "alarm", "finding", "refused" or "failed".
-        robot: Name of the robot.
-        title: In one line.
-        text: All of it.
-        ids: Ids of the records that it is about.
-        page: The page to look at, "" for none.
-    """
-    read, values = read_project(project), {"kind": kind, "robot": robot, "page": page}
-    values |= {"title": title, "text": text, "ids": " ".join(ids or ())}
-    # In one pass: what a value says is never filled in again; other braces stay.
-    command = [
-        re.sub(r"\{(\w+)\}", lambda each: values.get(each[1], each[0]), word)
-        for word in read.notify.command
-    ]
-    subprocess.run(
-        command,
-        cwd=read.folder,
-        # Ours without the key of the server, which is nobody else's.
-        env={k: v for k, v in os.environ.items() if not k.startswith("PREFECT")},
-        input=f"{title}\n\n{text}\n",
-        text=True,
-        timeout=read.notify.timeout,
-        check=True,
-    )

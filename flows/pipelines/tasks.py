@@ -6,7 +6,6 @@ the cache.
 """
 
 from concurrent.futures import Executor
-from dataclasses import asdict
 from functools import partial
 from pathlib import Path
 
@@ -27,7 +26,6 @@ from flows.steps import campaign as campaigns
 from flows.steps import diagnose as diagnosis
 from flows.steps import identify as identification
 from flows.steps import monitor as monitoring
-from flows.steps import rerun as reruns
 from flows.steps import validate as validation
 from flows.steps.experiment import Planned
 from flows.workers.processes import DASK, Here, chosen_runner, plainly
@@ -187,29 +185,6 @@ def watch(
         title = f"{robot}: {many} {count} new runs"
         artifacts.notice("alarm", robot, title, meaning(new.found), list(alarmed))
     return [new.record]
-
-
-def rerun(id: str, verify: bool = True, store: str | None = None) -> list[str]:
-    """Make a record again, and fail where its values are not the same bits.
-
-    Args:
-        id: Its id.
-        verify: Whether to compare only.
-        store: Folder of the store; else $MODELGAP_STORE, else ./store.
-
-    Returns:
-        The id of the new record, none where none was made.
-    """
-    made = reruns.rerun(id, store_folder(store), verify)
-    rows = [asdict(channel) for channel in made.apart]
-    words = str(made.cause or "Bit for bit the same.")
-    kept = [id for id in (made.made, made.noted) if id]
-    artifacts.record("rerun", kept, words, rows)
-    same = not rows and made.cause is None
-    artifacts.rename(f"rerun {id}: {'same bits' if same else 'not reproduced'}")
-    if not same:
-        raise RunError(f"{id} was not reproduced: {words}")
-    return [made.made] if made.made else []
 
 
 @task(name="report", task_run_name="report {ids[0]}", tags=["report"])

@@ -198,16 +198,6 @@ def test_dask_makes_the_same_runs_with_the_same_bits(
         assert all(np.array_equal(here[name], there[name]) for name in here)
 
 
-def test_a_rerun_that_is_not_reproduced_fails_its_flow(flows, monkeypatch, tmp_path):
-    made = SimpleNamespace(apart=(), cause="nondeterminism", made=None, noted="ab" * 10)
-    monkeypatch.setattr(flows.tasks.reruns, "rerun", lambda *_: made)
-    with pytest.raises(RunError, match="was not reproduced: nondeterminism"):
-        flows.rerun("cd" * 10, store=str(tmp_path))
-    same = SimpleNamespace(apart=(), cause=None, made=None, noted=None)
-    monkeypatch.setattr(flows.tasks.reruns, "rerun", lambda *_: same)
-    assert flows.rerun("cd" * 10, store=str(tmp_path)) == []
-
-
 def test_a_finding_is_told_once(flows, order, monkeypatch, tmp_path):
     from flows.pipelines import artifacts
     from flows.pipelines import project as projects
@@ -245,7 +235,6 @@ def test_every_deployment_names_a_flow_and_parameters_that_exist(server):
         "alarm",
         "propose",
         "campaign",
-        "rerun",
         "verify",
     ]
     for deployment in _deployments():
