@@ -61,7 +61,7 @@ DryRun = Annotated[
 _PLAIN, _MANY = Validate(), Campaign()
 
 
-def experiment(spec: str, *, store: Store = None, dry_run: DryRun = False) -> None:
+def experiment(spec: str, /, *, store: Store = None, dry_run: DryRun = False) -> None:
     """Run one experiment on the simulated arm and store it.
 
     ```
@@ -84,7 +84,7 @@ def experiment(spec: str, *, store: Store = None, dry_run: DryRun = False) -> No
 
 
 def campaign(
-    spec: str, *, request: Campaign = _MANY, dry_run: DryRun = False, json: Json = None
+    spec: str, /, *, request: Campaign = _MANY, dry_run: DryRun = False, json: Json = None
 ) -> None:
     """Run many experiments on the simulated arm, over all cores.
 
@@ -233,6 +233,7 @@ _MOTION = Trajectory()
 
 def trajectory(
     kind: str,
+    /,
     *,
     request: Trajectory = _MOTION,
     csv: File = None,
