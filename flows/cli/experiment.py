@@ -84,7 +84,12 @@ def experiment(spec: str, /, *, store: Store = None, dry_run: DryRun = False) ->
 
 
 def campaign(
-    spec: str, /, *, request: Campaign = _MANY, dry_run: DryRun = False, json: Json = None
+    spec: str,
+    /,
+    *,
+    request: Campaign = _MANY,
+    dry_run: DryRun = False,
+    json: Json = None,
 ) -> None:
     """Run many experiments on the simulated arm, over all cores.
 
