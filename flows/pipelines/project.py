@@ -25,6 +25,7 @@ from flows.pipelines.tasks import task
 from flows.project.deployments import STORED as ARRIVED
 from flows.project.deployments import resource
 from flows.project.read import Project, read_project
+from flows.report.document import words_table
 from flows.report.words.verdict import headline
 from flows.settings import HEALTHY, store_folder
 from flows.storage.diagnosis import read_verdict
@@ -47,7 +48,7 @@ def take(folder: str) -> dict:
             sums[taken.what] += 1
             outcome = taken.run or taken.why
             log.info(f"{taken.name}: {taken.what}: {outcome}")
-            rows.append({"log": taken.name, "what": taken.what, "run": outcome})
+            rows.append((taken.name, taken.what, outcome))
             if taken.run:
                 fed.add(robot)
             if taken.what == REFUSED:
@@ -57,7 +58,8 @@ def take(folder: str) -> dict:
         artifacts.tell(ARRIVED, {"robot": robot}, resource(robot))
     words = ", ".join(f"{sums[kind]} {kind}" for kind in _KINDS if sums[kind])
     if rows:
-        artifacts.record("inbox", (), f"Logs of the inboxes: {words}.", rows)
+        table = words_table(("log", "outcome", "run or reason"), rows)
+        artifacts.record("inbox", (), [f"Logs of the inboxes: {words}.", table])
     artifacts.rename(f"inbox: {words or 'empty'}")
     return {kind: sums[kind] for kind in _KINDS}
 

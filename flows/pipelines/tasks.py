@@ -5,6 +5,7 @@ people want to see becomes an artifact. Prefect caches nothing: the ids of the s
 the cache.
 """
 
+from collections.abc import Mapping
 from concurrent.futures import Executor
 from functools import partial
 from pathlib import Path
@@ -18,8 +19,10 @@ from flows import requests
 from flows.inputs.given import robot_of
 from flows.pipelines import artifacts
 from flows.project.deployments import ALARM
-from flows.report import stored
-from flows.report.monitoring import meaning
+from flows.report import experiments, stored
+from flows.report.calibration import told as calibrated_parts
+from flows.report.models import identification as identified_parts
+from flows.report.monitoring import alarm_table, meaning
 from flows.settings import HEALTHY, cores, store_folder
 from flows.steps import calibrate as calibration
 from flows.steps import campaign as campaigns
@@ -101,7 +104,8 @@ def identify(
         store=place,
     )
     logs = identification.read_logs(request)
-    artifacts.identification(*identification.identify(request, logs))
+    made, kept = identification.identify(request, logs)
+    artifacts.record("identify", [kept] if kept else [], identified_parts(made))
 
 
 def calibrate(runs: list[str], store: str | None = None) -> list[str]:
@@ -115,7 +119,7 @@ def calibrate(runs: list[str], store: str | None = None) -> list[str]:
     robot = robot_of(runs, place)
     request = requests.Calibrate(tuple(runs), robot=robot, store=place)
     done = calibration.calibrate(request, *calibration.read_logs(request))
-    artifacts.calibration(done)
+    artifacts.record("calibrate", list(done.kept.values()), calibrated_parts(done))
     return list(done.kept.values())
 
 
@@ -132,8 +136,18 @@ def validate(
     place = store_folder(store)
     wanted = (requests.Validate(id, window, place) for id in runs)
     made = {request.run: validation.validate(request) for request in wanted}
-    artifacts.validations(made)
-    return [id for id, _ in made.values()]
+    ids = [id for id, _ in made.values()]
+    artifacts.record("validate", ids, validated_parts(made))
+    return ids
+
+
+def validated_parts(made: Mapping[str, tuple[str, validation.Validation]]) -> list:
+    """Return the tables and sentences of validations by run."""
+    parts = []
+    for run, (_, found) in made.items():
+        parts += [f"Run {run}:", experiments.validation(found)]
+        parts += [experiments.both_ways(found), experiments.meaning(found)]
+    return parts
 
 
 @task(name="diagnose", task_run_name="diagnose", tags=["analysis"])
@@ -170,10 +184,11 @@ def watch(
     new = monitoring.watch_new(ids, Path(store), model, good, tag)
     if new.record is None or new.found is None:
         get_run_logger().info(new.why)
-        artifacts.record("monitor", (), f"{new.why} Nothing was watched.")
+        artifacts.record("monitor", (), [f"{new.why} Nothing was watched."])
         artifacts.rename(f"monitor: nothing watched. {new.why}")
         return []
-    artifacts.monitoring(new.record, new.found, new.watched)
+    parts = [meaning(new.found), *new.found.notes, alarm_table(new.found, new.watched)]
+    artifacts.record("monitor", [new.record], parts)
     alarmed, count = new.alarmed, len(new.watched)
     many = f"alarms in {len(alarmed)} of" if alarmed else "no alarm in"
     robot = new.found.monitor.model.robot.name

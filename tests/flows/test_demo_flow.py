@@ -1,6 +1,5 @@
 """The flows of Prefect: their order, what they leave behind, and where."""
 
-import json
 import logging
 from pathlib import Path
 from types import SimpleNamespace
@@ -108,12 +107,9 @@ def test_a_night_is_called_by_its_verdict_and_leaves_few_artifacts(
     told = Artifact.get("verdict").data
     assert "Nothing is missing." in told
     assert f"{address}index.html" in told
-    assert json.loads(Artifact.get("calibrate").data) == [
-        {"scheme": "run", "model": "ls", "J1": 1.0, "all": 2.0}
-    ]
-    assert json.loads(Artifact.get("validate").data) == [
-        {"run": "cc", "what": "open loop [mrad]", "J1": 1.0}
-    ]
+    table = "All of it.\n\n| model | J1 |\n| --- | --- |\n| ls | 1.0 |"
+    stored = "Stored: `modelgap show ab`"
+    assert Artifact.get("validate").data == f"{table}\n\n{stored}"
 
 
 def test_each_experiment_is_a_task_run_and_a_lost_process_is_one_try(
