@@ -9,7 +9,7 @@ import numpy as np
 
 from residual.effects.base import BRISTLE
 from residual.export.exported import Exported, Left, Whole, body_of, file_stem, split
-from residual.model.corrected import DIFFERENCE, NONE, NOTHING, Corrected, Tables
+from residual.model.corrected import DIFFERENCE, NONE, NOTHING, CorrectedModel, Tables
 from residual.model.model import LEAST_SPEED, Model, Term
 from residual.recording import Array
 from residual.robot.dynamics import chain_of
@@ -59,7 +59,7 @@ def prefix_of(name: str) -> str:
 def header(carried: Whole, left: Iterable[Left] = ()) -> tuple[str, int]:
     """Return the text of the header, and how many numbers its memory has."""
     model, stem = body_of(carried), file_stem(carried)
-    tables = carried.tables if isinstance(carried, Corrected) else ()
+    tables = carried.tables if isinstance(carried, CorrectedModel) else ()
     tables = tuple(t for t in tables if t.kind != NONE)
     shifts = [t for t in model.terms if t.effect.portable.shift]
     arrays = _arrays(model, bool(shifts))
