@@ -169,13 +169,13 @@ def validate(
     model stray from what was measured? Feed-forward, on simulated runs: driven by the
     model's torque, how well does the arm track its reference, and how well when driven
     by its own? Root mean square per joint; the store keeps it. And both ways, of every
-    model that is known (nominal, identified, augmented, adopted, true): torque from
-    motion, acceleration from torque, and a mass matrix that is positive everywhere.
+    model that is known (nominal, identified, augmented, adopted): torque from motion,
+    acceleration from torque, and a mass matrix that is positive everywhere.
 
     With a model that was adopted, with --model or with --calibration, the simulated arm
     of the runs is then driven along unseen motions: of each family of the runs, with
-    seeds of their own. The nominal model, that one and the true one each drive it once,
-    the torque of the whole model fed forward: by how much, joint by joint, does the arm
+    seeds of their own. The nominal model and that one each drive it once, the torque of
+    the whole model fed forward: by how much, joint by joint, does the arm
     miss its reference before and after?
 
     Args:
