@@ -117,7 +117,7 @@ def three_models(
 ) -> tuple[dict[str, Model], Embodied]:
     """The three models, and the bodies of the last.
 
-    Identified and augmented differ by nothing but the effects.
+    ValidatedIdentification and augmented differ by nothing but the effects.
     """
     bodies = examined.model(judged.fit if judged.kept else examined.plain)
     identified = augmented = bodies.model
