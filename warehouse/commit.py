@@ -27,7 +27,7 @@ from warehouse.files import (
 )
 from warehouse.ids import record_folder
 from warehouse.layout import find_run
-from warehouse.provenance import about_origin, keep_made_with, provenance
+from warehouse.provenance import about_origin, keep_packages, provenance
 from warehouse.remote import bucket_of, is_here
 from warehouse.schema import KINDS, SAMPLES_FILE, SIGNALS, VIEWS, arrow_schema
 
@@ -94,7 +94,7 @@ def commit_run(
         target = record_folder(store, "runs", id, recording.robot)
         if not _is_there(target, "runs"):
             row = _run_row(id, recording, full, arrays)
-            keep_made_with(store)
+            keep_packages(store)
             # The seal first: a run that is visible has its truth.
             if sealed:
                 commit_seal(store, id, sealed)
@@ -176,7 +176,7 @@ def commit_row(
     texts = {"record": record, "provenance": told}
     texts = {k: json.dumps(v, ensure_ascii=False) for k, v in texts.items()}
     table = _one_row(kind, {**row, **lists}, texts)
-    keep_made_with(store)
+    keep_packages(store)
     with staged(store, f"{kind}-{id}") as folder:
         for name, content in (beside or {}).items():
             if isinstance(content, pa.Table):

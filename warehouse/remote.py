@@ -141,8 +141,7 @@ def bring(folder: Path) -> bool:
 
 def bring_file(path: Path) -> None:
     """Fetch a file whose place is in a bucket, if it is not here yet."""
-    place = place_of(path)
-    if place is None or path.exists():
+    if os.path.exists(path) or (place := place_of(path)) is None:
         return
     store, key = place
     bucket, data = bucket_of(store), None
@@ -151,7 +150,8 @@ def bring_file(path: Path) -> None:
     elif key.partition("/")[0] in _PLAIN:
         data = bucket.get(key)
     elif is_there(path.parent):
-        _, key, known = object_of(path)
+        known = sums_in(path.parent)[path.name]
+        key = _object_key(key.rpartition("/")[0], path.name, known)
         data = bucket.get(key)
         if data is None or hashlib.sha256(data).hexdigest() != known["sha256"]:
             what = "is missing" if data is None else "is damaged"
@@ -161,14 +161,6 @@ def bring_file(path: Path) -> None:
             )
     if data is not None:
         keep(path, data)
-
-
-def object_of(path: Path) -> tuple[Bucket, str, Mapping]:
-    """Return where a file of a record is in a bucket, and what its sums are."""
-    store, folder = place_of(path.parent)
-    bring_file(path.parent / SUMS)
-    known = sums_in(path.parent)[path.name]
-    return bucket_of(store), _object_key(folder, path.name, known), known
 
 
 def names_in(store: Path, folder: str) -> list[str]:

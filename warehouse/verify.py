@@ -20,7 +20,7 @@ from warehouse import ids
 from warehouse.commit import manifest_id
 from warehouse.files import file_faults, read_parquet, table_hash, to_arrays
 from warehouse.layout import Found, list_folders
-from warehouse.provenance import MADE_WITH, check_kept
+from warehouse.provenance import MADE_WITH, check_packages
 from warehouse.remote import bring, bring_file, fetched_anew, names_in
 from warehouse.runs import ROBOTS, open_seal
 from warehouse.schema import (
@@ -199,7 +199,7 @@ def _verify_other(place: Path, runs: Collection[str]) -> Iterator[Verified]:
         yield Verified(
             ROBOTS, name, file_faults(folder) or _complaint(check_robot, folder)
         )
-    for top, check in ((MADE_WITH, check_kept), (QUARANTINE, _check_tombstone)):
+    for top, check in ((MADE_WITH, check_packages), (QUARANTINE, _check_tombstone)):
         for name in names_in(place, top):
             yield Verified(
                 top, name, _complaint(_check_content, place / top / name, check)
