@@ -146,7 +146,7 @@ def bring_file(path: Path) -> None:
     store, key = place
     bucket, data = bucket_of(store), None
     if path.name == SUMS:
-        data = bucket.get(_commit_key(key.rpartition("/")[0]))
+        data = bucket.get(f"{COMMITS}/{key.rpartition('/')[0]}.json")
     elif key.partition("/")[0] in _PLAIN:
         data = bucket.get(key)
     elif is_there(path.parent):
@@ -207,8 +207,9 @@ def upload(folder: Path, target: Path) -> bool:
 
     with ThreadPoolExecutor(_AT_ONCE) as beside:
         list(beside.map(put, *zip(*sums_in(folder).items(), strict=True)))
-    while not bucket.put_if_absent(_commit_key(key), sums):
-        there = bucket.get(_commit_key(key))
+    commit = f"{COMMITS}/{key}.json"
+    while not bucket.put_if_absent(commit, sums):
+        there = bucket.get(commit)
         # None: refused only because another was at it, who then failed. The same: the
         # answer to our own put was lost, and it was sent once more.
         if there is not None:
@@ -253,10 +254,6 @@ def fetched_anew(store: Path) -> Iterator[Path]:
     finally:
         del _open[place.name]
         shutil.rmtree(place, ignore_errors=True)
-
-
-def _commit_key(folder: str) -> str:
-    return f"{COMMITS}/{folder}.json"
 
 
 def _object_key(folder: str, name: str, known: Mapping) -> str:
