@@ -19,6 +19,7 @@ from residual.diagnosis.changes import baseline_edits, dense_fit
 from residual.diagnosis.conclude import as_embodied, error_tables
 from residual.diagnosis.result import PLAIN, STAGES, Diagnosis, Verdict
 from residual.diagnosis.whole import STILL
+from residual.effects.base import Trait
 from residual.errors import joints_listed
 from residual.evidence.design import Design
 from residual.evidence.embodied import Embodied
@@ -234,7 +235,7 @@ def _judged(
 
 
 def _is_body(change: Change) -> bool:
-    return change.contrast.candidate.group.effect.needs_known_body
+    return Trait.BODY in change.contrast.candidate.group.effect.traits
 
 
 def _judgement(change: Change, with_it: Array, without: Array) -> Judged:

@@ -25,7 +25,7 @@ from residual.diagnosis.result import (
     Unexplained,
     Verdict,
 )
-from residual.effects.base import Effect
+from residual.effects.base import Effect, Trait
 from residual.model.compare import Cloud
 from residual.quantity import along, plain
 from residual.recording import Array
@@ -104,7 +104,7 @@ def _directions(effect: Effect, found: Found, one: Candidate) -> Sequence[Array]
         return effect.usual(found.both.design.states, one.group.joints)
     units = list(effect.parameters.values())[:count]
     alike = len(units) == count and len(set(units)) == 1
-    if count == 1 or not (effect.repeats or alike):
+    if count == 1 or not (Trait.PERIODIC in effect.traits or alike):
         return [np.eye(count)[0]]
     every = [np.array(u, dtype=float) for u in product((-1, 0, 1), repeat=count)]
     half = every[len(every) // 2 + 1 :]  # the others point the other way

@@ -14,7 +14,7 @@ import numpy as np
 from residual.changes.joint import Joint, Piece
 from residual.changes.rows import Both
 from residual.effects import registry
-from residual.effects.base import Effect, Placed, Shape
+from residual.effects.base import Effect, Placed, Shape, Trait
 from residual.evidence.columns import Group
 from residual.evidence.design import Design
 from residual.recording import Array
@@ -346,7 +346,7 @@ def vocabulary(both: Both, clocked: bool) -> tuple[list[Group], list[float]]:
     """
     wanted, span, live = [], both.logs.span, set(both.live)
     for effect in registry().values():
-        if effect.needs_clock and not clocked:
+        if Trait.NEEDS_CLOCK in effect.traits and not clocked:
             continue
         for on in effect.candidates(both.design.dof, span.prismatic):
             if effect.scope in ("local", "pair") and not set(on) <= live:
@@ -380,9 +380,9 @@ def _reaching(effect: Effect, shapes: Sequence[Shape]) -> list[Shape]:
 def renewed(both: Both, known: Sequence[Candidate]) -> list[Group]:
     """The same groups, those that go by the model's torque seen anew."""
     old = [c.group for c in known]
-    fresh = [g for g in old if g.effect.uses_model]
+    fresh = [g for g in old if Trait.USES_MODEL in g.effect.traits]
     made = iter(both.design.add([g.placed for g in fresh]))
-    return [next(made) if g.effect.uses_model else g for g in old]
+    return [next(made) if Trait.USES_MODEL in g.effect.traits else g for g in old]
 
 
 def refined(

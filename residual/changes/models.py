@@ -14,6 +14,7 @@ from residual.changes.rows import Both, JointFit, joint_fit, without
 from residual.changes.search import Change as FoundChange
 from residual.changes.search import Found
 from residual.diagnosis.result import Change
+from residual.effects.base import Trait
 from residual.evidence.embodied import Beside, Embodied, embodied
 from residual.evidence.fit import Fit, as_model
 from residual.evidence.priors import SCALES
@@ -49,10 +50,14 @@ def fit_epoch(logs: Logs, nominal: Nominal, like: Model | None = None) -> Epoch:
     rough = embodied(joint.design, joint.fitted, rough).model
     if like is None:
         # What brakes decides how a joint stands; the rest only takes time.
-        kept = [t for t in rough.terms if t.effect.brakes or t.effect.carries]
+        kept = [t for t in rough.terms if _brakes(t) or t.effect.carries]
         still = with_standstill(replace(rough, terms=tuple(kept)), logs.sketch)
         rough = replace(rough, standstill=still.standstill)
     return Epoch(logs, _with_tables(rough, nominal), joint)
+
+
+def _brakes(term: Term) -> bool:
+    return Trait.FRICTION in term.effect.traits
 
 
 def _together(terms: Sequence[Term]) -> tuple[Term, ...]:
@@ -103,7 +108,7 @@ def _beside(both: Both, change: FoundChange) -> Beside:
 def _warm(terms: Sequence[Term], factor: Array) -> tuple[Term, ...]:
     """Friction of every joint times a factor of its own."""
     return tuple(
-        replace(t, theta=factor[t.joints[0]] * t.theta) if t.effect.brakes else t
+        replace(t, theta=factor[t.joints[0]] * t.theta) if _brakes(t) else t
         for t in terms
     )
 

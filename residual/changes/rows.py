@@ -13,7 +13,7 @@ import numpy as np
 
 from residual.changes.rules import Rules
 from residual.effects import registry
-from residual.effects.base import Placed
+from residual.effects.base import Placed, Trait
 from residual.evidence.design import Design, Group
 from residual.evidence.fit import Fit, Prior, as_model, fit, settled
 from residual.evidence.priors import relative_prior
@@ -139,7 +139,7 @@ def both_epochs(logs: Logs, first: int, nominal: Nominal, rules: Rules) -> Both:
         first=first,
         shared=np.concatenate(ids),
         known=tuple(known),
-        loaded=tuple(g for g in known if g.effect.uses_model),
+        loaded=tuple(g for g in known if Trait.USES_MODEL in g.effect.traits),
         left=_left(design, fitted),
         friction=_friction(design, fitted, nominal, known),
         layout=layout,
@@ -204,7 +204,7 @@ def _pressed(both: Both, changed: Sequence[tuple[Group, Array]]) -> Both:
     terms = [
         Term(g.effect, g.joints, g.shape, theta)
         for g, theta in changed
-        if g.effect.is_parameter
+        if Trait.PARAMETER in g.effect.traits
     ]
     bodies = [t for t in terms if t.effect.carries == "body"]
     others = [t for t in terms if t.effect.carries != "body"]
@@ -241,7 +241,8 @@ def _usual(logs: Logs, model: Model) -> tuple[list[Placed], list[Placed]]:
         for joints in effect.candidates(model.robot.dof, model.robot.prismatic):
             for shape in effect.in_any_arm(logs.span, joints[0] if joints else 0):
                 if (effect.name, joints, shape) not in has:
-                    out[effect.uses_model].append(Placed(effect, joints, shape))
+                    kind = out[Trait.USES_MODEL in effect.traits]
+                    kind.append(Placed(effect, joints, shape))
     return out
 
 
@@ -262,7 +263,7 @@ def _friction(
         *((t.effect, len(t.theta)) for t in nominal.model.terms),
         *((g.effect, len(g.ids)) for g in known),
     ]:
-        if effect.brakes:
+        if Trait.FRICTION in effect.traits:
             braking += range(start, start + count)
         start += count
     ids, values = fitted.ids[braking], values[braking]

@@ -17,7 +17,7 @@ from residual.changes.contrast import (
 from residual.changes.joint import Joint
 from residual.changes.rows import Both, beside
 from residual.changes.unrest import Warmth, basics, first_noise, is_basic, joints_of
-from residual.effects.base import against_position
+from residual.effects.base import Trait, against_position
 from residual.evidence.fit import limits_of
 from residual.recording import Array
 
@@ -144,7 +144,7 @@ def _of_no_form(named: Sequence[Candidate]) -> list[Candidate]:
     for c in named:
         effect = c.group.effect
         if effect.variable is against_position and not (
-            effect.repeats or effect.brakes
+            effect.traits & (Trait.PERIODIC | Trait.FRICTION)
         ):
             curves.setdefault(c.group.joints[0], []).append(c)
     return [c for own in curves.values() if len(own) > 1 for c in own]

@@ -20,7 +20,7 @@ from residual.diagnosis.examine import Examined
 from residual.diagnosis.gate import Tested
 from residual.diagnosis.held_out import Verdicts, without
 from residual.diagnosis.search import refined
-from residual.effects.base import Effect, Placed, Shape
+from residual.effects.base import Effect, Placed, Shape, Trait
 from residual.evidence.design import Design, Group
 from residual.evidence.fit import (
     Fit,
@@ -199,7 +199,7 @@ def _by_redrawing(examined: Examined, fitted: Fit, tracks) -> Checked:
     noise's own: b is had back where N is known.
     """
     design, other, ids = examined.task.design, *_seen(examined, fitted, tracks)
-    if any(g.effect.uses_model for g in fitted.members):
+    if any(Trait.USES_MODEL in g.effect.traits for g in fitted.members):
         # Seen with the same model, else what it changed would be taken for noise.
         design, own = _seen(examined, fitted, examined.logs.sketch)
     else:
@@ -355,7 +355,7 @@ def _doubt(
     k = len(theta)
     # A structure must stand out though bodies may be off by as much as logs allow;
     # that a value is wrong is asked of this value, the others as good as they are.
-    least = best if group.effect.is_parameter else by_noise
+    least = best if Trait.PARAMETER in group.effect.traits else by_noise
     told = (least, least + between)
     chance = max(chance_of(theta, c[:k, :k], FLAT) for c in told)
     before = np.diag(scaled_inverse(group.precision))

@@ -13,6 +13,7 @@ import numpy as np
 
 from residual.diagnosis.gate import Tested
 from residual.diagnosis.result import Splits
+from residual.effects.base import Trait
 
 SURE = 0.9  # probability from which a name is in the model and in the headline
 MOST_GAIN = 0.3  # more of a gain makes no name surer
@@ -45,7 +46,7 @@ def confidence(tested: Tested, gain: float, splits: Splits) -> float:
         gain: Part of the held-out error that it removes.
         splits: How many parts of the logs show it again.
     """
-    curve = OF_CONSTANTS if tested.group.effect.is_constant else CURVE
+    curve = OF_CONSTANTS if Trait.CONSTANT in tested.group.effect.traits else CURVE
     parts = splits.found / splits.of if splits.of else 0.5
     gained = float(np.clip(gain / MOST_GAIN, -1.0, 1.0))
     odds = curve.level + curve.nats * np.log1p(max(tested.nats, 0.0))

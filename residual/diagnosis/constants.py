@@ -16,6 +16,7 @@ from residual.diagnosis.detectable import Selection
 from residual.diagnosis.gate import STATIC, leave_out
 from residual.diagnosis.search import Task, best, refined, search
 from residual.effects import registry
+from residual.effects.base import Trait
 from residual.evidence.columns import Group
 from residual.evidence.fit import Fit, Prior
 from residual.evidence.priors import HELD, held_at, without_slots
@@ -40,7 +41,7 @@ def nominal_with_constants(logs: Logs, names: Sequence[str]) -> Nominal:
         names: The declared effects.
     """
     settled = {*names, *(known.name for known in known_values(logs.robot))}
-    more = [e.name for e in registry().values() if e.is_constant]
+    more = [e.name for e in registry().values() if Trait.CONSTANT in e.traits]
     more = [name for name in more if name not in settled]
     nominal = start_nominal(logs, (*names, *more))
     terms = [t for t in nominal.model.terms if t.effect.name in more]

@@ -14,7 +14,7 @@ from scipy.linalg import solve_triangular
 from residual.diagnosis.expected_gain import Bench, Expected, expected, found
 from residual.diagnosis.result import Detectable, Place
 from residual.diagnosis.search import Candidates, Task, search
-from residual.effects.base import Effect, Placed
+from residual.effects.base import Effect, Placed, Trait
 from residual.evidence.design import Group
 from residual.evidence.fit import Fit, Prior, System, fit, limits_of
 from residual.evidence.priors import WIDTHS, Space, overlap, stacks
@@ -249,7 +249,7 @@ def _one_vector(effect: Effect, group: Group) -> bool:
     count = len(group.ids)
     units = list(effect.parameters.values())[:count]
     alike = len(units) == count and len(set(units)) == 1
-    return count > 1 and (effect.repeats or alike)
+    return count > 1 and (Trait.PERIODIC in effect.traits or alike)
 
 
 def _of_its_own_shape(effect: Effect, group: Group) -> bool:

@@ -23,6 +23,7 @@ from residual.diagnosis.search import (
     renewed,
 )
 from residual.effects import registry
+from residual.effects.base import Trait
 from residual.evidence.design import Design, Group
 from residual.evidence.embodied import Embodied, embodied
 from residual.evidence.fit import Fit, Prior, as_model, fit, physical
@@ -377,11 +378,11 @@ def _needs_second_search(selection: Selection) -> bool:
     fitted, task = selection.fit, selection.task
     if not fitted.members:
         return False
-    if any(g.effect.uses_model for g in fitted.members):
+    if any(Trait.USES_MODEL in g.effect.traits for g in fitted.members):
         return True
     plain = task.fit((), fitted, rounds=4)
     fall = np.maximum(plain.sse - fitted.sse, 0) / task.design.rows
-    model_based = any(e.uses_model for e in registry().values())
+    model_based = any(Trait.USES_MODEL in e.traits for e in registry().values())
     return model_based and bool(np.max(np.sqrt(fall) / task.design.rms) > RULES.large)
 
 
@@ -396,7 +397,8 @@ def _refit_named(logs: Logs, nominal: Nominal, selection: Selection) -> Fit:
     for _ in range(RULES.looks):
         design.show_torque(physical(as_model(nominal, fitted)))
         members = design.add([g.placed for g in fitted.members])
-        for group in [g for g in members if g.effect.uses_model and g.effect.refine]:
+        searched = [g for g in members if g.effect.refine]
+        for group in [g for g in searched if Trait.USES_MODEL in g.effect.traits]:
             others = [g for g in members if g is not group]
             members = refined(task, (*others, group), fitted)
         before, fitted = fitted.score, task.fit(members, fitted)

@@ -9,7 +9,7 @@ from residual.diagnosis.angle_noise import Checked, Doubt, standard_deviations
 from residual.diagnosis.examine import Examined
 from residual.diagnosis.gate import Tested
 from residual.diagnosis.neighbours import alternatives
-from residual.effects.base import Effect
+from residual.effects.base import Effect, Trait
 from residual.evidence.design import Design, Group
 from residual.evidence.fit import Fit
 from residual.evidence.rules import RULES
@@ -367,6 +367,7 @@ def folded(
 
 def _is_usual(found: Named, least: float) -> bool:
     effect = found.effect
-    if not (effect.brakes or effect.repeats) or effect.scope != "local":
+    small = effect.traits & (Trait.FRICTION | Trait.PERIODIC)
+    if not small or effect.scope != "local":
         return False
     return bool(np.all(found.torque < min(RULES.usual, least)))

@@ -6,6 +6,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from residual.diagnosis.search import Task, least, spares_model
+from residual.effects.base import Trait
 from residual.evidence.design import Design, Group
 from residual.evidence.fit import Fit, System, gain, possible
 from residual.evidence.rules import RULES
@@ -129,7 +130,7 @@ def _is_wrong(
     design: Design, tracks: Sequence[Track], fitted: Fit, tested: Tested
 ) -> bool:
     group = tested.group
-    if not group.effect.of_one_variable:
+    if Trait.ONE_VARIABLE not in group.effect.traits:
         return False
     (j,) = group.joints
     place, have = design.present(j, group.ids)
@@ -197,7 +198,7 @@ def only_curves(
     out = []
     for j in range(design.dof):
         mine = [t for t in tested if t.group.joints == (j,) and _of_position(t)]
-        if len(mine) > 1 and any(t.group.effect.repeats for t in mine):
+        if len(mine) > 1 and any(map(_is_wave, mine)):
             left = design.residual(j, fitted.ids, fitted.theta)
             drawn = sum(_torque(design, fitted, t, j) for t in mine)
             numbers = sum(len(t.group.ids) + len(t.group.shape) for t in mine)
@@ -205,9 +206,7 @@ def only_curves(
             rest = _without_curve(np.concatenate(lines), left + drawn, numbers)
             power = (left**2).sum()
             explained = ((left + drawn) ** 2).sum() - power
-            waves = sum(
-                _torque(design, fitted, t, j) for t in mine if t.group.effect.repeats
-            )
+            waves = sum(_torque(design, fitted, t, j) for t in mine if _is_wave(t))
             # What the waves add must be drawn, not what a name beside them explains.
             added = ((left + waves) ** 2).sum() - power
             if (rest**2).sum() - power < (1 - RULES.drawn) * added:
@@ -231,14 +230,17 @@ def _waves(
     for t in mine:
         left = ((whole - _torque(design, fitted, t, j)) ** 2).sum()
         alone = (whole**2).sum() - left
-        if not t.group.effect.repeats and alone > RULES.drawn * explained:
+        if not _is_wave(t) and alone > RULES.drawn * explained:
             return [other for other in mine if other is not t]
     return mine
 
 
+def _is_wave(tested: Tested) -> bool:
+    return Trait.PERIODIC in tested.group.effect.traits
+
+
 def _of_position(tested: Tested) -> bool:
-    effect = tested.group.effect
-    return effect.repeats or effect.family == STATIC
+    return _is_wave(tested) or tested.group.effect.family == STATIC
 
 
 def _torque(design: Design, fitted: Fit, tested: Tested, j: int) -> Array:

@@ -9,6 +9,7 @@ from residual.diagnosis.examine import Examined, refit
 from residual.diagnosis.gate import Tested, is_seen
 from residual.diagnosis.result import Splits
 from residual.diagnosis.search import Task, admissible, best, least, torque_share
+from residual.effects.base import Trait
 from residual.errors import InputError, joints_listed
 from residual.evidence.design import Design, Group
 from residual.evidence.embodied import Embodied
@@ -239,7 +240,7 @@ def found_again(task: Task, fitted: Fit, tested: Sequence[Tested]) -> list[Split
 
 def _wins(task: Task, fitted: Fit, group: Group) -> bool:
     """Whether a member would be named on these logs, beside the others."""
-    if group.effect.is_constant:
+    if Trait.CONSTANT in group.effect.traits:
         return is_seen(task, fitted, group)
     rest = [g for g in fitted.members if g is not group]
     without = task.settle(task.fit(rest, fitted))

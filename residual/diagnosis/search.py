@@ -8,7 +8,7 @@ from itertools import combinations
 import numpy as np
 
 from residual.effects import registry
-from residual.effects.base import Effect, Placed, Span
+from residual.effects.base import Effect, Placed, Span, Trait
 from residual.evidence.columns import union
 from residual.evidence.design import Design, Group
 from residual.evidence.fit import (
@@ -136,7 +136,9 @@ def renewed(design: Design, known: Candidates) -> Candidates:
 
     Only columns that read the model's torque are made anew.
     """
-    old = [g for g in known.groups if g.effect.uses_model and not g.parts]
+    old = [
+        g for g in known.groups if Trait.USES_MODEL in g.effect.traits and not g.parts
+    ]
     fresh = design.add([g.placed for g in old])
     new = {_place(g): made for g, made in zip(old, fresh, strict=True)}
 
@@ -157,7 +159,7 @@ def _on_all_joints(groups: Sequence[Group], dof: int) -> list[Group]:
     """The linear local effects that usually sit on every joint, as one candidate."""
     own: dict[str, list[Group]] = {}
     for g in groups:
-        if g.effect.groupable and g.shape == ():
+        if Trait.GROUPABLE in g.effect.traits and g.shape == ():
             own.setdefault(g.effect.name, []).append(g)
     return [union(parts) for parts in own.values() if len(parts) == dof > 1]
 
@@ -170,7 +172,8 @@ def every_candidate(
     Args:
         clocked: Whether the order of the logs in time is known.
     """
-    effects = [e for e in registry().values() if clocked or not e.needs_clock]
+    absent = Trait.NONE if clocked else Trait.NEEDS_CLOCK
+    effects = [e for e in registry().values() if not e.traits & absent]
     barred = [forbidden(p, nominal) for p in priors(design, nominal)]
     wanted = [e for e in effects if not all(e.name in b for b in barred)]
     every = collect(design, wanted, span, design.dof)
@@ -306,7 +309,7 @@ def _shortlist(
     values = values - task.candidates.costs
     if instead is None and (top := values.max(initial=0.0)) > RULES.clear_best:
         floor = max(floor, RULES.faint * top)
-    taken = {g.key for g in base.members if not g.effect.repeats}
+    taken = {g.key for g in base.members if Trait.PERIODIC not in g.effect.traits}
     if instead is not None:
         taken.add(instead.key)
     families = {(g.effect.family, g.joints) for g in base.members if g.effect.family}
@@ -461,7 +464,7 @@ def least(task: Task, members: Sequence[Group], group: Group) -> float:
     None for one of several joints, as long as half of the arm's joints have the name;
     what every drive has may even cost as much, since what a joint lacks may hide it.
     """
-    if group.effect.is_constant:
+    if Trait.CONSTANT in group.effect.traits:
         # Tested on left-out parts: a joint whose error it halves may have five rows
         # that count.
         return -np.inf

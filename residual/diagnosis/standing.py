@@ -32,6 +32,7 @@ from residual.diagnosis.held_out import (
 )
 from residual.diagnosis.result import Splits
 from residual.diagnosis.search import least
+from residual.effects.base import Trait
 from residual.errors import listed
 from residual.evidence.design import Group
 from residual.evidence.embodied import embodied
@@ -243,7 +244,7 @@ def _weighed(
 
 
 def _is_constant(tested: Tested) -> bool:
-    return tested.group.effect.is_constant
+    return Trait.CONSTANT in tested.group.effect.traits
 
 
 def _with_constants(
@@ -257,7 +258,7 @@ def _with_constants(
     names = [t for t, _ in now.judged.kept]
     every = replace(examined, tested=(*names, *own))
     judged = judge_held_out(every, proof)
-    gone = [Withdrawn(t, _refuted(t, gain)) for t, gain in judged.refuted]
+    gone = [Withdrawn(t, _refuted(gain)) for t, gain in judged.refuted]
     tested = [t for t, _ in judged.kept]
     checks = checked(examined, judged.fit, recordings) if tested else None
     return replace(
@@ -283,7 +284,7 @@ def _doubted(
     """
     judged = judge_held_out(examined, proof)
     gone = [Withdrawn(t, _resembles(t), True, True) for t in examined.withdrawn]
-    gone += [Withdrawn(t, _refuted(t, gain), True, True) for t, gain in judged.refuted]
+    gone += [Withdrawn(t, _refuted(gain), True, True) for t, gain in judged.refuted]
     if history.last:
         gone += [Withdrawn(t, ALONE) for t in judged.dropped]
     checks, named = None, []
@@ -336,7 +337,7 @@ def _weak(
 
 def _bodiless(examined: Examined, judged: Verdicts) -> list[tuple[Tested, str]]:
     """Names of bodies, where the logs contradict every possible body beyond chance."""
-    named = [t for t, _ in judged.kept if t.group.effect.needs_known_body]
+    named = [t for t, _ in judged.kept if Trait.BODY in t.group.effect.traits]
     if not named:
         return []
     model = as_model(examined.nominal, judged.fit)
@@ -357,10 +358,8 @@ def _resembles(tested: Tested) -> str:
     return f"withdrawn: {what} resembles it but is not explained by it"
 
 
-def _refuted(tested: Tested, gain: float) -> str:
-    why = (
+def _refuted(gain: float) -> str:
+    return (
         "refuted by the held-out logs "
         f"(error there {100 * -gain:.1f} % higher with it), withdrawn"
     )
-    question = tested.group.effect.if_refuted
-    return f"{why}; {question}" if question else why

@@ -14,6 +14,7 @@ from residual.diagnosis.examine import Examined
 from residual.diagnosis.gate import Tested
 from residual.diagnosis.standing import Withdrawn
 from residual.effects import registry
+from residual.effects.base import Trait
 from residual.errors import joints_listed, listed
 from residual.evidence.design import Design
 from residual.evidence.fit import Fit, System, smallest_change
@@ -36,7 +37,7 @@ from residual.signals.track import sample_rate
 
 def plain_fit(logs: Logs) -> Model:
     """Fit a robot's logs by plain least squares."""
-    constant = (e.name for e in registry().values() if e.is_constant)
+    constant = (e.name for e in registry().values() if Trait.CONSTANT in e.traits)
     nominal = start_nominal(logs, (*DEFAULT_DECLARED, *constant))
     design = Design(logs.tracks, nominal.model)
     whole = System.of(design, relative_prior(design, nominal, SCALES[-1]), ())
@@ -89,7 +90,7 @@ def _driving(examined: Examined, fitted: Fit) -> list[int]:
     """Joints (from 1) on which the fitted friction feeds the motion."""
     design, covariance = examined.task.design, fitted.covariance()
     theta, out = _whole(examined, fitted), []
-    brakes = _marked(examined, fitted, lambda effect, joints: effect.brakes)
+    brakes = _marked(examined, fitted, lambda e, on: Trait.FRICTION in e.traits)
     speeds = design.stacked([t.qd[:: t.step] for t in examined.logs.sketch])
     for j, speed in enumerate(speeds):
         place, have = design.present(j, fitted.ids)

@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from residual.effects.base import Effect, against_position, formula, local, wave
+from residual.effects.base import Effect, Trait, against_position, formula, local, wave
 
 MOST = 3.0  # times the joint's torque
 
@@ -22,12 +22,11 @@ EFFECT = Effect(
     noun="a balancer",
     sentence="a torque that follows sin and cos of position, as from a counterbalance",
     equation="tau = sin * sin(q) + cos * cos(q)",
-    needs_turn=True,
+    traits=Trait.NEEDS_TURN | Trait.ONE_VARIABLE,
     parameters={"sin": "N m", "cos": "N m"},
     columns=local(_feature),
     family="static",
     inexact=0.1,
-    of_one_variable=True,
     variable=against_position,
     possible=_possible,
     portable=formula("a[0] * sin(q) + a[1] * cos(q)"),

@@ -7,7 +7,8 @@ to gravity in the base frame.
 
 import numpy as np
 
-from residual.effects.base import Effect, Portable, model_of
+from residual.effects.base import Effect, Portable, Trait
+from residual.effects.sensitivity import model_of
 from residual.robot.dynamics import gravity_torque
 
 MOST = np.deg2rad(10.0)
@@ -45,7 +46,7 @@ EFFECT = Effect(
     scope="global",
     values=_angles,
     from_values=_tangents,
-    uses_model=True,
+    traits=Trait.USES_MODEL,
     # Two degrees: more is seen with the eye.
     prior_sd=lambda robot: np.full(2, np.deg2rad(2.0)),
     variable=None,

@@ -6,7 +6,7 @@ bends it as a delay of that size does.
 
 import numpy as np
 
-from residual.effects.base import EARLIER, Effect, Portable, Refinement
+from residual.effects.base import EARLIER, Effect, Portable, Refinement, Trait
 
 LARGEST = 0.05  # s: beyond it the two channels have lost each other
 LEAST = 1e-4  # s: below it the difference is a derivative
@@ -38,9 +38,7 @@ EFFECT = Effect(
     from_values=lambda values, robot: (values, (float(values[0]),)),
     shapes=lambda span, j: tuple((a,) for a in FIRST),
     refine=Refinement("shift", 0.015, lower=LEAST, upper=LARGEST),
-    uses_model=True,
-    remembers=True,
-    of_report=True,
+    traits=Trait.USES_MODEL | Trait.MEMORY | Trait.REPORT,
     prior_sd=lambda robot: np.array([0.01]),
     possible=_possible,
     variable=lambda state, j: (

@@ -2,7 +2,8 @@
 
 import numpy as np
 
-from residual.effects.base import Effect, Portable, sensitivity
+from residual.effects.base import Effect, Portable, Trait
+from residual.effects.sensitivity import sensitivity
 
 MOST = 0.5  # rad: nobody would overlook more
 
@@ -20,7 +21,7 @@ EFFECT = Effect(
     parameters={"angle": "rad"},
     columns=_columns,
     scope="link",
-    uses_model=True,
+    traits=Trait.USES_MODEL,
     prior_sd=lambda robot: np.full(1, np.deg2rad(1.0)),
     family="geometry",
     variable=None,

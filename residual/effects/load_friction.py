@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from residual.effects.base import Effect, against_load, formula, local
+from residual.effects.base import Effect, Trait, against_load, formula, local
 
 
 def _feature(state, j, shape):
@@ -16,12 +16,10 @@ EFFECT = Effect(
     equation="tau = coefficient * |rigid-body torque| * sgn(qd)",
     parameters={"coefficient": "1"},
     columns=local(_feature),
-    uses_model=True,
+    traits=Trait.USES_MODEL | Trait.NOT_NEGATIVE | Trait.FRICTION,
     # A load presses teeth and bearings together; none of them runs easier for it.
-    not_negative=True,
     variable=against_load,
     possible=lambda theta, shape, limits: bool(0 < theta[0] < 1),
-    brakes=True,
     in_any_arm=lambda span, j: ((),),
     portable=formula("a[0] * fabs(rigid) * sign"),
 )

@@ -1,7 +1,7 @@
 """A load on the flange that the model does not have, or has wrong."""
 
 from residual.effects import _body
-from residual.effects.base import Effect, Portable
+from residual.effects.base import Effect, Portable, Trait
 from residual.robot.dynamics import flange_placement
 
 
@@ -39,10 +39,8 @@ EFFECT = Effect(
     from_values=lambda values, robot: _body.theta_from(
         flange_placement(robot.model), values
     ),
-    is_parameter=True,
+    traits=Trait.PARAMETER | Trait.BODY,
     carries="body",
-    needs_known_body=True,
-    if_refuted="was the load mounted otherwise there?",
     prior_sd=_body.prior_sd,
     combined=_combined,
     usual=lambda states, joints: _body.usual_in(

@@ -2,14 +2,8 @@
 
 import numpy as np
 
-from residual.effects.base import (
-    Effect,
-    against_position,
-    formula,
-    local,
-    wave,
-    within_torque,
-)
+from residual.effects.base import Effect, Trait, against_position, formula, local, wave
+from residual.effects.limits import within_torque
 
 
 def _feature(state, j, shape):
@@ -22,13 +16,12 @@ EFFECT = Effect(
     noun="friction that varies with position",
     sentence="dry friction whose size varies with the joint's position",
     equation="tau = (cos * cos(q) + sin * sin(q)) * sgn(qd)",
-    needs_turn=True,
+    traits=Trait.NEEDS_TURN | Trait.FRICTION,
     parameters={"cos": "N m", "sin": "N m"},
     columns=local(_feature),
     inexact=0.2,
     variable=against_position,
     possible=within_torque,
-    brakes=True,
     in_any_arm=lambda span, j: ((),),
     portable=formula("sign * (a[0] * cos(q) + a[1] * sin(q))"),
     told=wave(1, 0, "N m"),

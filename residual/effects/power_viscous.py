@@ -2,7 +2,8 @@
 
 import numpy as np
 
-from residual.effects.base import Effect, Refinement, dissipates, formula, local, shaped
+from residual.effects.base import Effect, Refinement, Trait, formula, local, shaped
+from residual.effects.limits import dissipates
 
 
 def _feature(state, j, shape):
@@ -21,10 +22,9 @@ EFFECT = Effect(
     from_values=shaped,
     shapes=lambda span, j: ((0.25,), (0.5,), (0.75,)),
     refine=Refinement("ratio", 0.4, lower=0.05, upper=0.95),
-    groupable=True,
+    traits=Trait.GROUPABLE | Trait.FRICTION,
     possible=lambda theta, shape, limits: dissipates(
         theta * limits.speed ** shape[0], shape, limits
     ),
-    brakes=True,
     portable=formula("a[0] * sgn(qd) * pow(fabs(qd), s[0])"),
 )

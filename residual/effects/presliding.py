@@ -8,11 +8,12 @@ from residual.effects.base import (
     BRISTLE,
     Effect,
     Refinement,
-    dissipates,
+    Trait,
     formula,
     local,
     shaped,
 )
+from residual.effects.limits import dissipates
 from residual.signals.standstill import bristle
 
 
@@ -42,13 +43,12 @@ EFFECT = Effect(
     ),
     parameters={"level": "N m", "displacement": "rad"},
     columns=local(_feature),
-    remembers=True,
+    traits=Trait.MEMORY | Trait.FRICTION,
     rides_on="coulomb",
     from_values=shaped,
     shapes=_shapes,
     refine=Refinement("ratio", 0.6),
     possible=_possible,
     least_seen=((0.006,),),  # rad
-    brakes=True,
     portable=formula("a[0] * (bristle(m, q, s[0]) - sign)", memory=BRISTLE),
 )

@@ -5,11 +5,12 @@ import numpy as np
 from residual.effects.base import (
     Effect,
     Refinement,
+    Trait,
     against_position,
     formula,
     local,
-    within_torque,
 )
+from residual.effects.limits import within_torque
 
 
 def _feature(state, j, shape):
@@ -55,7 +56,7 @@ EFFECT = Effect(
     from_values=_from_values,
     shapes=_shapes,
     refine=Refinement("shift", 0.8, sliding=4.0),
-    repeats=True,
+    traits=Trait.PERIODIC,
     variable=against_position,
     possible=within_torque,
     in_any_arm=lambda span, j: ((1.0,), (2.0,), (3.0,)),

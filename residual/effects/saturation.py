@@ -2,7 +2,14 @@
 
 import numpy as np
 
-from residual.effects.base import Effect, Refinement, against_torque, formula, local
+from residual.effects.base import (
+    Effect,
+    Refinement,
+    Trait,
+    against_torque,
+    formula,
+    local,
+)
 
 # The coefficient is one where the clip is right; a model that is not yet may need more.
 LEAST, MOST = 0.5, 2.0
@@ -31,8 +38,7 @@ EFFECT = Effect(
     from_values=lambda values, robot: (np.ones(1), (float(values[0]),)),
     shapes=_shapes,
     refine=Refinement("ratio", 0.1),
-    uses_model=True,
-    of_report=True,
+    traits=Trait.USES_MODEL | Trait.REPORT,
     prior_sd=lambda robot: np.array([1.0]),
     possible=lambda theta, shape, limits: bool(LEAST < theta[0] < MOST),
     variable=against_torque,

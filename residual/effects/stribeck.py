@@ -5,7 +5,8 @@ The textbook form level·exp(-|qd/vs|^exponent) (Armstrong-Hélouvry 1994).
 
 import numpy as np
 
-from residual.effects.base import Effect, Refinement, dissipates, formula, local, shaped
+from residual.effects.base import Effect, Refinement, Trait, formula, local, shaped
+from residual.effects.limits import dissipates
 
 
 def _feature(state, j, shape):
@@ -34,9 +35,8 @@ EFFECT = Effect(
     from_values=shaped,
     shapes=_shapes,
     refine=Refinement("ratio", 0.6),
-    not_negative=True,
+    traits=Trait.NOT_NEGATIVE | Trait.FRICTION,
     possible=dissipates,
-    brakes=True,
     in_any_arm=_usual_shapes,
     least_seen=tuple((velocity, 1.0) for velocity in (0.06, 0.12)),  # rad/s
     portable=formula("a[0] * sign * exp(-pow(fabs(qd / s[0]), s[1]))"),

@@ -2,7 +2,8 @@
 
 import numpy as np
 
-from residual.effects.base import Effect, Refinement, dissipates, formula, local, shaped
+from residual.effects.base import Effect, Refinement, Trait, formula, local, shaped
+from residual.effects.limits import dissipates
 
 
 def _feature(state, j, shape):
@@ -26,11 +27,10 @@ EFFECT = Effect(
     from_values=shaped,
     shapes=_shapes,
     refine=Refinement("ratio", 0.6),
-    needs_clock=True,
+    traits=Trait.NEEDS_CLOCK | Trait.FRICTION,
     # One over time and two time constants: 7 to 34 % from this level at the start.
     inexact=0.15,
     variable=lambda state, j: (state.t, "session time [s]"),
     possible=dissipates,
-    brakes=True,
     portable=formula("a[0] * sign * exp(-t / s[0])"),
 )

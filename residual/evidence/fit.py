@@ -11,7 +11,8 @@ import numpy as np
 from scipy.linalg.lapack import dpotrf, dpotri, dpotrs
 from scipy.special import chdtrc
 
-from residual.effects.base import Limits
+from residual.effects.base import Trait
+from residual.effects.limits import Limits
 from residual.evidence.design import LAGS, Design, Group
 from residual.evidence.rules import RULES
 from residual.model.model import Model, Term, with_slots
@@ -388,7 +389,7 @@ def physical(model: Model) -> Model:
     A feature that reads the model's torque must not carry the shape of another finding:
     a torque gain times a found warm-up would explain the warm-up.
     """
-    terms = tuple(t for t in model.terms if t.effect.is_parameter)
+    terms = tuple(t for t in model.terms if Trait.PARAMETER in t.effect.traits)
     return replace(model, terms=terms, tables=())
 
 

@@ -8,7 +8,7 @@ import numpy as np
 from scipy.linalg import solve_triangular
 
 from residual.effects import registry
-from residual.effects.base import Joints
+from residual.effects.base import Joints, Trait
 from residual.evidence.design import Design, Group
 from residual.evidence.fit import Fit, Prior, System, as_model, start
 from residual.evidence.rules import RULES
@@ -179,10 +179,10 @@ def forbidden(prior: Prior, nominal: Nominal) -> set[str]:
     out = set()
     for term, given in nominal.declared:
         settled = given is not None and prior.widths[term.effect.name] < ASSUMED
-        if not (settled and term.effect.is_parameter):
+        if not (settled and Trait.PARAMETER in term.effect.traits):
             out.add(term.effect.name)
     if prior.scale > RULES.rough:
-        out |= {e.name for e in registry().values() if e.needs_known_body}
+        out |= {e.name for e in registry().values() if Trait.BODY in e.traits}
     return out
 
 
@@ -191,9 +191,9 @@ def given_slots(model: Model, group: Group) -> Array:
 
     All inertial ones for a body; none where the model has no such value.
     """
-    if not group.effect.is_parameter:
+    if Trait.PARAMETER not in group.effect.traits:
         return np.zeros(0, dtype=int)
-    if group.effect.needs_known_body:
+    if Trait.BODY in group.effect.traits:
         return np.arange(len(model.inertial))
     out: list[int] = []
     for term, own in with_slots(model.terms, len(model.inertial)):

@@ -9,6 +9,7 @@ from dataclasses import replace
 
 import numpy as np
 
+from residual.effects.base import Trait
 from residual.errors import InputError
 from residual.export.c99 import header, prefix_of
 from residual.export.exported import (
@@ -72,7 +73,7 @@ def _split(whole: Whole) -> Split:
     said = {term for term, _ in split_program(whole).reasons}
 
     def refuse(term: Term) -> str:
-        if term.effect.of_report:
+        if Trait.REPORT in term.effect.traits:
             return REPORT
         return term.effect.portable.why_not if term in said else ""
 
@@ -115,7 +116,7 @@ def _slope(model: Model, q: Array, small: float) -> Array:
     still, out = np.zeros_like(q), np.zeros_like(q)
     own = replace(
         model.by_sign() if _has_bristle(model) else model,
-        terms=tuple(t for t in model.terms if not t.effect.of_report),
+        terms=tuple(t for t in model.terms if Trait.REPORT not in t.effect.traits),
     )
     t = np.arange(len(q)) / 1.0
     for j in range(q.shape[1]):

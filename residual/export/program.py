@@ -7,7 +7,7 @@ from importlib import resources
 
 import numpy as np
 
-from residual.effects.base import BRISTLE, Portable
+from residual.effects.base import BRISTLE, Portable, Trait
 from residual.export.exported import Split, Whole, body_of, file_stem, split
 from residual.model.corrected import DIFFERENCE, NONE, Corrected, Tables
 from residual.model.model import LEAST_SPEED, Model, Term
@@ -174,7 +174,7 @@ def _lines(model: Model, memory: int) -> tuple[list[Line], int]:
         for k, row in enumerate(rows):
             text = said.formula[k if len(said.formula) > 1 else 0]
             joints = term.joints if effect.scope == "pair" else (row,)
-            numbers = (term.theta, term.shape, memory, effect.of_report)
+            numbers = (term.theta, term.shape, memory, Trait.REPORT in effect.traits)
             out.append(Line(_title(term), row, joints, text, *numbers))
             memory += said.memory
     return out, memory

@@ -14,7 +14,7 @@ import numpy as np
 import pinocchio as pin
 from scipy.ndimage import uniform_filter1d
 
-from residual.effects.base import State
+from residual.effects.base import State, Trait
 from residual.model.corrected import Corrected
 from residual.model.model import Model
 from residual.recording import Array
@@ -157,7 +157,8 @@ def _used(model: Model | Corrected, width: float) -> Model | Corrected:
     """
     own = getattr(model, "model", model)
     dof = own.robot.dof
-    late = [t for t in own.terms if t.effect.of_report and t.effect.remembers]
+    late_report = Trait.REPORT | Trait.MEMORY
+    late = [t for t in own.terms if late_report in t.effect.traits]
     own = replace(
         own,
         terms=tuple(t for t in own.terms if t not in late),

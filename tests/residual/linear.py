@@ -9,7 +9,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from residual.diagnosis.search import Candidates, Task
-from residual.effects.base import Effect, State, local
+from residual.effects.base import Effect, State, Trait, local
 from residual.evidence.columns import union
 from residual.evidence.design import Design, Group
 from residual.evidence.fit import Prior
@@ -32,10 +32,18 @@ def _pair(state, joints, shape):
 
 
 LINE = Effect(
-    "line", "a line", {"a": "1"}, local(lambda s, j, x: [s.q[:, j]]), groupable=True
+    "line",
+    "a line",
+    {"a": "1"},
+    local(lambda s, j, x: [s.q[:, j]]),
+    traits=Trait.GROUPABLE,
 )
 OTHER = Effect(
-    "other", "a line", {"a": "1"}, local(lambda s, j, x: [s.qd[:, j]]), groupable=True
+    "other",
+    "a line",
+    {"a": "1"},
+    local(lambda s, j, x: [s.qd[:, j]]),
+    traits=Trait.GROUPABLE,
 )
 PLANE = Effect(
     "plane",

@@ -7,7 +7,7 @@ import numpy as np
 
 from residual.diagnosis.angle_noise import standard_deviations
 from residual.diagnosis.search import Candidates, renewed
-from residual.effects.base import Effect, Refinement, local
+from residual.effects.base import Effect, Refinement, Trait, local
 from residual.evidence.columns import union
 from residual.evidence.design import Design
 from tests.residual.arms import arm
@@ -26,7 +26,7 @@ FADE = Effect(
 READS = Effect(
     "reads", "reads the model", {"a": "1"}, local(lambda s, j, x: [s.tau_model[:, j]])
 )
-READS = replace(READS, uses_model=True, groupable=True)
+READS = replace(READS, traits=Trait.USES_MODEL | Trait.GROUPABLE)
 
 
 def deviation(problem, shape):

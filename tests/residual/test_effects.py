@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 
 from residual import effects
 from residual.effects import registry
-from residual.effects.base import Span, State
+from residual.effects.base import Span, State, Trait
 from residual.model.model import Term
 from residual.robot import dynamics
 from tests.residual.arms import SEVEN, arm, bare_irb140
@@ -65,7 +65,11 @@ def terms(name, robot, theta=None):
 
 def test_the_registry_is_the_folder():
     folder = Path(effects.__file__).parent
-    files = {p.stem for p in folder.glob("[!_]*.py")} - {"base"}
+    files = {p.stem for p in folder.glob("[!_]*.py")} - {
+        "base",
+        "limits",
+        "sensitivity",
+    }
     assert files == set(registry())
     assert all(name == effect.name for name, effect in registry().items())
 
@@ -131,7 +135,9 @@ def test_columns_look_at_nothing_but_the_same_sample(name):
 
 
 def test_effects_that_look_along_the_log_say_so():
-    assert {e.name for e in registry().values() if e.remembers} == WITH_MEMORY
+    assert {
+        e.name for e in registry().values() if Trait.MEMORY in e.traits
+    } == WITH_MEMORY
 
 
 # -- what the parameters mean ------------------------------------------------------
@@ -154,7 +160,7 @@ PLAIN = {
 
 
 def _plain(effect) -> bool:
-    return effect.scope == "local" and not effect.remembers
+    return effect.scope == "local" and Trait.MEMORY not in effect.traits
 
 
 LOCAL = sorted(name for name, effect in registry().items() if _plain(effect))
@@ -410,7 +416,7 @@ def test_shapes_are_usable_however_the_arm_moved(name, speed, travel, duration):
 def test_no_warmup_is_tried_where_the_session_clock_is_unknown():
     unknown = replace(span(2), duration=0.0)
     assert list(registry()["warmup"].shapes(unknown, 0)) == []
-    assert registry()["warmup"].needs_clock
+    assert Trait.NEEDS_CLOCK in registry()["warmup"].traits
 
 
 def test_ripple_orders_are_dense_enough_for_the_travel():

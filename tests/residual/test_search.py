@@ -24,7 +24,7 @@ from residual.diagnosis.search import (
     spares_model,
     torque_share,
 )
-from residual.effects.base import Effect, Refinement, Span, local
+from residual.effects.base import Effect, Refinement, Span, Trait, local
 from residual.evidence.design import Design
 from residual.evidence.fit import fit
 from residual.evidence.rules import Rules
@@ -243,7 +243,7 @@ def near_copy(size):
     return replace(
         LINE,
         name="near",
-        groupable=False,
+        traits=Trait.NONE,
         columns=lambda s, j, x: LINE.columns(s, j, x) + size * OTHER.columns(s, j, x),
     )
 

@@ -11,7 +11,8 @@ import pinocchio as pin
 import pytest
 
 from residual.effects import registry
-from residual.effects.base import State, sensitivity
+from residual.effects.base import State, Trait
+from residual.effects.sensitivity import sensitivity
 from residual.model.model import Model, Term
 from residual.robot import dynamics
 from residual.signals.track import Filters, prepare
@@ -225,7 +226,7 @@ def test_a_report_that_ends_is_cut_at_both_sides_and_no_other_has_a_plateau():
 
 
 def test_only_reports_are_left_out_of_the_torque_that_effects_see():
-    told = {n for n, e in registry().items() if e.of_report}
+    told = {n for n, e in registry().items() if Trait.REPORT in e.traits}
     assert told == {"torque_gain", "saturation", "delay"}
 
 
