@@ -13,10 +13,10 @@ from benchmarks.harness.figures import Figures, figure, missing
 from benchmarks.harness.rates import wilson
 from benchmarks.hidden.score import Name, Said, members
 from benchmarks.measured_parts import arms
-from residual.diagnosis.examine import examine
+from residual.diagnosis.diagnose import diagnose
+from residual.diagnosis.outcome import examine
 from residual.evidence.fit import as_model
 from residual.evidence.rules import Rules
-from residual.method.diagnose import diagnose
 from residual.model.compare import prepare_held_out
 from residual.model.nominal import declared_names, prepare_logs, start_nominal
 from residual.recording import Recording

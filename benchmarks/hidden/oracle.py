@@ -9,7 +9,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from residual.diagnosis.examine import Examined
+from residual.diagnosis.outcome import Examined
 from residual.diagnosis.search import Candidates, Task, refined
 from residual.effects import registry
 from residual.effects.base import Effect, Joints, Placed

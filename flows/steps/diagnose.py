@@ -18,9 +18,9 @@ from flows.requests import Diagnose
 from flows.settings import store_folder
 from flows.steps.check import as_mounted, checked
 from flows.storage import diagnosis as kept
+from residual.diagnosis import diagnose as method
 from residual.diagnosis.result import Diagnosis
 from residual.errors import InputError
-from residual.method import diagnose as method
 from residual.model.known import known_values
 from residual.recording import Recording
 from residual.robot.robot import Robot, with_known

@@ -13,13 +13,13 @@ import pinocchio as pin
 from flows.inputs.given import load
 from flows.steps.experiment import reference_of
 from flows.storage.diagnosis import read_models, read_verdict
-from residual.diagnosis.changes import dense_model, sealed_edit
 from residual.diagnosis.result import Edit, Place, Verdict
 from residual.effects import registry, reported_joints
 from residual.model.model import Model, Term
 from residual.recording import Recording
 from residual.robot.dynamics import inertial_parameters
 from residual.threads import one_blas_thread
+from residual.verdict.edit import dense_model, sealed_edit
 from sim.engine.records import PlantEffect, PlantSpec, Rates, TrajectorySpec
 from sim.experiment import run_experiment
 from sim.plant.arm import build_arm

@@ -14,11 +14,7 @@ from residual.changes.models import Epoch, augmented, fit_epoch
 from residual.changes.rows import both_epochs
 from residual.changes.rules import Rules
 from residual.changes.search import Change, Found, find
-from residual.changes.unnamed import unnamed
-from residual.diagnosis.changes import baseline_edits, dense_fit
-from residual.diagnosis.conclude import as_embodied, error_tables
-from residual.diagnosis.result import PLAIN, STAGES, Diagnosis, Verdict
-from residual.diagnosis.whole import STILL
+from residual.changes.unexplained import unnamed
 from residual.effects.base import Trait
 from residual.errors import joints_listed
 from residual.evidence.design import Design
@@ -39,6 +35,16 @@ from residual.recording import Array, Recording
 from residual.robot.robot import Robot
 from residual.signals.splitting import session_clock, sketch_of
 from residual.signals.track import Filters
+from residual.verdict.edit import baseline_edits, dense_fit
+from residual.verdict.result import (
+    PLAIN,
+    STAGES,
+    STILL,
+    Diagnosis,
+    Verdict,
+    as_embodied,
+    error_tables,
+)
 
 Progress = Callable[[str, float], None]
 # Of the error. Another motion asks more of the rest of a model than of a name, so that

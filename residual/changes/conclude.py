@@ -8,11 +8,16 @@ import numpy as np
 
 from residual.changes.contrast import Candidate, expected_worth
 from residual.changes.models import Epoch, values_that_changed
+from residual.changes.nuisance import Warmth
 from residual.changes.search import Change, Found
-from residual.changes.unnamed import Rest, follows
-from residual.changes.unrest import Warmth
-from residual.diagnosis.findings import EXPLAINED
-from residual.diagnosis.result import (
+from residual.changes.unexplained import Rest, follows
+from residual.effects.base import Effect, Trait
+from residual.model.compare import Cloud
+from residual.quantity import along, plain
+from residual.recording import Array
+from residual.robot.robot import Robot
+from residual.verdict.result import (
+    EXPLAINED,
     Dependence,
     Detectable,
     Drift,
@@ -25,11 +30,6 @@ from residual.diagnosis.result import (
     Unexplained,
     Verdict,
 )
-from residual.effects.base import Effect, Trait
-from residual.model.compare import Cloud
-from residual.quantity import along, plain
-from residual.recording import Array
-from residual.robot.robot import Robot
 
 LADDER = np.geomspace(1.0, 1e4, 400)  # deviations at which to look
 

@@ -13,7 +13,6 @@ import numpy as np
 from residual.changes.rows import Both, JointFit, joint_fit, without
 from residual.changes.search import Change as FoundChange
 from residual.changes.search import Found
-from residual.diagnosis.result import Change
 from residual.effects.base import Trait
 from residual.evidence.embodied import Beside, Embodied, embodied
 from residual.evidence.fit import Fit, as_model
@@ -22,6 +21,7 @@ from residual.model.model import Model, Term, with_slots
 from residual.model.nominal import Logs, Nominal, begin, with_standstill
 from residual.quantity import plain
 from residual.recording import Array
+from residual.verdict.result import Change
 
 SURE = 3.0  # deviations beyond which a value has changed
 LEAST = 0.05  # of a value: less is no news

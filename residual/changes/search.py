@@ -15,8 +15,8 @@ from residual.changes.contrast import (
     weighed,
 )
 from residual.changes.joint import Joint
+from residual.changes.nuisance import Warmth, basics, first_noise, is_basic, joints_of
 from residual.changes.rows import Both, beside
-from residual.changes.unrest import Warmth, basics, first_noise, is_basic, joints_of
 from residual.effects.base import Trait, against_position
 from residual.evidence.fit import limits_of
 from residual.recording import Array

@@ -12,9 +12,9 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from residual.diagnosis.detectable import Selection
 from residual.diagnosis.gate import STATIC, leave_out
 from residual.diagnosis.search import Task, best, refined, search
+from residual.diagnosis.select import Selection
 from residual.effects import registry
 from residual.effects.base import Trait
 from residual.evidence.columns import Group

@@ -5,10 +5,11 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from residual.diagnosis.angle_noise import Checked, Doubt, standard_deviations
-from residual.diagnosis.examine import Examined
+from residual.diagnosis.errors_in_variables import Checked
 from residual.diagnosis.gate import Tested
 from residual.diagnosis.neighbours import alternatives
+from residual.diagnosis.outcome import Examined
+from residual.diagnosis.uncertainty import Doubt, standard_deviations
 from residual.effects.base import Effect, Trait
 from residual.evidence.design import Design, Group
 from residual.evidence.fit import Fit
@@ -17,9 +18,9 @@ from residual.model.compare import Cloud
 from residual.quantity import along
 from residual.recording import Array
 from residual.robot.robot import Robot
+from residual.verdict.result import EXPLAINED
 
 SIZED = 2.0  # deviations
-EXPLAINED = "torque that it explains [N m]"
 
 
 @dataclass(frozen=True, eq=False, slots=True)

@@ -5,9 +5,8 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from residual.diagnosis.examine import Examined, refit
 from residual.diagnosis.gate import Tested, is_seen
-from residual.diagnosis.result import Splits
+from residual.diagnosis.outcome import Examined, refit
 from residual.diagnosis.search import Task, admissible, best, least, torque_share
 from residual.effects.base import Trait
 from residual.errors import InputError, joints_listed
@@ -27,6 +26,7 @@ from residual.model.compare import (
 )
 from residual.model.model import Model, Term
 from residual.recording import Array, Recording
+from residual.verdict.result import Splits
 
 ROUND = 3  # gains are compared to 0.1 %
 

@@ -16,13 +16,13 @@ from itertools import combinations
 import numpy as np
 from scipy.linalg import solve_triangular
 
-from residual.diagnosis.result import Detectable
 from residual.diagnosis.search import FIRST_LOOKS, Task, best, refined, rows_of
 from residual.evidence.design import Group
 from residual.evidence.fit import Fit, System, possible
 from residual.evidence.priors import overlap, stacks
 from residual.evidence.rules import RULES
 from residual.recording import Array
+from residual.verdict.result import Detectable
 
 FIRST, SECOND = 2, 1  # candidates tried for the first place and for the second
 FAR = 2 * RULES.class_nats  # nats from where a set is not worth a closer look

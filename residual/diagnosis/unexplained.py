@@ -14,7 +14,8 @@ import numpy as np
 
 from residual.calibration.choice import Training, chosen_tables
 from residual.calibration.effects import make_tables
-from residual.diagnosis.examine import Adequacy, Examined, repeat
+from residual.diagnosis.adequacy import Adequacy, repeat
+from residual.diagnosis.outcome import Examined
 from residual.diagnosis.patterns import (
     DIRECTION,
     PLAIN,
@@ -28,7 +29,6 @@ from residual.diagnosis.patterns import (
     drift_of,
     line_of,
 )
-from residual.diagnosis.result import Dependence
 from residual.evidence.columns import fold_labels
 from residual.evidence.design import Design
 from residual.evidence.fit import Fit
@@ -39,6 +39,7 @@ from residual.model.model import Model
 from residual.recording import Array
 from residual.signals.splitting import logs_of
 from residual.signals.track import Track
+from residual.verdict.result import Dependence
 
 REPEATABLE, TIME_DRIVEN = "repeatable", "time-driven"
 

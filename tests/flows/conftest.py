@@ -127,7 +127,7 @@ def calls(monkeypatch):
     def drawn(outcome, robot_name, motion=None, origin=()):
         return f"<html>{robot_name} {outcome.notes} {origin[-1][1]}</html>"
 
-    monkeypatch.setattr("residual.method.diagnose.diagnose", diagnose)
+    monkeypatch.setattr("residual.diagnosis.diagnose.diagnose", diagnose)
     monkeypatch.setattr("flows.steps.check.check_logs", lambda *_: LogCheck(()))
     monkeypatch.setattr("flows.report.diagnosis.print_diagnosis", print_diagnosis)
     monkeypatch.setattr("flows.report.diagnosis.render", drawn)

@@ -56,7 +56,7 @@ def named(monkeypatch):
     effect = {"name": "payload", "joints": [3], "probability": 0.99}
     verdict = typed({"verdict": "effects", "effects": [effect]}, dof=3)
     made = Diagnosis(verdict, sentences=("There is a load.",))
-    monkeypatch.setattr("residual.method.diagnose.diagnose", lambda *a, **k: made)
+    monkeypatch.setattr("residual.diagnosis.diagnose.diagnose", lambda *a, **k: made)
 
 
 @pytest.mark.parametrize("verb", VERBS)

@@ -9,17 +9,17 @@ import numpy as np
 
 from benchmarks.synthetic.logs import CHANGES, Case, LogPlan, make
 from benchmarks.synthetic.quasi_static import Plant
-from residual.diagnosis.examine import Examined, examine
+from residual.diagnosis.diagnose import diagnose
 from residual.diagnosis.findings import Named, findings
-from residual.diagnosis.result import Diagnosis
+from residual.diagnosis.outcome import Examined, examine
 from residual.evidence.rules import Rules
-from residual.method.diagnose import diagnose
 from residual.model.nominal import DEFAULT_DECLARED, prepare_logs, start_nominal
 from residual.recording import Recording
 from residual.robot.dynamics import inverse_dynamics
 from residual.robot.robot import Robot, load_robot
 from residual.signals.splitting import session_clock
 from residual.signals.track import Filters
+from residual.verdict.result import Diagnosis
 from sim.draw import draw
 from sim.engine.records import Hidden, stream
 

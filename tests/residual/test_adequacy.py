@@ -5,11 +5,11 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from residual.diagnosis import examine, gate
-from residual.diagnosis.examine import adequacy, repeat
-from residual.diagnosis.whole import delayed_at_source
+from residual.diagnosis import gate, outcome
+from residual.diagnosis.adequacy import adequacy, repeat
+from residual.diagnosis.diagnose import diagnose
+from residual.diagnosis.verdict import delayed_at_source
 from residual.evidence.fit import fit
-from residual.method.diagnose import diagnose
 from residual.model.model import Model
 from residual.model.nominal import prepare_logs
 from residual.robot.dynamics import inertial_parameters, inverse_dynamics
@@ -108,7 +108,7 @@ def test_a_name_on_a_joint_that_keeps_more_is_void(rng, scope, fall, share, left
         flagged=(1,) if left > 0.05 else (),
         doubted=(1,) if left > 0.02 else (),
     )
-    assert examine._resembles(tested, told) is void
+    assert outcome._resembles(tested, told) is void
 
 
 # -- repeats -----------------------------------------------------------------------

@@ -5,16 +5,15 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from residual.diagnosis.conclude import as_embodied
-from residual.diagnosis.result import Diagnosis, Finding, Parameter
-from residual.diagnosis.verdict import from_json, to_json
+from residual.diagnosis.diagnose import diagnose
 from residual.effects import registry
 from residual.evidence.embodied import Embodied
-from residual.method.diagnose import diagnose
 from residual.model.bodies import LEAST, Moved, bodies_of, nearest
 from residual.model.model import Model, Term
 from residual.robot.base_parameters import base_parameters
 from residual.robot.dynamics import inertial_parameters, with_inertial_parameters
+from residual.verdict.document import from_json, to_json
+from residual.verdict.result import Diagnosis, Finding, Parameter, as_embodied
 from tests.exports.bodies import cases, diagnosed, refusals
 from tests.residual.arms import SEVEN, TWO, arm, bare_irb140, plain_logs
 

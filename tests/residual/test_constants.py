@@ -8,12 +8,12 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from residual.diagnosis import standing
-from residual.diagnosis.confidence import confidence
+from residual.diagnosis import doubts
+from residual.diagnosis.diagnose import diagnose
+from residual.diagnosis.doubts import confidence
 from residual.diagnosis.gate import Tested
-from residual.diagnosis.result import Splits
 from residual.effects import registry
-from residual.method.diagnose import diagnose
+from residual.verdict.result import Splits
 from sim.engine.records import Hidden
 from tests.residual.arms import arm, names, short_case
 
@@ -58,7 +58,7 @@ def test_the_refit_without_names_has_none_of_them():
 def test_a_name_that_is_not_sure_is_suspected_and_in_no_model(monkeypatch):
     case = short_case(arm(), seed=71)
     fit, held_out = map(_with_constants, (case.fit, case.held_out))
-    monkeypatch.setattr(standing, "SURE", 2.0)  # nothing is as sure as that
+    monkeypatch.setattr(doubts, "SURE", 2.0)  # nothing is as sure as that
     found = diagnose(case.robot, fit, held_out=held_out)
     verdict = found.verdict
     assert not verdict.effects

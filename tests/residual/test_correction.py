@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from residual.diagnosis.examine import examine
+from residual.diagnosis.outcome import examine
 from residual.diagnosis.unexplained import corrected, leftovers
 from residual.evidence.rules import Rules
 from residual.model.compare import compare, prepare_held_out

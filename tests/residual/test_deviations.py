@@ -5,8 +5,8 @@ from types import SimpleNamespace
 
 import numpy as np
 
-from residual.diagnosis.angle_noise import standard_deviations
 from residual.diagnosis.search import Candidates, renewed
+from residual.diagnosis.uncertainty import standard_deviations
 from residual.effects.base import Effect, Refinement, Trait, local
 from residual.evidence.columns import union
 from residual.evidence.design import Design

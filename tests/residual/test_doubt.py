@@ -7,9 +7,9 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from residual.diagnosis.result import Splits
-from residual.diagnosis.verdict import from_json, to_json
 from residual.model.compare import is_sure, rise, rises
+from residual.verdict.document import from_json, to_json
+from residual.verdict.result import Splits
 from sim.engine.records import Hidden
 from tests.residual.arms import arm, diagnose_case, names, short_case
 from tests.residual.linear import Problem

@@ -5,7 +5,7 @@ from functools import cache
 import pytest
 
 from benchmarks.synthetic.quasi_static import Plant, true_friction
-from residual.diagnosis.verdict import from_json, to_json
+from residual.verdict.document import from_json, to_json
 from sim.engine.records import Hidden
 from tests.residual.arms import Y, Z, arm, diagnose_case, names, short_case
 

@@ -5,24 +5,24 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from residual.diagnosis import angle_noise as instruments
+from residual.diagnosis import errors_in_variables as instruments
 from residual.diagnosis import held_out as holdout
-from residual.diagnosis.angle_noise import (
+from residual.diagnosis.detectable import lookalikes
+from residual.diagnosis.diagnose import diagnose
+from residual.diagnosis.errors_in_variables import (
     EFFECTIVE,
     INSTRUMENTS,
     Checked,
     drop_noise,
     noise_notes,
 )
-from residual.diagnosis.detectable import lookalikes
 from residual.diagnosis.gate import Tested
 from residual.diagnosis.held_out import Verdicts
-from residual.diagnosis.result import Place
 from residual.evidence.fit import fit
-from residual.method.diagnose import diagnose
 from residual.recording import Recording
 from residual.robot.dynamics import inverse_dynamics
 from residual.signals.track import Filters, encoder_noise
+from residual.verdict.result import Place
 from tests.residual.arms import arm, names
 from tests.residual.linear import LINE, OTHER, PLANE, Problem
 

@@ -8,12 +8,12 @@ import pytest
 
 from benchmarks.attribution_parts.arms import make
 from flows.inputs.given import known_of
+from residual.diagnosis.diagnose import diagnose
 from residual.effects import registry
 from residual.errors import InputError, RobotError
 from residual.evidence.design import Design
 from residual.evidence.fit import fit
 from residual.evidence.priors import relative_prior
-from residual.method.diagnose import diagnose
 from residual.model.known import known_values
 from residual.model.nominal import prepare_logs, start_nominal
 from residual.robot.dynamics import inverse_dynamics

@@ -6,12 +6,12 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose
 
+from residual.diagnosis.diagnose import diagnose
 from residual.effects import registry
 from residual.errors import RecordingError
 from residual.evidence.columns import ColumnCache, fold_labels
 from residual.evidence.design import Design
 from residual.identification.identify import identify
-from residual.method.diagnose import diagnose
 from residual.model.compare import compare, prepare_held_out
 from residual.model.nominal import prepare_logs, start_nominal
 from residual.recording import Recording

@@ -9,8 +9,7 @@ import numpy as np
 import pytest
 
 from residual.diagnosis import held_out as holdout
-from residual.diagnosis.angle_noise import standard_deviations
-from residual.diagnosis.detectable import minimum_detectable, select
+from residual.diagnosis.detectable import minimum_detectable
 from residual.diagnosis.findings import findings
 from residual.diagnosis.gate import gate, leave_out, passed
 from residual.diagnosis.neighbours import alternatives, simplest
@@ -24,6 +23,8 @@ from residual.diagnosis.search import (
     spares_model,
     torque_share,
 )
+from residual.diagnosis.select import select
+from residual.diagnosis.uncertainty import standard_deviations
 from residual.effects.base import Effect, Refinement, Span, Trait, local
 from residual.evidence.design import Design
 from residual.evidence.fit import fit

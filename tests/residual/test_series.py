@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from residual.diagnosis import examine, gate
+from residual.diagnosis import gate, outcome
 from residual.diagnosis.gate import only_curves
 from residual.effects import registry
 from residual.evidence.design import Design
@@ -66,7 +66,7 @@ def test_what_only_draws_a_curve_is_not_asked_for_its_form_as_well(monkeypatch):
     # It is out of the fit by then.
     spring = Hidden("spring", (1,), {"stiffness": 20.0, "rest": 0.2})
     case = short_case(arm(), spring, seed=63, baseline=False)
-    monkeypatch.setattr(examine, "only_curves", lambda *of: list(of[-1]))
+    monkeypatch.setattr(outcome, "only_curves", lambda *of: list(of[-1]))
     examined, named = doubts(case)
     assert named == []
     assert [t.group.effect.name for t in examined.withdrawn] == ["spring"]

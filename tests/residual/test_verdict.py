@@ -8,11 +8,11 @@ import numpy as np
 import pytest
 
 from residual.check.result import Fault, LogCheck
-from residual.diagnosis.result import PLAIN
-from residual.diagnosis.verdict import from_json, to_json
+from residual.diagnosis.diagnose import diagnose, with_check
 from residual.effects import registry, vocabulary
 from residual.errors import InputError
-from residual.method.diagnose import diagnose, with_check
+from residual.verdict.document import from_json, to_json
+from residual.verdict.result import PLAIN
 from sim.engine.records import Hidden
 from tests.residual.arms import SEVEN, arm, diagnose_case, names, plain_logs, short_case
 

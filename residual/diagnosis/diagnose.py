@@ -9,18 +9,19 @@ from dataclasses import dataclass, replace
 
 from residual.changes.compare import Asked, compared
 from residual.check.result import LogCheck
-from residual.diagnosis.angle_noise import noise_notes
-from residual.diagnosis.conclude import Case, conclude
 from residual.diagnosis.constants import nominal_with_constants
-from residual.diagnosis.examine import Progress, examine
+from residual.diagnosis.doubts import Standing, stand
+from residual.diagnosis.errors_in_variables import noise_notes
 from residual.diagnosis.findings import clouds, folded
 from residual.diagnosis.held_out import three_models, unproven
-from residual.diagnosis.result import PLAIN, Diagnosis, ErrorTables
-from residual.diagnosis.standing import Standing, stand
+from residual.diagnosis.open_question import open_question, places_of
+from residual.diagnosis.outcome import Progress, examine
+from residual.diagnosis.reference import plain_fit
 from residual.diagnosis.unexplained import Remains, examine_leftover
-from residual.diagnosis.whole import (
+from residual.diagnosis.verdict import (
+    Case,
+    conclude,
     contradictions,
-    plain_fit,
     signal_notes,
     warnings,
 )
@@ -42,11 +43,11 @@ from residual.model.nominal import (
     prepare_logs,
 )
 from residual.planning.promise import promised, settled_by
-from residual.planning.question import open_question, places_of
 from residual.recording import Recording
 from residual.robot.robot import Robot, check_joints
 from residual.signals.splitting import hold_out_end, session_clock
 from residual.signals.track import Filters
+from residual.verdict.result import PLAIN, Diagnosis, ErrorTables
 
 
 def diagnose(
