@@ -121,14 +121,10 @@ def diagnose_logs(
         declared=declared if model is None else model,
         progress=progress,
         alone=alone,
+        check=report,
+        warnings=logs.warnings,
     )
-    found = method.with_check(found, report)
-    warnings = (*logs.warnings, *found.warnings)
-    return replace(
-        found,
-        verdict=replace(found.verdict, warnings=warnings),
-        notes=(*logs.lines, *found.notes),
-    )
+    return replace(found, notes=(*logs.lines, *found.notes))
 
 
 def _behind(diagnosis: str, logs: LogSets, store: Path) -> tuple[Recording, ...]:

@@ -11,24 +11,28 @@ from residual.changes.models import Epoch, values_that_changed
 from residual.changes.nuisance import Warmth
 from residual.changes.search import Change, Found
 from residual.changes.unexplained import Rest, follows
+from residual.check.result import LogCheck
 from residual.effects.base import Effect, Trait
+from residual.evidence.embodied import Embodied
 from residual.model.compare import Cloud
 from residual.quantity import along, plain
 from residual.recording import Array
 from residual.robot.robot import Robot
 from residual.verdict.result import (
     EXPLAINED,
+    STILL,
     Dependence,
     Detectable,
     Drift,
+    Edit,
     ErrorTables,
     Evidence,
     Finding,
     Frames,
     Parameter,
-    Place,
     Unexplained,
     Verdict,
+    as_embodied,
 )
 
 LADDER = np.geomspace(1.0, 1e4, 400)  # deviations at which to look
@@ -128,59 +132,74 @@ def conclude(
     rest: Rest,
     judged: Mapping[Change, Judged],
     error: ErrorTables,
+    edit: tuple[Edit, ...],
+    unproven: str | None,
+    made: Embodied,
     epochs: tuple[Epoch, Epoch],
     declared: Sequence[str],
+    check: LogCheck | None,
+    warnings: Sequence[str],
 ) -> Verdict:
-    """Return the verdict, of plain values."""
+    """Return the verdict, of plain values.
+
+    Args:
+        found: What stands on the held-out logs; its changes with most torque first.
+        unproven: Why the named changes do not explain the second epoch, in a sentence.
+        made: The augmented model.
+    """
     robot = epochs[0].model.robot
-    flagged = rest.flagged
-    nothing = "unknown" if flagged or found.bodiless else "none"
-    every = sorted(found.changes, key=lambda c: -c.share)
+    faulty = check is not None and bool(check.certain)
+    still = not any(t.moving.any() for t in epochs[1].logs.tracks)
+    contradictions = (STILL,) if still else made.doubts
+    doubtful = rest.flagged or found.bodiless or contradictions or faulty
+    effects = (
+        _finding(c, i, judged[c], robot, unproven is not None)
+        for i, c in enumerate(found.changes, 1)
+    )
     return Verdict(
         robot=robot.name,
         declared=tuple(declared),
-        verdict="effects" if every else nothing,
-        effects=tuple(
-            _finding(c, i, judged[c], robot, found) for i, c in enumerate(every, 1)
-        ),
-        minimum_detectable=tuple(minimum_detectable(found)),
-        unexplained=_unexplained(found, rest, flagged),
+        verdict="effects" if found.changes else "unknown" if doubtful else "none",
+        effects=tuple(as_embodied(f, made) for f in effects),
+        minimum_detectable=() if faulty else tuple(minimum_detectable(found)),
+        unexplained=_unexplained(found, rest),
         error=error,
         nominal_scale=None,
         next_experiment=None,
-        warnings=_warnings(found, error.same_run),
+        warnings=(
+            *warnings,
+            *(check.sentences if check else ()),
+            *_warnings(found, error.same_run),
+            *([unproven] if unproven else ()),
+        ),
+        log_check=check,
+        contradictions=contradictions,
         drift=_drift(found),
+        edit=None if faulty else edit,
+        bodies=made.moved,
         frames=Frames.of(robot),
         changes=tuple(values_that_changed(*epochs, found)),
     )
 
 
 def _finding(
-    change: Change, order: int, judged: Judged, robot: Robot, found: Found
+    change: Change, order: int, judged: Judged, robot: Robot, unproven: bool
 ) -> Finding:
-    look = change.contrast
-    group = look.candidate.group
     return Finding(
-        name=group.effect.name,
-        joints=_public(look.candidate),
+        name=change.place.name,
+        joints=change.place.joints,
         probability=plain(change.probability),
         order=order,
-        equivalent=tuple(
-            Place(c.group.effect.name, _public(c)) for c in change.equivalent
-        ),
+        equivalent=tuple(c.place for c in change.equivalent),
         parameters=_parameters(change, robot),
         evidence=Evidence(
-            nats=plain(float(look.nats)),
+            nats=plain(float(change.contrast.nats)),
             by="fit",
-            held_out=judged.word,
+            held_out="neutral" if unproven else judged.word,
             held_out_gain=plain(judged.gain),
             splits=None,
         ),
     )
-
-
-def _public(one: Candidate) -> tuple[int, ...]:
-    return tuple(j + 1 for j in one.group.joints)
 
 
 def _parameters(change: Change, robot: Robot) -> dict[str, Parameter]:
@@ -219,12 +238,12 @@ def _deviations(change: Change, robot: Robot, covariance: Array) -> Array:
     return np.sqrt(np.diag(slope @ covariance @ slope.T) + inexact**2)
 
 
-def _unexplained(found: Found, rest: Rest, flagged: Sequence[int]) -> Unexplained:
+def _unexplained(found: Found, rest: Rest) -> Unexplained:
     design = found.both.design
     power = design.rows * design.rms**2
     weight = power / power.sum()
     depends = []
-    for j in flagged:
+    for j in rest.flagged:
         known = follows(found, rest, j)
         if known is not None:
             on, of, share = known
@@ -233,7 +252,7 @@ def _unexplained(found: Found, rest: Rest, flagged: Sequence[int]) -> Unexplaine
                 Dependence(j + 1, name, (of + 1,), "curve", plain(share), None)
             )
     return Unexplained(
-        joints=tuple(j + 1 for j in flagged),
+        joints=tuple(j + 1 for j in rest.flagged),
         fraction=plain(float(np.sqrt(weight @ rest.share**2))),
         noise_floor=plain(float(np.sqrt(weight @ rest.floor**2))),
         depends_on=tuple(depends),

@@ -18,6 +18,7 @@ from residual.effects.base import Effect, Placed, Shape, Trait
 from residual.evidence.columns import Group
 from residual.evidence.design import Design
 from residual.recording import Array
+from residual.verdict.result import Place
 
 MODEL = 15.0  # blocks that independent errors of each joint's size count as, and
 #              as many more as a candidate has columns
@@ -39,6 +40,12 @@ class Candidate:
     def key(self) -> tuple:
         """Its name and place, apart from a shape."""
         return self.group.key
+
+    @property
+    def place(self) -> Place:
+        """The effect, and its joints from 1."""
+        joints = tuple(j + 1 for j in self.group.joints)
+        return Place(self.group.effect.name, joints)
 
 
 @dataclass(frozen=True, eq=False, slots=True)

@@ -20,6 +20,7 @@ from residual.changes.rows import Both, beside
 from residual.effects.base import Trait, against_position
 from residual.evidence.fit import limits_of
 from residual.recording import Array
+from residual.verdict.result import Place
 
 WIDTHS = (1.0, 0.4, 0.15)  # of the reach of an effect: how far a shape is refined
 LEAST, MANY = -3.0, 16  # candidates that get a look at their blocks [nats]
@@ -47,6 +48,11 @@ class Change:
     equivalent: tuple[Candidate, ...]
     probability: float
 
+    @property
+    def place(self) -> Place:
+        """The effect, and its joints from 1."""
+        return self.contrast.candidate.place
+
 
 @dataclass(frozen=True, eq=False, slots=True)
 class Found:
@@ -65,6 +71,10 @@ class Found:
     def named(self) -> list[Candidate]:
         """The candidates that are named."""
         return [c.contrast.candidate for c in self.changes]
+
+    def without(self, gone: Sequence[Change]) -> "Found":
+        """The same without some of the named changes."""
+        return replace(self, changes=tuple(c for c in self.changes if c not in gone))
 
     def share(self, one: Candidate, theta: Array) -> tuple[float, int]:
         """As `share_of`."""

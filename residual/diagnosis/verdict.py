@@ -1,20 +1,22 @@
 """The verdict of one set of logs: findings, errors, warnings and notes."""
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import replace
 
 import numpy as np
 
+from residual.check.result import LogCheck
 from residual.diagnosis.detectable import minimum_detectable
-from residual.diagnosis.doubts import Withdrawn
+from residual.diagnosis.doubts import Standing, Withdrawn
 from residual.diagnosis.findings import Named, public_joints
 from residual.diagnosis.gate import Tested
-from residual.diagnosis.held_out import Splits, Verdicts, judgement
+from residual.diagnosis.held_out import judgement, unproven
 from residual.diagnosis.neighbours import rivals
+from residual.diagnosis.open_question import places_of
 from residual.diagnosis.outcome import Examined
 from residual.diagnosis.select import neighbours
 from residual.diagnosis.uncertainty import doubtful
-from residual.diagnosis.unexplained import Leftover, depends_on
+from residual.diagnosis.unexplained import Leftover, Remains, depends_on
 from residual.diagnosis.values import changes
 from residual.effects import registry
 from residual.effects.base import Trait
@@ -24,22 +26,18 @@ from residual.evidence.fit import Fit
 from residual.evidence.priors import Space, inertial_precision
 from residual.evidence.rules import RULES
 from residual.model.compare import Errors
-from residual.model.model import Model
-from residual.model.nominal import (
-    Logs,
-)
+from residual.planning.promise import promised, settled_by
+from residual.planning.question import Question
 from residual.quantity import plain
 from residual.recording import Array, Recording
 from residual.robot.dynamics import inertial_parameters, regressor
-from residual.signals.filters import low_pass, power_density
+from residual.signals.filters import power_density
 from residual.signals.splitting import in_pieces, let_go
 from residual.signals.track import sample_rate
 from residual.verdict.document import from_json, to_json  # noqa: F401
 from residual.verdict.result import (
     LOAD,
     MOTION,
-    PLAIN,
-    STAGES,
     STILL,
     Alternative,
     Detectable,
@@ -47,112 +45,110 @@ from residual.verdict.result import (
     Evidence,
     Finding,
     Frames,
-    Number,
     Parameter,
     Place,
     Unexplained,
     Verdict,
     as_embodied,
-    error_tables,
 )
 
 
-@dataclass(frozen=True, eq=False, slots=True)
-class Case:
-    """All that a verdict is made of."""
+def conclude(
+    standing: Standing,
+    named: Sequence[Named],
+    background: Sequence[Named],
+    bodies: Embodied,
+    remains: Remains,
+    question: Question,
+    errors: Mapping[str, Errors],
+    tables: ErrorTables,
+    check: LogCheck | None,
+    logged: Sequence[str],
+) -> Verdict:
+    """Return the verdict, of plain values: what is not finite is None.
 
-    examined: Examined  # what the fit logs say
-    named: Sequence[Named]  # the findings to be listed, most torque first
-    judged: Verdicts  # what the held-out logs say of each tested member
-    errors: Mapping[str, Errors]  # errors of each model on the held-out logs
-    held_out: Sequence[str]  # labels of the held-out logs
-    same_run: bool  # whether they are a part of a fit log
-    left: Sequence[Leftover]  # what is known of each unexplained joint
-    warnings: Sequence[str]  # sentences
-    splits: Mapping[Tested, Splits]  # how often each tested member was found again
-    bodies: Embodied  # the augmented model, and what of it no body could be
-    contradictions: Sequence[str] = ()  # what of the fit no arm can be, in sentences
-    # Joints from 1 that the findings make worse beyond chance.
-    worse: Sequence[int] = ()
-    folded: Sequence[Named] = ()  # those that any used arm has
-    suspected: Sequence[Named] = ()  # those that are not sure enough to be listed
-    gains: Mapping[Tested, float] = field(default_factory=dict)  # of these, held out
-
-
-def conclude(case: Case) -> Verdict:
-    """Return the verdict, of plain values: what is not finite is None."""
-    examined = case.examined
-    task = examined.task
+    Args:
+        named: The findings to be listed, most torque first; none where a fault of the
+            logs is certain.
+        background: Those that any used arm has.
+        bodies: The augmented model, and what of it no body could be.
+        errors: Errors of each model on the held-out logs; `tables` has them as values.
+        logged: Warnings on the logs, which come first.
+    """
+    examined, judged = standing.examined, standing.judged
+    task, robot = examined.task, examined.logs.robot
+    faulty = check is not None and bool(check.certain)
+    contradicted = (*contradictions(examined, judged.fit, errors), *bodies.doubts)
+    doubtful = len(examined.adequacy.doubted) or contradicted or faulty
     every = neighbours(Space(task.design, examined.nominal), task.prior)
-    doubtful = len(examined.adequacy.doubted) or case.contradictions
-    nothing = "unknown" if doubtful else "none"
-    least = minimum_detectable(task, case.judged.fit, every)
-    least = _clear_links(examined, least)
+    least = _clear_links(examined, minimum_detectable(task, judged.fit, every))
+    alternatives = tuple(
+        Alternative(
+            set=tuple(Place(g.effect.name, public_joints(g)) for g in rival.members),
+            nats=plain(rival.nats),
+            separated_by=LOAD if rival.twin else MOTION,
+        )
+        for rival in rivals(task, judged.fit, least)
+    )
+
+    def listing(some: Sequence[Named]) -> list[Finding]:
+        return [_finding(f, i, standing) for i, f in enumerate(some, 1)]
+
     return Verdict(
-        robot=examined.logs.robot.name,
+        robot=robot.name,
         declared=tuple(examined.nominal.names),
-        verdict="effects" if case.named else nothing,
-        effects=tuple(
-            as_embodied(_finding(f, i, case), case.bodies)
-            for i, f in enumerate(case.named, 1)
+        verdict="effects" if named else "unknown" if doubtful else "none",
+        effects=tuple(as_embodied(f, bodies) for f in listing(named)),
+        minimum_detectable=() if faulty else tuple(least),
+        unexplained=_unexplained(examined, remains.joints),
+        error=tables,
+        nominal_scale=plain(task.prior.scale),
+        next_experiment=None if faulty else promised(question),
+        warnings=(
+            *logged,
+            *(check.sentences if check else ()),
+            *warnings(examined, standing.withdrawn, tables.same_run),
+            *unproven(examined, errors["augmented"]),
+            *remains.sentences,
         ),
-        minimum_detectable=tuple(least),
-        unexplained=_unexplained(case),
-        error=_errors(case),
-        nominal_scale=plain(examined.task.prior.scale),
-        next_experiment=None,
-        warnings=tuple(case.warnings),
-        contradictions=tuple(case.contradictions),
-        frames=Frames.of(examined.logs.robot),
-        changes=changes(examined, case.judged.fit),
-        alternatives=_alternatives(case, least),
-        background=tuple(_finding(f, i, case) for i, f in enumerate(case.folded, 1)),
-        bodies=case.bodies.moved,
-        suspected=tuple(_finding(f, i, case) for i, f in enumerate(case.suspected, 1)),
+        log_check=check,
+        contradictions=contradicted,
+        frames=Frames.of(robot),
+        changes=changes(examined, judged.fit),
+        alternatives=settled_by(question, places_of(judged.fit.members), alternatives),
+        background=tuple(listing(background)),
+        bodies=bodies.moved,
+        suspected=() if faulty else tuple(listing(standing.suspected)),
         too_small=tuple(j + 1 for j in examined.logs.too_small),
     )
 
 
 def _clear_links(examined: Examined, least: list[Detectable]) -> list[Detectable]:
     """Of a link at least what its description may be off by, four times."""
-    prior = doubtful(examined)
-    bodies = inertial_parameters(examined.logs.robot.model)
+    prior, model = doubtful(examined), examined.logs.robot.model
+    bodies = inertial_parameters(model)
     pull = inertial_precision(examined.logs.robot) @ np.diag(bodies)
     with np.errstate(divide="ignore"):  # of a link without mass nothing is known
         rough = prior.scale / np.sqrt((bodies @ pull).reshape(-1, 10).sum(axis=1))
-    return [
-        replace(
-            d, value=max(d.value, RULES.sure_of_link * float(rough[d.joints[0] - 1]))
-        )
-        if registry()[d.name].of_link and d.value is not None
-        else d
-        for d in least
-    ]
+    out = []
+    for d in least:
+        if registry()[d.name].of_link and d.value is not None:
+            floor = RULES.sure_of_link * float(rough[d.joints[0] - 1])
+            d = replace(d, value=max(d.value, floor))
+        out.append(d)
+    return out
 
 
-def _alternatives(case: Case, least: Sequence[Detectable]) -> tuple[Alternative, ...]:
-    found = rivals(case.examined.task, case.judged.fit, least)
-    return tuple(
-        Alternative(
-            set=tuple(Place(g.effect.name, public_joints(g)) for g in one.members),
-            nats=plain(one.nats),
-            separated_by=LOAD if one.twin else MOTION,
-        )
-        for one in found
-    )
-
-
-def _finding(named: Named, order: int, case: Case) -> Finding:
-    single = len(named.tested) == 1
-    gains = {**case.gains, **dict(case.judged.kept)}
+def _finding(named: Named, order: int, standing: Standing) -> Finding:
+    gains = {**standing.gains, **dict(standing.judged.kept)}
     gain = float(np.mean([gains[t] for t in named.tested]))
-    fits = [t for t in named.tested if t.by == "fit"]
-    parameters = {
-        key: Parameter(
-            *(v[0] if single else v for v in (_row(value), _row(std))), unit, clear
-        )
-        for key, (value, std, unit, clear) in named.parameters.items()
-    }
+    splits = [standing.splits[t] for t in named.tested]
+    parameters = {}
+    for key, (values, stds, unit, clear) in named.parameters.items():
+        row, std = tuple(plain(values)), tuple(plain(stds))
+        if len(named.tested) == 1:
+            row, std = row[0], std[0]
+        parameters[key] = Parameter(row, std, unit, clear)
     return Finding(
         name=named.effect.name,
         joints=named.joints,
@@ -166,50 +162,31 @@ def _finding(named: Named, order: int, case: Case) -> Finding:
         },
         evidence=Evidence(
             nats=plain(named.nats),
-            by="fit" if fits else "plausibility",
+            by="fit" if any(t.by == "fit" for t in named.tested) else "plausibility",
             held_out=judgement(gain),
             held_out_gain=plain(gain),
-            splits=min((case.splits[t] for t in named.tested), key=lambda s: s.found),
+            splits=min(splits, key=lambda s: s.found),
         ),
     )
 
 
-def _unexplained(case: Case) -> Unexplained:
-    a, design = case.examined.adequacy, case.examined.task.design
+def _unexplained(examined: Examined, left: Sequence[Leftover]) -> Unexplained:
+    a, design, logs = examined.adequacy, examined.task.design, examined.logs
     power = design.rows * design.rms**2
     weight = power / power.sum()
-    kinds = [one.kind for one in case.left if one.kind]
-    alike = len(set(case.examined.logs.robot.prismatic)) == 1
+    kinds = [one.kind for one in left if one.kind]
+    alike = len(set(logs.robot.prismatic)) == 1
+    per_joint = a.structured.copy()
+    per_joint[list(logs.too_small)] = np.nan
     return Unexplained(
         joints=tuple(int(j) + 1 for j in a.doubted),
         fraction=plain(np.sqrt(weight @ a.structured**2)) if alike else None,
         noise_floor=plain(np.sqrt(weight @ a.noise**2)) if alike else None,
-        depends_on=depends_on(case.left),
+        depends_on=depends_on(left),
         kind=max(sorted(set(kinds)), key=kinds.count) if kinds else None,
-        per_joint=_row(_but(a.structured, case.examined.logs.too_small)),
+        per_joint=tuple(plain(per_joint)),
         noise_model="autocorrelation",
     )
-
-
-def _but(values: Array, joints: Sequence[int]) -> Array:
-    """Values of the joints, NaN on some (from 0)."""
-    out = values.copy()
-    out[list(joints)] = np.nan
-    return out
-
-
-def _errors(case: Case) -> ErrorTables:
-    return error_tables(
-        {name: case.errors.get(name) for name in (*STAGES, PLAIN)},
-        min(t.cutoff for t in case.examined.logs.tracks),
-        case.held_out,
-        case.same_run,
-        case.worse,
-    )
-
-
-def _row(values: Sequence[float]) -> tuple[Number, ...]:
-    return tuple(plain(np.asarray(values)))
 
 
 PLACES = 20  # positions at which the inertia is looked at
@@ -315,7 +292,6 @@ def _marked(examined: Examined, fitted: Fit, wanted: Callable) -> Array:
 QUIET = (
     0.02  # high-band density, as a share of the middle band, that white noise never has
 )
-SHIFTS = 0.002 * np.arange(-15, 16)  # s
 
 
 def filtered_at_source(recordings: Sequence[Recording]) -> str | None:
@@ -347,43 +323,6 @@ def filtered_at_source(recordings: Sequence[Recording]) -> str | None:
         f"noise density near {0.45 * min(rates):.0f} Hz is under {100 * QUIET:.0f} % "
         "of that in mid band, so noise and detectable sizes are understated"
     )
-
-
-def delayed_at_source(model: Model, logs: Logs) -> str | None:
-    """Say so if the torque fits the model better when shifted in time.
-
-    The shift is the one that correlates measured and predicted torque best on the fit
-    logs, by joint; half of the joints or more must agree within a third.
-    """
-    miss = np.zeros((len(SHIFTS), model.robot.dof))
-    for track in logs.sketch:
-        torque = low_pass(model.torque_on(track), track.cutoff, track.rate)
-        rows = track.t[:: track.step]
-        for i, shift in enumerate(SHIFTS):
-            moved = [np.interp(rows - shift, track.t, column) for column in torque.T]
-            gap = (track.tau - np.column_stack(moved)) * track.moving
-            miss[i] += (gap**2).sum(axis=0)
-    # A joint that stands has no say: its sums are zero at every shift.
-    shifts = [_vertex(SHIFTS, column) for column in miss.T if column.max() > 0]
-    if not shifts:
-        return None
-    delay = float(np.median(shifts))
-    agree = np.mean(np.abs(np.array(shifts) - delay) < max(abs(delay) / 3, 1e-3))
-    if abs(delay) < RULES.least_delay or agree < 0.5:
-        return None
-    return (
-        f"torque seems {'late' if delay > 0 else 'early'} against position by "
-        f"{1000 * abs(delay):.0f} ms; findings that follow speed or acceleration "
-        "may be part of it"
-    )
-
-
-def _vertex(x: np.ndarray, y: np.ndarray) -> float:
-    """Minimum of samples, refined by a parabola."""
-    i = int(np.clip(np.argmin(y), 1, len(y) - 2))
-    curve = y[i - 1] - 2 * y[i] + y[i + 1]
-    shift = 0.5 * (y[i - 1] - y[i + 1]) / curve if curve > 0 else 0.0
-    return float(x[i] + np.clip(shift, -1, 1) * (x[1] - x[0]))
 
 
 def warnings(
@@ -419,9 +358,7 @@ def complaint(tested: Tested, why: str) -> str:
     return f"{tested.group.effect.name}{place}: {why}"
 
 
-def signal_notes(
-    examined: Examined, fit: Sequence[Recording], augmented: Model
-) -> tuple[str, ...]:
+def signal_notes(examined: Examined, fit: Sequence[Recording]) -> tuple[str, ...]:
     """Return what was understood of the signals: filter, rows, faults of logging."""
     logs = examined.logs
     rows = examined.task.design.rows
@@ -435,5 +372,5 @@ def signal_notes(
     ]
     if logs.clock is None:
         notes.append("the order of the logs in time is not known: warm-up not tested")
-    more = (filtered_at_source(fit), delayed_at_source(augmented, logs))
-    return (*notes, *(s for s in more if s))
+    filtered = filtered_at_source(fit)
+    return (*notes, filtered) if filtered else tuple(notes)

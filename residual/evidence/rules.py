@@ -134,7 +134,6 @@ class Rules:
     # of a level: what must yield of it to be said first; one contact makes both alike
     rides: float = 0.5
     beside: float = 0.1  # of the largest torque of a finding
-    least_delay: float = 0.004  # s
     least_change: float = 0.05  # of a value: less is no news
     change_chance: float = 0.01  # of one false word in a whole table
 

@@ -8,14 +8,10 @@ import pytest
 from residual.diagnosis import gate, outcome
 from residual.diagnosis.adequacy import adequacy, repeat
 from residual.diagnosis.diagnose import diagnose
-from residual.diagnosis.verdict import delayed_at_source
 from residual.evidence.fit import fit
-from residual.model.model import Model
-from residual.model.nominal import prepare_logs
-from residual.robot.dynamics import inertial_parameters, inverse_dynamics
-from residual.signals.splitting import session_clock
+from residual.robot.dynamics import inverse_dynamics
 from residual.signals.track import Filters, prepare
-from tests.residual.arms import SEVEN, TWO, arm, plain_logs, recording, smooth_motion
+from tests.residual.arms import TWO, arm, plain_logs, recording, smooth_motion
 from tests.residual.linear import DOF, LINE, Problem, build
 
 NOISE = 1.0
@@ -182,26 +178,6 @@ def arm_logs(robot, late=0.0, moving=range(7)):
         tau = inverse_dynamics(robot.model, *back) + 0.3 * rng.normal(size=q.shape)
         made.append(recording(t, q, tau, f"log{k}"))
     return made
-
-
-def delay_said(robot, recordings):
-    logs = prepare_logs(robot, recordings, session_clock(recordings), Filters())
-    model = Model(robot, inertial_parameters(robot.model), (), logs.speed_floor)
-    return delayed_at_source(model, logs)
-
-
-@pytest.mark.parametrize("moving", [range(7), [0, 1]])
-def test_torque_on_time_is_not_called_late_nor_by_joints_that_stand(moving):
-    assert delay_said(arm(SEVEN), arm_logs(arm(SEVEN), moving=moving)) is None
-
-
-@pytest.mark.parametrize(("late", "word"), [(0.015, "late"), (-0.012, "early")])
-def test_torque_that_comes_late_or_early_is_noticed(late, word):
-    said = delay_said(arm(SEVEN), arm_logs(arm(SEVEN), late=late))
-    assert f"torque seems {word}" in said
-    assert float(said.split(" by ")[1].split(" ms")[0]) == pytest.approx(
-        1000 * abs(late), abs=2
-    )
 
 
 @pytest.mark.parametrize("compared", [False, True])
