@@ -8,7 +8,6 @@ import numpy as np
 
 from residual.changes.contrast import Candidate, expected_worth
 from residual.changes.models import Epoch, values_that_changed
-from residual.changes.nuisance import Warmth
 from residual.changes.search import Change, Found
 from residual.changes.unexplained import Rest, follows
 from residual.check.result import LogCheck
@@ -60,11 +59,7 @@ def minimum_detectable(found: Found) -> list[Detectable]:
             unit = next(iter(effect.units(joints, robot).values()))
             public = tuple(j + 1 for j in joints)
             out.append(Detectable(name, public, size, unit))
-    return [*out, _of_warmth(found.warmth)]
-
-
-def _of_warmth(warm: Warmth) -> Detectable:
-    return Detectable("drift", (), 2 * warm.std, "1")
+    return [*out, Detectable("drift", (), 2 * found.warmth.std, "1")]
 
 
 def _least(found: Found, one: Candidate) -> float | None:

@@ -429,7 +429,7 @@ def weighed(
     before = before or groups
     pieces: list[dict[int, Piece]] = [{} for _ in groups]
     for j, joint in joints.items():
-        on = [i for i, g in enumerate(groups) if _acts(design, j, g)]
+        on = [i for i, g in enumerate(groups) if design.acts(j, g)]
         if not on:
             continue
         ids = np.concatenate([groups[i].ids for i in on])
@@ -442,10 +442,6 @@ def weighed(
             pieces[i][j] = piece
     every = zip(groups, pieces, prices, before, strict=True)
     return [Candidate(g, own, price, old) for g, own, price, old in every if own]
-
-
-def _acts(design: Design, j: int, group: Group) -> bool:
-    return len(design.present(j, group.ids)[0]) == len(group.ids)
 
 
 def _columns(design: Design, j: int, ids: Array) -> Array:

@@ -51,7 +51,7 @@ def joined(
         As the design has them. Shape (rows, k).
     """
     some = [g for g in groups if len(g.ids) <= WIDEST]
-    some = [g for g in some if len(design.present(j, g.ids)[0]) == len(g.ids)]
+    some = [g for g in some if design.acts(j, g)]
     if not some:
         return np.zeros((len(first), 0))
     ids = np.concatenate([g.ids for g in some])
@@ -214,12 +214,15 @@ def joints_of(both: Both, groups: Sequence[Group]) -> "Rest":
     plain, shared, held, noise = {}, {}, {}, {}
     for j in both.live:
         usual = design.columns(j, design.present(j, both.shared)[0])
-        alone = _alone(both, usual, j)
         # By the first epoch: nothing that changed may look like a trait of the arm.
         first = ~both.layout[j].second
+        own, layout = design.target[j][first], _of_first(both.layout[j])
+        alone = Joint(usual[first], own, layout, light=True)
         own = joined(design, j, groups, first, alone, rules)
         shared[j], noise[j] = np.hstack([usual, own]), _quiet(both, alone, j)
-        held[j] = _even(shared[j], noise[j] / (rules.give * design.rms[j]) ** 2)
+        # The same freedom of torque for every column.
+        firm = noise[j] / (rules.give * design.rms[j]) ** 2
+        held[j] = firm * (shared[j] ** 2).mean(axis=0)
         plain[j] = Joint(shared[j], both.left[j], both.layout[j], held[j])
     warm = warmth(both, plain, shared)
     joints, first = {}, {}
@@ -234,13 +237,6 @@ def joints_of(both: Both, groups: Sequence[Group]) -> "Rest":
     return Rest(joints, first, warm)
 
 
-def _alone(both: Both, shared: Array, j: int) -> Joint:
-    """A joint of the first epoch by itself, to project only."""
-    layout, rows = both.layout[j], ~both.layout[j].second
-    target = both.design.target[j][rows]
-    return Joint(shared[rows], target, _of_first(layout), light=True)
-
-
 def _quiet(both: Both, alone: Joint, j: int) -> float:
     """Variance of independent rows [N^2 m^2], of the first epoch by itself.
 
@@ -251,11 +247,6 @@ def _quiet(both: Both, alone: Joint, j: int) -> float:
     slow = max(autocorrelation_time(both.design.line(j, line)), 1.0)
     floor = (FLOOR * both.design.rms[j]) ** 2
     return slow * (float(alone.y @ alone.y) / max(alone.degrees, 1.0) + floor)
-
-
-def _even(columns: Array, firm: float) -> Array:
-    """The same freedom of torque for every column. Shape (p,)."""
-    return firm * (columns**2).mean(axis=0)
 
 
 def _by_log(both: Both, j: int, noise: float, warm: Warmth) -> tuple[Array, Array]:

@@ -109,15 +109,9 @@ def joint_fit(logs: Logs, nominal: Nominal, scales: Sequence[float]) -> JointFit
     tried = [
         JointFit(design, _fit(design, prior, held), tuple(held), prior)
         for prior in (relative_prior(design, nominal, scale) for scale in scales)
-        for held in ([_firm(g, times) for g in known] for times in FIRM)
+        for held in ([g.times_as_precise(times) for g in known] for times in FIRM)
     ]
     return max(tried, key=lambda own: own.fitted.score)
-
-
-def _firm(group: Group, times: float) -> Group:
-    """A group whose prior is so many times as precise."""
-    log_det = group.log_det + len(group.ids) * float(np.log(times))
-    return replace(group, precision=times * group.precision, log_det=log_det)
 
 
 def both_epochs(logs: Logs, first: int, nominal: Nominal, rules: Rules) -> Both:

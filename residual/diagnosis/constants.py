@@ -178,20 +178,22 @@ def _replaced(now: _Set) -> _Set:
     if not now.free:
         return now
     bare = now.holding(list(now.free))
-    ranked = [
-        one
-        for one in best(bare.task, bare.fit, looks=2 * SWAPS)
-        if not _is_constant(one[1])
-    ]
-    for value, group, _ in ranked[:SWAPS]:
-        if value < now.task.rules.threshold:
+    tried = 0
+    for value, group, _ in best(bare.task, bare.fit, looks=2 * SWAPS):
+        if group.effect.family == STATIC and len(group.ids) == max(len(group.parts), 1):
+            continue  # no more than a constant where its joints move
+        if value < now.task.rules.threshold or tried == SWAPS:
             break
+        tried += 1
         members = (*now.fit.members, *(group.parts or (group,)))
         task = now.task
         fitted = task.fit(refined(task, members, now.fit), now.fit, rounds=4)
         other = _pruned(_Set(task, task.settle(fitted), now.free))
-        if len(other.free) + 1 < len(now.free) and _predicts_better(other, now):
-            return other
+        if len(other.free) + 1 < len(now.free):
+            weight = other.fit.weight(task.design.rows)
+            fall = (now.left_out() - other.left_out()).sum(axis=0) @ weight
+            if fall > 2 * RULES.class_nats:
+                return other
     return now
 
 
@@ -214,18 +216,6 @@ def _simpler(now: _Set) -> _Set:
             if now.fit.score - fitted.score - HELD_NATS < RULES.simpler:
                 return replace(bare, fit=fitted)
     return now
-
-
-def _is_constant(group: Group) -> bool:
-    """Whether a group is no more than a constant where its joints move."""
-    effect = group.effect
-    return effect.family == STATIC and len(group.ids) == max(len(group.parts), 1)
-
-
-def _predicts_better(one: _Set, other: _Set) -> bool:
-    weight = one.fit.weight(one.task.design.rows)
-    fall = (other.left_out() - one.left_out()).sum(axis=0) @ weight
-    return bool(fall > 2 * RULES.class_nats)
 
 
 # Constants as names: what stands is said, and held against the logs, like any effect.

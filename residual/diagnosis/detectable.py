@@ -138,18 +138,12 @@ def found(bench: Bench, one: Expected, sizes: Array) -> Array:
     named = scores - paid - one.cost - RULES.per_name
     others = np.max(scores - lost, axis=1, keepdims=True)
     wins = (net >= rules.threshold) & (named >= others)
-    by_fit = _lowers(bench, fall) & _confirmed(bench, one, square)
+    relative = np.sqrt(fall / bench.task.design.rows) / bench.task.design.rms
+    share = fall / np.maximum(fitted.sse + fall, 1e-300)
+    by_fit = rules.lower(relative, share).any(axis=2) & _confirmed(bench, one, square)
     big = np.sqrt(square * one.torque).max(axis=1, keepdims=True) >= rules.size
     spares = (net >= rules.plausible) & (spared >= rules.bent * net) & big
     return np.any(wins & (by_fit | spares), axis=1)
-
-
-def _lowers(bench: Bench, fall: Array) -> Array:
-    """Whether the error falls by enough under each prior. Shape (sizes, priors)."""
-    design, rules = bench.task.design, bench.task.rules
-    relative = np.sqrt(fall / design.rows) / design.rms
-    share = fall / np.maximum(bench.fitted.sse + fall, 1e-300)
-    return rules.lower(relative, share).any(axis=2)
 
 
 def _confirmed(bench: Bench, one: Expected, square: Array) -> Array:
@@ -325,7 +319,11 @@ def minimum_detectable(
     """
     bench, robot = Bench.of(task, fitted, priors), task.design.states[0].robot
     sizes: list[_Least] = []
-    for groups in _per_key(task):
+    keys: dict[tuple, list[Group]] = {}
+    for g in task.candidates.groups:
+        if not g.parts:
+            keys.setdefault((g.effect.name, g.joints), []).append(g)
+    for groups in keys.values():
         first = groups[0]
         if first.key in {g.key for g in fitted.members}:
             continue
@@ -347,14 +345,6 @@ def minimum_detectable(
         )
         for x, near in zip(sizes, alike, strict=True)
     ]
-
-
-def _per_key(task: Task) -> list[list[Group]]:
-    keys: dict[tuple, list[Group]] = {}
-    for g in task.candidates.groups:
-        if not g.parts:
-            keys.setdefault((g.effect.name, g.joints), []).append(g)
-    return list(keys.values())
 
 
 @dataclass(frozen=True, eq=False, slots=True)
@@ -382,7 +372,14 @@ def _least(bench: Bench, groups: Sequence[Group]) -> _Least | None:
     """The size as its first parameter tells it; None where no size is found."""
     effect, middle = groups[0].effect, groups[len(groups) // 2]
     if _by_shape_alone(effect, middle):
-        return _plateau(bench, groups[-1])
+        # The highest plateau of those tried at which a clip to its level is found.
+        last = groups[-1]
+        levels = [Placed(effect, last.joints, (c * last.shape[0],)) for c in CLIPS]
+        for clip in bench.task.design.add(levels):
+            (one,) = expected(bench, clip, [np.ones(1)])
+            if one.torque.any() and found(bench, one, np.ones(1)).all():
+                return _Least(clip.shape[0], clip, np.ones(1))
+        return None
     if _of_its_own_shape(effect, middle):
         sizes = np.array([_smallest(bench, g) for g in groups])
         shapes = np.abs([g.shape[0] for g in groups])
@@ -477,13 +474,3 @@ def _by_shape_alone(effect: Effect, group: Group) -> bool:
         return False
     values = [effect.values(c * np.ones(1), group.shape, None)[0] for c in (1.0, 2.0)]
     return bool(values[0] == values[1])
-
-
-def _plateau(bench: Bench, group: Group) -> _Least | None:
-    """Highest plateau of those tried at which a clip to just that level is found."""
-    levels = [(group.effect, group.joints, (c * group.shape[0],)) for c in CLIPS]
-    for made in bench.task.design.add(levels):
-        (one,) = expected(bench, made, [np.ones(1)])
-        if one.torque.any() and found(bench, one, np.ones(1)).all():
-            return _Least(made.shape[0], made, np.ones(1))
-    return None

@@ -136,7 +136,7 @@ def diagnose(
         proofs=proofs,
         clouds=clouds(examined, judged.fit, named),
         notes=(
-            *signal_notes(examined, fit),
+            *signal_notes(examined),
             *noise_notes(standing.checks, [t for t, _ in judged.kept]),
             *bodies.notes,
         ),

@@ -169,15 +169,6 @@ class Standing:
     gains: Mapping[Tested, float] = field(default_factory=dict)  # of all that stood
 
 
-@dataclass(frozen=True, slots=True)
-class _History:
-    """What came before one search: its first names, what fell of them, and the end."""
-
-    first: Collection[tuple]
-    fallen: Sequence[Group]
-    last: bool
-
-
 def stand(
     examined: Examined,
     proof: Sequence[HeldOutLog],
@@ -193,8 +184,8 @@ def stand(
     first = {_place(t) for t in (*examined.tested, *examined.withdrawn)}
     for turn in range(1, RULES.rounds + 1):
         last = turn == RULES.rounds
-        history = _History(first, [w.tested.group for w in gone if w.explains], last)
-        now = _doubted(examined, proof, recordings, history)
+        fallen = [w.tested.group for w in gone if w.explains]
+        now = _doubted(examined, proof, recordings, first, fallen, last)
         gone += now.withdrawn
         tell("proof", turn / (RULES.rounds + 1))
         if not now.withdrawn or last:
@@ -275,14 +266,11 @@ def _weighed(
     for t, s, clear in zip(found.tested, found.sureness, found.sized, strict=True):
         # Of a constant evidence is no measure, and what could stand in its place is
         # said beside it.
-        right = sure[t] * (1.0 if _is_constant(t) else s.probability)
+        constant = Trait.CONSTANT in t.group.effect.traits
+        right = sure[t] * (1.0 if constant else s.probability)
         shown = clear or gains[t] >= PROVEN
         sureness.append(replace(s, probability=right if shown else right / 2))
     return replace(found, sureness=tuple(sureness))
-
-
-def _is_constant(tested: Tested) -> bool:
-    return Trait.CONSTANT in tested.group.effect.traits
 
 
 def _with_constants(
@@ -313,20 +301,35 @@ def _doubted(
     examined: Examined,
     proof: Sequence[HeldOutLog],
     recordings: Sequence[Recording],
-    history: _History,
+    first: Collection[tuple],
+    earlier: Sequence[Group],
+    last: bool,
 ) -> Standing:
     """Put the names of one search through every doubt.
 
     The first doubt that one falls by ends the round, since the others lean on it and
     deserve a search without it; in the last round they are doubted on.
+
+    Args:
+        first: Places of the names of the first search.
+        earlier: What fell of earlier searches although it explained much.
     """
     judged = judge_held_out(examined, proof)
-    gone = [Withdrawn(t, _resembles(t), True, True) for t in examined.withdrawn]
+    gone = [
+        Withdrawn(
+            t,
+            f"withdrawn: what joint {t.joint + 1} shows resembles it but is not "
+            "explained by it",
+            True,
+            True,
+        )
+        for t in examined.withdrawn
+    ]
     gone += [Withdrawn(t, _refuted(gain), True, True) for t, gain in judged.refuted]
-    if history.last:
+    if last:
         gone += [Withdrawn(t, ALONE) for t in judged.dropped]
     checks, named = None, []
-    while history.last or not gone:
+    while last or not gone:
         judged, checks, noise = drop_noise(examined, judged, recordings)
         tested = [t for t, _ in judged.kept]
         named = findings(examined, judged.fit, tested, checks)
@@ -335,8 +338,8 @@ def _doubted(
         fallen = fallen or _bodiless(examined, judged)
         harm = [] if fallen else harmful(examined, judged, proof, company)
         fallen = fallen or harm
-        late = [t for t in tested if _place(t) not in history.first]
-        fallen = fallen or substitutes(examined, judged, proof, late, history.fallen)
+        late = [t for t in tested if _place(t) not in first]
+        fallen = fallen or substitutes(examined, judged, proof, late, earlier)
         if not fallen:
             break
         gone += [Withdrawn(t, why, explains=bool(harm)) for t, why in fallen]
@@ -389,11 +392,6 @@ def _bodiless(examined: Examined, judged: Verdicts) -> list[tuple[Tested, str]]:
 
 def _place(tested: Tested) -> tuple:
     return tested.group.effect.name, tested.group.joints
-
-
-def _resembles(tested: Tested) -> str:
-    what = f"what joint {tested.joint + 1} shows"
-    return f"withdrawn: {what} resembles it but is not explained by it"
 
 
 def _refuted(gain: float) -> str:

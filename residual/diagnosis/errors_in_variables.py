@@ -57,7 +57,9 @@ class Checked:
     def differs(self, tested: Tested) -> bool:
         """Whether the fit without the noise is another one, beyond chance."""
         shift, slots = self._shift(tested)
-        return chance_of(shift, self._spread(slots), LEAST) < RULES.noise_chance
+        spread = self.spread[np.ix_(slots, slots)]
+        spread = spread + LEAST * np.diag(np.diag(self.covariance)[slots])
+        return chance_of(shift, spread, LEAST) < RULES.noise_chance
 
     def is_noise(self, tested: Tested) -> bool:
         """Whether the effect is made of the noise, or too much of it to believe.
@@ -91,10 +93,6 @@ class Checked:
     def _shift(self, tested: Tested) -> tuple[Array, Array]:
         slots = self.fit.slots(tested.group)
         return (self.theta - self.fit.theta)[slots], slots
-
-    def _spread(self, slots: Array) -> Array:
-        own = self.spread[np.ix_(slots, slots)]
-        return own + LEAST * np.diag(np.diag(self.covariance)[slots])
 
 
 def drop_noise(

@@ -59,16 +59,12 @@ def judge_held_out(examined: Examined, held_out: Sequence[HeldOutLog]) -> Verdic
         worst = int(np.argmin(gains))
         refuted.append((tested.pop(worst), gains[worst]))
         fitted = refit(examined, tested)
-        alone = [t for t in tested if not _stands(examined, fitted, t)]
+        task, members = examined.task, fitted.members
+        alone = [t for t in tested if t.nats < least(task, members, t.group)]
         if alone:
             tested = [t for t in tested if t not in alone]
             dropped += alone
             fitted = refit(examined, tested)
-
-
-def _stands(examined: Examined, fitted: Fit, one: Tested) -> bool:
-    """Does a name still carry what it needs, now that others are gone?"""
-    return one.nats >= least(examined.task, fitted.members, one.group)
 
 
 def without(examined: Examined, judged: Verdicts, gone: Sequence[Tested]) -> Verdicts:
@@ -320,18 +316,24 @@ def worth(model: Model, before: Model, held_out: Sequence[Recording]) -> Worth:
     logs = prepare_held_out(held_out, model)
     after, then = moving_error(model, logs), moving_error(before, logs)
     power = moving_power(logs)
-    effects = tuple(_part_shown(model, term, logs) for term in _new(model, before))
+    had = {(t.effect.name, t.joints) for t in before.terms}
+    new = [t for t in model.terms if (t.effect.name, t.joints) not in had]
+    effects = tuple(_part_shown(model, term, logs) for term in new)
     figures = [100 * float(np.sqrt(e.sum() / power.sum())) for e in (then, after)]
-    doubts = [*_no_better(after, then), *_harms(after, then, power)]
+    # What a name must lower an error by at least, a model may raise one by.
+    larger = rises(after, then, power, RULES.tolerance)
+    doubts = [
+        *_no_better(after, then),
+        *(
+            f"the error of joint {j + 1} on held-out motion rises by "
+            f"{100 * larger[j]:.0f} %"
+            for j in np.flatnonzero(larger)
+        ),
+    ]
     doubts += [e.doubt for e in effects if e.doubt]
     if effects and all(e.part is None for e in effects):
         doubts.append("held-out motion shows none of what is new in it")
     return Worth(*figures, effects, tuple(doubts))
-
-
-def _new(model: Model, before: Model) -> list[Term]:
-    had = {(t.effect.name, t.joints) for t in before.terms}
-    return [t for t in model.terms if (t.effect.name, t.joints) not in had]
 
 
 def _no_better(after: Array, before: Array) -> list[str]:
@@ -344,15 +346,6 @@ def _no_better(after: Array, before: Array) -> list[str]:
     return [
         f"the error on held-out motion is {factor:.2f} times that of the model before, "
         "which is no clear fall"
-    ]
-
-
-def _harms(after: Array, before: Array, power: Array) -> list[str]:
-    # What a name must lower an error by at least, a model may raise one by.
-    rise = rises(after, before, power, RULES.tolerance)
-    return [
-        f"the error of joint {j + 1} on held-out motion rises by {100 * rise[j]:.0f} %"
-        for j in np.flatnonzero(rise)
     ]
 
 

@@ -104,7 +104,9 @@ def best_set(task: Task, fitted: Fit) -> Fit:
     for _ in range(RULES.set_rounds if fitted.members else 0):
         own = _score(task, fitted)
         top = max(_near(task, fitted), key=lambda f: _score(task, f), default=fitted)
-        if _score(task, top) < own + RULES.better or not _admitted(task, top):
+        if _score(task, top) < own + RULES.better or not all(
+            possible(task.design, top, g) for g in top.members
+        ):
             break
         fitted = task.settle(task.fit(top.members, top))
     return fitted
@@ -154,7 +156,7 @@ def _near(task: Task, fitted: Fit) -> Iterator[Fit]:
             for _, second, _ in _others(task, swapped, (group,))[:SECOND]:
                 yield _with(task, swapped.members, second, swapped)
     for one, two in combinations(members, 2):
-        if _meet(task, one, two):
+        if rows_of(task, one) & rows_of(task, two):
             rest = tuple(g for g in members if g is not one and g is not two)
             without = task.fit(rest, fitted)
             for _, other, _ in _others(task, without, (one, two))[:FIRST]:
@@ -172,18 +174,9 @@ def _with(task: Task, rest: Sequence[Group], other: Group, like: Fit) -> Fit:
     return task.fit(refined(task, (*rest, other), like), like)
 
 
-def _meet(task: Task, one: Group, two: Group) -> bool:
-    """Whether two effects act on a joint together."""
-    return bool(rows_of(task, one) & rows_of(task, two))
-
-
 def _score(task: Task, fitted: Fit) -> float:
     price = sum(task.candidates.cost(g) + task.rules.threshold for g in fitted.members)
     return fitted.score - price
-
-
-def _admitted(task: Task, fitted: Fit) -> bool:
-    return all(possible(task.design, fitted, g) for g in fitted.members)
 
 
 def _places(members: Sequence[Group]) -> tuple:

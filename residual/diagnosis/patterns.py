@@ -180,25 +180,19 @@ class Line:
     t: Array  # time of each row [s], (n,)
     left: Array  # leftover [N m], (n,)
     log: Array  # log of each row, from 0, (n,)
-    side: Array  # direction of motion of the joint, -1 or 1, (n,)
     power: float  # squared leftover beyond the noise, summed over the rows [N^2 m^2]
-    # Time over which the motion of each log remembers itself [s], (logs,).
-    memory: Array
     cutoff: float  # highest frequency to look at [Hz]
 
 
 @dataclass(frozen=True, slots=True)
-class Clock:
-    """What a leftover owes to time."""
+class Wave:
+    """A spectral line of a leftover."""
 
-    on: str  # "frequency" or "t"
     share: float  # fall of the left-out squared error, as a share of the leftover
-    frequency: float | None = None  # of the line [Hz]; None for a drift
-    # Whether the drift is one of friction: it changes sign with speed.
-    by_direction: bool = False
+    frequency: float  # [Hz]
 
 
-def line_of(line: Line) -> Clock | None:
+def wave_of(line: Line) -> Wave | None:
     """A frequency that predicts left-out blocks, beyond red noise that does not."""
     pieces = _pieces(line)
     span = max(np.ptp(line.t[p]) for p in pieces)
@@ -215,32 +209,10 @@ def line_of(line: Line) -> Clock | None:
     if (
         share < RULES.least_curve
         or chance > RULES.curve_chance
-        or _improved(fall[:, 0], logs) < MOST_FOLDS
+        or np.mean([fall[logs == k, 0].sum() > 0 for k in np.unique(logs)]) < MOST_FOLDS
     ):
         return None
-    return Clock("frequency", min(float(share), 1.0), float(grid[chosen]))
-
-
-def drift_of(line: Line) -> Clock | None:
-    """A change with time that blocks on both sides of a left-out one predict."""
-    tried = []
-    for by_direction in (False, True):
-        side = line.side if by_direction else np.ones(len(line.left))
-        values = side * line.left
-        own, order = _drift(line, values, None), []
-        rng = np.random.default_rng(0)
-        for _ in range(DRAWS):
-            order.append(_drift(line, values, rng).sum())
-        chance = np.mean(np.append(order, np.inf) >= own.sum())
-        share = own.sum() / max(line.power, 1e-300)
-        if (
-            share >= RULES.least_curve
-            and chance <= RULES.curve_chance / 2
-            and np.mean(own > 0) >= MOST_FOLDS
-        ):
-            share = min(float(share), 1.0)
-            tried.append(Clock("t", share, by_direction=by_direction))
-    return max(tried, key=lambda c: c.share, default=None)
+    return Wave(min(float(share), 1.0), float(grid[chosen]))
 
 
 def _pieces(line: Line) -> list[Array]:
@@ -322,42 +294,3 @@ def _red(line: Line) -> Array:
     for i in range(1, len(out)):
         out[i] = a * out[i - 1] + scale * out[i]
     return out * left.std()
-
-
-def _drift(line: Line, values: Array, rng: np.random.Generator | None) -> Array:
-    """Fall of each log's squared error by the means of neighbouring blocks.
-
-    Args:
-        values: Leftover, turned with the motion or not. Shape (n,).
-        rng: Shuffles the blocks of each log; None to leave them in order.
-
-    Returns:
-        Shape (logs,); logs of fewer than four blocks are left out.
-    """
-    out = []
-    for log in np.unique(line.log):
-        rows = line.log == log
-        t = line.t[rows] - line.t[rows][0]
-        place = (t / line.memory[log]).astype(int)
-        _, place = np.unique(place, return_inverse=True)
-        count = np.bincount(place).astype(float)
-        total = np.bincount(place, values[rows] - values[rows].mean())
-        if len(count) < 4:
-            continue
-        if rng is not None:
-            order = rng.permutation(len(count))
-            count, total = count[order], total[order]
-        beside = _beside(total) / np.maximum(_beside(count), 1.0)
-        out.append((2 * beside * total - beside**2 * count).sum())
-    return np.array(out or [0.0])
-
-
-def _beside(x: Array) -> Array:
-    """Sum of the neighbours on both sides."""
-    padded = np.concatenate([[0.0], x, [0.0]])
-    return padded[:-2] + padded[2:]
-
-
-def _improved(fall: Array, logs: Array) -> float:
-    """Share of the logs whose error falls."""
-    return float(np.mean([fall[logs == k].sum() > 0 for k in np.unique(logs)]))

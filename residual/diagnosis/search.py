@@ -115,7 +115,12 @@ def collect(
             shapes = effect.shapes(span, anchor)
             wanted += [Placed(effect, joints, shape) for shape in shapes]
     groups = design.add(wanted)
-    together = _on_all_joints(groups, dof)
+    # Linear local effects that usually sit on every joint, as one candidate.
+    single: dict[str, list[Group]] = {}
+    for g in groups:
+        if Trait.GROUPABLE in g.effect.traits and g.shape == ():
+            single.setdefault(g.effect.name, []).append(g)
+    together = [union(parts) for parts in single.values() if len(parts) == dof > 1]
     groups += together
     variants = Counter(g.key for g in groups)
     price = {k: float(np.log(len(variants)) + np.log(n)) for k, n in variants.items()}
@@ -153,15 +158,6 @@ def renewed(design: Design, known: Candidates) -> Candidates:
 
 def _place(group: Group) -> tuple:
     return group.effect.name, group.joints, group.shape, len(group.parts)
-
-
-def _on_all_joints(groups: Sequence[Group], dof: int) -> list[Group]:
-    """The linear local effects that usually sit on every joint, as one candidate."""
-    own: dict[str, list[Group]] = {}
-    for g in groups:
-        if Trait.GROUPABLE in g.effect.traits and g.shape == ():
-            own.setdefault(g.effect.name, []).append(g)
-    return [union(parts) for parts in own.values() if len(parts) == dof > 1]
 
 
 def every_candidate(
@@ -319,7 +315,8 @@ def _shortlist(
         if values[i] < floor or len(chosen) >= limit:
             break
         place = g.joints if len(g.joints) == 1 else ()
-        barred = g.key in taken or g.key in chosen or _overlaps(g, taken)
+        barred = g.key in taken or g.key in chosen
+        barred = barred or any(part.key in taken for part in g.parts)
         barred = barred or any(_neighbours(g, other) for other in base.members)
         if barred or (g.effect.family, g.joints) in families:
             continue
@@ -336,10 +333,6 @@ def _neighbours(one: Group, other: Group) -> bool:
         return False
     ratio = one.shape[0] / other.shape[0]
     return 1 / RULES.harmonic < ratio < RULES.harmonic
-
-
-def _overlaps(group: Group, taken: set) -> bool:
-    return any(part.key in taken for part in group.parts)
 
 
 def admissible(task: Task, group: Group, value: float, big: Fit, small: Fit) -> bool:

@@ -6,7 +6,6 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from residual.diagnosis.search import Candidates, Task, search
-from residual.evidence.design import Group
 from residual.evidence.fit import Fit, Prior, fit
 from residual.evidence.priors import WIDTHS, Space
 from residual.evidence.rules import RULES, Rules
@@ -84,17 +83,17 @@ def select(
     Args:
         candidates: All that may be named under some prior.
     """
-    runs, turns = _Runs(space, candidates, rules), (_as_said, _even, _by_kind, _beside)
+
+    def as_given(runs: _Runs) -> Iterable[Prior]:
+        return [space.at(scale, space.even[0]) for scale in space.scales]
+
+    runs, turns = _Runs(space, candidates, rules), (as_given, _even, _by_kind, _beside)
     for turn, wanted in enumerate(turns):
         for prior in wanted(runs):
             runs.search(prior)
             progress((turn + len(runs.done) / (len(runs.done) + 2)) / len(turns))
     best = runs.best
     return replace(best, fit=best.task.settle(best.fit), wide=_widest(runs, best))
-
-
-def _as_said(runs: _Runs) -> Iterable[Prior]:
-    return [runs.space.at(scale, runs.space.even[0]) for scale in runs.space.scales]
 
 
 def _even(runs: _Runs) -> Iterable[Prior]:
@@ -183,9 +182,7 @@ def _worth(run: Selection, counted: Array) -> float:
     """Evidence of a run with rows counted alike for all, less the price of names."""
     task, members = run.task, run.fit.members
     common = fit(task.design, task.prior, members, counted, rounds=4)
-    return common.score - sum(task.candidates.cost(g) + _price(g) for g in members)
-
-
-def _price(group: Group) -> float:
-    """What a name costs beside its choice: a link's, all that a name must win."""
-    return RULES.per_link if group.effect.of_link else RULES.per_name
+    # What a name costs beside its choice: a link's, all that a name must win.
+    price = (RULES.per_link if g.effect.of_link else RULES.per_name for g in members)
+    costs = (task.candidates.cost(g) for g in members)
+    return common.score - sum(a + b for a, b in zip(costs, price, strict=True))

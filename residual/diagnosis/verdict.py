@@ -20,7 +20,7 @@ from residual.diagnosis.unexplained import Leftover, Remains, depends_on
 from residual.diagnosis.values import changes
 from residual.effects import registry
 from residual.effects.base import Trait
-from residual.errors import joints_listed, listed
+from residual.errors import joints_listed
 from residual.evidence.embodied import Embodied
 from residual.evidence.fit import Fit
 from residual.evidence.priors import Space, inertial_precision
@@ -29,11 +29,8 @@ from residual.model.compare import Errors
 from residual.planning.promise import promised, settled_by
 from residual.planning.question import Question
 from residual.quantity import plain
-from residual.recording import Array, Recording
+from residual.recording import Array
 from residual.robot.dynamics import inertial_parameters, regressor
-from residual.signals.filters import power_density
-from residual.signals.splitting import in_pieces, let_go
-from residual.signals.track import sample_rate
 from residual.verdict.document import from_json, to_json  # noqa: F401
 from residual.verdict.result import (
     LOAD,
@@ -289,42 +286,6 @@ def _marked(examined: Examined, fitted: Fit, wanted: Callable) -> Array:
     return np.concatenate(marks)
 
 
-QUIET = (
-    0.02  # high-band density, as a share of the middle band, that white noise never has
-)
-
-
-def filtered_at_source(recordings: Sequence[Recording]) -> str | None:
-    """Say so if the torque channel carries no noise near its Nyquist frequency.
-
-    White measurement noise has a flat spectrum. Where the density in the top fifth of
-    the band is under 2 % of that between 20 % and 40 % of it on most joints, a
-    low-pass at the source has taken it away.
-    """
-    shares, rates = [], []
-    for recording in in_pieces(recordings):
-        rate = sample_rate(recording.t)
-        length = min(512, len(recording.t))
-        f, density = power_density(recording.tau, length)
-        top, middle = f > 0.4, (f > 0.1) & (f < 0.2)
-        shares.append(
-            density[top].mean(axis=0) / (density[middle].mean(axis=0) + 1e-30)
-        )
-        rates.append(rate)
-        let_go(recording)
-    share = np.median(np.array(shares), axis=0)
-    dead = np.all([np.ptp(r.tau, axis=0) == 0 for r in recordings], axis=0)
-    share[dead] = 1.0
-    quiet = [j + 1 for j in np.flatnonzero(share < QUIET)]
-    if len(quiet) <= len(share) / 2:
-        return None
-    return (
-        f"torque looks low-pass filtered at the source on joints {listed(quiet)}: its "
-        f"noise density near {0.45 * min(rates):.0f} Hz is under {100 * QUIET:.0f} % "
-        "of that in mid band, so noise and detectable sizes are understated"
-    )
-
-
 def warnings(
     examined: Examined, withdrawn: Sequence[Withdrawn], same_run: bool
 ) -> list[str]:
@@ -358,8 +319,8 @@ def complaint(tested: Tested, why: str) -> str:
     return f"{tested.group.effect.name}{place}: {why}"
 
 
-def signal_notes(examined: Examined, fit: Sequence[Recording]) -> tuple[str, ...]:
-    """Return what was understood of the signals: filter, rows, faults of logging."""
+def signal_notes(examined: Examined) -> tuple[str, ...]:
+    """Return what was understood of the signals: filter and rows."""
     logs = examined.logs
     rows = examined.task.design.rows
     every = sum(int(t.inner.sum()) for t in logs.tracks)
@@ -372,5 +333,4 @@ def signal_notes(examined: Examined, fit: Sequence[Recording]) -> tuple[str, ...
     ]
     if logs.clock is None:
         notes.append("the order of the logs in time is not known: warm-up not tested")
-    filtered = filtered_at_source(fit)
-    return (*notes, filtered) if filtered else tuple(notes)
+    return tuple(notes)

@@ -7,16 +7,6 @@ from residual.effects.base import Effect, Trait, against_position, formula, loca
 MOST = 3.0  # times the joint's torque
 
 
-def _feature(state, j, shape):
-    q = state.q[:, j]
-    return [np.sin(q), np.cos(q)]
-
-
-def _possible(theta, shape, limits):
-    """It carries what the drive need not, so it may exceed the drive's own torque."""
-    return bool(np.hypot(*theta) < MOST * limits.torque)
-
-
 EFFECT = Effect(
     name="balancer",
     noun="a balancer",
@@ -24,11 +14,14 @@ EFFECT = Effect(
     equation="tau = sin * sin(q) + cos * cos(q)",
     traits=Trait.NEEDS_TURN | Trait.ONE_VARIABLE,
     parameters={"sin": "N m", "cos": "N m"},
-    columns=local(_feature),
+    columns=local(
+        lambda state, j, shape: [np.sin(state.q[:, j]), np.cos(state.q[:, j])]
+    ),
     family="static",
     inexact=0.1,
     variable=against_position,
-    possible=_possible,
+    # It carries what the drive need not, so it may exceed the drive's own torque.
+    possible=lambda theta, shape, limits: bool(np.hypot(*theta) < MOST * limits.torque),
     portable=formula("a[0] * sin(q) + a[1] * cos(q)"),
     told=wave(0, 1, "N m"),
 )

@@ -32,10 +32,6 @@ def _tangents(values, robot):
     return values * (np.tan(size) / size if size else 1.0), ()
 
 
-def _gravity(theta, robot):
-    return np.linalg.norm(robot.model.gravity.linear) * np.array([*theta, 0.0])
-
-
 EFFECT = Effect(
     name="base_tilt",
     noun="a tilted base",
@@ -51,6 +47,10 @@ EFFECT = Effect(
     prior_sd=lambda robot: np.full(2, np.deg2rad(2.0)),
     variable=None,
     possible=lambda theta, shape, limits: bool(np.hypot(*theta) < np.tan(MOST)),
-    portable=Portable(gravity=_gravity),
+    portable=Portable(
+        gravity=lambda theta, robot: (
+            np.linalg.norm(robot.model.gravity.linear) * np.array([*theta, 0.0])
+        )
+    ),
     frame="about the axes of the base",
 )

@@ -21,11 +21,6 @@ def _columns(state, joints, shape):
     return ((np.column_stack(then) - state.tau_model) / late)[:, :, None]
 
 
-def _possible(theta, shape, limits):
-    """No report comes before what it reports, and the bend must be of that size."""
-    return bool(0 < theta[0] < 4 * max(shape[0], LEAST))
-
-
 EFFECT = Effect(
     name="delay",
     noun="a delay between torque and position",
@@ -40,7 +35,8 @@ EFFECT = Effect(
     refine=Refinement("shift", 0.015, lower=LEAST, upper=LARGEST),
     traits=Trait.USES_MODEL | Trait.MEMORY | Trait.REPORT,
     prior_sd=lambda robot: np.array([0.01]),
-    possible=_possible,
+    # No report comes before what it reports, and the bend must be of that size.
+    possible=lambda theta, shape, limits: bool(0 < theta[0] < 4 * max(shape[0], LEAST)),
     variable=lambda state, j: (
         np.gradient(state.tau_model[:, j], 1 / state.rate),
         f"rate of model torque {j + 1} [N m/s]",

@@ -8,18 +8,13 @@ from residual.effects.sensitivity import sensitivity
 MOST = 0.5  # rad: nobody would overlook more
 
 
-def _columns(state, joints, shape):
-    (j,) = joints
-    return sensitivity(state)[0][:, :, [j]]
-
-
 EFFECT = Effect(
     name="encoder_offset",
     noun="an encoder offset",
     sentence="an encoder that is off by a constant angle",
     equation="d tau = dtau/dq_j * angle",
     parameters={"angle": "rad"},
-    columns=_columns,
+    columns=lambda state, joints, shape: sensitivity(state)[0][:, :, list(joints)],
     scope="link",
     traits=Trait.USES_MODEL,
     prior_sd=lambda robot: np.full(1, np.deg2rad(1.0)),

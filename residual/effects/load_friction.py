@@ -4,18 +4,13 @@ import numpy as np
 
 from residual.effects.base import Effect, Trait, against_load, formula, local
 
-
-def _feature(state, j, shape):
-    return [np.abs(state.rigid[:, j]) * state.sign[:, j]]
-
-
 EFFECT = Effect(
     name="load_friction",
     noun="friction that grows with load",
     sentence="friction that grows with the torque that the gear carries",
     equation="tau = coefficient * |rigid-body torque| * sgn(qd)",
     parameters={"coefficient": "1"},
-    columns=local(_feature),
+    columns=local(lambda s, j, shape: [np.abs(s.rigid[:, j]) * s.sign[:, j]]),
     traits=Trait.USES_MODEL | Trait.NOT_NEGATIVE | Trait.FRICTION,
     # A load presses teeth and bearings together; none of them runs easier for it.
     variable=against_load,

@@ -5,12 +5,6 @@ import numpy as np
 from residual.effects.base import Effect, Trait, against_position, formula, local, wave
 from residual.effects.limits import within_torque
 
-
-def _feature(state, j, shape):
-    q, sign = state.q[:, j], state.sign[:, j]
-    return [sign * np.cos(q), sign * np.sin(q)]
-
-
 EFFECT = Effect(
     name="position_friction",
     noun="friction that varies with position",
@@ -18,7 +12,11 @@ EFFECT = Effect(
     equation="tau = (cos * cos(q) + sin * sin(q)) * sgn(qd)",
     traits=Trait.NEEDS_TURN | Trait.FRICTION,
     parameters={"cos": "N m", "sin": "N m"},
-    columns=local(_feature),
+    columns=local(
+        lambda s, j, shape: [
+            s.sign[:, j] * wave(s.q[:, j]) for wave in (np.cos, np.sin)
+        ]
+    ),
     inexact=0.2,
     variable=against_position,
     possible=within_torque,

@@ -5,20 +5,15 @@ import numpy as np
 from residual.effects.base import Effect, Refinement, Trait, formula, local, shaped
 from residual.effects.limits import dissipates
 
-
-def _feature(state, j, shape):
-    (exponent,) = shape
-    qd = state.qd[:, j]
-    return [np.sign(qd) * np.abs(qd) ** exponent]
-
-
 EFFECT = Effect(
     name="power_viscous",
     noun="viscous friction that grows less than linearly",
     sentence="viscous friction that grows less than linearly with speed",
     equation="tau = coefficient * |qd|^exponent * sgn(qd), exponent below 1",
     parameters={"coefficient": "N m (s/rad)^p", "exponent": "1"},
-    columns=local(_feature),
+    columns=local(
+        lambda s, j, shape: [np.sign(s.qd[:, j]) * np.abs(s.qd[:, j]) ** shape[0]]
+    ),
     from_values=shaped,
     shapes=lambda span, j: ((0.25,), (0.5,), (0.75,)),
     refine=Refinement("ratio", 0.4, lower=0.05, upper=0.95),

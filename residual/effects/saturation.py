@@ -15,12 +15,6 @@ from residual.effects.base import (
 LEAST, MOST = 0.5, 2.0
 
 
-def _feature(state, j, shape):
-    (level,) = shape
-    tau = state.tau_model[:, j]
-    return [np.clip(tau, -level, level) - tau]
-
-
 def _shapes(span, j):
     """The plateau lies where the log's largest torques lie, if there is one."""
     top = 0.0 if span.torque is None else float(span.torque[j])
@@ -33,7 +27,11 @@ EFFECT = Effect(
     sentence="a report of torque that ends at a certain size",
     equation="d tau = clip(tau, -level, level) - tau",
     parameters={"level": "N m"},
-    columns=local(_feature),
+    columns=local(
+        lambda s, j, shape: [
+            np.clip(s.tau_model[:, j], -shape[0], shape[0]) - s.tau_model[:, j]
+        ]
+    ),
     values=lambda theta, shape, robot: np.array([shape[0]]),
     from_values=lambda values, robot: (np.ones(1), (float(values[0]),)),
     shapes=_shapes,

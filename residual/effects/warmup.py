@@ -6,11 +6,6 @@ from residual.effects.base import Effect, Refinement, Trait, formula, local, sha
 from residual.effects.limits import dissipates
 
 
-def _feature(state, j, shape):
-    (time_constant,) = shape
-    return [state.sign[:, j] * np.exp(-state.t / time_constant)]
-
-
 def _shapes(span, j):
     """Time constants that the session can tell from constant friction."""
     taus = (15.0, 30.0, 60.0, 120.0, 240.0, 900.0, 3600.0)
@@ -23,7 +18,7 @@ EFFECT = Effect(
     sentence="friction that falls with the time since the session began",
     equation="tau = level * exp(-t / time_constant) * sgn(qd)",
     parameters={"level": "N m", "time_constant": "s"},
-    columns=local(_feature),
+    columns=local(lambda s, j, shape: [s.sign[:, j] * np.exp(-s.t / shape[0])]),
     from_values=shaped,
     shapes=_shapes,
     refine=Refinement("ratio", 0.6),

@@ -368,6 +368,10 @@ class Design:
         have = np.flatnonzero(place >= 0)
         return place[have], have
 
+    def acts(self, j: int, group: Group) -> bool:
+        """Whether all columns of a group act on joint j."""
+        return bool((self._sums.place[j][group.ids] >= 0).all())
+
     def total(self, j: int) -> tuple[Array, Array]:
         """Gram and cross product of joint j, summed over folds. (p, p), (p,)."""
         gram, cross = self.gram[j], self.cross[j]

@@ -103,7 +103,8 @@ def _mean_squares(
     design: Design, fitted: Fit, beside: Sequence[Beside], gap: Array
 ) -> Array:
     """What is left of each joint with coefficients moved [N^2 m^2]. Shape (dof,)."""
-    own, *others = np.split(gap, _ends(len(fitted.ids), beside))
+    ends = np.cumsum([0, *(len(b.covariance) for b in beside)])[: len(beside)]
+    own, *others = np.split(gap, len(fitted.ids) + ends)
     out = np.zeros(design.dof)
     for j in range(design.dof):
         left = design.residual(j, fitted.ids, fitted.theta + own)
@@ -111,8 +112,3 @@ def _mean_squares(
             left = left - term.columns[j] @ change
         out[j] = np.mean(left**2) if len(left) else 0.0
     return out
-
-
-def _ends(start: int, beside: Sequence[Beside]) -> Array:
-    """Where the coefficients of each part begin, but for the first."""
-    return start + np.cumsum([0, *(len(b.covariance) for b in beside)])[: len(beside)]

@@ -350,8 +350,12 @@ def limits_of(design: Design, fitted: Fit, group: Group) -> Limits:
     """
     robot = design.model.robot
     on = list(group.joints) or list(range(design.dof))
+    # What was logged shows a limit wrong.
+    seen, limit = design.peak, robot.torque_limit
+    known = np.isfinite(limit) & (limit > 0)
+    torque = np.where(known, np.maximum(limit, seen), RULES.unknown_limit * seen)
     return Limits(
-        torque=float(_torque(design)[on].max()),
+        torque=float(torque[on].max()),
         lower=float(robot.lower[on].min()),
         upper=float(robot.upper[on].max()),
         speed=float(design.speed[on].max()),
@@ -359,13 +363,6 @@ def limits_of(design: Design, fitted: Fit, group: Group) -> Limits:
         reach=reach(robot.model),
         had=_had(design, fitted, group),
     )
-
-
-def _torque(design: Design) -> Array:
-    """Largest torque of each joint [N m]; what was logged shows a limit wrong."""
-    seen, limit = design.peak, design.model.robot.torque_limit
-    known = np.isfinite(limit) & (limit > 0)
-    return np.where(known, np.maximum(limit, seen), RULES.unknown_limit * seen)
 
 
 def _had(design: Design, fitted: Fit, group: Group) -> Array:

@@ -142,13 +142,8 @@ class Rules:
     # share of the leftover under which a curve is not worth telling
     least_curve: float = 0.1
     most_curves: int = 3  # per joint
-    shared: float = 0.6  # squared loading from which a joint belongs to a component
-    # standard deviations of a correlation of so few effective rows
-    sure_shared: float = 3.0
     # turns by which a line must miss a whole number of them in a period
     off: float = 0.1
-    # s: blocks for a drift are never shorter, since noise remembers too
-    shortest: float = 1.0
 
     def lower(self, fall: Array, share: Array) -> Array:
         """Where an error falls by enough: of torque rms, and of what was left."""

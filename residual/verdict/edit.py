@@ -84,7 +84,11 @@ def set_back(model: Model, nominal: Model, effect) -> Model | None:
         The edited model; None where no parameter of it stands for the effect.
     """
     known, joints = registry()[effect.name], tuple(effect.joints)
-    bodies = _body_slots(known, joints, model.robot.dof)
+    bodies: tuple[int, ...] = ()
+    if known.carries == "body":
+        bodies = (model.robot.dof - 1,)
+    elif known.scope == "link":
+        bodies = tuple(j - 1 for j in joints)
     if bodies:
         inertial = model.inertial.copy()
         for body in bodies:
@@ -98,12 +102,6 @@ def set_back(model: Model, nominal: Model, effect) -> Model | None:
     if not had and not bodies:
         return None
     return model.without(effect.name, had) if had else model
-
-
-def _body_slots(known, joints: tuple[int, ...], dof: int) -> tuple[int, ...]:
-    if known.carries == "body":
-        return (dof - 1,)
-    return tuple(j - 1 for j in joints) if known.scope == "link" else ()
 
 
 FILTERED, MOVING = "filtered", "moving"
