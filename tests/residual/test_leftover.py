@@ -13,7 +13,6 @@ from residual.diagnosis.patterns import (
     curves,
     wave_of,
 )
-from residual.diagnosis.unexplained import depends_on
 
 LOGS, LENGTH, STEP = 5, 20.0, 0.05
 N = int(LENGTH / STEP)
@@ -110,7 +109,3 @@ def test_a_wave_in_time_is_found_with_its_frequency(rng, frequency):
 @pytest.mark.parametrize("seed", range(4))
 def test_red_noise_is_no_wave(seed):
     assert wave_of(line(red(np.random.default_rng(seed), 15))) is None
-
-
-def test_nothing_left_says_nothing():
-    assert depends_on([]) == ()

@@ -8,7 +8,6 @@ from typing import NamedTuple
 import numpy as np
 import pytest
 
-from residual.diagnosis import held_out as holdout
 from residual.diagnosis.detectable import minimum_detectable
 from residual.diagnosis.findings import findings
 from residual.diagnosis.gate import gate, leave_out, passed
@@ -26,8 +25,6 @@ from residual.diagnosis.search import (
 from residual.diagnosis.select import select
 from residual.diagnosis.uncertainty import standard_deviations
 from residual.effects.base import Effect, Refinement, Span, Trait, local
-from residual.evidence.design import Design
-from residual.evidence.fit import fit
 from residual.evidence.rules import Rules
 from tests.residual.arms import arm
 from tests.residual.linear import (
@@ -110,12 +107,6 @@ def test_what_is_there_is_found_and_nothing_else(rng, which):
         np.testing.assert_allclose(fitted.of(own), theta, atol=0.3)
 
 
-def test_search_takes_no_more_names_than_it_may(rng):
-    truth = [(LINE, (0,), [3.0]), (PLANE, (1,), [3.0, 3.0])]
-    _, fitted = found(Problem.draw(rng, truth, rows=200), most=1)
-    assert len(fitted.members) == 1
-
-
 def test_what_hardly_lowers_the_error_is_not_named_however_sure(rng):
     """3 % of torque rms, 1 % of what was left: certain, and not worth a name."""
     problem = Problem.draw(rng, [(LINE, (0,), [0.12])], rows=4000, logs=4)
@@ -125,20 +116,6 @@ def test_what_hardly_lowers_the_error_is_not_named_however_sure(rng):
     big = task.settle(task.fit([group], fitted))
     assert task.net_gain(big, fitted, group) > 20
     assert not lowers_error(task, big, fitted)
-
-
-def test_a_member_gives_way_to_what_explains_the_same_better(rng):
-    """Here the first is a bad copy of the second, so that it comes in first alone."""
-    copy = replace(
-        LINE,
-        name="copy",
-        columns=lambda s, j, x: LINE.columns(s, j, x) + 0.5 * OTHER.columns(s, j, x),
-    )
-    truth = [(LINE, (0,), [2.0])]
-    problem = Problem.draw(rng, truth, rows=200)
-    first = problem.design.add([(copy, (0,), ())])
-    task = problem.task([*first, *every_group(problem.design)])
-    assert keys(search(task)) == [("line", (0,))]
 
 
 def _wave(state, order):
@@ -259,24 +236,6 @@ def test_what_cannot_be_told_apart_is_listed_with_the_name(rng, size, told_apart
     others, probability = alternatives(task, fitted, fitted.members[0])
     assert [g.effect.name for g in others] == ([] if told_apart else ["near"])
     assert probability > 0.99
-
-
-def test_what_cannot_be_told_apart_is_listed_also_where_another_joint_stands(rng):
-    problem = Problem.draw(rng, [(LINE, (0,), [3.0])], rows=200)
-    still = [(_without_joint(t, 1), s) for t, s in problem.logs]
-    problem = Problem(still, build(still), problem.prior)
-    near, line = problem.design.add([(near_copy(0.01), (0,), ()), (LINE, (0,), ())])
-    task = problem.task([near, line])
-    fitted = task.settle(task.fit([line], task.start()))
-    with np.errstate(invalid="ignore", divide="ignore"):
-        others, _ = alternatives(task, fitted, fitted.members[0])
-    assert [g.effect.name for g in others] == ["near"]
-
-
-def _without_joint(track, j):
-    moving = track.moving.copy()
-    moving[:, j] = False
-    return replace(track, moving=moving)
 
 
 def test_of_two_names_that_explain_the_same_the_simpler_is_taken(rng):
@@ -454,30 +413,3 @@ def test_what_rides_on_another_of_its_size_is_named_before_it(rng, yields, first
     names = [f.effect.name for f in findings(diagnosis, fitted, tested)]
     assert sorted(names) == ["line", "plane"]
     assert names[0] == first
-
-
-# -- the held-out verdict of a name ------------------------------------------------
-
-
-@pytest.mark.parametrize(
-    ("gain", "word"),
-    [
-        (-0.2, "refuted"),
-        (-0.001, "refuted"),
-        (0.0, "neutral"),
-        (0.009, "neutral"),
-        (0.01, "confirmed"),
-        (0.9, "confirmed"),
-    ],
-)
-def test_the_word_for_a_gain(gain, word):
-    assert holdout.judgement(gain) == word
-
-
-def test_a_design_without_a_single_row_is_no_crash():
-    rng = np.random.default_rng(1)
-    problem = Problem.draw(rng, masked=1.0)
-    assert isinstance(problem.design, Design)
-    fitted = fit(problem.design, problem.prior, (), problem.design.rows)
-    assert np.isfinite(fitted.theta).all()
-    assert np.isfinite(fitted.score)

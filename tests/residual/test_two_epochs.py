@@ -58,21 +58,6 @@ def test_what_was_there_before_explains_no_change(seed):
 
 
 @settings(max_examples=25, deadline=None)
-@given(st.integers(0, 10_000))
-def test_blocks_are_judged_as_a_fit_would_that_has_less_of_them(seed):
-    """The factor of CR2, squared, is that of a fit without the block."""
-    shared, held, y, _ = drawn(seed)
-    joint = Joint(shared, y, layout(), held)
-    once = joint.lift(joint.y[:, None])
-    twice = joint.lift(once)[:, 0]
-    keep = np.arange(ROWS) >= BLOCK
-    size = np.sqrt((shared**2).mean(axis=0))
-    x, precision = shared / size, np.diag(held / size**2 + 1e-5 * ROWS)
-    beta = np.linalg.solve(x[keep].T @ x[keep] + precision, x[keep].T @ y[keep])
-    assert twice[:BLOCK] == pytest.approx((y - x @ beta)[:BLOCK], rel=1e-6)
-
-
-@settings(max_examples=25, deadline=None)
 @given(st.floats(0.1, 1e4), st.floats(-5, 5), st.floats(0.01, 100.0))
 def test_evidence_is_a_bayes_factor(information, theta, precision):
     """Of one coefficient, in closed form, at the likeliest of the prior's sizes."""

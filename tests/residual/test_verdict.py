@@ -152,16 +152,6 @@ def test_a_verdict_that_lacks_a_key_is_refused(key):
         from_json(record)
 
 
-@pytest.mark.parametrize("kind", KINDS)
-def test_its_models_come_with_it(kind):
-    found = outcome_of(kind)
-    known = {"nominal", "identified", "augmented"}
-    assert known <= set(found.models) <= known | {"plsr"}
-    assert found.models["augmented"].robot.name == found.verdict.robot
-    named = {e.name for e in found.effects}
-    assert named <= {t.effect.name for t in found.models["augmented"].terms}
-
-
 FAULT = Fault("torque_sign", (2,), True, "Friction gives.", repair="tau = {}")
 DOUBT = Fault("filtered", (), False, "No noise.")
 
@@ -278,28 +268,6 @@ def test_a_finding_says_who_it_is_how_sure_and_how_large(kind):
 
 
 @pytest.mark.parametrize("kind", KINDS)
-def test_sizes_that_would_have_shown_are_positive_and_of_others(kind):
-    verdict = document(kind)
-    sizes = verdict["minimum_detectable"]
-    assert sizes
-    known = [entry["value"] for entry in sizes if entry["value"] is not None]
-    assert known
-    assert min(known) > 0
-    found = {(n, js) for n, js in names(from_json(verdict)) if n != "ripple"}
-    assert not found & {(e["name"], tuple(e["joints"])) for e in sizes}
-
-
-@pytest.mark.parametrize("kind", [k for k in EXPECTED if EXPECTED[k] != "effects"])
-def test_augmented_is_identified_where_nothing_was_found(kind):
-    outcome = outcome_of(kind)
-    assert to_json(outcome.verdict)["effects"] == []
-    assert outcome.sentences == outcome.clouds == ()
-    error = to_json(outcome.verdict)["error"]
-    for table in TABLES:
-        assert error[table]["augmented"] == error[table]["identified"]
-
-
-@pytest.mark.parametrize("kind", KINDS)
 def test_curves_and_sentences_stand_beside_the_verdict(kind):
     outcome = outcome_of(kind)
     effects = to_json(outcome.verdict)["effects"]
@@ -324,14 +292,6 @@ def test_curves_and_sentences_stand_beside_the_verdict(kind):
 # -- what the kinds say ------------------------------------------------------------
 
 
-def test_offset_and_asymmetry_are_never_told_apart():
-    for kind in ("effects", "same run", DEAD):
-        for effect in document(kind)["effects"]:
-            if effect["name"] in ("offset", "coulomb_asymmetry"):
-                every = {effect["name"], *(q["name"] for q in effect["equivalent"])}
-                assert every >= {"offset", "coulomb_asymmetry"}
-
-
 def test_a_nominal_of_its_own_scale_says_so_and_a_baseline_has_none():
     assert document("none")["nominal_scale"] == 0.01
     assert document("baseline")["nominal_scale"] is None
@@ -346,18 +306,6 @@ def test_without_a_hold_out_the_same_run_is_cut_and_a_warning_says_so():
     assert other["error"]["logs"] == ["held_out"]
     assert any("same run" in w for w in own["warnings"])
     assert not any("same run" in w for w in other["warnings"])
-
-
-def test_declared_names_are_told_as_given_or_as_usual():
-    assert document("several joints")["declared"] == ["viscous"]
-    usual = ["viscous", "coulomb", "rotor_inertia"]
-    assert document("none")["declared"] == usual
-
-
-def test_a_joint_that_stands_is_said_to_be_unproven():
-    said = document(DEAD)["warnings"]
-    assert any("joint 2 hardly moves" in w for w in said)
-    assert not any("hardly moves" in w for w in document("none")["warnings"])
 
 
 def test_no_relative_error_is_given_for_a_torque_that_is_zero_or_never_moves():
@@ -450,13 +398,6 @@ def test_a_log_too_short_to_hold_out_a_part_is_no_perfect_proof(duration):
     case = short_case(arm(), seed=58, duration=duration)
     verdict = to_json(diagnose_case(case, fit=case.fit[:1], held_out=()).verdict)
     assert verdict["error"]["held_out"]["nominal"] is None
-
-
-def test_one_log_is_enough():
-    large = Hidden("offset", (1,), {"torque": 8.0})
-    case = short_case(arm(), large, seed=51, duration=20.0)
-    verdict = to_json(diagnose_case(case, fit=case.fit[:1]).verdict)
-    assert names(from_json(verdict))[0] == ("offset", (1,))
 
 
 def test_white_noise_in_place_of_torque_has_no_name():
