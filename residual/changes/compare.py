@@ -9,17 +9,17 @@ from dataclasses import replace
 
 import numpy as np
 
-from residual.changes.conclude import Judged, clouds, conclude
+from residual.changes.conclude import Judgement, clouds, conclude
 from residual.changes.models import Epoch, augmented, fit_epoch
 from residual.changes.rows import both_epochs
-from residual.changes.rules import Rules
-from residual.changes.search import Change, Found, find
+from residual.changes.rules import ChangeThresholds
+from residual.changes.search import ChangeSearch, NamedChange, find
 from residual.changes.unexplained import unnamed
 from residual.check.result import LogCheck
 from residual.effects.base import Trait
 from residual.errors import joints_listed
 from residual.evidence.design import Design
-from residual.evidence.embodied import Embodied
+from residual.evidence.embodied import PossibleModel
 from residual.model.compare import (
     Errors,
     HeldOutLog,
@@ -66,7 +66,7 @@ def compare_epochs(
         check: Faults of the logs: with a certain one nothing is named.
         warnings: Sentences on the logs that the verdict is to repeat.
     """
-    rules = Rules()
+    rules = ChangeThresholds()
     tell("rows of both epochs", 0.0)
     logs, count, clocked = _prepare(robot, first, second, rules)
     # The model that the arm is said to have; its values are what the logs show.
@@ -126,14 +126,14 @@ def compare_epochs(
     )
 
 
-def _unexplained(errors: Mapping[str, Errors], found: Found) -> str | None:
+def _unexplained(errors: Mapping[str, Errors], found: ChangeSearch) -> str | None:
     """Say so where what changed leaves far more on a joint than a refit.
 
     A name that is confirmed against the first epoch's model may still be the wrong
     one: then the model with it is worse than a refit without any name.
     """
     after, refit = (errors[k].per_joint("moving") for k in ("augmented", "identified"))
-    over = np.flatnonzero(after > found.both.rules.explained * refit)
+    over = np.flatnonzero(after > found.both.rules.max_error_ratio * refit)
     if not len(over):
         return None
     j = max(over, key=lambda j: after[j] / refit[j])
@@ -145,11 +145,14 @@ def _unexplained(errors: Mapping[str, Errors], found: Found) -> str | None:
 
 
 def _prepare(
-    robot: Robot, first: Sequence[Recording], second: Sequence[Recording], rules: Rules
+    robot: Robot,
+    first: Sequence[Recording],
+    second: Sequence[Recording],
+    rules: ChangeThresholds,
 ) -> tuple[Logs, int, bool]:
     """Logs of both epochs on one clock that begins anew with the second."""
     sketches = [
-        sketch_of(e, rules.most_seconds, rules.seconds) for e in (first, second)
+        sketch_of(e, rules.long_seconds, rules.kept_seconds) for e in (first, second)
     ]
     starts = [session_clock(epoch) for epoch in (first, second)]
     clocked = None not in starts
@@ -180,8 +183,10 @@ def _fit(
 
 
 def _judged(
-    found: Found, proof: Sequence[HeldOutLog], model_of: Callable[[Found], Embodied]
-) -> tuple[Found, Mapping[Change, Judged], Embodied]:
+    found: ChangeSearch,
+    proof: Sequence[HeldOutLog],
+    model_of: Callable[[ChangeSearch], PossibleModel],
+) -> tuple[ChangeSearch, Mapping[NamedChange, Judgement], PossibleModel]:
     """Let the held-out logs judge each name; what they refute falls.
 
     Each name against the best that can be said without it.
@@ -189,7 +194,7 @@ def _judged(
     Returns:
         What stands, the judgement of each, and the augmented model.
     """
-    refuted: list[Change] = []
+    refuted: list[NamedChange] = []
     while True:
         made = model_of(found)
         whole = moving_error(made.model, proof)
@@ -215,7 +220,7 @@ def _judged(
         found = found.without([gone])
 
 
-def _judgement(change: Change, with_it: Array, without: Array) -> Judged:
+def _judgement(change: NamedChange, with_it: Array, without: Array) -> Judgement:
     """What held-out motion says of one name, over all joints that it acts on.
 
     Each joint's error counts as a share of what is left of it in any case.
@@ -226,16 +231,17 @@ def _judgement(change: Change, with_it: Array, without: Array) -> Judged:
     a, b = a.sum(axis=1), b.sum(axis=1)
     ratio = float(np.sqrt(a.sum() / b.sum()))
     if rise(a, b, WORSE):
-        return Judged("refuted", 1 - ratio)
+        return Judgement("refuted", 1 - ratio)
     word = "confirmed" if ratio < BETTER and is_sure(b, a) else "neutral"
-    return Judged(word, 1 - ratio)
+    return Judgement(word, 1 - ratio)
 
 
-def _notes(found: Found) -> tuple[str, ...]:
+def _notes(found: ChangeSearch) -> tuple[str, ...]:
     noise, both = found.table.noise, found.both
     few = "; fewer than three logs of before: what days differ by was not seen"
+    seconds = both.rules.block_seconds * noise.blocks
     return (
-        f"compared on {both.rules.block * noise.blocks:.0f} s of motion at least in "
+        f"compared on {seconds:.0f} s of motion at least in "
         f"each epoch{few if both.first_logs < 3 else ''}",
         *(
             f"joint {j + 1}: logs of before differ by {noise.unrest[j]:.1f} "

@@ -8,11 +8,11 @@ import numpy as np
 
 from residual.changes.contrast import Candidate, expected_worth
 from residual.changes.models import Epoch, values_that_changed
-from residual.changes.search import Change, Found
-from residual.changes.unexplained import Rest, follows
+from residual.changes.search import ChangeSearch, NamedChange
+from residual.changes.unexplained import Residuals, follows
 from residual.check.result import LogCheck
 from residual.effects.base import Effect, Trait
-from residual.evidence.embodied import Embodied
+from residual.evidence.embodied import PossibleModel
 from residual.model.compare import Cloud
 from residual.quantity import along, plain
 from residual.recording import Array
@@ -37,7 +37,7 @@ from residual.verdict.result import (
 LADDER = np.geomspace(1.0, 1e4, 400)  # deviations at which to look
 
 
-def minimum_detectable(found: Found) -> list[Detectable]:
+def minimum_detectable(found: ChangeSearch) -> list[Detectable]:
     """Smallest size of every effect and joint at which the evidence is expected.
 
     By the very information of the logs and the unrest of the first epoch by which a
@@ -62,7 +62,7 @@ def minimum_detectable(found: Found) -> list[Detectable]:
     return [*out, Detectable("drift", (), 2 * found.warmth.std, "1")]
 
 
-def _least(found: Found, one: Candidate) -> float | None:
+def _least(found: ChangeSearch, one: Candidate) -> float | None:
     look = found.table.contrast(one, found.named)
     effect, robot = one.group.effect, found.both.design.model.robot
     sizes = []
@@ -75,7 +75,7 @@ def _least(found: Found, one: Candidate) -> float | None:
             continue
         scale = _smallest(found, one, way, look.information)
         if scale is not None:
-            sizes.append(max(scale, found.both.rules.share / per_unit))
+            sizes.append(max(scale, found.both.rules.min_torque_share / per_unit))
     if not sizes:
         return None
     size = float(np.median(sizes))
@@ -85,18 +85,18 @@ def _least(found: Found, one: Candidate) -> float | None:
 
 
 def _smallest(
-    found: Found, one: Candidate, way: Array, information: Array
+    found: ChangeSearch, one: Candidate, way: Array, information: Array
 ) -> float | None:
     """Size along a direction at which the expected evidence is the threshold."""
     unit = 1 / np.sqrt(float(way @ information @ way))
     sizes = unit * LADDER
     prior, nu = one.group.precision, found.table.degrees
     worth = expected_worth(information, way, prior, nu, sizes) - one.price
-    seen = worth > found.both.rules.threshold
+    seen = worth > found.both.rules.min_nats
     return float(sizes[int(np.argmax(seen))]) if seen.any() else None
 
 
-def _directions(effect: Effect, found: Found, one: Candidate) -> Sequence[Array]:
+def _directions(effect: Effect, found: ChangeSearch, one: Candidate) -> Sequence[Array]:
     """Coefficients of an effect of size one, in the ways that it usually comes."""
     count = len(one.group.ids)
     if effect.usual is not None:
@@ -115,7 +115,7 @@ MOVED = 0.3  # of the warmth of all joints: from there on a joint moved with the
 
 
 @dataclass(frozen=True, slots=True)
-class Judged:
+class Judgement:
     """What held-out motion says of a name: a word, and the part of the error gone."""
 
     word: str
@@ -123,13 +123,13 @@ class Judged:
 
 
 def conclude(
-    found: Found,
-    rest: Rest,
-    judged: Mapping[Change, Judged],
+    found: ChangeSearch,
+    rest: Residuals,
+    judged: Mapping[NamedChange, Judgement],
     error: ErrorTables,
     edit: tuple[Edit, ...],
     unproven: str | None,
-    made: Embodied,
+    made: PossibleModel,
     epochs: tuple[Epoch, Epoch],
     declared: Sequence[str],
     check: LogCheck | None,
@@ -178,7 +178,7 @@ def conclude(
 
 
 def _finding(
-    change: Change, order: int, judged: Judged, robot: Robot, unproven: bool
+    change: NamedChange, order: int, judged: Judgement, robot: Robot, unproven: bool
 ) -> Finding:
     return Finding(
         name=change.place.name,
@@ -197,7 +197,7 @@ def _finding(
     )
 
 
-def _parameters(change: Change, robot: Robot) -> dict[str, Parameter]:
+def _parameters(change: NamedChange, robot: Robot) -> dict[str, Parameter]:
     look = change.contrast
     group, theta = look.candidate.group, look.theta
     effect = group.effect
@@ -217,7 +217,7 @@ def _parameters(change: Change, robot: Robot) -> dict[str, Parameter]:
     }
 
 
-def _deviations(change: Change, robot: Robot, covariance: Array) -> Array:
+def _deviations(change: NamedChange, robot: Robot, covariance: Array) -> Array:
     """Deviations of the parameters by those of the coefficients. (parameters,)."""
     group, theta = change.contrast.candidate.group, change.contrast.theta
     at = np.asarray(group.effect.values(theta, group.shape, robot), dtype=float)
@@ -233,7 +233,7 @@ def _deviations(change: Change, robot: Robot, covariance: Array) -> Array:
     return np.sqrt(np.diag(slope @ covariance @ slope.T) + inexact**2)
 
 
-def _unexplained(found: Found, rest: Rest) -> Unexplained:
+def _unexplained(found: ChangeSearch, rest: Residuals) -> Unexplained:
     design = found.both.design
     power = design.rows * design.rms**2
     weight = power / power.sum()
@@ -257,7 +257,7 @@ def _unexplained(found: Found, rest: Rest) -> Unexplained:
     )
 
 
-def _drift(found: Found) -> Drift | None:
+def _drift(found: ChangeSearch) -> Drift | None:
     warm = found.warmth
     if not warm.told:
         return None
@@ -272,7 +272,7 @@ def _drift(found: Found) -> Drift | None:
     )
 
 
-def _warnings(found: Found, same_run: bool) -> tuple[str, ...]:
+def _warnings(found: ChangeSearch, same_run: bool) -> tuple[str, ...]:
     out = []
     if same_run:
         out.append(
@@ -299,7 +299,7 @@ def _warnings(found: Found, same_run: bool) -> tuple[str, ...]:
     return tuple(out)
 
 
-def clouds(found: Found, rest: Rest) -> tuple[Cloud, ...]:
+def clouds(found: ChangeSearch, rest: Residuals) -> tuple[Cloud, ...]:
     """What each change explains on the joint where it is largest, over its variable."""
     out = []
     for change in found.changes:

@@ -7,7 +7,7 @@ import numpy as np
 
 from residual.evidence.design import Design
 from residual.evidence.fit import Fit
-from residual.evidence.rules import RULES
+from residual.evidence.rules import THRESHOLDS
 from residual.model.model import Model
 from residual.recording import Array
 from residual.signals.track import Track
@@ -52,12 +52,12 @@ def adequacy(
     flagged = [
         j
         for j in range(design.dof)
-        if (structured[j] > RULES.flag and structured[j] > 0.5 * first[j])
-        or structured[j] > 2 * RULES.flag
+        if (structured[j] > THRESHOLDS.flag_share and structured[j] > 0.5 * first[j])
+        or structured[j] > 2 * THRESHOLDS.flag_share
     ]
     periods = [repeat(track) for track in tracks]
     kinds = tuple(_kind(design, periods, after, noise, j) for j in range(design.dof))
-    least = np.maximum(RULES.doubt, RULES.noises * noise)
+    least = np.maximum(THRESHOLDS.doubt_share, THRESHOLDS.doubt_noises * noise)
     doubted = sorted({*flagged, *np.flatnonzero(structured > least).tolist()})
     kinds = tuple(k if j in doubted else None for j, k in enumerate(kinds))
     return Adequacy(structured, first, noise, kinds, tuple(flagged), tuple(doubted))
@@ -95,7 +95,7 @@ def repeat(track: Track) -> int | None:
     q = track.q[:: track.step]
     m = len(q)
     spread = np.maximum(q.std(axis=0), 1e-6)
-    best, period = RULES.repeat, None
+    best, period = THRESHOLDS.repeat_share, None
     for lag in range(int(0.2 * m), int(0.8 * m)):
         gap = np.abs(q[lag:] - q[:-lag])[5:-5].mean(axis=0)
         worst = float(np.max(gap / spread)) if m - lag > 20 else np.inf

@@ -14,17 +14,17 @@ from scipy.special import ndtr
 
 from residual.diagnosis.gate import left_out
 from residual.diagnosis.search import Task
-from residual.effects.base import Effect, Placed, Trait
+from residual.effects.base import Effect, PlacedEffect, Trait
 from residual.evidence.design import Group
 from residual.evidence.fit import Fit, Prior, System, fit, limits_of, scaled_inverse
 from residual.evidence.priors import overlap, stacks
-from residual.evidence.rules import RULES
+from residual.evidence.rules import THRESHOLDS
 from residual.recording import Array
 from residual.verdict.result import Detectable, Place
 
 
 @dataclass(frozen=True, eq=False, slots=True)
-class Bench:
+class DetectionModel:
     """A fit of the logs under several priors, ready to be asked about effects."""
 
     task: Task  # data, chosen prior, candidates and rules
@@ -38,7 +38,7 @@ class Bench:
     left: Array  # squared error of all folds, each predicted from the others, (dof,)
 
     @classmethod
-    def of(cls, task: Task, fitted: Fit, priors: Sequence[Prior]) -> "Bench":
+    def of(cls, task: Task, fitted: Fit, priors: Sequence[Prior]) -> "DetectionModel":
         """Solve once what all effects have in common."""
         design = task.design
         every, scores = _near(task, fitted, priors)
@@ -66,7 +66,7 @@ class Bench:
 
 
 @dataclass(frozen=True, eq=False, slots=True)
-class Expected:
+class ExpectedEffect:
     """What an effect in one direction of its coefficients does, per unit squared."""
 
     # Squared error that it adds to each joint after a refit without it, under each
@@ -83,7 +83,9 @@ class Expected:
     cost: float  # price of the choice [nats]
 
 
-def expected(bench: Bench, group: Group, directions: Sequence[Array]) -> list[Expected]:
+def expected(
+    bench: DetectionModel, group: Group, directions: Sequence[Array]
+) -> list[ExpectedEffect]:
     """What a group does in each of some directions."""
     task, design, weight = bench.task, bench.task.design, bench.weight
     own, mixed = _blocks(bench, group)
@@ -100,7 +102,7 @@ def expected(bench: Bench, group: Group, directions: Sequence[Array]) -> list[Ex
     outs = _added(bench.grams, own, mixed, without[:, None])
     occam = 0.5 * np.maximum(log_det - group.log_det, 0.0)
     return [
-        Expected(
+        ExpectedEffect(
             fall=_along(falls, u),
             bent=np.einsum("k,pkl,l->p", u, bends, u),
             occam=occam,
@@ -114,7 +116,7 @@ def expected(bench: Bench, group: Group, directions: Sequence[Array]) -> list[Ex
     ]
 
 
-def found(bench: Bench, one: Expected, sizes: Array) -> Array:
+def found(bench: DetectionModel, one: ExpectedEffect, sizes: Array) -> Array:
     """Whether effects of some sizes are found, if the noise does as on average.
 
     The estimate of the size is the one thing that chance moves; every rule below rises
@@ -135,18 +137,25 @@ def found(bench: Bench, one: Expected, sizes: Array) -> Array:
     paid = one.occam + 0.5 * square * one.held - 0.5 * one.count
     net = lost - paid - one.cost
     scores = np.array(bench.scores)
-    named = scores - paid - one.cost - RULES.per_name
+    named = scores - paid - one.cost - THRESHOLDS.nats_per_name
     others = np.max(scores - lost, axis=1, keepdims=True)
-    wins = (net >= rules.threshold) & (named >= others)
+    wins = (net >= rules.min_nats) & (named >= others)
     relative = np.sqrt(fall / bench.task.design.rows) / bench.task.design.rms
     share = fall / np.maximum(fitted.sse + fall, 1e-300)
     by_fit = rules.lower(relative, share).any(axis=2) & _confirmed(bench, one, square)
-    big = np.sqrt(square * one.torque).max(axis=1, keepdims=True) >= rules.size
-    spares = (net >= rules.plausible) & (spared >= rules.bent * net) & big
+    big = (
+        np.sqrt(square * one.torque).max(axis=1, keepdims=True)
+        >= rules.min_plausible_torque
+    )
+    spares = (
+        (net >= rules.min_plausible_nats)
+        & (spared >= rules.min_prior_share * net)
+        & big
+    )
     return np.any(wins & (by_fit | spares), axis=1)
 
 
-def _confirmed(bench: Bench, one: Expected, square: Array) -> Array:
+def _confirmed(bench: DetectionModel, one: ExpectedEffect, square: Array) -> Array:
     """Whether logs left out are predicted better by enough, and enough of them.
 
     Args:
@@ -168,7 +177,9 @@ def _confirmed(bench: Bench, one: Expected, square: Array) -> Array:
     folds = one.out > 1e-3 * np.maximum(one.out.max(axis=0), 1e-300)
     better = np.where(folds, ndtr(0.5 * sure), 0).sum(axis=1)
     better = better / np.maximum(folds.sum(axis=0), 1)
-    return np.any(enough & (better >= RULES.most_folds), axis=1, keepdims=True)
+    return np.any(
+        enough & (better >= THRESHOLDS.min_improved_folds), axis=1, keepdims=True
+    )
 
 
 def _near(task: Task, fitted: Fit, priors: Sequence[Prior]) -> tuple[list, list]:
@@ -178,7 +189,9 @@ def _near(task: Task, fitted: Fit, priors: Sequence[Prior]) -> tuple[list, list]
         fit(design, p, fitted.members, fitted.counted, rounds=4).score for p in every
     ]
     near = [
-        i for i, s in enumerate(scores) if i == 0 or s > max(scores) - RULES.hopeless
+        i
+        for i, s in enumerate(scores)
+        if i == 0 or s > max(scores) - THRESHOLDS.hopeless_nats
     ]
     return [every[i] for i in near], [scores[i] for i in near]
 
@@ -189,7 +202,7 @@ def _covariance(system: System, weight: Array) -> Array:
     )
 
 
-def _blocks(bench: Bench, group: Group) -> tuple[Array, Array]:
+def _blocks(bench: DetectionModel, group: Group) -> tuple[Array, Array]:
     """Gram of a group and with the fit, per fold and joint.
 
     Returns:
@@ -271,7 +284,7 @@ def lookalikes(
         near = sorted(
             (round(x, 2), key)
             for key, x in lost.items()
-            if x < RULES.class_nats and key != own
+            if x < THRESHOLDS.class_nats and key != own
         )
         out.append(tuple(Place(n, tuple(j + 1 for j in js)) for _, (n, js) in near))
     return out
@@ -317,8 +330,8 @@ def minimum_detectable(
         parameters of one unit the value is the length (cos and sin), of a searched
         shape the usual one counts.
     """
-    bench, robot = Bench.of(task, fitted, priors), task.design.states[0].robot
-    sizes: list[_Least] = []
+    bench, robot = DetectionModel.of(task, fitted, priors), task.design.states[0].robot
+    sizes: list[_SmallestEffect] = []
     keys: dict[tuple, list[Group]] = {}
     for g in task.candidates.groups:
         if not g.parts:
@@ -333,7 +346,9 @@ def minimum_detectable(
         if least is not None:
             sizes.append(least)
     alike = lookalikes(
-        task, fitted, [(x.group, RULES.clear_size * x.theta) for x in sizes]
+        task,
+        fitted,
+        [(x.group, THRESHOLDS.confusable_size_factor * x.theta) for x in sizes],
     )
     return [
         Detectable(
@@ -348,7 +363,7 @@ def minimum_detectable(
 
 
 @dataclass(frozen=True, eq=False, slots=True)
-class _Least:
+class _SmallestEffect:
     """The smallest effect that is found: as it is told, and as coefficients."""
 
     value: float
@@ -356,7 +371,7 @@ class _Least:
     theta: Array
 
 
-def _there_is(bench: Bench, least: _Least) -> float | None:
+def _there_is(bench: DetectionModel, least: _SmallestEffect) -> float | None:
     """The size; None where no arm has an effect as large."""
     design, group = bench.task.design, least.group
     limits = limits_of(design, bench.fitted, group)
@@ -368,17 +383,19 @@ def _there_is(bench: Bench, least: _Least) -> float | None:
     return None
 
 
-def _least(bench: Bench, groups: Sequence[Group]) -> _Least | None:
+def _least(bench: DetectionModel, groups: Sequence[Group]) -> _SmallestEffect | None:
     """The size as its first parameter tells it; None where no size is found."""
     effect, middle = groups[0].effect, groups[len(groups) // 2]
     if _by_shape_alone(effect, middle):
         # The highest plateau of those tried at which a clip to its level is found.
         last = groups[-1]
-        levels = [Placed(effect, last.joints, (c * last.shape[0],)) for c in CLIPS]
+        levels = [
+            PlacedEffect(effect, last.joints, (c * last.shape[0],)) for c in CLIPS
+        ]
         for clip in bench.task.design.add(levels):
             (one,) = expected(bench, clip, [np.ones(1)])
             if one.torque.any() and found(bench, one, np.ones(1)).all():
-                return _Least(clip.shape[0], clip, np.ones(1))
+                return _SmallestEffect(clip.shape[0], clip, np.ones(1))
         return None
     if _of_its_own_shape(effect, middle):
         sizes = np.array([_smallest(bench, g) for g in groups])
@@ -393,26 +410,28 @@ def _least(bench: Bench, groups: Sequence[Group]) -> _Least | None:
     return _known(abs(told[0]), size, bench, middle)
 
 
-def _middle(bench: Bench, groups: Sequence[Group]) -> tuple[float, Group]:
+def _middle(bench: DetectionModel, groups: Sequence[Group]) -> tuple[float, Group]:
     """Smallest coefficient that is found, and the shape that it is of.
 
     The usual shape, or the middle of those that an effect may hide in: friction that
     fades below the speed at which rows count is found by its tail alone.
     """
     effect, joints = groups[0].effect, groups[0].joints
-    shapes = [Placed(effect, joints, shape) for shape in effect.least_seen]
+    shapes = [PlacedEffect(effect, joints, shape) for shape in effect.least_seen]
     made = bench.task.design.add(shapes) or [groups[len(groups) // 2]]
     sizes = [_smallest(bench, group) for group in made]
     return float(np.median(sizes)), made[int(np.argsort(sizes)[len(sizes) // 2])]
 
 
-def _known(value: float, size: float, bench: Bench, group: Group) -> _Least | None:
+def _known(
+    value: float, size: float, bench: DetectionModel, group: Group
+) -> _SmallestEffect | None:
     if not np.isfinite(value):
         return None
-    return _Least(float(value), group, size * directions(bench, group)[0])
+    return _SmallestEffect(float(value), group, size * directions(bench, group)[0])
 
 
-def _smallest(bench: Bench, group: Group) -> float:
+def _smallest(bench: DetectionModel, group: Group) -> float:
     """Smallest coefficient that is found; of several directions the median."""
     sizes = []
     for one in expected(bench, group, directions(bench, group)):
@@ -424,7 +443,7 @@ def _smallest(bench: Bench, group: Group) -> float:
     return float(np.median(sizes))
 
 
-def _first(bench: Bench, one: Expected, unit: float) -> float:
+def _first(bench: DetectionModel, one: ExpectedEffect, unit: float) -> float:
     """First size that is found, climbing from what is worth a nat.
 
     Far above it an effect may be lost again, since its own prior does not believe it.
@@ -438,7 +457,7 @@ def _first(bench: Bench, one: Expected, unit: float) -> float:
     return float(between[int(np.argmax(found(bench, one, between)))])
 
 
-def directions(bench: Bench, group: Group) -> list[Array]:
+def directions(bench: DetectionModel, group: Group) -> list[Array]:
     """Coefficients of an effect of size one, in the ways that it usually comes.
 
     Effects say so themselves where their coefficients differ in kind; those that are

@@ -19,7 +19,7 @@ from residual.diagnosis.reference import plain_fit
 from residual.diagnosis.unexplained import examine_leftover
 from residual.diagnosis.verdict import conclude, signal_notes
 from residual.errors import InputError
-from residual.evidence.rules import RULES
+from residual.evidence.rules import THRESHOLDS
 from residual.model.compare import compare, prepare_held_out, worse_joints
 from residual.model.model import Model
 from residual.model.nominal import (
@@ -90,7 +90,7 @@ def diagnose(
         nominal = Nominal(begin(logs, declared), (GIVEN,) * len(declared.terms))
     else:
         nominal = nominal_with_constants(logs, declared_names(logs.robot, declared))
-    examined = examine(logs, nominal, RULES, tell)
+    examined = examine(logs, nominal, THRESHOLDS, tell)
     # Every name is doubted, on held-out motion too; what stands is in the models.
     tell("proof", 0.0)
     proof = prepare_held_out(held_out, examined.nominal.model)

@@ -15,9 +15,9 @@ from dataclasses import dataclass, replace
 import numpy as np
 from scipy.linalg import solve_triangular
 
-from residual.diagnosis.gate import Tested
-from residual.diagnosis.held_out import Verdicts, without
-from residual.diagnosis.outcome import Examined
+from residual.diagnosis.gate import GateResult
+from residual.diagnosis.held_out import HeldOutResult, without
+from residual.diagnosis.outcome import SearchOutcome
 from residual.effects.base import Trait
 from residual.evidence.design import Design
 from residual.evidence.fit import (
@@ -29,7 +29,7 @@ from residual.evidence.fit import (
     scaled_inverse,
 )
 from residual.evidence.priors import first_design
-from residual.evidence.rules import RULES
+from residual.evidence.rules import THRESHOLDS
 from residual.recording import Array, Recording
 from residual.signals.splitting import in_pieces
 from residual.signals.track import on_rows_of, prepare
@@ -40,7 +40,7 @@ LEAST = 1e-3  # of its variance: what a difference is never known better than
 
 
 @dataclass(frozen=True, eq=False, slots=True)
-class Checked:
+class NoiseCheck:
     """A fit, held against the noise of the angles."""
 
     how: str  # "instruments" or "effective variance"
@@ -54,14 +54,14 @@ class Checked:
     # instruments, (dof,).
     share: Array
 
-    def differs(self, tested: Tested) -> bool:
+    def differs(self, tested: GateResult) -> bool:
         """Whether the fit without the noise is another one, beyond chance."""
         shift, slots = self._shift(tested)
         spread = self.spread[np.ix_(slots, slots)]
         spread = spread + LEAST * np.diag(np.diag(self.covariance)[slots])
-        return chance_of(shift, spread, LEAST) < RULES.noise_chance
+        return chance_of(shift, spread, LEAST) < THRESHOLDS.noise_chance
 
-    def is_noise(self, tested: Tested) -> bool:
+    def is_noise(self, tested: GateResult) -> bool:
         """Whether the effect is made of the noise, or too much of it to believe.
 
         A reference says what is left of an effect. A redrawn noise is known by its
@@ -71,12 +71,16 @@ class Checked:
             return False
         shift, slots = self._shift(tested)
         own = self.covariance[np.ix_(slots, slots)]
-        nothing = chance_of(self.theta[slots], own, LEAST) > RULES.noise_nothing
+        nothing = (
+            chance_of(self.theta[slots], own, LEAST) > THRESHOLDS.noise_zero_chance
+        )
         sd = np.sqrt(np.diag(self.fit.covariance())[slots])
         part = np.linalg.norm(shift / sd) / np.linalg.norm(self.fit.theta[slots] / sd)
-        return nothing or (self.how == EFFECTIVE and bool(part > RULES.noise_part))
+        return nothing or (
+            self.how == EFFECTIVE and bool(part > THRESHOLDS.noise_shift_share)
+        )
 
-    def estimate(self, tested: Tested) -> tuple[Array, Array]:
+    def estimate(self, tested: GateResult) -> tuple[Array, Array]:
         """Coefficients of a member, and their doubt beside the fit's. (k,), (k, k).
 
         Where the noise makes a difference they are those without it. Of what a redrawn
@@ -90,14 +94,14 @@ class Checked:
             return theta + shift, spread + redrawn * square / 4
         return theta, redrawn * square
 
-    def _shift(self, tested: Tested) -> tuple[Array, Array]:
+    def _shift(self, tested: GateResult) -> tuple[Array, Array]:
         slots = self.fit.slots(tested.group)
         return (self.theta - self.fit.theta)[slots], slots
 
 
 def drop_noise(
-    examined: Examined, judged: Verdicts, recordings: Sequence[Recording]
-) -> tuple[Verdicts, Checked | None, tuple[Tested, ...]]:
+    examined: SearchOutcome, judged: HeldOutResult, recordings: Sequence[Recording]
+) -> tuple[HeldOutResult, NoiseCheck | None, tuple[GateResult, ...]]:
     """Drop the names that noise of the angles made.
 
     Args:
@@ -107,7 +111,7 @@ def drop_noise(
         The names that stand, how their fit was checked (None where there are none), and
         the names that are noise.
     """
-    gone: list[Tested] = []
+    gone: list[GateResult] = []
     while judged.kept:
         checks = checked(examined, judged.fit, recordings)
         noise = [t for t, _ in judged.kept if checks.is_noise(t)]
@@ -118,7 +122,9 @@ def drop_noise(
     return judged, None, tuple(gone)
 
 
-def noise_notes(checks: Checked | None, tested: Sequence[Tested]) -> tuple[str, ...]:
+def noise_notes(
+    checks: NoiseCheck | None, tested: Sequence[GateResult]
+) -> tuple[str, ...]:
     """What noise of the angles did to the named effects: one sentence, or none."""
     if checks is None:
         return ()
@@ -145,8 +151,8 @@ def noise_notes(checks: Checked | None, tested: Sequence[Tested]) -> tuple[str, 
 
 
 def checked(
-    examined: Examined, fitted: Fit, recordings: Sequence[Recording]
-) -> Checked:
+    examined: SearchOutcome, fitted: Fit, recordings: Sequence[Recording]
+) -> NoiseCheck:
     """Check a fit by its reference where every log has one, else by redrawn noise.
 
     Args:
@@ -161,7 +167,7 @@ def checked(
     return _by_redrawing(examined, fitted, examined.logs.shaken)
 
 
-def _by_instruments(examined: Examined, fitted: Fit, tracks) -> Checked:
+def _by_instruments(examined: SearchOutcome, fitted: Fit, tracks) -> NoiseCheck:
     """Two-stage least squares under the fit's own prior and noise."""
     design, other, ids = examined.task.design, *_seen(examined, fitted, tracks)
     system = System.of(design, examined.task.prior, fitted.members)
@@ -175,7 +181,7 @@ def _by_instruments(examined: Examined, fitted: Fit, tracks) -> Checked:
         precision[np.ix_(have, have)] += weight[j] * inner
         pull[have] += weight[j] * pulled
     covariance = scaled_inverse(precision)
-    return Checked(
+    return NoiseCheck(
         how=INSTRUMENTS,
         fit=fitted,
         theta=covariance @ pull,
@@ -185,7 +191,7 @@ def _by_instruments(examined: Examined, fitted: Fit, tracks) -> Checked:
     )
 
 
-def _by_redrawing(examined: Examined, fitted: Fit, tracks) -> Checked:
+def _by_redrawing(examined: SearchOutcome, fitted: Fit, tracks) -> NoiseCheck:
     """The normal equations without the noise that one more helping of it shows.
 
     Least squares solves (S + N) x = S b, with S what exact columns would give and N the
@@ -214,10 +220,10 @@ def _by_redrawing(examined: Examined, fitted: Fit, tracks) -> Checked:
     half = solve_triangular(lower, noise, lower=True)
     values, vectors = np.linalg.eigh(solve_triangular(lower, half.T, lower=True))
     turned = solve_triangular(lower, vectors, lower=True, trans=1)
-    left = 1 - np.clip(values, 0, RULES.noise_most)
+    left = 1 - np.clip(values, 0, THRESHOLDS.max_noise_information)
     pull = vectors.T @ (lower.T @ fitted.theta) + values * (vectors.T @ lower.T @ start)
     covariance = (turned / left) @ turned.T
-    return Checked(
+    return NoiseCheck(
         how=EFFECTIVE,
         fit=fitted,
         theta=turned @ (pull / left),
@@ -227,7 +233,7 @@ def _by_redrawing(examined: Examined, fitted: Fit, tracks) -> Checked:
     )
 
 
-def _seen(examined: Examined, fitted: Fit, tracks) -> tuple[Design, Array]:
+def _seen(examined: SearchOutcome, fitted: Fit, tracks) -> tuple[Design, Array]:
     """The fit's columns as other angles give them, on the very same rows."""
     nominal = examined.nominal
     other = replace(examined.logs, tracks=tracks)

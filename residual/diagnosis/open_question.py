@@ -5,15 +5,15 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from residual.diagnosis.findings import Named, public_joints
+from residual.diagnosis.findings import NamedEffect, public_joints
 from residual.diagnosis.neighbours import alternatives, near_sets
-from residual.diagnosis.outcome import Examined
+from residual.diagnosis.outcome import SearchOutcome
 from residual.diagnosis.search import Task
-from residual.effects.base import Placed
+from residual.effects.base import PlacedEffect
 from residual.evidence.design import Group
 from residual.evidence.fit import Fit, System, as_model, physical
 from residual.evidence.priors import screen
-from residual.evidence.rules import RULES
+from residual.evidence.rules import THRESHOLDS
 from residual.planning.question import (
     Contest,
     Question,
@@ -80,13 +80,15 @@ class Basis:
         place: Where a design's column stands among the shared ones.
     """
 
-    examined: Examined
+    examined: SearchOutcome
     fitted: Fit
     groups: tuple[Group, ...]
     place: dict[int, int]
 
     @classmethod
-    def of(cls, examined: Examined, fitted: Fit, groups: Sequence[Group]) -> "Basis":
+    def of(
+        cls, examined: SearchOutcome, fitted: Fit, groups: Sequence[Group]
+    ) -> "Basis":
         """Number the columns of the nominal model, then those of the groups."""
         unique: dict[int, Group] = {int(g.ids[0]): g for g in groups}
         ids = [examined.task.design.nominal, *(g.ids for g in unique.values())]
@@ -118,7 +120,7 @@ class Basis:
         if own:
             big = self.task.fit(members, self.fitted)
             # Every name after the first has to pass the threshold of a name, too.
-            more = (len(own) - 1) * self.task.rules.threshold
+            more = (len(own) - 1) * self.task.rules.min_nats
             cost = sum(self.task.candidates.cost(g) for g in own[1:]) + more
             nats = self.task.net_gain(big, without, own[0]) - cost
             at = np.array([self.place[int(c)] for g in own for c in g.ids])
@@ -145,7 +147,9 @@ class Basis:
         return Contest(tuple(found), enough)
 
 
-def open_question(examined: Examined, fitted: Fit, named: Sequence[Named]) -> Question:
+def open_question(
+    examined: SearchOutcome, fitted: Fit, named: Sequence[NamedEffect]
+) -> Question:
     """Return what a diagnosis leaves open.
 
     A finding, its equivalents and what could stand in its place together are one
@@ -176,11 +180,11 @@ def open_question(examined: Examined, fitted: Fit, named: Sequence[Named]) -> Qu
         basis.contest(
             [g for g in fitted.members if g not in swap.gone],
             (swap.gone, *swap.instead),
-            RULES.class_nats,
+            THRESHOLDS.class_nats,
         )
         for swap in classes.values()
     ]
-    threshold = examined.task.rules.threshold
+    threshold = examined.task.rules.min_nats
     contests += [
         basis.contest(fitted.members, [*((g,) for g in groups), ()], threshold)
         for groups in strong
@@ -196,7 +200,7 @@ def places_of(groups: Sequence[Group]) -> list[Place]:
 def question_of(basis: Basis, contests: Sequence[Contest]) -> Question:
     """Return contests with all that it takes to look at a motion."""
     examined, model = basis.examined, basis.examined.nominal.model
-    terms = [Placed(t.effect, t.joints, t.shape) for t in model.terms]
+    terms = [PlacedEffect(t.effect, t.joints, t.shape) for t in model.terms]
     groups = [g.placed for g in basis.groups]
     return Question(
         nominal=model,
@@ -234,7 +238,7 @@ def _signals(basis: Basis) -> Signals:
     )
 
 
-def _strongest(examined: Examined, fitted: Fit, joint: int) -> list[Group]:
+def _strongest(examined: SearchOutcome, fitted: Fit, joint: int) -> list[Group]:
     """The candidates with the most evidence on a joint, one shape of each.
 
     None that has no evidence beyond its price: where nothing speaks for a candidate, no

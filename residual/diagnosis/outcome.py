@@ -8,7 +8,7 @@ import numpy as np
 from residual.diagnosis import constants
 from residual.diagnosis.adequacy import Adequacy, adequacy, carried
 from residual.diagnosis.gate import (
-    Tested,
+    GateResult,
     gate,
     leave_out,
     only_curves,
@@ -21,10 +21,10 @@ from residual.diagnosis.select import Selection, select
 from residual.effects import registry
 from residual.effects.base import Trait
 from residual.evidence.design import Design, Group
-from residual.evidence.embodied import Embodied, embodied
+from residual.evidence.embodied import PossibleModel, embodied
 from residual.evidence.fit import Fit, Prior, as_model, fit, physical
-from residual.evidence.priors import OF_NAMES, Space, first_design, relative_prior
-from residual.evidence.rules import RULES, Rules
+from residual.evidence.priors import OF_NAMES, PriorSpace, first_design, relative_prior
+from residual.evidence.rules import THRESHOLDS, EvidenceThresholds
 from residual.model.compare import HeldOutLog, moving_error
 from residual.model.model import Model
 from residual.model.nominal import Logs, Nominal, with_standstill
@@ -34,7 +34,7 @@ Progress = Callable[[str, float], None]
 
 
 @dataclass(frozen=True, eq=False, slots=True)
-class Examined:
+class SearchOutcome:
     """What one set of logs says."""
 
     logs: Logs  # the fit logs
@@ -43,8 +43,10 @@ class Examined:
     wide: Prior  # the widest prior that the logs do not contradict
     plain: Fit  # fit of the nominal structure alone
     fit: Fit  # fit with the named effects
-    tested: tuple[Tested, ...]  # the named effects with their evidence
-    withdrawn: tuple[Tested, ...]  # names that merely resemble what flagged joints show
+    tested: tuple[GateResult, ...]  # the named effects with their evidence
+    withdrawn: tuple[
+        GateResult, ...
+    ]  # names that merely resemble what flagged joints show
     adequacy: Adequacy  # what remains
     # What was found with every constant free; None where nothing was sought.
     start: Selection | None = None
@@ -55,7 +57,7 @@ class Examined:
         """Squared error of a fit on moving rows by second [N^2 m^2]. (seconds, dof)."""
         return moving_error(as_model(self.nominal, fitted), held_out)
 
-    def model(self, fitted: Fit, like: Model | None = None) -> Embodied:
+    def model(self, fitted: Fit, like: Model | None = None) -> PossibleModel:
         """A fit as a model of possible bodies, with the standstill of the fit logs.
 
         Args:
@@ -73,9 +75,9 @@ class Examined:
 def examine(
     logs: Logs,
     nominal: Nominal,
-    rules: Rules,
+    rules: EvidenceThresholds,
     progress: Progress,
-) -> Examined:
+) -> SearchOutcome:
     """Search, test and flag."""
 
     def searching(share: float) -> None:
@@ -84,7 +86,7 @@ def examine(
     design = first_design(logs, nominal)
     progress("features", 0.0)
     everything = every_candidate(design, nominal, logs.span, logs.clock is not None)
-    selection = select(Space(design, nominal), everything, rules, searching)
+    selection = select(PriorSpace(design, nominal), everything, rules, searching)
     if _needs_second_search(selection):
         settled = _refit_named(logs, nominal, selection)
         design.show_torque(physical(as_model(nominal, settled)))
@@ -92,7 +94,7 @@ def examine(
         everything = renewed(design, everything)
         prior, wide = selection.task.prior, selection.wide
         again = replace(nominal, scale=prior.scale, widths=prior.widths)
-        selection = select(Space(design, again), everything, rules, searching)
+        selection = select(PriorSpace(design, again), everything, rules, searching)
         selection = replace(selection, wide=wide)
     progress("gate", 0.0)
     examined = _tested(logs, nominal, selection)
@@ -101,8 +103,8 @@ def examine(
 
 
 def search_again(
-    examined: Examined, fallen: Sequence[Group], kin: Sequence[Group]
-) -> Examined:
+    examined: SearchOutcome, fallen: Sequence[Group], kin: Sequence[Group]
+) -> SearchOutcome:
     """Search the same logs again without some names; every other one is tested anew.
 
     What a name has carried falls with it: a delay that was none must not leave the
@@ -127,7 +129,7 @@ def _tested(
     nominal: Nominal,
     start: Selection,
     paid: tuple[int, ...] | None = None,
-) -> Examined:
+) -> SearchOutcome:
     """Put what a search found through the gate, and measure what remains.
 
     Args:
@@ -153,7 +155,7 @@ def _tested(
     if len(kept) < len(tested):
         fitted = task.settle(task.fit([t.group for t in kept], fitted))
     gone = tuple(t for t in tested if t not in kept)
-    return Examined(
+    return SearchOutcome(
         logs,
         nominal,
         task,
@@ -168,7 +170,9 @@ def _tested(
     )
 
 
-def with_constants(examined: Examined, fitted: Fit) -> tuple[Examined, list[Tested]]:
+def with_constants(
+    examined: SearchOutcome, fitted: Fit
+) -> tuple[SearchOutcome, list[GateResult]]:
     """The diagnosis with the constants that pay among its effects.
 
     Args:
@@ -192,7 +196,7 @@ def with_constants(examined: Examined, fitted: Fit) -> tuple[Examined, list[Test
         for t in gate(task, full)
         if t.group in groups
         and t.by
-        and (t.nats >= task.rules.threshold or t.joint in enough.doubted)
+        and (t.nats >= task.rules.min_nats or t.joint in enough.doubted)
     ]
     if len(own) < len(groups):
         members = (*fitted.members, *(t.group for t in own))
@@ -215,12 +219,12 @@ def with_constants(examined: Examined, fitted: Fit) -> tuple[Examined, list[Test
     )
 
 
-def predictive(examined: Examined) -> Examined:
+def predictive(examined: SearchOutcome) -> SearchOutcome:
     """The same names with the scale of the bodies that predicts left-out parts best.
 
     Evidence compares scales as if noise were all that is left; on a measured arm it is
     not, and each of two halves takes another scale. So where some scale lowers the
-    left-out error, in units of each joint's own, by ``RULES.predicts`` or more, the
+    left-out error, in units of each joint's own, by ``scale_gain_share`` or more, the
     parameters are fitted at the best of them.
     """
     if examined.logs.robot.prior_scale is not None:
@@ -228,7 +232,7 @@ def predictive(examined: Examined) -> Examined:
     task, fitted = examined.task, examined.fit
     weight = 1 / fitted.variance / task.design.rows
     best, least = None, leave_out(task, fitted).sum(axis=0) @ weight
-    least *= (1 - RULES.predicts) ** 2
+    least *= (1 - THRESHOLDS.scale_gain_share) ** 2
     for scale in OF_NAMES:
         widths = task.prior.widths
         prior = relative_prior(task.design, examined.nominal, scale, widths)
@@ -265,7 +269,9 @@ def _needs_second_search(selection: Selection) -> bool:
     plain = task.fit((), fitted, rounds=4)
     fall = np.maximum(plain.sse - fitted.sse, 0) / task.design.rows
     model_based = any(Trait.USES_MODEL in e.traits for e in registry().values())
-    return model_based and bool(np.max(np.sqrt(fall) / task.design.rms) > RULES.large)
+    return model_based and bool(
+        np.max(np.sqrt(fall) / task.design.rms) > THRESHOLDS.large_torque_share
+    )
 
 
 def _refit_named(logs: Logs, nominal: Nominal, selection: Selection) -> Fit:
@@ -276,7 +282,7 @@ def _refit_named(logs: Logs, nominal: Nominal, selection: Selection) -> Fit:
     """
     task, fitted = selection.task, selection.fit
     design = task.design
-    for _ in range(RULES.looks):
+    for _ in range(THRESHOLDS.refit_rounds):
         design.show_torque(physical(as_model(nominal, fitted)))
         members = design.add([g.placed for g in fitted.members])
         searched = [g for g in members if g.effect.refine]
@@ -284,12 +290,12 @@ def _refit_named(logs: Logs, nominal: Nominal, selection: Selection) -> Fit:
             others = [g for g in members if g is not group]
             members = refined(task, (*others, group), fitted)
         before, fitted = fitted.score, task.fit(members, fitted)
-        if abs(fitted.score - before) < RULES.steady:
+        if abs(fitted.score - before) < THRESHOLDS.steady_nats:
             break
     return fitted
 
 
-def _resembles(tested: Tested, enough: Adequacy) -> bool:
+def _resembles(tested: GateResult, enough: Adequacy) -> bool:
     """A name on a joint that keeps much may be a part of what is not known.
 
     On a flagged joint it must explain 3/4 of what was left. What claims the whole arm
@@ -299,14 +305,17 @@ def _resembles(tested: Tested, enough: Adequacy) -> bool:
     """
     local = tested.group.effect.scope in ("local", "pair")
     joints = set(tested.group.joints if local else (tested.joint,))
-    if joints & set(enough.flagged) and tested.share < RULES.most_of_it:
+    if (
+        joints & set(enough.flagged)
+        and tested.share < THRESHOLDS.flagged_explained_share
+    ):
         return True
-    much = np.maximum(RULES.much, RULES.much_noises * enough.noise)
+    much = np.maximum(THRESHOLDS.veto_share, THRESHOLDS.veto_noises * enough.noise)
     doubted = set() if local else joints & set(np.flatnonzero(enough.structured > much))
     return any(tested.fall < enough.structured[j] for j in doubted)
 
 
-def _refitted(examined: Examined, fitted: Fit, rough: Model) -> Embodied:
+def _refitted(examined: SearchOutcome, fitted: Fit, rough: Model) -> PossibleModel:
     """Coefficients that go with a model's standstill and its own torque.
 
     A wide standstill changes friction on slow moving rows too, and features such as
@@ -321,7 +330,7 @@ def _refitted(examined: Examined, fitted: Fit, rough: Model) -> Embodied:
     return embodied(design, final, model)
 
 
-def without_refuted(examined: Examined, fitted: Fit) -> Examined:
+def without_refuted(examined: SearchOutcome, fitted: Fit) -> SearchOutcome:
     """The diagnosis with fewer names: what remains is measured anew."""
     if len(fitted.members) == len(examined.fit.members):
         return examined
@@ -331,7 +340,7 @@ def without_refuted(examined: Examined, fitted: Fit) -> Examined:
     return replace(examined, fit=fitted, adequacy=enough)
 
 
-def refit(examined: Examined, tested: Sequence[Tested]) -> Fit:
+def refit(examined: SearchOutcome, tested: Sequence[GateResult]) -> Fit:
     """Fit again with some of the names only."""
     task = examined.task
     members = [t.group for t in tested]

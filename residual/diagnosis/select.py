@@ -7,8 +7,8 @@ import numpy as np
 
 from residual.diagnosis.search import Candidates, Task, search
 from residual.evidence.fit import Fit, Prior, fit
-from residual.evidence.priors import WIDTHS, Space
-from residual.evidence.rules import RULES, Rules
+from residual.evidence.priors import WIDTHS, PriorSpace
+from residual.evidence.rules import THRESHOLDS, EvidenceThresholds
 from residual.recording import Array
 
 # Choose the set of effects, the scale of the rigid prior and that of given values.
@@ -29,12 +29,12 @@ class Selection:
 
 
 @dataclass(frozen=True, eq=False, slots=True)
-class _Runs:
+class _SearchRuns:
     """Searches so far by the prior's scale and widths, and what each may name."""
 
-    space: Space
+    space: PriorSpace
     candidates: Candidates
-    rules: Rules
+    rules: EvidenceThresholds
     done: dict[tuple, Selection] = field(default_factory=dict)
     allowed: dict[frozenset[str], Candidates] = field(default_factory=dict)
 
@@ -69,9 +69,9 @@ def _key(prior: Prior) -> tuple:
 
 
 def select(
-    space: Space,
+    space: PriorSpace,
     candidates: Candidates,
-    rules: Rules,
+    rules: EvidenceThresholds,
     progress: Callable[[float], None] = lambda fraction: None,
 ) -> Selection:
     """Search under the priors and keep the pair with the most evidence.
@@ -84,10 +84,13 @@ def select(
         candidates: All that may be named under some prior.
     """
 
-    def as_given(runs: _Runs) -> Iterable[Prior]:
+    def as_given(runs: _SearchRuns) -> Iterable[Prior]:
         return [space.at(scale, space.even[0]) for scale in space.scales]
 
-    runs, turns = _Runs(space, candidates, rules), (as_given, _even, _by_kind, _beside)
+    runs, turns = (
+        _SearchRuns(space, candidates, rules),
+        (as_given, _even, _by_kind, _beside),
+    )
     for turn, wanted in enumerate(turns):
         for prior in wanted(runs):
             runs.search(prior)
@@ -96,7 +99,7 @@ def select(
     return replace(best, fit=best.task.settle(best.fit), wide=_widest(runs, best))
 
 
-def _even(runs: _Runs) -> Iterable[Prior]:
+def _even(runs: _SearchRuns) -> Iterable[Prior]:
     """Every width at the best scale, and at others that are best beside their own.
 
     A sharp prior with names and a wide one without are two hills of evidence.
@@ -108,14 +111,14 @@ def _even(runs: _Runs) -> Iterable[Prior]:
         scale
         for i, scale in enumerate(scales)
         if worth[i] >= max(walls[i], walls[i + 2])
-        and worth[i] > max(worth) - RULES.hill
+        and worth[i] > max(worth) - THRESHOLDS.hill_nats
     ]
     return [runs.space.at(s, widths) for s in tops for widths in runs.space.even]
 
 
-def _by_kind(runs: _Runs) -> Iterable[Prior]:
+def _by_kind(runs: _SearchRuns) -> Iterable[Prior]:
     """Widths of single kinds, by the evidence with the best run's names held."""
-    for _ in range(RULES.width_rounds):
+    for _ in range(THRESHOLDS.width_rounds):
         best = runs.best
         if not runs.space.free or len(best.wide.widths) < 2:
             return
@@ -125,7 +128,7 @@ def _by_kind(runs: _Runs) -> Iterable[Prior]:
         yield turned
 
 
-def _turned(runs: _Runs, best: Selection) -> Prior:
+def _turned(runs: _SearchRuns, best: Selection) -> Prior:
     """The prior with each kind's width at its best, one after the other."""
     prior = best.wide
     for kind in best.wide.widths:
@@ -137,13 +140,13 @@ def _turned(runs: _Runs, best: Selection) -> Prior:
     return prior
 
 
-def _beside(runs: _Runs) -> Iterable[Prior]:
+def _beside(runs: _SearchRuns) -> Iterable[Prior]:
     best, scales = runs.best.wide, runs.space.scales
     at = scales.index(best.scale)
     return [runs.space.at(s, best.widths) for s in scales[max(at - 1, 0) : at + 2]]
 
 
-def _widest(runs: _Runs, run: Selection) -> Prior:
+def _widest(runs: _SearchRuns, run: Selection) -> Prior:
     """The widest prior within 6 nats, and none under 10 % where the scale is open.
 
     How wrong a URDF is can be estimated only as far as the wrong values can be seen;
@@ -158,12 +161,13 @@ def _widest(runs: _Runs, run: Selection) -> Prior:
     near = [
         p
         for p, score in zip(alike, scores, strict=True)
-        if score > max(scores) - RULES.alike_scales or p.scale == RULES.least_wide
+        if score > max(scores) - THRESHOLDS.alike_scale_nats
+        or p.scale == THRESHOLDS.min_wide_scale
     ]
     return max(near, key=lambda p: p.scale)
 
 
-def neighbours(space: Space, prior: Prior) -> tuple[Prior, ...]:
+def neighbours(space: PriorSpace, prior: Prior) -> tuple[Prior, ...]:
     """Priors that a search might have turned to, beside the one that it chose."""
     wanted = [(s, widths) for widths in space.even for s in space.scales]
     wanted += [(s, prior.widths) for s in space.scales]
@@ -183,6 +187,9 @@ def _worth(run: Selection, counted: Array) -> float:
     task, members = run.task, run.fit.members
     common = fit(task.design, task.prior, members, counted, rounds=4)
     # What a name costs beside its choice: a link's, all that a name must win.
-    price = (RULES.per_link if g.effect.of_link else RULES.per_name for g in members)
+    price = (
+        THRESHOLDS.nats_per_link if g.effect.of_link else THRESHOLDS.nats_per_name
+        for g in members
+    )
     costs = (task.candidates.cost(g) for g in members)
     return common.score - sum(a + b for a, b in zip(costs, price, strict=True))

@@ -7,9 +7,9 @@ import numpy as np
 from scipy.linalg import block_diag
 from scipy.special import ndtri, stdtrit
 
-from residual.diagnosis.outcome import Examined
+from residual.diagnosis.outcome import SearchOutcome
 from residual.diagnosis.search import refined
-from residual.effects.base import Effect, Placed, Shape, Trait
+from residual.effects.base import Effect, PlacedEffect, Shape, Trait
 from residual.evidence.design import Design, Group
 from residual.evidence.fit import (
     Fit,
@@ -18,7 +18,7 @@ from residual.evidence.fit import (
     fit,
     scaled_inverse,
 )
-from residual.evidence.priors import OF_NAMES, Space
+from residual.evidence.priors import OF_NAMES, PriorSpace
 from residual.recording import Array
 from residual.robot.robot import Robot
 
@@ -28,7 +28,7 @@ STEP = 1e-3  # relative step of the numerical derivatives
 
 
 @dataclass(frozen=True, eq=False, slots=True)
-class Doubt:
+class Uncertainty:
     """How well a member is known."""
 
     std: Array  # standard deviation of each parameter, (parameters,)
@@ -40,8 +40,8 @@ class Doubt:
 
 
 def standard_deviations(
-    examined: Examined, fitted: Fit, sizes: Mapping[Group, tuple[Array, Array]]
-) -> dict[Group, Doubt]:
+    examined: SearchOutcome, fitted: Fit, sizes: Mapping[Group, tuple[Array, Array]]
+) -> dict[Group, Uncertainty]:
     """Standard deviation of every parameter of every member.
 
     The largest of three: by the noise, by how much logs disagree, and by other forms of
@@ -80,7 +80,7 @@ def standard_deviations(
     return out
 
 
-def doubtful(examined: Examined) -> Prior:
+def doubtful(examined: SearchOutcome) -> Prior:
     """The prior that a wrong value must stand out from: bodies one step rougher.
 
     Their scale is an estimate from few sums of many parameters, good to such a step.
@@ -89,7 +89,7 @@ def doubtful(examined: Examined) -> Prior:
     if prior.scale >= wide.scale:
         return wide
     rougher = min([s for s in OF_NAMES if s > prior.scale], default=wide.scale)
-    space = Space(examined.task.design, examined.nominal)
+    space = PriorSpace(examined.task.design, examined.nominal)
     return space.at(min(rougher, wide.scale), prior.widths)
 
 
@@ -100,7 +100,7 @@ def _doubt(
     jacobian: Array,
     form: Array,
     prior: Array,
-) -> Doubt:
+) -> Uncertainty:
     """Sum up the covariances of one member: by noise, between logs, and at best."""
     by_noise, between, best = own
     wide = (by_noise, between)
@@ -115,7 +115,7 @@ def _doubt(
     before = np.diag(scaled_inverse(group.precision))
     after = np.maximum.reduce([np.diag(c)[:k] for c in wide])
     deviations = np.sqrt(np.maximum([after, before], 0.0))
-    return Doubt(std, prior, deviations, chance)
+    return Uncertainty(std, prior, deviations, chance)
 
 
 def _prior_std(group: Group, slope: Group | None, jacobian: Array) -> Array:
@@ -147,7 +147,7 @@ def between_logs(design: Design, full: Fit) -> Array:
     return wider**2 * design.folds / free * moved.T @ moved
 
 
-def _form_doubt(examined: Examined, fitted: Fit, group: Group) -> Array:
+def _form_doubt(examined: SearchOutcome, fitted: Fit, group: Group) -> Array:
     """Half of what another form of the same effect would change. Shape (parameters,).
 
     Stribeck's curve falls as exp(-x) in one textbook and as exp(-x^2) in another: what
@@ -187,7 +187,7 @@ def _slope(design: Design, group: Group, theta: Array) -> Group | None:
         return ((above - below) @ theta / (2 * step))[:, :, None]
 
     derivative = Effect(effect.name, "", {}, columns, scope=effect.scope)
-    (made,) = design.add([Placed(derivative, group.joints, ())])
+    (made,) = design.add([PlacedEffect(derivative, group.joints, ())])
     # The search was confined to the shape's own scale: 100 % of it, one sigma.
     width = abs(x)
     return Group(

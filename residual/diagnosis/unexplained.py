@@ -15,14 +15,14 @@ import numpy as np
 from residual.calibration.choice import Training, chosen_tables
 from residual.calibration.effects import make_tables
 from residual.diagnosis.adequacy import Adequacy, repeat
-from residual.diagnosis.outcome import Examined
+from residual.diagnosis.outcome import SearchOutcome
 from residual.diagnosis.patterns import (
     DIRECTION,
     PLAIN,
     SUM,
     Curve,
-    Line,
-    Rows,
+    JointResidual,
+    TimeLine,
     Variable,
     Wave,
     curves,
@@ -32,7 +32,7 @@ from residual.errors import joints_listed
 from residual.evidence.columns import fold_labels
 from residual.evidence.design import Design
 from residual.evidence.fit import Fit
-from residual.evidence.rules import RULES
+from residual.evidence.rules import THRESHOLDS
 from residual.model.compare import Cloud
 from residual.model.corrected import DIFFERENCE, Column, Corrected, Tables, read
 from residual.model.model import Model
@@ -52,7 +52,7 @@ REPEATABLE, TIME_DRIVEN = "repeatable", "time-driven"
 
 
 @dataclass(frozen=True, eq=False, slots=True)
-class Leftover:
+class JointLeftover:
     """What one joint keeps, on the rows on which it moves."""
 
     joint: int  # from 0
@@ -63,7 +63,7 @@ class Leftover:
     cloud: Cloud  # leftover over the variable that it depends on most
 
 
-def depends_on(found: Sequence[Leftover]) -> tuple[Dependence, ...]:
+def depends_on(found: Sequence[JointLeftover]) -> tuple[Dependence, ...]:
     """What each joint's leftover varies with, the largest share of a joint first."""
     out = []
     for one in found:
@@ -82,14 +82,14 @@ def depends_on(found: Sequence[Leftover]) -> tuple[Dependence, ...]:
 
 def leftovers(
     design: Design, tracks: Sequence[Track], fitted: Fit, adequacy: Adequacy
-) -> tuple[Leftover, ...]:
+) -> tuple[JointLeftover, ...]:
     """Look at every joint on which more than noise remains."""
     out = []
     for j in adequacy.doubted:
         left = design.residual(j, fitted.ids, fitted.theta)
         power = (adequacy.structured[j] * design.rms[j]) ** 2 * len(left)
         log = _stack(tracks, j, [np.full(len(t.tau), k) for k, t in enumerate(tracks)])
-        rows = Rows(
+        rows = JointResidual(
             left,
             np.unique(design.folds_of(j), return_inverse=True)[1],
             log,
@@ -99,7 +99,7 @@ def leftovers(
         found, rest = curves(rows, _variables(design, tracks, j))
         times = [s.t[:: t.step] for s, t in zip(design.states, tracks, strict=True)]
         cutoff = min(t.cutoff for t in tracks)
-        line = Line(_stack(tracks, j, times), rest, log, power, cutoff)
+        line = TimeLine(_stack(tracks, j, times), rest, log, power, cutoff)
         wave = wave_of(line)
         kind = _kind(adequacy.kind[j], found, wave, tracks)
         # Over the variable that it depends on most; over time where there is none.
@@ -113,7 +113,7 @@ def leftovers(
             label = f"turns of {wave.frequency:.3g} Hz"
         names = np.array([t.id for t in tracks])
         cloud = Cloud("", j + 1, label, x, y, drawn, names[log])
-        out.append(Leftover(j, tuple(found), wave, kind, cloud))
+        out.append(JointLeftover(j, tuple(found), wave, kind, cloud))
     return tuple(out)
 
 
@@ -168,11 +168,13 @@ def _kind(
         for track in tracks
         if (period := repeat(track)) is not None
     ]
-    free = len(turns) < len(tracks) or any(abs(x - round(x)) > RULES.off for x in turns)
+    free = len(turns) < len(tracks) or any(
+        abs(x - round(x)) > THRESHOLDS.off_harmonic_turns for x in turns
+    )
     return TIME_DRIVEN if len(tracks) > 1 and free else repeats
 
 
-def _folded(line: Line, frequency: float) -> tuple[Array, Array]:
+def _folded(line: TimeLine, frequency: float) -> tuple[Array, Array]:
     """Turns of a wave from its crest in each log, and the wave of all logs [N m]."""
     turns = line.t * frequency
     for log in np.unique(line.log):
@@ -193,7 +195,7 @@ MOST_ROWS = 12_000  # more of the same logs change nothing but the time
 
 
 def corrected(
-    model: Model, tracks: Sequence[Track], left: Sequence[Leftover]
+    model: Model, tracks: Sequence[Track], left: Sequence[JointLeftover]
 ) -> Corrected | None:
     """Fit the correction to what a model leaves on the fit logs.
 
@@ -210,7 +212,7 @@ def corrected(
     return Corrected(model, kept) if kept else None
 
 
-def _tables(logs, left: Leftover) -> Tables | None:
+def _tables(logs, left: JointLeftover) -> Tables | None:
     j = left.joint
     columns = _columns(left)
     X, Y, tau, second, seconds = [], [], [], [], 0
@@ -256,7 +258,7 @@ def _folds(tracks: Sequence[Track]) -> Array:
     return np.concatenate([f[t.inner] for f, t in zip(labels, tracks, strict=True)])
 
 
-def _columns(left: Leftover) -> tuple[Column, ...]:
+def _columns(left: JointLeftover) -> tuple[Column, ...]:
     """Own speed first, own position and acceleration, then what was found."""
     own = [(on, (left.joint,), "") for on in ("qd", "q", "qdd")]
     known = {(on, of) for on, of, _ in own}
@@ -266,17 +268,19 @@ def _columns(left: Leftover) -> tuple[Column, ...]:
 
 
 @dataclass(frozen=True, eq=False, slots=True)
-class Remains:
+class LeftoverAnalysis:
     """What is known of the leftover."""
 
-    joints: tuple[Leftover, ...]  # one entry per unexplained joint
+    joints: tuple[JointLeftover, ...]  # one entry per unexplained joint
     # The model with a statistical correction; None where nothing is left, or no joint
     # can be checked.
     correction: Corrected | None
     sentences: tuple[str, ...]  # sentences
 
 
-def examine_leftover(examined: Examined, fitted: Fit, augmented: Model) -> Remains:
+def examine_leftover(
+    examined: SearchOutcome, fitted: Fit, augmented: Model
+) -> LeftoverAnalysis:
     """Look at what the names leave on the fit logs; nothing held out has a part."""
     told, tracks = examined.adequacy, examined.logs.sketch
     found = leftovers(examined.task.design, tracks, fitted, told)
@@ -288,4 +292,4 @@ def examine_leftover(examined: Examined, fitted: Fit, augmented: Model) -> Remai
             f"{on}: not correctable from state: tables of position, speed, "
             "acceleration and load do not help on logs left out",
         )
-    return Remains(found, made, sentences)
+    return LeftoverAnalysis(found, made, sentences)

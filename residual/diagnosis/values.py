@@ -13,12 +13,12 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.special import ndtri
 
-from residual.diagnosis.outcome import Examined
+from residual.diagnosis.outcome import SearchOutcome
 from residual.diagnosis.uncertainty import between_logs, values_jacobian
 from residual.effects.base import Effect
 from residual.evidence.fit import Fit, scaled_inverse
 from residual.evidence.priors import inertial_sd
-from residual.evidence.rules import RULES
+from residual.evidence.rules import THRESHOLDS
 from residual.model.model import Term, with_slots
 from residual.quantity import plain
 from residual.recording import Array
@@ -30,7 +30,7 @@ BODY = "inertial"
 
 
 @dataclass(frozen=True, eq=False, slots=True)
-class _Asked:
+class _Values:
     """Values that are asked together: those of one joint, or one of the body."""
 
     # (name, joints from 1, parameter, unit) of each.
@@ -42,19 +42,19 @@ class _Asked:
     added: Array
 
 
-def changes(examined: Examined, fitted: Fit) -> tuple[Change, ...]:
+def changes(examined: SearchOutcome, fitted: Fit) -> tuple[Change, ...]:
     """Return every value that the model was given, and what the logs make of it."""
     asked = [*_drives(examined, fitted), *_bodies(examined, fitted)]
     every = sum(len(a.names) for a in asked)
     if not every:
         return ()
-    sure = -float(ndtri(RULES.change_chance / every / 2))
-    state = _State.of(examined, fitted)
+    sure = -float(ndtri(THRESHOLDS.value_change_chance / every / 2))
+    state = _Covariances.of(examined, fitted)
     return tuple(c for a in asked for c in _told(state, a, sure))
 
 
 @dataclass(frozen=True, eq=False, slots=True)
-class _State:
+class _Covariances:
     """Covariances before and after the logs, and how much logs differ. Each (m, m)."""
 
     theta: Array
@@ -63,7 +63,7 @@ class _State:
     between: Array
 
     @classmethod
-    def of(cls, examined: Examined, fitted: Fit) -> "_State":
+    def of(cls, examined: SearchOutcome, fitted: Fit) -> "_Covariances":
         task = examined.task
         before = np.zeros((len(fitted.ids), len(fitted.ids)))
         p = len(task.design.nominal)
@@ -79,7 +79,7 @@ class _State:
         )
 
 
-def _told(state: _State, asked: _Asked, sure: float) -> Iterator[Change]:
+def _told(state: _Covariances, asked: _Values, sure: float) -> Iterator[Change]:
     a, p = asked.added, asked.slope.shape[1]
     after = scaled_inverse(a @ state.after @ a.T)
     prior = a @ state.before @ a.T
@@ -92,7 +92,7 @@ def _told(state: _State, asked: _Asked, sure: float) -> Iterator[Change]:
     own = asked.slope @ state.theta[:p]  # of the gap what no finding says
     for i, (name, joints, parameter, unit) in enumerate(asked.names):
         sd = float(np.sqrt(variance[i]))
-        least = max(RULES.least_change * asked.size[i], sure * sd)
+        least = max(THRESHOLDS.min_value_change * asked.size[i], sure * sd)
         yield Change(
             name=name,
             joints=joints,
@@ -107,7 +107,7 @@ def _told(state: _State, asked: _Asked, sure: float) -> Iterator[Change]:
         )
 
 
-def _drives(examined: Examined, fitted: Fit) -> list[_Asked]:
+def _drives(examined: SearchOutcome, fitted: Fit) -> list[_Values]:
     """Declared values, those of the same joints together."""
     nominal = examined.nominal
     terms, given = zip(*nominal.declared, strict=True) if nominal.declared else ((), ())
@@ -120,7 +120,7 @@ def _drives(examined: Examined, fitted: Fit) -> list[_Asked]:
     return [_of_joint(robot, fitted, terms) for terms in together.values()]
 
 
-def _of_joint(robot, fitted: Fit, terms: list[tuple[Term, slice]]) -> _Asked:
+def _of_joint(robot, fitted: Fit, terms: list[tuple[Term, slice]]) -> _Values:
     names, nominal, rows, count = [], [], [], len(fitted.ids)
     for term, own in terms:
         effect = term.effect
@@ -141,7 +141,7 @@ def _of_joint(robot, fitted: Fit, terms: list[tuple[Term, slice]]) -> _Asked:
     added = np.array(rows)
     slope = _without_findings(added, fitted)
     nominal = np.array(nominal)
-    return _Asked(tuple(names), nominal, np.abs(nominal), slope, added)
+    return _Values(tuple(names), nominal, np.abs(nominal), slope, added)
 
 
 def _findings_of(fitted: Fit, effect: Effect, term: Term) -> list[Array]:
@@ -154,7 +154,7 @@ def _findings_of(fitted: Fit, effect: Effect, term: Term) -> list[Array]:
     ]
 
 
-def _bodies(examined: Examined, fitted: Fit) -> list[_Asked]:
+def _bodies(examined: SearchOutcome, fitted: Fit) -> list[_Values]:
     """What the motion of the arm can tell of its body at all, sum by sum."""
     robot = examined.logs.robot
     base = base_parameters(robot.model)
@@ -169,7 +169,7 @@ def _bodies(examined: Examined, fitted: Fit) -> list[_Asked]:
     slope = _without_findings(added, fitted)
     nominal = base.mapping @ inertial
     return [
-        _Asked(
+        _Values(
             ((BODY, (one.joint,), base.words(i), one.unit),),
             nominal[i : i + 1],
             np.maximum(np.abs(nominal[i : i + 1]), size[i]),

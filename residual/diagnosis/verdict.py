@@ -7,24 +7,24 @@ import numpy as np
 
 from residual.check.result import LogCheck
 from residual.diagnosis.detectable import minimum_detectable
-from residual.diagnosis.doubts import Standing, Withdrawn
-from residual.diagnosis.findings import Named, public_joints
-from residual.diagnosis.gate import Tested
+from residual.diagnosis.doubts import DoubtResult, Withdrawal
+from residual.diagnosis.findings import NamedEffect, public_joints
+from residual.diagnosis.gate import GateResult
 from residual.diagnosis.held_out import judgement, unproven
 from residual.diagnosis.neighbours import rivals
 from residual.diagnosis.open_question import places_of
-from residual.diagnosis.outcome import Examined
+from residual.diagnosis.outcome import SearchOutcome
 from residual.diagnosis.select import neighbours
 from residual.diagnosis.uncertainty import doubtful
-from residual.diagnosis.unexplained import Leftover, Remains, depends_on
+from residual.diagnosis.unexplained import JointLeftover, LeftoverAnalysis, depends_on
 from residual.diagnosis.values import changes
 from residual.effects import registry
 from residual.effects.base import Trait
 from residual.errors import joints_listed
-from residual.evidence.embodied import Embodied
+from residual.evidence.embodied import PossibleModel
 from residual.evidence.fit import Fit
-from residual.evidence.priors import Space, inertial_precision
-from residual.evidence.rules import RULES
+from residual.evidence.priors import PriorSpace, inertial_precision
+from residual.evidence.rules import THRESHOLDS
 from residual.model.compare import Errors
 from residual.planning.promise import promised, settled_by
 from residual.planning.question import Question
@@ -51,11 +51,11 @@ from residual.verdict.result import (
 
 
 def conclude(
-    standing: Standing,
-    named: Sequence[Named],
-    background: Sequence[Named],
-    bodies: Embodied,
-    remains: Remains,
+    standing: DoubtResult,
+    named: Sequence[NamedEffect],
+    background: Sequence[NamedEffect],
+    bodies: PossibleModel,
+    remains: LeftoverAnalysis,
     question: Question,
     errors: Mapping[str, Errors],
     tables: ErrorTables,
@@ -77,7 +77,7 @@ def conclude(
     faulty = check is not None and bool(check.certain)
     contradicted = (*contradictions(examined, judged.fit, errors), *bodies.doubts)
     doubtful = len(examined.adequacy.doubted) or contradicted or faulty
-    every = neighbours(Space(task.design, examined.nominal), task.prior)
+    every = neighbours(PriorSpace(task.design, examined.nominal), task.prior)
     least = _clear_links(examined, minimum_detectable(task, judged.fit, every))
     alternatives = tuple(
         Alternative(
@@ -88,7 +88,7 @@ def conclude(
         for rival in rivals(task, judged.fit, least)
     )
 
-    def listing(some: Sequence[Named]) -> list[Finding]:
+    def listing(some: Sequence[NamedEffect]) -> list[Finding]:
         return [_finding(f, i, standing) for i, f in enumerate(some, 1)]
 
     return Verdict(
@@ -120,7 +120,7 @@ def conclude(
     )
 
 
-def _clear_links(examined: Examined, least: list[Detectable]) -> list[Detectable]:
+def _clear_links(examined: SearchOutcome, least: list[Detectable]) -> list[Detectable]:
     """Of a link at least what its description may be off by, four times."""
     prior, model = doubtful(examined), examined.logs.robot.model
     bodies = inertial_parameters(model)
@@ -130,13 +130,13 @@ def _clear_links(examined: Examined, least: list[Detectable]) -> list[Detectable
     out = []
     for d in least:
         if registry()[d.name].of_link and d.value is not None:
-            floor = RULES.sure_of_link * float(rough[d.joints[0] - 1])
+            floor = THRESHOLDS.link_deviations * float(rough[d.joints[0] - 1])
             d = replace(d, value=max(d.value, floor))
         out.append(d)
     return out
 
 
-def _finding(named: Named, order: int, standing: Standing) -> Finding:
+def _finding(named: NamedEffect, order: int, standing: DoubtResult) -> Finding:
     gains = {**standing.gains, **dict(standing.judged.kept)}
     gain = float(np.mean([gains[t] for t in named.tested]))
     splits = [standing.splits[t] for t in named.tested]
@@ -167,7 +167,7 @@ def _finding(named: Named, order: int, standing: Standing) -> Finding:
     )
 
 
-def _unexplained(examined: Examined, left: Sequence[Leftover]) -> Unexplained:
+def _unexplained(examined: SearchOutcome, left: Sequence[JointLeftover]) -> Unexplained:
     a, design, logs = examined.adequacy, examined.task.design, examined.logs
     power = design.rows * design.rms**2
     weight = power / power.sum()
@@ -196,7 +196,7 @@ PLACES = 20  # positions at which the inertia is looked at
 
 
 def contradictions(
-    examined: Examined, fitted: Fit, errors: dict[str, Errors]
+    examined: SearchOutcome, fitted: Fit, errors: dict[str, Errors]
 ) -> tuple[str, ...]:
     """Return in sentences what of a fit no arm can be; empty where nothing is."""
     if not examined.task.design.fold_rows.any():
@@ -216,7 +216,7 @@ def contradictions(
             "which no body has: are signs, units and the order of the joints right?"
         )
     before, after = (errors[k].overall("moving") for k in ("nominal", "identified"))
-    if after > RULES.far_worse * before:
+    if after > THRESHOLDS.refit_error_ratio * before:
         out.append(
             "the refit predicts held-out motion worse than the model as it was given "
             f"({before:.1f} to {after:.1f} % while moving): these logs do not "
@@ -225,7 +225,7 @@ def contradictions(
     return tuple(out)
 
 
-def _driving(examined: Examined, fitted: Fit) -> list[int]:
+def _driving(examined: SearchOutcome, fitted: Fit) -> list[int]:
     """Joints (from 1) on which the fitted friction feeds the motion."""
     design, covariance = examined.task.design, fitted.covariance()
     theta, out = _whole(examined, fitted), []
@@ -238,12 +238,15 @@ def _driving(examined: Examined, fitted: Fit) -> list[int]:
         along[have[mine]] = design.columns(j, place[mine]).T @ speed
         power, sd = along @ theta, np.sqrt(max(along @ covariance @ along, 0.0))
         moved = np.abs(speed) @ np.abs(design.tau[j])
-        if power < -RULES.beyond * sd and power < -RULES.least_power * moved:
+        if (
+            power < -THRESHOLDS.impossible_deviations * sd
+            and power < -THRESHOLDS.min_driving_power * moved
+        ):
             out.append(j + 1)
     return out
 
 
-def _negative(examined: Examined, fitted: Fit) -> list[int]:
+def _negative(examined: SearchOutcome, fitted: Fit) -> list[int]:
     """Joints (from 1) whose own inertia came out negative over the logged places."""
     design, covariance = examined.task.design, fitted.covariance()
     theta, model = _whole(examined, fitted), examined.logs.robot.model
@@ -263,12 +266,12 @@ def _negative(examined: Examined, fitted: Fit) -> list[int]:
         along = rotors.astype(float)
         along[: rows.shape[1]] = rows.mean(axis=0)
         own, sd = along @ theta, np.sqrt(max(along @ covariance @ along, 0.0))
-        if own < -RULES.beyond * sd and own < 0:
+        if own < -THRESHOLDS.impossible_deviations * sd and own < 0:
             out.append(j + 1)
     return out
 
 
-def _whole(examined: Examined, fitted: Fit) -> Array:
+def _whole(examined: SearchOutcome, fitted: Fit) -> Array:
     """Coefficients themselves, where a fit has their distance from the nominal."""
     theta = fitted.theta.copy()
     base = examined.nominal.model.coefficients()
@@ -276,7 +279,7 @@ def _whole(examined: Examined, fitted: Fit) -> Array:
     return theta
 
 
-def _marked(examined: Examined, fitted: Fit, wanted: Callable) -> Array:
+def _marked(examined: SearchOutcome, fitted: Fit, wanted: Callable) -> Array:
     """Which of a fit's coefficients belong to effects that are wanted. (m,), bool."""
     model = examined.nominal.model
     marks = [np.zeros(len(model.inertial), dtype=bool)]
@@ -287,7 +290,7 @@ def _marked(examined: Examined, fitted: Fit, wanted: Callable) -> Array:
 
 
 def warnings(
-    examined: Examined, withdrawn: Sequence[Withdrawn], same_run: bool
+    examined: SearchOutcome, withdrawn: Sequence[Withdrawal], same_run: bool
 ) -> list[str]:
     """Return what qualifies the answer: a weak proof, a rough model, names withdrawn.
 
@@ -302,7 +305,7 @@ def warnings(
             "the proof is weak, since it is the same run"
         )
     scale = examined.task.prior.scale
-    if scale > RULES.rough:
+    if scale > THRESHOLDS.rough_scale:
         off = "100 % or more" if scale >= 1 else f"about {100 * scale:.0f} %"
         out.append(
             f"the inertias of the nominal model are off by {off}: too rough to blame a "
@@ -312,14 +315,14 @@ def warnings(
     return list(dict.fromkeys(out))  # two ripples of a joint make one sentence
 
 
-def complaint(tested: Tested, why: str) -> str:
+def complaint(tested: GateResult, why: str) -> str:
     """A warning about a name that did not stand: 'ripple on joint 3: why'."""
     joints = [j + 1 for j in tested.group.joints]
     place = f" on {joints_listed(joints)}" if joints else ""
     return f"{tested.group.effect.name}{place}: {why}"
 
 
-def signal_notes(examined: Examined) -> tuple[str, ...]:
+def signal_notes(examined: SearchOutcome) -> tuple[str, ...]:
     """Return what was understood of the signals: filter and rows."""
     logs = examined.logs
     rows = examined.task.design.rows

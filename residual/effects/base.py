@@ -73,7 +73,7 @@ NOWHERE = Portable(why_not="its file does not say it")
 Joints = tuple[int, ...]
 
 
-class Placed(NamedTuple):
+class PlacedEffect(NamedTuple):
     """An effect on joints (from 0), with the shape that a search tries."""
 
     effect: "Effect"

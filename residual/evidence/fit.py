@@ -14,7 +14,7 @@ from scipy.special import chdtrc
 from residual.effects.base import Trait
 from residual.effects.limits import Limits
 from residual.evidence.design import LAGS, Design, Group
-from residual.evidence.rules import RULES
+from residual.evidence.rules import THRESHOLDS
 from residual.model.model import Model, Term, with_slots
 from residual.model.nominal import Nominal
 from residual.recording import Array
@@ -93,7 +93,7 @@ def fit(
         system: The normal equations of these members, where they are known already.
     """
     system = system or System.of(design, prior, members)
-    floor = (RULES.noise_floor * design.rms) ** 2
+    floor = (THRESHOLDS.noise_floor * design.rms) ** 2
     sigma = system.power / design.rows + floor if variance is None else variance
     for _ in range(rounds):
         theta, lower = system.solve(counted / design.rows / sigma)
@@ -119,7 +119,7 @@ class System:
 
     ids: Array  # columns, (m,)
     precision: Array  # prior precision of all of them, (m, m)
-    # Of what is known for sure (``Given``), (m,).
+    # Of what is known for sure (``KnownPrior``), (m,).
     pull: Array
     level: float
     log_det: float  # its log determinant
@@ -277,7 +277,7 @@ def effective_rows(design: Design, fitted: Fit, joints: Sequence[int]) -> Array:
     for j in joints:
         left = design.residual(j, fitted.ids, fitted.theta)
         slow = autocorrelation_time(design.line(j, left))
-        out[j] = min(max(design.rows[j] / slow, RULES.fewest_rows), design.rows[j])
+        out[j] = min(max(design.rows[j] / slow, THRESHOLDS.min_rows), design.rows[j])
     return out
 
 
@@ -353,7 +353,9 @@ def limits_of(design: Design, fitted: Fit, group: Group) -> Limits:
     # What was logged shows a limit wrong.
     seen, limit = design.peak, robot.torque_limit
     known = np.isfinite(limit) & (limit > 0)
-    torque = np.where(known, np.maximum(limit, seen), RULES.unknown_limit * seen)
+    torque = np.where(
+        known, np.maximum(limit, seen), THRESHOLDS.unknown_limit_factor * seen
+    )
     return Limits(
         torque=float(torque[on].max()),
         lower=float(robot.lower[on].min()),

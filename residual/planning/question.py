@@ -4,7 +4,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from itertools import permutations
 
-from residual.effects.base import Placed
+from residual.effects.base import PlacedEffect
 from residual.model.model import Model
 from residual.recording import Array
 from residual.verdict.result import Place
@@ -93,7 +93,7 @@ class Question:
 
     nominal: Model
     seen_with: Model
-    effects: tuple[Placed, ...]
+    effects: tuple[PlacedEffect, ...]
     signals: Signals
     contests: tuple[Contest, ...]
 

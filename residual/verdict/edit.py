@@ -117,7 +117,7 @@ FILTERED, MOVING = "filtered", "moving"
 # sides through the identification filter, on logs of the arm that never had it.
 
 
-class Placed(Protocol):
+class EffectPlace(Protocol):
     """Whatever has a name and joints from 1: a finding, or what was hidden."""
 
     @property
@@ -129,7 +129,7 @@ class Placed(Protocol):
         """Its joints from 1; empty for the whole arm."""
 
 
-def edited(model: Model, effects: Sequence[Placed]) -> Model:
+def edited(model: Model, effects: Sequence[EffectPlace]) -> Model:
     """Return a model without some effects; nothing is refitted.
 
     Raises:
@@ -163,7 +163,7 @@ def errors_on(
 def baseline_edits(
     models: Mapping[str, Model],
     dense: Model,
-    found: tuple[Sequence[Placed], Sequence[Placed]],
+    found: tuple[Sequence[EffectPlace], Sequence[EffectPlace]],
     baseline: Sequence[Recording],
 ) -> tuple[Edit, ...]:
     """Take what was found out of the augmented model, and predict the baseline.
@@ -199,7 +199,7 @@ def baseline_edits(
 
 
 def sealed_edit(
-    effect: Placed,
+    effect: EffectPlace,
     models: Mapping[str, Model],
     logs: Sequence[Recording],
     kind: str = FILTERED,

@@ -9,7 +9,7 @@ import numpy as np
 from residual.check.result import LogCheck
 from residual.effects import registry
 from residual.errors import joints_listed
-from residual.evidence.embodied import Embodied
+from residual.evidence.embodied import PossibleModel
 from residual.model.bodies import Moved
 from residual.model.compare import Cloud, Errors, LogProof
 from residual.model.corrected import Corrected
@@ -493,7 +493,7 @@ def _odds(value: float) -> str:
     return "> 0.99" if value > 0.99 else f"= {value:.2f}"
 
 
-def as_embodied(found: Finding, made: Embodied) -> Finding:
+def as_embodied(found: Finding, made: PossibleModel) -> Finding:
     """A finding with the values of the model, where no body could be as fitted freely.
 
     The deviations stay: the true body is one that can be, and the nearest of those is

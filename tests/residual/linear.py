@@ -13,7 +13,7 @@ from residual.effects.base import Effect, State, Trait, local
 from residual.evidence.columns import union
 from residual.evidence.design import Design, Group
 from residual.evidence.fit import Prior
-from residual.evidence.rules import Rules
+from residual.evidence.rules import EvidenceThresholds
 from residual.model.model import Model
 from residual.signals.track import Track
 from tests.residual.arms import arm
@@ -123,7 +123,10 @@ class Problem:
     def task(self, groups, **rules):
         price = {g.key: 1.0 for g in groups}
         return Task(
-            self.design, self.prior, Candidates(tuple(groups), price), Rules(**rules)
+            self.design,
+            self.prior,
+            Candidates(tuple(groups), price),
+            EvidenceThresholds(**rules),
         )
 
 

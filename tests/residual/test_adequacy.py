@@ -82,7 +82,7 @@ def test_a_name_on_a_joint_that_keeps_more_is_void(rng, scope, fall, share, left
     found = problem(rng)
     (group,) = found.design.add([(LINE, (1,), ())])
     group = replace(group, effect=replace(LINE, scope=scope))
-    tested = gate.Tested(group, 99.0, "fit", 1, fall, share, 1)
+    tested = gate.GateResult(group, 99.0, "fit", 1, fall, share, 1)
     told = replace(
         judge(found),
         structured=np.array([0.0, left]),

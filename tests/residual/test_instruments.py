@@ -11,10 +11,10 @@ from residual.diagnosis.diagnose import diagnose
 from residual.diagnosis.errors_in_variables import (
     EFFECTIVE,
     INSTRUMENTS,
-    Checked,
+    NoiseCheck,
     noise_notes,
 )
-from residual.diagnosis.gate import Tested
+from residual.diagnosis.gate import GateResult
 from residual.evidence.fit import fit
 from residual.recording import Recording
 from residual.robot.dynamics import inverse_dynamics
@@ -110,7 +110,7 @@ def test_noise_of_the_angles_is_not_a_residual_to_explain(reference):
 
 
 def member(group):
-    return Tested(group, 50.0, "fit", 0, 0.1, 0.5, 0)
+    return GateResult(group, 50.0, "fit", 0, 0.1, 0.5, 0)
 
 
 def checked_as(fitted, group, by_instruments, sd):
@@ -120,7 +120,7 @@ def checked_as(fitted, group, by_instruments, sd):
     theta[slots] = by_instruments
     covariance = np.eye(size) * sd**2
     share = np.full(2, np.nan)
-    return Checked(INSTRUMENTS, fitted, theta, covariance, covariance / 2, share)
+    return NoiseCheck(INSTRUMENTS, fitted, theta, covariance, covariance / 2, share)
 
 
 @pytest.mark.parametrize(

@@ -25,7 +25,7 @@ from residual.diagnosis.search import (
 from residual.diagnosis.select import select
 from residual.diagnosis.uncertainty import standard_deviations
 from residual.effects.base import Effect, Refinement, Span, Trait, local
-from residual.evidence.rules import Rules
+from residual.evidence.rules import EvidenceThresholds
 from tests.residual.arms import arm
 from tests.residual.linear import (
     DOF,
@@ -82,9 +82,12 @@ def test_where_nothing_is_missing_nothing_is_found():
         problem = Problem.draw(rng, rows=100, colour=0.8 * (seed % 2))
         task, fitted = found(problem)
         assert fitted.members == ()
-        value = best(replace(task, rules=Rules(threshold=-99, share=0)), fitted)
+        value = best(
+            replace(task, rules=EvidenceThresholds(min_nats=-99, min_fall_share=0)),
+            fitted,
+        )
         loudest += [v for v, _, _ in value[:1]]
-    assert max(loudest) < Rules().threshold / 2
+    assert max(loudest) < EvidenceThresholds().min_nats / 2
 
 
 TRUTHS = {
@@ -148,7 +151,7 @@ def test_an_effect_that_a_refit_imitates_is_named_by_plausibility(imitated):
     np.testing.assert_allclose(fitted.of(fitted.members[0]), size, rtol=0.1)
     (tested,) = gate(task, fitted)
     assert tested.by == "plausibility"
-    assert tested.nats > task.rules.plausible
+    assert tested.nats > task.rules.min_plausible_nats
 
 
 def test_plausibility_needs_30_nats_2_per_cent_and_a_bent_nominal(imitated):
@@ -161,9 +164,11 @@ def test_plausibility_needs_30_nats_2_per_cent_and_a_bent_nominal(imitated):
     assert not lowers_error(task, big, base)
     assert admissible(task, twin, value, big, base)
     for rules in (
-        Rules(plausible=value + 1),
-        Rules(size=torque_share(task.design, big, twin).max() + 0.01),
-        Rules(bent=2.0),
+        EvidenceThresholds(min_plausible_nats=value + 1),
+        EvidenceThresholds(
+            min_plausible_torque=torque_share(task.design, big, twin).max() + 0.01
+        ),
+        EvidenceThresholds(min_prior_share=2.0),
     ):
         strict = replace(task, rules=rules)
         assert not spares_model(strict, twin, value, big, base)
@@ -196,7 +201,7 @@ def test_the_gate_lets_pass_what_repeats_in_logs_that_were_left_out(rng):
     after, (tested,) = passed(task, fitted)
     assert keys(after) == [("line", (0,))]
     assert (tested.by, tested.joint) == ("fit", 0)
-    assert tested.fall > task.rules.tolerance
+    assert tested.fall > task.rules.min_fall
     assert 0.08 < tested.share <= 1
 
 
@@ -287,7 +292,7 @@ def test_the_scale_of_the_prior_is_the_one_that_the_nominal_is_off_by(rng, bend)
             problem.prior, precision=precision, log_det=log_det, scale=scale
         )
     space = Choices(problem.design, choices)
-    assert select(space, task.candidates, Rules()).task.prior.scale == bend
+    assert select(space, task.candidates, EvidenceThresholds()).task.prior.scale == bend
 
 
 def test_the_scale_is_chosen_so_that_it_does_not_swallow_the_effect(imitated):
@@ -300,7 +305,7 @@ def test_the_scale_is_chosen_so_that_it_does_not_swallow_the_effect(imitated):
         scale=0.9,
     )
     space = Choices(problem.design, {0.9: wide, 0.03: problem.prior})
-    chosen = select(space, task.candidates, Rules())
+    chosen = select(space, task.candidates, EvidenceThresholds())
     assert chosen.task.prior.scale == 0.03
     assert keys(chosen.fit) == [("twin", (1,))]
 
@@ -336,7 +341,7 @@ SLOW = {"rows": 300, "colour": 0.6, "slow": 0.9}
 def smallest(seed):
     null = Problem.draw(np.random.default_rng(seed), **SLOW)
     group = null.design.add([(LINE, (0,), ())])
-    task = null.task(group, tolerance=0.0, share=0.0)
+    task = null.task(group, min_fall=0.0, min_fall_share=0.0)
     (entry,) = minimum_detectable(task, task.start())
     assert (entry.name, entry.joints) == ("line", (1,))
     return entry.value
@@ -348,7 +353,9 @@ def detection_rate(share, draws=40):
         truth = [(LINE, (0,), [share * smallest(seed)])]
         there = Problem.draw(np.random.default_rng(seed), truth, **SLOW)
         group = there.design.add([(LINE, (0,), ())])
-        hits.append(bool(search(there.task(group, tolerance=0, share=0)).members))
+        hits.append(
+            bool(search(there.task(group, min_fall=0, min_fall_share=0)).members)
+        )
     return np.mean(hits)
 
 

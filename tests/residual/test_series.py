@@ -31,7 +31,7 @@ def judged(rng):
         wanted += [(registry()[n], (1,), ()) for n in ("coulomb", "viscous")]
         groups = design.add(wanted)
         fitted = fit(design, nominal_prior(rng), groups, design.rows, rounds=5)
-        tested = [gate.Tested(g, 99.0, "fit", 1, 0.1, 0.9, 1) for g in groups]
+        tested = [gate.GateResult(g, 99.0, "fit", 1, 0.1, 0.9, 1) for g in groups]
         out = only_curves(design, tracks, fitted, tested)
         return [t.group.effect.name for t in out]
 

@@ -6,7 +6,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from residual.changes.contrast import SQUARES, expected_worth, worth_of
-from residual.changes.joint import OWN, Joint
+from residual.changes.joint import OWN, JointRows
 from residual.changes.rows import Layout
 from sim.engine.records import Hidden
 from tests.residual.arms import Y, Z, arm, diagnose_case, short_case
@@ -33,7 +33,7 @@ def drawn(seed, width=6):
 def test_a_held_nuisance_is_generalised_least_squares(seed):
     """Against the closed form with the full covariance of the rows."""
     shared, held, y, columns = drawn(seed)
-    joint = Joint(shared, y, layout(), held)
+    joint = JointRows(shared, y, layout(), held)
     mask = layout().second
     before = np.zeros_like(columns)  # nothing of it was there
     (piece,) = joint.pieces(columns, mask, [2], before)
@@ -51,7 +51,7 @@ def test_a_held_nuisance_is_generalised_least_squares(seed):
 def test_what_was_there_before_explains_no_change(seed):
     """Torque of a column in both epochs alike gives a change of nothing."""
     shared, held, _, columns = drawn(seed)
-    joint = Joint(shared, columns @ [3.0, -2.0], layout(), held)
+    joint = JointRows(shared, columns @ [3.0, -2.0], layout(), held)
     (piece,) = joint.pieces(columns, layout().second, [2])
     theta = np.linalg.solve(piece.gram, piece.cross)
     assert np.abs(theta).max() < 20 * OWN
