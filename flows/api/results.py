@@ -22,7 +22,6 @@ from residual.calibration import calibrate as core
 from residual.calibration.rows import Run
 from residual.calibration.scores import DEFAULT, NOTHING, RUN, find
 from residual.diagnosis import result
-from residual.diagnosis.verdict import to_json
 from residual.errors import InputError
 from residual.identification.estimate import Options
 from residual.identification.prove import ValidatedIdentification
@@ -30,6 +29,7 @@ from residual.model.corrected import CorrectedModel
 from residual.model.model import Model
 from residual.recording import Recording
 from residual.robot.robot import Robot
+from residual.verdict.document import to_json
 from warehouse.logs import check_distinct
 
 _TEXT, _NUMBER, _JOINTS = pa.string(), pa.float64(), pa.list_(pa.int64())

@@ -18,9 +18,9 @@ from flows.requests import Diagnose
 from flows.settings import store_folder
 from flows.steps.check import as_mounted, checked
 from flows.storage import diagnosis as kept
+from residual.diagnosis import diagnose as method
 from residual.diagnosis.result import Diagnosis
 from residual.errors import InputError, listed
-from residual.method import diagnose as method
 from residual.model.known_values import known_values
 from residual.recording import Recording
 from residual.robot.robot import Robot, with_known
@@ -121,14 +121,10 @@ def diagnose_logs(
         declared=declared if model is None else model,
         progress=progress,
         alone=alone,
+        check=report,
+        warnings=logs.warnings,
     )
-    found = method.with_check(found, report)
-    warnings = (*logs.warnings, *found.warnings)
-    return replace(
-        found,
-        verdict=replace(found.verdict, warnings=warnings),
-        notes=(*logs.lines, *found.notes),
-    )
+    return replace(found, notes=(*logs.lines, *found.notes))
 
 
 def _behind(diagnosis: str, logs: LogSets, store: Path) -> tuple[Recording, ...]:

@@ -58,6 +58,7 @@ from residual.calibration.views import (
     sweep_levels,
     unseen_run,
 )
+from residual.effects.base import Trait
 from residual.model.corrected import NEAREST, Column, CorrectedModel
 from residual.model.corrected import Tables as JointTables
 from residual.model.lookup import Axis, Lookup, Table
@@ -299,7 +300,7 @@ def corrected_model(calibration: Calibration) -> CorrectedModel | None:
     model, lookup = calibration.nominal, calibration.lookup
     if calibration.rows.mode == PAPER or model is None:
         return None
-    if any(term.effect.of_report for term in model.terms):
+    if any(Trait.REPORT in term.effect.traits for term in model.terms):
         return None
     return with_tables(model, lookup, calibration.rows.joints)
 

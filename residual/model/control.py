@@ -14,7 +14,7 @@ import numpy as np
 import pinocchio as pin
 from scipy.ndimage import uniform_filter1d
 
-from residual.effects.base import State
+from residual.effects.base import State, Trait
 from residual.model.corrected import CorrectedModel
 from residual.model.model import Model
 from residual.recording import Array
@@ -157,7 +157,8 @@ def _used(model: Model | CorrectedModel, width: float) -> Model | CorrectedModel
     """
     base = getattr(model, "model", model)
     dof = base.robot.dof
-    late = [t for t in base.terms if t.effect.of_report and t.effect.remembers]
+    late_report = Trait.REPORT | Trait.MEMORY
+    late = [t for t in base.terms if late_report in t.effect.traits]
     base = replace(
         base,
         terms=tuple(t for t in base.terms if t not in late),

@@ -10,6 +10,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from residual.effects.base import Trait
 from residual.errors import InputError
 from residual.model.corrected import CorrectedModel
 from residual.model.model import Model, Term
@@ -91,7 +92,7 @@ def acceleration(model: Model | CorrectedModel, track: Track, tau: Array) -> Arr
 
 
 def _of_now(term) -> bool:
-    return not (term.effect.remembers or term.effect.of_report)
+    return not term.effect.traits & (Trait.MEMORY | Trait.REPORT)
 
 
 def _solved(

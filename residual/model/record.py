@@ -8,6 +8,7 @@ from pathlib import Path
 import numpy as np
 import tomli_w
 
+from residual.effects.base import Trait
 from residual.errors import InputError, check_nesting
 from residual.model.corrected import CorrectedModel
 from residual.model.model import Model, Term
@@ -64,7 +65,7 @@ def _wrong_term(term: Term, model: Model) -> str | None:
         return f"{name} has a coefficient that is no number"
     try:
         term.parameters(model.robot)
-        if not (term.effect.remembers or term.effect.needs_clock):
+        if not term.effect.traits & (Trait.MEMORY | Trait.NEEDS_CLOCK):
             replace(model, terms=(term,)).torque(*np.zeros((3, 1, dof)))
     except (IndexError, TypeError, ValueError):
         return f"{name} has another number of coefficients or joints than it takes"

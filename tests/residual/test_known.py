@@ -8,12 +8,12 @@ import pytest
 
 from benchmarks.attribution_parts.arms import make
 from flows.inputs.given import known_of
+from residual.diagnosis.diagnose import diagnose
 from residual.effects import registry
 from residual.errors import InputError, RobotError
 from residual.evidence.design import Design
 from residual.evidence.fit import fit
 from residual.evidence.priors import relative_prior
-from residual.method.diagnose import diagnose
 from residual.model.known_values import known_values
 from residual.model.nominal import prepare_logs, start_nominal
 from residual.robot.dynamics import inverse_dynamics
@@ -53,7 +53,7 @@ def test_a_robot_has_them_by_its_file_and_by_word(tmp_path):
     robot = load_robot(tmp_path)
     more = with_known(robot, {"payload.mass": 3.0})
     assert robot.known_values == {"payload.mass": 2.8, "coulomb.joint2.level": 8.0}
-    assert more.known_values["payload.mass"] == 3.0
+    assert more.known["payload.mass"] == 3.0
     assert {k.joints for k in known_values(more)} == {(), (1,)}
     (tmp_path / "robot.toml").write_text('[known]\n"payload.mass" = "2.8"\n')
     with pytest.raises(RobotError, match="expected a number, as in"):
@@ -152,5 +152,5 @@ def test_words_of_the_command_are_names_and_numbers():
 def test_a_baseline_compares_two_states_and_takes_no_known_value():
     robot = with_known(arm(TWO), {"payload.mass": 2.0})
     logs = plain_logs(robot, range(2), np.zeros(2))
-    with pytest.raises(InputError, match="hold for one arm state"):
+    with pytest.raises(InputError, match="of one state of the arm"):
         diagnose(robot, logs[:2], logs[2:])

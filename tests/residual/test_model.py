@@ -5,11 +5,11 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from residual.diagnosis.diagnose import diagnose
 from residual.effects import registry
 from residual.effects.base import Span
 from residual.errors import InputError, UnknownNameError
 from residual.evidence.priors import ASSUMED
-from residual.method.diagnose import diagnose
 from residual.model.model import Model, Term
 from residual.model.nominal import (
     DEFAULT_DECLARED,
