@@ -7,10 +7,10 @@ import tomllib
 import pytest
 from jsonschema import Draft202012Validator, ValidationError
 
-from residual.diagnosis.verdict import from_json
 from residual.effects import vocabulary
 from residual.errors import InputError
 from residual.robot.files import read_robot_toml
+from residual.verdict.document import from_json
 from scripts.docs_site.schemas import schemas
 from tests.checkout import ROOT
 from warehouse.logs.columns import load_columns

@@ -7,10 +7,10 @@ from pydantic import TypeAdapter
 
 from flows.specs.experiment import ExperimentSpec
 from residual.check.result import KINDS
-from residual.diagnosis.result import Verdict
-from residual.diagnosis.verdict import SCHEMA
 from residual.effects import vocabulary
 from residual.robot import files as robot_files
+from residual.verdict.document import SCHEMA
+from residual.verdict.result import Verdict
 from warehouse.logs.columns import _File as ColumnsFile
 
 Schema = dict[str, Any]
