@@ -29,37 +29,24 @@ Groups = tuple[Group, ...]
 
 @dataclass(frozen=True, eq=False, slots=True)
 class Rival:
-    """One model that may be true, as a Gaussian over coefficients of shared columns.
+    """One model that may be true, as a Gaussian over coefficients of shared columns."""
 
-    Attributes:
-        place: The effect that makes the difference, `NOTHING` for none.
-        columns: Which of the shared columns it has. Shape (k,).
-        own: Which of these are the effect's own; empty for none. Shape (e,).
-        mean: Their posterior mean [SI]. Shape (k,).
-        precision: Their posterior precision. Shape (k, k).
-        nats: Evidence of the logs so far, less the price of the name, up to a constant
-            that is the same for all rivals of a contest.
-    """
-
-    place: Place
-    columns: Array
-    own: Array
-    mean: Array
-    precision: Array
+    place: Place  # the effect that makes the difference, `NOTHING` for none
+    columns: Array  # which of the shared columns it has, (k,)
+    own: Array  # which of these are the effect's own; empty for none, (e,)
+    mean: Array  # their posterior mean [SI], (k,)
+    precision: Array  # their posterior precision, (k, k)
+    # Evidence of the logs so far, less the price of the name [nats], up to a constant
+    # that is the same for all rivals of a contest.
     nats: float
 
 
 @dataclass(frozen=True, eq=False, slots=True)
 class Contest:
-    """Models of which one is true.
+    """Models of which one is true."""
 
-    Attributes:
-        rivals: The competing models, two or more.
-        enough: Nats by which one must lead to be believed.
-    """
-
-    rivals: tuple[Rival, ...]
-    enough: float
+    rivals: tuple[Rival, ...]  # two or more
+    enough: float  # nats by which one must lead to be believed
 
     @property
     def pairs(self) -> tuple[tuple[int, int], ...]:
@@ -73,56 +60,33 @@ class Contest:
 
 @dataclass(frozen=True, eq=False, slots=True)
 class Signals:
-    """How the logs so far were read, and so will the next one be.
+    """How the logs so far were read, and so will the next one be."""
 
-    Attributes:
-        information: Of a row's squared error, row counts and noise in it
-            [1 / N^2 m^2]. Shape (dof,).
-        speed_floor: Speed under which a joint stands [rad/s]. Shape (dof,).
-        rate: Rows per second [Hz].
-        margin: Time about a standstill that does not count [s].
-        edge: Time at both ends of a log that does not count [s].
-        start: Session time at which the next log may begin [s].
-    """
-
-    information: Array
-    speed_floor: Array
-    rate: float
-    margin: float
-    edge: float
-    start: float
+    information: Array  # of a row's squared error [1 / N^2 m^2], (dof,)
+    speed_floor: Array  # speed under which a joint stands [rad/s], (dof,)
+    rate: float  # rows per second [Hz]
+    margin: float  # time about a standstill that does not count [s]
+    edge: float  # time at both ends of a log that does not count [s]
+    start: float  # session time at which the next log may begin [s]
 
 
 @dataclass(frozen=True, eq=False, slots=True)
 class Question:
-    """What the logs so far leave open.
+    """What the logs so far leave open."""
 
-    Attributes:
-        nominal: The model that deviations are counted from.
-        seen_with: The model whose torque the effects see.
-        effects: Columns after the inertial ones: effect, joints from 0, shape.
-        signals: How logs are read.
-        contests: What is to be decided; empty if nothing is open.
-    """
-
-    nominal: Model
-    seen_with: Model
-    effects: tuple[Placed, ...]
+    nominal: Model  # the model that deviations are counted from
+    seen_with: Model  # the model whose torque the effects see
+    effects: tuple[Placed, ...]  # columns after the inertial ones
     signals: Signals
-    contests: tuple[Contest, ...]
+    contests: tuple[Contest, ...]  # empty if nothing is open
 
 
 @dataclass(frozen=True, eq=False, slots=True)
 class Swap:
-    """Some of the named effects, and what could stand in their place.
+    """Some of the named effects, and what could stand in their place."""
 
-    Attributes:
-        gone: The named ones.
-        instead: What stands in their place; an empty one for nothing.
-    """
-
-    gone: Groups
-    instead: tuple[Groups, ...]
+    gone: Groups  # the named ones
+    instead: tuple[Groups, ...]  # an empty one for nothing
 
 
 def swaps(
@@ -130,8 +94,7 @@ def swaps(
 ) -> list[Swap]:
     """Return what other sets within 6 nats differ by, each difference once.
 
-    Args:
-        named: Named effects with their equivalents, which are no news here.
+    The equivalents of the named effects are no news here.
     """
     known = {(group.key, other.key) for group, near in named for other in near}
     found: dict[tuple, tuple[Groups, list[Groups]]] = {}
@@ -153,19 +116,12 @@ def _without(members: Sequence[Group], others: Sequence[Group]) -> Groups:
 
 @dataclass(frozen=True, eq=False, slots=True)
 class Basis:
-    """The shared columns of all rivals: numbers in a design, in their order.
-
-    Attributes:
-        examined: The diagnosis.
-        fitted: The fit with all that it names.
-        groups: Groups of columns after those of the nominal model.
-        place: Where a design's column stands among the shared ones.
-    """
+    """The shared columns of all rivals: numbers in a design, in their order."""
 
     examined: Examined
-    fitted: Fit
-    groups: tuple[Group, ...]
-    place: dict[int, int]
+    fitted: Fit  # with all that is named
+    groups: tuple[Group, ...]  # columns after those of the nominal model
+    place: dict[int, int]  # where a design's column stands among the shared ones
 
     @classmethod
     def of(cls, examined: Examined, fitted: Fit, groups: Sequence[Group]) -> "Basis":
@@ -188,12 +144,7 @@ class Basis:
     def rival(
         self, members: Sequence[Group], own: Sequence[Group], without: Fit
     ) -> Rival:
-        """Return what is known of one set of effects.
-
-        Args:
-            own: Those that make the difference; empty for none.
-            without: The fit without them.
-        """
+        """Return what is known of a set of effects, those of its own among them."""
         system = System.of(self.task.design, self.task.prior, members)
         theta, _ = system.solve(self.weight)
         nats, at = 0.0, np.zeros(0, dtype=int)
@@ -216,12 +167,7 @@ class Basis:
     def contest(
         self, rest: Sequence[Group], options: Sequence[Groups], enough: float
     ) -> Contest:
-        """Return the contest of some sets beside a set of other effects.
-
-        Args:
-            options: The sets; an empty one for nothing.
-            enough: Nats by which one must lead.
-        """
+        """Return the contest of some sets, an empty one for nothing, beside others."""
         without = self.task.fit(rest, self.fitted)
         found = [self.rival((*rest, *own), own, without) for own in options]
         return Contest(tuple(found), enough)
@@ -288,11 +234,21 @@ def question_of(basis: Basis, contests: Sequence[Contest]) -> Question:
     examined, model = basis.examined, basis.examined.nominal.model
     terms = [Placed(t.effect, t.joints, t.shape) for t in model.terms]
     groups = [g.placed for g in basis.groups]
+    logs, tracks = examined.logs, examined.logs.tracks
+    last = max(t.t[-1] for t in tracks)
+    signals = Signals(
+        information=basis.weight,
+        speed_floor=logs.speed_floor,
+        rate=float(np.median([t.rate / t.step for t in tracks])),
+        margin=logs.filters.margin / min(t.cutoff for t in tracks),
+        edge=logs.filters.edge,
+        start=0.0 if logs.clock is None else float(last - logs.clock + PAUSE),
+    )
     return Question(
         nominal=model,
         seen_with=physical(as_model(examined.nominal, basis.fitted)),
         effects=(*terms, *groups),
-        signals=_signals(basis),
+        signals=signals,
         contests=tuple(c for c in contests if all(map(_has_spread, c.rivals))),
     )
 
@@ -307,21 +263,6 @@ def _has_spread(rival: Rival) -> bool:
     scaled = rival.precision * np.outer(scale, scale)
     least = len(scale) * np.finfo(float).eps
     return bool(np.linalg.eigvalsh(scaled)[0] > least)
-
-
-def _signals(basis: Basis) -> Signals:
-    logs, filters = basis.examined.logs, basis.examined.logs.filters
-    tracks = logs.tracks
-    cutoff = min(t.cutoff for t in tracks)
-    last = max(t.t[-1] for t in tracks)
-    return Signals(
-        information=basis.weight,
-        speed_floor=logs.speed_floor,
-        rate=float(np.median([t.rate / t.step for t in tracks])),
-        margin=filters.margin / cutoff,
-        edge=filters.edge,
-        start=0.0 if logs.clock is None else float(last - logs.clock + PAUSE),
-    )
 
 
 def _strongest(examined: Examined, fitted: Fit, joint: int) -> list[Group]:

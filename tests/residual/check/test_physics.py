@@ -10,7 +10,6 @@ import pytest
 from residual.check.check import check_logs
 from residual.check.result import Repair
 from residual.robot.robot import with_gravity
-from residual.signals.filters import low_pass
 from sim.draw import draw
 from sim.engine.records import stream
 from tests.residual.arms import arm, bare_irb140
@@ -116,12 +115,6 @@ def test_angles_of_the_motors_are_mended_by_known_gears():
     assert [repair.signal for repair in fault.repairs] == ["tau", "q"]
 
 
-def test_a_torque_without_noise_was_filtered():
-    robot, logs = clean_logs("small")
-    smooth = [replace(r, tau=low_pass(r.tau, 12.0, 125.0)) for r in logs]
-    assert kinds(robot, smooth) == [("filtered", (1, 2, 3), False)]
-
-
 def test_velocity_and_reference_are_mended_with_their_angle():
     robot, logs = clean_logs("small")
     both = [replace(r, qd=np.gradient(r.q, r.t, axis=0), q_ref=r.q) for r in logs]
@@ -135,25 +128,6 @@ def test_velocity_and_reference_are_mended_with_their_angle():
     shown = {"q": times(180 / np.pi), "q_ref": times(180 / np.pi)}
     (fault,) = check_logs(robot, edited(both, **shown)).faults
     assert {r.signal for r in fault.repairs} == {"q", "q_ref"}
-
-
-def logs():
-    robot = bare_irb140()
-    return robot, [read_log(str(EXAMPLE / f"fit_{k}.csv"), robot)[0] for k in (1, 2)]
-
-
-def without(log, at, rows=25):
-    k = int(at * len(log.t))
-    last = np.repeat(log.tau[-1:], rows, axis=0)
-    tau = np.concatenate([log.tau[:k], log.tau[k + rows :], last])
-    return replace(log, tau=tau)
-
-
-def test_a_block_that_was_dropped_on_the_way_is_doubted_and_not_certain():
-    robot, clean = logs()
-    (fault,) = check_logs(robot, [without(log, 0.3) for log in clean]).faults
-    assert (fault.kind, fault.certain) == ("wrong_robot", False)
-    assert "parts of the logs fit" in fault.evidence
 
 
 @pytest.mark.parametrize("degrees", [15, 45, 90, 180])

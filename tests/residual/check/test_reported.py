@@ -76,16 +76,6 @@ def test_one_factor_for_all_is_told_as_one(factor):
     assert float(said) == pytest.approx(1 / factor, rel=0.05)
 
 
-@pytest.mark.parametrize(("factor", "kind"), [(0.7, "torque_unit"), (1.1, None)])
-def test_one_factor_near_one_is_suspected_with_its_line(factor, kind):
-    robot, logs = clean_logs("irb140")
-    faults = check_logs(robot, edited(logs, tau=times(factor))).faults
-    assert [f.kind for f in faults] == ([kind] if kind else [])
-    for fault in faults:
-        assert not fault.certain
-        assert fault.repairs[0].scale == pytest.approx(1 / factor, rel=0.05)
-
-
 def without_weight(robot, logs, share=1.0):
     down = robot.model.gravity.linear
     return [
