@@ -7,9 +7,9 @@ from importlib import resources
 
 import numpy as np
 
-from residual.effects.base import BRISTLE
+from residual.effects.base import BRISTLE, Trait
 from residual.export.exported import Exported, Left, Whole, body_of, file_stem, split
-from residual.model.corrected import DIFFERENCE, NONE, NOTHING, Corrected, Tables
+from residual.model.corrected import DIFFERENCE, NONE, NOTHING, CorrectedModel, Tables
 from residual.model.model import LEAST_SPEED, Model, Term
 from residual.recording import Array
 from residual.robot.dynamics import chain_of
@@ -59,7 +59,7 @@ def prefix_of(name: str) -> str:
 def header(carried: Whole, left: Iterable[Left] = ()) -> tuple[str, int]:
     """Return the text of the header, and how many numbers its memory has."""
     model, stem = body_of(carried), file_stem(carried)
-    tables = carried.tables if isinstance(carried, Corrected) else ()
+    tables = carried.tables if isinstance(carried, CorrectedModel) else ()
     tables = tuple(t for t in tables if t.kind != NONE)
     shifts = [t for t in model.terms if t.effect.portable.shift]
     arrays = _arrays(model, bool(shifts))
@@ -187,7 +187,7 @@ def _torque(
         for k, row in enumerate(rows):
             formula = form.formula[k if len(form.formula) > 1 else 0]
             block = _block(term, row, formula, memory)
-            (report if term.effect.of_report else lines).append(block)
+            (report if Trait.REPORT in term.effect.traits else lines).append(block)
             memory += form.memory
     lines += [_each(dof, "out[i] = total[i];"), *report, *_tables(tables), "}"]
     return lines, memory
@@ -213,7 +213,7 @@ def _block(term: Term, row: int, formula: str, memory: int) -> str:
         lines.append(f"double *m = memory->number + {memory};")
     joints = term.joints if term.effect.scope == "pair" else (row,)
     formula = re.sub(r"\b(sgn|bristle|earlier)\(", r"@P@_\1(", formula)
-    target = "out" if term.effect.of_report else "total"
+    target = "out" if Trait.REPORT in term.effect.traits else "total"
     lines += [*_names(words, joints), f"{target}[{row}] += {formula};"]
     return _braces(_title(term), lines)
 

@@ -11,7 +11,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from residual.errors import InputError
-from residual.model.corrected import Corrected
+from residual.model.corrected import CorrectedModel
 from residual.model.model import Model, Term
 from residual.model.record import to_record
 from residual.recording import Array
@@ -23,7 +23,7 @@ TRAVEL = 0.4  # of a joint's range to each side of its middle
 WAVES = ((0.5, 1.0), (0.3, 2.7), (0.2, 5.3))  # share of the amplitude, times the lowest
 LOWEST = 0.1  # Hz
 
-Whole = Model | Corrected
+Whole = Model | CorrectedModel
 
 
 @dataclass(frozen=True, eq=False, slots=True)
@@ -132,7 +132,7 @@ def split(whole: Whole, refuse: Callable[[Term], str], tables: str = "") -> Expo
     terms = body_of(whole).terms
     reasons = {term: why for term in terms if (why := refuse(term))}
     kept = with_terms(whole, (t for t in terms if t not in reasons))
-    corrected = whole if tables and isinstance(whole, Corrected) else None
+    corrected = whole if tables and isinstance(whole, CorrectedModel) else None
     if corrected:
         kept = body_of(kept)
     elif not reasons:
@@ -157,12 +157,12 @@ def split(whole: Whole, refuse: Callable[[Term], str], tables: str = "") -> Expo
 def with_terms(whole: Whole, terms: Iterable[Term]) -> Whole:
     """Return a model with other terms, and nothing beside them but tables on top."""
     model = replace(body_of(whole), terms=tuple(terms), tables=())
-    return replace(whole, model=model) if isinstance(whole, Corrected) else model
+    return replace(whole, model=model) if isinstance(whole, CorrectedModel) else model
 
 
 def body_of(whole: Whole) -> Model:
     """Return the model without its tables."""
-    return whole.model if isinstance(whole, Corrected) else whole
+    return whole.model if isinstance(whole, CorrectedModel) else whole
 
 
 def file_stem(whole: Whole) -> str:

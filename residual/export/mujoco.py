@@ -9,6 +9,7 @@ from dataclasses import replace
 
 import numpy as np
 
+from residual.effects.base import Trait
 from residual.errors import InputError
 from residual.export.c99 import filled, header, prefix_of, refuse, template
 from residual.export.exported import (
@@ -42,7 +43,9 @@ def to_mujoco(whole: Whole) -> Exported:
     Raises:
         InputError: If a link is none that MuJoCo takes.
     """
-    made = split(whole, lambda t: REPORT if t.effect.of_report else refuse(t))
+    made = split(
+        whole, lambda t: REPORT if Trait.REPORT in t.effect.traits else refuse(t)
+    )
     mjcf, stem = to_mjcf(made.carried, NATIVE), file_stem(whole)
     robot = replace(body_of(whole).robot, name=f"{stem}_native")
     native = replace(body_of(mjcf.carried), robot=robot)
@@ -81,7 +84,7 @@ def time_step(model: Model, native: Model) -> float:
     slope, still = np.zeros_like(q), np.zeros_like(q)
     t = np.arange(float(len(q)))
     for part, sign in ((model, 1.0), (native, -1.0)):
-        terms = tuple(t for t in part.terms if not t.effect.of_report)
+        terms = tuple(t for t in part.terms if Trait.REPORT not in t.effect.traits)
         part = replace(part.by_sign(), terms=terms)
         for j in range(q.shape[1]):
             qd = still.copy()

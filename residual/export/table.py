@@ -24,7 +24,7 @@ from residual.export.exported import (
     size_of,
     split,
 )
-from residual.model.corrected import NONE, Corrected
+from residual.model.corrected import NONE, CorrectedModel
 from residual.model.lookup import export_lookup
 from residual.model.model import Model, Term
 from residual.quantity import along
@@ -46,7 +46,7 @@ def to_table(whole: Whole) -> Exported:
     made = split(whole, lambda t: "" if _file(t) else "it is no curve of one joint")
     files = {file: _csv(body_of(made.carried), file) for file in _OF}
     files = {file: text for file, text in files.items() if text}
-    for own in made.carried.tables if isinstance(made.carried, Corrected) else ():
+    for own in made.carried.tables if isinstance(made.carried, CorrectedModel) else ():
         if own.kind != NONE:
             text = export_lookup(own.lookup)["tables.csv"]
             files[f"tables_{own.joint + 1}.csv"] = text

@@ -18,7 +18,7 @@ from residual.calibration.choice import MAIN
 from residual.errors import InputError, UnknownNameError
 from residual.export.exported import Motion, exciting
 from residual.export.mujoco import to_mujoco
-from residual.model.corrected import Corrected, Tables
+from residual.model.corrected import CorrectedModel, Tables
 from residual.model.record import to_record
 from residual.signals.standstill import CHOICES
 from tests.exports.back import (
@@ -55,7 +55,7 @@ def _every(robot):
     own = tuple(
         Tables(j, columns, lookup(np.random.default_rng(j)), MAIN) for j in (0, 3)
     )
-    return Corrected(whole, own)
+    return CorrectedModel(whole, own)
 
 
 @pytest.mark.parametrize(

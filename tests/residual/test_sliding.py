@@ -12,6 +12,7 @@ import pytest
 
 import modelgap as mg
 from residual.effects import registry
+from residual.effects.base import Trait
 from residual.export.c99 import to_c99
 from residual.export.fmu import to_fmu
 from residual.export.mujoco import to_mujoco
@@ -101,7 +102,7 @@ def test_units_follow_the_joint():
 
 def test_what_needs_an_angle_or_one_unit_is_no_candidate_elsewhere():
     slides = (False, True, False, True)
-    needs = [e.name for e in registry().values() if e.needs_turn]
+    needs = [e.name for e in registry().values() if Trait.NEEDS_TURN in e.traits]
     assert needs == ["balancer", "encoder_eccentricity", "position_friction"]
     assert registry()["balancer"].candidates(4, slides) == ((0,), (2,))
     pairs = registry()["coupled_friction"].candidates(4, slides)

@@ -109,13 +109,12 @@ def _of_bag(path: Path, bag: Mapping[str, tuple], joints: Sequence[str]) -> Draf
 def _in_order(names: Iterable[str], joints: Sequence[str]) -> tuple[str, ...]:
     """Return those of some names that are the URDF's joints; () unless all are."""
     plain = {name.casefold(): name for name in names}
-    own = [plain.get(j.casefold()) or _only(plain, stem_of(j)) for j in joints]
+    own = []
+    for joint in joints:
+        stem = stem_of(joint)
+        like = [name for low, name in plain.items() if stem and stem in low]
+        own.append(plain.get(joint.casefold()) or (like[0] if len(like) == 1 else None))
     return tuple(own) if all(own) and len({*own}) == len(own) else ()
-
-
-def _only(plain: Mapping[str, str], stem: str) -> str | None:
-    found = [name for low, name in plain.items() if stem and stem in low]
-    return found[0] if len(found) == 1 else None
 
 
 class _Drafter:
