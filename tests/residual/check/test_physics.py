@@ -4,7 +4,6 @@ from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
-import pinocchio as pin
 import pytest
 
 from residual.check.check import check_logs
@@ -12,7 +11,7 @@ from residual.check.result import Repair
 from residual.robot.robot import with_gravity
 from sim.draw import draw
 from sim.engine.records import stream
-from tests.residual.arms import arm, bare_irb140
+from tests.residual.arms import arm
 from tests.residual.check.damaged import (
     clean_logs,
     edited,
@@ -21,7 +20,6 @@ from tests.residual.check.damaged import (
     times,
     turned,
 )
-from warehouse.logs import read_log
 
 DAMAGES = {
     "torque of one joint": ({"tau": turned(2)}, "torque_sign", (2,)),
@@ -80,15 +78,6 @@ def test_a_time_twice_as_long_is_found_by_weight_against_inertia():
     assert fault.repairs == (Repair("t", scale=0.5),)
 
 
-def test_an_arm_that_hangs_from_the_ceiling_is_found():
-    robot = bare_irb140()
-    logs = [read_log(str(EXAMPLE / f"fit_{k}.csv"), robot)[0] for k in (1, 2, 3)]
-    model = pin.Model(robot.model)
-    model.gravity.linear = np.array([0, 0, 9.81])
-    assert kinds(robot, logs) == []
-    assert kinds(replace(robot, model=model), logs) == [("mounting", (), True)]
-
-
 def test_torques_of_the_motors_are_found_and_mended_where_the_gears_are_known():
     robot, logs = clean_logs("small")
     gears = np.array([120.0, 100.0, 80.0])
@@ -130,7 +119,7 @@ def test_velocity_and_reference_are_mended_with_their_angle():
     assert {r.signal for r in fault.repairs} == {"q", "q_ref"}
 
 
-@pytest.mark.parametrize("degrees", [15, 45, 90, 180])
+@pytest.mark.parametrize("degrees", [15, 180])
 def test_another_mounting_is_certain_and_its_line_is_the_direction(degrees):
     robot, logs = clean_logs("irb140")
     angle = np.deg2rad(degrees)
