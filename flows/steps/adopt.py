@@ -10,7 +10,7 @@ from flows.requests import Flag, GivenWord, Request, Store, Text
 from flows.settings import store_folder
 from flows.steps.models import diagnosis_of
 from flows.storage.diagnosis import read_known, read_models, read_verdict, store_report
-from residual.diagnosis.held_out import AdoptionCheck, worth
+from residual.diagnosis.held_out import AdoptionCheck, check_adoption
 from residual.diagnosis.result import Verdict
 from residual.errors import InputError
 from residual.model.model import Model
@@ -46,7 +46,7 @@ class Judged:
     model: Model
     # The adoption that the robot has, with its number; None for none.
     parent: tuple[str, Adoption] | None
-    worth: AdoptionCheck | None  # on held-out motion; None where there is none
+    check_adoption: AdoptionCheck | None  # on held-out motion; None where there is none
     # Why it should not be adopted; empty for a model that may.
     doubts: tuple[str, ...] = ()
 
@@ -76,7 +76,7 @@ def judge(store: Path, word: str) -> Judged:
         doubts.append("no run was held out; diagnose with --holdout RUN")
     else:
         before = _before(store, id, parent[1] if parent else None)
-        seen = worth(model, before, [read_run(store, run) for run in runs])
+        seen = check_adoption(model, before, [read_run(store, run) for run in runs])
         doubts += seen.doubts
     record = read_record(store, id)
     return Judged(id, record["model_id"], model, parent, seen, tuple(doubts))

@@ -6,10 +6,10 @@ from itertools import product
 
 import numpy as np
 
-from residual.changes.contrast import Candidate, expected_worth
+from residual.changes.contrast import Candidate, expected_evidence
 from residual.changes.models import Epoch, values_that_changed
 from residual.changes.search import ChangeSearch, NamedChange
-from residual.changes.unexplained import Residuals, follows
+from residual.changes.unexplained import Residuals, strongest_variable
 from residual.check.result import LogCheck
 from residual.effects.base import Effect, Trait
 from residual.evidence.embodied import PossibleModel
@@ -31,7 +31,7 @@ from residual.verdict.result import (
     Parameter,
     Unexplained,
     Verdict,
-    as_embodied,
+    with_model_values,
 )
 
 LADDER = np.geomspace(1.0, 1e4, 400)  # deviations at which to look
@@ -91,7 +91,7 @@ def _smallest(
     unit = 1 / np.sqrt(float(way @ information @ way))
     sizes = unit * LADDER
     prior, nu = one.group.precision, found.table.degrees
-    worth = expected_worth(information, way, prior, nu, sizes) - one.price
+    worth = expected_evidence(information, way, prior, nu, sizes) - one.price
     seen = worth > found.both.rules.min_nats
     return float(sizes[int(np.argmax(seen))]) if seen.any() else None
 
@@ -155,7 +155,7 @@ def conclude(
         robot=robot.name,
         declared=tuple(declared),
         verdict="effects" if found.changes else "unknown" if doubtful else "none",
-        effects=tuple(as_embodied(f, made) for f in effects),
+        effects=tuple(with_model_values(f, made) for f in effects),
         minimum_detectable=() if faulty else tuple(minimum_detectable(found)),
         unexplained=_unexplained(found, rest),
         error=error,
@@ -239,7 +239,7 @@ def _unexplained(found: ChangeSearch, rest: Residuals) -> Unexplained:
     weight = power / power.sum()
     depends = []
     for j in rest.flagged:
-        known = follows(found, rest, j)
+        known = strongest_variable(found, rest, j)
         if known is not None:
             on, of, share = known
             name = "tau" if on == "tau_model" else on

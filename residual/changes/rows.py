@@ -15,7 +15,7 @@ from residual.changes.rules import ChangeThresholds
 from residual.effects import registry
 from residual.effects.base import PlacedEffect, Trait
 from residual.evidence.design import Design, Group
-from residual.evidence.fit import Fit, Prior, as_model, fit, settled
+from residual.evidence.fit import Fit, Prior, as_model, fit, settle
 from residual.evidence.priors import relative_prior
 from residual.model.model import Model, Term
 from residual.model.nominal import Logs, Nominal
@@ -101,7 +101,7 @@ def joint_fit(logs: Logs, nominal: Nominal, scales: Sequence[float]) -> JointFit
     evidence chooses: a short log must not fill what it did not see.
     """
     design = Design(logs.tracks, nominal.model)
-    plain, loaded = _usual(logs, nominal.model)
+    plain, loaded = _common_effects(logs, nominal.model)
     prior = relative_prior(design, nominal, LOOSE)
     known = design.add(plain)
     design.show_torque(as_model(nominal, _fit(design, prior, known)))
@@ -136,7 +136,7 @@ def both_epochs(
         shared=np.concatenate(ids),
         known=tuple(known),
         loaded=tuple(g for g in known if Trait.USES_MODEL in g.effect.traits),
-        left=_left(design, fitted),
+        left=_residuals(design, fitted),
         friction=_friction(design, fitted, nominal, known),
         layout=layout,
         blocks=blocks,
@@ -147,7 +147,7 @@ def both_epochs(
     )
 
 
-def beside(
+def after_change(
     both: EpochRows, changed: Sequence[tuple[Group, Array]], press: bool
 ) -> EpochRows:
     """The same rows beside what is known to have changed.
@@ -159,17 +159,17 @@ def beside(
         both: The rows; columns of candidates that are there already stay as they are.
     """
     if press:
-        both = _pressed(both, changed)
+        both = _with_changed_loads(both, changed)
     design = both.design
-    _, fitted, _ = without(both, changed)
+    _, fitted, _ = fit_without(both, changed)
     wide = [(g, theta) for g, theta in changed if g.effect.scope != "local"]
     every = [own.second * _torque(design, j, wide) for j, own in enumerate(both.layout)]
     return replace(
-        both, left=_left(design, fitted), changed=tuple(every) if wide else ()
+        both, left=_residuals(design, fitted), changed=tuple(every) if wide else ()
     )
 
 
-def without(
+def fit_without(
     both: EpochRows, changed: Sequence[tuple[Group, Array]]
 ) -> tuple[Design, Fit, tuple[Array, ...]]:
     """The joint fit of one arm, the second epoch without what changed.
@@ -197,7 +197,9 @@ def _torque(design: Design, j: int, changed: Sequence[tuple[Group, Array]]) -> A
     return out
 
 
-def _pressed(both: EpochRows, changed: Sequence[tuple[Group, Array]]) -> EpochRows:
+def _with_changed_loads(
+    both: EpochRows, changed: Sequence[tuple[Group, Array]]
+) -> EpochRows:
     """The same, the second epoch's logs seen with what changed of the arm."""
     terms = [
         Term(g.effect, g.joints, g.shape, theta)
@@ -226,12 +228,14 @@ def _pressed(both: EpochRows, changed: Sequence[tuple[Group, Array]]) -> EpochRo
     )
 
 
-def _left(design: Design, fitted: Fit) -> tuple[Array, ...]:
+def _residuals(design: Design, fitted: Fit) -> tuple[Array, ...]:
     residual = design.residual
     return tuple(residual(j, fitted.ids, fitted.theta) for j in range(design.dof))
 
 
-def _usual(logs: Logs, model: Model) -> tuple[list[PlacedEffect], list[PlacedEffect]]:
+def _common_effects(
+    logs: Logs, model: Model
+) -> tuple[list[PlacedEffect], list[PlacedEffect]]:
     """What any arm has a little of: without and with a use of the model's torque."""
     has = {(t.effect.name, t.joints, t.shape) for t in model.terms}
     out: tuple[list[PlacedEffect], list[PlacedEffect]] = ([], [])
@@ -245,7 +249,7 @@ def _usual(logs: Logs, model: Model) -> tuple[list[PlacedEffect], list[PlacedEff
 
 
 def _fit(design: Design, prior: Prior, known: Sequence[Group]) -> Fit:
-    return settled(design, prior, fit(design, prior, known, design.rows / 5, rounds=4))
+    return settle(design, prior, fit(design, prior, known, design.rows / 5, rounds=4))
 
 
 def _friction(

@@ -9,9 +9,9 @@ from collections.abc import Sequence
 from residual.changes.compare import compare_epochs
 from residual.check.result import LogCheck
 from residual.diagnosis.constants import nominal_with_constants
-from residual.diagnosis.doubts import stand
+from residual.diagnosis.doubts import doubt_names
 from residual.diagnosis.errors_in_variables import noise_notes
-from residual.diagnosis.findings import clouds, folded
+from residual.diagnosis.findings import clouds, split_background
 from residual.diagnosis.held_out import three_models
 from residual.diagnosis.open_question import open_question
 from residual.diagnosis.outcome import Progress, examine
@@ -94,12 +94,12 @@ def diagnose(
     # Every name is doubted, on held-out motion too; what stands is in the models.
     tell("proof", 0.0)
     proof = prepare_held_out(held_out, examined.nominal.model)
-    standing = stand(examined, proof, fit, tell)
+    standing = doubt_names(examined, proof, fit, tell)
     examined, judged = standing.examined, standing.judged
     models, bodies = three_models(examined, judged)
     augmented = models["augmented"]
     remains = examine_leftover(examined, judged.fit, augmented)
-    named, background = folded(standing.named, examined.logs.robot.dof)
+    named, background = split_background(standing.named, examined.logs.robot.dof)
     question = open_question(examined, judged.fit, named)
     if check is not None and check.certain:
         named, models["augmented"] = (), models["identified"]

@@ -10,15 +10,15 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from residual.diagnosis.errors_in_variables import NoiseCheck, checked, drop_noise
+from residual.diagnosis.errors_in_variables import NoiseCheck, check_noise, drop_noise
 from residual.diagnosis.findings import NamedEffect, findings
 from residual.diagnosis.gate import GateResult
 from residual.diagnosis.held_out import (
     HeldOutResult,
-    found_again,
-    harmful,
-    judge_held_out,
-    without,
+    count_splits,
+    drop_names,
+    find_harmful,
+    validate_names,
 )
 from residual.diagnosis.outcome import (
     Progress,
@@ -29,11 +29,11 @@ from residual.diagnosis.outcome import (
     with_constants,
     without_refuted,
 )
-from residual.diagnosis.search import least
+from residual.diagnosis.search import needed_nats
 from residual.effects.base import Trait
 from residual.errors import listed
 from residual.evidence.design import Group
-from residual.evidence.embodied import embodied
+from residual.evidence.embodied import with_possible_bodies
 from residual.evidence.fit import as_model
 from residual.evidence.rules import THRESHOLDS
 from residual.model.compare import HeldOutLog
@@ -172,7 +172,7 @@ class DoubtResult:
     gains: Mapping[GateResult, float] = field(default_factory=dict)  # of all that stood
 
 
-def stand(
+def doubt_names(
     examined: SearchOutcome,
     proof: Sequence[HeldOutLog],
     recordings: Sequence[Recording],
@@ -184,11 +184,11 @@ def stand(
         recordings: The fit logs, in the diagnosis' order.
     """
     gone: list[Withdrawal] = []
-    first = {_place(t) for t in (*examined.tested, *examined.withdrawn)}
+    first = {_place_of(t) for t in (*examined.tested, *examined.withdrawn)}
     for turn in range(1, THRESHOLDS.doubt_rounds + 1):
         last = turn == THRESHOLDS.doubt_rounds
         fallen = [w.tested.group for w in gone if w.explains]
-        now = _doubted(examined, proof, recordings, first, fallen, last)
+        now = _doubt_once(examined, proof, recordings, first, fallen, last)
         gone += now.withdrawn
         tell("proof", turn / (THRESHOLDS.doubt_rounds + 1))
         if not now.withdrawn or last:
@@ -196,22 +196,22 @@ def stand(
         kin = [w.tested.group for w in gone if w.with_kin]
         examined = search_again(examined, [w.tested.group for w in gone], kin)
     now = _with_constants(replace(now, withdrawn=tuple(gone)), proof, recordings)
-    known = {_place(t) for f in now.named for t in f.tested}
-    gone = [w for w in now.withdrawn if _place(w.tested) not in known]
+    known = {_place_of(t) for f in now.named for t in f.tested}
+    gone = [w for w in now.withdrawn if _place_of(w.tested) not in known]
     tested = [t for t, _ in now.judged.kept]
-    again = found_again(now.examined.task, now.judged.fit, tested)
+    again = count_splits(now.examined.task, now.judged.fit, tested)
     splits = dict(zip(tested, again, strict=True))
     now = replace(now, splits=splits, withdrawn=tuple(gone))
-    return _parted(now, proof, recordings)
+    return _split_suspected(now, proof, recordings)
 
 
-def _parted(
+def _split_suspected(
     now: DoubtResult, proof: Sequence[HeldOutLog], recordings: Sequence[Recording]
 ) -> DoubtResult:
     """What is sure, and apart from it what is only suspected: that is in no model."""
     sure = _confidences(now)
     gains = dict(now.judged.kept)
-    every = [_weighed(f, sure, gains) for f in now.named]
+    every = [_with_confidence(f, sure, gains) for f in now.named]
     weak = {
         t
         for f in every
@@ -219,26 +219,26 @@ def _parted(
         if s.probability < SURE
     }
     some = [part for f in every if (part := f.only(weak))]
-    judged = without(now.examined, now.judged, list(weak)) if weak else now.judged
+    judged = drop_names(now.examined, now.judged, list(weak)) if weak else now.judged
     first = replace(without_refuted(now.examined, judged.fit), fit=judged.fit)
     examined = predictive(first)
     if examined is not first:
         tested = tuple(t for t, _ in judged.kept)
-        again = judge_held_out(replace(examined, tested=tested), proof)
+        again = validate_names(replace(examined, tested=tested), proof)
         # A scale that a name does not stand at is none to take.
         stand_all = len(again.kept) == len(tested)
         judged, examined = (again, examined) if stand_all else (judged, first)
     if examined is first and not weak:
         return replace(now, examined=first, named=tuple(every))
     left = [t for t, _ in judged.kept]
-    checks = checked(examined, judged.fit, recordings) if left else None
+    checks = check_noise(examined, judged.fit, recordings) if left else None
     named = findings(examined, judged.fit, left, checks)
     return replace(
         now,
         examined=examined,
         judged=judged,
         checks=checks,
-        named=tuple(_weighed(f, sure, gains) for f in named),
+        named=tuple(_with_confidence(f, sure, gains) for f in named),
         suspected=tuple(some),
         gains=gains,
     )
@@ -251,14 +251,14 @@ def _confidences(now: DoubtResult) -> dict[GateResult, float]:
         t: confidence(t, gain, now.splits[t]) if t.joint in doubted else 1.0
         for t, gain in now.judged.kept
     }
-    company = _company(now.examined, now.judged)
+    company = _common_names(now.examined, now.judged)
     for name in {t.group.effect.name for t in company}:
         own = [t for t in company if t.group.effect.name == name]
         alone |= dict.fromkeys(own, max(alone[t] for t in own))
     return alone
 
 
-def _weighed(
+def _with_confidence(
     found: NamedEffect,
     sure: Mapping[GateResult, float],
     gains: Mapping[GateResult, float],
@@ -288,10 +288,10 @@ def _with_constants(
         return replace(now, examined=examined, judged=judged)
     names = [t for t, _ in now.judged.kept]
     every = replace(examined, tested=(*names, *own))
-    judged = judge_held_out(every, proof)
+    judged = validate_names(every, proof)
     gone = [Withdrawal(t, _refuted(gain)) for t, gain in judged.refuted]
     tested = [t for t, _ in judged.kept]
-    checks = checked(examined, judged.fit, recordings) if tested else None
+    checks = check_noise(examined, judged.fit, recordings) if tested else None
     return replace(
         now,
         examined=examined,
@@ -302,7 +302,7 @@ def _with_constants(
     )
 
 
-def _doubted(
+def _doubt_once(
     examined: SearchOutcome,
     proof: Sequence[HeldOutLog],
     recordings: Sequence[Recording],
@@ -319,7 +319,7 @@ def _doubted(
         first: Places of the names of the first search.
         earlier: What fell of earlier searches although it explained much.
     """
-    judged = judge_held_out(examined, proof)
+    judged = validate_names(examined, proof)
     gone = [
         Withdrawal(
             t,
@@ -338,31 +338,31 @@ def _doubted(
         judged, checks, noise = drop_noise(examined, judged, recordings)
         tested = [t for t, _ in judged.kept]
         named = findings(examined, judged.fit, tested, checks)
-        company = _company(examined, judged)
-        fallen = [(t, NOISE) for t in noise] or _weak(named, company)
-        fallen = fallen or _bodiless(examined, judged)
-        harm = [] if fallen else harmful(examined, judged, proof, company)
+        company = _common_names(examined, judged)
+        fallen = [(t, NOISE) for t in noise] or _find_weak(named, company)
+        fallen = fallen or _find_bodiless(examined, judged)
+        harm = [] if fallen else find_harmful(examined, judged, proof, company)
         fallen = fallen or harm
-        late = [t for t in tested if _place(t) not in first]
+        late = [t for t in tested if _place_of(t) not in first]
         fallen = fallen or substitutes(examined, judged, proof, late, earlier)
         if not fallen:
             break
         gone += [Withdrawal(t, why, explains=bool(harm)) for t, why in fallen]
-        judged = without(examined, judged, [t for t, _ in fallen])
+        judged = drop_names(examined, judged, [t for t, _ in fallen])
     return DoubtResult(examined, judged, checks, tuple(named), {}, tuple(gone))
 
 
-def _company(examined: SearchOutcome, judged: HeldOutResult) -> list[GateResult]:
+def _common_names(examined: SearchOutcome, judged: HeldOutResult) -> list[GateResult]:
     """Names that stand on half of the arm's joints or more, and came together.
 
     What every drive has is not asked joint by joint: where one hardly turned, its
     friction is no less likely for it.
     """
     members, task = judged.fit.members, examined.task
-    return [t for t, _ in judged.kept if least(task, members, t.group) < 0]
+    return [t for t, _ in judged.kept if needed_nats(task, members, t.group) < 0]
 
 
-def _weak(
+def _find_weak(
     named: Sequence[NamedEffect], company: Sequence[GateResult]
 ) -> list[tuple[GateResult, str]]:
     """Names that are less likely than not, or may as well be nothing."""
@@ -383,7 +383,7 @@ def _weak(
     return out
 
 
-def _bodiless(
+def _find_bodiless(
     examined: SearchOutcome, judged: HeldOutResult
 ) -> list[tuple[GateResult, str]]:
     """Names of bodies, where the logs contradict every possible body beyond chance."""
@@ -391,7 +391,7 @@ def _bodiless(
     if not named:
         return []
     model = as_model(examined.nominal, judged.fit)
-    made = embodied(examined.task.design, judged.fit, model)
+    made = with_possible_bodies(examined.task.design, judged.fit, model)
     if made.moved is None or not made.contradicted:
         return []
     bodies = listed(made.moved.bodies)
@@ -399,7 +399,7 @@ def _bodiless(
     return [(t, why) for t in named]
 
 
-def _place(tested: GateResult) -> tuple:
+def _place_of(tested: GateResult) -> tuple:
     return tested.group.effect.name, tested.group.joints
 
 

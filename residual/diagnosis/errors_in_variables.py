@@ -16,7 +16,7 @@ import numpy as np
 from scipy.linalg import solve_triangular
 
 from residual.diagnosis.gate import GateResult
-from residual.diagnosis.held_out import HeldOutResult, without
+from residual.diagnosis.held_out import HeldOutResult, drop_names
 from residual.diagnosis.outcome import SearchOutcome
 from residual.effects.base import Trait
 from residual.evidence.design import Design
@@ -113,12 +113,12 @@ def drop_noise(
     """
     gone: list[GateResult] = []
     while judged.kept:
-        checks = checked(examined, judged.fit, recordings)
+        checks = check_noise(examined, judged.fit, recordings)
         noise = [t for t, _ in judged.kept if checks.is_noise(t)]
         if not noise:
             return judged, checks, tuple(gone)
         gone += noise
-        judged = without(examined, judged, noise)
+        judged = drop_names(examined, judged, noise)
     return judged, None, tuple(gone)
 
 
@@ -150,7 +150,7 @@ def noise_notes(
     return (said,)
 
 
-def checked(
+def check_noise(
     examined: SearchOutcome, fitted: Fit, recordings: Sequence[Recording]
 ) -> NoiseCheck:
     """Check a fit by its reference where every log has one, else by redrawn noise.
@@ -169,7 +169,7 @@ def checked(
 
 def _by_instruments(examined: SearchOutcome, fitted: Fit, tracks) -> NoiseCheck:
     """Two-stage least squares under the fit's own prior and noise."""
-    design, other, ids = examined.task.design, *_seen(examined, fitted, tracks)
+    design, other, ids = examined.task.design, *_design_with(examined, fitted, tracks)
     system = System.of(design, examined.task.prior, fitted.members)
     weight = fitted.weight(design.rows)
     precision, pull = system.precision.copy(), system.pull.copy()
@@ -177,7 +177,7 @@ def _by_instruments(examined: SearchOutcome, fitted: Fit, tracks) -> NoiseCheck:
         place, have = design.present(j, fitted.ids)
         real = design.chunks(j, place)
         instruments = other.chunks(j, other.present(j, ids)[0])
-        inner, pulled = _projected(real, instruments)
+        inner, pulled = _project(real, instruments)
         precision[np.ix_(have, have)] += weight[j] * inner
         pull[have] += weight[j] * pulled
     covariance = scaled_inverse(precision)
@@ -197,10 +197,10 @@ def _by_redrawing(examined: SearchOutcome, fitted: Fit, tracks) -> NoiseCheck:
     Least squares solves (S + N) x = S b, with S what exact columns would give and N the
     noise's own: b is had back where N is known.
     """
-    design, other, ids = examined.task.design, *_seen(examined, fitted, tracks)
+    design, other, ids = examined.task.design, *_design_with(examined, fitted, tracks)
     if any(Trait.USES_MODEL in g.effect.traits for g in fitted.members):
         # Seen with the same model, else what it changed would be taken for noise.
-        design, own = _seen(examined, fitted, examined.logs.sketch)
+        design, own = _design_with(examined, fitted, examined.logs.sketch)
     else:
         own = fitted.ids
     rows = examined.task.design.rows
@@ -233,7 +233,7 @@ def _by_redrawing(examined: SearchOutcome, fitted: Fit, tracks) -> NoiseCheck:
     )
 
 
-def _seen(examined: SearchOutcome, fitted: Fit, tracks) -> tuple[Design, Array]:
+def _design_with(examined: SearchOutcome, fitted: Fit, tracks) -> tuple[Design, Array]:
     """The fit's columns as other angles give them, on the very same rows."""
     nominal = examined.nominal
     other = replace(examined.logs, tracks=tracks)
@@ -242,7 +242,7 @@ def _seen(examined: SearchOutcome, fitted: Fit, tracks) -> tuple[Design, Array]:
     return design, np.concatenate([design.nominal, *(g.ids for g in members)])
 
 
-def _projected(real: Iterable, instruments: Iterable) -> tuple[Array, Array]:
+def _project(real: Iterable, instruments: Iterable) -> tuple[Array, Array]:
     """Products of what of the columns x lies in the span of the instruments z.
 
     Args:

@@ -127,7 +127,7 @@ def findings(
     doubts = standard_deviations(examined, fitted, sizes)
     near = {t: alternatives(examined.task, fitted, t.group) for t in tested}
     out = []
-    for members in _merged(tested, examined.logs.robot):
+    for members in _merge_joints(tested, examined.logs.robot):
         options = [near[t] for t in members]
         known = [doubts[t.group] for t in members]
         sure = [
@@ -145,10 +145,10 @@ def findings(
                 np.array([_torque(examined, fitted, t.group) for t in members]),
             )
         )
-    return _led(sorted(out, key=lambda f: (-f.torque.max(), -f.nats)))
+    return _order_riding(sorted(out, key=lambda f: (-f.torque.max(), -f.nats)))
 
 
-def _led(found: Sequence[NamedEffect]) -> list[NamedEffect]:
+def _order_riding(found: Sequence[NamedEffect]) -> list[NamedEffect]:
     """The same, but what rides on another of its size comes before it.
 
     Friction that yields is told on top of a constant level: a contact that the model
@@ -157,14 +157,14 @@ def _led(found: Sequence[NamedEffect]) -> list[NamedEffect]:
     out = list(found)
     for one in found:
         for other in found:
-            if one.effect.rides_on == other.effect.name and _is_most(one, other):
+            if one.effect.rides_on == other.effect.name and _rides_on(one, other):
                 place = min(out.index(one), out.index(other))
                 out.remove(one)
                 out.insert(place, one)
     return out
 
 
-def _is_most(one: NamedEffect, other: NamedEffect) -> bool:
+def _rides_on(one: NamedEffect, other: NamedEffect) -> bool:
     """Whether a finding has half of the size of another on a joint of both."""
     sizes = [
         dict(zip(f.joints, np.abs(next(iter(f.parameters.values()))[0]), strict=True))
@@ -205,7 +205,7 @@ def public_joints(group: Group) -> tuple[int, ...]:
     return tuple(j + 1 for j in group.joints)
 
 
-def _merged(tested: Sequence[GateResult], robot: Robot) -> list[list[GateResult]]:
+def _merge_joints(tested: Sequence[GateResult], robot: Robot) -> list[list[GateResult]]:
     """Members of one local name on different joints of one unit belong together."""
     out: list[list[GateResult]] = []
     for t in sorted(tested, key=lambda t: (t.group.effect.name, t.group.joints)):
@@ -352,7 +352,7 @@ def _variable(
 # friction that is another when the arm is cold. They are no reason to look.
 
 
-def folded(
+def split_background(
     named: Sequence[NamedEffect], dof: int
 ) -> tuple[tuple[NamedEffect, ...], tuple[NamedEffect, ...]]:
     """Part the findings into those to be listed and those to be folded.

@@ -5,15 +5,21 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from residual.diagnosis.gate import GateResult, is_seen
+from residual.diagnosis.gate import GateResult, passes_gate
 from residual.diagnosis.outcome import SearchOutcome, refit
-from residual.diagnosis.search import Task, admissible, best, least, torque_share
+from residual.diagnosis.search import (
+    Task,
+    admissible,
+    needed_nats,
+    rank_additions,
+    torque_share,
+)
 from residual.effects.base import Trait
 from residual.errors import InputError, joints_listed
 from residual.evidence.design import Design, Group
 from residual.evidence.embodied import PossibleModel
-from residual.evidence.fit import Fit, gain
-from residual.evidence.priors import given_slots, held_at
+from residual.evidence.fit import Fit, evidence_gain
+from residual.evidence.priors import given_slots, with_held
 from residual.evidence.rules import THRESHOLDS
 from residual.model.compare import (
     Errors,
@@ -44,7 +50,7 @@ class HeldOutResult:
     dropped: tuple[GateResult, ...]
 
 
-def judge_held_out(
+def validate_names(
     examined: SearchOutcome, held_out: Sequence[HeldOutLog]
 ) -> HeldOutResult:
     """Drop each name alone, refit the rest on the fit logs, predict the held-out logs.
@@ -54,7 +60,7 @@ def judge_held_out(
     tested, refuted, dropped = list(examined.tested), [], []
     fitted = examined.fit
     while True:
-        gains = _gains(examined, fitted, tested, held_out)
+        gains = _held_out_gains(examined, fitted, tested, held_out)
         if not gains or min(gains) >= 0:
             kept = tuple(zip(tested, gains, strict=True))
             return HeldOutResult(fitted, kept, tuple(refuted), tuple(dropped))
@@ -62,14 +68,14 @@ def judge_held_out(
         refuted.append((tested.pop(worst), gains[worst]))
         fitted = refit(examined, tested)
         task, members = examined.task, fitted.members
-        alone = [t for t in tested if t.nats < least(task, members, t.group)]
+        alone = [t for t in tested if t.nats < needed_nats(task, members, t.group)]
         if alone:
             tested = [t for t in tested if t not in alone]
             dropped += alone
             fitted = refit(examined, tested)
 
 
-def without(
+def drop_names(
     examined: SearchOutcome, judged: HeldOutResult, gone: Sequence[GateResult]
 ) -> HeldOutResult:
     """Return the verdicts without some of the kept names, the rest refitted."""
@@ -77,7 +83,7 @@ def without(
     return replace(judged, fit=refit(examined, [t for t, _ in kept]), kept=kept)
 
 
-def harmful(
+def find_harmful(
     examined: SearchOutcome,
     judged: HeldOutResult,
     held_out: Sequence[HeldOutLog],
@@ -100,13 +106,13 @@ def harmful(
         return []
 
     def left(one: GateResult) -> float:
-        return examined.error(without(examined, judged, [one]).fit, held_out).sum()
+        return examined.error(drop_names(examined, judged, [one]).fit, held_out).sum()
 
     why = f"it raises the held-out error over all joints by {100 * larger:.0f} %"
     return [(min(alone, key=left), f"withdrawn: {why}")]
 
 
-def judgement(gain: float) -> str:
+def describe_gain(gain: float) -> str:
     """The verdict's word for a gain."""
     if gain < 0:
         return "refuted"
@@ -128,7 +134,7 @@ def three_models(
     return models | {"augmented": augmented}, bodies
 
 
-def unproven(examined: SearchOutcome, augmented: Errors) -> list[str]:
+def describe_unproven(examined: SearchOutcome, augmented: Errors) -> list[str]:
     """Sentences on joints of which the logs prove nothing, or less than it seems."""
     out = []
     design, tracks = examined.task.design, examined.logs.tracks
@@ -157,7 +163,7 @@ def unproven(examined: SearchOutcome, augmented: Errors) -> list[str]:
     return out
 
 
-def _gains(
+def _held_out_gains(
     examined: SearchOutcome,
     fitted: Fit,
     tested: Sequence[GateResult],
@@ -172,12 +178,12 @@ def _gains(
     for one in tested:
         rest = refit(examined, [t for t in tested if t is not one])
         less = examined.error(rest, held_out)
-        fall = _fall(one, with_all, less, rms)
+        fall = _error_fall(one, with_all, less, rms)
         if fall < THRESHOLDS.confirmed_gain and (
             stiff := _at_nominal(examined, tested, one)
         ):
             # The refit imitates it: then it is held against the value as given.
-            fall = _fall(one, with_all, examined.error(stiff, held_out), rms)
+            fall = _error_fall(one, with_all, examined.error(stiff, held_out), rms)
         out.append(round(fall, ROUND))
     return out
 
@@ -195,11 +201,11 @@ def _at_nominal(
         return None
     task = examined.task
     members = [t.group for t in tested if t is not one]
-    stiff = replace(task, prior=held_at(task.prior, held))
+    stiff = replace(task, prior=with_held(task.prior, held))
     return stiff.settle(stiff.fit(members, examined.fit, rounds=4))
 
 
-def _fall(one: GateResult, with_it: Array, without: Array, rms: Array) -> float:
+def _error_fall(one: GateResult, with_it: Array, without: Array, rms: Array) -> float:
     """1 - error with over error without, where the effect acts and where it shows.
 
     Parameters that bend without the name may predict the same. So a rise by chance is
@@ -224,7 +230,7 @@ PARTS = 3
 SHARE = 1 - 1 / PARTS  # of the evidence that is left in what remains
 
 
-def found_again(task: Task, fitted: Fit, tested: Sequence[GateResult]) -> list[Splits]:
+def count_splits(task: Task, fitted: Fit, tested: Sequence[GateResult]) -> list[Splits]:
     """Leave out each third of the data and let each name win its place anew.
 
     Beside the other names it must again carry its threshold's share, help as a name
@@ -239,29 +245,29 @@ def found_again(task: Task, fitted: Fit, tested: Sequence[GateResult]) -> list[S
         one = replace(task, design=part, rules=rules)
         again = one.settle(one.fit(fitted.members, fitted, rounds=4))
         for i, t in enumerate(tested):
-            shown = _shown(task.design, part, fitted, t.group)
+            shown = _has_share(task.design, part, fitted, t.group)
             of[i] += shown
-            found[i] += shown and _wins(one, again, t.group)
+            found[i] += shown and _wins_again(one, again, t.group)
     return [Splits(int(k), int(n)) for k, n in zip(found, of, strict=True)]
 
 
-def _wins(task: Task, fitted: Fit, group: Group) -> bool:
+def _wins_again(task: Task, fitted: Fit, group: Group) -> bool:
     """Whether a member would be named on these logs, beside the others."""
     if Trait.CONSTANT in group.effect.traits:
-        return is_seen(task, fitted, group)
+        return passes_gate(task, fitted, group)
     rest = [g for g in fitted.members if g is not group]
     without = task.settle(task.fit(rest, fitted))
-    value, big, small = gain(task.design, task.prior, fitted, without)
+    value, big, small = evidence_gain(task.design, task.prior, fitted, without)
     own = value - task.candidates.cost(group)
     if own < task.rules.min_nats or not admissible(task, group, value, big, small):
         return False
-    rivals = best(task, without, instead=group)
+    rivals = rank_additions(task, without, instead=group)
     family = group.effect.family
     other = [v for v, g, _ in rivals if not family or g.effect.family != family]
     return max(other, default=-np.inf) < own + THRESHOLDS.class_nats
 
 
-def _shown(whole: Design, part: Design, fitted: Fit, group: Group) -> bool:
+def _has_share(whole: Design, part: Design, fitted: Fit, group: Group) -> bool:
     """Whether a part of the logs has a fair share of an effect."""
     own, every = (
         np.sum(torque_share(design, fitted, group) ** 2 * design.rows)
@@ -320,7 +326,9 @@ class AdoptionCheck:
         return not self.doubts
 
 
-def worth(model: Model, before: Model, held_out: Sequence[Recording]) -> AdoptionCheck:
+def check_adoption(
+    model: Model, before: Model, held_out: Sequence[Recording]
+) -> AdoptionCheck:
     """Hold a model against the one before it, on logs that neither was fitted to.
 
     Raises:
@@ -333,7 +341,7 @@ def worth(model: Model, before: Model, held_out: Sequence[Recording]) -> Adoptio
     power = moving_power(logs)
     had = {(t.effect.name, t.joints) for t in before.terms}
     new = [t for t in model.terms if (t.effect.name, t.joints) not in had]
-    effects = tuple(_part_shown(model, term, logs) for term in new)
+    effects = tuple(_visible_share(model, term, logs) for term in new)
     figures = [100 * float(np.sqrt(e.sum() / power.sum())) for e in (then, after)]
     # What a name must lower an error by at least, a model may raise one by.
     larger = rises(after, then, power, THRESHOLDS.min_fall)
@@ -364,7 +372,9 @@ def _no_better(after: Array, before: Array) -> list[str]:
     ]
 
 
-def _part_shown(model: Model, term: Term, logs: Sequence[HeldOutLog]) -> VisibleShare:
+def _visible_share(
+    model: Model, term: Term, logs: Sequence[HeldOutLog]
+) -> VisibleShare:
     """Weighted least squares of what is left without an effect on the effect itself."""
     rest = replace(model, terms=tuple(t for t in model.terms if t is not term))
     own, left = [], []

@@ -6,22 +6,27 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from residual.diagnosis import constants
-from residual.diagnosis.adequacy import Adequacy, adequacy, carried
+from residual.diagnosis.adequacy import Adequacy, adequacy, angle_noise_torque
 from residual.diagnosis.gate import (
     GateResult,
-    gate,
-    leave_out,
+    drop_failed,
+    left_out_errors,
     only_curves,
-    passed,
+    test_members,
     wrong_forms,
 )
-from residual.diagnosis.neighbours import best_set, simplest
-from residual.diagnosis.search import Task, every_candidate, refined, renewed
+from residual.diagnosis.neighbours import best_set, prefer_simpler
+from residual.diagnosis.search import (
+    Task,
+    every_candidate,
+    recompute_candidates,
+    refine_shape,
+)
 from residual.diagnosis.select import Selection, select
 from residual.effects import registry
 from residual.effects.base import Trait
 from residual.evidence.design import Design, Group
-from residual.evidence.embodied import PossibleModel, embodied
+from residual.evidence.embodied import PossibleModel, with_possible_bodies
 from residual.evidence.fit import Fit, Prior, as_model, fit, physical
 from residual.evidence.priors import OF_NAMES, PriorSpace, first_design, relative_prior
 from residual.evidence.rules import THRESHOLDS, EvidenceThresholds
@@ -91,7 +96,7 @@ def examine(
         settled = _refit_named(logs, nominal, selection)
         design.show_torque(physical(as_model(nominal, settled)))
         progress("features", 0.5)
-        everything = renewed(design, everything)
+        everything = recompute_candidates(design, everything)
         prior, wide = selection.task.prior, selection.wide
         again = replace(nominal, scale=prior.scale, widths=prior.widths)
         selection = select(PriorSpace(design, again), everything, rules, searching)
@@ -137,12 +142,12 @@ def _tested(
         paid: Joints (from 0) whose constants paid in an earlier search; then what was
             found has yet to be searched for more.
     """
-    selection, paying = constants.settled(start, nominal, paid)
+    selection, paying = constants.settle_constants(start, nominal, paid)
     if paid is None:
         found = best_set(selection.task, selection.fit)
         selection = replace(selection, fit=found)
     task, design = selection.task, selection.task.design
-    fitted, tested = passed(task, simplest(task, selection.fit))
+    fitted, tested = drop_failed(task, prefer_simpler(task, selection.fit))
     curved = only_curves(design, logs.sketch, fitted, tested)
     rest = [t for t in tested if t not in curved]
     if curved:
@@ -193,7 +198,7 @@ def with_constants(
     # On noise that is noise evidence counts, of constants too.
     own = [
         t
-        for t in gate(task, full)
+        for t in test_members(task, full)
         if t.group in groups
         and t.by
         and (t.nats >= task.rules.min_nats or t.joint in enough.doubted)
@@ -231,14 +236,14 @@ def predictive(examined: SearchOutcome) -> SearchOutcome:
         return examined
     task, fitted = examined.task, examined.fit
     weight = 1 / fitted.variance / task.design.rows
-    best, least = None, leave_out(task, fitted).sum(axis=0) @ weight
+    best, least = None, left_out_errors(task, fitted).sum(axis=0) @ weight
     least *= (1 - THRESHOLDS.scale_gain_share) ** 2
     for scale in OF_NAMES:
         widths = task.prior.widths
         prior = relative_prior(task.design, examined.nominal, scale, widths)
         other = replace(task, prior=prior)
         fit_there = other.settle(other.fit(fitted.members, fitted, rounds=4))
-        left = leave_out(other, fit_there).sum(axis=0) @ weight
+        left = left_out_errors(other, fit_there).sum(axis=0) @ weight
         if left < least:
             best, least = (other, fit_there), left
     if best is None:
@@ -255,7 +260,7 @@ def _adequacy(
     logs: Logs, nominal: Nominal, design: Design, fits: tuple[Fit, Fit]
 ) -> Adequacy:
     """What is left of the logs, beside the noise of torque and angles."""
-    angles = carried(as_model(nominal, fits[1]), logs.sketch, logs.shaken)
+    angles = angle_noise_torque(as_model(nominal, fits[1]), logs.sketch, logs.shaken)
     return adequacy(design, logs.sketch, *fits, angles)
 
 
@@ -288,7 +293,7 @@ def _refit_named(logs: Logs, nominal: Nominal, selection: Selection) -> Fit:
         searched = [g for g in members if g.effect.refine]
         for group in [g for g in searched if Trait.USES_MODEL in g.effect.traits]:
             others = [g for g in members if g is not group]
-            members = refined(task, (*others, group), fitted)
+            members = refine_shape(task, (*others, group), fitted)
         before, fitted = fitted.score, task.fit(members, fitted)
         if abs(fitted.score - before) < THRESHOLDS.steady_nats:
             break
@@ -327,7 +332,7 @@ def _refitted(examined: SearchOutcome, fitted: Fit, rough: Model) -> PossibleMod
     members = design.add([g.placed for g in fitted.members])
     final = fit(design, examined.task.prior, members, fitted.counted, fitted.variance)
     model = as_model(replace(nominal, model=base), final)
-    return embodied(design, final, model)
+    return with_possible_bodies(design, final, model)
 
 
 def without_refuted(examined: SearchOutcome, fitted: Fit) -> SearchOutcome:

@@ -204,7 +204,7 @@ def wave_of(line: TimeLine) -> Wave | None:
     if not low < high:
         return None
     grid = np.arange(low, high, FINE / span)
-    block = np.column_stack([line.left, _red(line)])
+    block = np.column_stack([line.left, _red_noise(line)])
     fall, chosen = _left_out_line(line, pieces, grid, block)
     total = fall.sum(axis=0)
     chance = np.mean(np.append(total[1:], np.inf) >= total[0])
@@ -247,7 +247,7 @@ def _left_out_line(
     falls = np.zeros((len(pieces), block.shape[1]))
     for out in range(PARTS):
         train = [(g.sum(0) - g[out], c.sum(0) - c[out]) for g, c in sums]
-        fits = [_solved(g, c) for g, c in train]
+        fits = [_amplitudes(g, c) for g, c in train]
         served = sum(
             np.einsum("ifb,ifb->fb", theta, c)
             for theta, (_, c) in zip(fits, train, strict=True)
@@ -259,7 +259,7 @@ def _left_out_line(
             bend = np.einsum("ib,bij,jb->b", own, gram, own)
             falls[k] += 2 * (own * cross[:, best, every]).sum(0) - bend
     whole = [(g.sum(0), c.sum(0)[:, :, :1]) for g, c in sums]
-    served = sum((_solved(g, c) * c).sum(axis=(0, 2)) for g, c in whole)
+    served = sum((_amplitudes(g, c) * c).sum(axis=(0, 2)) for g, c in whole)
     return falls, int(np.argmax(served))
 
 
@@ -279,14 +279,14 @@ def _sums(t: Array, block: Array, grid: Array) -> tuple[Array, Array]:
     return np.array(grams), np.array(crosses)
 
 
-def _solved(gram: Array, cross: Array) -> Array:
+def _amplitudes(gram: Array, cross: Array) -> Array:
     """Amplitudes of cosine and sine, stiffened by one part in a hundred. (2, f, b)."""
     size = 0.01 * np.trace(gram, axis1=1, axis2=2) / 2 + 1e-12
     inverse = np.linalg.inv(gram + size[:, None, None] * np.eye(2))
     return np.einsum("fij,jfb->ifb", inverse, cross)
 
 
-def _red(line: TimeLine) -> Array:
+def _red_noise(line: TimeLine) -> Array:
     """Noise of the leftover's size and lag-1 correlation, row after row. (n, DRAWS)."""
     rng = np.random.default_rng(0)
     left = line.left - line.left.mean()

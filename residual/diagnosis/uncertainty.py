@@ -8,7 +8,7 @@ from scipy.linalg import block_diag
 from scipy.special import ndtri, stdtrit
 
 from residual.diagnosis.outcome import SearchOutcome
-from residual.diagnosis.search import refined
+from residual.diagnosis.search import refine_shape
 from residual.effects.base import Effect, PlacedEffect, Shape, Trait
 from residual.evidence.design import Design, Group
 from residual.evidence.fit import (
@@ -165,7 +165,7 @@ def _form_doubt(examined: SearchOutcome, fitted: Fit, group: Group) -> Array:
         shape = (group.shape[0], *form)
         made = task.design.add([group.placed._replace(shape=shape)])
         rest = [g for g in fitted.members if g is not group]
-        *_, best = refined(task, (*rest, *made), fitted)
+        *_, best = refine_shape(task, (*rest, *made), fitted)
         theta = task.fit((*rest, best), fitted).of(best)
         doubt = np.maximum(
             doubt, abs(effect.values(theta, best.shape, robot) - own) / 2

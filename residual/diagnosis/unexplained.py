@@ -14,7 +14,7 @@ import numpy as np
 
 from residual.calibration.choice import Training, chosen_tables
 from residual.calibration.effects import make_tables
-from residual.diagnosis.adequacy import Adequacy, repeat
+from residual.diagnosis.adequacy import Adequacy, find_period
 from residual.diagnosis.outcome import SearchOutcome
 from residual.diagnosis.patterns import (
     DIRECTION,
@@ -80,7 +80,7 @@ def depends_on(found: Sequence[JointLeftover]) -> tuple[Dependence, ...]:
     return tuple(out)
 
 
-def leftovers(
+def joint_leftovers(
     design: Design, tracks: Sequence[Track], fitted: Fit, adequacy: Adequacy
 ) -> tuple[JointLeftover, ...]:
     """Look at every joint on which more than noise remains."""
@@ -166,7 +166,7 @@ def _kind(
     turns = [
         wave.frequency * period * track.step / track.rate
         for track in tracks
-        if (period := repeat(track)) is not None
+        if (period := find_period(track)) is not None
     ]
     free = len(turns) < len(tracks) or any(
         abs(x - round(x)) > THRESHOLDS.off_harmonic_turns for x in turns
@@ -194,7 +194,7 @@ def _stack(tracks: Sequence[Track], j: int, lines: Sequence[Array]) -> Array:
 MOST_ROWS = 12_000  # more of the same logs change nothing but the time
 
 
-def corrected(
+def fit_correction(
     model: Model, tracks: Sequence[Track], left: Sequence[JointLeftover]
 ) -> Corrected | None:
     """Fit the correction to what a model leaves on the fit logs.
@@ -283,8 +283,8 @@ def examine_leftover(
 ) -> LeftoverAnalysis:
     """Look at what the names leave on the fit logs; nothing held out has a part."""
     told, tracks = examined.adequacy, examined.logs.sketch
-    found = leftovers(examined.task.design, tracks, fitted, told)
-    made = corrected(augmented, tracks, found)
+    found = joint_leftovers(examined.task.design, tracks, fitted, told)
+    made = fit_correction(augmented, tracks, found)
     sentences = ()
     if made is not None and made.helpless:
         on = joints_listed([j + 1 for j in made.helpless])

@@ -42,15 +42,15 @@ class _Values:
     added: Array
 
 
-def changes(examined: SearchOutcome, fitted: Fit) -> tuple[Change, ...]:
+def compare_values(examined: SearchOutcome, fitted: Fit) -> tuple[Change, ...]:
     """Return every value that the model was given, and what the logs make of it."""
-    asked = [*_drives(examined, fitted), *_bodies(examined, fitted)]
+    asked = [*_drive_values(examined, fitted), *_body_values(examined, fitted)]
     every = sum(len(a.names) for a in asked)
     if not every:
         return ()
     sure = -float(ndtri(THRESHOLDS.value_change_chance / every / 2))
     state = _Covariances.of(examined, fitted)
-    return tuple(c for a in asked for c in _told(state, a, sure))
+    return tuple(c for a in asked for c in _value_changes(state, a, sure))
 
 
 @dataclass(frozen=True, eq=False, slots=True)
@@ -79,11 +79,13 @@ class _Covariances:
         )
 
 
-def _told(state: _Covariances, asked: _Values, sure: float) -> Iterator[Change]:
+def _value_changes(
+    state: _Covariances, asked: _Values, sure: float
+) -> Iterator[Change]:
     a, p = asked.added, asked.slope.shape[1]
     after = scaled_inverse(a @ state.after @ a.T)
     prior = a @ state.before @ a.T
-    information = _positive(after - scaled_inverse(prior), prior)
+    information = _positive_information(after - scaled_inverse(prior), prior)
     covariance = np.linalg.inv(information)
     gap = covariance @ (after @ (a @ state.theta))
     # Logs that disagree pull a value that its prior holds by less than a free one.
@@ -107,7 +109,7 @@ def _told(state: _Covariances, asked: _Values, sure: float) -> Iterator[Change]:
         )
 
 
-def _drives(examined: SearchOutcome, fitted: Fit) -> list[_Values]:
+def _drive_values(examined: SearchOutcome, fitted: Fit) -> list[_Values]:
     """Declared values, those of the same joints together."""
     nominal = examined.nominal
     terms, given = zip(*nominal.declared, strict=True) if nominal.declared else ((), ())
@@ -117,10 +119,10 @@ def _drives(examined: SearchOutcome, fitted: Fit) -> list[_Values]:
         if width is not None:
             together.setdefault(term.joints, []).append((term, own))
     robot = examined.logs.robot
-    return [_of_joint(robot, fitted, terms) for terms in together.values()]
+    return [_joint_values(robot, fitted, terms) for terms in together.values()]
 
 
-def _of_joint(robot, fitted: Fit, terms: list[tuple[Term, slice]]) -> _Values:
+def _joint_values(robot, fitted: Fit, terms: list[tuple[Term, slice]]) -> _Values:
     names, nominal, rows, count = [], [], [], len(fitted.ids)
     for term, own in terms:
         effect = term.effect
@@ -154,7 +156,7 @@ def _findings_of(fitted: Fit, effect: Effect, term: Term) -> list[Array]:
     ]
 
 
-def _bodies(examined: SearchOutcome, fitted: Fit) -> list[_Values]:
+def _body_values(examined: SearchOutcome, fitted: Fit) -> list[_Values]:
     """What the motion of the arm can tell of its body at all, sum by sum."""
     robot = examined.logs.robot
     base = base_parameters(robot.model)
@@ -185,7 +187,7 @@ def _without_findings(added: Array, fitted: Fit) -> Array:
     return added[:, : len(fitted.ids) - members]
 
 
-def _positive(information: Array, prior: Array) -> Array:
+def _positive_information(information: Array, prior: Array) -> Array:
     """What the logs know, and a ten thousandth of the prior where they know nothing."""
     size = np.sqrt(np.diag(prior))
     values, vectors = np.linalg.eigh(information * np.outer(size, size))

@@ -10,14 +10,14 @@ from residual.diagnosis.detectable import minimum_detectable
 from residual.diagnosis.doubts import DoubtResult, Withdrawal
 from residual.diagnosis.findings import NamedEffect, public_joints
 from residual.diagnosis.gate import GateResult
-from residual.diagnosis.held_out import judgement, unproven
+from residual.diagnosis.held_out import describe_gain, describe_unproven
 from residual.diagnosis.neighbours import rivals
 from residual.diagnosis.open_question import places_of
 from residual.diagnosis.outcome import SearchOutcome
-from residual.diagnosis.select import neighbours
+from residual.diagnosis.select import neighbor_priors
 from residual.diagnosis.uncertainty import doubtful
 from residual.diagnosis.unexplained import JointLeftover, LeftoverAnalysis, depends_on
-from residual.diagnosis.values import changes
+from residual.diagnosis.values import compare_values
 from residual.effects import registry
 from residual.effects.base import Trait
 from residual.errors import joints_listed
@@ -46,7 +46,7 @@ from residual.verdict.result import (
     Place,
     Unexplained,
     Verdict,
-    as_embodied,
+    with_model_values,
 )
 
 
@@ -77,7 +77,7 @@ def conclude(
     faulty = check is not None and bool(check.certain)
     contradicted = (*contradictions(examined, judged.fit, errors), *bodies.doubts)
     doubtful = len(examined.adequacy.doubted) or contradicted or faulty
-    every = neighbours(PriorSpace(task.design, examined.nominal), task.prior)
+    every = neighbor_priors(PriorSpace(task.design, examined.nominal), task.prior)
     least = _clear_links(examined, minimum_detectable(task, judged.fit, every))
     alternatives = tuple(
         Alternative(
@@ -95,7 +95,7 @@ def conclude(
         robot=robot.name,
         declared=tuple(examined.nominal.names),
         verdict="effects" if named else "unknown" if doubtful else "none",
-        effects=tuple(as_embodied(f, bodies) for f in listing(named)),
+        effects=tuple(with_model_values(f, bodies) for f in listing(named)),
         minimum_detectable=() if faulty else tuple(least),
         unexplained=_unexplained(examined, remains.joints),
         error=tables,
@@ -105,13 +105,13 @@ def conclude(
             *logged,
             *(check.sentences if check else ()),
             *warnings(examined, standing.withdrawn, tables.same_run),
-            *unproven(examined, errors["augmented"]),
+            *describe_unproven(examined, errors["augmented"]),
             *remains.sentences,
         ),
         log_check=check,
         contradictions=contradicted,
         frames=Frames.of(robot),
-        changes=changes(examined, judged.fit),
+        changes=compare_values(examined, judged.fit),
         alternatives=settled_by(question, places_of(judged.fit.members), alternatives),
         background=tuple(listing(background)),
         bodies=bodies.moved,
@@ -160,7 +160,7 @@ def _finding(named: NamedEffect, order: int, standing: DoubtResult) -> Finding:
         evidence=Evidence(
             nats=plain(named.nats),
             by="fit" if any(t.by == "fit" for t in named.tested) else "plausibility",
-            held_out=judgement(gain),
+            held_out=describe_gain(gain),
             held_out_gain=plain(gain),
             splits=min(splits, key=lambda s: s.found),
         ),
@@ -201,7 +201,10 @@ def contradictions(
     """Return in sentences what of a fit no arm can be; empty where nothing is."""
     if not examined.task.design.fold_rows.any():
         return (STILL,)
-    friction, inertia = _driving(examined, fitted), _negative(examined, fitted)
+    friction, inertia = (
+        _driving_friction(examined, fitted),
+        _negative_inertia(examined, fitted),
+    )
     out = []
     if friction:
         one = len(friction) == 1
@@ -225,11 +228,11 @@ def contradictions(
     return tuple(out)
 
 
-def _driving(examined: SearchOutcome, fitted: Fit) -> list[int]:
+def _driving_friction(examined: SearchOutcome, fitted: Fit) -> list[int]:
     """Joints (from 1) on which the fitted friction feeds the motion."""
     design, covariance = examined.task.design, fitted.covariance()
-    theta, out = _whole(examined, fitted), []
-    brakes = _marked(examined, fitted, lambda e, on: Trait.FRICTION in e.traits)
+    theta, out = _absolute_coefficients(examined, fitted), []
+    brakes = _select_slots(examined, fitted, lambda e, on: Trait.FRICTION in e.traits)
     speeds = design.stacked([t.qd[:: t.step] for t in examined.logs.sketch])
     for j, speed in enumerate(speeds):
         place, have = design.present(j, fitted.ids)
@@ -246,10 +249,10 @@ def _driving(examined: SearchOutcome, fitted: Fit) -> list[int]:
     return out
 
 
-def _negative(examined: SearchOutcome, fitted: Fit) -> list[int]:
+def _negative_inertia(examined: SearchOutcome, fitted: Fit) -> list[int]:
     """Joints (from 1) whose own inertia came out negative over the logged places."""
     design, covariance = examined.task.design, fitted.covariance()
-    theta, model = _whole(examined, fitted), examined.logs.robot.model
+    theta, model = _absolute_coefficients(examined, fitted), examined.logs.robot.model
     q = np.concatenate([t.q for t in examined.logs.tracks])
     q = q[:: max(1, len(q) // PLACES)]
     still, out = np.zeros_like(q), []
@@ -258,7 +261,7 @@ def _negative(examined: SearchOutcome, fitted: Fit) -> list[int]:
         push = still.copy()
         push[:, j] = 1.0
         rows = regressor(model, q, still, push)[:, j] - resting[:, j]
-        rotors = _marked(
+        rotors = _select_slots(
             examined,
             fitted,
             lambda e, on, j=j: e.carries == "acceleration" and on == (j,),
@@ -271,7 +274,7 @@ def _negative(examined: SearchOutcome, fitted: Fit) -> list[int]:
     return out
 
 
-def _whole(examined: SearchOutcome, fitted: Fit) -> Array:
+def _absolute_coefficients(examined: SearchOutcome, fitted: Fit) -> Array:
     """Coefficients themselves, where a fit has their distance from the nominal."""
     theta = fitted.theta.copy()
     base = examined.nominal.model.coefficients()
@@ -279,7 +282,7 @@ def _whole(examined: SearchOutcome, fitted: Fit) -> Array:
     return theta
 
 
-def _marked(examined: SearchOutcome, fitted: Fit, wanted: Callable) -> Array:
+def _select_slots(examined: SearchOutcome, fitted: Fit, wanted: Callable) -> Array:
     """Which of a fit's coefficients belong to effects that are wanted. (m,), bool."""
     model = examined.nominal.model
     marks = [np.zeros(len(model.inertial), dtype=bool)]
@@ -311,11 +314,11 @@ def warnings(
             f"the inertias of the nominal model are off by {off}: too rough to blame a "
             "single body of the arm; give --baseline"
         )
-    out += [complaint(w.tested, w.why) for w in withdrawn]
+    out += [describe_withdrawal(w.tested, w.why) for w in withdrawn]
     return list(dict.fromkeys(out))  # two ripples of a joint make one sentence
 
 
-def complaint(tested: GateResult, why: str) -> str:
+def describe_withdrawal(tested: GateResult, why: str) -> str:
     """A warning about a name that did not stand: 'ripple on joint 3: why'."""
     joints = [j + 1 for j in tested.group.joints]
     place = f" on {joints_listed(joints)}" if joints else ""

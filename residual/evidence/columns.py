@@ -243,7 +243,7 @@ class KnownPrior:
         )
 
 
-def sound(precision: Array) -> tuple[Array, float]:
+def regularize(precision: Array) -> tuple[Array, float]:
     """A precision that has an inverse, and its log determinant. (k, k) as given."""
     scale = np.sqrt(np.maximum(np.diag(precision), 1e-12))
     precision = precision + 1e-6 * np.diag(scale**2)
@@ -310,7 +310,7 @@ def squares_per_fold(
     return np.stack(sums, axis=1)
 
 
-def runs(labels: Array) -> Iterator[tuple[int, slice]]:
+def fold_slices(labels: Array) -> Iterator[tuple[int, slice]]:
     """Folds of rows with their rows, which follow each other."""
     folds, starts = np.unique(labels, return_index=True)
     counts = np.bincount(labels)[folds]

@@ -67,7 +67,7 @@ class SeparateTerm:
     columns: tuple[Array, ...]  # its torque on the rows of each joint, (rows, k)
 
 
-def embodied(
+def with_possible_bodies(
     design: Design, fitted: Fit, model: Model, beside: Sequence[SeparateTerm] = ()
 ) -> PossibleModel:
     """Move a fitted model to the nearest one whose bodies can exist.
