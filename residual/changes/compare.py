@@ -138,8 +138,8 @@ def _unexplained(errors: Mapping[str, Errors], found: ChangeSearch) -> str | Non
         return None
     j = max(over, key=lambda j: after[j] / refit[j])
     return (
-        f"what is named does not explain the change: on {joints_listed(over + 1)} the "
-        "model with it leaves more than twice the error of a refit "
+        "the named effects do not explain the change: on "
+        f"{joints_listed(over + 1)} the error is more than twice that of a refit "
         f"(joint {j + 1}: {after[j]:.1f} against {refit[j]:.1f} %)"
     )
 
@@ -238,14 +238,14 @@ def _judge_change(change: NamedChange, with_it: Array, without: Array) -> Judgem
 
 def _notes(found: ChangeSearch) -> tuple[str, ...]:
     noise, both = found.table.noise, found.both
-    few = "; fewer than three logs of before: what days differ by was not seen"
+    few = "; fewer than three baseline logs: differences between days are not known"
     seconds = both.rules.block_seconds * noise.blocks
     return (
-        f"compared on {seconds:.0f} s of motion at least in "
+        f"compared on {seconds:.0f} s of motion or more in "
         f"each epoch{few if both.first_logs < 3 else ''}",
         *(
-            f"joint {j + 1}: logs of before differ by {noise.unrest[j]:.1f} "
-            "times what noise gives"
+            f"joint {j + 1}: baseline logs differ by {noise.unrest[j]:.1f} "
+            "times the noise"
             for j in both.live
             if noise.unrest[j] > 1.3
         ),

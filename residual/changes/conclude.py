@@ -99,8 +99,8 @@ def _smallest(
 def _directions(effect: Effect, found: ChangeSearch, one: Candidate) -> Sequence[Array]:
     """Coefficients of an effect of size one, in the ways that it usually comes."""
     count = len(one.group.ids)
-    if effect.usual is not None:
-        return effect.usual(found.both.design.states, one.group.joints)
+    if effect.unit_directions is not None:
+        return effect.unit_directions(found.both.design.states, one.group.joints)
     units = list(effect.parameters.values())[:count]
     alike = len(units) == count and len(set(units)) == 1
     if count == 1 or not (Trait.PERIODIC in effect.traits or alike):
@@ -171,7 +171,7 @@ def conclude(
         contradictions=contradictions,
         drift=_drift(found),
         edit=None if faulty else edit,
-        bodies=made.moved,
+        bodies=made.correction,
         frames=Frames.of(robot),
         changes=tuple(values_that_changed(*epochs, found)),
     )
@@ -259,7 +259,7 @@ def _unexplained(found: ChangeSearch, rest: Residuals) -> Unexplained:
 
 def _drift(found: ChangeSearch) -> Drift | None:
     warm = found.warmth
-    if not warm.told:
+    if not warm.significant:
         return None
     moved = np.nan_to_num(warm.each) * np.sign(warm.factor)
     joints = np.flatnonzero(moved > MOVED * abs(warm.factor))
@@ -283,17 +283,17 @@ def _warnings(found: ChangeSearch, same_run: bool) -> tuple[str, ...]:
         group = change.contrast.candidate.group
         where = "".join(f" J{j + 1}" for j in group.joints)
         out.append(
-            f"{group.effect.name}{where} is refuted by the held-out logs, where the "
-            "error is higher with it"
+            f"{group.effect.name}{where} is refuted by the held-out logs: the error "
+            "is higher with it"
         )
     out += [
-        f"{change.contrast.candidate.group.effect.name} is not named: no body can be "
-        "what the logs make of it"
+        f"{change.contrast.candidate.group.effect.name} is not named: the logs "
+        "give a physically impossible body for it"
         for change in found.bodiless
     ]
     dead = [j for j in range(found.both.design.dof) if j not in found.both.live]
     out += [
-        f"joint {j + 1} hardly moves in one of the epochs: nothing can be said of it"
+        f"joint {j + 1} hardly moves in one of the epochs and is not compared"
         for j in dead
     ]
     return tuple(out)
@@ -321,6 +321,6 @@ def clouds(found: ChangeSearch, rest: Residuals) -> tuple[Cloud, ...]:
             x = design.stacked(per_log)[j][second]
         ids = np.array([t.id.split("/", 1)[-1] for t in design.tracks])
         log = ids[joint.layout.log[second].astype(int)]
-        left = rest.left[j][second] + torque
+        left = rest.residuals[j][second] + torque
         out.append(Cloud(group.effect.name, j + 1, label, x, left, torque, log))
     return tuple(out)

@@ -88,7 +88,7 @@ def augmented_model(
     terms, count = made.model.terms, len(rough.terms)
     rough, changed = replace(made.model, terms=terms[:count]), terms[count:]
     model = replace(_with_tables(rough, nominal), standstill=like.standstill)
-    if found.warmth.told:
+    if found.warmth.significant:
         factor = 1.0 + _friction_factors(found, fitted, there)
         model = replace(
             model,
@@ -135,7 +135,7 @@ def _friction_factors(
         left = design.residual(j, fitted.ids, fitted.theta)[second] - there[j][second]
         f = both.friction[j][second]
         weight = found.table.noise.weight[j]
-        before = 1 / warm.own[j] ** 2
+        before = 1 / warm.per_joint[j] ** 2
         out[j] = (before * common + weight * (f @ left)) / (before + weight * (f @ f))
     return out
 

@@ -106,10 +106,10 @@ class Warmth:
     std: float  # its standard deviation
     each: Array  # the same of every joint that has friction to tell. Shape (dof,), NaN
     spread: float  # by how much joints and logs differ in it, a standard deviation
-    own: Array  # the same of every joint, by the first epoch's logs too, (dof,)
+    per_joint: Array  # the same of every joint, by the first epoch's logs too, (dof,)
 
     @property
-    def told(self) -> bool:
+    def significant(self) -> bool:
         """Whether it is beyond chance."""
         return abs(self.factor) > TOLD * self.std
 
@@ -120,7 +120,7 @@ class NuisanceFit:
 
     joints: Mapping[int, JointRows]  # the joints in both epochs, by number from 0
     first: Mapping[int, JointRows]  # the same in the first epoch alone
-    fit_warmth: Warmth  # how the friction of all of them moved together
+    warmth: Warmth  # how the friction of all of them moved together
 
 
 def fit_warmth(
@@ -223,12 +223,12 @@ def project_joints(both: EpochRows, groups: Sequence[Group]) -> "NuisanceFit":
         # The same freedom of torque for every column.
         firm = noise[j] / (rules.nuisance_torque_share * design.rms[j]) ** 2
         held[j] = firm * (shared[j] ** 2).mean(axis=0)
-        plain[j] = JointRows(shared[j], both.left[j], both.layout[j], held[j])
+        plain[j] = JointRows(shared[j], both.residuals[j], both.layout[j], held[j])
     warm = fit_warmth(both, plain, shared)
     joints, first = {}, {}
     for j in plain:
         layout, f = both.layout[j], both.friction[j]
-        y = both.left[j] - warm.factor * f * layout.second
+        y = both.residuals[j] - warm.factor * f * layout.second
         own, firm = _friction_by_log(both, j, noise[j], warm)
         columns, firm = np.hstack([shared[j], own]), np.concatenate([held[j], firm])
         joints[j] = JointRows(columns, y, layout, firm)
@@ -270,7 +270,7 @@ def _friction_by_log(
     epoch = np.column_stack([f, np.abs(f)]) * layout.second[:, None]
     columns = [f[:, None] * own, (f * ramp)[:, None] * own, epoch]
     rules, count = both.rules, len(logs)
-    moved, spread = abs(warm.factor), float(warm.own[j])
+    moved, spread = abs(warm.factor), float(warm.per_joint[j])
     sd = [spread] * count + [rules.ramp_share + 0.2 * moved] * count
     sd += [spread, rules.asymmetry_share * (moved + spread)]
     if both.changed:

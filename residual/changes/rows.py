@@ -51,19 +51,19 @@ class EpochRows:
     logs: Logs  # all logs, those of the first epoch first
     first: int  # number of logs of the first epoch
     shared: Array  # column numbers of the nuisance, the nominal model's among them
-    known: tuple[Group, ...]  # its effects beside the nominal model's
+    common: tuple[Group, ...]  # its effects beside the nominal model's
     # Those of its effects, last among the columns, that go by the torque that a gear
     # carries.
     loaded: tuple[Group, ...]
     # Torque that the joint fit leaves of each joint [N m], (rows,).
-    left: tuple[Array, ...]
+    residuals: tuple[Array, ...]
     # Torque of all friction of the joint fit on each joint's rows [N m].
     friction: tuple[Array, ...]
     layout: tuple[Layout, ...]  # of each joint
     blocks: int  # number of blocks
     rules: ChangeThresholds  # thresholds
     fitted: Fit  # the joint fit of one arm to both epochs
-    seen: Model  # the same as a model
+    model: Model  # the same as a model
     prior: Prior  # of its nominal coefficients
     # Torque on each joint of what is known to have changed on all of them [N m], on
     # rows of the second epoch. Shapes (rows,); empty without one.
@@ -90,7 +90,7 @@ class JointFit:
 
     design: Design  # the columns
     fitted: Fit  # the fit
-    known: tuple[Group, ...]  # its effects beside the nominal model's
+    common: tuple[Group, ...]  # its effects beside the nominal model's
     prior: Prior  # of the nominal coefficients
 
 
@@ -124,7 +124,7 @@ def both_epochs(
         nominal: The model that the arm is said to have, adopted effects included.
     """
     joint = joint_fit(logs, nominal, (LOOSE,))
-    design, fitted, known = joint.design, joint.fitted, joint.known
+    design, fitted, known = joint.design, joint.fitted, joint.common
     seen = as_model(nominal, fitted)
     design.show_torque(seen)
     layout, blocks = _layout(logs, first, design, rules.block_seconds)
@@ -134,15 +134,15 @@ def both_epochs(
         logs=logs,
         first=first,
         shared=np.concatenate(ids),
-        known=tuple(known),
+        common=tuple(known),
         loaded=tuple(g for g in known if Trait.USES_MODEL in g.effect.traits),
-        left=_residuals(design, fitted),
+        residuals=_residuals(design, fitted),
         friction=_friction(design, fitted, nominal, known),
         layout=layout,
         blocks=blocks,
         rules=rules,
         fitted=fitted,
-        seen=seen,
+        model=seen,
         prior=joint.prior,
     )
 
@@ -165,7 +165,7 @@ def after_change(
     wide = [(g, theta) for g, theta in changed if g.effect.scope != "local"]
     every = [own.second * _torque(design, j, wide) for j, own in enumerate(both.layout)]
     return replace(
-        both, left=_residuals(design, fitted), changed=tuple(every) if wide else ()
+        both, residuals=_residuals(design, fitted), changed=tuple(every) if wide else ()
     )
 
 
@@ -184,7 +184,7 @@ def fit_without(
     )
     target = [y - x for y, x in zip(design.target, there, strict=True)]
     left = design.with_target(target)
-    return left, _fit(left, both.prior, both.known), there
+    return left, _fit(left, both.prior, both.common), there
 
 
 def _torque(design: Design, j: int, changed: Sequence[tuple[Group, Array]]) -> Array:
@@ -208,22 +208,22 @@ def _with_changed_loads(
     ]
     bodies = [t for t in terms if t.effect.carries == "body"]
     others = [t for t in terms if t.effect.carries != "body"]
-    body = replace(both.seen, terms=tuple(bodies)).loaded()
-    seen = replace(both.seen, inertial=body, terms=(*both.seen.terms, *others))
+    body = replace(both.model, terms=tuple(bodies)).loaded()
+    seen = replace(both.model, inertial=body, terms=(*both.model.terms, *others))
     both.design.show_states(
         [
-            (both.seen if i < both.first else seen).observe(track)
+            (both.model if i < both.first else seen).observe(track)
             for i, track in enumerate(both.logs.tracks)
         ]
     )
     old = set(both.loaded)
-    plain = [g for g in both.known if g not in old]
+    plain = [g for g in both.common if g not in old]
     loaded = both.design.add([g.placed for g in both.loaded])
     ids = [both.design.nominal, *(g.ids for g in (*plain, *loaded))]
     return replace(
         both,
         shared=np.concatenate(ids),
-        known=(*plain, *loaded),
+        common=(*plain, *loaded),
         loaded=tuple(loaded),
     )
 

@@ -36,7 +36,7 @@ class Residuals:
     """What remains of each joint after everything that is named."""
 
     # What is left, by row; None for a joint that is not looked at.
-    left: tuple[Array | None, ...]
+    residuals: tuple[Array | None, ...]
     # Of the second epoch beyond the first, as a share of torque rms, (dof,).
     share: Array
     floor: Array  # what the first epoch leaves, likewise, (dof,)
@@ -155,7 +155,7 @@ def strongest_variable(
     """
     joint, design = found.table.joints[j], found.both.design
     second = joint.layout.second
-    y = rest.left[j][second]
+    y = rest.residuals[j][second]
     best: tuple[str, int, float] | None = None
     for name in ("q", "qd", "qdd", "tau_model"):
         for of in range(design.dof):

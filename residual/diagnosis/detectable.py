@@ -33,9 +33,13 @@ class DetectionModel:
     systems: tuple[System, ...]
     inverses: Array  # posterior covariances of those, (priors, m, m)
     scores: tuple[float, ...]  # evidence of the fit under each prior [nats]
-    others: Array  # covariance under the chosen prior without each fold, (folds, m, m)
+    fold_covariances: (
+        Array  # covariance under the chosen prior without each fold, (folds, m, m)
+    )
     grams: Array  # gram of the fit on each fold, (folds, dof, m, m)
-    left: Array  # squared error of all folds, each predicted from the others, (dof,)
+    left_out: (
+        Array  # squared error of all folds, each predicted from the others, (dof,)
+    )
 
     @classmethod
     def of(cls, task: Task, fitted: Fit, priors: Sequence[Prior]) -> "DetectionModel":
@@ -74,10 +78,10 @@ class ExpectedEffect:
     fall: Array
     bent: Array  # prior energy of that refit under each prior, (priors,)
     occam: Array  # occam factor of its coefficients under each prior [nats], (priors,)
-    held: float  # its own prior energy
+    prior_energy: float  # its own prior energy
     # Squared error that it adds to each fold predicted from the others, under the
     # chosen prior, (folds, dof).
-    out: Array
+    fold_errors: Array
     torque: Array  # its own mean square torque, in shares of rms squared, (dof,)
     count: int  # number of its coefficients
     cost: float  # price of the choice [nats]
@@ -98,7 +102,7 @@ def expect_effect(
     bends = moved.transpose(0, 2, 1) @ precisions @ moved
     known = np.tensordot(falls, weight, (1, 0)) + bends
     log_det = np.linalg.slogdet(known + group.precision)[1]
-    without = bench.others @ (pull - np.tensordot(mixed, weight, (1, 0)))
+    without = bench.fold_covariances @ (pull - np.tensordot(mixed, weight, (1, 0)))
     outs = _added_error(bench.grams, own, mixed, without[:, None])
     occam = 0.5 * np.maximum(log_det - group.log_det, 0.0)
     return [
@@ -106,8 +110,8 @@ def expect_effect(
             fall=_quadratic_form(falls, u),
             bent=np.einsum("k,pkl,l->p", u, bends, u),
             occam=occam,
-            held=float(u @ group.precision @ u),
-            out=_quadratic_form(outs, u),
+            prior_energy=float(u @ group.precision @ u),
+            fold_errors=_quadratic_form(outs, u),
             torque=_quadratic_form(every, u) / design.rows / design.rms**2,
             count=len(group.ids),
             cost=task.candidates.cost(group),
@@ -134,7 +138,7 @@ def is_detected(bench: DetectionModel, one: ExpectedEffect, sizes: Array) -> Arr
     rise = np.log1p(fall / np.maximum(fitted.sse, 1e-300))
     spared = 0.5 * square * one.bent
     lost = 0.5 * rise @ fitted.counted + spared  # by the fit without it
-    paid = one.occam + 0.5 * square * one.held - 0.5 * one.count
+    paid = one.occam + 0.5 * square * one.prior_energy - 0.5 * one.count
     net = lost - paid - one.cost
     scores = np.array(bench.scores)
     named = scores - paid - one.cost - THRESHOLDS.nats_per_name
@@ -168,13 +172,13 @@ def _confirmed(bench: DetectionModel, one: ExpectedEffect, square: Array) -> Arr
     acts = one.torque > 0
     # What its coefficients catch of the noise makes it predict worse.
     caught = one.count / max(acts.sum(), 1) * fitted.sse / fitted.counted
-    fall = np.maximum(square * one.out.sum(axis=0) - acts * caught, 0)
+    fall = np.maximum(square * one.fold_errors.sum(axis=0) - acts * caught, 0)
     power = np.maximum(design.tau_power.sum(axis=0), 1e-30)
-    share = fall / np.maximum(bench.left + fall, 1e-300)
+    share = fall / np.maximum(bench.left_out + fall, 1e-300)
     enough = rules.lower(np.sqrt(fall / power), share)
     # A fold is better with it by a normal chance of this many standard deviations.
-    sure = np.sqrt(square[..., None] * np.maximum(one.out, 0) * bench.weight)
-    folds = one.out > 1e-3 * np.maximum(one.out.max(axis=0), 1e-300)
+    sure = np.sqrt(square[..., None] * np.maximum(one.fold_errors, 0) * bench.weight)
+    folds = one.fold_errors > 1e-3 * np.maximum(one.fold_errors.max(axis=0), 1e-300)
     better = np.where(folds, ndtr(0.5 * sure), 0).sum(axis=1)
     better = better / np.maximum(folds.sum(axis=0), 1)
     return np.any(
@@ -470,8 +474,8 @@ def directions(bench: DetectionModel, group: Group) -> list[Array]:
     one vector come in any direction; of others the first coefficient is the size.
     """
     effect, count = group.effect, len(group.ids)
-    if effect.usual is not None:
-        return effect.usual(bench.task.design.states, group.joints)
+    if effect.unit_directions is not None:
+        return effect.unit_directions(bench.task.design.states, group.joints)
     if not _one_vector(effect, group):
         return [np.eye(count)[0]]
     every = [np.array(u, dtype=float) for u in product((-1, 0, 1), repeat=count)]

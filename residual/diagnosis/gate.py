@@ -29,7 +29,7 @@ class GateResult:
     share: float  # part of that joint's left-out error which it removes
     # The joint (from 0) whose left-out error falls most. Without the name the
     # parameters bend, and that may show elsewhere.
-    seen: int
+    shown_joint: int
 
 
 def left_out_errors(task: Task, fitted: Fit) -> Array:

@@ -51,41 +51,41 @@ class HeldOutResult:
 
 
 def validate_names(
-    examined: SearchOutcome, held_out: Sequence[HeldOutLog]
+    outcome: SearchOutcome, held_out: Sequence[HeldOutLog]
 ) -> HeldOutResult:
     """Drop each name alone, refit the rest on the fit logs, predict the held-out logs.
 
     The worst refuted name goes first, then all are judged again.
     """
-    tested, refuted, dropped = list(examined.tested), [], []
-    fitted = examined.fit
+    tested, refuted, dropped = list(outcome.tested), [], []
+    fitted = outcome.fit
     while True:
-        gains = _held_out_gains(examined, fitted, tested, held_out)
+        gains = _held_out_gains(outcome, fitted, tested, held_out)
         if not gains or min(gains) >= 0:
             kept = tuple(zip(tested, gains, strict=True))
             return HeldOutResult(fitted, kept, tuple(refuted), tuple(dropped))
         worst = int(np.argmin(gains))
         refuted.append((tested.pop(worst), gains[worst]))
-        fitted = refit(examined, tested)
-        task, members = examined.task, fitted.members
+        fitted = refit(outcome, tested)
+        task, members = outcome.task, fitted.members
         alone = [t for t in tested if t.nats < needed_nats(task, members, t.group)]
         if alone:
             tested = [t for t in tested if t not in alone]
             dropped += alone
-            fitted = refit(examined, tested)
+            fitted = refit(outcome, tested)
 
 
 def drop_names(
-    examined: SearchOutcome, judged: HeldOutResult, gone: Sequence[GateResult]
+    outcome: SearchOutcome, validation: HeldOutResult, gone: Sequence[GateResult]
 ) -> HeldOutResult:
     """Return the verdicts without some of the kept names, the rest refitted."""
-    kept = tuple((t, gain) for t, gain in judged.kept if t not in gone)
-    return replace(judged, fit=refit(examined, [t for t, _ in kept]), kept=kept)
+    kept = tuple((t, gain) for t, gain in validation.kept if t not in gone)
+    return replace(validation, fit=refit(outcome, [t for t, _ in kept]), kept=kept)
 
 
 def find_harmful(
-    examined: SearchOutcome,
-    judged: HeldOutResult,
+    outcome: SearchOutcome,
+    validation: HeldOutResult,
     held_out: Sequence[HeldOutLog],
     company: Sequence[GateResult],
 ) -> list[tuple[GateResult, str]]:
@@ -96,17 +96,17 @@ def find_harmful(
     single joint that gets worse is said, and no reason: of names that fell by it all
     were true (docs/benchmarks.md).
     """
-    alone = [t for t, _ in judged.kept if t not in company]
+    alone = [t for t, _ in validation.kept if t not in company]
     if not alone:
         return []
-    after = examined.error(judged.fit, held_out).sum(axis=1)
-    before = examined.error(examined.plain, held_out).sum(axis=1)
+    after = outcome.error(validation.fit, held_out).sum(axis=1)
+    before = outcome.error(outcome.plain, held_out).sum(axis=1)
     larger = rise(after, before)
     if not larger:
         return []
 
     def left(one: GateResult) -> float:
-        return examined.error(drop_names(examined, judged, [one]).fit, held_out).sum()
+        return outcome.error(drop_names(outcome, validation, [one]).fit, held_out).sum()
 
     why = f"it raises the held-out error over all joints by {100 * larger:.0f} %"
     return [(min(alone, key=left), f"withdrawn: {why}")]
@@ -120,36 +120,36 @@ def describe_gain(gain: float) -> str:
 
 
 def three_models(
-    examined: SearchOutcome, judged: HeldOutResult
+    outcome: SearchOutcome, validation: HeldOutResult
 ) -> tuple[dict[str, Model], PossibleModel]:
     """The three models, and the bodies of the last.
 
     Identified and augmented differ by nothing but the effects.
     """
-    bodies = examined.model(judged.fit if judged.kept else examined.plain)
+    bodies = outcome.model(validation.fit if validation.kept else outcome.plain)
     identified = augmented = bodies.model
-    if judged.kept:
-        identified = examined.model(examined.plain, like=augmented).model
-    models = {"nominal": examined.nominal.model, "identified": identified}
+    if validation.kept:
+        identified = outcome.model(outcome.plain, like=augmented).model
+    models = {"nominal": outcome.nominal.model, "identified": identified}
     return models | {"augmented": augmented}, bodies
 
 
-def describe_unproven(examined: SearchOutcome, augmented: Errors) -> list[str]:
+def describe_unproven(outcome: SearchOutcome, augmented: Errors) -> list[str]:
     """Sentences on joints of which the logs prove nothing, or less than it seems."""
     out = []
-    design, tracks = examined.task.design, examined.logs.tracks
+    design, tracks = outcome.task.design, outcome.logs.tracks
     every = sum(int(t.inner.sum()) for t in tracks)
-    fit = np.sqrt(examined.fit.sse / design.rows) / design.rms
+    fit = np.sqrt(outcome.fit.sse / design.rows) / design.rms
     held = augmented.per_joint("moving") / 100
     for j in range(design.dof):
-        if j in examined.logs.too_small:
+        if j in outcome.logs.too_small:
             out.append(
-                f"joint {j + 1}: its torque is little more than its step or noise, too "
-                "small to say anything of it"
+                f"joint {j + 1}: its torque is close to its resolution or noise, too "
+                "small to diagnose"
             )
         elif design.rows[j] < THRESHOLDS.standing_row_share * every:
             out.append(
-                f"joint {j + 1} hardly moves in the fit logs: nothing can be said of it"
+                f"joint {j + 1} hardly moves in the fit logs and is not diagnosed"
             )
         elif held[j] > max(
             THRESHOLDS.held_out_error_ratio * fit[j], THRESHOLDS.held_out_error_share
@@ -164,7 +164,7 @@ def describe_unproven(examined: SearchOutcome, augmented: Errors) -> list[str]:
 
 
 def _held_out_gains(
-    examined: SearchOutcome,
+    outcome: SearchOutcome,
     fitted: Fit,
     tested: Sequence[GateResult],
     held_out: Sequence[HeldOutLog],
@@ -173,36 +173,36 @@ def _held_out_gains(
 
     Only joints count on which it acts, or on which it shows.
     """
-    with_all = examined.error(fitted, held_out)
-    rms, out = examined.task.design.rms, []
+    with_all = outcome.error(fitted, held_out)
+    rms, out = outcome.task.design.rms, []
     for one in tested:
-        rest = refit(examined, [t for t in tested if t is not one])
-        less = examined.error(rest, held_out)
+        rest = refit(outcome, [t for t in tested if t is not one])
+        less = outcome.error(rest, held_out)
         fall = _error_fall(one, with_all, less, rms)
         if fall < THRESHOLDS.confirmed_gain and (
-            stiff := _at_nominal(examined, tested, one)
+            stiff := _at_nominal(outcome, tested, one)
         ):
             # The refit imitates it: then it is held against the value as given.
-            fall = _error_fall(one, with_all, examined.error(stiff, held_out), rms)
+            fall = _error_fall(one, with_all, outcome.error(stiff, held_out), rms)
         out.append(round(fall, ROUND))
     return out
 
 
 def _at_nominal(
-    examined: SearchOutcome, tested: Sequence[GateResult], one: GateResult
+    outcome: SearchOutcome, tested: Sequence[GateResult], one: GateResult
 ) -> Fit | None:
     """The fit without a wrong value, that value and no other held as it was given.
 
     Of a body all bodies are held: its neighbours would say what it may not. None where
     the name is no value that the model has.
     """
-    held = given_slots(examined.nominal.model, one.group)
+    held = given_slots(outcome.nominal.model, one.group)
     if not len(held):
         return None
-    task = examined.task
+    task = outcome.task
     members = [t.group for t in tested if t is not one]
     stiff = replace(task, prior=with_held(task.prior, held))
-    return stiff.settle(stiff.fit(members, examined.fit, rounds=4))
+    return stiff.settle(stiff.fit(members, outcome.fit, rounds=4))
 
 
 def _error_fall(one: GateResult, with_it: Array, without: Array, rms: Array) -> float:
@@ -212,7 +212,7 @@ def _error_fall(one: GateResult, with_it: Array, without: Array, rms: Array) -> 
     none, and neither is a fall where the name only spares the parameters.
     """
     effect, dof = one.group.effect, len(rms)
-    joints = sorted({*effect.rows(one.group.joints, dof), one.seen})
+    joints = sorted({*effect.rows(one.group.joints, dof), one.shown_joint})
     a, b = ((e / rms**2)[:, joints].sum(axis=1) for e in (with_it, without))
     change = b - a
     if change.sum() < 0:
@@ -335,7 +335,7 @@ def check_adoption(
         InputError: If there is no log.
     """
     if not held_out:
-        raise InputError("No held-out log: a model is judged by motion unseen by it.")
+        raise InputError("No held-out log given to test the model on.")
     logs = prepare_held_out(held_out, model)
     after, then = moving_error(model, logs), moving_error(before, logs)
     power = moving_power(logs)
@@ -355,7 +355,7 @@ def check_adoption(
     ]
     doubts += [e.doubt for e in effects if e.doubt]
     if effects and all(e.part is None for e in effects):
-        doubts.append("held-out motion shows none of what is new in it")
+        doubts.append("held-out motion shows none of its new effects")
     return AdoptionCheck(*figures, effects, tuple(doubts))
 
 
@@ -368,7 +368,7 @@ def _no_better(after: Array, before: Array) -> list[str]:
     factor = float(np.sqrt(after.sum() / max(before.sum(), 1e-30)))
     return [
         f"the error on held-out motion is {factor:.2f} times that of the model before, "
-        "which is no clear fall"
+        "no significant improvement"
     ]
 
 

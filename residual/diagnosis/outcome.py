@@ -102,13 +102,13 @@ def examine(
         selection = select(PriorSpace(design, again), everything, rules, searching)
         selection = replace(selection, wide=wide)
     progress("gate", 0.0)
-    examined = _tested(logs, nominal, selection)
+    outcome = _tested(logs, nominal, selection)
     progress("gate", 1.0)
-    return examined
+    return outcome
 
 
 def search_again(
-    examined: SearchOutcome, fallen: Sequence[Group], kin: Sequence[Group]
+    outcome: SearchOutcome, fallen: Sequence[Group], kin: Sequence[Group]
 ) -> SearchOutcome:
     """Search the same logs again without some names; every other one is tested anew.
 
@@ -119,14 +119,14 @@ def search_again(
         examined: The diagnosis so far; its prior is kept.
         fallen: What may not be named any more.
     """
-    first = examined.start.task
+    first = outcome.start.task
     task = replace(first, candidates=first.candidates.barring(fallen, kin))
     gone = {(g.effect.name, g.joints) for g in fallen}
-    members = examined.fit.members
+    members = outcome.fit.members
     left = [g for g in members if (g.effect.name, g.joints) not in gone]
-    left = task.settle(task.fit(left, examined.start.fit, rounds=4))
-    selection = replace(examined.start, task=task, fit=left)
-    return _tested(examined.logs, examined.nominal, selection, examined.constants)
+    left = task.settle(task.fit(left, outcome.start.fit, rounds=4))
+    selection = replace(outcome.start, task=task, fit=left)
+    return _tested(outcome.logs, outcome.nominal, selection, outcome.constants)
 
 
 def _tested(
@@ -176,7 +176,7 @@ def _tested(
 
 
 def with_constants(
-    examined: SearchOutcome, fitted: Fit
+    outcome: SearchOutcome, fitted: Fit
 ) -> tuple[SearchOutcome, list[GateResult]]:
     """The diagnosis with the constants that pay among its effects.
 
@@ -186,14 +186,14 @@ def with_constants(
     Returns:
         The diagnosis on the model as it was declared, and the constants as names.
     """
-    if not examined.nominal.constants:
-        return replace(examined, fit=fitted), []
+    if not outcome.nominal.constants:
+        return replace(outcome, fit=fitted), []
     named = constants.as_effects(
-        examined.task, examined.nominal, examined.wide, examined.constants
+        outcome.task, outcome.nominal, outcome.wide, outcome.constants
     )
     task, groups = named.task, named.groups
     full = task.settle(task.fit((*fitted.members, *groups), fitted, rounds=4))
-    logs, nominal = examined.logs, named.nominal
+    logs, nominal = outcome.logs, named.nominal
     enough = _adequacy(logs, nominal, task.design, (full, full))
     # On noise that is noise evidence counts, of constants too.
     own = [
@@ -208,10 +208,10 @@ def with_constants(
         full = task.settle(task.fit(members, fitted, rounds=4))
     plain = task.settle(task.fit((), full, rounds=4))
     enough = _adequacy(logs, nominal, task.design, (plain, full))
-    known = (*examined.tested, *own)
+    known = (*outcome.tested, *own)
     return (
         replace(
-            examined,
+            outcome,
             task=task,
             nominal=named.nominal,
             wide=named.wide,
@@ -224,7 +224,7 @@ def with_constants(
     )
 
 
-def predictive(examined: SearchOutcome) -> SearchOutcome:
+def predictive(outcome: SearchOutcome) -> SearchOutcome:
     """The same names with the scale of the bodies that predicts left-out parts best.
 
     Evidence compares scales as if noise were all that is left; on a measured arm it is
@@ -232,27 +232,27 @@ def predictive(examined: SearchOutcome) -> SearchOutcome:
     left-out error, in units of each joint's own, by ``scale_gain_share`` or more, the
     parameters are fitted at the best of them.
     """
-    if examined.logs.robot.prior_scale is not None:
-        return examined
-    task, fitted = examined.task, examined.fit
+    if outcome.logs.robot.prior_scale is not None:
+        return outcome
+    task, fitted = outcome.task, outcome.fit
     weight = 1 / fitted.variance / task.design.rows
     best, least = None, left_out_errors(task, fitted).sum(axis=0) @ weight
     least *= (1 - THRESHOLDS.scale_gain_share) ** 2
     for scale in OF_NAMES:
         widths = task.prior.widths
-        prior = relative_prior(task.design, examined.nominal, scale, widths)
+        prior = relative_prior(task.design, outcome.nominal, scale, widths)
         other = replace(task, prior=prior)
         fit_there = other.settle(other.fit(fitted.members, fitted, rounds=4))
         left = left_out_errors(other, fit_there).sum(axis=0) @ weight
         if left < least:
             best, least = (other, fit_there), left
     if best is None:
-        return examined
+        return outcome
     task, fitted = best
     plain = task.settle(task.fit((), fitted, rounds=4))
-    enough = _adequacy(examined.logs, examined.nominal, task.design, (plain, fitted))
-    wide = max(examined.wide, task.prior, key=lambda prior: prior.scale)
-    changed = replace(examined, task=task, wide=wide, plain=plain)
+    enough = _adequacy(outcome.logs, outcome.nominal, task.design, (plain, fitted))
+    wide = max(outcome.wide, task.prior, key=lambda prior: prior.scale)
+    changed = replace(outcome, task=task, wide=wide, plain=plain)
     return replace(changed, fit=fitted, adequacy=enough)
 
 
@@ -320,35 +320,35 @@ def _resembles(tested: GateResult, enough: Adequacy) -> bool:
     return any(tested.fall < enough.structured[j] for j in doubted)
 
 
-def _refitted(examined: SearchOutcome, fitted: Fit, rough: Model) -> PossibleModel:
+def _refitted(outcome: SearchOutcome, fitted: Fit, rough: Model) -> PossibleModel:
     """Coefficients that go with a model's standstill and its own torque.
 
     A wide standstill changes friction on slow moving rows too, and features such as
     load friction read the model's torque: both are settled by one more fit.
     """
-    nominal, tracks = examined.nominal, examined.logs.tracks
+    nominal, tracks = outcome.nominal, outcome.logs.tracks
     base = replace(nominal.model, standstill=rough.standstill)
     design = Design(tracks, base, seen_with=rough)
     members = design.add([g.placed for g in fitted.members])
-    final = fit(design, examined.task.prior, members, fitted.counted, fitted.variance)
+    final = fit(design, outcome.task.prior, members, fitted.counted, fitted.variance)
     model = as_model(replace(nominal, model=base), final)
     return with_possible_bodies(design, final, model)
 
 
-def without_refuted(examined: SearchOutcome, fitted: Fit) -> SearchOutcome:
+def without_refuted(outcome: SearchOutcome, fitted: Fit) -> SearchOutcome:
     """The diagnosis with fewer names: what remains is measured anew."""
-    if len(fitted.members) == len(examined.fit.members):
-        return examined
-    fits = examined.plain, fitted
-    design = examined.task.design
-    enough = _adequacy(examined.logs, examined.nominal, design, fits)
-    return replace(examined, fit=fitted, adequacy=enough)
+    if len(fitted.members) == len(outcome.fit.members):
+        return outcome
+    fits = outcome.plain, fitted
+    design = outcome.task.design
+    enough = _adequacy(outcome.logs, outcome.nominal, design, fits)
+    return replace(outcome, fit=fitted, adequacy=enough)
 
 
-def refit(examined: SearchOutcome, tested: Sequence[GateResult]) -> Fit:
+def refit(outcome: SearchOutcome, tested: Sequence[GateResult]) -> Fit:
     """Fit again with some of the names only."""
-    task = examined.task
+    task = outcome.task
     members = [t.group for t in tested]
     return task.settle(
-        fit(task.design, task.prior, members, examined.fit.counted, None, rounds=4)
+        fit(task.design, task.prior, members, outcome.fit.counted, None, rounds=4)
     )

@@ -126,7 +126,7 @@ def collect(
     price = {k: float(np.log(len(variants)) + np.log(n)) for k, n in variants.items()}
     # A model that lacks all that every drive has must gain it in one step, since each
     # alone leaves a residual in which the others cannot be seen.
-    usual = [g for g in together if g.effect.usual_in_every_drive]
+    usual = [g for g in together if g.effect.drive_order]
     for count in range(2, len(usual) + 1):
         for some in combinations(usual, count):
             parts = [part for g in some for part in g.parts]
@@ -478,5 +478,5 @@ def needed_nats(task: Task, members: Sequence[Group], group: Group) -> float:
     name = group.effect.name
     fellows = [g for g in members if g.fellows > 1 and g.effect.name == name]
     enough = group in fellows and len(fellows) >= max(2, task.design.dof / 2)
-    low = -task.rules.min_nats if group.effect.usual_in_every_drive else 0.0
+    low = -task.rules.min_nats if group.effect.drive_order else 0.0
     return low if enough else task.rules.min_nats

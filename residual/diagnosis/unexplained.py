@@ -108,7 +108,7 @@ def joint_leftovers(
             x, drawn = found[0].variable.values, found[0].fitted
             label = found[0].variable.label
         elif wave is not None:
-            y = line.left
+            y = line.residual
             x, drawn = _folded(line, wave.frequency)
             label = f"turns of {wave.frequency:.3g} Hz"
         names = np.array([t.id for t in tracks])
@@ -179,10 +179,10 @@ def _folded(line: TimeLine, frequency: float) -> tuple[Array, Array]:
     turns = line.t * frequency
     for log in np.unique(line.log):
         own = line.log == log
-        wave = line.left[own] @ np.exp(2j * np.pi * turns[own])
+        wave = line.residual[own] @ np.exp(2j * np.pi * turns[own])
         turns[own] -= np.angle(wave) / (2 * np.pi)
     wave = np.cos(2 * np.pi * turns)
-    return turns % 1, wave * (wave @ line.left) / (wave @ wave)
+    return turns % 1, wave * (wave @ line.residual) / (wave @ wave)
 
 
 def _stack(tracks: Sequence[Track], j: int, lines: Sequence[Array]) -> Array:
@@ -279,11 +279,11 @@ class LeftoverAnalysis:
 
 
 def examine_leftover(
-    examined: SearchOutcome, fitted: Fit, augmented: Model
+    outcome: SearchOutcome, fitted: Fit, augmented: Model
 ) -> LeftoverAnalysis:
     """Look at what the names leave on the fit logs; nothing held out has a part."""
-    told, tracks = examined.adequacy, examined.logs.sketch
-    found = joint_leftovers(examined.task.design, tracks, fitted, told)
+    told, tracks = outcome.adequacy, outcome.logs.sketch
+    found = joint_leftovers(outcome.task.design, tracks, fitted, told)
     made = fit_correction(augmented, tracks, found)
     sentences = ()
     if made is not None and made.helpless:

@@ -42,14 +42,14 @@ class _Values:
     added: Array
 
 
-def compare_values(examined: SearchOutcome, fitted: Fit) -> tuple[Change, ...]:
+def compare_values(outcome: SearchOutcome, fitted: Fit) -> tuple[Change, ...]:
     """Return every value that the model was given, and what the logs make of it."""
-    asked = [*_drive_values(examined, fitted), *_body_values(examined, fitted)]
+    asked = [*_drive_values(outcome, fitted), *_body_values(outcome, fitted)]
     every = sum(len(a.names) for a in asked)
     if not every:
         return ()
     sure = -float(ndtri(THRESHOLDS.value_change_chance / every / 2))
-    state = _Covariances.of(examined, fitted)
+    state = _Covariances.of(outcome, fitted)
     return tuple(c for a in asked for c in _value_changes(state, a, sure))
 
 
@@ -63,8 +63,8 @@ class _Covariances:
     between: Array
 
     @classmethod
-    def of(cls, examined: SearchOutcome, fitted: Fit) -> "_Covariances":
-        task = examined.task
+    def of(cls, outcome: SearchOutcome, fitted: Fit) -> "_Covariances":
+        task = outcome.task
         before = np.zeros((len(fitted.ids), len(fitted.ids)))
         p = len(task.design.nominal)
         before[:p, :p] = scaled_inverse(task.prior.precision)
@@ -109,16 +109,16 @@ def _value_changes(
         )
 
 
-def _drive_values(examined: SearchOutcome, fitted: Fit) -> list[_Values]:
+def _drive_values(outcome: SearchOutcome, fitted: Fit) -> list[_Values]:
     """Declared values, those of the same joints together."""
-    nominal = examined.nominal
+    nominal = outcome.nominal
     terms, given = zip(*nominal.declared, strict=True) if nominal.declared else ((), ())
     placed = with_slots(terms, len(nominal.model.inertial))
     together: dict[tuple, list] = {}
     for (term, own), width in zip(placed, given, strict=True):
         if width is not None:
             together.setdefault(term.joints, []).append((term, own))
-    robot = examined.logs.robot
+    robot = outcome.logs.robot
     return [_joint_values(robot, fitted, terms) for terms in together.values()]
 
 
@@ -156,11 +156,11 @@ def _findings_of(fitted: Fit, effect: Effect, term: Term) -> list[Array]:
     ]
 
 
-def _body_values(examined: SearchOutcome, fitted: Fit) -> list[_Values]:
+def _body_values(outcome: SearchOutcome, fitted: Fit) -> list[_Values]:
     """What the motion of the arm can tell of its body at all, sum by sum."""
-    robot = examined.logs.robot
+    robot = outcome.logs.robot
     base = base_parameters(robot.model)
-    inertial = examined.nominal.model.inertial
+    inertial = outcome.nominal.model.inertial
     size = np.sqrt(base.mapping**2 @ inertial_sd(robot) ** 2)
     added = np.zeros((len(base), len(fitted.ids)))
     added[:, : len(inertial)] = base.mapping

@@ -44,5 +44,5 @@ EFFECT = Effect(
     variable=None,
     possible=lambda theta, shape, limits: bool(np.hypot(*theta) < MOST),
     portable=Portable(shift=SHIFT),
-    told=wave(1, 0, "rad"),
+    display=wave(1, 0, "rad"),
 )

@@ -195,13 +195,13 @@ class Group:
     fellows: int = 1  # how many came together with this one in such a group
     label: str = ""  # name of the candidate; the effect's own where empty
     # What is known of the coefficients for sure, beside the usual prior.
-    given: "KnownPrior | None" = None
+    known_prior: "KnownPrior | None" = None
 
     @property
     def prior(self) -> "KnownPrior":
         """What its prior has beside the precision."""
         k = len(self.ids)
-        return self.given or KnownPrior(
+        return self.known_prior or KnownPrior(
             np.zeros((k, k)), np.zeros(k), 0.0, self.log_det
         )
 

@@ -261,9 +261,9 @@ class Design:
                 self.unit_information(ids, rows) / THRESHOLDS.prior_torque_share**2
             )
         group = Group(effect, joints, shape, ids, *regularize(precision))
-        return replace(group, given=self._given(group))
+        return replace(group, known_prior=self._known_prior(group))
 
-    def _given(self, group: Group) -> KnownPrior | None:
+    def _known_prior(self, group: Group) -> KnownPrior | None:
         """What is known of an effect for sure; of a change of the model's, nothing."""
         known = of_effect(self.model.robot, group.effect, group.joints)
         if not known:

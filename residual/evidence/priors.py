@@ -228,7 +228,7 @@ PRICE = float(np.log(20))  # nats: one effect in twenty is not of usual size
 
 def with_wide_prior(fitted: Fit, group: Group) -> Group | None:
     """Return a group with the prior of its own size; None where it is usual."""
-    if group.parts or group.given:
+    if group.parts or group.known_prior:
         return None
     theta, count = fitted.of(group), len(group.ids)
     size = float(theta @ group.precision @ theta) / count

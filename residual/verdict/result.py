@@ -19,8 +19,8 @@ from residual.robot.dynamics import flange_frame
 from residual.robot.robot import Robot
 
 METRIC = "100*||tau-tau_hat||/||tau||"
-STILL = "these logs show no motion, so nothing can be said of the arm"
-EXPLAINED = "torque that it explains [N m]"
+STILL = "the logs show no motion, so the arm cannot be diagnosed"
+EXPLAINED = "explained torque [N m]"
 
 Number = float | None  # None where it is not known
 
@@ -500,7 +500,7 @@ def with_model_values(found: Finding, made: PossibleModel) -> Finding:
     no farther from it than the fit was.
     """
     effect, joints = registry()[found.name], tuple(j - 1 for j in found.joints)
-    if made.moved is None or effect.portable.bodies is None:
+    if made.correction is None or effect.portable.bodies is None:
         return found
     terms = made.model.terms  # what was found stands behind what the model had
     place = found.name, joints
