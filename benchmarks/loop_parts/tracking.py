@@ -14,7 +14,7 @@ import numpy as np
 from benchmarks.harness.figures import Figures, figure
 from benchmarks.synthetic.truth import truth_of
 from residual.diagnosis.diagnose import diagnose
-from residual.diagnosis.held_out import worth
+from residual.diagnosis.held_out import check_adoption
 from residual.diagnosis.result import Diagnosis
 from residual.effects import vocabulary
 from residual.model.control import feed_forward
@@ -185,9 +185,9 @@ def wrong_figures(cases: Sequence[Case]) -> Figures:
     named = [case for case in cases if case.found.effects]
     for case in named:
         nominal, model = case.found.models["nominal"], case.found.known
-        right += not worth(model, nominal, case.held_out).passed
+        right += not check_adoption(model, nominal, case.held_out).passed
         for how, wrong in _wrongs(model, nominal):
-            through = worth(wrong, nominal, case.held_out).passed
+            through = check_adoption(wrong, nominal, case.held_out).passed
             tried, passed = tried + 1, passed + through
             told = "passed" if through else "refused"
             print(f"{case.name:18} {how:6} {told}", flush=True)

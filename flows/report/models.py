@@ -180,11 +180,11 @@ def adoption_lines(number: str, judged: Judged) -> list[str]:
 def seen_lines(judged: Judged) -> list[str]:
     """Return what the gate saw of a model, a line each."""
     lines = [f"against the gate: {doubt}" for doubt in judged.doubts]
-    if judged.worth is None:
+    if judged.check is None:
         return lines
-    errors = _fall(judged.worth.before, judged.worth.after)
+    errors = _fall(judged.check.before, judged.check.after)
     lines.append(f"error on held-out motion: {errors}")
-    for one in judged.worth.effects:
+    for one in judged.check.effects:
         where = f" on {joints_listed(one.joints)}" if one.joints else ""
         shown = "is not shown by it"
         if one.part is not None:
@@ -248,7 +248,7 @@ def proposal_markdown(proposal: Proposal) -> str:
 
 def _compared(proposal: Proposal) -> list[tuple[str, str, str]]:
     """What, now, proposed."""
-    worth = proposal.judged.worth
+    worth = proposal.judged.check
     rows = []
     if worth:
         errors = bare_percent(worth.before), bare_percent(worth.after)

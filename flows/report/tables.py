@@ -230,7 +230,7 @@ class Size:
 
 def sizes(effect: Finding, verdict: Verdict) -> list[Size]:
     """Return the sizes of a finding: as its effect tells them, else its parameters."""
-    sizes_of = effect_named(effect.name).told
+    sizes_of = effect_named(effect.name).display
     clear = all(p.determined for p in effect.parameters.values())
     parts = list(_told(effect) if sizes_of and clear else _plain(effect))
     if not is_wrong_value(effect, verdict):
@@ -250,7 +250,7 @@ def size_of(effect: Finding, verdict: Verdict) -> tuple[str, str]:
     name = every[0].name
     same = [one for one in every if one.name == name]
     if len(same) == 1:
-        others = [o for o in every[1:] if effect_named(effect.name).told]
+        others = [o for o in every[1:] if effect_named(effect.name).display]
         return name, ", ".join([same[0].text, *(f"{o.name} {o.text}" for o in others)])
     low, high = (f(one.value for one in same if known(one.value)) for f in (min, max))
     sign = "+" if same[0].signed and low > 0 else ""
@@ -291,7 +291,7 @@ def _joints(effect: Finding) -> Sequence[int | None]:
 
 def _told(effect: Finding) -> Iterator[Size]:
     """As the effect tells its values, deviations taken along as independent."""
-    sizes_of = effect_named(effect.name).told
+    sizes_of = effect_named(effect.name).display
     pairs = [p.pairs for p in effect.parameters.values()]
     if sizes_of is None or any(not known(v) for own in pairs for v, _ in own):
         yield from _plain(effect)
