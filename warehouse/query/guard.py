@@ -220,8 +220,7 @@ def limited(
     timer.start()
     try:
         yield
-    except (duckdb.Error, pa.ArrowException, OSError) as error:
-        # Between two batches of an answer Arrow says OSError of it.
+    except (duckdb.Error, InputError) as error:
         if late.is_set():
             raise InputError(
                 f"The query was stopped after {seconds:g} s. Ask for less, or give it "
@@ -232,7 +231,7 @@ def limited(
         timer.cancel()
 
 
-def explain(error: duckdb.Error) -> str:
+def explain(error: Exception) -> str:
     """Return what an error means for who asked, in one line."""
     if isinstance(error, duckdb.PermissionException):
         what = first_line(error).removeprefix("Permission Error: ")
