@@ -26,7 +26,6 @@ from benchmarks.harness.figures import Figures, figure, missing, partial
 from benchmarks.harness.rates import wall
 from benchmarks.harness.shell import forked, free_port, wait_for
 from benchmarks.store_parts.made import run, synthetic
-from warehouse import catalogue
 from warehouse.bucket import Bucket
 from warehouse.commit import commit_run
 from warehouse.files import to_table, write_parquet
@@ -152,19 +151,20 @@ def _write_all(address: str, seeds: range) -> list[str]:
     """Commit runs; return the ids of those of which this is the one that is stored."""
     own_copies()
     store, wrote = folder_of(address), []
-    catalogue_remember = catalogue.remember
+    publish = warehouse.commit.publish
 
-    def remember(place, kind, row):
-        wrote.append(row.column(kind.key)[0].as_py())
-        catalogue_remember(place, kind, row)
+    def watched(folder: Path, target: Path) -> bool:
+        first = publish(folder, target)
+        if first and target.parent.parent.name == "samples":
+            wrote.append(target.name.removeprefix("run_id="))
+        return first
 
-    warehouse.commit.remember = remember
+    warehouse.commit.publish = watched
     try:
         for seed in seeds:
             run(store, seed)
-        catalogue.flush()
     finally:
-        warehouse.commit.remember = catalogue_remember
+        warehouse.commit.publish = publish
     return wrote
 
 

@@ -13,7 +13,6 @@ from benchmarks.harness.rates import wall
 from benchmarks.harness.shell import forked
 from benchmarks.store_parts.made import folder, small, synthetic
 from residual.recording import Recording
-from warehouse.catalogue import flush
 from warehouse.commit import commit_run
 from warehouse.files import to_table, write_parquet
 from warehouse.runs import read_run
@@ -157,7 +156,6 @@ def _write(place: Path, start: int, end: int) -> None:
     for seed in range(start, end):
         log, manifest, twin = small(seed)
         commit_run(place, log, manifest, None, twin)
-    flush()
 
 
 WRITERS, _LONG, WHILE = 3, 400, 60.0
