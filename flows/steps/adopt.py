@@ -46,11 +46,7 @@ class Judged:
     model: Model
     # The adoption that the robot has, with its number; None for none.
     parent: tuple[str, Adoption] | None
-<<<<<<< HEAD
     check: AdoptionCheck | None  # on held-out motion; None where there is none
-=======
-    worth: AdoptionCheck | None  # None without held-out logs
->>>>>>> w/store
     # Why it should not be adopted; empty for a model that may.
     doubts: tuple[str, ...] = ()
 
