@@ -40,7 +40,7 @@ _MADE = (
     "clock spike frozen quantised saturated filtered out_of_range lockstep "
     "no_reversal too_short robot_file wrong_robot"
 )
-_REPORTED = "gravity_removed commanded constant"
+_REPORTED = "gravity_removed mounting commanded constant"
 FAULTS: Mapping[str, Fault] = {
     name: getattr(module, name)
     for module, names in ((reports, _READING), (faults, _MADE), (reports, _REPORTED))
@@ -52,8 +52,6 @@ EXCLUDED = (
     *("out_of_range", "robot_file", "wrong_robot", "gravity_removed"),
 )
 SIZES = 3
-# Of these there are three more ways: currents of motors, joints exchanged altogether.
-_MORE_SIZES = {"torque_unit": 6, "joint_order": 6}
 _QUICK_KINDS = ("torque_sign", "joint_order", "torque_unit", "spike", "clock")
 
 
@@ -81,8 +79,8 @@ def tasks(seeds: Sequence[int], quick: bool) -> list[Task]:
     fixed = [name for name in HOSTS if name not in DRAWN]
     out = [Task("faults", ENGINE, seed) for seed in seeds]
     out += [Task("faults", n, s) for s in seeds for n in DRAWN if n != ENGINE]
-    # Measured logs are the same for every seed, only where the fault is differs.
-    out += [Task("faults", name, seed) for seed in seeds[:2] for name in fixed]
+    # Measured logs are the same for every seed.
+    out += [Task("faults", name, seeds[0]) for name in fixed]
     out += [Task("trusted", SIX, seed) for seed in seeds]
     out += [Task("clean", name, seed) for seed in seeds for name in DRAWN]
     out += [Task("clean", name, seeds[0]) for name in fixed]
@@ -97,15 +95,23 @@ def run(task: Task) -> dict:
         task.group
     ]
     if task.group != "effects" and host(task.host, task.seed) is None:
-        return {"rows": [], "absent": task.host}
+        return {"rows": []}
     return {"rows": do(task)}
+
+
+def summary(result: Mapping) -> str:
+    """Return the faults that were missed and the faults told of sound logs."""
+    rows = result["rows"]
+    missed = [f"{r['kind']} {r['joints']}" for r in rows if r.get("hit") is False]
+    told = [kind for r in rows if "effect" in r for kind, *_ in r.get("said", ())]
+    return f"{len(rows)} cases, missed: {', '.join(missed)}; told of sound logs: {told}"
 
 
 def _faults(task: Task) -> list[dict]:
     kinds = _QUICK_KINDS if task.quick else FAULTS
     rows = []
     for kind in kinds:
-        for size in range(1 if task.quick else _MORE_SIZES.get(kind, SIZES)):
+        for size in range(1 if task.quick else SIZES):
             own = host(task.host, task.seed)
             spoiled = _spoil(own, kind, size, task.seed)
             if spoiled is not None:

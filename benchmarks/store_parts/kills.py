@@ -21,7 +21,7 @@ from warehouse.layout import list_folders
 from warehouse.provenance import provenance
 from warehouse.runs import open_seal, read_run
 
-RUNS, ROWS, FULL = 12, 400, 200
+RUNS, ROWS, FULL = 12, 400, 100
 # So many kills meet one store, so that every stage of a campaign is met.
 PER_STORE = 5
 CAMPAIGN = f"""
@@ -42,9 +42,9 @@ seed = {list(range(RUNS))}
 provenance()  # slow the first time, and the same in every process forked from here
 
 
-def kill_figures(quick: bool, kills: int | None = None) -> Figures:
+def kill_figures(quick: bool) -> Figures:
     """Kill campaigns, look at their stores, resume them, and compare what there is."""
-    kills = kills or (8 if quick else FULL)
+    kills = 8 if quick else FULL
     context = forked(__name__)
     rng = random.Random(5)
     with folder() as place:
