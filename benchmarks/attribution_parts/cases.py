@@ -12,10 +12,10 @@ from benchmarks.harness.cases import guarded
 from benchmarks.hidden.drawn import smallest
 from benchmarks.hidden.score import Name, members, paired
 from flows.specs.experiment import derived_seed
+from residual.diagnosis.diagnose import diagnose
 from residual.diagnosis.result import Detectable, Verdict
-from residual.diagnosis.verdict import to_json
 from residual.effects import reported_joints
-from residual.method.diagnose import diagnose
+from residual.verdict.document import to_json
 from sim.engine.records import PlantEffect, stream
 
 _MOVED = 0.05  # of what is given: less is not called a change

@@ -13,9 +13,9 @@ import numpy as np
 from benchmarks.changes_parts import arms, draw, peer, real
 from benchmarks.harness.cases import guarded
 from benchmarks.hidden.score import Name, matched, members
+from residual.diagnosis.diagnose import diagnose
 from residual.effects import reported_joints
 from residual.errors import ModelgapError
-from residual.method.diagnose import diagnose
 from residual.recording import Recording
 from residual.robot.robot import Robot
 from sim.plant.catalogue import main_parameter

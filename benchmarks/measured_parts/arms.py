@@ -21,7 +21,7 @@ import numpy as np
 
 from benchmarks.harness.origin import ROOT
 from residual.calibration.nominal_pls import fit_nominal_pls
-from residual.method.diagnose import diagnose
+from residual.diagnosis.diagnose import diagnose
 from residual.recording import Recording
 from residual.robot.dynamics import inverse_dynamics, regressor
 from residual.robot.robot import Robot, load_robot, robot_from_texts
