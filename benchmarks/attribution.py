@@ -19,28 +19,22 @@ from pathlib import Path
 sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
 
 from benchmarks.attribution_parts import bars, cases
-from benchmarks.harness.cases import (
-    kept_file,
-    read_options,
-    run_kept,
-    save_rows,
-    seed_range,
-)
+from benchmarks.harness import cases as harness
 from benchmarks.harness.figures import finish
 
 _SEEDS = "154201:154212"
 
 
 def main() -> int:
-    args = read_options(__doc__, _SEEDS, cases.GROUPS)
-    seeds = seed_range(args.seeds)
+    args = harness.read_options(__doc__, _SEEDS, cases.GROUPS)
+    seeds = harness.seed_range(args.seeds)
     tasks = {group: cases.tasks(group, seeds, args.quick) for group in args.groups}
-    path = kept_file("attribution", "benchmarks/attribution_parts")
+    path = harness.kept_file("attribution", "benchmarks/attribution_parts")
     jobs = {task.name: task for group in tasks.values() for task in group}
-    done = run_kept(path, cases.summary, cases.run, jobs)
+    done = harness.run_kept(path, cases.summary, cases.run, jobs)
     rows = {group: [done[t.name] for t in tasks[group]] for group in args.groups}
     figures = bars.case_figures(rows, args.deciding)
-    save_rows(args, figures, cases=rows)
+    harness.save_rows(args, figures, cases=rows)
     return finish(figures)
 
 

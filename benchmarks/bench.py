@@ -33,7 +33,7 @@ PLAN: Mapping[str, tuple[str, ...]] = {
     },
     **{
         name: ("benchmarks/groups.py", name)
-        for name in ("identification", "monitoring", "pipelines", "plant")
+        for name in ("identification", "monitoring", "pipelines")
     },
 }
 FAILED = 2

@@ -18,31 +18,27 @@ from pathlib import Path
 sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
 
 from benchmarks.changes_parts import ask, bars, draw
-from benchmarks.harness.cases import (
-    kept_file,
-    read_options,
-    run_kept,
-    save_rows,
-    seed_range,
-)
+from benchmarks.harness import cases as harness
 from benchmarks.harness.figures import finish
 
 _SEEDS = "154301:154304"
 
 
 def main() -> int:
-    args = read_options(__doc__, _SEEDS, draw.GROUPS)
-    seeds = seed_range(args.seeds)
+    args = harness.read_options(__doc__, _SEEDS, draw.GROUPS)
+    seeds = harness.seed_range(args.seeds)
     jobs = {
         slot.name: slot
         for group in args.groups
         for slot in draw.slots(group, seeds, args.quick)
     }
-    path = kept_file("changes", "benchmarks/changes_parts", "benchmarks/check_parts")
-    done = run_kept(path, ask.summary, ask.run, jobs)
+    path = harness.kept_file(
+        "changes", "benchmarks/changes_parts", "benchmarks/check_parts"
+    )
+    done = harness.run_kept(path, ask.summary, ask.run, jobs)
     rows = [r for result in done.values() for r in result.get("rows", [result])]
     figures = bars.all_figures(rows, args.deciding)
-    save_rows(args, figures, cases=rows)
+    harness.save_rows(args, figures, cases=rows)
     return finish(figures)
 
 

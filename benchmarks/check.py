@@ -17,29 +17,25 @@ from pathlib import Path
 sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
 
 from benchmarks.check_parts import bars, cases
-from benchmarks.harness.cases import (
-    kept_file,
-    read_options,
-    run_kept,
-    save_rows,
-    seed_range,
-)
+from benchmarks.harness import cases as harness
 from benchmarks.harness.figures import finish
 
 _SEEDS = "154401:154402"
-_GROUPS = ("faults", "clean", "effects", "trusted")
+_GROUPS = ("faults", "clean", "effects")
 
 
 def main() -> int:
-    args = read_options(__doc__, _SEEDS, _GROUPS)
-    tasks = cases.tasks(seed_range(args.seeds), args.quick)
+    args = harness.read_options(__doc__, _SEEDS, _GROUPS)
+    tasks = cases.tasks(harness.seed_range(args.seeds), args.quick)
     jobs = {task.name: task for task in tasks if task.group in args.groups}
-    path = kept_file("check", "benchmarks/check_parts", "flows/inputs", "flows/steps")
-    done = run_kept(path, cases.summary, cases.run, jobs)
+    path = harness.kept_file(
+        "check", "benchmarks/check_parts", "flows/inputs", "flows/steps"
+    )
+    done = harness.run_kept(path, cases.summary, cases.run, jobs)
     rows = [row for result in done.values() for row in result.get("rows", ())]
     lost = [{"error": r["error"], "group": n} for n, r in done.items() if "error" in r]
     figures = bars.figures([*rows, *lost], args.whole)
-    save_rows(args, figures, cases=rows)
+    harness.save_rows(args, figures, cases=rows)
     return finish(figures)
 
 

@@ -1,8 +1,8 @@
 """Benchmarks of single rooms, measured group by group.
 
-    python benchmarks/groups.py plant --quick              a part, under 50 s
-    python benchmarks/groups.py identification --groups recovery
-    python benchmarks/groups.py plant --full-json benchmarks/results/plant.json
+    python benchmarks/groups.py monitoring --quick         a part, under 50 s
+    python benchmarks/groups.py identification
+    python benchmarks/groups.py pipelines --full-json OUT
 
 The last line is one JSON object; exit code 1 for a missed bar.
 """
@@ -21,9 +21,6 @@ GROUPS = {
     },
     "monitoring": {"sensors": "monitoring_parts.sensors:sensor_figures"},
     "pipelines": {"overhead": "pipelines_parts.overhead:overhead_figures"},
-    "plant": {
-        name: f"plant_parts.physics:{name}_figures" for name in ("speed", "excitation")
-    },
 }
 
 

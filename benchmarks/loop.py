@@ -14,13 +14,7 @@ from pathlib import Path
 
 sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
 
-from benchmarks.harness.cases import (
-    kept_file,
-    read_options,
-    run_kept,
-    save_rows,
-    seed_range,
-)
+from benchmarks.harness import cases as harness
 from benchmarks.harness.figures import FULL, all_missing, finish
 from benchmarks.loop_parts import next as part
 
@@ -28,14 +22,14 @@ _SEEDS = "154601:154612"
 
 
 def main() -> int:
-    args = read_options(__doc__, _SEEDS, ("next",))
+    args = harness.read_options(__doc__, _SEEDS, ("next",))
     if args.quick:
         return finish(all_missing(part.BARS, FULL))
-    path = kept_file("loop", "benchmarks/loop_parts", "flows/steps/next.py")
-    jobs = {f"next {seed}": seed for seed in seed_range(args.seeds)}
-    rows = list(run_kept(path, part.summary, part.run, jobs).values())
+    path = harness.kept_file("loop", "benchmarks/loop_parts", "flows/steps/next.py")
+    jobs = {f"next {seed}": seed for seed in harness.seed_range(args.seeds)}
+    rows = list(harness.run_kept(path, part.summary, part.run, jobs).values())
     figures = part.figures_of(rows, args.deciding)
-    save_rows(args, figures, cases=rows)
+    harness.save_rows(args, figures, cases=rows)
     return finish(figures)
 
 

@@ -17,13 +17,7 @@ from pathlib import Path
 
 sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
 
-from benchmarks.harness.cases import (
-    kept_file,
-    read_options,
-    run_kept,
-    save_rows,
-    seed_range,
-)
+from benchmarks.harness import cases as harness
 from benchmarks.harness.figures import finish
 from benchmarks.peers_parts import bars, cases
 
@@ -32,12 +26,14 @@ _FULL, _QUICK = (10, 20.0), (2, 8.0)  # cases, seconds of a log
 
 
 def main() -> int:
-    args = read_options(__doc__, _SEEDS, tuple(cases.PROGRAMS))
-    path = kept_file("peers", "benchmarks/peers_parts")
+    args = harness.read_options(__doc__, _SEEDS, tuple(cases.PROGRAMS))
+    path = harness.kept_file("peers", "benchmarks/peers_parts")
     count, seconds = _QUICK if args.quick else _FULL
-    seeds, programs = seed_range(args.seeds), tuple(args.groups)
+    seeds, programs = harness.seed_range(args.seeds), tuple(args.groups)
     arms = {seed: cases.Task(seed, cases.BENCH, seconds) for seed in seeds}
-    sizes = run_kept(path, cases.summary, cases.run, {t.name: t for t in arms.values()})
+    sizes = harness.run_kept(
+        path, cases.summary, cases.run, {t.name: t for t in arms.values()}
+    )
     tasks = [
         cases.Task(
             seed, number, seconds, programs, tuple(sizes[arm.name].get("minimum", ()))
@@ -45,13 +41,13 @@ def main() -> int:
         for seed, arm in arms.items()
         for number in range(count)
     ]
-    done = run_kept(path, cases.summary, cases.run, {t.name: t for t in tasks})
+    done = harness.run_kept(path, cases.summary, cases.run, {t.name: t for t in tasks})
     rows = {
         program: [done[t.name].get(program, done[t.name]) for t in tasks]
         for program in programs
     }
     figures, tables = bars.all_figures(rows), [bars.table(rows)]
-    save_rows(args, figures, cases=rows, tables=tables)
+    harness.save_rows(args, figures, cases=rows, tables=tables)
     return finish(figures)
 
 

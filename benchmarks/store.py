@@ -1,4 +1,4 @@
-"""Speed, size and integrity of the store, and after kills.
+"""Speed and size of the store; its integrity is tested (tests/warehouse).
 
     python benchmarks/store.py --quick                     under 50 s on two cores
     python benchmarks/store.py --full-json benchmarks/results/store.json
@@ -17,7 +17,6 @@ from benchmarks.harness.figures import run_groups
 GROUPS = {
     "commit": "store_parts.timed:commit_figures",
     "many": "store_parts.timed:many_figures",
-    "kills": "store_parts.kills:kill_figures",
 }
 
 if __name__ == "__main__":

@@ -45,7 +45,6 @@ def figures(rows: Rows, deciding: bool) -> Figures:
         **lines([_EXACT], mended),
         **lines([_FALSE], sound),
         "false_certain": figure(len(certain), 0, len(sound), which=which),
-        **lines([_TRUSTED], by_group["trusted"]),
         "seconds": figure(value, None, len(own), why=NO_BAR),
         "crashes": figure(len(by_group["crashes"]), 0, len(rows)),
     }
@@ -89,9 +88,4 @@ _OF_FAULTS = (
 _EXACT = Line("repairs_exact", _is_exact, 0.90, beside=per(_is_exact, "kind"))
 _FALSE = Line(
     "false_faults", lambda r: bool(false_of(r)), 0.02, most=True, beside=_which
-)
-_TRUSTED = Line(
-    "certain_unnamed",
-    lambda r: r["answer"] in ("unknown", "refused") and not r["named"],
-    1.0,
 )

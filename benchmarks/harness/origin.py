@@ -32,7 +32,6 @@ _ROOMS = {
         ("diagnosis", "measured", "attribution", "changes", "check", "peers"), _METHOD
     ),
     "identification": (*_METHOD, "residual/identification"),
-    "plant": ("sim",),
     "store": ("warehouse",),
     "pipelines": ("warehouse", "flows/settings.py", "flows/workers"),
 }

@@ -2,17 +2,14 @@
 
 import shutil
 import tempfile
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from pathlib import Path
-from types import SimpleNamespace
-from typing import Any
 
 import numpy as np
 import pyarrow as pa
 
 from residual.recording import Recording
-from residual.robot.robot import Robot
 from warehouse.commit import Sealed, commit_record, commit_run
 
 Array = np.ndarray
@@ -39,22 +36,6 @@ def small(seed: int, rows: int = 50) -> tuple[Recording, Mapping, dict[str, Arra
     kind = FAMILIES[seed % len(FAMILIES)]
     manifest = {"spec": {"seed": seed, "trajectory": {"kind": kind}}}
     return log, manifest, {"e_q": q / 10, "e_tau": tau / 10}
-
-
-def stand_in(seeds: Callable[[Any], Any], rows: int = 400) -> Callable:
-    """Return what stands in for the simulated arm: arrays that its spec decides."""
-
-    def simulate(spec: Any, robot: Robot, *_: object) -> tuple:
-        rng = np.random.default_rng(seeds(spec))
-        q, tau, e_q, e_tau = rng.normal(size=(4, rows, robot.dof))
-        made = SimpleNamespace(
-            log=Recording("", robot.name, np.arange(rows) / 100, q, tau),
-            twin={"e_q": e_q, "e_tau": e_tau},
-            truth={"q": q},
-        )
-        return made, {}
-
-    return simulate
 
 
 def run(store: Path, seed: int) -> str:
