@@ -17,7 +17,7 @@ from pathlib import Path
 
 sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
 
-from benchmarks.changes_parts import ask, bars, draw
+from benchmarks.changes_parts import answers, bars, draw
 from benchmarks.harness import cases as harness
 from benchmarks.harness.figures import finish
 
@@ -35,7 +35,7 @@ def main() -> int:
     path = harness.kept_file(
         "changes", "benchmarks/changes_parts", "benchmarks/check_parts"
     )
-    done = harness.run_kept(path, ask.summary, ask.run, jobs)
+    done = harness.run_kept(path, answers.summary, answers.run, jobs)
     rows = [r for result in done.values() for r in result.get("rows", [result])]
     figures = bars.all_figures(rows, args.deciding)
     harness.save_rows(args, figures, cases=rows)

@@ -32,7 +32,7 @@ from benchmarks.harness.figures import (
     missing,
 )
 from benchmarks.harness.rates import at_least, at_most, share
-from benchmarks.measured_parts import arms, files, known
+from benchmarks.measured_parts import added, arms, files
 
 _SEEDS = "154701:154701"  # of the added effects
 # Errors that an earlier version reached before [%].
@@ -65,12 +65,12 @@ def main() -> int:
         tables.append(table(rows["splits"]))
     if "added" in args.groups and not args.quick:
         seed = int(args.seeds.split(":")[0])
-        cases = [c for c in known.cases(seed) if not _absent(c.split)]
+        cases = [c for c in added.cases(seed) if not _absent(c.split)]
         jobs = {case.name: case for case in cases}
         rows["added"] = _without_crashes(
-            run_kept(path, known.summary, known.measure, jobs)
+            run_kept(path, added.summary, added.measure, jobs)
         )
-        figures |= known.figures(rows["added"]) if rows["added"] else {}
+        figures |= added.figures(rows["added"]) if rows["added"] else {}
     if "files" in args.groups:
         figures |= files.figures(args.quick)
     save_rows(args, figures, **rows, tables=tables)

@@ -15,8 +15,8 @@ sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
 from benchmarks.harness.figures import run_groups
 
 GROUPS = {
-    "commit": "store_parts.timed:commit_figures",
-    "many": "store_parts.timed:many_figures",
+    "commit": "store_parts.speed:commit_figures",
+    "many": "store_parts.speed:many_figures",
 }
 
 if __name__ == "__main__":

@@ -9,7 +9,7 @@ from time import perf_counter
 
 from benchmarks.attribution_parts import arms
 from benchmarks.harness.cases import guarded
-from benchmarks.hidden.drawn import smallest
+from benchmarks.hidden.draw import smallest
 from benchmarks.hidden.score import Name, members, paired
 from flows.specs.experiment import derived_seed
 from residual.diagnosis.diagnose import diagnose

@@ -1,6 +1,6 @@
 """Figures and bars of the rows of all groups.
 
-A row is one case by one method (`ask.run`). A refused case has no name.
+A row is one case by one method (`answers.run`). A refused case has no name.
 """
 
 from collections.abc import Callable, Mapping, Sequence
@@ -9,7 +9,7 @@ from statistics import median
 from scipy.stats import binomtest
 
 from benchmarks.changes_parts import draw
-from benchmarks.changes_parts.ask import PEER, PROGRAM
+from benchmarks.changes_parts.answers import PEER, PROGRAM
 from benchmarks.harness.cases import crash_figures
 from benchmarks.harness.figures import Figures, figure, missing, undecided
 from benchmarks.harness.rates import (

@@ -6,7 +6,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from benchmarks.changes_parts import arms, real
-from benchmarks.changes_parts.added import shares, size_of, solved
+from benchmarks.changes_parts.sizes import shares, size_of, solved
 from residual.errors import ModelgapError
 from residual.robot.dynamics import inverse_dynamics
 from sim.draw import draw_hidden

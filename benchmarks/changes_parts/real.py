@@ -5,8 +5,8 @@ from itertools import combinations, permutations
 
 import numpy as np
 
-from benchmarks.changes_parts.added import Body, moving, smooth
 from benchmarks.changes_parts.arms import Part
+from benchmarks.changes_parts.sizes import Body, moving, smooth
 from benchmarks.measured_parts.arms import (
     DAYS,
     KR300,

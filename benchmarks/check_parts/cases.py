@@ -18,7 +18,7 @@ from benchmarks.check_parts.arms import (
 from benchmarks.check_parts.judge import judged, told
 from benchmarks.diagnosis_parts.cases import PYBULLET, SYNTHETIC, as_form, make, the_arm
 from benchmarks.harness.cases import guarded
-from benchmarks.hidden.drawn import draw_sized, vocabulary
+from benchmarks.hidden.draw import draw_sized, vocabulary
 from benchmarks.synthetic.other_forms import FORMS
 from flows.inputs.given import LogSets
 from flows.steps.check import check

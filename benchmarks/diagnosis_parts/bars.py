@@ -17,7 +17,7 @@ from benchmarks.harness.rates import (
     rounded,
     within_two_deviations,
 )
-from benchmarks.hidden.drawn import both_clear, is_clear
+from benchmarks.hidden.draw import both_clear, is_clear
 from benchmarks.hidden.score import WRONG, is_right
 
 # Families that detection is pooled over; a new effect is in "other" until it is here.

@@ -12,7 +12,7 @@ from time import perf_counter
 
 from benchmarks.harness.cases import guarded
 from benchmarks.harness.logs import PAUSE, RATE, in_engine, sensed
-from benchmarks.hidden.drawn import (
+from benchmarks.hidden.draw import (
     CLEAR,
     MULTIPLES,
     OF_A_PAIR,

@@ -3,7 +3,7 @@
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 
-from benchmarks.hidden.drawn import Hidden
+from benchmarks.hidden.draw import Hidden
 from residual.diagnosis.result import Finding, Place, Verdict
 from sim.plant.catalogue import kinds, main_parameter
 

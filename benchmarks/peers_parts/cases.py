@@ -17,11 +17,11 @@ import numpy as np
 import modelgap as mg
 from benchmarks.harness.cases import guarded
 from benchmarks.harness.logs import CONTROL, PAUSE, RATE
-from benchmarks.hidden.drawn import MULTIPLES, OF_A_PAIR, draw_sized, vocabulary
+from benchmarks.hidden.draw import MULTIPLES, OF_A_PAIR, draw_sized, vocabulary
 from benchmarks.hidden.oracle import oracle
 from benchmarks.hidden.score import NOTHING, PAIR, SINGLE, UNKNOWN, Name, members
 from benchmarks.peers_parts import judge, sparse, squares
-from benchmarks.peers_parts.opened import Answer, Case
+from benchmarks.peers_parts.linear_model import Answer, Case
 from flows.specs.experiment import derived_seed
 from residual.diagnosis.diagnose import diagnose
 from residual.diagnosis.result import Detectable

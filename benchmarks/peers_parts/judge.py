@@ -13,7 +13,7 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from benchmarks.hidden.score import UNKNOWN, Name, paired
-from benchmarks.peers_parts.opened import Answer, Array
+from benchmarks.peers_parts.linear_model import Answer, Array
 from residual.effects import registry
 from residual.effects.base import Trait
 from residual.recording import Recording

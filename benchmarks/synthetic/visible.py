@@ -22,7 +22,7 @@ import numpy as np
 from scipy.ndimage import binary_dilation
 from scipy.signal import butter, sosfiltfilt
 
-from benchmarks.hidden.drawn import MOST
+from benchmarks.hidden.draw import MOST
 from benchmarks.synthetic.quasi_static import Plant, true_torque
 from flows.steps import demo
 from residual.recording import Array

@@ -4,16 +4,16 @@ from dataclasses import replace
 
 import pytest
 
-from benchmarks.changes_parts import arms, ask, bars, draw
-from benchmarks.changes_parts.added import shares, size_of
-from benchmarks.changes_parts.ask import Answer, Claim, compare
+from benchmarks.changes_parts import answers, arms, bars, draw
+from benchmarks.changes_parts.answers import Answer, Claim, compare
+from benchmarks.changes_parts.sizes import shares, size_of
 from benchmarks.hidden.score import Name
 from residual.robot.dynamics import inverse_dynamics
 
 
 def test_a_change_has_its_size_in_the_recorded_logs_and_is_drawn_again_alike():
     slot = draw.Slot(draw.CHANGE, 1, 0, 0.10)
-    case, logs = ask.record(slot)
+    case, logs = answers.record(slot)
     assert draw.draw(slot) == case
     model = arms.true_model(case)
     changed = arms.record(case, arms.SECOND, exact=True)
@@ -32,7 +32,7 @@ def test_a_change_has_its_size_in_the_recorded_logs_and_is_drawn_again_alike():
 
 TRUTH = Name("offset", (2,)), {"torque": 4.0}
 ROW = {
-    "method": ask.PROGRAM,
+    "method": answers.PROGRAM,
     "group": draw.CHANGE,
     "arm": "seven",
     "dof": 7,

@@ -4,7 +4,7 @@ from dataclasses import replace
 
 import pytest
 
-from benchmarks.hidden.drawn import Hidden, draw_sized, measured, vocabulary
+from benchmarks.hidden.draw import Hidden, draw_sized, measured, vocabulary
 from benchmarks.hidden.score import (
     Name,
     case_row,

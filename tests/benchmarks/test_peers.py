@@ -8,7 +8,7 @@ import pytest
 from benchmarks import page
 from benchmarks.hidden.score import Name
 from benchmarks.peers_parts import bars, judge, sparse, squares
-from benchmarks.peers_parts.opened import Answer, Arm, Case
+from benchmarks.peers_parts.linear_model import Answer, Arm, Case
 from residual.recording import Recording
 from residual.robot.robot import load_robot
 

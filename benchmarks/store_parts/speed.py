@@ -13,7 +13,7 @@ from benchmarks.harness.figures import Figures, all_partial, figure
 from benchmarks.harness.logs import reference
 from benchmarks.harness.rates import wall
 from benchmarks.harness.shell import forked
-from benchmarks.store_parts.made import folder, small
+from benchmarks.store_parts.records import folder, small
 from residual.robot.robot import load_robot
 from sim.engine.records import Noise, PlantSpec, Rates, TrajectorySpec
 from sim.experiment import run_experiment

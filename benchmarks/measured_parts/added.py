@@ -10,9 +10,9 @@ from functools import lru_cache
 
 import numpy as np
 
-from benchmarks.changes_parts import added
-from benchmarks.changes_parts.added import Body, shares, size_of, solved
+from benchmarks.changes_parts import sizes
 from benchmarks.changes_parts.real import plain_body
+from benchmarks.changes_parts.sizes import Body, shares, size_of, solved
 from benchmarks.harness.figures import NO_BAR, Figures, figure
 from benchmarks.measured_parts import arms, greedy
 from residual.diagnosis.diagnose import diagnose
@@ -42,14 +42,14 @@ _TIMES = ("torque", "stiffness", "coefficient", "amplitude", "level", "force")
 _LEAST_MOVING = 0.2  # of the rows on which a joint must move to be given an effect
 
 
-def _gas_spring(at: added.State, j: int, p: Values) -> Array:
+def _gas_spring(at: sizes.State, j: int, p: Values) -> Array:
     """A force along the line between two anchors, one on each link."""
     angle = at.q[:, j] - p["rest"]
     length = np.sqrt(1 + ANCHORS**2 - 2 * ANCHORS * np.cos(angle))
     return p["force"] * np.sin(angle) / length
 
 
-def _turning(at: added.State, j: int, p: Values) -> Array:
+def _turning(at: sizes.State, j: int, p: Values) -> Array:
     """Dry friction of a bent axis: stronger at one angle than at the other."""
     way = at.qd[:, j] / np.hypot(at.qd[:, j], 0.012)
     return p["level"] * np.cos(at.q[:, j] - p["phase"]) * way
@@ -57,7 +57,7 @@ def _turning(at: added.State, j: int, p: Values) -> Array:
 
 FORMULAS = {
     **{
-        name: added.TORQUE[name]
+        name: sizes.TORQUE[name]
         for name in (
             "offset",
             "spring",
@@ -101,7 +101,7 @@ def cases(seed: int) -> list[Case]:
 def _draw(split: str, effect: str, rng: np.random.Generator) -> tuple[int, dict]:
     body = plain_body(arms.SPLITS[split].arm)
     moves = np.mean(
-        [added.moving(s).mean(axis=0) for s in map(added.smooth, logs_of(split)[0])],
+        [sizes.moving(s).mean(axis=0) for s in map(sizes.smooth, logs_of(split)[0])],
         axis=0,
     )
     joint = int(rng.choice(1 + np.flatnonzero(moves > _LEAST_MOVING)))
@@ -136,7 +136,7 @@ def _sized(
     """Return what times the parameters have a size, and that size."""
     body = plain_body(arms.SPLITS[split].arm)
     fit, _ = logs_of(split)
-    states = [added.state(log, body) for log in fit]
+    states = [sizes.state(log, body) for log in fit]
 
     def size_at(factor: float) -> float | None:
         many = _times(values, factor)
@@ -146,7 +146,7 @@ def _sized(
     return solved(size_at, target)
 
 
-def _added(at: added.State, effect: str, joint: int, values: Values) -> Recording:
+def _added(at: sizes.State, effect: str, joint: int, values: Values) -> Recording:
     tau = at.log.tau.copy()
     tau[:, joint - 1] += FORMULAS[effect](at, joint - 1, values)
     return replace(at.log, tau=tau)
@@ -172,7 +172,7 @@ def measure(case: Case) -> dict:
         values, truth = _times(values, sized[0]), [case.effect, joint]
         body: Body = plain_body(arms.SPLITS[case.split].arm)
         fit, held_out = (
-            [_added(added.state(log, body), *truth, values) for log in logs]
+            [_added(sizes.state(log, body), *truth, values) for log in logs]
             for logs in (fit, held_out)
         )
     robot = arms.robot_of(arms.SPLITS[case.split].arm)
