@@ -1,4 +1,4 @@
-"""modelgap monitor: are the sensors of an arm as they were?"""
+"""modelgap monitor."""
 
 from dataclasses import replace
 from typing import Annotated
@@ -26,23 +26,23 @@ def monitor(
     nominal: Flag = False,
     plot: File = None,
 ) -> None:
-    """Watch the sensors of runs, with limits from healthy runs.
+    """Monitor the sensors of runs, with limits from healthy runs.
 
     ```
     modelgap monitor irb140 3f2a --calibrate 01ab 02cd 03ef 04aa
     modelgap monitor 77e0 3f2a 4b1c --plot watched.png
     ```
 
-    Encoders that freeze, jump or drift, torque sensors with a bias, a lost scale or
-    spikes, noise of both: when, which joint, which sensor. In a closed loop an encoder
-    that drifts slowly is hidden: the arm follows it (docs/monitoring.md).
+    Reports time, joint and sensor of encoders that freeze, jump or drift, of torque
+    sensors with a bias, a lost scale or spikes, and of noise. In a closed loop a slow
+    drift of an encoder does not show: the arm follows it (docs/monitoring.md).
 
     Args:
-        model: Id of a diagnosis, or a robot (built-in name, URDF, folder) for the
-            model that it has (modelgap models), else its nominal one, fitted to the
+        model: Id of a diagnosis, or a robot (built-in name, file, folder) for its
+            adopted model (modelgap models), else its nominal model fitted to the
             healthy runs.
-        runs: Ids of the runs to watch; the beginning is enough.
-        nominal: Of a robot take the nominal model, whatever it has.
+        runs: Ids of the runs, or their beginnings.
+        nominal: Use the nominal model of the robot, also where one is adopted.
         plot: PNG file for the scores over time.
     """
     place = store_folder(request.store)

@@ -1,4 +1,4 @@
-"""modelgap init and inbox: a project of one's own, and what lies in its inboxes."""
+"""modelgap init and inbox."""
 
 import time
 from collections import Counter
@@ -31,7 +31,7 @@ _PAUSE = 5.0  # s between two looks
 def init(
     folder: str = ".", /, *, robot: RobotName = None, simulated: Flag = False
 ) -> None:
-    """Write modelgap.toml: robots, inboxes, schedules, store, who is told.
+    """Create a project: modelgap.toml with robots, inboxes, schedules and store.
 
     ```
     modelgap init --robot arm.urdf
@@ -39,16 +39,14 @@ def init(
     modelgap init trial --robot irb140 --simulated
     ```
 
-    Every option is in the file, with a comment; what is commented out shows the
-    default. Then put logs into inbox/ and start it: modelgap up. An existing file is
-    never overwritten.
+    The file explains every option and shows its default. Then put logs into inbox/ and
+    start the service: modelgap up. An existing file is not overwritten.
 
     Args:
-        folder: Where; made if it is not there.
-        robot: URDF file, folder with one and an optional robot.toml, or built-in name;
-            what lies elsewhere is copied beside the file. The simulated IRB140 unless
-            given.
-        simulated: Let the nights run a campaign on a simulated arm of it.
+        folder: Folder of the project; created if it does not exist.
+        robot: Robot file, folder or built-in name; files are copied into the project.
+            Default: the simulated IRB140.
+        simulated: Run a nightly campaign on a simulated arm of this robot.
     """
     project = start(folder, robot, simulated)
     print(f"wrote {project.folder / PROJECT}")
@@ -61,7 +59,7 @@ def init(
 def inbox(
     folder: str = ".", /, *, once: Flag = False, import_only: Flag = False
 ) -> None:
-    """Store the logs in the inboxes of a project, watch and diagnose them.
+    """Import, monitor and diagnose the logs in the inboxes of a project.
 
     ```
     modelgap inbox
@@ -69,16 +67,15 @@ def inbox(
     modelgap inbox --once --import-only
     ```
 
-    What modelgap up does on a schedule, as a plain command. A log that rests is checked
-    and stored; its file goes to done/, or to rejected/ with the reason in a text file
-    beside it. What is still written is waited for. Afterwards each robot is diagnosed
-    once for all that is new. It may be ended at any time: nothing is lost or stored
-    twice. Whoever is told of what happens is so by the service alone.
+    Does without a server what modelgap up does on a schedule. A log that has not
+    changed for some seconds is checked and imported; its file moves to done/, or to
+    rejected/ with a text file that gives the reason. Then each robot is diagnosed once
+    for all new logs. It can be stopped at any time: nothing is lost or stored twice.
 
     Args:
         folder: Folder of the project (modelgap.toml).
-        once: Return when what lies there now is done; without it until Ctrl-C.
-        import_only: Leave watching and diagnosing to the night.
+        once: Return after the logs that are there now; default: run until Ctrl-C.
+        import_only: Do not monitor or diagnose.
     """
     project = read_project(folder)
     of = inboxes(project)

@@ -1,4 +1,4 @@
-"""modelgap up, status and down: the server of a store, and what it serves."""
+"""modelgap up, status and down."""
 
 import os
 import sys
@@ -31,7 +31,7 @@ _USUAL, NOTHING = ServiceRequest(), "nothing runs"
 
 
 def up(*, request: ServiceRequest = _USUAL, foreground: Flag = False) -> None:
-    """Start server, worker and schedules of a store, and return when they answer.
+    """Start server, worker and schedules of a store.
 
     ```
     modelgap up
@@ -40,15 +40,13 @@ def up(*, request: ServiceRequest = _USUAL, foreground: Flag = False) -> None:
     modelgap down
     ```
 
-    In a folder with a modelgap.toml (modelgap init) it serves that project, and again
-    after a change of it. Doing it again is no error: what runs is left alone and its
-    address is printed, what was killed is started again. Nothing is sent anywhere; the
-    server listens on this machine only, and takes orders from its own page and programs
-    of the store. The page asks for the key of the store once, in a file of which the
-    command prints the name.
+    In a folder with a modelgap.toml (modelgap init) it serves that project; run it
+    again after a change of the file. It keeps what runs and restarts what was killed.
+    The server listens on this machine only and sends nothing elsewhere. Its page asks
+    for the key of the store, which is in the file that the command prints.
 
     Args:
-        foreground: Stay until Ctrl-C, then stop everything; for service managers.
+        foreground: Run until Ctrl-C, then stop everything; for service managers.
     """
     place = store_folder(request.store)
     project = project_here(place)
@@ -88,17 +86,17 @@ def up(*, request: ServiceRequest = _USUAL, foreground: Flag = False) -> None:
 
 
 def status(*, json: Flag = False, store: Store = None) -> None:
-    """Show server, workers, pages, what is due next, and the last flow runs.
+    """Show server, worker, schedules and the last flow runs.
 
     ```
     modelgap status
     modelgap status --json
     ```
 
-    The exit code is 0 if the next schedule will fire and be run, else 1.
+    Exit code 0 if the next scheduled run will start, else 1.
 
     Args:
-        json: Print it as JSON.
+        json: Print JSON.
     """
     place = store_folder(store)
     home = place / PREFECT
@@ -120,18 +118,18 @@ def status(*, json: Flag = False, store: Store = None) -> None:
 
 
 def down(*, wait: Seconds = 60.0, store: Store = None) -> None:
-    """Stop worker and server of a store; schedules and history stay.
+    """Stop server and worker of a store.
 
     ```
     modelgap down
     modelgap down --wait 0
     ```
 
-    Nothing new is begun, and flow runs that are under way may end. What takes longer
-    than --wait is ended and marked as such; runs that it has stored are kept.
+    Starts no new flow runs, waits for those that run, and cancels them after --wait.
+    Schedules, history and stored runs are kept.
 
     Args:
-        wait: How long flow runs may go on, in seconds.
+        wait: Longest time for flow runs to finish, in seconds.
     """
     if not 0 <= wait < 1e6:
         raise InputError(f"--wait {wait:g}: expected 0 or more seconds.")

@@ -1,4 +1,4 @@
-"""modelgap runs, show, verify, prune, quarantine: what the store remembers."""
+"""modelgap runs, show, verify, prune and quarantine."""
 
 import json
 import sys
@@ -38,8 +38,8 @@ def runs(
     ```
 
     Args:
-        limit: How many of the latest to list.
-        format: How to print them.
+        limit: Number of runs.
+        format: Format of the output.
     """
     if limit < 1:
         raise InputError(f"--limit {limit}: expected 1 or more.")
@@ -54,16 +54,15 @@ def runs(
 
 
 def verify(*, store: Store = None) -> None:
-    """Read the whole store and say what is not as it was written.
+    """Check every byte of the store.
 
     ```
     modelgap verify
     ```
 
-    Every byte of every record, seal and robot is held against its SHA-256, every id
-    against what it is the hash of. Exit code 1 where something is damaged or missing,
-    so that it can run by itself, from cron for example. Nothing is changed. It takes
-    about as long as reading the store from the disk.
+    Compares every file of every record, seal and robot with its SHA-256, and every id
+    with the hash of its content. Exit code 1 if something is damaged or missing.
+    Changes nothing, and takes about as long as reading the store from the disk.
     """
     from flows.steps import diff as steps
 
@@ -78,21 +77,20 @@ def prune(
     keep_tag: Tags = (),
     store: Store = None,
 ) -> None:
-    """List old runs that nothing refers to, with the folders that they are.
+    """List the folders of old runs that no record refers to.
 
     ```
     modelgap prune --older-than 90
     modelgap prune --older-than 90 --keep-tag healthy
     ```
 
-    Nothing is moved or deleted. A run is not listed while a model, diagnosis,
-    validation or adoption was made from it, or it raised an alarm. A folder that has
-    them at the same places is a store too (docs/store.md).
+    Moves and deletes nothing. Runs with an alarm, and runs that a model, diagnosis,
+    validation or adoption was made from, are not listed (docs/store.md).
 
     Args:
-        older_than: Age in days, by the time of recording, else of the commit.
-        robot: Only of the robot of this name.
-        keep_tag: Runs with this tag stay; may be given several times.
+        older_than: Age in days since the recording, else since the import.
+        robot: Only runs of the robot of this name.
+        keep_tag: Do not list runs with this tag; may be repeated.
     """
     check_between("--older-than", older_than, 0.0, 1e5)
     place = store_folder(store)
@@ -104,20 +102,19 @@ def prune(
 
 
 def quarantine(id: str, /, *, reason: Text, store: Store = None) -> None:
-    """Say that a run should not be used, and why; nothing of it is changed.
+    """Mark a run as unusable.
 
     ```
     modelgap quarantine 3f2a --reason "the gripper was loose"
     ```
 
-    SQL has the run with quarantined = true, monitor refuses it, and the inbox leaves it
-    out; by its id it is read as before. The first reason stays. No command takes it
-    back: the mark is the file quarantine/run_id=ID.json of the store, and without that
-    file the run is as good as before.
+    The run itself is not changed. In SQL it has quarantined = true, monitor refuses it,
+    and the inbox ignores it; its id still reads it. To undo, delete the file
+    quarantine/run_id=ID.json of the store.
 
     Args:
-        id: Id of the run; the beginning is enough.
-        reason: Why, for those who find it later.
+        id: Id of the run, or its beginning.
+        reason: Reason, which is stored; the first one is kept.
     """
     with opening.open_store(store_folder(store)) as opened:
         found = find(opened.path, id).id
@@ -136,15 +133,15 @@ def show(
     format: Literal["text", "json"] = "text",
     store: Store = None,
 ) -> None:
-    """Show all that is known of one run, model, diagnosis, validation or report.
+    """Show one run, model, diagnosis, validation or report.
 
     ```
     modelgap show 3f2a
     ```
 
     Args:
-        id: Its id; the beginning is enough.
-        format: How to print it.
+        id: Id of the record, or its beginning.
+        format: Format of the output.
     """
     with opening.open_store(store_folder(store)) as opened:
         found = find(opened.path, id)

@@ -36,16 +36,15 @@ BEAT = 30  # s between signs of life of a flow run; the least that Prefect takes
 
 @dataclass(frozen=True, slots=True)
 class ServiceRequest(Request):
-    """What shall run; what is None is as before.
+    """Start the service; None keeps the value of the last start.
 
     Attributes:
-        port: Port of the server and its page; 4200 unless given.
-        host: Address to listen on; anything but this machine needs --trust-network.
-        workers: How many flows may run at once.
-        every: Also start the nightly flow every so many seconds, until --every 0.
-        trust_network: Let others in the network reach the server. What they send is
-            not encrypted: who listens there learns the key, and runs programs as you.
-        project: The project that is served, None for none.
+        port: Port of the server; default 4200.
+        host: Address to listen on; any other than this machine needs --trust-network.
+        workers: Number of flows that run at once.
+        every: Also start the nightly flow every this many seconds; 0 to stop that.
+        trust_network: Accept connections from the network. They are not encrypted: an
+            eavesdropper learns the key and can run programs as you.
     """
 
     store: Store = None
