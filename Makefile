@@ -4,8 +4,7 @@ MINUTES ?= 1
 .PHONY: help demo docs test test-all bench fuzz audit lint format types lock clean
 BIN := .venv/bin
 UV_LOCK := uv pip compile --no-config --quiet --no-header --generate-hashes \
-	--only-binary :all: --python-version 3.11 --python-platform x86_64-manylinux_2_28 \
-	--group build $(UPGRADE) pyproject.toml
+	--universal --python-version 3.11 --group build $(UPGRADE) pyproject.toml
 
 help:
 	@echo "make demo    find an effect that a model was not told of; writes a report"

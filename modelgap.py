@@ -36,12 +36,7 @@ if TYPE_CHECKING:  # for editors
     )
     from flows.api.store import Store, Table, open_store
     from residual.check.result import LogCheck
-    from residual.diagnosis.result import (
-        ErrorTables,
-        Finding,
-        Parameter,
-        Verdict,
-    )
+    from residual.diagnosis.result import ErrorTables, Finding, Parameter, Verdict
     from residual.errors import InputError
     from residual.identification.estimate import Options
     from residual.model.model import Model

@@ -13,16 +13,16 @@ from flows.outputs import check_new_folder, write_all
 from flows.steps.check import check as check_sets
 from flows.steps.export import export_model, in_place
 from residual.check.result import LogCheck
-from residual.diagnosis.conclude import error_tables
 from residual.diagnosis.result import ErrorTables
 from residual.errors import InputError, shortened
 from residual.export.exported import Exported, Whole
 from residual.model.compare import compare as core_compare
 from residual.model.compare import prepare_held_out
-from residual.model.corrected import Corrected
+from residual.model.corrected import CorrectedModel
 from residual.model.model import Model
 from residual.recording import Recording
 from residual.robot.robot import Robot
+from residual.verdict.result import error_tables
 from warehouse.logs import ColumnMap, check_distinct, columns_of, read_table
 
 __all__ = ["check", "compare", "export", "load_robot", "read_logs", "recording"]
@@ -135,7 +135,7 @@ def recording(
 
 
 def compare(
-    models: Mapping[str, Model | Corrected], logs: Sequence[Recording]
+    models: Mapping[str, Model | CorrectedModel], logs: Sequence[Recording]
 ) -> ErrorTables:
     """Return the errors of several models of one robot on the same logs.
 
@@ -152,7 +152,7 @@ def compare(
             'Nothing to compare: give models by name, as {"with": model}, and a log.'
         )
     first = next(iter(models.values()))
-    base = first.model if isinstance(first, Corrected) else first
+    base = first.model if isinstance(first, CorrectedModel) else first
     held_out = prepare_held_out(logs, base)
     errors, _ = core_compare(models, held_out, base.filters)
     cutoff = min(one.track.cutoff for one in held_out)

@@ -22,14 +22,14 @@ from residual.calibration import calibrate as core
 from residual.calibration.rows import Run
 from residual.calibration.scores import DEFAULT, NOTHING, RUN, find
 from residual.diagnosis import result
-from residual.diagnosis.verdict import to_json
 from residual.errors import InputError
 from residual.identification.estimate import Options
-from residual.identification.prove import Identified
-from residual.model.corrected import Corrected
+from residual.identification.prove import ValidatedIdentification
+from residual.model.corrected import CorrectedModel
 from residual.model.model import Model
 from residual.recording import Recording
 from residual.robot.robot import Robot
+from residual.verdict.document import to_json
 from warehouse.logs import check_distinct
 
 _TEXT, _NUMBER, _JOINTS = pa.string(), pa.float64(), pa.list_(pa.int64())
@@ -154,7 +154,7 @@ def diagnose(
     )
 
 
-class Identification(Identified):
+class Identification(ValidatedIdentification):
     """An identified model, with its parameters as a table and its JSON."""
 
     __slots__ = ()
@@ -168,7 +168,7 @@ class Identification(Identified):
     @property
     def models(self) -> Mapping[str, Model]:
         """Models by name: nominal, identified, and consistent where requested."""
-        models = {"nominal": self.found.nominal, "identified": self.found.model}
+        models = {"nominal": self.free.nominal, "identified": self.free.model}
         if self.consistent is not None:
             models["consistent"] = self.consistent.model
         return models
@@ -182,7 +182,7 @@ class Identification(Identified):
             f"{self.errors[name].overall('filtered'):.3g} %"
             for name in ("nominal", "consistent" if self.consistent else "identified")
         )
-        count = len(self.found.base)
+        count = len(self.free.base)
         return (
             f"Identification({self.robot.name}: {count} parameters; "
             f"held-out {before} -> {after})"
@@ -233,7 +233,7 @@ class Calibration(core.Calibration):
         return calibrated.document(self, sentences(self), self.warnings, {})
 
     @property
-    def model(self) -> Corrected | None:
+    def model(self) -> CorrectedModel | None:
         """The model with the tables; None where they correct a simulated twin."""
         return core.corrected_model(self)
 

@@ -185,7 +185,6 @@ def truth(staged: Staged) -> list[Part]:
     return [
         words_table(("", "hidden", "found"), staged.rows, title),
         Note(staged.judged, "callout"),
-        *staged.edits,
         *([Note(staged.forms)] if staged.forms else []),
     ]
 

@@ -134,16 +134,17 @@ def alternatives(effect: Finding, dof: int | None = None) -> list[str]:
     return words
 
 
-# What only an experiment of our own can show: the truth, and the edit test.
+# The edit test, and what only a simulated experiment can show: the truth.
 
 
-def edit_sentence(edit: Edit, named: str = "take it out again") -> str:
+def edit_sentence(edit: Edit) -> str:
     """Return what is left of one effect that was taken out of the model again."""
-    words = f"{named}: error {percent(edit.error)} of torque"
+    effect = phrase(Place(edit.name, edit.joints))
+    words = f"{effect}, taken out again: error {percent(edit.error)} of torque"
     parts = {
         "with it": edit.kept,
         "least squares": edit.least_squares,
-        "with the true or the baseline's own parameters": edit.reference,
+        "with the baseline's own parameters": edit.reference,
     }
     words += "".join(f"; {k} {percent(v)}" for k, v in parts.items() if known(v))
     return sentence_case(f"{words}.")
@@ -151,11 +152,7 @@ def edit_sentence(edit: Edit, named: str = "take it out again") -> str:
 
 def baseline_sentences(verdict: Verdict) -> list[str]:
     """Return what is left on the baseline of each effect of a verdict, by name."""
-    return [
-        edit_sentence(edit, f"{phrase(Place(edit.name, edit.joints))}, taken out again")
-        for edit in verdict.edit or ()
-        if known(edit.error)
-    ]
+    return [edit_sentence(edit) for edit in verdict.edit or () if known(edit.error)]
 
 
 _JUDGED = {
@@ -183,14 +180,11 @@ class Hidden:
         name: Its name.
         joints: Its joints as the verdict counts them, from 1.
         parameters: Value of each parameter, SI.
-        edit: What is left of it, taken out of the model again; None where it was not
-            named.
     """
 
     name: str
     joints: tuple[int, ...]
     parameters: Mapping[str, float]
-    edit: Edit | None = None
 
 
 @dataclass(frozen=True, slots=True)
@@ -223,11 +217,6 @@ class Staged:
     def forms(self) -> str:
         """Why sizes need not agree; empty where nothing was found."""
         return FORMS if self.hidden and self.verdict.effects else ""
-
-    @property
-    def edits(self) -> list[str]:
-        """What is left of each effect once it is taken out again, in sentences."""
-        return [edit_sentence(h.edit) for h in self.hidden if h.edit is not None]
 
     @property
     def rows(self) -> list[tuple[str, str, str]]:
