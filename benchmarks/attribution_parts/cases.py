@@ -124,7 +124,10 @@ def edit_rows(
     out = []
     for effect, name in zip(effects, named, strict=True):
         place = Place(name.effect, name.joints)
-        if not is_named(place, found.verdict):
+        if not any(
+            own.name == place.name and set(place.joints) <= set(own.joints)
+            for own in found.verdict.effects
+        ):
             continue
         if "dense" not in models:
             models["dense"] = dense_model(models["nominal"], made.fit)
