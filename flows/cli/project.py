@@ -44,8 +44,7 @@ def init(
 
     Args:
         folder: Folder of the project; created if it does not exist.
-        robot: Robot file, folder or built-in name; files are copied into the project.
-            Default: the simulated IRB140.
+        robot: Robot file, folder or built-in name. Default: the simulated IRB140.
         simulated: Run a nightly campaign on a simulated arm of this robot.
     """
     project = start(folder, robot, simulated)

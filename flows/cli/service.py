@@ -4,7 +4,7 @@ import os
 import sys
 from collections.abc import Mapping
 from dataclasses import replace
-from datetime import UTC, datetime
+from datetime import UTC
 from pathlib import Path
 from shlex import quote
 from typing import TYPE_CHECKING
@@ -177,21 +177,8 @@ def _due(deployment: Mapping) -> str:
     if deployment["paused"]:
         return "paused"
     if deployment["due"]:
-        left = (deployment["due"] - datetime.now(UTC)).total_seconds()
-        when = deployment["due"].astimezone(UTC).isoformat(" ", "seconds")[:19]
-        return f"{when}, in {_span(left)}"
-    if deployment["schedules"]:
-        return "soon known"
-    return "on an event, or by hand"
-
-
-def _span(seconds: float) -> str:
-    if seconds < 0:
-        return "no time: late"
-    for unit, length in (("d", 86400), ("h", 3600), ("min", 60)):
-        if seconds >= 2 * length:
-            return f"{seconds / length:.0f} {unit}"
-    return f"{seconds:.0f} s"
+        return deployment["due"].astimezone(UTC).isoformat(" ", "seconds")[:19]
+    return "soon" if deployment["schedules"] else "on an event, or by hand"
 
 
 def _run(run: Mapping) -> tuple[str, str, str, str]:

@@ -158,15 +158,6 @@ def last_runs(client: SyncPrefectClient, most: int = 10) -> list[Mapping]:
     ]
 
 
-def start_flow(client: SyncPrefectClient, deployment: str) -> None:
-    """Start a deployment now, beside its schedule; a worker takes it in its turn."""
-    known = client.read_deployment_by_name(deployment)
-    client.create_flow_run_from_deployment(known.id)
-
-
-# Whether what runs for a store is well.
-
-
 @dataclass(frozen=True, slots=True)
 class Status:
     """State of the service of one store."""

@@ -46,9 +46,7 @@ class Judged:
     model: Model
     # The adoption that the robot has, with its number; None for none.
     parent: tuple[str, Adoption] | None
-    worth: (
-        AdoptionCheck | None
-    )  # None without held-out logs
+    worth: AdoptionCheck | None  # None without held-out logs
     # Why it should not be adopted; empty for a model that may.
     doubts: tuple[str, ...] = ()
 
