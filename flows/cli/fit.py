@@ -121,14 +121,7 @@ def calibrate(
         in_folder(export, calibration_files(made)) if export is not None else {},
     )
     show(wide(out.console), *told(done))
-    out.finish(*_kept(done))
-
-
-def _kept(done: calibration.Calibrated) -> list[str]:
-    if not done.kept:
-        return []
-    model, validation = done.kept["model"], done.kept["validation"]
-    return [
-        f"stored: model {model}, validation {validation}: modelgap show "
-        f"{validation[:8]}"
-    ]
+    if done.kept:
+        model, validation = done.kept["model"], done.kept["validation"]
+        out.say(f"stored: model {model}, validation {validation}")
+    out.finish()

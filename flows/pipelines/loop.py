@@ -100,7 +100,6 @@ def propose(diagnosis: str, store: str | None = None) -> str | None:
 
     Args:
         diagnosis: Its id.
-        store: Folder of the store; else $MODELGAP_STORE, else ./store.
 
     Returns:
         The number of the adoption, None where the answer was no.

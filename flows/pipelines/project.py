@@ -9,8 +9,8 @@ from pathlib import Path
 
 from prefect import flow, get_run_logger
 
-from flows.inbox.new import Diagnosed, new_runs, robot_of_runs
 from flows.inbox.new import diagnose_new as diagnose_runs
+from flows.inbox.new import new_runs, robot_of_runs
 from flows.inbox.take import (
     KNOWN,
     REFUSED,
@@ -24,7 +24,7 @@ from flows.pipelines import artifacts, loop, tasks
 from flows.pipelines.tasks import task
 from flows.project.deployments import STORED as ARRIVED
 from flows.project.deployments import resource
-from flows.project.read import Project, read_project
+from flows.project.read import read_project
 from flows.report.document import words_table
 from flows.report.words.verdict import headline
 from flows.settings import HEALTHY, store_folder
@@ -68,8 +68,15 @@ def take(folder: str) -> dict:
 def diagnose(folder: str, robot: str) -> list[str]:
     """Watch and diagnose what is new of a robot; returns the ids, none for nothing."""
     project = read_project(folder)
+    table = project.robot(robot)
     try:
-        found = _diagnosed(project, robot)
+        batch = new_runs(project.store, project.arm(table), table)
+        # The server may have been killed before their event started the monitoring.
+        if batch and batch.unwatched:
+            runs, store = list(batch.unwatched), str(project.store)
+            tasks.watch(runs, None, [], store, table.healthy)
+            artifacts.rename(f"{robot}: {len(batch.runs)} new runs")
+        found = diagnose_runs(project, robot)
     except InputError as error:
         artifacts.rename(f"{robot}: not diagnosed")
         artifacts.notice("failed", robot, f"{robot}: not diagnosed", str(error))
@@ -81,17 +88,6 @@ def diagnose(folder: str, robot: str) -> list[str]:
     many, against = len(found.batch.runs), found.batch.against
     get_run_logger().info(f"{many} new runs against {against}")
     return list(found.ids)
-
-
-def _diagnosed(project: Project, robot: str) -> Diagnosed | None:
-    table = project.robot(robot)
-    batch = new_runs(project.store, project.arm(table), table)
-    # Those of which the event was lost: the server may have been killed.
-    if batch and batch.unwatched:
-        runs, store = list(batch.unwatched), str(project.store)
-        tasks.watch(runs, None, [], store, table.healthy)
-        artifacts.rename(f"{robot}: {len(batch.runs)} new runs")
-    return diagnose_runs(project, robot)
 
 
 def tag_of(folder: str, runs: list[str]) -> str:
@@ -143,7 +139,6 @@ def diagnose_new(
         robot: Name of the robot in it.
         runs: Ids of runs with an alarm, instead of a robot.
         good: Ids of healthy runs of the arm.
-        store: Folder of the store; else $MODELGAP_STORE, else ./store.
 
     Returns:
         The page; None where nothing is new.
@@ -152,7 +147,13 @@ def diagnose_new(
         robot = table.name
     if project and robot:
         artifacts.rename(robot)
-        return _diagnosed_new(project, robot)
+        ids, read = diagnose(project, robot), read_project(project)
+        if not ids:
+            return None
+        page = tasks.report(ids, str(read.store))
+        found(ids[0], str(read.store), page)
+        loop.adopt_or_propose(ids[0], str(read.store), read.robot(robot).auto)
+        return page
     if not runs:
         raise InputError("diagnose-new needs a project with its robot, or runs.")
     place = str(store_folder(store))
@@ -163,17 +164,4 @@ def diagnose_new(
     ids = tasks.diagnose(roles, place)
     page = tasks.report(ids, place)
     found(ids[0], place, page)
-    return page
-
-
-def _diagnosed_new(project: str, robot: str) -> str | None:
-    """Diagnose what is new of a robot, tell people, propose; returns the page."""
-    ids = diagnose(project, robot)
-    if not ids:
-        return None
-    read = read_project(project)
-    store, auto = str(read.store), read.robot(robot).auto
-    page = tasks.report(ids, store)
-    found(ids[0], store, page)
-    loop.adopt_or_propose(ids[0], store, auto)
     return page

@@ -1,8 +1,7 @@
-"""All Prefect tasks: plain steps with a name, a time limit, and retries where due.
+"""The tasks of the flows: steps with a name, a time limit, and retries.
 
-To be imported under `flows.settings.quiet_prefect`. Ids and paths go in and out; what
-people want to see becomes an artifact. Prefect caches nothing: the ids of the store are
-the cache.
+To be imported under `flows.settings.quiet_prefect`. Tasks take and return ids, paths.
+Prefect caches nothing: the ids of the store are the cache.
 """
 
 from collections.abc import Mapping
@@ -89,13 +88,7 @@ def experiment(
 def identify(
     fit: list[str], held_out: list[str] | None = None, store: str | None = None
 ) -> None:
-    """Identify the parameters of an arm; the errors are a table among the artifacts.
-
-    Args:
-        fit: Ids of the runs to fit.
-        held_out: Ids of the runs for the proof.
-        store: Folder of the store; else $MODELGAP_STORE, else ./store.
-    """
+    """Identify the parameters of an arm from runs."""
     place = store_folder(store)
     request = requests.Identify(
         tuple(fit),
@@ -109,12 +102,7 @@ def identify(
 
 
 def calibrate(runs: list[str], store: str | None = None) -> list[str]:
-    """Fit look-up tables to what the model of an arm leaves; returns their ids.
-
-    Args:
-        runs: Ids of the runs.
-        store: Folder of the store; else $MODELGAP_STORE, else ./store.
-    """
+    """Fit look-up tables to runs; return the ids of the records."""
     place = store_folder(store)
     robot = robot_of(runs, place)
     request = requests.Calibrate(tuple(runs), robot=robot, store=place)
@@ -126,12 +114,10 @@ def calibrate(runs: list[str], store: str | None = None) -> list[str]:
 def validate(
     runs: list[str], window: float = 0.25, store: str | None = None
 ) -> list[str]:
-    """Try the nominal model on runs; returns the ids of the validations.
+    """Validate the nominal model on runs; return the ids of the validations.
 
     Args:
-        runs: Ids of the runs.
-        window: Length of the windows of the open loop [s].
-        store: Folder of the store; else $MODELGAP_STORE, else ./store.
+        window: Length of a window of the open loop [s].
     """
     place = store_folder(store)
     wanted = (requests.Validate(id, window, place) for id in runs)

@@ -58,13 +58,6 @@ class ServiceRequest(Request):
     project: Annotated[Project | None, Parameter(parse=False)] = None
 
 
-def _has_scheduler() -> bool:
-    try:
-        return find_spec("prefect") is not None
-    except ModuleNotFoundError:
-        return False
-
-
 def checked(request: ServiceRequest) -> None:
     """Refuse what cannot be, or what must be said twice.
 
@@ -80,7 +73,11 @@ def checked(request: ServiceRequest) -> None:
     if request.database is not None:
         database_url(request.database)
     check_host(request.host or "127.0.0.1", request.trust_network)
-    if not _has_scheduler():
+    try:
+        scheduler = find_spec("prefect")
+    except ModuleNotFoundError:
+        scheduler = None
+    if scheduler is None:
         raise not_installed("prefect")
 
 

@@ -127,12 +127,13 @@ def _entry(content: dict, change: Change, path: str | Path) -> Entry:
     changed = deepcopy(content)
     for keys, value in change:
         _put(changed, keys, value, ".".join(keys))
-    label = " ".join(f"{'.'.join(keys)}={_short(value)}" for keys, value in change)
-    return Entry(label, experiment_of(changed, path))
-
-
-def _short(value: Any) -> str:
-    return f"{value:.4g}" if isinstance(value, float) else str(value)
+    words = (
+        f"{'.'.join(keys)}={value:.4g}"
+        if isinstance(value, float)
+        else f"{'.'.join(keys)}={value}"
+        for keys, value in change
+    )
+    return Entry(" ".join(words), experiment_of(changed, path))
 
 
 def _put(place: Any, keys: tuple[str, ...], value: Any, what: str) -> None:
