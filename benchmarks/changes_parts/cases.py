@@ -33,7 +33,7 @@ from benchmarks.changes_parts.case import (
 )
 from benchmarks.harness.cases import kept_file, run_kept, seed_range
 from benchmarks.measured_parts.arms import absent
-from flows.workers.processes import Here
+from flows.workers.processes import InlineExecutor
 from sim.engine.records import stream
 
 DECIDING = "121101:121104"
@@ -98,7 +98,7 @@ def listed(
     jobs = {slot.name: slot for slot in wanted}
     plan = [f"benchmarks/changes_parts/{name}" for name in OWN]
     path = kept_file("changes-listed", *plan, *BELOW, code="cases")
-    found = run_kept(path, _words, pool or Here(), drawn, jobs)
+    found = run_kept(path, _words, pool or InlineExecutor(), drawn, jobs)
     broken = [
         f"{name}: {row['error']}" for name, row in found.items() if "error" in row
     ]

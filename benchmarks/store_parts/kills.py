@@ -16,7 +16,7 @@ from benchmarks.store_parts.made import folder, stand_in
 from flows.specs.campaign import load_campaign
 from flows.steps import experiment
 from flows.steps.campaign import run_all
-from flows.workers.processes import Here
+from flows.workers.processes import InlineExecutor
 from warehouse.layout import list_folders
 from warehouse.provenance import provenance
 from warehouse.runs import open_seal, read_run
@@ -89,7 +89,7 @@ def _campaign(spec: Path, store: Path, started=None) -> None:
     if started is not None:
         started.set()
     planned = experiment.plan(load_campaign(spec), store)
-    summary = run_all(planned, store, None, Here())
+    summary = run_all(planned, store, None, InlineExecutor())
     for why in summary.failed.values():
         raise RuntimeError(why)
 

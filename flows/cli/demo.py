@@ -20,10 +20,10 @@ from warehouse.remote import shown
 
 # As it was once called; a demonstration is always plain now.
 Plain = Annotated[Flag, Parameter(show=False)]
-_USUAL = steps.Demo()
+_DEFAULT = steps.Demo()
 
 
-def demo(*, request: steps.Demo = _USUAL, plain: Plain = False) -> None:
+def demo(*, request: steps.Demo = _DEFAULT, plain: Plain = False) -> None:
     """Find the hidden effect of a simulated arm.
 
     Runs six experiments of three motion families in a physics engine, and two held-out

@@ -68,21 +68,21 @@ def diagnose(
     out.say(*read.lines[:1], *choice.lines, *read.lines[1:])
     stored = steps.as_stored(read)
     with progress_bar() as progress:
-        found = steps.diagnose(request, stored or read, progress)
+        result = steps.diagnose(request, stored or read, progress)
     # Those of the logs were printed before the work.
-    out.say(*found.notes[len(read.lines) :])
+    out.say(*result.notes[len(read.lines) :])
 
     def page() -> str:
         origin = of_request(request, str(report))
-        return render(found, found.verdict.robot, origin=origin)
+        return render(result, result.verdict.robot, origin=origin)
 
     out.write(
         {
             "--report": page,
-            "--save-model": lambda: to_text(found.models["augmented"]),
+            "--save-model": lambda: to_text(result.models["augmented"]),
         },
-        lambda: to_json(found.verdict),
+        lambda: to_json(result.verdict),
     )
-    print_diagnosis(found, out.console)
-    kept = steps.keep(request, stored, found)[0] if stored else None
+    print_diagnosis(result, out.console)
+    kept = steps.keep(request, stored, result)[0] if stored else None
     out.finish(*([f"stored as a diagnosis: modelgap show {kept}"] if kept else []))

@@ -58,7 +58,7 @@ DryRun = Annotated[
         "and what breaks a limit of the arm."
     ),
 ]
-_PLAIN, _MANY = Validate(), Campaign()
+_DEFAULT, _DEFAULT_CAMPAIGN = Validate(), Campaign()
 
 
 def experiment(spec: str, /, *, store: Store = None, dry_run: DryRun = False) -> None:
@@ -87,7 +87,7 @@ def campaign(
     spec: str,
     /,
     *,
-    request: Campaign = _MANY,
+    request: Campaign = _DEFAULT_CAMPAIGN,
     dry_run: DryRun = False,
     json: Json = None,
 ) -> None:
@@ -111,8 +111,8 @@ def campaign(
     refused = _list(planned, console, True) if dry_run else {}
     failing = len(refused)
     missing = sum(not p.stored for p in planned)
-    known = f"{missing} to run, {len(planned) - missing} in {shown(place)}"
-    say(console, f"{known}; {failing} will fail" if failing else known)
+    count_text = f"{missing} to run, {len(planned) - missing} in {shown(place)}"
+    say(console, f"{count_text}; {failing} will fail" if failing else count_text)
     if dry_run:
         summary = campaigns.Summary(tuple(planned), refused)
         out.write(document=lambda: campaigns.document(summary, done=False))
@@ -149,7 +149,7 @@ def _list(
 
 def validate(
     *runs: Annotated[str, Parameter(name="RUN")],
-    request: Validate = _PLAIN,
+    request: Validate = _DEFAULT,
     where: Where = None,
     model: Model = None,
     calibration: Id = None,
@@ -184,7 +184,7 @@ def validate(
         report: HTML file for the report.
     """
     out, place = Outputs({"--report": report}), store_folder(request.store)
-    console, found, done = out.console, {}, None
+    console, validations, done = out.console, {}, None
     check_between("--seeds", seeds, 1, 1000)
     runs = (*runs, *queried(request.store, where))
     if not runs:
@@ -194,19 +194,19 @@ def validate(
     tables = None if calibration is None else calibration_of(place, calibration)
     request = replace(request, store=place, model=choice.diagnosis, calibration=tables)
     for run in runs:
-        id, made = trial.validate(replace(request, run=run))
-        found[run] = made
+        id, validation = trial.validate(replace(request, run=run))
+        validations[run] = validation
         stored = f"stored in {shown(place)}: modelgap show {id}"
-        told = experiments.meaning(made)
-        figures = experiments.validation(made), experiments.both_ways(made)
-        show(console, *figures, told, *made.notes, stored)
+        sentence = experiments.meaning(validation)
+        figures = experiments.validation(validation), experiments.both_ways(validation)
+        show(console, *figures, sentence, *validation.notes, stored)
     if choice.diagnosis or tables:
         with progress_bar() as bar:
             id, done = trial.drive_unseen(request, runs, seeds, bar) or (None, None)
     if done:
         stored = f"stored in {shown(place)}: modelgap show {id}"
         show(console, *experiments.tracking(done), stored)
-    out.write({"--report": lambda: experiments.validation_page(found, done)})
+    out.write({"--report": lambda: experiments.validation_page(validations, done)})
     out.finish()
 
 
@@ -228,14 +228,14 @@ class Trajectory(OfRobot):
     rate: Hertz = 250.0
 
 
-_MOTION = Trajectory()
+_DEFAULT_MOTION = Trajectory()
 
 
 def trajectory(
     kind: str,
     /,
     *,
-    request: Trajectory = _MOTION,
+    request: Trajectory = _DEFAULT_MOTION,
     csv: File = None,
     plot: File = None,
     gif: File = None,

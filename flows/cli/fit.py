@@ -62,13 +62,13 @@ def identify(
         check_new_folder("--export", Path(export))
     read = identification.read_logs(request)
     out.say(*read.lines[:1], *choice.lines, *read.lines[1:])
-    made, kept = identification.identify(request, read)
+    outcome, kept = identification.identify(request, read)
     files = {}
     if export is not None:
-        about = f"identified from {' '.join(made.fit)}"
-        files = in_folder(export, robot_files(made.best, about))
-    show(wide(out.console), *identified(made))
-    out.write(document=lambda: identification_document(made), more=files)
+        about = f"identified from {' '.join(outcome.fit)}"
+        files = in_folder(export, robot_files(outcome.best, about))
+    show(wide(out.console), *identified(outcome))
+    out.write(document=lambda: identification_document(outcome), more=files)
     out.finish(*([f"stored as a model: modelgap show {kept}"] if kept else []))
 
 
@@ -114,11 +114,13 @@ def calibrate(
     out.say(*read.lines)
     with progress_bar() as progress:
         done = calibration.calibrate(request, read, runs, progress)
-    made = done.made
+    result = done.made
     out.write(
-        {"--report": lambda: render(made, done.warnings)},
-        lambda: calibration_document(made, sentences(made), done.warnings, done.kept),
-        in_folder(export, calibration_files(made)) if export is not None else {},
+        {"--report": lambda: render(result, done.warnings)},
+        lambda: calibration_document(
+            result, sentences(result), done.warnings, done.kept
+        ),
+        in_folder(export, calibration_files(result)) if export is not None else {},
     )
     show(wide(out.console), *told(done))
     if done.kept:

@@ -43,11 +43,11 @@ def diff(
         two: Id of a second record of the same kind.
         format: Format of the output.
     """
-    found = steps.diff(one, two, store_folder(store))
+    difference = steps.diff(one, two, store_folder(store))
     if format == "json":
-        print(json.dumps(as_record(found), indent=2, ensure_ascii=False))
+        print(json.dumps(as_record(difference), indent=2, ensure_ascii=False))
     else:
-        show(wide(Console(), 1000), *comparison(found))
+        show(wide(Console(), 1000), *comparison(difference))
 
 
 def lineage(
@@ -76,8 +76,8 @@ def lineage(
     with open_store(store_folder(store)) as opened:
         trees = {
             words: tree(opened, id, words == "gave")
-            for words, asked in directions.items()
-            if asked
+            for words, shown in directions.items()
+            if shown
         }
     if format == "json":
         document = {words: asdict(root) for words, root in trees.items()}
@@ -121,10 +121,10 @@ def rerun(
         format: Format of the output.
     """
     place = store_folder(store)
-    made = reruns.rerun(id, place, verify)
+    outcome = reruns.rerun(id, place, verify)
     if format == "json":
-        print(json.dumps(rerun_record(made), indent=2, ensure_ascii=False))
+        print(json.dumps(rerun_record(outcome), indent=2, ensure_ascii=False))
     else:
-        print("\n".join(rerun_lines(made)))
-    if not made.reproduced and (verify or made.same_code):
-        raise RunError(f"{made.kind} {made.id} was not reproduced.")
+        print("\n".join(rerun_lines(outcome)))
+    if not outcome.reproduced and (verify or outcome.same_code):
+        raise RunError(f"{outcome.kind} {outcome.id} was not reproduced.")

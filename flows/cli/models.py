@@ -24,7 +24,7 @@ from flows.steps import predict as predicting
 from residual.model.compare import WHOLE
 from warehouse.remote import shown
 
-_PLAIN = steps.Adopt()
+_DEFAULT = steps.Adopt()
 
 
 def models(*, robot: RobotName = None, store: Store = None) -> None:
@@ -43,13 +43,13 @@ def models(*, robot: RobotName = None, store: Store = None) -> None:
     """
     console, listed = wide(Console()), steps.list_adoptions(store, robot)
     if not listed:
-        whose = f"{robot} has" if robot else "Every robot has"
-        say(console, f"{whose} its nominal model in {shown(store_folder(store))}.")
+        subject = f"{robot} has" if robot else "Every robot has"
+        say(console, f"{subject} its nominal model in {shown(store_folder(store))}.")
         return
     show(console, adoptions(listed), ADOPTED_KEY)
 
 
-def adopt(id: str, /, *, request: steps.Adopt = _PLAIN) -> None:
+def adopt(id: str, /, *, request: steps.Adopt = _DEFAULT) -> None:
     """Make the augmented model of a diagnosis the current model of its robot.
 
     ```
@@ -64,8 +64,8 @@ def adopt(id: str, /, *, request: steps.Adopt = _PLAIN) -> None:
     Args:
         id: Id of a diagnosis, or of its model.
     """
-    number, judged = steps.adopt(replace(request, model=id))
-    say(Console(), *adoption_lines(number, judged))
+    number, judgment = steps.adopt(replace(request, model=id))
+    say(Console(), *adoption_lines(number, judgment))
 
 
 def rollback(*, robot: RobotName = None, note: Text = "", store: Store = None) -> None:
@@ -79,11 +79,11 @@ def rollback(*, robot: RobotName = None, note: Text = "", store: Store = None) -
         robot: The robot; not needed if only one has an adopted model.
         note: Reason, which is stored.
     """
-    number, made = steps.roll_back(robot, note, store)
+    number, restored = steps.roll_back(robot, note, store)
     now = "its nominal model"
-    if made.diagnosis_id is not None:
-        now = f"the model of diagnosis {made.diagnosis_id[:8]}"
-    say(Console(), f"adoption {int(number)}: {made.robot} has {now} again")
+    if restored.diagnosis_id is not None:
+        now = f"the model of diagnosis {restored.diagnosis_id[:8]}"
+    say(Console(), f"adoption {int(number)}: {restored.robot} has {now} again")
 
 
 def export(
@@ -120,12 +120,13 @@ def export(
     check_new_folder("--out", Path(out))
     inputs = read_files((model, request.log or ""), request.columns)
     outputs = Outputs({"--json": json}, inputs)
-    made = exporting.export(replace(request, model=model))
+    exported = exporting.export(replace(request, model=model))
     Path(out).mkdir(exist_ok=True)
     outputs.write(
-        document=lambda: exporting.document(made), more=exporting.in_place(made, out)
+        document=lambda: exporting.document(exported),
+        more=exporting.in_place(exported, out),
     )
-    outputs.say(*exporting.words(made))
+    outputs.say(*exporting.words(exported))
     outputs.finish()
 
 
@@ -158,9 +159,9 @@ def predict(
     outputs = Outputs({"--out": out, "--json": json}, inputs)
     if "--out" in outputs.files:
         predicting.check_form(outputs.files["--out"])
-    found, read = predicting.read(request)
-    outputs.say(f"model: {found!r}", *read.lines[1:])
-    made = predicting.predict(request, found, read)
+    model, read = predicting.read(request)
+    outputs.say(f"model: {model!r}", *read.lines[1:])
+    made = predicting.predict(request, model, read)
     edited = [f"edited: {one!r}" for name, one in made.models.items() if name != WHOLE]
     outputs.say(*edited, *(f"warning: {w}" for w in read.warnings))
     show(outputs.console, prediction(predicting.tables(made)))

@@ -15,14 +15,14 @@ from flows.steps import monitor as monitoring
 from flows.steps.models import chosen_to_watch
 from warehouse.remote import shown
 
-_HOURLY = Monitor()
+_DEFAULT = Monitor()
 
 
 def monitor(
     model: str,
     /,
     *runs: Annotated[str, Parameter(name="RUN")],
-    request: Monitor = _HOURLY,
+    request: Monitor = _DEFAULT,
     nominal: Flag = False,
     plot: File = None,
 ) -> None:
@@ -50,9 +50,9 @@ def monitor(
     choice = chosen_to_watch(model, place, nominal, runs)
     out.say(*choice.lines)
     request = replace(request, model=choice.diagnosis or model, runs=runs, store=place)
-    id, found, watched = monitoring.monitor(request)
-    if any(found.alarms.values()):
-        show(out.console, alarm_table(found, watched))
-    out.write({"--plot": lambda: draw(found, watched)})
-    out.say(meaning(found), *found.notes)
+    id, outcome, watched = monitoring.monitor(request)
+    if any(outcome.alarms.values()):
+        show(out.console, alarm_table(outcome, watched))
+    out.write({"--plot": lambda: draw(outcome, watched)})
+    out.say(meaning(outcome), *outcome.notes)
     out.finish(f"stored in {shown(place)}: modelgap show {id}")

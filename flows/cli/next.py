@@ -15,14 +15,14 @@ from flows.steps.next import open_verdict, rank_motions
 from residual.verdict.document import to_json
 from sim.trajectories import make_reference
 
-_PLAIN = Next()
+_DEFAULT = Next()
 
 
 def next_(
     verdict: str,
     /,
     *logs: Log,
-    request: Next = _PLAIN,
+    request: Next = _DEFAULT,
     rate: Hertz = 250.0,
     out: File = None,
     json: File = None,
@@ -61,20 +61,24 @@ def next_(
     check_between("--seed", request.seed, 0, SEEDS)
     with progress_bar() as progress:
         opened = open_verdict(request, progress)
-        found = rank_motions(
+        ranking = rank_motions(
             opened.question, opened.robot, request.seconds, request.seed, progress
         )
     outputs.say(*opened.lines)
     if not opened.same:
         headline = sentences(opened.found.verdict)[0]
         outputs.say(f"Warning: these logs say another thing than {verdict}: {headline}")
-    if found is None or found.best.seen.hopeless:
-        outputs.say(*nothing_open(opened, found))
+    if ranking is None or ranking.best.seen.hopeless:
+        outputs.say(*nothing_open(opened, ranking))
         return
-    plan = found.document(Path(out).name if out else None)
+    plan = ranking.document(Path(out).name if out else None)
     outputs.write(
-        {"--out": lambda: as_csv(make_reference(opened.robot, found.best.spec, rate))},
+        {
+            "--out": lambda: as_csv(
+                make_reference(opened.robot, ranking.best.spec, rate)
+            )
+        },
         lambda: to_json(replace(opened.verdict, next_experiment=plan)),
     )
-    show(outputs.console, *told(found), comparison(found))
+    show(outputs.console, *told(ranking), comparison(ranking))
     outputs.finish()

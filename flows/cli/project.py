@@ -11,11 +11,11 @@ from flows.inbox.take import (
     STORED,
     WAITING,
     Inbox,
-    Taken,
+    Outcome,
+    import_all,
     inboxes,
-    look,
-    look_twice,
-    take_all,
+    list_logs,
+    unchanged_logs,
 )
 from flows.outputs import progress_bar
 from flows.project.read import Project, read_project, start
@@ -86,7 +86,7 @@ def inbox(
         sums = _round(project, of, import_only)
         if once:
             # What is still written, or empty, waits too, though nobody has tried it.
-            sums[WAITING] = sum(len(look(inbox.folder)) for inbox in of)
+            sums[WAITING] = sum(len(list_logs(inbox.folder)) for inbox in of)
             words = ", ".join(f"{sums[what]} {what}" for what in _WORDS)
             print(words)
             return
@@ -99,11 +99,11 @@ _WORDS = (STORED, KNOWN, REFUSED, WAITING)
 
 def _round(project: Project, of: tuple[Inbox, ...], import_only: bool) -> Counter:
     sums: Counter = Counter()
-    for place, resting in look_twice(of).items():
+    for place, resting in unchanged_logs(of).items():
         inbox = of[place]
         tell = (lambda _: None) if import_only else _watcher(project, inbox)
-        for number, taken in enumerate(take_all(inbox, resting, tell), 1):
-            sums[taken.what] += 1
+        for number, taken in enumerate(import_all(inbox, resting, tell), 1):
+            sums[taken.status] += 1
             _say(f"{number}/{len(resting)} {_words(taken)}")
     if not import_only and sums:
         for robot in project.table.robot:
@@ -112,13 +112,13 @@ def _round(project: Project, of: tuple[Inbox, ...], import_only: bool) -> Counte
     return sums
 
 
-def _words(taken: Taken) -> str:
+def _words(taken: Outcome) -> str:
     name = taken.name
-    if taken.what == STORED:
+    if taken.status == STORED:
         return f"{name}: stored as run {taken.run}"
-    if taken.what == KNOWN:
+    if taken.status == KNOWN:
         return f"{name}: is run {taken.run} already"
-    return f"{name}: {taken.what}: {taken.why}"
+    return f"{name}: {taken.status}: {taken.why}"
 
 
 def _watcher(project: Project, inbox: Inbox):
@@ -126,12 +126,12 @@ def _watcher(project: Project, inbox: Inbox):
 
     def tell(runs: list[str]) -> None:
         try:
-            found = watch_new(runs, project.store, tag=project.robot(robot).healthy)
+            outcome = watch_new(runs, project.store, tag=project.robot(robot).healthy)
         except InputError as error:
             _say(f"{robot}: not watched: {error}")
             return
-        if found.alarmed:
-            _say(f"{robot}: {len(found.alarmed)} of {len(runs)} new runs alarm")
+        if outcome.alarmed:
+            _say(f"{robot}: {len(outcome.alarmed)} of {len(runs)} new runs alarm")
 
     return tell
 
@@ -139,15 +139,17 @@ def _watcher(project: Project, inbox: Inbox):
 def _diagnose(project: Project, robot: str) -> None:
     try:
         with progress_bar() as progress:
-            found = diagnose_new(project, robot, progress)
+            outcome = diagnose_new(project, robot, progress)
     except InputError as error:
         _say(f"{robot}: not diagnosed: {error}")
         return
-    if found is None:
+    if outcome is None:
         return
-    title = f"{robot}: {headline(found.verdict)}"
-    _say(f"{title} ({len(found.batch.runs)} new runs against {found.batch.against})")
-    _say(f"stored as a diagnosis: modelgap show {found.ids[0]}")
+    title = f"{robot}: {headline(outcome.verdict)}"
+    _say(
+        f"{title} ({len(outcome.batch.runs)} new runs against {outcome.batch.against})"
+    )
+    _say(f"stored as a diagnosis: modelgap show {outcome.ids[0]}")
 
 
 def _say(text: str) -> None:

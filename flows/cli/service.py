@@ -18,7 +18,7 @@ from flows.project.read import project_here
 from flows.report.console import show, wide
 from flows.report.document import Table, words_table
 from flows.requests import Flag, Seconds, Store
-from flows.service.request import DATABASE, ServiceRequest, checked
+from flows.service.request import DATABASE, ServiceRequest, check_request
 from flows.service.state import CLIENT, KEY
 from flows.settings import API, PREFECT, prefect_home, quiet_prefect, store_folder
 from residual.errors import InputError, RunError
@@ -27,10 +27,10 @@ from warehouse.remote import shown
 if TYPE_CHECKING:
     from flows.service.api import Status
 
-_USUAL, NOTHING = ServiceRequest(), "nothing runs"
+_DEFAULT, NOTHING = ServiceRequest(), "nothing runs"
 
 
-def up(*, request: ServiceRequest = _USUAL, foreground: Flag = False) -> None:
+def up(*, request: ServiceRequest = _DEFAULT, foreground: Flag = False) -> None:
     """Start server, worker and schedules of a store.
 
     ```
@@ -57,7 +57,7 @@ def up(*, request: ServiceRequest = _USUAL, foreground: Flag = False) -> None:
         request = replace(
             request, port=request.port or port, workers=request.workers or workers
         )
-    checked(request)
+    check_request(request)
     _prepare(prefect_home(place))
     from flows.service.up import stay
     from flows.service.up import up as bring_up
@@ -106,15 +106,15 @@ def status(*, json: Flag = False, store: Store = None) -> None:
     _prepare(home)
     from flows.service.api import status as state_of
 
-    found = state_of(home)
+    state = state_of(home)
     if json:
-        print(json_text(found.document()), end="")
+        print(json_text(state.document()), end="")
     else:
-        _print_status(found, place)
-    if found.running is None or found.running.stopped:
+        _print_status(state, place)
+    if state.running is None or state.running.stopped:
         raise RunError(f"{shown(place)} is stopped. Start it: modelgap up")
-    if found.wrong:
-        raise RunError(f"{shown(place)}: {'; '.join(found.wrong)}.")
+    if state.wrong:
+        raise RunError(f"{shown(place)}: {'; '.join(state.wrong)}.")
 
 
 def down(*, wait: Seconds = 60.0, store: Store = None) -> None:
@@ -152,23 +152,23 @@ def _say(text: str) -> None:
     print(f"modelgap: {text}", file=sys.stderr, flush=True)
 
 
-def _print_status(found: "Status", store: Path) -> None:
+def _print_status(state: "Status", store: Path) -> None:
     console = wide(Console())
-    running = found.running
+    running = state.running
     if running is None or running.stopped:
         say(console, f"{shown(store)}: {NOTHING}")
         return
-    word = "answers" if found.server else "does not answer"
+    word = "answers" if state.server else "does not answer"
     lines = [f"server   {word}: {running.ui} (history: {running.database})"]
-    lines += [f"worker   {found.worker}, {running.workers} flow(s) at once"]
-    lines += [f"{name:8} {address}" for name, address in found.pages.items()]
-    lines += [f"refused  {row['robot']}: {row['why']}" for row in found.refused]
+    lines += [f"worker   {state.worker}, {running.workers} flow(s) at once"]
+    lines += [f"{name:8} {address}" for name, address in state.pages.items()]
+    lines += [f"refused  {row['robot']}: {row['why']}" for row in state.refused]
     say(console, *lines)
-    if found.deployments:
-        rows = [(d["name"], _due(d)) for d in found.deployments]
+    if state.deployments:
+        rows = [(d["name"], _due(d)) for d in state.deployments]
         show(console, words_table(("deployment", "due next (UTC)"), rows))
-    if found.runs:
-        rows = [_run(run) for run in found.runs]
+    if state.runs:
+        rows = [_run(run) for run in state.runs]
         heads = ("flow run", "state", "begun (UTC)", "time [s]")
         show(console, Table(heads, rows, left=range(3)))
 

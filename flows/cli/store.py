@@ -94,11 +94,11 @@ def prune(
     """
     check_between("--older-than", older_than, 0.0, 1e5)
     place = store_folder(store)
-    found = old_runs(place, older_than, robot, keep_tag)
-    for old in found:
+    listed = old_runs(place, older_than, robot, keep_tag)
+    for old in listed:
         print("\n".join(old.places))
-    size = sum(old.size for old in found)
-    print(f"{len(found)} runs of {size / 1e6:.1f} MB", file=sys.stderr)
+    size = sum(old.size for old in listed)
+    print(f"{len(listed)} runs of {size / 1e6:.1f} MB", file=sys.stderr)
 
 
 def quarantine(id: str, /, *, reason: Text, store: Store = None) -> None:
@@ -117,13 +117,15 @@ def quarantine(id: str, /, *, reason: Text, store: Store = None) -> None:
         reason: Reason, which is stored; the first one is kept.
     """
     with opening.open_store(store_folder(store)) as opened:
-        found = find(opened.path, id).id
-        known = tombstone(opened.path, found)
-        set_aside(opened.path, found, reason)
+        run_id = find(opened.path, id).id
+        reason_before = tombstone(opened.path, run_id)
+        set_aside(opened.path, run_id, reason)
     text = (
-        f"was in quarantine already: {known}" if known else f"in quarantine: {reason}"
+        f"was in quarantine already: {reason_before}"
+        if reason_before
+        else f"in quarantine: {reason}"
     )
-    print(f"{found} {text}")
+    print(f"{run_id} {text}")
 
 
 def show(
@@ -144,14 +146,14 @@ def show(
         format: Format of the output.
     """
     with opening.open_store(store_folder(store)) as opened:
-        found = find(opened.path, id)
+        place = find(opened.path, id)
         record = {
-            "kind": found.kind,
-            "id": found.id,
-            "folder": str(found.folder.relative_to(opened.path)),
-            **_relatives(opened, found.id),
-            "quarantined": tombstone(opened.path, found.id),
-            "content": read_record(opened.path, found.id),
+            "kind": place.kind,
+            "id": place.id,
+            "folder": str(place.folder.relative_to(opened.path)),
+            **_relatives(opened, place.id),
+            "quarantined": tombstone(opened.path, place.id),
+            "content": read_record(opened.path, place.id),
         }
         tell_damage(opened)
     if format == "json":
@@ -172,11 +174,11 @@ def _tell_rows(store: opening.Store, ids: Iterable[str]) -> None:
 
 
 def _relatives(store: Store, id: str) -> dict:
-    asked = {
+    queries = {
         "parents": f"SELECT parent, role FROM lineage WHERE child = {quoted(id)}",
         "children": f"SELECT child, role FROM lineage WHERE parent = {quoted(id)}",
     }
     return {
         name: store.sql(query, without_damaged=True).to_pylist()
-        for name, query in asked.items()
+        for name, query in queries.items()
     }

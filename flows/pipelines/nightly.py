@@ -68,7 +68,7 @@ def nightly(
     ]
     ids = tasks.diagnose(runs, place, loop.model_in_force(runs, place))
     page = tasks.report(ids, place)
-    projects.found(ids[0], place, page)
+    projects.report_finding(ids[0], place, page)
     loop.adopt_or_propose(ids[0], place, auto)
     for future in beside:
         future.result()

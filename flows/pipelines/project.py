@@ -16,9 +16,9 @@ from flows.inbox.take import (
     REFUSED,
     STORED,
     WAITING,
+    import_all,
     inboxes,
-    look_twice,
-    take_all,
+    unchanged_logs,
 )
 from flows.pipelines import artifacts, loop, tasks
 from flows.pipelines.tasks import task
@@ -42,24 +42,24 @@ def take(folder: str) -> dict:
     """Take what rests in the inboxes of a project; tell what follows from it."""
     project, log = read_project(folder), get_run_logger()
     of, sums, rows, fed = inboxes(project), Counter(), [], set()
-    for place, resting in look_twice(of).items():
+    for place, resting in unchanged_logs(of).items():
         robot = of[place].table.robot
-        for taken in take_all(of[place], resting, artifacts.runs_committed):
-            sums[taken.what] += 1
+        for taken in import_all(of[place], resting, artifacts.runs_committed):
+            sums[taken.status] += 1
             outcome = taken.run or taken.why
-            log.info(f"{taken.name}: {taken.what}: {outcome}")
-            rows.append((taken.name, taken.what, outcome))
+            log.info(f"{taken.name}: {taken.status}: {outcome}")
+            rows.append((taken.name, taken.status, outcome))
             if taken.run:
                 fed.add(robot)
-            if taken.what == REFUSED:
+            if taken.status == REFUSED:
                 title = f"{robot}: {taken.name} was refused"
-                artifacts.notice("refused", robot, title, taken.why)
+                artifacts.send_notice("refused", robot, title, taken.why)
     for robot in fed:
-        artifacts.tell(ARRIVED, {"robot": robot}, resource(robot))
+        artifacts.send_event(ARRIVED, {"robot": robot}, resource(robot))
     words = ", ".join(f"{sums[kind]} {kind}" for kind in _KINDS if sums[kind])
     if rows:
         table = words_table(("log", "outcome", "run or reason"), rows)
-        artifacts.record("inbox", (), [f"Logs of the inboxes: {words}.", table])
+        artifacts.publish("inbox", (), [f"Logs of the inboxes: {words}.", table])
     artifacts.rename(f"inbox: {words or 'empty'}")
     return {kind: sums[kind] for kind in _KINDS}
 
@@ -76,18 +76,18 @@ def diagnose(folder: str, robot: str) -> list[str]:
             runs, store = list(batch.unwatched), str(project.store)
             tasks.watch(runs, None, [], store, table.healthy)
             artifacts.rename(f"{robot}: {len(batch.runs)} new runs")
-        found = diagnose_runs(project, robot)
+        outcome = diagnose_runs(project, robot)
     except InputError as error:
         artifacts.rename(f"{robot}: not diagnosed")
-        artifacts.notice("failed", robot, f"{robot}: not diagnosed", str(error))
+        artifacts.send_notice("failed", robot, f"{robot}: not diagnosed", str(error))
         raise
-    if found is None:
+    if outcome is None:
         artifacts.rename(f"{robot}: no new runs")
         get_run_logger().info("nothing has come in since the last time")
         return []
-    many, against = len(found.batch.runs), found.batch.against
-    get_run_logger().info(f"{many} new runs against {against}")
-    return list(found.ids)
+    count, against = len(outcome.batch.runs), outcome.batch.against
+    get_run_logger().info(f"{count} new runs against {against}")
+    return list(outcome.ids)
 
 
 def tag_of(folder: str, runs: list[str]) -> str:
@@ -96,13 +96,15 @@ def tag_of(folder: str, runs: list[str]) -> str:
     return table.healthy if table else HEALTHY
 
 
-def found(diagnosis: str, store: str, page: str) -> None:
+def report_finding(diagnosis: str, store: str, page: str) -> None:
     """Tell, once, what a diagnosis found, if it found something."""
     verdict = read_verdict(Path(store), diagnosis)
     if verdict.effects:
         title = f"{verdict.robot}: {headline(verdict)}"
         link = artifacts.link_of(Path(page))
-        artifacts.notice("finding", verdict.robot, title, ids=[diagnosis], page=link)
+        artifacts.send_notice(
+            "finding", verdict.robot, title, ids=[diagnosis], page=link
+        )
 
 
 @flow(name="inbox", flow_run_name="inbox", timeout_seconds=_LIMIT)
@@ -151,7 +153,7 @@ def diagnose_new(
         if not ids:
             return None
         page = tasks.report(ids, str(read.store))
-        found(ids[0], str(read.store), page)
+        report_finding(ids[0], str(read.store), page)
         loop.adopt_or_propose(ids[0], str(read.store), read.robot(robot).auto)
         return page
     if not runs:
@@ -163,5 +165,5 @@ def diagnose_new(
     roles["baseline"] = tasks.healthy(runs, good or [], place)
     ids = tasks.diagnose(roles, place)
     page = tasks.report(ids, place)
-    found(ids[0], place, page)
+    report_finding(ids[0], place, page)
     return page

@@ -161,8 +161,8 @@ class Project:
 
     def word(self, robot: RobotTable) -> str:
         """Return what --robot takes for a robot."""
-        known = robot.urdf in built_in_robots()
-        return robot.urdf if known else str(self.path(robot.urdf))
+        is_built_in = robot.urdf in built_in_robots()
+        return robot.urdf if is_built_in else str(self.path(robot.urdf))
 
     def arm(self, robot: RobotTable) -> Robot:
         """Load a robot, with its serial number."""

@@ -110,7 +110,7 @@ def deployments(client: SyncPrefectClient) -> list[Mapping]:
         limit=_AT_ONCE,
     ):
         due.setdefault(run.deployment_id, run.expected_start_time)
-    found = [
+    rows = [
         {
             "name": f"{flows.get(each.flow_id, '?')}/{each.name}",
             "paused": each.paused,
@@ -119,7 +119,7 @@ def deployments(client: SyncPrefectClient) -> list[Mapping]:
         }
         for each in client.read_deployments()
     ]
-    return sorted(found, key=lambda d: d["name"])
+    return sorted(rows, key=lambda d: d["name"])
 
 
 def keep_deployments(client: SyncPrefectClient, deployed: Sequence[Mapping]) -> None:

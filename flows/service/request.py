@@ -58,7 +58,7 @@ class ServiceRequest(Request):
     project: Annotated[Project | None, Parameter(parse=False)] = None
 
 
-def checked(request: ServiceRequest) -> None:
+def check_request(request: ServiceRequest) -> None:
     """Refuse what cannot be, or what must be said twice.
 
     Raises:
@@ -91,14 +91,14 @@ def check_host(host: str, trust_network: bool) -> None:
         )
 
 
-def database_url(given: str) -> str:
+def database_url(url: str) -> str:
     """Return the address of a database as Prefect takes it.
 
     Raises:
         InputError: If it is none of PostgreSQL; the message has no password.
     """
     try:
-        parts = urlsplit(given)
+        parts = urlsplit(url)
         usable = parts.scheme in _DRIVERS and bool(parts.path.strip("/"))
     except ValueError:
         usable = False
@@ -107,21 +107,21 @@ def database_url(given: str) -> str:
             f"${DATABASE} is not usable, expected "
             "postgresql://USER:PASSWORD@HOST:PORT/NAME."
         )
-    return _DRIVERS[parts.scheme] + given[given.index("://") :]
+    return _DRIVERS[parts.scheme] + url[url.index("://") :]
 
 
-def shown_database(given: str | None) -> str:
+def database_label(url: str | None) -> str:
     """Return where the history is, without user and password."""
-    if given is None:
+    if url is None:
         return "sqlite"
-    parts = urlsplit(given)
+    parts = urlsplit(url)
     place = parts.netloc.rpartition("@")[2] or "localhost"
     return f"postgresql://{place}{parts.path}"
 
 
 def server_environment(running: Running, home: Path, database: str | None) -> dict:
     """Return the environment of the server, with the key that it asks for."""
-    own = {
+    settings = {
         # Whose pages it serves.
         STORE: str(home.parent),
         "PREFECT_SERVER_API_HOST": running.host,
@@ -146,8 +146,8 @@ def server_environment(running: Running, home: Path, database: str | None) -> di
         "PREFECT__SERVER_FINAL": "1",
     }
     if database:
-        own["PREFECT_SERVER_DATABASE_CONNECTION_URL"] = database_url(database)
-    return _base(home) | own
+        settings["PREFECT_SERVER_DATABASE_CONNECTION_URL"] = database_url(database)
+    return _base(home) | settings
 
 
 def worker_environment(running: Running, store: Path, home: Path) -> dict:

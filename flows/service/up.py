@@ -29,8 +29,8 @@ from flows.service.request import (
     PORT,
     ServiceRequest,
     check_host,
+    database_label,
     server_environment,
-    shown_database,
     worker_environment,
 )
 from flows.service.state import (
@@ -91,8 +91,8 @@ def up(request: ServiceRequest, say: Say) -> tuple[Running, bool]:
             if not client.read_automations_by_name(_STALE):
                 client.create_automation(AutomationCore.model_validate(stale_rule()))
             if inbox := inbox_of(request.project):
-                known = client.read_deployment_by_name(inbox)
-                client.create_flow_run_from_deployment(known.id)
+                target = client.read_deployment_by_name(inbox)
+                client.create_flow_run_from_deployment(target.id)
 
             def online() -> bool:
                 if not lives(home, "worker"):
@@ -117,7 +117,7 @@ def _content(request: ServiceRequest) -> bytes:
 
 def _settled(request: ServiceRequest, before: Running | None, home: Path) -> Running:
     """Return host, port, database and workers; InputError where they contradict."""
-    database = shown_database(request.database)
+    database = database_label(request.database)
     if before is None:
         host, port = request.host or "127.0.0.1", request.port or PORT
         return Running(host, port, database, workers=request.workers or 1)
@@ -223,10 +223,10 @@ def start_every(
     parameters: dict | None = None,
 ) -> None:
     """Replace the schedule of --every of a deployment; 0 s removes it."""
-    known = client.read_deployment_by_name(deployment)
-    for old in known.schedules:
+    target = client.read_deployment_by_name(deployment)
+    for old in target.schedules:
         if old.slug == _EVERY:
-            client.delete_deployment_schedule(known.id, old.id)
+            client.delete_deployment_schedule(target.id, old.id)
     if seconds:
         new = DeploymentScheduleCreate(
             schedule=IntervalSchedule(interval=seconds),
@@ -234,7 +234,7 @@ def start_every(
             slug=_EVERY,
             parameters=parameters or {},
         )
-        client.create_deployment_schedules(known.id, [new])
+        client.create_deployment_schedules(target.id, [new])
 
 
 def stale_rule() -> dict:

@@ -117,8 +117,8 @@ STRANGE = "evil.example:4200 0.0.0.0:4200 10.0.0.7:80 10.0.0.7"
 )
 def test_a_server_is_asked_by_the_names_that_it_is_bound_to(bound, port, ours, foreign):
     rules = rules_for(bound, port, SECRET)
-    assert all(map(rules.is_ours, ours.split()))
-    assert not any(map(rules.is_ours, foreign.split()))
+    assert all(map(rules.names_server, ours.split()))
+    assert not any(map(rules.names_server, foreign.split()))
 
 
 def headers_of(answered: list[dict]) -> dict[str, str]:
