@@ -29,7 +29,9 @@ def nights(server, made, monkeypatch):
 
     told = []
     monkeypatch.setattr(
-        loop.artifacts, "tell", lambda event, about: told.append(about["diagnosis"])
+        loop.artifacts,
+        "send_event",
+        lambda event, about: told.append(about["diagnosis"]),
     )
     yield loop, made, told
     store = made[0]
