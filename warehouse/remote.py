@@ -18,7 +18,7 @@ import os
 import re
 import shutil
 import uuid
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import contextmanager, suppress
 from functools import lru_cache
@@ -234,11 +234,10 @@ def bring_index(path: Path) -> None:
             keep(path, data)
 
 
-def put_index(path: Path, instead: Sequence[Path] = ()) -> None:
-    """Put a file of the catalogue into the bucket, if any, in place of others."""
+def put_index(path: Path) -> None:
+    """Put a file of the catalogue into the bucket, if any."""
     if bucket := bucket_of(path.parent.parent):
         bucket.put(f"{INDEX}/{path.name}", path.read_bytes())
-        bucket.delete([f"{INDEX}/{each.name}" for each in instead])
 
 
 @contextmanager

@@ -12,7 +12,7 @@ from pathlib import Path
 from cyclopts import Argument
 
 import modelgap as mg
-from benchmarks.hidden.drawn import is_clear
+from benchmarks.hidden.draw import is_clear
 from flows.cli.app import GROUPS, app
 from flows.report.words.phrases import sentence_case
 from residual.effects import registry

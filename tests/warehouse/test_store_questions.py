@@ -107,17 +107,12 @@ def test_what_is_open_and_what_is_latest(told, ask):
     assert (latest["diagnosis_id"], latest["effect"]) == (told[3][1], None)
 
 
-def test_runs_by_robot_tag_and_campaign(told, ask):
+def test_runs_by_robot_and_motion(told, ask):
     rows = named(ask, "runs_per_robot")
     assert {(r["serial"], r["trajectory"], r["runs"]) for r in rows} == {
         (None, "fourier", 2),
         ("A7", "welding", 2),
     }
-    tags = {r["tag"]: r["runs"] for r in named(ask, "runs_by_tag")}
-    assert tags == {"cell=4": 2, "after service": 2}
-    (campaign,) = named(ask, "campaigns")
-    assert (campaign["campaign"], campaign["runs"]) == ("march", 3)
-    assert campaign["quarantined"] == 1
 
 
 def identified(store, serial, day, value):
