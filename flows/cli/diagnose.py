@@ -53,7 +53,7 @@ def diagnose(
         save_model: File for the model with what was found, which predict and
             export take.
     """
-    from flows.inputs.given import chosen
+    from flows.inputs.given import chosen, load_for
     from flows.report.diagnosis import print_diagnosis, render
     from flows.report.page import of_request
     from flows.steps import diagnose as steps
@@ -62,13 +62,14 @@ def diagnose(
     from residual.model.record import to_text
 
     request = chosen(request, logs, where, held_out_where)
-    choice = choose_for(request)
+    robot = load_for(request)
+    choice = choose_for(request, robot)
     request = replace(request, model=choice.diagnosis)
     words = (*request.logs, *request.baseline, *request.held_out, request.robot)
     inputs = read_files(words, request.columns)
     files = {"--report": report, "--json": json, "--save-model": save_model}
     out = Outputs(files, inputs)
-    read = steps.read_logs(request)
+    read = steps.read_logs(request, robot)
     out.say(*read.lines[:1], *choice.lines, *read.lines[1:])
     stored = steps.as_stored(read)
     with progress_bar() as progress:

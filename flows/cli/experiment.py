@@ -25,9 +25,7 @@ from flows.requests import (
     File,
     Flag,
     Hertz,
-    Id,
     Json,
-    Model,
     Number,
     OfRobot,
     RobotWord,
@@ -43,7 +41,6 @@ from flows.steps import campaign as campaigns
 from flows.steps import experiment as steps
 from flows.steps import validate as trial
 from flows.steps.experiment import as_csv, refusal_of
-from flows.steps.models import calibration_of, chosen_to_drive
 from flows.workers.processes import chosen_runner, executor_of
 from residual.errors import InputError, RunError
 from sim.engine.records import TrajectorySpec
@@ -149,9 +146,6 @@ def validate(
     *runs: Annotated[str, Parameter(name="RUN")],
     request: Validate = _PLAIN,
     where: Where = None,
-    model: Model = None,
-    calibration: Id = None,
-    seeds: Number = 1,
     report: File = None,
 ) -> None:
     """Try a model on runs of the store, without fitting anything.
@@ -159,8 +153,7 @@ def validate(
     ```
     modelgap validate 3f2a
     modelgap validate 3f2a --window 0.1
-    modelgap validate 3f2a 77c0 --model 8904 --seeds 5
-    modelgap validate 3f2a 77c0 --calibration tables/corrected.json
+    modelgap validate 3f2a 77c0 --model 8904
     ```
 
     Open loop: under the logged torque alone, window by window, how far does the nominal
@@ -170,46 +163,28 @@ def validate(
     model that is known (nominal, identified, augmented, adopted): torque from motion,
     acceleration from torque, and a mass matrix that is positive everywhere.
 
-    With a model that was adopted, with --model or with --calibration, the simulated arm
-    of the runs is then driven along unseen motions: of each family of the runs, with
-    seeds of their own. The nominal model and that one each drive it once, the torque of
-    the whole model fed forward: by how much, joint by joint, does the arm
-    miss its reference before and after?
+    With a model that was adopted, or with --model, the simulated arm of a run is also
+    driven along the reference of the run, once by the torque of each model: by how
+    much, joint by joint, does it miss the reference before and after? Take runs that no
+    model was fitted to.
 
     Args:
-        runs: Ids of runs; the beginning is enough. With a model, of one robot.
-        model: Id of a diagnosis, a model or a calibration (its look-up tables) to drive
-            with; "nominal" for none. Without it the one that the robot has
-            (modelgap models).
-        calibration: Id of a calibration, or corrected.json of calibrate --export: its
-            tables, on the model that they correct, drive too.
-        seeds: With a model: how many unseen motions of each family to drive.
+        runs: Ids of runs; the beginning is enough.
         report: HTML page to write.
     """
     out, place = Outputs({"--report": report}), store_folder(request.store)
-    console, found, done = out.console, {}, None
-    check_between("--seeds", seeds, 1, 1000)
+    console, found = out.console, {}
     runs = (*runs, *queried(request.store, where))
     if not runs:
         raise InputError("No run to validate on. Name it: modelgap validate RUN")
-    choice = chosen_to_drive(place, runs[0], model)
-    say(console, *choice.lines)
-    tables = None if calibration is None else calibration_of(place, calibration)
-    request = replace(request, store=place, model=choice.diagnosis, calibration=tables)
     for run in runs:
-        id, made = trial.validate(replace(request, run=run))
+        id, made = trial.validate(replace(request, run=run, store=place))
         found[run] = made
         stored = f"stored in {shown(place)}: modelgap show {id}"
         told = experiments.meaning(made)
         figures = experiments.validation(made), experiments.both_ways(made)
         show(console, *figures, told, *made.notes, stored)
-    if choice.diagnosis or tables:
-        with progress_bar() as bar:
-            id, done = trial.drive_unseen(request, runs, seeds, bar) or (None, None)
-    if done:
-        stored = f"stored in {shown(place)}: modelgap show {id}"
-        show(console, *experiments.tracking(done), stored)
-    out.write({"--report": lambda: experiments.validation_page(found, done)})
+    out.write({"--report": lambda: experiments.validation_page(found)})
     out.finish()
 
 

@@ -11,8 +11,7 @@ from flows.report.figures.look import JOINTS
 from flows.report.figures.plot import SOFT, blank, figure_style, rule
 from flows.report.page import render
 from flows.report.words.phrases import texts
-from flows.steps.models import NOMINAL
-from flows.steps.validate import Tracking, Validation
+from flows.steps.validate import Validation
 from residual.robot.robot import Robot
 from sim.engine.records import Reference, TrajectorySpec
 from sim.trajectories.excitation import Usage
@@ -39,19 +38,23 @@ def validation(result: Validation) -> Table:
 def both_ways(result: Validation) -> Table:
     """Return both directions of each model, a joint a row, and its mass matrix."""
     rows, dof = [], len(result.open_loop)
+    driven = all(each.tracking is not None for each in result.models.values())
     for joint in range(dof):
         row = [str(joint + 1)]
         for each in result.models.values():
             ways = (each.torque, each.acceleration)
             row += ["–" if w is None else _percent(w[joint]) for w in ways]
+            row += [] if not driven else [f"{1e3 * each.tracking[joint]:.2f}"]
         rows.append(row)
     least = [
         word
         for each in result.models.values()
-        for word in ("M(q) >", f"{each.least_mass:.2g} kg m²")
+        for word in ("M(q) >", f"{each.least_mass:.2g} kg m²", *[""][: int(driven)])
     ]
-    heads = [f"{name}\n{way} [%]" for name in result.models for way in ("τ", "q̈")]
+    columns = ("τ [%]", "q̈ [%]", *["q [mrad]"][: int(driven)])
+    heads = [f"{name}\n{column}" for name in result.models for column in columns]
     about = "torque from motion (τ) and acceleration from torque (q̈), error"
+    about += "; tracking of the arm driven by that torque (q), rms" if driven else ""
     return Table(("joint", *heads), [*rows, ["", *least]], about, left=())
 
 
@@ -84,15 +87,8 @@ def meaning(result: Validation) -> str:
     )
 
 
-def validation_page(
-    results: Mapping[str, Validation], driven: Tracking | None = None
-) -> str:
-    """Return the page of validations.
-
-    Args:
-        results: What was found, by run.
-        driven: How the arm tracked unseen motions, where it was driven.
-    """
+def validation_page(results: Mapping[str, Validation]) -> str:
+    """Return the page of validations, by run."""
     sections = [
         Section(
             f"run-{run}",
@@ -102,9 +98,6 @@ def validation_page(
         )
         for run, each in results.items()
     ]
-    if driven is not None:
-        parts = tracking(driven)
-        sections.append(Section("driven", "Driven along unseen motions", parts))
     first, *more = (meaning(each) for each in results.values())
     notes = dict.fromkeys(note for each in results.values() for note in each.notes)
     return render(
@@ -117,33 +110,6 @@ def validation_page(
             callouts=[Callout("To be known", tuple(notes))],
         )
     )
-
-
-def tracking(found: Tracking) -> list[str | Table]:
-    """Return how an arm tracked: a joint a row, before and after; and all together."""
-    each = {name: found.by_joint(name) for name in found.rms}
-    columns = {
-        f"{what}\n{name}\n[mrad]": 1e3 * figures[i]
-        for i, what in enumerate(("rms", "peak"))
-        for name, figures in each.items()
-    }
-    rows = [
-        (str(joint), *(f"{value:.2f}" for value in row))
-        for joint, row in enumerate(zip(*columns.values(), strict=True), 1)
-    ]
-    about = (
-        "read minus wanted position along unseen motions, by the torque of each model: "
-        f"{NOMINAL} is before, the others are after"
-    )
-    whole = {name: 1e3 * float(np.linalg.norm(rms)) for name, (rms, _) in each.items()}
-    first, *others = (f"{name} {value:.3g}" for name, value in whole.items())
-    families = sorted({motion.kind for _, motion in found.motions})
-    count = len(found.motions)
-    told = (
-        f"{count} unseen motion{'s' if count > 1 else ''} ({', '.join(families)}), rms "
-        f"of all joints: {first} → {', '.join(others)} mrad"
-    )
-    return [Table(("joint", *columns), rows, about, left=()), told]
 
 
 _NEAR = 0.95  # of a limit, which stands out
