@@ -257,7 +257,10 @@ def again(store: Path, run_id: str, manifest: Mapping) -> Simulated:
     hidden = open_seal(store, run_id).spec
     word = robot_word(store, manifest["robot"], manifest.get("robot_hash"))
     spec = spec_of({**manifest, "robot": word}, hidden)
-    halves = plain(sealed_half(spec)), plain(open_half(spec, checked_robot(spec)))
+    halves = (
+        plain(sealed_half(spec.plant_spec())),
+        plain(open_half(spec, checked_robot(spec))),
+    )
     if halves != (hidden, manifest["spec"]):
         raise InputError(f"Run {run_id} cannot be made again: {_OTHER}")
     run = make(spec, store)
