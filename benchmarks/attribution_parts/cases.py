@@ -15,12 +15,12 @@ from benchmarks.hidden.score import Name, members, paired
 from benchmarks.synthetic.quasi_static import true_model
 from benchmarks.synthetic.truth import with_truth
 from flows.specs.experiment import derived_seed
-from residual.diagnosis.changes import MOVING, dense_model, sealed_edit
+from residual.diagnosis.diagnose import diagnose
 from residual.diagnosis.result import Detectable, Diagnosis, Place, Verdict
-from residual.diagnosis.verdict import to_json
 from residual.effects import reported_joints
-from residual.method.diagnose import diagnose
 from residual.model.model import Model
+from residual.verdict.document import to_json
+from residual.verdict.edit import MOVING, dense_model, sealed_edit
 from sim.engine.records import PlantEffect, stream
 from sim.plant.catalogue import acting, changed
 

@@ -13,10 +13,10 @@ import numpy as np
 
 from benchmarks.harness.figures import Figures, figure
 from benchmarks.synthetic.truth import truth_of
+from residual.diagnosis.diagnose import diagnose
 from residual.diagnosis.held_out import worth
 from residual.diagnosis.result import Diagnosis
 from residual.effects import vocabulary
-from residual.method.diagnose import diagnose
 from residual.model.control import feed_forward
 from residual.model.model import Model, Term
 from residual.robot.robot import Robot, load_robot

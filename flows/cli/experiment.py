@@ -41,7 +41,6 @@ from flows.steps import campaign as campaigns
 from flows.steps import experiment as steps
 from flows.steps import validate as trial
 from flows.steps.experiment import as_csv, refusal_of
-from flows.workers.processes import chosen_runner, executor_of
 from residual.errors import InputError, RunError
 from sim.engine.records import TrajectorySpec
 from sim.engine.render import animate
@@ -59,7 +58,7 @@ DryRun = Annotated[
 _PLAIN, _MANY = Validate(), Campaign()
 
 
-def experiment(spec: str, *, store: Store = None, dry_run: DryRun = False) -> None:
+def experiment(spec: str, /, *, store: Store = None, dry_run: DryRun = False) -> None:
     """Run one experiment on the simulated arm and store it.
 
     ```
@@ -82,14 +81,18 @@ def experiment(spec: str, *, store: Store = None, dry_run: DryRun = False) -> No
 
 
 def campaign(
-    spec: str, *, request: Campaign = _MANY, dry_run: DryRun = False, json: Json = None
+    spec: str,
+    /,
+    *,
+    request: Campaign = _MANY,
+    dry_run: DryRun = False,
+    json: Json = None,
 ) -> None:
     """Run many experiments on the simulated arm, over all cores.
 
     ```
     modelgap campaign CAMPAIGN.toml --dry-run
     modelgap campaign CAMPAIGN.toml
-    modelgap campaign CAMPAIGN.toml --runner dask://127.0.0.1:8786
     ```
 
     A campaign is a SPEC.toml with [grid], lists of which every combination is run, or
@@ -101,7 +104,6 @@ def campaign(
     """
     out = Outputs({"--json": json}, [Path(spec)])
     place, console = store_folder(request.store), out.console
-    where = chosen_runner(request.runner, request.trust_network)
     planned = steps.plan(load_campaign(spec), place, Path(spec).stem)
     refused = _list(planned, console, True) if dry_run else {}
     failing = len(refused)
@@ -113,8 +115,8 @@ def campaign(
         out.write(document=lambda: campaigns.document(summary, done=False))
         out.finish()
         return
-    with executor_of(where, missing) as executor, progress_bar() as bar:
-        summary = campaigns.run_all(planned, place, bar, executor)
+    with progress_bar() as bar:
+        summary = campaigns.run_all(planned, place, bar)
     out.write(document=lambda: campaigns.document(summary))
     say(console, *(f"failed: {why}" for why in summary.failed.values()))
     failed = len(summary.failed)
@@ -211,6 +213,7 @@ _MOTION = Trajectory()
 
 def trajectory(
     kind: str,
+    /,
     *,
     request: Trajectory = _MOTION,
     csv: File = None,

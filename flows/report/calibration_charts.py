@@ -76,8 +76,8 @@ def over_time(made: Calibration) -> list[Chart]:
     """Return corrections of a run beside its residual, joint by joint (figure 9)."""
     unseen, out = made.unseen, []
     for column, joint in enumerate(made.rows.joints if unseen else ()):
-        left = unseen.left[:, column]
-        curves = {"measured residual": (look.MEASURED, left)}
+        residual = unseen.residual[:, column]
+        curves = {"measured residual": (look.MEASURED, residual)}
         for name, values in unseen.corrections.items():
             curves[MODELS[name]] = MODEL_COLOURS[name], values[:, column]
         x = look.packed(unseen.t)
@@ -85,7 +85,7 @@ def over_time(made: Calibration) -> list[Chart]:
             {**look.line(name, colour, 1.0), "x": x, "y": look.packed(values)}
             for name, (colour, values) in curves.items()
         ]
-        reach = 1.5 * float(np.abs(left).max()) or 1.0
+        reach = 1.5 * float(np.abs(residual).max()) or 1.0
         y = look.axis("N m", range=[-reach, reach])
         plot = {"data": data}
         plot["layout"] = look.layout(f"Joint {joint}", look.axis("t, s"), y)

@@ -11,7 +11,7 @@ from flows.report.words.verdict import sentences
 from flows.steps.adopt import Judged, Listed, Proposal
 from residual.diagnosis.result import ErrorTables
 from residual.errors import joints_listed
-from residual.identification.prove import Identified
+from residual.identification.prove import ValidatedIdentification
 from residual.model.compare import EDITED, WHOLE
 from residual.quantity import bare_percent, known, percent
 
@@ -23,7 +23,7 @@ _WHICH = {WHOLE: "", EDITED: "\nedited"}
 ADOPTED_KEY = "* the model that commands on this store go by"
 
 
-def identification(outcome: Identified) -> list[str | Table]:
+def identification(outcome: ValidatedIdentification) -> list[str | Table]:
     """Return an identification: parameters, what to doubt, errors, proof."""
     return [
         _parameters(outcome),
@@ -34,8 +34,8 @@ def identification(outcome: Identified) -> list[str | Table]:
     ]
 
 
-def _parameters(outcome: Identified) -> Table:
-    found, extra = outcome.found, outcome.consistent
+def _parameters(outcome: ValidatedIdentification) -> Table:
+    found, extra = outcome.free, outcome.consistent
     heads = ["parameter (as a sum of standard ones)", "unit", "nominal", "value"]
     heads += ["sd", "sd %"] + (["consistent"] if extra else [])
     base, estimate = found.base, found.estimate
@@ -52,8 +52,8 @@ def _parameters(outcome: Identified) -> Table:
     return Table(heads, rows, left=(0, 1), most={0: 58})
 
 
-def _fit(outcome: Identified) -> list[str]:
-    found = outcome.found
+def _fit(outcome: ValidatedIdentification) -> list[str]:
+    found = outcome.free
     estimate = found.estimate
     noise = ", ".join(f"{n:.3g}" for n in estimate.noise)
     lines = [
@@ -74,7 +74,7 @@ def _fit(outcome: Identified) -> list[str]:
     return lines
 
 
-def _errors(outcome: Identified) -> Table:
+def _errors(outcome: ValidatedIdentification) -> Table:
     joints = range(1, outcome.robot.dof + 1)
     heads = ["error on held-out motion [%]", "model", *(f"J{j}" for j in joints), "all"]
     rows = [
@@ -99,7 +99,7 @@ def _short(value: float) -> str:
     return "–" if not np.isfinite(value) else f"{value:.3g}"
 
 
-def _proof(outcome: Identified) -> list[str]:
+def _proof(outcome: ValidatedIdentification) -> list[str]:
     lines = []
     if outcome.consistent is not None:
         made = outcome.consistent

@@ -120,7 +120,7 @@ def _rerun_run(record: Found, store: Path, verify: bool) -> Rerun:
             )
         wrong = faults(record)
         cause = Cause("damaged", "; ".join(wrong)) if wrong else None
-        known = about_changes(store, then)
+        known = about_changes(then)
         return Rerun(record.id, record.kind, (), True, cause, known, imported=True)
     simulated = again(store, record.id, manifest)
     # Past the check of the hash: what was changed is to be found, not only refused.
@@ -168,7 +168,7 @@ def _outcome(
     cause = None
     if differences or wrong:
         cause = cause_of(then, now, key, wrong, store)
-    known, same = about_changes(store, then), then.get(key) == now[key]
+    known, same = about_changes(then), then.get(key) == now[key]
     return Rerun(record.id, record.kind, differences, same, cause, known)
 
 

@@ -3,7 +3,7 @@
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 
-from residual.identification.prove import Identified
+from residual.identification.prove import ValidatedIdentification
 from residual.model.record import to_record
 from residual.quantity import plain
 from warehouse.commit import commit_record
@@ -13,9 +13,9 @@ SCHEMA, STAGE = 1, "identified"
 KINDS = ("raw", "filtered", "moving")
 
 
-def document(outcome: Identified) -> dict:
+def document(outcome: ValidatedIdentification) -> dict:
     """Return an outcome as plain values: every key always there, null for none."""
-    found, estimate = outcome.found, outcome.found.estimate
+    found, estimate = outcome.free, outcome.free.estimate
     essential, consistent = found.essential, outcome.consistent
     return plain(
         {
@@ -68,9 +68,9 @@ def document(outcome: Identified) -> dict:
     )
 
 
-def parameters(outcome: Identified) -> list[dict]:
+def parameters(outcome: ValidatedIdentification) -> list[dict]:
     """Return the base parameters: value, standard deviation, and what they are."""
-    found, estimate, other = outcome.found, outcome.found.estimate, outcome.consistent
+    found, estimate, other = outcome.free, outcome.free.estimate, outcome.consistent
     consistent = other and found.base.mapping @ other.model.coefficients()
     rows = []
     for i, lead in enumerate(found.base.leading):
@@ -93,7 +93,7 @@ def parameters(outcome: Identified) -> list[dict]:
 
 def store_identification(
     store: Path,
-    outcome: Identified,
+    outcome: ValidatedIdentification,
     request: Mapping,
     runs: Mapping[str, Sequence[str]],
 ) -> str:
@@ -108,7 +108,7 @@ def store_identification(
         "stage": STAGE,
         "request": request,
         "document": figures,
-        "model": to_record(outcome.found.model),
+        "model": to_record(outcome.free.model),
     }
     held_out = runs.get("held_out") or runs.get("fit") or ()
     one = held_out[0] if len(held_out) == 1 and not outcome.same_run else None

@@ -19,6 +19,7 @@ from flows.report.words.phrases import (
 )
 from residual.check.result import Fault, LogCheck
 from residual.diagnosis.result import ErrorTables, Finding, Number, Verdict
+from residual.effects.base import Trait
 from residual.quantity import bare_percent, known, percent, probability
 
 CLEAN = "The logs are what they say they are: no fault was found."
@@ -111,7 +112,8 @@ def sentences(verdict: Verdict) -> list[str]:
 
 def is_wrong_value(effect: Finding, verdict: Verdict) -> bool:
     """Return whether the model has this effect, only with a wrong value."""
-    if effect.name in verdict.declared or effect_named(effect.name).in_every_model:
+    traits = effect_named(effect.name).traits
+    if effect.name in verdict.declared or Trait.IN_EVERY_MODEL in traits:
         return True
     mass = effect.parameters.get("mass")
     return mass is not None and known(mass.value) and mass.value < 0
