@@ -56,7 +56,7 @@ class Arm:
 
 
 @dataclass(frozen=True, eq=False, slots=True)
-class Made:
+class Logs:
     """The logs of one case."""
 
     robot: Robot
@@ -75,7 +75,7 @@ def six() -> Robot:
     return robot_from_texts(robot.name, robot.urdf, json.dumps(content, sort_keys=True))
 
 
-def make(arm: Arm, effects: Sequence[PlantEffect]) -> Made:
+def make(arm: Arm, effects: Sequence[PlantEffect]) -> Logs:
     """Record one case with what changed."""
     plant, seconds = arm.plant(effects), 12.0 if arm.quick else 20.0
     fit, held_out = (_QUICK_FIT, _QUICK_HELD_OUT) if arm.quick else (FIT, HELD_OUT)
@@ -84,7 +84,7 @@ def make(arm: Arm, effects: Sequence[PlantEffect]) -> Made:
         name = f"{'fit' if place < len(fit) else 'held_out'}_{place}_{family}"
         start = place * (seconds + PAUSE)
         logs.append(record(arm, plant, name, motion(arm, name, family, seconds), start))
-    return Made(arm.robot, tuple(logs[: len(fit)]), tuple(logs[len(fit) :]))
+    return Logs(arm.robot, tuple(logs[: len(fit)]), tuple(logs[len(fit) :]))
 
 
 def motion(arm: Arm, name: str, family: str, seconds: float) -> Reference:

@@ -13,7 +13,7 @@ def case_figures(rows: Mapping[str, Rows], deciding: bool) -> Figures:
     makers = {"unchanged": _unchanged, "sets": _changed}
     figures = group_figures(rows, makers)
     every = [r for group in rows.values() for r in group if "outcome" in r]
-    figures |= _moved(every) | crash_figures(rows)
+    figures |= _changed_values(every) | crash_figures(rows)
     return figures if deciding else undecided(figures)
 
 
@@ -29,7 +29,7 @@ def _exact(row: Mapping) -> bool:
     return row["exact"]
 
 
-def _told(row: Mapping) -> bool:
+def _exact_or_listed(row: Mapping) -> bool:
     return row["exact"] or row["listed"]
 
 
@@ -60,7 +60,9 @@ def _changed(rows: Rows) -> Figures:
         fair = sum(len(r["said"]) if r["listed"] else r["true"] for r in rough)
         false = counted(f for r in rough if not r["listed"] for f in _false(r))
         table = (
-            Line("rough_values_exact_or_listed", _told, 0.90, beside=_missed),
+            Line(
+                "rough_values_exact_or_listed", _exact_or_listed, 0.90, beside=_missed
+            ),
             Line("rough_values_set_exact", _exact),
         )
         out |= lines(table, rough) | {
@@ -83,7 +85,7 @@ def _false(row: Mapping) -> list[str]:
     return [names[0][0] for names in row["said"] if not any(n in there for n in names)]
 
 
-def _moved(rows: Rows) -> Figures:
+def _changed_values(rows: Rows) -> Figures:
     known = [r for r in rows if r["moved_due"] is not None]
     if not known:
         return {"moved_told": missing(0.98, _NO_LIST)} if rows else {}

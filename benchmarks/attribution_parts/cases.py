@@ -22,7 +22,7 @@ _MOVED = 0.05  # of what is given: less is not called a change
 Values = Mapping[tuple[str, int], tuple[float, float]]
 
 
-def judged(verdict: Verdict, planted: Sequence[Name]) -> dict:
+def compare(verdict: Verdict, planted: Sequence[Name]) -> dict:
     """Return how the set that is named compares with what changed, by sets.
 
     A name is true if it, or one that the verdict says the logs cannot tell from it, is
@@ -58,7 +58,7 @@ def _apart(place: Mapping) -> list[Name]:
     return [Name(place["name"], (j,)) for j in joints]
 
 
-def moved(
+def changed_values(
     verdict: Verdict, values: Values, minimum: Sequence[Detectable], body: bool
 ) -> dict:
     """Return what of the moved values is among the changes that a verdict tells.
@@ -162,8 +162,8 @@ def _row(task: Task) -> dict:
         **asdict(task),
         "seconds": seconds,
         "planted": [_plain(name) for name in names],
-        **judged(verdict, names),
-        **moved(verdict, arms.moved_values(arm, effects), sizes, body),
+        **compare(verdict, names),
+        **changed_values(verdict, arms.moved_values(arm, effects), sizes, body),
         "outcome": verdict.verdict,
     }
 

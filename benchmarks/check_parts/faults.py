@@ -8,10 +8,10 @@ from scipy.signal import butter, sosfiltfilt
 from benchmarks.check_parts.arms import (
     DURATION,
     RATE,
+    FaultyLogs,
     Host,
-    Spoiled,
     Table,
-    others,
+    other_arms,
     recorded,
     some,
     table_of,
@@ -25,7 +25,7 @@ Array = np.ndarray
 Rng = np.random.Generator
 
 
-def clock(host: Host, size: int, rng: Rng) -> Spoiled:
+def clock(host: Host, size: int, rng: Rng) -> FaultyLogs:
     """Five times repeat, the clock starts again, or leaps three seconds ahead."""
     tables = tables_of(host)
     t = tables[0]["t"].copy()
@@ -36,10 +36,10 @@ def clock(host: Host, size: int, rng: Rng) -> Spoiled:
         t[at:] -= t[at] - t[0]
     else:
         t[at:] += 3.0
-    return Spoiled("clock", (), [tables[0] | {"t": t}, *tables[1:]])
+    return FaultyLogs("clock", (), [tables[0] | {"t": t}, *tables[1:]])
 
 
-def spike(host: Host, size: int, rng: Rng) -> Spoiled:
+def spike(host: Host, size: int, rng: Rng) -> FaultyLogs:
     """One sample of a torque is 30 times too large, of an angle 1 rad off, or 1e308."""
     name = ("tau", "q", "tau")[size]
 
@@ -49,7 +49,7 @@ def spike(host: Host, size: int, rng: Rng) -> Spoiled:
     return _of_one(host, rng, "spike", name, spoil)
 
 
-def frozen(host: Host, size: int, rng: Rng) -> Spoiled:
+def frozen(host: Host, size: int, rng: Rng) -> FaultyLogs:
     """A torque, an angle, or a torque from there on, stands while the arm moves."""
     name, share = (("tau", 0.3), ("q", 0.2), ("tau", 0.6))[size]
 
@@ -59,7 +59,7 @@ def frozen(host: Host, size: int, rng: Rng) -> Spoiled:
     return _of_one(host, rng, "frozen", name, spoil)
 
 
-def quantised(host: Host, size: int, rng: Rng) -> Spoiled:
+def quantised(host: Host, size: int, rng: Rng) -> FaultyLogs:
     """A torque comes in steps of a quarter, a half, or one of its deviation."""
     share = (0.25, 0.5, 1.0)[size]
 
@@ -70,7 +70,7 @@ def quantised(host: Host, size: int, rng: Rng) -> Spoiled:
     return _of_one(host, rng, "quantised", "tau", spoil, whole=True)
 
 
-def saturated(host: Host, size: int, rng: Rng) -> Spoiled:
+def saturated(host: Host, size: int, rng: Rng) -> FaultyLogs:
     """A torque ends at 60, 40 or 25 % of its largest value."""
     share = (0.6, 0.4, 0.25)[size]
 
@@ -81,7 +81,7 @@ def saturated(host: Host, size: int, rng: Rng) -> Spoiled:
     return _of_one(host, rng, "saturated", "tau", spoil, whole=True)
 
 
-def filtered(host: Host, size: int, rng: Rng) -> Spoiled | None:
+def filtered(host: Host, size: int, rng: Rng) -> FaultyLogs | None:
     """Torque was low-passed at 20, 10 or 5 Hz before it was logged."""
     if host.name in ("ur10", "lwr4"):
         return None  # theirs was already
@@ -92,10 +92,10 @@ def filtered(host: Host, size: int, rng: Rng) -> Spoiled | None:
         sos = butter(4, corner, fs=rate, output="sos")
         return table | {"tau": sosfiltfilt(sos, table["tau"], axis=0)}
 
-    return Spoiled("filtered", (), [change(table) for table in tables_of(host)])
+    return FaultyLogs("filtered", (), [change(table) for table in tables_of(host)])
 
 
-def out_of_range(host: Host, size: int, rng: Rng) -> Spoiled | None:
+def out_of_range(host: Host, size: int, rng: Rng) -> FaultyLogs | None:
     """An angle lies 0.3, 0.8 or 2 rad beyond the end of its range."""
     free = [j for j in range(host.robot.dof) if np.isfinite(host.robot.upper[j])]
     if not free:
@@ -106,10 +106,12 @@ def out_of_range(host: Host, size: int, rng: Rng) -> Spoiled | None:
     off = np.zeros(host.robot.dof)
     off[joint] = host.robot.upper[joint] + beyond - highest
     moved = [table | {"q": table["q"] + off} for table in tables]
-    return Spoiled("out_of_range", (joint + 1,), moved)
+    return FaultyLogs("out_of_range", (joint + 1,), moved)
 
 
-def _of_one(host: Host, rng: Rng, kind: str, name: str, spoil, whole=False) -> Spoiled:
+def _of_one(
+    host: Host, rng: Rng, kind: str, name: str, spoil, whole=False
+) -> FaultyLogs:
     """Spoil a signal of one joint: in one log, or in all where the sensor does it."""
     (joint,), tables = some(rng, host.robot.dof, 1), tables_of(host)
     at = int(rng.integers(len(tables[0]["t"]) // 5, len(tables[0]["t"]) // 3))
@@ -119,10 +121,10 @@ def _of_one(host: Host, rng: Rng, kind: str, name: str, spoil, whole=False) -> S
         if whole or i == 0:
             spoil(signal[:, joint - 1], at)
         out.append(table | {name: signal})
-    return Spoiled(kind, (joint,), out)
+    return FaultyLogs(kind, (joint,), out)
 
 
-def lockstep(host: Host, size: int, rng: Rng) -> Spoiled | None:
+def lockstep(host: Host, size: int, rng: Rng) -> FaultyLogs | None:
     """Two, half, or all joints move in proportion, in every log."""
     if host.plant is None:
         return None
@@ -143,7 +145,7 @@ def lockstep(host: Host, size: int, rng: Rng) -> Spoiled | None:
     return _moved(host, rng, "lockstep", joints, couple)
 
 
-def no_reversal(host: Host, size: int, rng: Rng) -> Spoiled | None:
+def no_reversal(host: Host, size: int, rng: Rng) -> FaultyLogs | None:
     """One, half, or all joints go one way only, at a speed that varies."""
     if host.plant is None:
         return None
@@ -165,24 +167,24 @@ def no_reversal(host: Host, size: int, rng: Rng) -> Spoiled | None:
     return _moved(host, rng, "no_reversal", joints, one_way)
 
 
-def _moved(host: Host, rng: Rng, kind: str, joints, change) -> Spoiled:
+def _moved(host: Host, rng: Rng, kind: str, joints, change) -> FaultyLogs:
     logs = []
     for i in range(2):
         motion = make_motion("fourier", usual_limits(host.robot), DURATION, RATE, rng)
         label = f"{kind}_{i}"
         logs.append(recorded(host.plant, change(motion), label, 30.0 * i))
-    return Spoiled(kind, joints, [table_of(log) for log in logs])
+    return FaultyLogs(kind, joints, [table_of(log) for log in logs])
 
 
-def too_short(host: Host, size: int, rng: Rng) -> Spoiled:
+def too_short(host: Host, size: int, rng: Rng) -> FaultyLogs:
     """There is one log of 1.5, 2.5 or 4 s."""
     table = tables_of(host)[0]
     middle = table["t"][len(table["t"]) // 4]
     rows = (table["t"] >= middle) & (table["t"] < middle + (1.5, 2.5, 4.0)[size])
-    return Spoiled("too_short", (), [{k: x[rows] for k, x in table.items()}])
+    return FaultyLogs("too_short", (), [{k: x[rows] for k, x in table.items()}])
 
 
-def robot_file(host: Host, size: int, rng: Rng) -> Spoiled:
+def robot_file(host: Host, size: int, rng: Rng) -> FaultyLogs:
     """Masses in grams, lengths in millimetres, or gravity in mm/s^2."""
     tables, toml = tables_of(host), ""
     root = ET.fromstring(host.robot.urdf)
@@ -195,10 +197,10 @@ def robot_file(host: Host, size: int, rng: Rng) -> Spoiled:
         toml = "[robot]\ngravity = [0, 0, -9810.0]\n"
     urdf = ET.tostring(root, encoding="unicode")
     right = tables if size == 2 else ()
-    return Spoiled("robot_file", (), tables, right, urdf=urdf, toml=toml)
+    return FaultyLogs("robot_file", (), tables, right, urdf=urdf, toml=toml)
 
 
-def wrong_robot(host: Host, size: int, rng: Rng) -> Spoiled:
+def wrong_robot(host: Host, size: int, rng: Rng) -> FaultyLogs:
     """The robot that is given is an arm of another build."""
-    urdf = others(host.robot.dof)[size].urdf
-    return Spoiled("wrong_robot", (), tables_of(host), urdf=urdf)
+    urdf = other_arms(host.robot.dof)[size].urdf
+    return FaultyLogs("wrong_robot", (), tables_of(host), urdf=urdf)

@@ -75,7 +75,7 @@ PLANS = {
 
 
 @dataclass(frozen=True, eq=False, slots=True)
-class Made:
+class Logs:
     """One case with the truth beside it."""
 
     robot: Robot  # the arm as the diagnosis may know it
@@ -91,13 +91,13 @@ def the_arm() -> Robot:
     return load_robot("irb140")
 
 
-def make(data: str, effects: Sequence[PlantEffect], motion: int, arm: int) -> Made:
+def make(data: str, effects: Sequence[PlantEffect], motion: int, arm: int) -> Logs:
     """Record one case; forms of other authors only on synthetic arms."""
     plan = PLANS[data]
     record = _pybullet if data == PYBULLET else _synthetic
     logs, truths = record(plan, tuple(effects), motion, arm)
     count = len(plan.fit)
-    return Made(the_arm(), tuple(logs[:count]), tuple(logs[count:]), tuple(truths))
+    return Logs(the_arm(), tuple(logs[:count]), tuple(logs[count:]), tuple(truths))
 
 
 def _synthetic(plan: Plan, effects: tuple[PlantEffect, ...], motion: int, arm: int):

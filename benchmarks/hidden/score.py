@@ -35,7 +35,7 @@ class Name:
 
 
 @dataclass(frozen=True, slots=True)
-class Said:
+class Claim:
     """One name that a verdict says, at one place."""
 
     name: Name  # effect and joints
@@ -58,7 +58,7 @@ class Score:
     # drawn; None where nothing was drawn or nothing said.
     joint_right: bool | None
     # What was said of each drawn effect by its very name; None otherwise.
-    hits: tuple[Said | None, ...]
+    hits: tuple[Claim | None, ...]
 
 
 def score(drawn: str, truths: Sequence[Name], verdict: Verdict) -> Score:
@@ -86,7 +86,7 @@ def score(drawn: str, truths: Sequence[Name], verdict: Verdict) -> Score:
     )
 
 
-def _parts(truths: Sequence[Name], hits: Sequence[Said | None]) -> set[Name]:
+def _parts(truths: Sequence[Name], hits: Sequence[Claim | None]) -> set[Name]:
     """Return the names that are true beside those of what was found by its own."""
     return {
         Name(part, truth.joints)
@@ -96,7 +96,7 @@ def _parts(truths: Sequence[Name], hits: Sequence[Said | None]) -> set[Name]:
     }
 
 
-def members(verdict: Verdict) -> list[Said]:
+def members(verdict: Verdict) -> list[Claim]:
     """Return what a verdict says, one entry per place, most important first.
 
     A finding of one effect on several joints is so many names; that of a pair of
@@ -108,15 +108,15 @@ def members(verdict: Verdict) -> list[Said]:
         # With a value per joint it is one thing on each.
         one_each = any(isinstance(p.value, tuple) for p in found.parameters.values())
         if len(found.joints) < 2 or not one_each:
-            out.append(Said(Name.of(found), tuple(alike), found))
+            out.append(Claim(Name.of(found), tuple(alike), found))
             continue
         for place, joint in enumerate(found.joints):
             near = tuple(Name(a.effect, (joint,)) for a in alike if joint in a.joints)
-            out.append(Said(Name(found.name, (joint,)), near, found, place))
+            out.append(Claim(Name(found.name, (joint,)), near, found, place))
     return out
 
 
-def matched(truths: Sequence[Name], claims: Sequence[Said]) -> tuple:
+def matched(truths: Sequence[Name], claims: Sequence[Claim]) -> tuple:
     """Give every truth a name of its own: the same first, then one of its class.
 
     Returns:
@@ -124,11 +124,11 @@ def matched(truths: Sequence[Name], claims: Sequence[Said]) -> tuple:
         that are no truth's.
     """
     free = list(claims)
-    hits: list[Said | None] = []
+    hits: list[Claim | None] = []
     for truth in truths:
         hits.append(next((s for s in free if s.name == truth), None))
         free = [s for s in free if s is not hits[-1]]
-    classes: list[Said | None] = []
+    classes: list[Claim | None] = []
     for truth, hit in zip(truths, hits, strict=True):
         near = next((s for s in free if truth in s.alike), None)
         classes.append(near if hit is None else None)
@@ -136,7 +136,7 @@ def matched(truths: Sequence[Name], claims: Sequence[Said]) -> tuple:
     return tuple(hits), tuple(classes), free
 
 
-def paired(truths: Sequence, said: Sequence, fits: Callable) -> dict[int, int]:
+def paired(truths: Sequence, claims: Sequence, fits: Callable) -> dict[int, int]:
     """Return the number of a name for as many truths as can have one, by theirs.
 
     Augmenting paths (Kuhn 1955): a name gives way to another if it has a second choice.
@@ -145,14 +145,14 @@ def paired(truths: Sequence, said: Sequence, fits: Callable) -> dict[int, int]:
 
     def place(name: int, tried: set[int]) -> bool:
         for i, truth in enumerate(truths):
-            if i not in tried and fits(truth, said[name]):
+            if i not in tried and fits(truth, claims[name]):
                 tried.add(i)
                 if i not in owner or place(owner[i], tried):
                     owner[i] = name
                     return True
         return False
 
-    for name in range(len(said)):
+    for name in range(len(claims)):
         place(name, set())
     return owner
 
@@ -235,11 +235,11 @@ def case_row(
     return row | (told[0] if drawn == SINGLE else estimate(None, {}))
 
 
-def estimate(said: Said | None, true: Mapping[str, float]) -> dict:
+def estimate(claim: Claim | None, true: Mapping[str, float]) -> dict:
     """Return the main parameter of what was rightly named, beside its truth."""
-    key = main_parameter(said.name.effect, true) if said else None
-    known = said.finding.parameters.get(key) if said else None
-    value, std = (None, None) if known is None else known.pairs[said.place or 0]
+    key = main_parameter(claim.name.effect, true) if claim else None
+    known = claim.finding.parameters.get(key) if claim else None
+    value, std = (None, None) if known is None else known.pairs[claim.place or 0]
     if value is None or std is None:
         return dict.fromkeys(("parameter", "value", "std", "truth", "z"))
     truth = float(true[str(key)])

@@ -59,7 +59,7 @@ def _log(family: str, number: int, seed: int, noise: float) -> Recording:
 def recovery_figures(quick: bool) -> Figures:
     """Identify arms whose parameters are 10 % off, and compare with what they are."""
     seeds = 2 if quick else 20
-    rows = [_one(seed) for seed in range(1, seeds + 1)]
+    rows = [_identified(seed) for seed in range(1, seeds + 1)]
     of = {key: [row[key] for row in rows] for key in rows[0]}
     median = {key: float(np.median(values)) for key, values in of.items()}
     ratio = [c / f for c, f in zip(of["consistent"], of["free"], strict=True)]
@@ -92,7 +92,7 @@ def recovery_figures(quick: bool) -> Figures:
     }
 
 
-def _one(seed: int) -> dict[str, float]:
+def _identified(seed: int) -> dict[str, float]:
     fit, held_out = plant_logs(seed)
     found = identify(ROBOT, fit)
     robust = identify(ROBOT, fit, options=Options("irls"))

@@ -133,7 +133,7 @@ def _answered(program: str, case: Case, truth: judge.Truth) -> dict:
     seconds = round(perf_counter() - start, 2)
     return {
         "seconds": seconds,
-        **judge.judged(truth, found),
+        **judge.compare(truth, found),
         "hidden": list(map(str, truth.effects)),
         "said": [list(map(str, names)) for names in found.findings],
     }

@@ -85,9 +85,11 @@ def test_a_value_is_due_beyond_its_detectable_size_and_five_per_cent(monkeypatch
         ("viscous", 2): (4.0, 5.0),
         ("viscous", 9): (4.0, 9.0),  # of no known size
     }
-    found = cases.moved(Told(told), values, sizes, True)
+    found = cases.changed_values(Told(told), values, sizes, True)
     assert found["moved_due"] == [["coulomb", 2], ["viscous", 2], ["body", 0]]
     assert found["moved_told"] == [["coulomb", 2]]
     assert found["moved_false"] == [["coulomb", 3]]
     told.append({"name": "inertial", "joints": [4], "beyond": True})
-    assert ["body", 0] in cases.moved(Told(told), values, sizes, True)["moved_told"]
+    assert ["body", 0] in cases.changed_values(Told(told), values, sizes, True)[
+        "moved_told"
+    ]
