@@ -93,13 +93,13 @@ def motion(arm: Arm, name: str, family: str, seconds: float) -> Reference:
 
 
 def record(
-    arm: Arm, plant: Plant, name: str, moved: Reference, start: float
+    arm: Arm, plant: Plant, name: str, path: Reference, start: float
 ) -> Recording:
     """Return what the sensors make of one motion."""
-    torque = true_torque(plant, moved, name, start)
+    torque = true_torque(plant, path, name, start)
     span = sizes(arm.robot).torque * _NOISE / WHITE_TORQUE
     signals = sensed(arm.robot, torque, name, arm.noise, span=span, step=_STEP)
-    return Recording(name, arm.robot.name, start + moved.t, *signals)
+    return Recording(name, arm.robot.name, start + path.t, *signals)
 
 
 def moved_values(
@@ -161,10 +161,10 @@ def draw_set(arm: Arm, rng: Rng) -> list[PlantEffect]:
     return [effect for effect in made if _share_of(arm, first, effect) >= _LEAST]
 
 
-def _share_of(arm: Arm, moved: Reference, effect: PlantEffect) -> float:
+def _share_of(arm: Arm, path: Reference, effect: PlantEffect) -> float:
     """Rms torque of an effect as a share of its joint's, where it is largest."""
     there, bare = (
-        true_torque(arm.plant(effects), moved, "share").tau
+        true_torque(arm.plant(effects), path, "share").tau
         for effects in ((effect,), ())
     )
     rms = [np.sqrt(np.mean(x**2, axis=0)) for x in (there - bare, bare)]

@@ -71,7 +71,7 @@ def _is_measured(row: Mapping) -> bool:
     return row["host"] in MEASURED
 
 
-def _which(sound: Rows) -> dict:
+def _list_faults(sound: Rows) -> dict:
     told = [
         f"{kind}{' (certain)' if certain else ''} on {row['host']}"
         for row in sound
@@ -87,5 +87,5 @@ _OF_FAULTS = (
 )
 _EXACT = Line("repairs_exact", _is_exact, 0.90, beside=per(_is_exact, "kind"))
 _FALSE = Line(
-    "false_faults", lambda r: bool(false_of(r)), 0.02, most=True, beside=_which
+    "false_faults", lambda r: bool(false_of(r)), 0.02, most=True, beside=_list_faults
 )

@@ -67,7 +67,7 @@ def quantised(host: Host, size: int, rng: Rng) -> FaultyLogs:
         step = share * x.std()
         x[:] = np.round(x / step) * step
 
-    return _of_one(host, rng, "quantised", "tau", spoil, whole=True)
+    return _of_one(host, rng, "quantised", "tau", spoil, in_all_logs=True)
 
 
 def saturated(host: Host, size: int, rng: Rng) -> FaultyLogs:
@@ -78,7 +78,7 @@ def saturated(host: Host, size: int, rng: Rng) -> FaultyLogs:
         level = share * np.abs(x).max()
         np.clip(x, -level, level, out=x)
 
-    return _of_one(host, rng, "saturated", "tau", spoil, whole=True)
+    return _of_one(host, rng, "saturated", "tau", spoil, in_all_logs=True)
 
 
 def filtered(host: Host, size: int, rng: Rng) -> FaultyLogs | None:
@@ -110,7 +110,7 @@ def out_of_range(host: Host, size: int, rng: Rng) -> FaultyLogs | None:
 
 
 def _of_one(
-    host: Host, rng: Rng, kind: str, name: str, spoil, whole=False
+    host: Host, rng: Rng, kind: str, name: str, spoil, in_all_logs=False
 ) -> FaultyLogs:
     """Spoil a signal of one joint: in one log, or in all where the sensor does it."""
     (joint,), tables = some(rng, host.robot.dof, 1), tables_of(host)
@@ -118,7 +118,7 @@ def _of_one(
     out = []
     for i, table in enumerate(tables):
         signal = table[name].copy()
-        if whole or i == 0:
+        if in_all_logs or i == 0:
             spoil(signal[:, joint - 1], at)
         out.append(table | {name: signal})
     return FaultyLogs(kind, (joint,), out)
@@ -142,7 +142,7 @@ def lockstep(host: Host, size: int, rng: Rng) -> FaultyLogs | None:
             qd[:, j], qdd[:, j] = ratio * qd[:, lead], ratio * qdd[:, lead]
         return Reference(motion.kind, motion.t, q, qd, qdd, None)
 
-    return _moved(host, rng, "lockstep", joints, couple)
+    return _in_motion(host, rng, "lockstep", joints, couple)
 
 
 def no_reversal(host: Host, size: int, rng: Rng) -> FaultyLogs | None:
@@ -164,10 +164,10 @@ def no_reversal(host: Host, size: int, rng: Rng) -> FaultyLogs | None:
             qdd[:, j] = -swing * rate**2 * np.sin(rate * t)
         return Reference(motion.kind, t, q, qd, qdd, None)
 
-    return _moved(host, rng, "no_reversal", joints, one_way)
+    return _in_motion(host, rng, "no_reversal", joints, one_way)
 
 
-def _moved(host: Host, rng: Rng, kind: str, joints, change) -> FaultyLogs:
+def _in_motion(host: Host, rng: Rng, kind: str, joints, change) -> FaultyLogs:
     logs = []
     for i in range(2):
         motion = make_motion("fourier", usual_limits(host.robot), DURATION, RATE, rng)

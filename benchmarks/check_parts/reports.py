@@ -156,7 +156,7 @@ def angle_sign(host: Host, size: int, rng: Rng) -> FaultyLogs:
 
 
 def _turnable(
-    host: Host, size: int, rng: Rng, other: str
+    host: Host, size: int, rng: Rng, alternative: str
 ) -> tuple[tuple[int, ...], tuple[str, ...]]:
     """Draw joints whose turned angles are not the same as their turned torques.
 
@@ -169,7 +169,7 @@ def _turnable(
         sign = turned(dof, joints)
         if differ(host, lambda q: q * sign, lambda tau: tau * sign):  # noqa: B023
             return joints, ()
-    return joints, (other,)
+    return joints, (alternative,)
 
 
 def joint_order(host: Host, size: int, rng: Rng) -> FaultyLogs | None:

@@ -157,7 +157,7 @@ class Task:
     """One case to do."""
 
     group: str  # "bench" or a group of the benchmark
-    what: str  # effect, form, or "" where it is drawn or nothing
+    hides: str  # effect or form; "" if drawn or nothing
     data: str  # "synthetic", "pybullet" or "quick"
     motion: int  # seed of the motions
     arm: int  # seed of the arm, of what it hides, and of the noise
@@ -175,7 +175,7 @@ def tasks(group: str, seeds: range, quick: bool) -> list[Task]:
         return _quick(group, seeds[0])
     named, strange = vocabulary(the_arm())
     first = seeds[0]
-    many = {
+    cases = {
         "singles": [(e, s) for s in seeds for e in named],
         "detection": [(e, s) for s in seeds[: (len(seeds) + 1) // 2] for e in named],
         "nulls": [("", first + i) for i in range(20 * len(seeds))],
@@ -183,12 +183,12 @@ def tasks(group: str, seeds: range, quick: bool) -> list[Task]:
         "forms": [(form, s) for s in seeds for form in FORMS],
         "unknown": [(e, s) for s in seeds for e in strange],
     }
-    return [_task(group, what, first, seed) for what, seed in many[group]]
+    return [_task(group, hides, first, seed) for hides, seed in cases[group]]
 
 
-def benches(wanted: Sequence[Task]) -> list[Task]:
+def benches(tasks: Sequence[Task]) -> list[Task]:
     """Return the null cases that say the minimum detectable sizes of their motions."""
-    unique = {(t.data, t.motion) for t in wanted if t.group != "nulls"}
+    unique = {(t.data, t.motion) for t in tasks if t.group != "nulls"}
     return [
         # An arm and noise of its own, not those of a case.
         Task("bench", "", data, motion, derived_seed(motion, "bench"))
@@ -208,8 +208,12 @@ def run(job: tuple[Task, Sequence[Detectable]]) -> dict:
 def _done(task: Task, minimum: Sequence[Mapping]) -> dict:
     # Kept as plain values between two parts of the benchmark.
     minimum = [Detectable(**entry) for entry in minimum]
-    drawn, meant = _hidden(task, minimum)
-    effects = [as_form(e, task.what) for e in meant] if task.group == "forms" else meant
+    drawn, true_effects = _hidden(task, minimum)
+    effects = (
+        [as_form(e, task.hides) for e in true_effects]
+        if task.group == "forms"
+        else true_effects
+    )
     made = make(task.data, effects, task.motion, task.arm)
     begun = perf_counter()
     verdict = diagnose(made.robot, made.fit, (), made.held_out).verdict
@@ -219,9 +223,9 @@ def _done(task: Task, minimum: Sequence[Mapping]) -> dict:
         return {**about, "minimum": [asdict(d) for d in verdict.minimum_detectable]}
     truths = made.truths
     if task.group == "forms":
-        meant = _as_taken(task.what, meant, verdict)
-        truths = tuple(dict(e.parameters) for e in meant)
-    hidden = [measured(e, minimum, made.robot) for e in meant]
+        true_effects = _as_taken(task.hides, true_effects, verdict)
+        truths = tuple(dict(e.parameters) for e in true_effects)
+    hidden = [measured(e, minimum, made.robot) for e in true_effects]
     told = [(h.effect.name, h.joints) for h in hidden]
     best = None
     if task.group in _WITH_ORACLE:
@@ -235,21 +239,21 @@ def _done(task: Task, minimum: Sequence[Mapping]) -> dict:
 
 
 def _hidden(task: Task, minimum: Sequence[Detectable]) -> tuple[str, list[PlantEffect]]:
-    robot, rng = the_arm(), stream(task.arm, f"{task.group}/{task.what}")
+    robot, rng = the_arm(), stream(task.arm, f"{task.group}/{task.hides}")
     if task.group in ("bench", "nulls"):
         return NOTHING, []
     if task.group == "unknown":
-        return UNKNOWN, [draw_sized(robot, rng, task.what, None, minimum)]
+        return UNKNOWN, [draw_sized(robot, rng, task.hides, None, minimum)]
     if task.group == "pairs":
         return PAIR, _pair(rng, minimum)
-    name = FORMS[task.what][0] if task.group == "forms" else task.what
+    name = FORMS[task.hides][0] if task.group == "forms" else task.hides
     if task.group == "detection":
         return SINGLE, [draw_sized(robot, rng, name, 1.0, minimum)]
     return SINGLE, [_clear(rng, name, MULTIPLES[1:], minimum)]
 
 
 def _clear(rng, name: str, multiples: Sequence[float], minimum) -> PlantEffect:
-    """Draw an effect that is so many times detectable, on a joint where it can be.
+    """Draw an effect that is so cases times detectable, on a joint where it can be.
 
     Where noise and motion hide even three times what arms usually have, or any size,
     another joint is drawn. If there is none, it stays too small.
@@ -277,23 +281,23 @@ def _pair(rng, minimum: Sequence[Detectable]) -> list[PlantEffect]:
     return made
 
 
-def _as_taken(form: str, meant: list[PlantEffect], verdict: Verdict) -> list:
+def _as_taken(form: str, true_effects: list[PlantEffect], verdict: Verdict) -> list:
     """Return the effect that a form was taken for, if it may be taken for it."""
     said = {e.name for e in verdict.effects}
-    name = next((n for n in FORMS[form] if n in said), meant[0].name)
-    return [PlantEffect(name, e.joints, e.parameters) for e in meant]
+    name = next((n for n in FORMS[form] if n in said), true_effects[0].name)
+    return [PlantEffect(name, e.joints, e.parameters) for e in true_effects]
 
 
-def _task(group: str, what: str, first: int, seed: int) -> Task:
+def _task(group: str, hides: str, first: int, seed: int) -> Task:
     fifth = (seed - first) % _IN_ENGINE == _IN_ENGINE - 1
-    known = kinds().get(what)
+    known = kinds().get(hides)
     engine = (known is not None and not known.on_synthetic) or (
         fifth and group in ("singles", "unknown")
     )
     # Nulls are cheap to vary: each has motions of its own.
     motion = seed if group == "nulls" else first + (seed - first) % BENCHES
     data = PYBULLET if engine else SYNTHETIC
-    return Task(group, what, data, motion, seed)
+    return Task(group, hides, data, motion, seed)
 
 
 def _quick(group: str, seed: int) -> list[Task]:
@@ -306,7 +310,8 @@ def _quick(group: str, seed: int) -> list[Task]:
         "detection": ("offset",),
     }
     return [
-        Task(group, what, "quick", seed, seed + i) for i, what in enumerate(few[group])
+        Task(group, hides, "quick", seed, seed + i)
+        for i, hides in enumerate(few[group])
     ]
 
 

@@ -52,7 +52,7 @@ class Score:
 
     outcome: str  # ``RIGHT`` to ``FLAGGED``
     first: Name | None  # what was named first, None for nothing
-    found: int  # how many of the drawn effects are named, by name or by class
+    count: int  # how many of the drawn effects are named, by name or by class
     extra: int  # how many names are none of them and no part of them, in all
     # Whether the first name, or where there is none the flag, is on a joint of what was
     # drawn; None where nothing was drawn or nothing said.
@@ -74,12 +74,12 @@ def score(drawn: str, truths: Sequence[Name], verdict: Verdict) -> Score:
     # One finding may be on several joints, and their order says nothing.
     first = [s for s in claims if s.finding is claims[0].finding]
     right = [s for s in first if all(s is not f for f in free)]
-    found = sum(h is not None for h in (*hits, *classes))
-    state = (found == len(hits), any(c is not None for c in classes))
+    count = sum(h is not None for h in (*hits, *classes))
+    state = (count == len(hits), any(c is not None for c in classes))
     return Score(
         outcome=_outcome(drawn, bool(claims), bool(right), state, bool(flagged)),
         first=(right or first)[0].name if first else None,
-        found=found,
+        count=count,
         extra=sum(s.name not in _parts(truths, hits) for s in free),
         joint_right=_joint_right(truths, [s.name for s in first], flagged),
         hits=hits,
@@ -103,16 +103,16 @@ def members(verdict: Verdict) -> list[Claim]:
     joints that share gearing is one.
     """
     out = []
-    for found in verdict.effects:
-        alike = [Name.of(e) for e in found.equivalent]
+    for finding in verdict.effects:
+        alike = [Name.of(e) for e in finding.equivalent]
         # With a value per joint it is one thing on each.
-        one_each = any(isinstance(p.value, tuple) for p in found.parameters.values())
-        if len(found.joints) < 2 or not one_each:
-            out.append(Claim(Name.of(found), tuple(alike), found))
+        one_each = any(isinstance(p.value, tuple) for p in finding.parameters.values())
+        if len(finding.joints) < 2 or not one_each:
+            out.append(Claim(Name.of(finding), tuple(alike), finding))
             continue
-        for place, joint in enumerate(found.joints):
+        for place, joint in enumerate(finding.joints):
             near = tuple(Name(a.effect, (joint,)) for a in alike if joint in a.joints)
-            out.append(Claim(Name(found.name, (joint,)), near, found, place))
+            out.append(Claim(Name(finding.name, (joint,)), near, finding, place))
     return out
 
 
@@ -219,7 +219,7 @@ def case_row(
         "named_joints": first and list(first.joints),
         "named": len(members(verdict)),
         "outcome": judged.outcome,
-        "found": judged.found,
+        "found": judged.count,
         "extra": judged.extra,
         "joint_right": judged.joint_right,
         "unexplained": list(verdict.unexplained.joints),

@@ -139,8 +139,8 @@ def _sized(
     states = [sizes.state(log, body) for log in fit]
 
     def size_at(factor: float) -> float | None:
-        many = _times(values, factor)
-        pairs = [(_added(at, effect, joint, many), at.log) for at in states]
+        scaled = _times(values, factor)
+        pairs = [(_added(at, effect, joint, scaled), at.log) for at in states]
         return size_of([shares(body.rigid, *pair) for pair in pairs], (joint,))
 
     return solved(size_at, target)
@@ -192,11 +192,11 @@ def summary(row: Mapping) -> str:
     return f"{row['truth']} -> {names}; peer {[x[:2] for x in row['peer']]}"
 
 
-def _names(found: Iterable[Finding]) -> list[list]:
+def _names(findings: Iterable[Finding]) -> list[list]:
     """Name and joint of each member, with what cannot be told from it there."""
     return [
         [e.name, joint, [a.name for a in e.equivalent if joint in (*a.joints, 0)]]
-        for e in found
+        for e in findings
         for joint in (e.joints or (0,))
     ]
 

@@ -90,7 +90,7 @@ JUDGED = [
 def test_a_verdict_beside_the_truth(drawn, truth, words, outcome, found, extra, joint):
     pairs = map(str.split, filter(None, truth.split(";")))
     judged = score(drawn, [Name(n, (int(j),)) for n, j in pairs], said(words))
-    assert (judged.outcome, judged.found, judged.extra) == (outcome, found, extra)
+    assert (judged.outcome, judged.count, judged.extra) == (outcome, found, extra)
     assert judged.joint_right is joint
 
 
