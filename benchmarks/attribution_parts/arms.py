@@ -1,7 +1,6 @@
-"""Logs of arms whose given values are off, and what changes on them.
+"""Logs of arms whose given values are off, and sets of changed values.
 
-One seed makes the arm and the motions, another the noise and what changed: all
-cases of one arm share the sizes that its logs would show.
+One seed makes the arm and the motions, another the noise and the changes.
 """
 
 import json

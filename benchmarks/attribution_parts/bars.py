@@ -1,4 +1,4 @@
-"""What must be reached where several things changed, as figures of the rows."""
+"""Figures and bars of the rows of all groups."""
 
 from collections.abc import Mapping
 

@@ -1,6 +1,6 @@
-"""Cases of each group: what is drawn, how it is diagnosed, what came of it.
+"""Cases of each group: drawn, diagnosed, and compared with the truth.
 
-A verdict is compared by sets of names, and by moved values.
+A verdict is compared by its set of names and by its list of changed values.
 """
 
 from collections.abc import Mapping, Sequence
@@ -23,7 +23,7 @@ Values = Mapping[tuple[str, int], tuple[float, float]]
 
 
 def compare(verdict: Verdict, planted: Sequence[Name]) -> dict:
-    """Return how the set that is named compares with what changed, by sets.
+    """Compare the set of names with the set of changes.
 
     A name is true if it, or one that the verdict says the logs cannot tell from it, is
     among what changed and no other name stands for that already.
@@ -61,7 +61,7 @@ def _apart(place: Mapping) -> list[Name]:
 def changed_values(
     verdict: Verdict, values: Values, minimum: Sequence[Detectable], body: bool
 ) -> dict:
-    """Return what of the moved values is among the changes that a verdict tells.
+    """Return which values that are off a verdict lists in its `changes`.
 
     Due are values beyond their detectable size, of the same arm without a change, and a
     changed body, which any inertial combination tells. False is what was told of a

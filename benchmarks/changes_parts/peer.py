@@ -1,9 +1,8 @@
-"""The peer: one plain regression of both epochs, candidates side by side, no search.
+"""The peer: one plain regression of both epochs, one candidate at a time.
 
-What an arm has in both epochs (inertia, friction by speed, load and angle, waves) is
-fitted together; a candidate counts only times 1[second epoch]. Its covariance is
-clustered in blocks of time and widened, joint by joint, by how much single logs of the
-first epoch differ from each other. It knows ten effects and looks for one at a time.
+Inertia, friction by speed, load and angle, and waves are fitted to both epochs; a
+candidate column counts only times 1[second epoch]. The covariance is clustered in
+blocks of time and widened joint by joint by how much logs of the first epoch differ.
 """
 
 from collections.abc import Sequence

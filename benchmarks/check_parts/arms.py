@@ -1,7 +1,4 @@
-"""Clean logs of arms: two synthetic, one in a physics engine, and measured ones.
-
-Beside them a log that was faulty on purpose, and helpers that all faults use.
-"""
+"""Sound logs of simulated and measured arms, and helpers for faults in them."""
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace

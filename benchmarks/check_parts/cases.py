@@ -1,4 +1,4 @@
-"""Cases of each group: what is faulty, what the check says, what its lines mend."""
+"""Cases of each group: logs with faults and sound logs, checked and compared."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass

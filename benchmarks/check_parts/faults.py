@@ -1,4 +1,4 @@
-"""Faults that no line mends: of sensors, of clocks, of the motion, of the robot."""
+"""Faults that no line of a map repairs: of sensors, clocks, motions and robot files."""
 
 import xml.etree.ElementTree as ET
 

@@ -1,11 +1,4 @@
-"""What a check says of faulty logs: right kind and joints, and lines that mend.
-
-Whether a fault leaves a trace at all is told by the clean log and the fault alone. Two
-witnesses can tell of a change in the torque. The other joints: no body and no friction
-that is fitted to all torques carries it. The robot file: it is larger than what the
-file misses of the clean torque anyway. What neither can see is no fault of the log: a
-wrist whose torque is friction, times a factor, is a wrist of other friction.
-"""
+"""Compare what a check reports of faulty logs with the fault, and try its repairs."""
 
 import json
 import tempfile
@@ -29,7 +22,7 @@ _TURNED = 0.052  # of gravity: 3 degrees
 
 
 def compare(arm: Host, faulty: FaultyLogs) -> dict:
-    """Check faulty logs; return what was said, and what that is worth."""
+    """Check faulty logs; return the report compared with the fault."""
     with tempfile.TemporaryDirectory() as folder:
         place, robot = Path(folder), given_robot(arm, faulty)
         sets = read(place, faulty.tables, robot)
@@ -71,7 +64,7 @@ def read(
 
 
 def reported(report: LogCheck) -> dict:
-    """Return what a check said, short."""
+    """Return verdict and faults of a check."""
     return {
         "verdict": report.verdict,
         "said": [[f.kind, list(f.joints), f.certain] for f in report.faults],
@@ -79,7 +72,7 @@ def reported(report: LogCheck) -> dict:
 
 
 def is_it(fault: Fault, faulty: FaultyLogs, dof: int) -> bool:
-    """Whether a fault is the one that was made: kind and joints."""
+    """Whether a reported fault has the right kind and joints."""
     every = tuple(range(1, dof + 1))
     where = tuple(sorted(fault.joints)) or every
     kinds = (faulty.kind, *faulty.also)

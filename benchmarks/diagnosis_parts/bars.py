@@ -1,4 +1,4 @@
-"""What must be reached, as figures of the rows of all groups."""
+"""Figures and bars of the rows of all groups."""
 
 from collections.abc import Mapping
 from functools import partial

@@ -1,8 +1,8 @@
-"""Cases of each group: what is drawn, how it is diagnosed, what came of it.
+"""Cases of each group: drawn, diagnosed, and compared with the truth.
 
-Synthetic arms for the bulk, PyBullet for a part. Motions go by one seed, the arm and
-its noise by another, so that several arms may be looked at in one excitation, whose
-minimum detectable sizes are known.
+Most arms are synthetic, some are in PyBullet. Motions have one seed, the arm and its
+noise another, so that several arms share motions whose minimum detectable sizes are
+known.
 """
 
 from collections.abc import Mapping, Sequence
@@ -117,7 +117,7 @@ def _synthetic(plan: Plan, effects: tuple[PlantEffect, ...], motion: int, arm: i
 
 
 def _with_scatter(plant: Plant, effect: PlantEffect) -> dict:
-    """Return what a verdict would state: a change is against what the maker says."""
+    """Return the parameters relative to the declared values, as a verdict has them."""
     values, known = dict(effect.parameters), kinds().get(effect.name)
     if known is not None and known.of_drive:
         key, field = known.amount[0], known.of_drive
@@ -253,7 +253,7 @@ def _hidden(task: Task, minimum: Sequence[Detectable]) -> tuple[str, list[PlantE
 
 
 def _clear(rng, name: str, multiples: Sequence[float], minimum) -> PlantEffect:
-    """Draw an effect that is so cases times detectable, on a joint where it can be.
+    """Draw an effect that is so many times detectable, on a joint where it can be.
 
     Where noise and motion hide even three times what arms usually have, or any size,
     another joint is drawn. If there is none, it stays too small.

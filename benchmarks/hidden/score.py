@@ -1,4 +1,4 @@
-"""What a verdict is worth beside the truth, as one row; and what is taken for what."""
+"""Compare a verdict with the truth of a case, as one row."""
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field

@@ -1,13 +1,10 @@
-"""Does one designed experiment settle what a first verdict left open, and how soon?
+"""Design one experiment after an open verdict, run it, and diagnose all logs.
 
-An arm in the physics engine hides one effect. Its first log is short and moves little;
-arms whose verdict names a class of which some motion can part some are cases. The
-designed motion is run on the arm and all logs are diagnosed together.
-
-A random and a D-optimal Fourier motion within the same limits are run on the same arm:
-as they are planned by default, and with periods of 5 s. The log Bayes factor that each
-log did bring between the truth and the rival that is nearest to it is followed along
-it, that of the first log included. At its end it is held against what was promised.
+An arm in the physics engine hides one effect; its first log is short and moves little.
+Cases are arms whose verdict names a class that some motion can separate. A random and a
+D-optimal Fourier motion within the same limits are run on the same arm. Along each log
+the log Bayes factor between the truth and its nearest rival is computed, the first log
+included, and compared at the end with what the design promised.
 """
 
 from collections.abc import Mapping, Sequence

@@ -1,10 +1,8 @@
-"""Errors: of the paper's table 1 on a frozen set, and of measured arms.
+"""Errors of PLSR: the paper's table 1 on a simulated set, and measured arms.
 
-The frozen set: IRB 140 whose gears stick (Fs = 1.5 Fc, 0.05 rad/s), pull harder one way
-(10 % of Fc) and under load (5 %), torque noise 1 % of range; six runs of 20 s, two
-periods each. The twin knows rigid body and rotors alone, or friction as well.
-
-Measured: unseen runs and unseen blocks of real arms.
+The set: IRB 140 with stiction (Fs = 1.5 Fc, 0.05 rad/s), direction-dependent friction
+(10 % of Fc) and load friction (5 %), torque noise of 1 % of the range; six runs of
+20 s, two periods each. The twin has rigid body and rotors alone, or friction as well.
 """
 
 from dataclasses import replace
