@@ -12,12 +12,12 @@ import numpy as np
 
 from benchmarks.harness.logs import PAUSE, RATE, sensed
 from benchmarks.synthetic.motions import make_motion
-from benchmarks.synthetic.quasi_static import Plant, true_friction, true_torque
+from benchmarks.synthetic.quasi_static import Plant, true_torque
 from residual.recording import Recording
 from residual.robot.robot import Robot, load_robot, robot_from_texts
 from sim.draw import draw_hidden, light_arm
 from sim.engine.records import Hidden, PlantEffect, Reference, stream
-from sim.plant.catalogue import multiplied, of_drives
+from sim.plant.catalogue import multiplied
 from sim.plant.sensors import WHITE_TORQUE
 from sim.plant.sizes import sizes, usual_limits
 
@@ -101,35 +101,13 @@ def record(
     return Recording(name, arm.robot.name, start + path.t, *signals)
 
 
-def moved_values(
-    arm: Arm, effects: Sequence[PlantEffect]
-) -> dict[tuple[str, int], tuple[float, float]]:
-    """Return given and true value of each drive's numbers [SI], changes included."""
-    robot = arm.robot
-    true, given = true_friction(arm.plant(())), sizes(robot)
-    out = {}
-    for what in of_drives():
-        for joint in range(1, robot.dof + 1):
-            there, said = (
-                float(getattr(x, str(what.of_drive))[joint - 1]) for x in (true, given)
-            )
-            there += sum(
-                dict(e.parameters)[what.amount[0]]
-                for e in effects
-                if e.name == what.name and joint in e.joints
-            )
-            out[what.name, joint] = said, there
-    return out
-
-
 Rng = np.random.Generator
 
 BODIES = PAYLOAD, LINK = "payload", "link_inertia"
-DRIVES = {"rotor_inertia": "inertia", "coulomb": "level", "viscous": "coefficient"}
+DRIVES = {"coulomb": "level", "viscous": "coefficient"}
 # How often there is a load, of which share of the arm's mass, links by which share off,
 # friction by which share more, and the least share of a joint's torque [rms].
 _LOADS, _LOAD, _LINK, _DRIVE, _LEAST = 0.7, (0.01, 0.06), (0.08, 0.25), (0.2, 1.5), 0.02
-_FRICTION = ("coulomb", "viscous")
 
 
 def draw_set(arm: Arm, rng: Rng) -> list[PlantEffect]:
@@ -151,10 +129,10 @@ def draw_set(arm: Arm, rng: Rng) -> list[PlantEffect]:
     for link in links:
         scale = float(rng.uniform(*_LINK) * rng.choice([-1, 1]))
         made.append(PlantEffect(LINK, (int(link),), (("scale", scale),)))
-    given = moved_values(arm, ())
+    given = sizes(arm.robot)
     for joint in rng.choice(joints, size=int(rng.integers(0, 3)), replace=False):
-        kind = str(rng.choice(_FRICTION))
-        size = float(rng.uniform(*_DRIVE) * given[kind, int(joint)][0])
+        kind = str(rng.choice(list(DRIVES)))
+        size = float(rng.uniform(*_DRIVE) * getattr(given, kind)[joint - 1])
         made.append(PlantEffect(kind, (int(joint),), ((DRIVES[kind], size),)))
     first = motion(arm, f"fit_0_{FIT[0]}", FIT[0], 20.0)
     return [effect for effect in made if _share_of(arm, first, effect) >= _LEAST]
