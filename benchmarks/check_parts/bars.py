@@ -18,9 +18,8 @@ from benchmarks.harness.rates import Line, Rows, counted, lines, per
 
 # What is true of a log is no false fault.
 TRUE_OF = {
-    "ur10": ("filtered",),
     # In each run speeds 1, 3, 4, 6, 7 are proportional, and 2 and 5 are.
-    "lwr4": ("filtered", "lockstep"),
+    "lwr4": ("lockstep",),
     # The inertia of its link 5 breaks the triangle inequality.
     "gen3": ("too_short", "no_reversal", "robot_file"),
 }

@@ -31,7 +31,7 @@ _READING = (
     "velocity_mismatch"
 )
 _MADE = (
-    "clock spike frozen quantised saturated filtered out_of_range lockstep "
+    "clock spike frozen quantised saturated out_of_range lockstep "
     "no_reversal too_short robot_file wrong_robot"
 )
 _REPORTED = "gravity_removed mounting commanded constant"
