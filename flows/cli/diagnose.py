@@ -55,7 +55,7 @@ def diagnose(
     """
     from flows.inputs.given import chosen
     from flows.report.diagnosis import print_diagnosis, render
-    from flows.report.page import of_request
+    from flows.report.page import origin_of_request
     from flows.steps import diagnose as steps
     from flows.steps.models import choose_for
     from residual.diagnosis.verdict import to_json
@@ -77,7 +77,7 @@ def diagnose(
     out.say(*found.notes[len(read.lines) :])
 
     def page() -> str:
-        origin = of_request(request, str(report))
+        origin = origin_of_request(request, str(report))
         return render(found, found.verdict.robot, origin=origin)
 
     out.write(

@@ -6,7 +6,7 @@ from pathlib import Path
 from flows.cli.app import Outputs
 from flows.inputs.given import chosen
 from flows.outputs import check_new_folder, in_folder, progress_bar, read_files
-from flows.report.console import show, wide
+from flows.report.console import show, wide_console
 from flows.report.models import identification as identified
 from flows.report.words.calibration import sentences
 from flows.requests import (
@@ -67,7 +67,7 @@ def identify(
     if export is not None:
         about = f"identified from {' '.join(made.fit)}"
         files = in_folder(export, robot_files(made.best, about))
-    show(wide(out.console), *identified(made))
+    show(wide_console(out.console), *identified(made))
     out.write(document=lambda: identification_document(made), also=files)
     out.finish(*([f"stored as a model: modelgap show {kept}"] if kept else []))
 
@@ -101,7 +101,7 @@ def calibrate(
         export: New folder for the tables, the model that they correct, and programs
             that evaluate both.
     """
-    from flows.report.calibration import render, told
+    from flows.report.calibration import render, terminal_parts
 
     request = chosen(request, logs, where)
     inputs = read_files((*request.logs, request.robot), request.columns)
@@ -122,7 +122,7 @@ def calibrate(
         lambda: calibration_document(made, sentences(made), done.warnings, done.kept),
         in_folder(export, calibration_files(made)) if export is not None else {},
     )
-    show(wide(out.console), *told(done))
+    show(wide_console(out.console), *terminal_parts(done))
     out.finish(*_kept(done))
 
 

@@ -69,7 +69,7 @@ def line(console: Console, text: str, style: str = "") -> None:
     console.print(padded if indent else words)
 
 
-def wide(console: Console, width: int = _WIDE) -> Console:
+def wide_console(console: Console, width: int = _WIDE) -> Console:
     """Return a console that cuts nothing: into a file or a pipe as wide as it needs."""
     return console if console.is_terminal else Console(file=console.file, width=width)
 
@@ -77,7 +77,7 @@ def wide(console: Console, width: int = _WIDE) -> Console:
 def _print_table(console: Console, table: Table) -> None:
     drawn = RichTable(box=SIMPLE_HEAD, show_edge=not table.title, pad_edge=False)
     for i, head in enumerate(table.heads):
-        words = i in table.left
+        words = i in table.text_columns
         # Words wrap between words; numbers never.
         longest = max((len(w) for row in table.rows for w in row[i].split()), default=0)
         drawn.add_column(
@@ -85,7 +85,7 @@ def _print_table(console: Console, table: Table) -> None:
             justify="left" if words else "right",
             no_wrap=not words,
             min_width=min(longest, console.width // 3) if words else None,
-            max_width=table.most.get(i),
+            max_width=table.max_widths.get(i),
             overflow="fold",
         )
     if table.title:

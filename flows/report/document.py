@@ -31,8 +31,8 @@ class Table:
         heads: Titles of the columns; may be of several lines.
         rows: Cells as text; may be of several lines.
         title: Above it; empty for none.
-        left: Columns of words, from 0; all others are numbers, on the right.
-        most: Columns that wrap their words at a width [characters].
+        text_columns: Columns of words, from 0; all others are numbers, on the right.
+        max_widths: Columns that wrap their words at a width [characters].
         sections: Rows, from 0, above which a line is drawn.
         groups: Titles over neighboring columns, and how many columns each has.
         named: Column that names the row.
@@ -43,8 +43,8 @@ class Table:
     heads: Sequence[str]
     rows: Sequence[Sequence[str]]
     title: str = ""
-    left: Collection[int] = (0,)
-    most: Mapping[int, int] = field(default_factory=dict)
+    text_columns: Collection[int] = (0,)
+    max_widths: Mapping[int, int] = field(default_factory=dict)
     sections: Collection[int] = ()
     groups: Sequence[tuple[str, int]] = ()
     named: int = 0
@@ -61,7 +61,7 @@ def words_table(
     heads: Sequence[str], rows: Sequence[Sequence[str]], title: str = ""
 ) -> Table:
     """Return a table all of whose columns are words."""
-    return Table(heads, rows, title, left=range(len(heads)))
+    return Table(heads, rows, title, text_columns=range(len(heads)))
 
 
 class Tile(NamedTuple):

@@ -7,7 +7,7 @@ import numpy as np
 from flows.report.document import Document, Section, Strong, Table
 from flows.report.page import render
 from flows.report.plots import Panel, png
-from flows.report.words.phrases import many, texts
+from flows.report.words.phrases import count_noun, texts
 from flows.steps.models import NOMINAL
 from flows.steps.validate import Tracking, Validation
 from residual.robot.robot import Robot
@@ -34,7 +34,7 @@ def _by_joint(columns: Mapping[str, np.ndarray], about: str = "") -> Table:
         (str(joint), *(f"{value:.2f}" for value in row))
         for joint, row in enumerate(zip(*columns.values(), strict=True), 1)
     ]
-    return Table(("joint", *columns), rows, about, left=())
+    return Table(("joint", *columns), rows, about, text_columns=())
 
 
 def both_ways(result: Validation) -> Table:
@@ -45,8 +45,8 @@ def both_ways(result: Validation) -> Table:
         for each in result.models.values():
             for errors in (each.torque, each.acceleration):
                 value = np.nan if errors is None else errors[joint]
-                rest = "–" if errors is None else "at rest"
-                row.append(rest if np.isnan(value) else f"{value:.2f}")
+                missing = "–" if errors is None else "at rest"
+                row.append(missing if np.isnan(value) else f"{value:.2f}")
         rows.append(row)
     least = [
         word
@@ -55,7 +55,7 @@ def both_ways(result: Validation) -> Table:
     ]
     heads = [f"{name}\n{way} [%]" for name in result.models for way in ("τ", "q̈")]
     about = "Error of torque from motion (τ) and of acceleration from torque (q̈)"
-    return Table(("joint", *heads), [*rows, ["", *least]], about, left=())
+    return Table(("joint", *heads), [*rows, ["", *least]], about, text_columns=())
 
 
 def meaning(result: Validation) -> str:
@@ -131,7 +131,7 @@ def tracking(result: Tracking) -> list[str | Table]:
     first, *others = (f"{name} {value:.3g}" for name, value in norms.items())
     families = ", ".join(sorted({motion.kind for _, motion in result.motions}))
     text = (
-        f"{many(len(result.motions), 'unseen motion')} ({families}), rms of all "
+        f"{count_noun(len(result.motions), 'unseen motion')} ({families}), rms of all "
         f"joints: {first} → {', '.join(others)} mrad"
     )
     return [_by_joint(columns, about), text]
@@ -151,7 +151,9 @@ def motion_parts(
     """
     still = (reference.qd == 0).all(axis=1).mean()
     period = f", period {reference.period:g} s" if reference.period else ""
-    rest = f", at rest {100 * still:.0f} % of the time" if still > 0.01 else ""
+    standstill = (
+        f", at standstill {100 * still:.0f} % of the time" if still > 0.01 else ""
+    )
     rows = []
     columns = (used.range, used.speed, used.acceleration, used.torque)
     for joint, shares in enumerate(zip(*columns, strict=True), start=1):
@@ -173,9 +175,9 @@ def motion_parts(
         excites = f"condition number infinite: this motion does not excite all {count}"
     return [
         f"{spec.kind} motion of {robot.name}: {spec.duration:g} s at {rate:g} Hz"
-        f"{period}, seed {spec.seed}{rest}",
+        f"{period}, seed {spec.seed}{standstill}",
         "limits, floor and self-collision (arm as capsules) also hold between samples",
-        Table(heads, rows, "Share of the limits", left=()),
+        Table(heads, rows, "Share of the limits", text_columns=()),
         excites,
     ]
 

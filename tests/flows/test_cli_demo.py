@@ -9,7 +9,7 @@ import pytest
 from flows.cli import main
 from flows.outputs import PAUSE, plain_lines
 from flows.report.diagnosis import print_truth
-from flows.report.words.phrases import Hidden, Staged, judge
+from flows.report.words.phrases import Demonstration, Hidden, judge
 from flows.steps import demo as steps
 from flows.steps.demo import Demo
 from tests.verdict_documents import typed
@@ -109,7 +109,7 @@ def test_the_truth_stands_beside_the_verdict(capsys):
     from rich.console import Console
 
     verdict = typed({"effects": [found("spring", [2])]})
-    print_truth(Staged(b"", "", (SPRING,), verdict), Console(width=80))
+    print_truth(Demonstration(b"", "", (SPRING,), verdict), Console(width=80))
     shown = capsys.readouterr().out
     rows = [" ".join(line.split()) for line in shown.splitlines()]
     assert "stiffness 4 N m/rad 4.12 ± 0.21 N m/rad" in rows

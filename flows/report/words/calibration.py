@@ -60,9 +60,9 @@ def sentences(result: Calibration) -> tuple[str, ...]:
     return tuple(lines)
 
 
-def _above(one: Score, other: Score) -> str:
+def _above(score: Score, reference: Score) -> str:
     """The joints on which one error is above another, as a sentence; empty for none."""
-    joints = [str(j + 1) for j in np.flatnonzero(one.rmsev > WORSE * other.rmsev)]
+    joints = [str(j + 1) for j in np.flatnonzero(score.rmsev > WORSE * reference.rmsev)]
     plural = "s" if len(joints) > 1 else ""
     return f" Worse on joint{plural} {', '.join(joints)}." if joints else ""
 

@@ -30,12 +30,12 @@ def texts() -> dict[str, dict[str, Markup]]:
     return {part: {k: Markup(v) for k, v in own.items()} for part, own in parts.items()}
 
 
-def count(value: int) -> str:
+def number_word(value: int) -> str:
     """Return a small number in words: 6 becomes 'six'."""
     return _NUMBERS[value] if 0 <= value < len(_NUMBERS) else str(value)
 
 
-def many(count: int, noun: str) -> str:
+def count_noun(count: int, noun: str) -> str:
     """Return how many there are: '1 run', '2 runs'."""
     return f"{count} {noun}{'' if count == 1 else 's'}"
 
@@ -62,7 +62,7 @@ def joint_words(joints: Iterable[int], dof: int | None = None) -> str:
     if len(numbers) == 1:
         return f"joint {numbers[0]}"
     if len(numbers) == dof:
-        return "both joints" if dof == 2 else f"all {count(len(numbers))} joints"
+        return "both joints" if dof == 2 else f"all {number_word(len(numbers))} joints"
     runs = np.split(numbers, np.flatnonzero(np.diff(numbers) > 1) + 1)
     words = [
         word
@@ -133,7 +133,7 @@ def edit_sentence(edit: Edit) -> str:
     )
 
 
-def baseline_sentences(verdict: Verdict) -> list[str]:
+def edit_sentences(verdict: Verdict) -> list[str]:
     """Return the edit test of each effect of a verdict on its baseline."""
     return [edit_sentence(edit) for edit in verdict.edit or () if known(edit.error)]
 
@@ -156,7 +156,7 @@ class Hidden:
 
 
 @dataclass(frozen=True, slots=True)
-class Staged:
+class Demonstration:
     """What the report of a simulated experiment has beyond any other.
 
     Attributes:
@@ -192,10 +192,10 @@ def judge(hidden: Sequence[Hidden], verdict: Verdict) -> str:
     return "class" if truth & {*map(place_key, first.equivalent)} else "wrong"
 
 
-def truth_rows(staged: Staged) -> list[tuple[str, str, str]]:
+def truth_rows(demonstration: Demonstration) -> list[tuple[str, str, str]]:
     """Return rows (quantity, hidden, named): the effect, then its parameters."""
-    named, rows = staged.verdict.effects, []
-    for hidden in staged.hidden or (None,):
+    named, rows = demonstration.verdict.effects, []
+    for hidden in demonstration.hidden or (None,):
         same = [e for e in named if hidden and place_key(e) == place_key(hidden)]
         finding = next(iter([*same, *named]), None)
         pair = [phrase(e) if e else "nothing" for e in (hidden, finding)]

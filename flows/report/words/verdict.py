@@ -4,11 +4,11 @@ from flows.inputs.repair import place_of
 from flows.report.words.outlook import off_words
 from flows.report.words.phrases import (
     alternatives,
-    count,
+    count_noun,
     effect_named,
     joint_words,
     listing,
-    many,
+    number_word,
     phrase,
     sentence_case,
     texts,
@@ -138,7 +138,7 @@ def _effects(verdict: Verdict) -> str:
         words += f" (or {' or '.join(others)})" if others else ""
         (wrong if is_wrong_value(effect, verdict) else lacking).append(words)
     (wrong or lacking).extend(
-        [f"{count(len(effects) - len(shown))} more"] * (len(effects) > len(shown))
+        [f"{number_word(len(effects) - len(shown))} more"] * (len(effects) > len(shown))
     )
     clauses = [f"lacks {listing(lacking)}"] if lacking else []
     if wrong:
@@ -174,7 +174,7 @@ def with_findings(verdict: Verdict) -> str:
     named = verdict.effects
     if len(named) == 1:
         return f"with {named[0].name.replace('_', ' ')}"
-    return f"with {many(len(named), 'finding')}"
+    return f"with {count_noun(len(named), 'finding')}"
 
 
 def error_sentence(verdict: Verdict) -> str:
