@@ -22,7 +22,7 @@ from warehouse.query.named import NAMED, TAKES
 from warehouse.query.store import Store
 from warehouse.schema import all_views
 
-# More rows than anybody reads; the other formats have all of them.
+# The table stops here; the other formats have all rows.
 MOST = 1000
 
 
@@ -143,7 +143,7 @@ def _field(value: object) -> object:
 
 
 def _plain(value: object) -> object:
-    """A value that JSON has; what is not finite is the text NaN, Infinity, -Infinity.
+    """A value that JSON has; a number that is not finite becomes text: NaN, Infinity.
 
     JSON has no such numbers, and null says that there is no value.
     """

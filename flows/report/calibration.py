@@ -5,7 +5,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from flows.report import calibration_charts as figures
-from flows.report.document import Chart, Document, Note, Section, Strong, Table, Tile
+from flows.report.document import Chart, Document, Note, Section, Strong, Table
 from flows.report.page import render as render_page
 from flows.report.words.calibration import sentences
 from flows.report.words.phrases import count_noun, sentence_case, texts
@@ -14,25 +14,11 @@ from residual.calibration.calibrate import Calibration
 from residual.calibration.choice import PLSR as LINES
 from residual.calibration.rows import PAPER
 from residual.calibration.scores import (
-    DEFAULT,
-    LS,
     MODELS,
-    NOTHING,
-    PAPER_FORM,
-    RANDOM,
-    RUN,
     SCHEMES,
-    find,
 )
 
 _TEXT = texts()["calibration"]
-
-_TILES = (
-    (RANDOM, PAPER_FORM, "Paper form, random rows"),
-    (RUN, PAPER_FORM, "Paper form, unseen runs"),
-    (RUN, LS, "LS, unseen runs"),
-    (RUN, DEFAULT, "Default form, unseen runs"),
-)
 
 
 def terminal_parts(outcome: Calibrated) -> list[str | Table]:
@@ -82,7 +68,7 @@ def _percent(value: float) -> str:
 
 
 def about_rows(result: Calibration) -> str:
-    """Return in a sentence what X and Y are, so that the errors can be read."""
+    """Return the definitions of X and Y in a sentence."""
     rows = result.rows
     if rows.mode == PAPER:
         joints = ", ".join(map(str, rows.joints))
@@ -125,12 +111,7 @@ def render(result: Calibration, warnings: Sequence[str] = ()) -> str:
         return Section(id, heading, parts, _TEXT.get(id, ""))
 
     words = sentences(result)
-    tiles = []
-    for scheme, model, label in _TILES:
-        score, reference = (find(result.scores, scheme, m) for m in (model, NOTHING))
-        if score is not None and reference is not None:
-            note = f"of the torque; no compensation {reference.overall:.3g} %"
-            tiles.append(Tile(label, f"{score.overall:.3g} %", note))
+    logs = f"Logs: {', '.join(result.rows.labels)}."
     note = (
         "RMSEV on held-out rows, RMSEC in brackets on fitted rows, per cent of the "
         "measured torque, pooled over folds"
@@ -158,9 +139,7 @@ def render(result: Calibration, warnings: Sequence[str] = ()) -> str:
             title=f"modelgap calibration: {result.robot}",
             about=f"modelgap calibration of {result.robot}",
             headline=words[0] if words else "A data-driven correction",
-            lead=words[1:],
-            tiles=tiles,
-            setting=f"{about_rows(result)} Logs: {', '.join(result.rows.labels)}.",
+            lead=[*words[1:], about_rows(result), logs],
             warnings=warnings,
             sections=(
                 Section("table", "Models and schemes", [_errors(result), below], note),

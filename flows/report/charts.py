@@ -140,7 +140,7 @@ def _cloud_plot(cloud: Cloud, most: int, unit: str) -> figure.Plot:
     limits = [float(low - pad), float(high + pad)]
     y_axis = figure.axis(f"torque ({unit})", range=limits, zeroline=True)
     y_axis["zerolinecolor"] = figure.SOFT
-    # The text above says what the marks are.
+    # The note of the section explains the marks.
     more = {"showlegend": False, "margin": {"l": 56, "r": 12, "t": 34, "b": 44}}
     variable = cloud.variable.replace("[", "(").replace("]", ")")
     x_axis = figure.axis(figure.escape(variable))
@@ -222,7 +222,7 @@ def _curve_chart(
     upper = figure.axis(f"torque ({unit})", domain=[0.42, 1])
     lower = figure.axis(f"residual ({unit})", domain=[0, 0.34], zeroline=True)
     lower["zerolinecolor"] = figure.SOFT
-    # Shaded where the joint stands: friction history sets its torque there.
+    # Shaded at standstill: friction history sets its torque there.
     standing = figure.spans(proof.t, ~proof.moving[:, joint - 1])
     same = {"type": "rect", "yref": "paper", "y0": 0, "y1": 1, "layer": "below"}
     same |= {"fillcolor": figure.STANDING, "line": {"width": 0}}

@@ -198,7 +198,7 @@ def _missing(result: Diagnosis, figures: Sequence[Sequence[Chart]]) -> Section:
 
 
 def _finding(result: Diagnosis, at: int, figures: Sequence[Chart]) -> list[Part | None]:
-    """One finding: what it does, its size, its figures."""
+    """One finding: its effect on the torque, its size, its figures."""
     effect, verdict = result.effects[at], result.verdict
     sentence = sentence_case("".join(result.sentences[at : at + 1]).strip())
     sentence += "." if sentence and sentence[-1] not in ".!?" else ""
@@ -225,8 +225,7 @@ def _finding(result: Diagnosis, at: int, figures: Sequence[Chart]) -> list[Part 
 
 
 def _errors(result: Diagnosis, bars: Chart | None) -> Section:
-    rows, worse = tables.error_rows(result), ", ".join(words.rising(result.verdict))
-    worse = worse and f"The findings raise the error (moving) on {worse}."
+    rows = tables.error_rows(result)
     about = "Error on unseen motion, % of the measured torque"
     table = tables.error_table(rows, tables.METRICS, about)
     few = len(result.effects) < _MANY
@@ -234,7 +233,6 @@ def _errors(result: Diagnosis, bars: Chart | None) -> Section:
         bars,
         Fold("The errors of each joint", [table], few) if table else None,
     ]
-    parts += [Note(worse, "callout")] if worse and any(parts) else []
     after = _TEXT["after" if result.effects else "no_after"]
     note = _TEXT["stages"].format(after) if bars else ""
     brief = [tables.brief_errors(result, rows)]

@@ -14,11 +14,11 @@ from markupsafe import Markup
 
 
 class Strong(str):
-    """A line or cell that stands out; of several lines the first one does."""
+    """A bold line or cell; of several lines the first one is bold."""
 
 
 def tag(name: str, text: object, look: str = "") -> Markup:
-    """Return text within a tag of a page, such as kbd for what is typed."""
+    """Return text within a tag of a page, such as kbd."""
     start = Markup('<{} class="{}">').format(name, look) if look else f"<{name}>"
     return Markup("{}{}</{}>").format(Markup(start), text, name)
 
@@ -65,7 +65,7 @@ def words_table(
 
 
 class Tile(NamedTuple):
-    """One figure at the head of a page: its label, its value, what it means."""
+    """One figure at the head of a page: its label, its value, its meaning."""
 
     label: str
     value: str
@@ -168,7 +168,6 @@ class Document:
         title: Title of the window.
         about: Its subject, above the headline.
         lead: Sentences after the headline.
-        setting: Its inputs and settings.
         warnings: Lines before the sections.
         foot: Its origin.
     """
@@ -179,6 +178,5 @@ class Document:
     sections: Sequence[Section]
     lead: Sequence[str] = ()
     tiles: Sequence[Tile | None] = ()
-    setting: str = ""
     warnings: Sequence[str] = ()
     foot: Sequence[tuple[str, str]] = ()

@@ -68,7 +68,7 @@ def meaning(result: Validation) -> str:
     if result.nominal is None:
         return f"{text}."
     # The joint with most to gain in angle, not in proportion: where errors are tiny, a
-    # large factor between them says little.
+    # large factor between them means little.
     most = int((result.nominal - result.arm).argmax())
     nominal, arm = 1e3 * result.nominal[most], 1e3 * result.arm[most]
     if nominal < 1.1 * arm:

@@ -153,7 +153,7 @@ def adoptions(listed: Sequence[Listed]) -> Table:
 
 
 def adoption_lines(number: str, review: Judged) -> list[str]:
-    """Return what was adopted, and the result of the gate, a line each."""
+    """Return the adoption and the result of the gate, a line each."""
     return [
         f"adoption {int(number)}: the augmented model of diagnosis "
         f"{review.diagnosis[:8]} is now the model of {review.model.robot.name}; "

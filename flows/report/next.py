@@ -29,7 +29,7 @@ def _inseparable(ranking: Ranking) -> list[str]:
 
 
 def proposal_lines(ranking: Ranking) -> list[str]:
-    """Return what a motion settles and how surely, a sentence each."""
+    """Return the question that a motion settles, and its chance, a sentence each."""
     best, spec = ranking.best, ranking.best.spec
     rivals = from_one_another(told_apart(ranking.question, best.seen))
     words = sure_words(spec.duration, best.after, best.sure.chance)
@@ -44,7 +44,7 @@ def proposal_lines(ranking: Ranking) -> list[str]:
 
 
 def comparison(ranking: Ranking) -> Table:
-    """Return what other motions of the same length and limits would do."""
+    """Return the ranked motions of the same length and limits."""
     rows = [
         (
             m.spec.kind.replace("_", " "),

@@ -135,17 +135,20 @@ def rerun_lines(rerun) -> list[str]:
 
 def rerun_record(rerun) -> Mapping:
     """Return the same as JSON can hold it."""
+    keys = [
+        "id",
+        "kind",
+        "reproduced",
+        "same_code",
+        "imported",
+        "changes",
+        "made",
+        "noted",
+    ]
     return {
-        "id": rerun.id,
-        "kind": rerun.kind,
-        "reproduced": rerun.reproduced,
-        "same_code": rerun.same_code,
-        "imported": rerun.imported,
+        **{key: getattr(rerun, key) for key in keys},
         "differences": [asdict(channel) for channel in rerun.apart],
         "cause": rerun.cause and asdict(rerun.cause),
-        "changes": rerun.changes,
-        "made": rerun.made,
-        "noted": rerun.noted,
     }
 
 

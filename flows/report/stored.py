@@ -61,10 +61,10 @@ def demo_page(
 
 
 def words(proof: str, store: Path) -> str:
-    """Return a stored verdict in a few sentences."""
+    """Return the headline of a stored verdict."""
     return " ".join(sentences(read_outcome(store, proof).verdict))
 
 
 def hidden_effects(records: Sequence[Mapping]) -> tuple[Hidden, ...]:
-    """Return what a seal held as the report takes it."""
+    """Return the records of a seal as hidden effects."""
     return _HIDDEN.validate_python(records)

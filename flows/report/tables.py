@@ -85,7 +85,7 @@ def error_table(
         about: Title of the table.
     """
     groups = {
-        # Least squares, a reference, stands beside the first metric only.
+        # Least squares, a reference, is shown for the first metric only.
         metric: [
             stage
             for stage in (*STAGES, *([PLAIN] if metric == next(iter(METRICS)) else []))
@@ -137,13 +137,13 @@ def brief_errors(diagnosis: Diagnosis, rows: Sequence[ErrorRow]) -> Table | None
 
 
 def title(effect: Finding, verdict: Verdict) -> str:
-    """Return a finding with its place, and what the URDF calls its joints."""
+    """Return a finding with its place and the names of its joints in the URDF."""
     names = named_joints(effect.joints, verdict.frames)
     return phrase(effect, verdict.dof) + (f" ({names})" if names else "")
 
 
 def named_joints(joints: Iterable[int], frames: Frames) -> str:
-    """Return what the URDF calls joints, where a name is more than a number."""
+    """Return the names of joints in the URDF, where a name is more than a number."""
     names = [(j, frames.joints[j - 1]) for j in joints if j <= len(frames.joints)]
     plain = r"(?:.*[_-])?(?:joint|axis|j|a|q)?[_-]?0*{}"
     return listing(
@@ -235,33 +235,19 @@ def evidence_table(diagnosis: Diagnosis) -> Table:
 
 
 def impact_sentence(diagnosis: Diagnosis, effect: Finding) -> str:
-    """Return in one sentence what a model without it gets wrong; empty if unknown.
+    """Return in one sentence the torque error without it; empty if unknown.
 
-    Of at most two joints, those where it is the largest share of the torque.
+    Of at most two joints, those where its torque is largest.
     """
     clouds = [c for c in diagnosis.clouds if c.name == effect.name and len(c.x)]
     if effect_named(effect.name).variable is not None and effect.joints:
         clouds = [c for c in clouds if c.joint in effect.joints] or clouds
-    parts = []
-    for cloud in clouds:
-        peak, unit = (
-            float(np.abs(cloud.fitted).max()),
-            diagnosis.torque_unit(cloud.joint),
-        )
-        largest = max(
-            (
-                float(np.abs(proof.tau[:, cloud.joint - 1]).max())
-                for proof in diagnosis.proofs
-                if len(proof.t) and cloud.joint <= proof.tau.shape[1]
-            ),
-            default=0.0,
-        )
-        share = peak / largest if largest else 0.0
-        of = f" ({fraction(share)} of the largest torque there)" if share else ""
-        words = f"by up to {number(peak)} {unit} on joint {cloud.joint}{of}"
-        parts.append((share, words))
-    worst = " and ".join(words for _, words in sorted(parts, reverse=True)[:2])
-    return f"Without it the predicted torque is off {worst}." if worst else ""
+    peaks = sorted((float(np.abs(c.fitted).max()), c.joint) for c in clouds)[-2:]
+    words = " and ".join(
+        f"by up to {number(peak)} {diagnosis.torque_unit(joint)} on joint {joint}"
+        for peak, joint in reversed(peaks)
+    )
+    return f"Without it the predicted torque is off {words}." if words else ""
 
 
 # Sizes of a finding as engineers state them: a change, an amplitude, a frame.
@@ -373,6 +359,6 @@ def size_of(effect: Finding, verdict: Verdict) -> tuple[str, str]:
 
 
 def frame_words(effect: Finding, frames: Frames) -> str:
-    """Return what the vectors of a finding are in; empty where it has none."""
+    """Return the frame of the vectors of a finding; empty where it has none."""
     flange = frames.flange or "the flange"
     return effect_named(effect.name).frame.format(flange=flange)

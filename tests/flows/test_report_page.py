@@ -135,7 +135,6 @@ def test_everything_that_may_be_null_may_be(name: str) -> None:
     document = to_json(outcome.verdict)
     found = [p for p in paths(document) if p[:2] != ("error", "logs")]
     assert len(found) > 80
-    # Of entries of one list that are alike, the first one.
     kinds = {tuple("#" if isinstance(k, int) else k for k in p): p for p in found[::-1]}
     found = kinds.values()
     assert len(found) > 30

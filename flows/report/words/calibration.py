@@ -1,4 +1,4 @@
-"""What a calibration shows, in sentences made of its figures."""
+"""The results of a calibration in sentences."""
 
 import numpy as np
 
@@ -22,7 +22,7 @@ WORSE = 1.03  # ... from which one error is said to be above another
 
 
 def sentences(result: Calibration) -> tuple[str, ...]:
-    """Return what the tables gain on unseen runs first, then on other splits."""
+    """Return the gain of the tables on unseen runs, then on other splits."""
 
     def score(scheme: str, model: str) -> Score | None:
         return find(result.scores, scheme, model)

@@ -1,4 +1,4 @@
-"""What the findings leave open: the remainder, detectable sizes, the next motion."""
+"""Open questions of a verdict: unexplained torque, detectable sizes, next motion."""
 
 from collections.abc import Sequence
 
@@ -51,7 +51,7 @@ def detectable_rows(verdict: Verdict) -> tuple[list[str], list[list[str]]]:
 
 
 def unexplained_words(verdict: Verdict) -> list[str]:
-    """Return what the findings do not explain, in sentences."""
+    """Return the unexplained torque in sentences."""
     unexplained = verdict.unexplained
     words = []
     if known(unexplained.fraction):
@@ -208,7 +208,7 @@ def _share(change: Change) -> float:
 
 
 def next_words(verdict: Verdict) -> list[str]:
-    """Return what a verdict proposes, a sentence each; none where nothing is open."""
+    """Return the proposed experiment, a sentence each; none where nothing is open."""
     plan = verdict.next_experiment
     if not plan:
         alike = any(finding.equivalent for finding in verdict.effects)

@@ -24,7 +24,7 @@ _UNKNOWN = Effect("", "", {}, columns=lambda state, joints, shape: state.tau_mod
 
 @cache
 def texts() -> dict[str, dict[str, Markup]]:
-    """Return what pages say that hangs on no figure, page by page."""
+    """Return the fixed texts of pages, by page."""
     file = Path(__file__).parents[1] / "templates" / "words.toml"
     parts = tomllib.loads(file.read_text(encoding="utf-8"))
     return {part: {k: Markup(v) for k, v in own.items()} for part, own in parts.items()}
@@ -80,7 +80,7 @@ def noun(name: str) -> str:
 
 
 def effect_named(name: str | None) -> Effect:
-    """Return the effect of that name; one without words where nobody knows it."""
+    """Return the effect of that name; an empty one if it is unknown."""
     return registry().get(name) or _UNKNOWN
 
 
@@ -115,7 +115,7 @@ def alternatives(effect: Finding, dof: int | None = None) -> list[str]:
     return words
 
 
-# What only a simulated experiment can show: the hidden effect, and the edit test.
+# The hidden effect of a simulated experiment, and the edit test.
 
 
 def edit_sentence(edit: Edit) -> str:
