@@ -118,10 +118,6 @@ TrustLog = Annotated[
     Flag,
     Parameter(help="Go on although a fault of the logs is certain (modelgap check)."),
 ]
-TrustNetwork = Annotated[
-    Flag,
-    Parameter(help="Let the cluster be on other machines; Dask is not encrypted."),
-]
 Which = Annotated[
     str | None,
     Parameter(
@@ -475,16 +471,11 @@ class Campaign(Request):
         path: The campaign file.
         held_out: Kind of motion of the runs that are held out; "" for none.
         seed: Replaces the seed of the file; None for that one.
-        runner: Where to compute: threads (the default) is a process per core here,
-            dask://HOST:PORT a Dask cluster that reaches the store too. Without it
-            $MODELGAP_RUNNER.
     """
 
     path: GivenWord = ""
     held_out: GivenWord = ""
     seed: Annotated[int | None, Parameter(parse=False)] = None
-    runner: Annotated[str | None, Parameter(metavar="ADDRESS")] = None
-    trust_network: TrustNetwork = False
     store: Store = None
 
 

@@ -1,1 +1,1 @@
-"""The pure core: from recordings to a verdict; `method/diagnose.py` has it whole."""
+"""The core: from recordings to a verdict; `diagnosis/diagnose.py` is the method."""

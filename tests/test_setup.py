@@ -23,7 +23,7 @@ EXTRAS = {"bags", "scale", "export", "xacro", "mjcf", "docs", "all", "dev"}
 
 
 def _pins(lock: str) -> dict[str, str]:
-    return dict(re.findall(r"^([\w.-]+)==(\S+) \\$", _text(lock), re.M))
+    return dict(re.findall(r"^([\w.-]+)==(\S+)(?: ;.*)? \\$", _text(lock), re.M))
 
 
 def _wanted(*extras: str) -> list[Requirement]:
@@ -115,10 +115,15 @@ SHIMS = {
 }
 UV = "echo uv was called: $* >&2; exit 9"
 LACKING = [
-    ({}, ("Python 3.11 with venv is needed; found: none.", "apt install")),
+    ({}, ("Python 3.11 to 3.13 with venv is needed; found: none.", "apt install")),
     # A shim that only complains is not taken for Python.
     (SHIMS, ("found: Python 3.9.2.",)),
     ({"uv": UV}, ("--python 3.11 --seed", "uv could not bring Python 3.11")),
+    # 3.13 without a compiler: the test's answer to what setup.sh asks of a Python.
+    (
+        {"python3.13": "[ $1 = -V ] && echo Python 3.13.5 || [[ $2 == *3.13* ]]"},
+        ("no wheel for Python 3.13.5", "g++"),
+    ),
     ({"uname": "echo Darwin arm64"}, ("Linux on x86_64 is needed",)),
 ]
 

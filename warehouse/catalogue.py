@@ -61,7 +61,10 @@ def _filled(
     """Return all rows, also those read from records now, and what is damaged."""
     missing = folders.keys() - set(known.column(kind.key).to_pylist())
     new, damaged = [kind.fields.empty_table()], []
-    _bring_all([Path(folders[id], kind.row) for id in missing])
+    paths = [Path(folders[id], kind.row) for id in missing]
+    if paths and place_of(paths[0]):
+        with ThreadPoolExecutor(_AT_ONCE) as beside:
+            list(beside.map(_try_to_bring, paths))
     for id in sorted(missing):
         try:
             new.append(_read_row(Path(folders[id]) / kind.row, kind))
@@ -72,16 +75,9 @@ def _filled(
     return rows, tuple(damaged)
 
 
-def _bring_all(paths: Sequence[Path]) -> None:
-    """Fetch rows of a bucket, some at a time; who reads one says what is wrong."""
-
-    def fetch(path: Path) -> None:
-        with suppress(InputError):
-            bring_file(path)
-
-    if paths and place_of(paths[0]):
-        with ThreadPoolExecutor(_AT_ONCE) as beside:
-            list(beside.map(fetch, paths))
+def _try_to_bring(path: Path) -> None:
+    with suppress(InputError):  # who reads it says what is wrong
+        bring_file(path)
 
 
 def _read_row(path: Path, kind: Kind) -> pa.Table:

@@ -13,14 +13,14 @@ from benchmarks.harness.cases import guarded
 from benchmarks.hidden.drawn import measured, smallest
 from benchmarks.hidden.score import Name, members, paired
 from benchmarks.synthetic.quasi_static import true_model
+from benchmarks.synthetic.truth import with_truth
 from flows.specs.experiment import derived_seed
-from flows.steps.edit import is_named, with_truth
-from residual.diagnosis.changes import MOVING, dense_model, sealed_edit
+from residual.diagnosis.diagnose import diagnose
 from residual.diagnosis.result import Detectable, Diagnosis, Place, Verdict
-from residual.diagnosis.verdict import to_json
 from residual.effects import reported_joints
-from residual.method.diagnose import diagnose
 from residual.model.model import Model
+from residual.verdict.document import to_json
+from residual.verdict.edit import MOVING, dense_model, sealed_edit
 from sim.engine.records import PlantEffect, stream
 from sim.plant.catalogue import acting, changed
 
@@ -124,7 +124,10 @@ def edit_rows(
     out = []
     for effect, name in zip(effects, named, strict=True):
         place = Place(name.effect, name.joints)
-        if not is_named(place, found.verdict):
+        if not any(
+            own.name == place.name and set(place.joints) <= set(own.joints)
+            for own in found.verdict.effects
+        ):
             continue
         if "dense" not in models:
             models["dense"] = dense_model(models["nominal"], made.fit)

@@ -18,9 +18,9 @@ from benchmarks.harness.cases import guarded
 from benchmarks.hidden.drawn import smallest
 from benchmarks.hidden.score import Name, matched, members
 from benchmarks.hidden.score import Said as Member
+from residual.diagnosis.diagnose import diagnose
 from residual.diagnosis.result import Verdict
 from residual.errors import ModelgapError
-from residual.method.diagnose import diagnose
 from sim.plant.catalogue import amount, main_parameter, stated
 
 # Effects whose parameters no log tells by themselves, so that no size is judged.

@@ -40,8 +40,8 @@ from benchmarks.synthetic.motions import make_motion
 from benchmarks.synthetic.other_forms import FORMS
 from benchmarks.synthetic.quasi_static import Plant, true_friction, true_torque
 from flows.specs.experiment import derived_seed
+from residual.diagnosis.diagnose import diagnose
 from residual.diagnosis.result import Detectable, Verdict
-from residual.method.diagnose import diagnose
 from residual.recording import Recording
 from residual.robot.robot import Robot, load_robot, with_known
 from sim.draw import draw_hidden

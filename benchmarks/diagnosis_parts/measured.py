@@ -13,10 +13,10 @@ from benchmarks.harness.figures import Figures, figure, missing
 from benchmarks.harness.rates import wilson
 from benchmarks.hidden.score import Name, Said, members
 from benchmarks.measured_parts import arms
-from residual.diagnosis.examine import examine
+from residual.diagnosis.diagnose import diagnose
+from residual.diagnosis.outcome import examine
 from residual.evidence.fit import as_model
-from residual.evidence.rules import Rules
-from residual.method.diagnose import diagnose
+from residual.evidence.rules import EvidenceThresholds
 from residual.model.compare import prepare_held_out
 from residual.model.nominal import declared_names, prepare_logs, start_nominal
 from residual.recording import Recording
@@ -116,7 +116,7 @@ def _without_structure(
     filters = Filters()
     logs = prepare_logs(robot, fit, session_clock([*fit, *held_out]), filters)
     nominal = start_nominal(logs, declared_names(robot, None))
-    found = examine(logs, nominal, Rules(), lambda stage, share: None)
+    found = examine(logs, nominal, EvidenceThresholds(), lambda stage, share: None)
     # Without the standstill that suits these logs: as an extra shape of friction it
     # would be something to find.
     model = as_model(found.nominal, found.plain)

@@ -136,7 +136,7 @@ def requests() -> Iterator[tuple[str, dict, bool]]:
     """Give what is too much, or no text, before the key was shown."""
     own = ("origin", "http://127.0.0.1:4200")
     json_body = ("content-type", "application/json")
-    for place in ("/open", "/open/ticket", "/api/flows/"):
+    for place in ("/pages/index.html", "/api/flows/"):
         asked = scope_of("POST", own, json_body) | {"path": place}
         yield f"400 MB to {place}", asked | {"sent": _parts(400)}, False
     words = {

@@ -9,16 +9,16 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from residual.diagnosis.examine import Examined
+from residual.diagnosis.outcome import SearchOutcome
 from residual.diagnosis.search import Candidates, Task, refined
 from residual.effects import registry
-from residual.effects.base import Effect, Joints, Placed
+from residual.effects.base import Effect, Joints, PlacedEffect
 from residual.errors import check_name
 from residual.evidence.columns import Group
 from residual.evidence.design import Design
 from residual.evidence.fit import Fit, as_model, fit, physical
 from residual.evidence.priors import first_design, priors
-from residual.evidence.rules import RULES
+from residual.evidence.rules import THRESHOLDS
 from residual.model.compare import Errors, compare, prepare_held_out
 from residual.model.model import Model
 from residual.model.nominal import (
@@ -61,7 +61,7 @@ def oracle(
         design = first_design(logs, nominal, named)
         task, fitted = _best(design, logs, nominal, wanted)
     # Without an adequacy: nobody asks this one what is left.
-    found = Examined(
+    found = SearchOutcome(
         logs, nominal, task, task.prior, fitted, fitted, (), (), adequacy=None
     )
     model = found.model(fitted).model
@@ -96,10 +96,12 @@ def _best(
     grid = []
     for effect, joints in wanted:
         shapes = effect.shapes(logs.span, joints[0] if joints else 0)
-        grid.append(design.add([Placed(effect, joints, shape) for shape in shapes]))
+        grid.append(
+            design.add([PlacedEffect(effect, joints, shape) for shape in shapes])
+        )
     runs = []
     for prior in priors(design, nominal):
-        task = Task(design, prior, Candidates((), {}), RULES)
+        task = Task(design, prior, Candidates((), {}), THRESHOLDS)
         runs.append((task, _fitted(task, grid)))
     counted = np.max([fitted.counted for _, fitted in runs], axis=0)
     worth = [

@@ -256,7 +256,7 @@ def measured_figures(quick: bool) -> Figures:
             1,
             held_out_percent=told,
             condition=found.estimate.condition,
-            held=len(found.preflight.held),
+            held=len(found.preflight.fixed),
             least_mass_matrix=bodies.least_mass_matrix,
         )
     return out

@@ -22,9 +22,9 @@ from benchmarks.harness.logs import in_engine
 from benchmarks.harness.rates import at_least, rate
 from flows.specs.experiment import derived_seed
 from flows.steps.next import Ranking, rank_motions
+from residual.diagnosis.diagnose import diagnose
 from residual.diagnosis.result import Diagnosis, Place
 from residual.effects import reported_joints
-from residual.method.diagnose import diagnose
 from residual.planning.outlook import Pair, Refit, log_evidence
 from residual.planning.promise import every_column, promised, structural_twins
 from residual.planning.question import Contest, Question

@@ -12,11 +12,11 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from benchmarks.harness.figures import Figures, figure
-from flows.steps.edit import truth_of
+from benchmarks.synthetic.truth import truth_of
+from residual.diagnosis.diagnose import diagnose
 from residual.diagnosis.held_out import worth
 from residual.diagnosis.result import Diagnosis
 from residual.effects import vocabulary
-from residual.method.diagnose import diagnose
 from residual.model.control import feed_forward
 from residual.model.model import Model, Term
 from residual.robot.robot import Robot, load_robot
@@ -118,7 +118,7 @@ def figures_of(quick: bool) -> Figures:
 
 def _row(case: Case, kind: str, count: int) -> dict:
     nominal, augmented = case.found.models["nominal"], case.found.known
-    true = truth_of({"robot": "irb140"}, case.plant, nominal)
+    true = truth_of(case.robot, case.plant, nominal)
     missed = {"nominal": [], "augmented": [], "true": []}
     for seed in range(1000, 1000 + count):
         r = motion(case.robot, kind, seed, SECONDS)

@@ -20,7 +20,7 @@ from time import process_time
 import numpy as np
 
 from benchmarks.harness.origin import ROOT
-from residual.method.diagnose import diagnose
+from residual.diagnosis.diagnose import diagnose
 from residual.recording import Recording
 from residual.robot.dynamics import regressor
 from residual.robot.robot import Robot, load_robot, robot_from_texts

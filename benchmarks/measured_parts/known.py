@@ -18,8 +18,8 @@ from benchmarks.changes_parts.added import Body, shares, size_of, solved
 from benchmarks.changes_parts.real import plain_body
 from benchmarks.harness.figures import Figures, figure
 from benchmarks.measured_parts import arms, greedy
+from residual.diagnosis.diagnose import diagnose
 from residual.diagnosis.result import Finding
-from residual.method.diagnose import diagnose
 from residual.recording import Recording
 
 Array = np.ndarray

@@ -24,9 +24,9 @@ from benchmarks.hidden.score import NOTHING, PAIR, SINGLE, UNKNOWN, Name, member
 from benchmarks.peers_parts import judge, sparse, squares
 from benchmarks.peers_parts.opened import Answer, Case
 from flows.specs.experiment import derived_seed
+from residual.diagnosis.diagnose import diagnose
 from residual.diagnosis.result import Detectable
 from residual.effects import registry, reported_joints
-from residual.method.diagnose import diagnose
 from residual.recording import Recording
 from residual.robot.robot import Robot, load_robot
 from sim.draw import light_arm

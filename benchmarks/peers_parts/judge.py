@@ -15,6 +15,7 @@ import numpy as np
 from benchmarks.hidden.score import UNKNOWN, Name, paired
 from benchmarks.peers_parts.opened import Answer, Array
 from residual.effects import registry
+from residual.effects.base import Trait
 from residual.recording import Recording
 
 BLOCK, EDGE = 25, 5  # samples that are averaged; averages dropped at both ends
@@ -40,7 +41,8 @@ def class_of(name: str) -> str:
     if effect.carries == BODY or effect.of_link:
         return BODY
     # Two joints that share a gear share its friction.
-    drive = effect.brakes or effect.carries == "acceleration" or effect.scope == "pair"
+    drive = Trait.FRICTION in effect.traits or effect.scope == "pair"
+    drive = drive or effect.carries == "acceleration"
     return JOINT if drive else OTHER
 
 

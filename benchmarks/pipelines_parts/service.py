@@ -22,7 +22,7 @@ from flows.service.state import read_running, stop, store_key
 from flows.specs.experiment import experiment_of
 from flows.steps.campaign import run_all
 from flows.steps.experiment import load_engine, plan
-from flows.workers.processes import Processes, chosen_runner, executor_of, spread
+from flows.workers.processes import Processes, spread
 from warehouse.query.store import open_store
 
 _PATIENCE = 170.0  # s
@@ -117,9 +117,9 @@ def cluster_figures(quick: bool) -> Figures:
     count = 8
     with tempfile.TemporaryDirectory(prefix="modelgap-") as folder:
         here, there = Path(folder) / "here", Path(folder) / "there"
-        _run(here, "threads", count, None)
+        _run(here, None, count, None)
         with _cluster(folder) as (address, workers):
-            _run(there, f"dask://{address}", count, workers[0])
+            _run(there, f"tcp://{address}", count, workers[0])
         ours, theirs = _hashes(here), _hashes(there)
     differ = sum(theirs.get(id, hash) != hash for id, hash in ours.items())
     return {
@@ -128,7 +128,9 @@ def cluster_figures(quick: bool) -> Figures:
     }
 
 
-def _run(store: Path, word: str, count: int, victim: subprocess.Popen | None) -> None:
+def _run(
+    store: Path, address: str | None, count: int, victim: subprocess.Popen | None
+) -> None:
     motion = {"kind": "fourier", "duration": 5.0}
     contents = [{"seed": seed, "trajectory": motion} for seed in range(count)]
     specs = [experiment_of(content, "C") for content in contents]
@@ -139,8 +141,11 @@ def _run(store: Path, word: str, count: int, victim: subprocess.Popen | None) ->
         if victim is not None and victim.poll() is None:
             victim.send_signal(signal.SIGKILL)
 
-    with executor_of(chosen_runner(word), count) as pool:
-        run_all(planned, store, tell, pool)
+    if address is None:
+        run_all(planned, store, tell)
+        return
+    with Client(address, set_as_default=False) as client:
+        run_all(planned, store, tell, client.get_executor(pure=False))
 
 
 def _hashes(store: Path) -> dict[str, str]:

@@ -47,7 +47,7 @@ def demo(*, request: steps.Demo = _USUAL, plain: Plain = False) -> None:
     with progress_bar() as progress:
         runs = steps.run_experiments(request, progress)
         ids = diagnose_runs(request_of(runs, place), progress)
-        hidden = steps.open_seal(runs, ids[0], place)
+        hidden = steps.open_seal(runs, place)
         page = demo_page(ids, runs["fit"][0], hidden, place)
     outcome = read_outcome(place, ids[1])
     print_diagnosis(outcome, console)

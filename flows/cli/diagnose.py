@@ -58,8 +58,8 @@ def diagnose(
     from flows.report.page import origin_of_request
     from flows.steps import diagnose as steps
     from flows.steps.models import choose_for
-    from residual.diagnosis.verdict import to_json
     from residual.model.record import to_text
+    from residual.verdict.document import to_json
 
     request = chosen(request, logs, where, held_out_where)
     choice = choose_for(request)

@@ -44,7 +44,6 @@ from flows.steps import experiment as steps
 from flows.steps import validate as trial
 from flows.steps.experiment import as_csv, refusal_of
 from flows.steps.models import calibration_of, chosen_to_drive
-from flows.workers.processes import chosen_runner, executor_of
 from residual.errors import InputError, RunError
 from sim.engine.records import TrajectorySpec
 from sim.engine.render import animate
@@ -62,7 +61,7 @@ DryRun = Annotated[
 _PLAIN, _MANY = Validate(), Campaign()
 
 
-def experiment(spec: str, *, store: Store = None, dry_run: DryRun = False) -> None:
+def experiment(spec: str, /, *, store: Store = None, dry_run: DryRun = False) -> None:
     """Run one experiment on the simulated arm and store it.
 
     ```
@@ -85,14 +84,18 @@ def experiment(spec: str, *, store: Store = None, dry_run: DryRun = False) -> No
 
 
 def campaign(
-    spec: str, *, request: Campaign = _MANY, dry_run: DryRun = False, json: Json = None
+    spec: str,
+    /,
+    *,
+    request: Campaign = _MANY,
+    dry_run: DryRun = False,
+    json: Json = None,
 ) -> None:
     """Run many experiments on the simulated arm, over all cores.
 
     ```
     modelgap campaign CAMPAIGN.toml --dry-run
     modelgap campaign CAMPAIGN.toml
-    modelgap campaign CAMPAIGN.toml --runner dask://127.0.0.1:8786
     ```
 
     A campaign is a SPEC.toml with [grid], lists of which every combination is run, or
@@ -104,7 +107,6 @@ def campaign(
     """
     out = Outputs({"--json": json}, [Path(spec)])
     place, console = store_folder(request.store), out.console
-    where = chosen_runner(request.runner, request.trust_network)
     planned = steps.plan(load_campaign(spec), place, Path(spec).stem)
     refused = _list(planned, console, True) if dry_run else {}
     failing = len(refused)
@@ -116,8 +118,8 @@ def campaign(
         out.write(document=lambda: campaigns.document(summary, done=False))
         out.finish()
         return
-    with executor_of(where, missing) as executor, progress_bar() as bar:
-        summary = campaigns.run_all(planned, place, bar, executor)
+    with progress_bar() as bar:
+        summary = campaigns.run_all(planned, place, bar)
     out.write(document=lambda: campaigns.document(summary))
     say(console, *(f"failed: {why}" for why in summary.failed.values()))
     failed = len(summary.failed)
@@ -167,13 +169,13 @@ def validate(
     model stray from what was measured? Feed-forward, on simulated runs: driven by the
     model's torque, how well does the arm track its reference, and how well when driven
     by its own? Root mean square per joint; the store keeps it. And both ways, of every
-    model that is known (nominal, identified, augmented, adopted, true): torque from
-    motion, acceleration from torque, and a mass matrix that is positive everywhere.
+    model that is known (nominal, identified, augmented, adopted): torque from motion,
+    acceleration from torque, and a mass matrix that is positive everywhere.
 
     With a model that was adopted, with --model or with --calibration, the simulated arm
     of the runs is then driven along unseen motions: of each family of the runs, with
-    seeds of their own. The nominal model, that one and the true one each drive it once,
-    the torque of the whole model fed forward: by how much, joint by joint, does the arm
+    seeds of their own. The nominal model and that one each drive it once, the torque of
+    the whole model fed forward: by how much, joint by joint, does the arm
     miss its reference before and after?
 
     Args:
@@ -236,6 +238,7 @@ _MOTION = Trajectory()
 
 def trajectory(
     kind: str,
+    /,
     *,
     request: Trajectory = _MOTION,
     csv: File = None,

@@ -68,7 +68,7 @@ def identify(
         about = f"identified from {' '.join(made.fit)}"
         files = in_folder(export, robot_files(made.best, about))
     show(wide_console(out.console), *identified(made))
-    out.write(document=lambda: identification_document(made), also=files)
+    out.write(document=lambda: identification_document(made), more=files)
     out.finish(*([f"stored as a model: modelgap show {kept}"] if kept else []))
 
 

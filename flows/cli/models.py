@@ -125,7 +125,7 @@ def export(
     made = exporting.export(replace(request, model=model))
     Path(out).mkdir(exist_ok=True)
     outputs.write(
-        document=lambda: exporting.document(made), also=exporting.in_place(made, out)
+        document=lambda: exporting.document(made), more=exporting.in_place(made, out)
     )
     outputs.say(*exporting.words(made))
     outputs.finish()

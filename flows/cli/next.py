@@ -12,7 +12,7 @@ from flows.report.words.verdict import sentences
 from flows.requests import File, Hertz, Log, Next
 from flows.steps.experiment import as_csv
 from flows.steps.next import open_verdict, rank_motions
-from residual.diagnosis.verdict import to_json
+from residual.verdict.document import to_json
 from sim.trajectories import make_reference
 
 _PLAIN = Next()

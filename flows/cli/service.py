@@ -19,7 +19,7 @@ from flows.report.console import show, wide_console
 from flows.report.document import Table, words_table
 from flows.requests import Flag, Seconds, Store
 from flows.service.request import DATABASE, ServiceRequest, checked
-from flows.service.state import CLIENT, KEY, store_key
+from flows.service.state import CLIENT, KEY
 from flows.settings import API, PREFECT, prefect_home, quiet_prefect, store_folder
 from residual.errors import InputError, RunError
 from warehouse.remote import shown
@@ -44,15 +44,15 @@ def up(*, request: ServiceRequest = _USUAL, foreground: Flag = False) -> None:
     after a change of it. Doing it again is no error: what runs is left alone and its
     address is printed, what was killed is started again. Nothing is sent anywhere; the
     server listens on this machine only, and takes orders from its own page and programs
-    of the store. The address that is printed opens the page once, within ten minutes;
-    afterwards this browser may come back without it. Another one: modelgap up again.
+    of the store. The page asks for the key of the store once, in a file of which the
+    command prints the name.
 
     Args:
         foreground: Stay until Ctrl-C, then stop everything; for service managers.
     """
     place = store_folder(request.store)
     project = project_here(place)
-    database = request.database or os.environ.get(DATABASE) or None
+    database = os.environ.get(DATABASE) or None
     request = replace(request, store=place, database=database, project=project)
     if project:
         port, workers = project.table.port, project.table.workers
@@ -61,7 +61,6 @@ def up(*, request: ServiceRequest = _USUAL, foreground: Flag = False) -> None:
         )
     checked(request)
     _prepare(prefect_home(place))
-    from flows.service.api import opening_address
     from flows.service.up import stay
     from flows.service.up import up as bring_up
 
@@ -70,19 +69,21 @@ def up(*, request: ServiceRequest = _USUAL, foreground: Flag = False) -> None:
     if request.trust_network:
         _say("warning: not encrypted; who listens in the network may run programs.")
     word = "already runs" if was_up else "is up"
-    address = opening_address(running.ui, store_key(place / PREFECT))
-    print(f"{shown(place)} {word}: {address}")
+    key = place / PREFECT / KEY
+    print(f"{shown(place)} {word}: {running.ui}")
+    print(f"it asks for the key: cat {quote(str(key))}")
     for folder in folders:
         print(f"logs go into {folder}")
     named = [each["name"] for each in deployments(project)["deployments"]]
     print(f"deployed: {', '.join(named)}; {running.workers} at once")
     print("for the command prefect:")
     print(f"  export {API}={running.url}")
-    print(f'  export {CLIENT}="$(cat {quote(str(place / PREFECT / KEY))})"')
+    print(f'  export {CLIENT}="$(cat {quote(str(key))})"')
     if foreground:
         stay(place, _say)
     else:
-        print(f"all reports, once that is open: {running.pages}/index.html")
+        print(f"all reports: {running.pages}/index.html (user modelgap; the")
+        print("password is the key behind the colon)")
         print("modelgap status shows what is due; modelgap down stops it")
 
 

@@ -28,7 +28,6 @@ from residual.errors import InputError, check_name
 from warehouse.query.guard import LONGEST
 from warehouse.query.named import NAMED
 from warehouse.query.store import Store, open_store
-from warehouse.query.views import attach as write_views
 
 with suppress(ImportError):
     import readline  # noqa: F401  gives the prompt its arrow keys
@@ -54,12 +53,7 @@ class Sql(requests.Request):
         format: How to print the answer; parquet needs --out on a terminal.
         out: File for the answer, not among the records of the store.
         timeout: Seconds that a query may take; inf for no end.
-        check: Whether samples are checked as they are read. Without it questions about
-            all samples are faster, and a flipped bit is not seen (docs/sql.md).
         without_damaged: Answer from what is whole, and say what was left out.
-        attach: Write a DuckDB database of the views, for DuckDB itself, DBeaver or a
-            notebook. It reads the files of the store, is an export outside of it, and
-            is not guarded (docs/sql.md).
     """
 
     query: Annotated[str | None, Parameter(parse=False)] = None
@@ -69,9 +63,7 @@ class Sql(requests.Request):
     format: requests.Format = "table"
     out: requests.File = None
     timeout: requests.Seconds = 60.0
-    check: Annotated[bool, Parameter(negative="--no-check")] = True
     without_damaged: requests.Flag = False
-    attach: requests.File = None
     store: requests.Store = None
 
 
@@ -108,9 +100,6 @@ def sql(
         if request.out or request.format != "table":
             raise InputError("--json says form and file: give no --format or --out.")
         request = replace(request, format="json", out=json if json != STDOUT else None)
-    if request.attach is not None:
-        _attach(request)
-        return
     chosen = [query is not None, request.named is not None, request.schema]
     if sum(chosen) > 1:
         raise InputError(_ONE_OF)
@@ -130,11 +119,11 @@ def sql(
     elif request.named == LIST:
         _give(named_table(), format, out)
     elif not any(chosen) and sys.stdin.isatty():
-        with open_store(request.store, request.check) as opened:
+        with open_store(request.store) as opened:
             prompt(opened, format, **how)
     else:
         text, values = _query_of(request)
-        with open_store(request.store, request.check) as opened:
+        with open_store(request.store) as opened:
             _give(opened.sql(text, values, **how), format, out)
             tell_damage(opened)
 
@@ -144,23 +133,6 @@ def _limit(timeout: float) -> float | None:
     if not timeout > 0:
         raise InputError(f"--timeout {timeout}: expected seconds above 0, or inf.")
     return timeout if timeout <= threading.TIMEOUT_MAX else None
-
-
-def _attach(request: Sql) -> None:
-    """Write a database of views outside of the store."""
-    file, store = request.attach, request.store
-    others = request.query, request.named, request.schema or None, request.out
-    if any(each is not None for each in others):
-        raise InputError("--attach writes a database of views and takes no query.")
-    if not store.is_dir():
-        raise InputError(f"There is no store at {store}. Say where it is: --store.")
-    check_writable({"--attach": Path(file)}, ())
-    if Path(file).resolve().is_relative_to(store.resolve()):
-        raise InputError(f"--attach {file} is inside the store. Name a file elsewhere.")
-    views = write_views(store, Path(file))
-    print(f"wrote {file}: {len(views)} views over {store}")
-    print("It is not guarded: whoever opens it may read any file, and nothing that it")
-    print("reads is checked. The store itself it cannot change by a SELECT.")
 
 
 def prompt(store: Store, format: str, **how: object) -> None:

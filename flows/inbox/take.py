@@ -7,7 +7,6 @@ id is that of its samples and its robot.
 
 import fcntl
 import filecmp
-import hashlib
 import os
 import re
 import time
@@ -31,7 +30,6 @@ DONE, REJECTED = "done", "rejected"
 _LOCK = ".modelgap.lock"
 # Names that programs give to what they have not yet written to its end.
 _UNFINISHED = (".part", ".partial", ".tmp", ".temp", ".crdownload", ".filepart", "~")
-_LONGEST = 200  # bytes of the name of a file that was moved
 _BAG = "metadata.yaml"  # what a ROS 2 bag, a folder, has in it
 
 # Size, time of the last change [ns] and number of a file; of a folder, all of those.
@@ -87,29 +85,6 @@ def at_rest(before: Mapping[str, State], now: Mapping[str, State]) -> dict[str, 
     }
 
 
-def being_written(path: Path) -> bool:
-    """Whether a program of this machine has a file open for writing, where that shows.
-
-    Linux grants a read lease only where nobody has (fcntl(2), F_SETLEASE).
-    """
-    if not path.is_file():
-        return False
-    try:
-        file = os.open(path, os.O_RDONLY)
-    except OSError:
-        return False
-    try:
-        fcntl.fcntl(file, fcntl.F_SETLEASE, fcntl.F_RDLCK)
-        fcntl.fcntl(file, fcntl.F_SETLEASE, fcntl.F_UNLCK)
-    except BlockingIOError:
-        return True
-    except OSError:
-        return False  # a file system without leases, or a file of somebody else
-    finally:
-        os.close(file)
-    return False
-
-
 @contextmanager
 def alone(folder: Path) -> Iterator[bool]:
     """Hold an inbox, so that no two take from it; whoever dies holds nothing."""
@@ -155,8 +130,6 @@ def take(job: Job) -> Taken:
         What became of it. What may be well in a minute, such as a full disk or a file
         that somebody writes to again, has to wait and is lost by nobody.
     """
-    if being_written(job.path):
-        return Taken(job.path, WAITING, why="somebody is writing it")
     try:
         robot, read = imports.read_logs(job.request)
         (log,), _ = imports.check_logs(job.request, robot, read)
@@ -177,7 +150,7 @@ def take(job: Job) -> Taken:
 
 def _moved(why: str, job: Job) -> str:
     """Return a reason with the place at which the log then is."""
-    then = job.path.parent / REJECTED / _fitting(job.path.name)
+    then = job.path.parent / REJECTED / job.path.name
     return why.replace(str(job.path), str(then))
 
 
@@ -204,48 +177,19 @@ def archive(taken: Taken) -> Path | None:
     """
     if taken.what == WAITING:
         return None
-    folder = _folder(taken.path.parent, REJECTED if taken.what == REFUSED else DONE)
-    target = _free(folder, taken.path)
+    folder = taken.path.parent / (REJECTED if taken.what == REFUSED else DONE)
+    folder.mkdir(exist_ok=True)
+    target, number = folder / taken.path.name, 1
+    while target.exists():  # another log of that name; the same bytes replace it
+        files = taken.path.is_file() and target.is_file()
+        if files and filecmp.cmp(taken.path, target, shallow=False):
+            break
+        number += 1
+        target = folder / f"{taken.path.stem}-{number}{taken.path.suffix}"
     if taken.what == REFUSED:
         # The reason first: a file that was refused has one, at any kill.
         write_all({target.with_name(f"{target.name}.txt"): f"{taken.why}\n"})
     os.replace(taken.path, target)
-    return target
-
-
-def _folder(inbox: Path, name: str) -> Path:
-    """Return the folder for what is moved; a log of its name may be in the way."""
-    place, number = inbox / name, 1
-    while os.path.lexists(place) and not place.is_dir():
-        number += 1
-        place = inbox / f"{name}-{number}"
-    place.mkdir(exist_ok=True)
-    return place
-
-
-def _fitting(name: str) -> str:
-    """Return a name to which a number and the ends of a note can be added.
-
-    A file system takes 255 bytes; one that is cut has a hash of the whole for its end.
-    """
-    raw = os.fsencode(name)
-    if len(raw) <= _LONGEST:
-        return name
-    stem = raw[: _LONGEST - 40].decode("utf-8", errors="ignore")
-    end = Path(name).suffix if len(os.fsencode(Path(name).suffix)) < 20 else ""
-    return f"{stem}-{hashlib.sha256(raw).hexdigest()[:8]}{end}"
-
-
-def _free(folder: Path, path: Path) -> Path:
-    """Return a place of this name, or, where another log has it, of one beside it."""
-    named = Path(_fitting(path.name))
-    target, number = folder / named, 1
-    while target.exists():
-        files = path.is_file() and target.is_file()
-        if files and filecmp.cmp(path, target, shallow=False):
-            return target  # the same bytes: nothing is lost
-        number += 1
-        target = folder / f"{named.stem}-{number}{named.suffix}"
     return target
 
 

@@ -71,7 +71,7 @@ def adopt(diagnosis: str, store: str, note: str) -> str | None:
         return _adopt(diagnosis, Path(store), note)
     except InputError as error:
         get_run_logger().warning(str(error))
-        artifacts.record("adoption", (), str(error))
+        artifacts.record("adoption", (), [str(error)])
         return None
 
 
@@ -80,7 +80,7 @@ def _adopt(diagnosis: str, store: Path, note: str) -> str:
     lines = adoption_lines(number, judged)
     for line in lines:
         get_run_logger().info(line)
-    artifacts.record("adoption", (diagnosis,), "\n\n".join(lines))
+    artifacts.record("adoption", (diagnosis,), lines)
     return number
 
 

@@ -154,21 +154,6 @@ def monitor(
     return tasks.watch(runs, model, good or [], str(store_folder(store)), tag)
 
 
-@flow(name="rerun", flow_run_name="rerun {id}", timeout_seconds=_LIMIT)
-def rerun(id: str, verify: bool = True, store: str | None = None) -> list[str]:
-    """Make a record again, and fail where its values are not the same bits.
-
-    Args:
-        id: Its id.
-        verify: Whether to compare only.
-        store: Folder of the store; else $MODELGAP_STORE, else ./store.
-
-    Returns:
-        The id of the new record, none where none was made.
-    """
-    return tasks.rerun(id, verify, store)
-
-
 @flow(name="verify", flow_run_name="verify", timeout_seconds=_LIMIT)
 def verify(store: str | None = None) -> list[str]:
     """Read the whole store and return what is in it; fail where a byte is another.

@@ -1,12 +1,9 @@
-"""Flows of a project: its inboxes, the nights of its real robots, who is told.
+"""Flows of a project: its inboxes and the nights of its real robots.
 
 To be imported under `flows.settings.quiet_prefect`; `flows.project.deployments` says
 when each is started.
 """
 
-import os
-import re
-import subprocess
 from collections import Counter
 from pathlib import Path
 
@@ -28,6 +25,7 @@ from flows.pipelines.tasks import task
 from flows.project.deployments import STORED as ARRIVED
 from flows.project.deployments import resource
 from flows.project.read import Project, read_project
+from flows.report.document import words_table
 from flows.report.words.verdict import headline
 from flows.settings import HEALTHY, store_folder
 from flows.storage.diagnosis import read_verdict
@@ -50,7 +48,7 @@ def take(folder: str) -> dict:
             sums[taken.what] += 1
             outcome = taken.run or taken.why
             log.info(f"{taken.name}: {taken.what}: {outcome}")
-            rows.append({"log": taken.name, "what": taken.what, "run": outcome})
+            rows.append((taken.name, taken.what, outcome))
             if taken.run:
                 fed.add(robot)
             if taken.what == REFUSED:
@@ -60,7 +58,8 @@ def take(folder: str) -> dict:
         artifacts.tell(ARRIVED, {"robot": robot}, resource(robot))
     words = ", ".join(f"{sums[kind]} {kind}" for kind in _KINDS if sums[kind])
     if rows:
-        artifacts.record("inbox", (), f"Logs of the inboxes: {words}.", rows)
+        table = words_table(("log", "outcome", "run or reason"), rows)
+        artifacts.record("inbox", (), [f"Logs of the inboxes: {words}.", table])
     artifacts.rename(f"inbox: {words or 'empty'}")
     return {kind: sums[kind] for kind in _KINDS}
 
@@ -178,46 +177,3 @@ def _diagnosed_new(project: str, robot: str) -> str | None:
     found(ids[0], store, page)
     loop.adopt_or_propose(ids[0], store, auto)
     return page
-
-
-@flow(name="notify", flow_run_name="notify: {title}", timeout_seconds=tasks.HOUR)
-def notify(
-    project: str,
-    kind: str,
-    robot: str,
-    title: str,
-    text: str = "",
-    ids: list[str] | None = None,
-    page: str = "",
-) -> None:
-    """Start the program of a project's file with what an event says.
-
-    The program is a list of arguments, never a line for a shell: what came out of a
-    stranger's log must start nothing. It gets title and text on its standard input.
-
-    Args:
-        project: Folder of the project.
-        kind: "alarm", "finding", "refused" or "failed".
-        robot: Name of the robot.
-        title: In one line.
-        text: All of it.
-        ids: Ids of the records that it is about.
-        page: The page to look at, "" for none.
-    """
-    read, values = read_project(project), {"kind": kind, "robot": robot, "page": page}
-    values |= {"title": title, "text": text, "ids": " ".join(ids or ())}
-    # In one pass: what a value says is never filled in again; other braces stay.
-    command = [
-        re.sub(r"\{(\w+)\}", lambda each: values.get(each[1], each[0]), word)
-        for word in read.notify.command
-    ]
-    subprocess.run(
-        command,
-        cwd=read.folder,
-        # Ours without the key of the server, which is nobody else's.
-        env={k: v for k, v in os.environ.items() if not k.startswith("PREFECT")},
-        input=f"{title}\n\n{text}\n",
-        text=True,
-        timeout=read.notify.timeout,
-        check=True,
-    )

@@ -5,8 +5,8 @@ people want to see becomes an artifact. Prefect caches nothing: the ids of the s
 the cache.
 """
 
+from collections.abc import Mapping
 from concurrent.futures import Executor
-from dataclasses import asdict
 from functools import partial
 from pathlib import Path
 
@@ -19,18 +19,19 @@ from flows import requests
 from flows.inputs.given import robot_of
 from flows.pipelines import artifacts
 from flows.project.deployments import ALARM
-from flows.report import stored
-from flows.report.monitoring import meaning
+from flows.report import experiments, stored
+from flows.report.calibration import terminal_parts as calibrated_parts
+from flows.report.models import identification as identified_parts
+from flows.report.monitoring import alarm_table, meaning
 from flows.settings import HEALTHY, cores, store_folder
 from flows.steps import calibrate as calibration
 from flows.steps import campaign as campaigns
 from flows.steps import diagnose as diagnosis
 from flows.steps import identify as identification
 from flows.steps import monitor as monitoring
-from flows.steps import rerun as reruns
 from flows.steps import validate as validation
 from flows.steps.experiment import Planned
-from flows.workers.processes import DASK, Here, chosen_runner, local_cluster, plainly
+from flows.workers.processes import DASK, Here, chosen_runner, plainly
 from residual.errors import RunError
 
 HOUR = 3600.0  # s
@@ -49,9 +50,10 @@ def task_runner() -> TaskRunner:
     # Late, as it is an extra.
     from prefect_dask import DaskTaskRunner
 
-    if address == DASK:
-        return DaskTaskRunner(cluster_kwargs=local_cluster())
-    return DaskTaskRunner(address=address)
+    if address != DASK:
+        return DaskTaskRunner(address=address)
+    cluster = {"n_workers": cores(), "threads_per_worker": 1, "host": "127.0.0.1"}
+    return DaskTaskRunner(cluster_kwargs=cluster | {"dashboard_address": None})
 
 
 def outside(_task: object, _run: object, state) -> bool:
@@ -102,7 +104,8 @@ def identify(
         store=place,
     )
     logs = identification.read_logs(request)
-    artifacts.identification(*identification.identify(request, logs))
+    made, kept = identification.identify(request, logs)
+    artifacts.record("identify", [kept] if kept else [], identified_parts(made))
 
 
 def calibrate(runs: list[str], store: str | None = None) -> list[str]:
@@ -116,7 +119,7 @@ def calibrate(runs: list[str], store: str | None = None) -> list[str]:
     robot = robot_of(runs, place)
     request = requests.Calibrate(tuple(runs), robot=robot, store=place)
     done = calibration.calibrate(request, *calibration.read_logs(request))
-    artifacts.calibration(done)
+    artifacts.record("calibrate", list(done.kept.values()), calibrated_parts(done))
     return list(done.kept.values())
 
 
@@ -133,8 +136,18 @@ def validate(
     place = store_folder(store)
     wanted = (requests.Validate(id, window, place) for id in runs)
     made = {request.run: validation.validate(request) for request in wanted}
-    artifacts.validations(made)
-    return [id for id, _ in made.values()]
+    ids = [id for id, _ in made.values()]
+    artifacts.record("validate", ids, validated_parts(made))
+    return ids
+
+
+def validated_parts(made: Mapping[str, tuple[str, validation.Validation]]) -> list:
+    """Return the tables and sentences of validations by run."""
+    parts = []
+    for run, (_, found) in made.items():
+        parts += [f"Run {run}:", experiments.validation(found)]
+        parts += [experiments.both_ways(found), experiments.meaning(found)]
+    return parts
 
 
 @task(name="diagnose", task_run_name="diagnose", tags=["analysis"])
@@ -171,10 +184,11 @@ def watch(
     new = monitoring.watch_new(ids, Path(store), model, good, tag)
     if new.record is None or new.found is None:
         get_run_logger().info(new.why)
-        artifacts.record("monitor", (), f"{new.why} Nothing was watched.")
+        artifacts.record("monitor", (), [f"{new.why} Nothing was watched."])
         artifacts.rename(f"monitor: nothing watched. {new.why}")
         return []
-    artifacts.monitoring(new.record, new.found, new.watched)
+    parts = [meaning(new.found), *new.found.notes, alarm_table(new.found, new.watched)]
+    artifacts.record("monitor", [new.record], parts)
     alarmed, count = new.alarmed, len(new.watched)
     many = f"alarms in {len(alarmed)} of" if alarmed else "no alarm in"
     robot = new.found.monitor.model.robot.name
@@ -186,29 +200,6 @@ def watch(
         title = f"{robot}: {many} {count} new runs"
         artifacts.notice("alarm", robot, title, meaning(new.found), list(alarmed))
     return [new.record]
-
-
-def rerun(id: str, verify: bool = True, store: str | None = None) -> list[str]:
-    """Make a record again, and fail where its values are not the same bits.
-
-    Args:
-        id: Its id.
-        verify: Whether to compare only.
-        store: Folder of the store; else $MODELGAP_STORE, else ./store.
-
-    Returns:
-        The id of the new record, none where none was made.
-    """
-    made = reruns.rerun(id, store_folder(store), verify)
-    rows = [asdict(channel) for channel in made.apart]
-    words = str(made.cause or "Bit for bit the same.")
-    kept = [id for id in (made.made, made.noted) if id]
-    artifacts.record("rerun", kept, words, rows)
-    same = not rows and made.cause is None
-    artifacts.rename(f"rerun {id}: {'same bits' if same else 'not reproduced'}")
-    if not same:
-        raise RunError(f"{id} was not reproduced: {words}")
-    return [made.made] if made.made else []
 
 
 @task(name="report", task_run_name="report {ids[0]}", tags=["report"])

@@ -11,11 +11,10 @@ from flows.settings import SHARED
 COMMITTED = "modelgap.run.committed"
 ALARM, PROPOSED = "modelgap.monitor.alarm", "modelgap.model.proposed"
 STORED, STORE = "modelgap.inbox.stored", "modelgap.store"
-NOTICE = "modelgap.notice"  # what people are told: .alarm, .finding, .refused, .failed
+NOTICE = "modelgap.notice"  # for people: .alarm, .finding, .refused, .failed
 _OF_THE_EXAMPLE = "nightly"  # the night of the built-in arm: a project has its own
 _OF_A_PROJECT = ("monitor", "alarm")  # are told whose runs they are
 _ENTRY = "flows.pipelines.project."
-_WORDS = ("kind", "robot", "title", "text", "page")  # of a notice
 
 
 def deployments(project: Project | None) -> dict[str, Any]:
@@ -66,16 +65,6 @@ def _own(project: Project) -> Iterator[dict]:
             "Checks and stores the logs that dropped into the inboxes.",
             here,
             schedules=_cron(project.table.poll, "UTC", "poll"),
-        )
-    if project.notify.command:
-        given = {name: f"{{{{ event.payload.{name} }}}}" for name in _WORDS}
-        events = [f"{NOTICE}.{kind}" for kind in project.notify.on]
-        yield _deployment(
-            "notify",
-            "notify",
-            "Starts the program of modelgap.toml with what happened.",
-            here,
-            triggers=[_trigger(events, STORE, given | {"ids": _payload("ids")})],
         )
 
 
@@ -140,9 +129,3 @@ def _trigger(events: list[str], about: str, parameters: Mapping) -> dict:
         "within": 0,
         "parameters": dict(parameters),
     }
-
-
-def _payload(field: str) -> dict:
-    template = "{{ event.payload." + field + " | tojson }}"
-    jinja = {"__prefect_kind": "jinja", "template": template}
-    return {"__prefect_kind": "json", "value": jinja}

@@ -5,7 +5,6 @@ Paths stand beside it.
 
 import re
 import shutil
-from collections.abc import Sequence
 from dataclasses import dataclass
 from datetime import datetime
 from functools import partial
@@ -26,12 +25,11 @@ from residual.robot.robot import Robot, built_in_robots, with_serial
 from residual.robot.word import split_word
 from warehouse.bucket import is_address
 from warehouse.logs import ColumnMap, load_columns
-from warehouse.toml import faults, read_toml
+from warehouse.toml import checked, read_toml
 
 _TABLE = ConfigDict(extra="forbid")
 _WORD = re.compile(r"[\w.-]+(=[^\x00-\x1f]{0,60})?")
 _ANY = datetime(2026, 1, 1)  # a start is needed to parse, and any will do
-NOTICES = ("alarm", "finding", "refused", "failed")
 
 
 def _cron(text: str) -> str:
@@ -106,18 +104,6 @@ class InboxTable:
 
 
 @tables.dataclass(frozen=True, slots=True, config=_TABLE)
-class NotifyTable:
-    """Who is told of what happens."""
-
-    # What is told.
-    on: tuple[Literal["alarm", "finding", "refused", "failed"], ...] = NOTICES
-    # A program and its arguments, each a text of its own; () for none.
-    command: tuple[str, ...] = ()
-    # How long the program may take [s].
-    timeout: Annotated[float, Field(gt=0, le=3600, allow_inf_nan=False)] = 30.0
-
-
-@tables.dataclass(frozen=True, slots=True, config=_TABLE)
 class ProjectTable:
     """The content of a modelgap.toml."""
 
@@ -129,7 +115,6 @@ class ProjectTable:
     poll: Cron = "*/5 * * * *"  # when the inboxes are looked into, in cron
     robot: tuple[RobotTable, ...] = ()
     inbox: tuple[InboxTable, ...] = ()
-    notify: NotifyTable = NotifyTable()  # who is told of what happens
 
     @model_validator(mode="after")
     def _check(self) -> "ProjectTable":
@@ -162,11 +147,6 @@ class Project:
         """The folder of the store; of one in a bucket that of this machine."""
         word = self.table.store
         return store_folder(word) if is_address(word) else self.path(word)
-
-    @property
-    def notify(self) -> NotifyTable:
-        """Who is told of what happens."""
-        return self.table.notify
 
     def path(self, name: str) -> Path:
         """Return what the file means by a path: one from its own folder."""
@@ -215,13 +195,7 @@ def read_project(folder: str | Path) -> Project:
         raise InputError(
             f"No {PROJECT} in {file.parent}. Write one with modelgap init."
         )
-    content = read_toml(file)
-    lines = file.read_text(encoding="utf-8").splitlines()
-    for words, place in faults(ProjectTable, content):
-        line = _line(lines, place)
-        where = f"{PROJECT}, line {line}" if line else PROJECT
-        raise InputError(f"{where}: {words}")
-    project = Project(file.parent, ProjectTable(**content))
+    project = Project(file.parent, checked(ProjectTable, read_toml(file), PROJECT))
     for robot in project.table.robot:
         project.arm(robot)
         if robot.simulated:
@@ -237,26 +211,6 @@ def project_here(store: Path) -> Project | None:
         return None
     project = read_project(".")
     return project if project.store == store else None
-
-
-def _line(lines: Sequence[str], place: Sequence[str | int]) -> int | None:
-    """Return the line, from 1, in which a key stands, or the head of its table."""
-    if not place:
-        return None
-    index = place[1] if len(place) > 1 and isinstance(place[1], int) else 0
-    key = next((word for word in reversed(place) if isinstance(word, str)), "")
-    head, count, found = "", -1, None
-    for number, line in enumerate(lines, 1):
-        if match := re.match(r"\s*\[\[?([\w.-]+)\]", line):
-            head = match[1]
-            count += head == place[0]
-            if (head, count) == (place[0], index):
-                found = number
-        elif re.match(rf"\s*{re.escape(key)}\s*=", line) and (
-            (head == "" and len(place) == 1) or (head, count) == (place[0], index)
-        ):
-            return number
-    return found
 
 
 # A new project: its modelgap.toml with every option, and its inbox.

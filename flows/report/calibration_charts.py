@@ -81,7 +81,7 @@ def over_time(result: Calibration) -> list[Chart]:
     """Return corrections of a run beside its residual, joint by joint (figure 9)."""
     unseen, out = result.unseen, []
     for column, joint in enumerate(result.rows.joints if unseen else ()):
-        residual = unseen.left[:, column]
+        residual = unseen.residual[:, column]
         curves = {"residual": (figure.MEASURED, residual)}
         for name, values in unseen.corrections.items():
             curves[MODELS[name]] = MODEL_COLORS[name], values[:, column]

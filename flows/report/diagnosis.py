@@ -33,7 +33,6 @@ from flows.report.words import verdict as words
 from flows.report.words.phrases import (
     Demonstration,
     count_noun,
-    edit_sentence,
     edit_sentences,
     judge,
     noun,
@@ -41,8 +40,8 @@ from flows.report.words.phrases import (
     texts,
     truth_rows,
 )
-from residual.diagnosis.result import Change, Diagnosis, Verdict
 from residual.quantity import MISSING, fraction, known, number, probability
+from residual.verdict.result import Change, Diagnosis, Verdict
 
 _TEXT = texts()["diagnosis"]
 _MANY = 3  # findings from which tables and curves are folded
@@ -160,11 +159,9 @@ def truth(demonstration: Demonstration) -> list[Part]:
     """Return the hidden effect beside the named one."""
     title = "The seal, opened after the verdict was stored"
     text, hidden = texts()["judged"], demonstration.hidden
-    edits = [edit_sentence(h.edit) for h in hidden if h.edit is not None]
     return [
         words_table(("", "hidden", "named"), truth_rows(demonstration), title),
         Note(text[judge(hidden, demonstration.verdict)], "callout"),
-        *edits,
         *([Note(text["forms"])] if hidden and demonstration.verdict.effects else []),
     ]
 

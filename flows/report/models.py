@@ -9,11 +9,11 @@ from flows.report.page import Pairs, render
 from flows.report.words.phrases import texts
 from flows.report.words.verdict import sentences
 from flows.steps.adopt import Judged, Listed, Proposal
-from residual.diagnosis.result import ErrorTables
 from residual.errors import joints_listed
-from residual.identification.prove import Identified
+from residual.identification.prove import ValidatedIdentification
 from residual.model.compare import EDITED, WHOLE
 from residual.quantity import bare_percent, number, percent, unit_text
+from residual.verdict.result import ErrorTables
 
 _TEXT = texts()["proposal"]
 
@@ -22,7 +22,7 @@ _WHICH = {WHOLE: "", EDITED: "\nedited"}
 ADOPTED_KEY = "* the current model of its robot"
 
 
-def identification(outcome: Identified) -> list[str | Table]:
+def identification(outcome: ValidatedIdentification) -> list[str | Table]:
     """Return an identification: parameters, fit, warnings, errors, consistency."""
     return [
         _parameters(outcome),
@@ -33,8 +33,8 @@ def identification(outcome: Identified) -> list[str | Table]:
     ]
 
 
-def _parameters(outcome: Identified) -> Table:
-    result, consistent = outcome.found, outcome.consistent
+def _parameters(outcome: ValidatedIdentification) -> Table:
+    result, consistent = outcome.free, outcome.consistent
     base, estimate = result.base, result.estimate
     other = base.mapping @ consistent.model.coefficients() if consistent else None
     rows = []
@@ -50,8 +50,8 @@ def _parameters(outcome: Identified) -> Table:
     return Table(heads, rows, text_columns=(0, 1), max_widths={0: 58})
 
 
-def _fit(outcome: Identified) -> list[str]:
-    result, estimate = outcome.found, outcome.found.estimate
+def _fit(outcome: ValidatedIdentification) -> list[str]:
+    result, estimate = outcome.free, outcome.free.estimate
     noise = ", ".join(f"{n:.3g}" for n in estimate.noise)
     lines = [
         f"{result.options.method} fit of {estimate.counts.sum()} moving rows, worth "
@@ -71,7 +71,7 @@ def _fit(outcome: Identified) -> list[str]:
     return lines
 
 
-def _errors(outcome: Identified) -> Table:
+def _errors(outcome: ValidatedIdentification) -> Table:
     joints = range(1, outcome.robot.dof + 1)
     heads = ["error on unseen motion [%]", "model", *(f"J{j}" for j in joints), "all"]
     rows = [
@@ -91,7 +91,7 @@ def _short(value: float) -> str:
     return number(float(value)) if np.isfinite(value) else "–"
 
 
-def _consistency(outcome: Identified) -> list[str]:
+def _consistency(outcome: ValidatedIdentification) -> list[str]:
     lines = []
     if outcome.consistent is not None:
         free, constrained = (

@@ -14,7 +14,7 @@ from flows.report.page import origin_of_diagnosis
 from flows.report.words.phrases import Demonstration, Hidden
 from flows.report.words.verdict import sentences
 from flows.storage.diagnosis import read_outcome, store_report
-from residual.diagnosis.verdict import to_json
+from residual.verdict.document import to_json
 from sim.engine.render import gif_of
 from warehouse.runs import read_run
 

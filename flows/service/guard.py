@@ -24,8 +24,7 @@ from warehouse.bucket import is_loopback
 _READING = ("GET", "HEAD", "OPTIONS")
 _LOOPBACK = ("127.0.0.1", "localhost", "[::1]")
 _EVERYWHERE = ("0.0.0.0", "::")
-OPEN = "/open"  # the one place that takes a body without the key: a ticket for it
-LARGEST = 1 << 16  # bytes of a ticket, or of the message that shows the key
+LARGEST = 1 << 16  # bytes of the message with the key
 # A refusal is read under the name that the page asked for: it may ask no more.
 _ALONE = {"Content-Security-Policy": "default-src 'none'; frame-ancestors 'none'"}
 _POLICY_VIOLATION = 1008  # close code of a WebSocket, RFC 6455 section 7.4.1
@@ -93,7 +92,7 @@ def refusal(scope: Scope, rules: Rules) -> tuple[int, str] | None:
         return 403, f"Only pages of {own} may ask, got Origin {origins}."
     if scope["type"] == "websocket" or scope["method"] in _READING:
         return None
-    if scope["path"] != OPEN and not rules.has_key(headers):
+    if not rules.has_key(headers):
         return 401, "Expected the key of the store, as a program of it sends it."
     kinds = [k.split(";")[0].strip().lower() for k in headers.getlist("content-type")]
     sized = headers.get("content-length", "0") != "0" or "transfer-encoding" in headers

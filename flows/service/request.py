@@ -43,9 +43,6 @@ class ServiceRequest(Request):
         host: Address to listen on; anything but this machine needs --trust-network.
         workers: How many flows may run at once.
         every: Also start the nightly flow every so many seconds, until --every 0.
-        database: postgresql://USER:PASSWORD@HOST/NAME for the history of flow runs;
-            better given as $MODELGAP_DATABASE_URL, since others see command lines.
-            Without it a file in the store.
         trust_network: Let others in the network reach the server. What they send is
             not encrypted: who listens there learns the key, and runs programs as you.
         project: The project that is served, None for none.
@@ -56,8 +53,9 @@ class ServiceRequest(Request):
     port: Count = None
     workers: Count = None
     every: Annotated[int | None, Parameter(metavar="SECONDS")] = None
-    database: Annotated[str | None, Parameter(metavar="ADDRESS")] = None
     trust_network: Flag = False
+    # $MODELGAP_DATABASE_URL: others on the machine can read command lines.
+    database: Annotated[str | None, Parameter(parse=False)] = None
     project: Annotated[Project | None, Parameter(parse=False)] = None
 
 
@@ -110,7 +108,7 @@ def database_url(given: str) -> str:
         usable = False
     if not usable:
         raise InputError(
-            f"${DATABASE} or --database is not usable, expected "
+            f"${DATABASE} is not usable, expected "
             "postgresql://USER:PASSWORD@HOST:PORT/NAME."
         )
     return _DRIVERS[parts.scheme] + given[given.index("://") :]

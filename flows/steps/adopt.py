@@ -10,7 +10,7 @@ from flows.requests import Flag, GivenWord, Request, Store, Text
 from flows.settings import store_folder
 from flows.steps.models import diagnosis_of
 from flows.storage.diagnosis import read_known, read_models, read_verdict, store_report
-from residual.diagnosis.held_out import Worth, worth
+from residual.diagnosis.held_out import AdoptionCheck, worth
 from residual.diagnosis.result import Verdict
 from residual.errors import InputError
 from residual.model.model import Model
@@ -46,7 +46,7 @@ class Judged:
     model: Model
     # The adoption that the robot has, with its number; None for none.
     parent: tuple[str, Adoption] | None
-    worth: Worth | None  # what held-out motion says, None where there is none to ask
+    worth: AdoptionCheck | None  # None without held-out logs
     # Why it should not be adopted; empty for a model that may.
     doubts: tuple[str, ...] = ()
 

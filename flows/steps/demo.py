@@ -8,7 +8,7 @@ are stored, diagnosed from the store, and reported; only then is the seal opened
 import json
 from collections.abc import Iterator, Mapping
 from concurrent.futures import Executor
-from dataclasses import asdict, dataclass
+from dataclasses import dataclass
 from functools import cache
 from pathlib import Path
 from typing import Annotated
@@ -21,11 +21,9 @@ from flows.requests import Number, Request, Store
 from flows.settings import store_folder
 from flows.specs.experiment import ExperimentSpec, derived_seed
 from flows.steps.campaign import run_all
-from flows.steps.edit import sealed_edits
 from flows.steps.experiment import plan, plant_of
 from residual.effects import reported_joints
 from residual.errors import InputError, RunError, check_name
-from residual.quantity import plain
 from sim.draw import draw_hidden
 from sim.engine.records import (
     BACKGROUNDS,
@@ -107,27 +105,15 @@ def run_experiments(
     return {"fit": ids[: len(FIT)], "held_out": ids[len(FIT) :]}
 
 
-def open_seal(runs: Runs, diagnosis: str, store: Path) -> list[dict]:
-    """Return what the arm had and its model does not have.
-
-    Args:
-        diagnosis: Id of their diagnosis: the verdict is stored by now.
-
-    Returns:
-        Name, joints and parameters of each effect, as JSON can hold it; and the edit
-        test (`flows.steps.edit`) where it was named, else None.
-    """
+def open_seal(runs: Runs, store: Path) -> list[dict]:
+    """Return name, joints and parameters of each effect that the arm hid."""
     dof = load(ROBOT).dof
     plant = plant_of(stored.open_seal(store, runs["fit"][0]).spec)
-    edits = sealed_edits(runs, diagnosis, plant, store)
     return [
         {
             "name": effect.name,
             "joints": list(reported_joints(effect.name, effect.joints, dof)),
             "parameters": dict(effect.parameters),
-            "edit": next(
-                (plain(asdict(e)) for e in edits if e.name == effect.name), None
-            ),
         }
         for effect in plant.effects
     ]

@@ -18,10 +18,10 @@ from flows.requests import Diagnose
 from flows.settings import store_folder
 from flows.steps.check import as_mounted, checked
 from flows.storage import diagnosis as kept
+from residual.diagnosis import diagnose as method
 from residual.diagnosis.result import Diagnosis
-from residual.errors import InputError
-from residual.method import diagnose as method
-from residual.model.known import known_values
+from residual.errors import InputError, listed
+from residual.model.known_values import known_values
 from residual.recording import Recording
 from residual.robot.robot import Robot, with_known
 from residual.threads import one_blas_thread
@@ -51,9 +51,9 @@ def known_robot(robot: Robot, known: Mapping[str, float], baseline: Sequence) ->
     """
     robot = with_known(robot, known)
     known_values(robot)
-    if robot.known and baseline:
+    if robot.known_values and baseline:
         raise InputError(
-            f"Known values ({', '.join(robot.known)}) are of one state of the arm, and "
+            f"Known values ({listed(robot.known_values)}) hold for one arm state; "
             "a baseline compares two. Leave out --known, and [known] of robot.toml, or "
             "the baseline."
         )
@@ -121,14 +121,10 @@ def diagnose_logs(
         declared=declared if model is None else model,
         progress=progress,
         alone=alone,
+        check=report,
+        warnings=logs.warnings,
     )
-    found = method.with_check(found, report)
-    warnings = (*logs.warnings, *found.warnings)
-    return replace(
-        found,
-        verdict=replace(found.verdict, warnings=warnings),
-        notes=(*logs.lines, *found.notes),
-    )
+    return replace(found, notes=(*logs.lines, *found.notes))
 
 
 def _behind(diagnosis: str, logs: LogSets, store: Path) -> tuple[Recording, ...]:

@@ -23,7 +23,7 @@ from residual.calibration.rows import MEASURED, PAPER
 from residual.errors import InputError, check_name
 from residual.export.exported import Whole, body_of
 from residual.identification.identify import identify
-from residual.model.corrected import Corrected
+from residual.model.corrected import CorrectedModel
 from residual.model.lookup import Lookup
 from residual.model.model import Model
 from residual.model.nominal import declared_names, prepare_logs, start_nominal
@@ -226,7 +226,7 @@ def calibration_of(store: Path, word: str) -> str:
     """
     if Path(word).is_file():
         whole = load_model(word)
-        if not isinstance(whole, Corrected):
+        if not isinstance(whole, CorrectedModel):
             raise InputError(
                 f"{word} holds a model without tables, expected corrected.json of "
                 "modelgap calibrate --export."
@@ -247,7 +247,7 @@ def calibration_of(store: Path, word: str) -> str:
     return found.id
 
 
-def tables_to_drive(store: Path, id: str, nominal: Model) -> Corrected:
+def tables_to_drive(store: Path, id: str, nominal: Model) -> CorrectedModel:
     """Return a calibration as a controller drives with it: a model and its tables.
 
     Tables of the paper's form correct a simulated twin: on the model as described.

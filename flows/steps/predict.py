@@ -14,7 +14,6 @@ from flows.inputs.given import LogSets, need_logs, read_sets
 from flows.requests import Predict
 from flows.settings import store_folder
 from flows.steps.models import read_model
-from residual.diagnosis.conclude import error_tables
 from residual.diagnosis.result import ErrorTables
 from residual.errors import InputError
 from residual.export.exported import Whole, body_of
@@ -22,6 +21,7 @@ from residual.model.compare import EDITED, WHOLE, Edits, Prediction
 from residual.model.compare import predict as core_predict
 from residual.quantity import plain
 from residual.threads import one_blas_thread
+from residual.verdict.result import error_tables
 
 _NAMES = {WHOLE: "tau_model", EDITED: "tau_edited"}
 FORMS = (".csv", ".parquet")

@@ -263,7 +263,7 @@ def _facts(
     if apart or wrong:
         cause = cause_of(then, now, key, wrong, store)
     same = then.get(key) == now[key]
-    return Rerun(record.id, record.kind, apart, same, cause, about_changes(store, then))
+    return Rerun(record.id, record.kind, apart, same, cause, about_changes(then))
 
 
 def _run_apart(record: Found, store: Path, manifest: Mapping, simulated) -> tuple:
@@ -290,7 +290,7 @@ def _check_imported(
         )
     wrong = faults(record)
     cause = Cause("damaged", "; ".join(wrong)) if wrong else None
-    known = about_changes(store, manifest["provenance"])
+    known = about_changes(manifest["provenance"])
     return Rerun(record.id, record.kind, (), True, cause, known, imported=True)
 
 

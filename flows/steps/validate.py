@@ -1,4 +1,4 @@
-"""How far models get by themselves on runs of the store (G2017 section 1.3).
+"""Validate models on runs of the store, without a fit (G2017 section 1.3).
 
 Of the nominal model, as root mean square per joint:
 
@@ -6,13 +6,12 @@ Of the nominal model, as root mean square per joint:
 - feed-forward: how the arm tracks its reference when the model's torque drives it.
   It needs the arm, so only a simulated run whose sealed half is there has it.
 
-Of every model that is known (nominal, identified, augmented, tables of a
-calibration, adopted, and true where
-the sealed half is there) both ways: torque from motion, acceleration from torque, and
-whether its mass matrix is positive definite on the workspace.
+Of every model of the robot (nominal, identified, augmented, adopted, tables of a
+calibration) both ways: torque from motion, acceleration from torque, and whether its
+mass matrix is positive definite on the workspace.
 
-And where a model was asked for or adopted: how the simulated arm of the runs tracks
-motions that are not in the store, driven once by each model (`drive_unseen`).
+With an adopted or a named model: how the simulated arm of the runs tracks motions that
+are not in the store, driven once by each model (`drive_unseen`).
 """
 
 from collections.abc import Mapping, Sequence
@@ -28,7 +27,6 @@ from flows.outputs import Progress
 from flows.requests import Validate as Request
 from flows.settings import store_folder
 from flows.specs.experiment import derived_seed
-from flows.steps.edit import truth_of
 from flows.steps.experiment import plant_of
 from flows.steps.models import (
     NOMINAL,
@@ -49,7 +47,7 @@ from residual.recording import Recording
 from residual.robot.robot import Robot
 from residual.signals.track import Filters, prepare
 from residual.threads import one_blas_thread
-from sim.engine.records import CLEAN, PlantSpec, Reference, TrajectorySpec
+from sim.engine.records import PlantSpec, Reference, TrajectorySpec
 from sim.plant import tables as at
 from sim.plant.stepping import DivergedError, drive
 from sim.trajectories import make_reference
@@ -127,29 +125,54 @@ def validate(request: Request) -> tuple[str, Validation]:
     store, window = store_folder(request.store), request.window
     log = read_run(store, request.run)
     manifest = read_manifest(store, log.id)
-    robot = robot_of(log, manifest)
+    robot = _robot_of(log, manifest)
     strayed, used = open_loop_error(robot, log, window)
-    plant, tracked = hidden_plant(store, log.id, manifest), {}
-    if plant:
-        tracked = feed_forward_errors(robot, _reference(robot, manifest), plant)
-    notes = _notes(manifest, plant is not None)
+    tracked = {}
+    notes = ["No feed-forward: that needs the arm, and none is sealed with the run."]
+    if plant := hidden_plant(store, log.id, manifest):
+        notes = _notes(manifest)
+        # The arm's own torque is what the closed loop of the paper gave it on this
+        # motion: about the best that a model could compute. It is no bound, since it
+        # has feedback in it, which the drives then add once more.
+        reference = make_reference(robot, *_motion_of(manifest))
+        sources = twin_of(robot, reference), drive(robot, reference, plant)
+        tracked = {
+            name: _rms(track(robot, reference, plant, trace.rows[:, at.DRIVE]))
+            for name, trace in zip((NOMINAL, "arm"), sources, strict=True)
+        }
     if used < window:
         notes.insert(0, f"Windows of {window:g} s run away; {used:g} s were taken.")
-    given = _given(store, request, robot)
-    models = _models(store, *given, robot, log, manifest, plant)
-    both = {name: both_ways(model, log) for name, model in models.items()}
-    notes += _warnings(both, plant)
-    made = Validation(used, strayed, **tracked, notes=tuple(notes), models=both)
-    tables, *named = given
-    asked = request.to_record() | {
-        "run": log.id,
-        "model": named[0],
-        "calibration": tables,
-        "adopted": named[1] or NOMINAL,
-        "robot": manifest.get("robot", log.robot),
-        "robot_hash": robot.content_hash,
+    request = _with_ids(request, store, robot)
+    models = {
+        name: both_ways(model, log)
+        for name, model in _models(request, store, robot, log).items()
     }
-    return _put(store, log, manifest, asked, given, made), made
+    notes += [
+        f"M(q) of the {name} model is not positive definite: {each.least_mass:.3g} "
+        f"kg m^2 at some pose of {POSES}. It predicts torque, but cannot be simulated."
+        for name, each in models.items()
+        if each.least_mass <= 0
+    ]
+    made = Validation(used, strayed, **tracked, notes=tuple(notes), models=models)
+    same = {"run_id": log.id, "trajectory": about_run(manifest)["trajectory"]}
+    record = {
+        "robot": log.robot,
+        "kind": made.kind,
+        "window_s": used,
+        "request": replace(request, run=log.id).to_record()
+        | {
+            "robot": manifest.get("robot", log.robot),
+            "robot_hash": robot.content_hash,
+        },
+        "unit": "rad",
+        "notes": made.notes,
+        "least_mass_matrix": {name: each.least_mass for name, each in models.items()},
+    }
+    named = [request.calibration, request.model, request.adopted]
+    ids = dict.fromkeys(id for id in named if id not in (None, NOMINAL))
+    parents = {"run": [log.id], **({"model": list(ids)} if ids else {})}
+    rows = [{**same, **row} for row in _error_rows(made)]
+    return _commit(store, record, rows, parents), made
 
 
 def both_ways(model: Whole, log: Recording) -> BothWays:
@@ -164,57 +187,35 @@ def both_ways(model: Whole, log: Recording) -> BothWays:
     return BothWays(torque, acceleration, least_mass_matrix(body))
 
 
-def _given(store: Path, request: Request, robot: Robot) -> tuple[str | None, ...]:
-    """Whole ids of the calibration and the model asked for, and of the robot's own."""
-    word, now, tables = request.model, request.adopted, request.calibration
+def _with_ids(request: Request, store: Path, robot: Robot) -> Request:
+    """Return a request with whole ids, and with the model that the robot has."""
+    now = request.adopted
     if now is None:
         last = adopted(store, robot.name, robot.serial)
         now = (last and last[1].diagnosis_id) or NOMINAL
-    whole = None if word is None else find(store, word).id
-    calibration = None if tables is None else find(store, tables).id
-    return calibration, whole, None if now == NOMINAL else find(store, now).id
+    words = {"model": request.model, "calibration": request.calibration, "adopted": now}
+    ids = {
+        name: word if word in (None, NOMINAL) else find(store, word).id
+        for name, word in words.items()
+    }
+    return replace(request, **ids)
 
 
 def _models(
-    store: Path,
-    tables: str | None,
-    word: str | None,
-    now: str | None,
-    robot: Robot,
-    log: Recording,
-    manifest: Mapping,
-    plant: PlantSpec | None,
+    request: Request, store: Path, robot: Robot, log: Recording
 ) -> dict[str, Whole]:
     """All models that are known of the arm of a run, the nominal one first."""
     nominal = nominal_of(robot, [log])
     out: dict[str, Whole] = {NOMINAL: nominal}
-    if word is not None:
-        if find(store, word).kind == "diagnoses":
-            known = read_models(store, word)
-            out |= {name: model for name, model in known.items() if name != NOMINAL}
+    if request.model is not None:
+        if find(store, request.model).kind == "diagnoses":
+            out |= read_models(store, request.model) | out
         else:
-            out["model"] = model_to_drive(store, word, robot)
-    if tables is not None:
-        out[TABLES] = tables_to_drive(store, tables, nominal)
-    if now is not None:
-        out["adopted"] = model_to_drive(store, now, robot)
-    if plant:
-        out["true"] = truth_of(manifest, plant, nominal)
-    return out
-
-
-def _warnings(both: Mapping[str, BothWays], plant: PlantSpec | None) -> list[str]:
-    """What is to be said of the models that were tried."""
-    out = [
-        f"M(q) of the {name} model is not positive definite: {each.least_mass:.3g} "
-        f"kg m^2 at some pose of {POSES}. It predicts torque, but cannot be simulated."
-        for name, each in both.items()
-        if each.least_mass <= 0
-    ]
-    if plant is not None and plant.background != CLEAN:
-        out.append(
-            "The true model is without what every arm in use has beside its effects."
-        )
+            out["model"] = model_to_drive(store, request.model, robot)
+    if request.calibration is not None:
+        out[TABLES] = tables_to_drive(store, request.calibration, nominal)
+    if request.adopted != NOMINAL:
+        out["adopted"] = model_to_drive(store, request.adopted, robot)
     return out
 
 
@@ -250,27 +251,6 @@ def open_loop_error(robot: Robot, log: Recording, window: float) -> tuple[Array,
     )
 
 
-def feed_forward_errors(
-    robot: Robot, reference: Reference, plant: PlantSpec
-) -> Mapping[str, Array]:
-    """Return how the arm tracks under torques of the model and under its own.
-
-    Its own torque is what the closed loop of the paper gave it on this motion: about
-    the best that a model could compute, so the first error is judged against it. It is
-    no bound, since it has feedback in it, which the drives then add once more.
-
-    Returns:
-        Root mean square of read minus wanted position: nominal, arm [rad]. (dof,) each.
-    """
-    # Under the label and at the start of `track`: chance and warmth are the same.
-    arm = drive(robot, reference, plant)
-    given = {"nominal": twin_of(robot, reference), "arm": arm}
-    return {
-        name: _rms(track(robot, reference, plant, trace.rows[:, at.DRIVE]))
-        for name, trace in given.items()
-    }
-
-
 def _measured(log: Recording) -> tuple[Reference, Array]:
     """Return the motion and torque of a log, at the step of the engine.
 
@@ -281,8 +261,7 @@ def _measured(log: Recording) -> tuple[Reference, Array]:
     rate = track.rate * max(1, round(_RATE / track.rate))
     since = np.arange(round((track.t[-1] - track.t[0]) * rate) + 1) / rate
     curve = CubicSpline(track.t - track.t[0], track.q)
-    q, qd, qdd = curve(since), curve(since, 1), curve(since, 2)
-    motion = Reference("measured", since, q, qd, qdd, None)
+    motion = Reference("measured", since, *(curve(since, d) for d in range(3)), None)
     now = track.t[0] + since
     return motion, np.column_stack([np.interp(now, log.t, c) for c in log.tau.T])
 
@@ -291,12 +270,7 @@ def _rms(error: Array) -> Array:
     return np.sqrt(np.mean(np.square(error), axis=0))
 
 
-def robot_of(log: Recording, manifest: Mapping) -> Robot:
-    """Return the robot of a run, which must be described as it was then.
-
-    Raises:
-        InputError: If it is described differently now.
-    """
+def _robot_of(log: Recording, manifest: Mapping) -> Robot:
     name = manifest.get("robot", log.robot)
     return as_described(load(name), log, manifest, name)
 
@@ -304,19 +278,12 @@ def robot_of(log: Recording, manifest: Mapping) -> Robot:
 def hidden_plant(store: Path, run_id: str, manifest: Mapping) -> PlantSpec | None:
     """Return the arm of a simulated run; None where no sealed half lies."""
     # A seal that was taken out is no error, one that is broken is.
-    if not manifest["sealed_sha256"]:
-        return None
-    if not has_seal(store, run_id):
+    if not manifest["sealed_sha256"] or not has_seal(store, run_id):
         return None
     return plant_of(open_seal(store, run_id).spec)
 
 
-def _reference(robot: Robot, manifest: Mapping) -> Reference:
-    """Make the reference of a run once more, at the rate of the controller."""
-    return make_reference(robot, *_asked(manifest))
-
-
-def _asked(manifest: Mapping) -> tuple[TrajectorySpec, float]:
+def _motion_of(manifest: Mapping) -> tuple[TrajectorySpec, float]:
     """Return which reference a run had, and the rate of its controller [Hz]."""
     spec = manifest["spec"]
     try:
@@ -328,9 +295,7 @@ def _asked(manifest: Mapping) -> tuple[TrajectorySpec, float]:
         ) from error
 
 
-def _notes(manifest: Mapping, with_arm: bool) -> list[str]:
-    if not with_arm:
-        return ["No feed-forward: that needs the arm, and none is sealed with the run."]
+def _notes(manifest: Mapping) -> list[str]:
     notes, start = [], manifest["spec"].get("start", 0.0)
     if manifest["provenance"]["code_hash"] != plant_code_hash():
         notes.append(
@@ -345,40 +310,24 @@ def _notes(manifest: Mapping, with_arm: bool) -> list[str]:
     return notes
 
 
-def _put(
-    store: Path,
-    log: Recording,
-    manifest: Mapping,
-    request: Mapping,
-    given: Sequence[str | None],
-    made: Validation,
-) -> str:
-    figures = (
-        ("nominal", OPEN_LOOP, made.open_loop),
-        ("nominal", FEED_FORWARD, made.nominal),
+def _error_rows(made: Validation) -> list[dict]:
+    figures = [
+        (NOMINAL, OPEN_LOOP, made.open_loop),
+        (NOMINAL, FEED_FORWARD, made.nominal),
         ("arm", FEED_FORWARD, made.arm),
-    )
-    same = {"run_id": log.id, "trajectory": about_run(manifest)["trajectory"]}
+    ]
     for name, each in made.models.items():
         figures += (name, TORQUE, each.torque), (name, ACCELERATION, each.acceleration)
-    rows = [
-        {**same, "stage": stage, "metric": metric, "joint": joint, "value": float(rms)}
+    return [
+        {"stage": stage, "metric": metric, "joint": joint, "value": float(value)}
         for stage, metric, errors in figures
         if errors is not None
-        for joint, rms in enumerate(errors, 1)
+        for joint, value in enumerate(errors, 1)
     ]
-    record = {
-        "robot": log.robot,
-        "kind": made.kind,
-        "window_s": made.window,
-        "request": request,
-        "unit": "rad",
-        "notes": made.notes,
-        "least_mass_matrix": {k: each.least_mass for k, each in made.models.items()},
-    }
+
+
+def _commit(store: Path, record: Mapping, rows: list, parents: Mapping) -> str:
     table = pa.Table.from_pylist(rows, schema=arrow_schema(VIEWS["errors"][1:]))
-    of_models = list(dict.fromkeys(id for id in given if id is not None))
-    parents = {"run": [log.id], **({"model": of_models} if of_models else {})}
     return commit_record(store, "validations", record, {"errors": table}, parents)
 
 
@@ -410,7 +359,7 @@ def drive_unseen(
     """Drive the arm of simulated runs along unseen motions by each model, and keep it.
 
     The torque of a model along the reference, with plain feedback that is the same for
-    all: the nominal one, those that the request names, and the true one.
+    all: the nominal one, and those that the request names.
 
     Args:
         request: Its model and calibration are whole ids, its run is not read.
@@ -426,8 +375,14 @@ def drive_unseen(
     store = store_folder(request.store)
     logs = [read_run(store, run) for run in runs]
     manifests = [read_manifest(store, log.id) for log in logs]
-    robot = robot_of(logs[0], manifests[0])
-    families = _families(store, robot, logs, manifests)
+    robot = _robot_of(logs[0], manifests[0])
+    families: dict[str, tuple] = {}  # the first run of a sealed arm by kind of motion
+    for log, manifest in zip(logs, manifests, strict=True):
+        if manifest["robot_hash"] != robot.content_hash:
+            raise InputError("The runs are of several robots; give those of one.")
+        if plant := hidden_plant(store, log.id, manifest):
+            spec, rate = _motion_of(manifest)
+            families.setdefault(spec.kind, (log.id, plant, spec, rate))
     if not families:
         return None
     nominal = nominal_of(robot, logs[:1])
@@ -437,41 +392,28 @@ def drive_unseen(
     if request.calibration is not None:
         models[TABLES] = tables_to_drive(store, request.calibration, nominal)
     motions = []
-    missed: dict[str, list[Array]] = {}
-    for kind, (run, manifest, plant, asked, rate) in families.items():
-        models["true"] = truth_of(manifest, plant, nominal)
+    errors: dict[str, list[Array]] = {name: [] for name in models}
+    for kind, (run, plant, spec, rate) in families.items():
         for i in range(seeds):
-            seed = derived_seed(asked.seed, f"track/{kind}/{i}")
-            motions.append((run, replace(asked, seed=seed, coefficients=())))
-            wanted = make_reference(robot, motions[-1][1], rate)
-            motion = wanted.q, wanted.qd, wanted.qdd
+            seed = derived_seed(spec.seed, f"track/{kind}/{i}")
+            motions.append((run, replace(spec, seed=seed, coefficients=())))
+            reference = make_reference(robot, motions[-1][1], rate)
+            motion = reference.q, reference.qd, reference.qdd
             for name, model in models.items():
-                torque = feed_forward(model, wanted.t, motion)
-                missed.setdefault(name, []).append(track(robot, wanted, plant, torque))
+                torque = feed_forward(model, reference.t, motion)
+                errors[name].append(track(robot, reference, plant, torque))
             if progress:
                 progress("drive", len(motions) / (len(families) * seeds))
-    rms = {k: np.array([_rms(e) for e in own]) for k, own in missed.items()}
-    sizes = {k: [np.abs(e) for e in own] for k, own in missed.items()}
-    peak = {k: np.array([e.max(axis=0) for e in own]) for k, own in sizes.items()}
+    rms = {name: np.array([_rms(e) for e in each]) for name, each in errors.items()}
+    peak = {
+        name: np.array([np.abs(e).max(axis=0) for e in each])
+        for name, each in errors.items()
+    }
     made = Tracking(tuple(motions), rms, peak)
-    return _put_tracking(store, robot, request, made), made
+    return _keep_tracking(store, robot, request, made), made
 
 
-def _families(
-    store: Path, robot: Robot, logs: Sequence[Recording], manifests: Sequence[Mapping]
-) -> dict[str, tuple]:
-    """Return of each kind of motion the first run of a sealed arm, and what it was."""
-    out: dict[str, tuple] = {}
-    for log, manifest in zip(logs, manifests, strict=True):
-        if robot_of(log, manifest).content_hash != robot.content_hash:
-            raise InputError("The runs are of several robots; give those of one.")
-        if plant := hidden_plant(store, log.id, manifest):
-            asked, rate = _asked(manifest)
-            out.setdefault(asked.kind, (log.id, manifest, plant, asked, rate))
-    return out
-
-
-def _put_tracking(store: Path, robot: Robot, request: Request, made: Tracking) -> str:
+def _keep_tracking(store: Path, robot: Robot, request: Request, made: Tracking) -> str:
     """Keep a row for each motion, and one for all of them together."""
     each = {model: made.by_joint(model) for model in made.rms}
     places = [(run, motion.kind) for run, motion in made.motions]
@@ -494,7 +436,6 @@ def _put_tracking(store: Path, robot: Robot, request: Request, made: Tracking) -
         "peak": plain({model: peak for model, (_, peak) in each.items()}),
         "motions": [{"run": run, **asdict(motion)} for run, motion in made.motions],
     }
-    table = pa.Table.from_pylist(rows, schema=arrow_schema(VIEWS["errors"][1:]))
-    given = dict.fromkeys(id for id in (request.model, request.calibration) if id)
-    parents = {"run": list(dict(places)), "model": list(given)}
-    return commit_record(store, "validations", record, {"errors": table}, parents)
+    ids = dict.fromkeys(id for id in (request.model, request.calibration) if id)
+    parents = {"run": list(dict(places)), "model": list(ids)}
+    return _commit(store, record, rows, parents)

@@ -10,7 +10,7 @@ import numpy as np
 from residual.calibration.calibrate import Calibration, corrected_model
 from residual.calibration.crossval import relative_error
 from residual.calibration.scores import RUN, Score
-from residual.export.c99 import tables_header, to_c99
+from residual.export.c99 import to_c99
 from residual.export.exported import to_json
 from residual.model.lookup import export_lookup
 from residual.model.record import to_record
@@ -100,13 +100,12 @@ def calibration_files(made: Calibration) -> dict[str, bytes]:
 
     Returns:
         The tables and their evaluator (`export_lookup`); where they correct a model,
-        `corrected.json` with both, and both as a C header; a header of the tables alone
-        where they correct a simulation.
+        `corrected.json` with both, and both as a C header.
     """
     files = export_lookup(made.lookup)
     whole = corrected_model(made)
     if whole is None:
-        return files | tables_header(made.lookup, made.robot)
+        return files
     (record,) = to_json(whole).files.values()
     return {**files, CORRECTED: record, **to_c99(whole).files}
 

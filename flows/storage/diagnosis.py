@@ -11,7 +11,7 @@ from residual.diagnosis.result import Diagnosis, ErrorTables, Finding, Verdict
 from residual.diagnosis.verdict import from_json, to_json
 from residual.errors import InputError
 from residual.model.compare import Cloud, LogProof
-from residual.model.corrected import Corrected
+from residual.model.corrected import CorrectedModel
 from residual.model.model import Model
 from residual.model.record import from_record as read_model
 from residual.model.record import to_record as model_record
@@ -307,7 +307,7 @@ def checked_verdict(document: object) -> Verdict:
     return verdict
 
 
-def read_models(store: Path, diagnosis_id: str) -> dict[str, Model | Corrected]:
+def read_models(store: Path, diagnosis_id: str) -> dict[str, Model | CorrectedModel]:
     """Return the models of a diagnosis, by name."""
     model_id = read_record(store, diagnosis_id)["model_id"]
     kept = read_record(store, model_id).get("models")
@@ -359,14 +359,14 @@ def read_runs(store: Path, diagnosis_id: str, roles: Sequence[str]) -> tuple[str
     return tuple(p["parent"] for role in roles for p in lineage if p["role"] == role)
 
 
-def models_record(found: Mapping[str, Model | Corrected]) -> dict:
+def models_record(found: Mapping[str, Model | CorrectedModel]) -> dict:
     """Return models as plain values; their robot, which is one, stands there once."""
     records = {name: model_record(model) for name, model in found.items()}
     robots = [record.pop("robot") for record in records.values()]
     return {"robot": robots[0], "models": records} if robots else {}
 
 
-def read_models_record(record: Mapping) -> dict[str, Model | Corrected]:
+def read_models_record(record: Mapping) -> dict[str, Model | CorrectedModel]:
     """The way back."""
     robot = record["robot"]
     return {

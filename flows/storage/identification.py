@@ -3,7 +3,7 @@
 from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 
-from residual.identification.prove import Identified
+from residual.identification.prove import ValidatedIdentification
 from residual.model.record import to_record
 from residual.quantity import plain
 from warehouse.commit import commit_record
@@ -15,9 +15,9 @@ KINDS = ("raw", "filtered", "moving")
 _METRICS = {"raw": "held_out", "filtered": "filtered", "moving": "moving"}
 
 
-def document(outcome: Identified) -> dict:
+def document(outcome: ValidatedIdentification) -> dict:
     """Return an outcome as plain values: every key always there, null for none."""
-    found, estimate = outcome.found, outcome.found.estimate
+    found, estimate = outcome.free, outcome.free.estimate
     return plain(
         {
             "schema": SCHEMA,
@@ -50,13 +50,13 @@ def document(outcome: Identified) -> dict:
     )
 
 
-def parameters(outcome: Identified) -> list[dict]:
+def parameters(outcome: ValidatedIdentification) -> list[dict]:
     """Return the base parameters: value, standard deviation, and what they are."""
     return [plain(row) for row in _base_parameters(outcome)]
 
 
-def _base_parameters(outcome: Identified) -> Iterator[dict]:
-    found, estimate = outcome.found, outcome.found.estimate
+def _base_parameters(outcome: ValidatedIdentification) -> Iterator[dict]:
+    found, estimate = outcome.free, outcome.free.estimate
     consistent = None
     if outcome.consistent is not None:
         consistent = found.base.mapping @ outcome.consistent.model.coefficients()
@@ -76,22 +76,22 @@ def _base_parameters(outcome: Identified) -> Iterator[dict]:
         }
 
 
-def _errors_of_kind(outcome: Identified, kind: str) -> dict:
+def _errors_of_kind(outcome: ValidatedIdentification, kind: str) -> dict:
     return {
         name: {"joints": errors.per_joint(kind), "overall": errors.overall(kind)}
         for name, errors in outcome.errors.items()
     }
 
 
-def _essential(outcome: Identified) -> dict | None:
-    made, leading = outcome.found.essential, outcome.found.base.leading
+def _essential(outcome: ValidatedIdentification) -> dict | None:
+    made, leading = outcome.free.essential, outcome.free.base.leading
     if made is None:
         return None
     dropped = [leading[i].name for i in made.dropped]
     return {"dropped": dropped, "f": made.f_value, "f_limit": made.f_limit}
 
 
-def _consistent(outcome: Identified) -> dict | None:
+def _consistent(outcome: ValidatedIdentification) -> dict | None:
     made = outcome.consistent
     if made is None:
         return None
@@ -106,7 +106,7 @@ def _consistent(outcome: Identified) -> dict | None:
 
 def store_identification(
     store: Path,
-    outcome: Identified,
+    outcome: ValidatedIdentification,
     request: Mapping,
     runs: Mapping[str, Sequence[str]],
 ) -> str:
@@ -121,7 +121,7 @@ def store_identification(
         "stage": STAGE,
         "request": request,
         "document": figures,
-        "model": to_record(outcome.found.model),
+        "model": to_record(outcome.free.model),
     }
     held_out = runs.get("held_out") or runs.get("fit") or ()
     one = held_out[0] if len(held_out) == 1 and not outcome.same_run else None

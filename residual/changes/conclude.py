@@ -8,33 +8,36 @@ import numpy as np
 
 from residual.changes.contrast import Candidate, expected_worth
 from residual.changes.models import Epoch, values_that_changed
-from residual.changes.search import Change, Found
-from residual.changes.unnamed import Rest, follows
-from residual.changes.unrest import Warmth
-from residual.diagnosis.findings import EXPLAINED
-from residual.diagnosis.result import (
+from residual.changes.search import ChangeSearch, NamedChange
+from residual.changes.unexplained import Residuals, follows
+from residual.check.result import LogCheck
+from residual.effects.base import Effect, Trait
+from residual.evidence.embodied import PossibleModel
+from residual.model.compare import Cloud
+from residual.quantity import along, plain
+from residual.recording import Array
+from residual.robot.robot import Robot
+from residual.verdict.result import (
+    EXPLAINED,
+    STILL,
     Dependence,
     Detectable,
     Drift,
+    Edit,
     ErrorTables,
     Evidence,
     Finding,
     Frames,
     Parameter,
-    Place,
     Unexplained,
     Verdict,
+    as_embodied,
 )
-from residual.effects.base import Effect
-from residual.model.compare import Cloud
-from residual.quantity import along, plain
-from residual.recording import Array
-from residual.robot.robot import Robot
 
 LADDER = np.geomspace(1.0, 1e4, 400)  # deviations at which to look
 
 
-def minimum_detectable(found: Found) -> list[Detectable]:
+def minimum_detectable(found: ChangeSearch) -> list[Detectable]:
     """Smallest size of every effect and joint at which the evidence is expected.
 
     By the very information of the logs and the unrest of the first epoch by which a
@@ -56,14 +59,10 @@ def minimum_detectable(found: Found) -> list[Detectable]:
             unit = next(iter(effect.units(joints, robot).values()))
             public = tuple(j + 1 for j in joints)
             out.append(Detectable(name, public, size, unit))
-    return [*out, _of_warmth(found.warmth)]
+    return [*out, Detectable("drift", (), 2 * found.warmth.std, "1")]
 
 
-def _of_warmth(warm: Warmth) -> Detectable:
-    return Detectable("drift", (), 2 * warm.std, "1")
-
-
-def _least(found: Found, one: Candidate) -> float | None:
+def _least(found: ChangeSearch, one: Candidate) -> float | None:
     look = found.table.contrast(one, found.named)
     effect, robot = one.group.effect, found.both.design.model.robot
     sizes = []
@@ -76,7 +75,7 @@ def _least(found: Found, one: Candidate) -> float | None:
             continue
         scale = _smallest(found, one, way, look.information)
         if scale is not None:
-            sizes.append(max(scale, found.both.rules.share / per_unit))
+            sizes.append(max(scale, found.both.rules.min_torque_share / per_unit))
     if not sizes:
         return None
     size = float(np.median(sizes))
@@ -86,25 +85,25 @@ def _least(found: Found, one: Candidate) -> float | None:
 
 
 def _smallest(
-    found: Found, one: Candidate, way: Array, information: Array
+    found: ChangeSearch, one: Candidate, way: Array, information: Array
 ) -> float | None:
     """Size along a direction at which the expected evidence is the threshold."""
     unit = 1 / np.sqrt(float(way @ information @ way))
     sizes = unit * LADDER
     prior, nu = one.group.precision, found.table.degrees
     worth = expected_worth(information, way, prior, nu, sizes) - one.price
-    seen = worth > found.both.rules.threshold
+    seen = worth > found.both.rules.min_nats
     return float(sizes[int(np.argmax(seen))]) if seen.any() else None
 
 
-def _directions(effect: Effect, found: Found, one: Candidate) -> Sequence[Array]:
+def _directions(effect: Effect, found: ChangeSearch, one: Candidate) -> Sequence[Array]:
     """Coefficients of an effect of size one, in the ways that it usually comes."""
     count = len(one.group.ids)
     if effect.usual is not None:
         return effect.usual(found.both.design.states, one.group.joints)
     units = list(effect.parameters.values())[:count]
     alike = len(units) == count and len(set(units)) == 1
-    if count == 1 or not (effect.repeats or alike):
+    if count == 1 or not (Trait.PERIODIC in effect.traits or alike):
         return [np.eye(count)[0]]
     every = [np.array(u, dtype=float) for u in product((-1, 0, 1), repeat=count)]
     half = every[len(every) // 2 + 1 :]  # the others point the other way
@@ -116,7 +115,7 @@ MOVED = 0.3  # of the warmth of all joints: from there on a joint moved with the
 
 
 @dataclass(frozen=True, slots=True)
-class Judged:
+class Judgement:
     """What held-out motion says of a name: a word, and the part of the error gone."""
 
     word: str
@@ -124,66 +123,81 @@ class Judged:
 
 
 def conclude(
-    found: Found,
-    rest: Rest,
-    judged: Mapping[Change, Judged],
+    found: ChangeSearch,
+    rest: Residuals,
+    judged: Mapping[NamedChange, Judgement],
     error: ErrorTables,
+    edit: tuple[Edit, ...],
+    unproven: str | None,
+    made: PossibleModel,
     epochs: tuple[Epoch, Epoch],
     declared: Sequence[str],
+    check: LogCheck | None,
+    warnings: Sequence[str],
 ) -> Verdict:
-    """Return the verdict, of plain values."""
+    """Return the verdict, of plain values.
+
+    Args:
+        found: What stands on the held-out logs; its changes with most torque first.
+        unproven: Why the named changes do not explain the second epoch, in a sentence.
+        made: The augmented model.
+    """
     robot = epochs[0].model.robot
-    flagged = rest.flagged
-    nothing = "unknown" if flagged or found.bodiless else "none"
-    every = sorted(found.changes, key=lambda c: -c.share)
+    faulty = check is not None and bool(check.certain)
+    still = not any(t.moving.any() for t in epochs[1].logs.tracks)
+    contradictions = (STILL,) if still else made.doubts
+    doubtful = rest.flagged or found.bodiless or contradictions or faulty
+    effects = (
+        _finding(c, i, judged[c], robot, unproven is not None)
+        for i, c in enumerate(found.changes, 1)
+    )
     return Verdict(
         robot=robot.name,
         declared=tuple(declared),
-        verdict="effects" if every else nothing,
-        effects=tuple(
-            _finding(c, i, judged[c], robot, found) for i, c in enumerate(every, 1)
-        ),
-        minimum_detectable=tuple(minimum_detectable(found)),
-        unexplained=_unexplained(found, rest, flagged),
+        verdict="effects" if found.changes else "unknown" if doubtful else "none",
+        effects=tuple(as_embodied(f, made) for f in effects),
+        minimum_detectable=() if faulty else tuple(minimum_detectable(found)),
+        unexplained=_unexplained(found, rest),
         error=error,
         nominal_scale=None,
         next_experiment=None,
-        warnings=_warnings(found, error.same_run),
+        warnings=(
+            *warnings,
+            *(check.sentences if check else ()),
+            *_warnings(found, error.same_run),
+            *([unproven] if unproven else ()),
+        ),
+        log_check=check,
+        contradictions=contradictions,
         drift=_drift(found),
+        edit=None if faulty else edit,
+        bodies=made.moved,
         frames=Frames.of(robot),
         changes=tuple(values_that_changed(*epochs, found)),
     )
 
 
 def _finding(
-    change: Change, order: int, judged: Judged, robot: Robot, found: Found
+    change: NamedChange, order: int, judged: Judgement, robot: Robot, unproven: bool
 ) -> Finding:
-    look = change.contrast
-    group = look.candidate.group
     return Finding(
-        name=group.effect.name,
-        joints=_public(look.candidate),
+        name=change.place.name,
+        joints=change.place.joints,
         probability=plain(change.probability),
         order=order,
-        equivalent=tuple(
-            Place(c.group.effect.name, _public(c)) for c in change.equivalent
-        ),
+        equivalent=tuple(c.place for c in change.equivalent),
         parameters=_parameters(change, robot),
         evidence=Evidence(
-            nats=plain(float(look.nats)),
+            nats=plain(float(change.contrast.nats)),
             by="fit",
-            held_out=judged.word,
+            held_out="neutral" if unproven else judged.word,
             held_out_gain=plain(judged.gain),
             splits=None,
         ),
     )
 
 
-def _public(one: Candidate) -> tuple[int, ...]:
-    return tuple(j + 1 for j in one.group.joints)
-
-
-def _parameters(change: Change, robot: Robot) -> dict[str, Parameter]:
+def _parameters(change: NamedChange, robot: Robot) -> dict[str, Parameter]:
     look = change.contrast
     group, theta = look.candidate.group, look.theta
     effect = group.effect
@@ -203,7 +217,7 @@ def _parameters(change: Change, robot: Robot) -> dict[str, Parameter]:
     }
 
 
-def _deviations(change: Change, robot: Robot, covariance: Array) -> Array:
+def _deviations(change: NamedChange, robot: Robot, covariance: Array) -> Array:
     """Deviations of the parameters by those of the coefficients. (parameters,)."""
     group, theta = change.contrast.candidate.group, change.contrast.theta
     at = np.asarray(group.effect.values(theta, group.shape, robot), dtype=float)
@@ -219,12 +233,12 @@ def _deviations(change: Change, robot: Robot, covariance: Array) -> Array:
     return np.sqrt(np.diag(slope @ covariance @ slope.T) + inexact**2)
 
 
-def _unexplained(found: Found, rest: Rest, flagged: Sequence[int]) -> Unexplained:
+def _unexplained(found: ChangeSearch, rest: Residuals) -> Unexplained:
     design = found.both.design
     power = design.rows * design.rms**2
     weight = power / power.sum()
     depends = []
-    for j in flagged:
+    for j in rest.flagged:
         known = follows(found, rest, j)
         if known is not None:
             on, of, share = known
@@ -233,7 +247,7 @@ def _unexplained(found: Found, rest: Rest, flagged: Sequence[int]) -> Unexplaine
                 Dependence(j + 1, name, (of + 1,), "curve", plain(share), None)
             )
     return Unexplained(
-        joints=tuple(j + 1 for j in flagged),
+        joints=tuple(j + 1 for j in rest.flagged),
         fraction=plain(float(np.sqrt(weight @ rest.share**2))),
         noise_floor=plain(float(np.sqrt(weight @ rest.floor**2))),
         depends_on=tuple(depends),
@@ -243,7 +257,7 @@ def _unexplained(found: Found, rest: Rest, flagged: Sequence[int]) -> Unexplaine
     )
 
 
-def _drift(found: Found) -> Drift | None:
+def _drift(found: ChangeSearch) -> Drift | None:
     warm = found.warmth
     if not warm.told:
         return None
@@ -258,7 +272,7 @@ def _drift(found: Found) -> Drift | None:
     )
 
 
-def _warnings(found: Found, same_run: bool) -> tuple[str, ...]:
+def _warnings(found: ChangeSearch, same_run: bool) -> tuple[str, ...]:
     out = []
     if same_run:
         out.append(
@@ -285,7 +299,7 @@ def _warnings(found: Found, same_run: bool) -> tuple[str, ...]:
     return tuple(out)
 
 
-def clouds(found: Found, rest: Rest) -> tuple[Cloud, ...]:
+def clouds(found: ChangeSearch, rest: Residuals) -> tuple[Cloud, ...]:
     """What each change explains on the joint where it is largest, over its variable."""
     out = []
     for change in found.changes:

@@ -11,13 +11,14 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from residual.changes.joint import Joint, Piece
-from residual.changes.rows import Both
+from residual.changes.joint import JointColumns, JointRows
+from residual.changes.rows import EpochRows
 from residual.effects import registry
-from residual.effects.base import Effect, Placed, Shape
+from residual.effects.base import Effect, PlacedEffect, Shape, Trait
 from residual.evidence.columns import Group
 from residual.evidence.design import Design
 from residual.recording import Array
+from residual.verdict.result import Place
 
 MODEL = 15.0  # blocks that independent errors of each joint's size count as, and
 #              as many more as a candidate has columns
@@ -31,7 +32,7 @@ class Candidate:
     """One effect that may have changed."""
 
     group: Group  # the effect, where, and its shape
-    pieces: Mapping[int, Piece]  # its columns on each joint on which it acts
+    pieces: Mapping[int, JointColumns]  # its columns on each joint on which it acts
     price: float  # what it costs to be one of many [nats]
     before: Group  # what of it any arm may have had before
 
@@ -39,6 +40,12 @@ class Candidate:
     def key(self) -> tuple:
         """Its name and place, apart from a shape."""
         return self.group.key
+
+    @property
+    def place(self) -> Place:
+        """The effect, and its joints from 1."""
+        joints = tuple(j + 1 for j in self.group.joints)
+        return Place(self.group.effect.name, joints)
 
 
 @dataclass(frozen=True, eq=False, slots=True)
@@ -72,7 +79,7 @@ class Contrast:
 
 
 @dataclass(frozen=True, eq=False, slots=True)
-class Sums:
+class NormalEquations:
     """Normal equations of several candidates, and their blocks."""
 
     # Products with what the nuisance leaves, and of that, (n, n).
@@ -86,7 +93,7 @@ class Sums:
     precision: Array  # of the priors, (n, n)
 
     @classmethod
-    def empty(cls, n: int, blocks: int) -> "Sums":
+    def empty(cls, n: int, blocks: int) -> "NormalEquations":
         """Sums of nothing yet."""
         return cls(
             gram=np.zeros((n, n)),
@@ -98,10 +105,12 @@ class Sums:
         )
 
 
-class Table:
+class ContrastTable:
     """All joints, and how their rows are weighed."""
 
-    def __init__(self, joints: Mapping[int, Joint], blocks: int, noise: Noise) -> None:
+    def __init__(
+        self, joints: Mapping[int, JointRows], blocks: int, noise: Noise
+    ) -> None:
         """Take the joints, the number of blocks in all, and the noise."""
         self.joints, self.blocks, self.noise = joints, blocks, noise
         self._products: dict[tuple[Candidate, Candidate, int], Array] = {}
@@ -112,16 +121,16 @@ class Table:
         """Degrees of freedom of what is known of the errors."""
         return self.noise.blocks + MODEL
 
-    def with_noise(self, noise: Noise) -> "Table":
+    def with_noise(self, noise: Noise) -> "ContrastTable":
         """The same under other noise."""
-        out = Table(self.joints, self.blocks, noise)
+        out = ContrastTable(self.joints, self.blocks, noise)
         out._products, out._leverage = self._products, self._leverage
         return out
 
-    def sums(self, some: Sequence[Candidate]) -> Sums:
+    def sums(self, some: Sequence[Candidate]) -> NormalEquations:
         """Normal equations of some candidates at once."""
         ends = np.cumsum([0, *(len(c.group.ids) for c in some)])
-        out = Sums.empty(int(ends[-1]), self.blocks)
+        out = NormalEquations.empty(int(ends[-1]), self.blocks)
         for a, one in enumerate(some):
             at = slice(ends[a], ends[a + 1])
             out.precision[at, at] = WIDE * one.group.precision
@@ -140,7 +149,7 @@ class Table:
 
     def _add(
         self,
-        out: Sums,
+        out: NormalEquations,
         j: int,
         at: tuple[slice, slice],
         gram: Array,
@@ -157,7 +166,7 @@ class Table:
 
     def _add_mixed(
         self,
-        out: Sums,
+        out: NormalEquations,
         j: int,
         one: Candidate,
         other: Candidate,
@@ -335,7 +344,7 @@ def _information(own: Array, meat: Array, cross: Array) -> tuple[Array, Array]:
 # Every effect of the vocabulary that may have changed, on all joints.
 
 
-def vocabulary(both: Both, clocked: bool) -> tuple[list[Group], list[float]]:
+def vocabulary(both: EpochRows, clocked: bool) -> tuple[list[Group], list[float]]:
     """Every effect that may have changed, on each joint and in each shape.
 
     Args:
@@ -346,18 +355,18 @@ def vocabulary(both: Both, clocked: bool) -> tuple[list[Group], list[float]]:
     """
     wanted, span, live = [], both.logs.span, set(both.live)
     for effect in registry().values():
-        if effect.needs_clock and not clocked:
+        if Trait.NEEDS_CLOCK in effect.traits and not clocked:
             continue
         for on in effect.candidates(both.design.dof, span.prismatic):
             if effect.scope in ("local", "pair") and not set(on) <= live:
                 continue
             shapes = _reaching(effect, effect.shapes(span, on[0] if on else 0))
-            wanted += [Placed(effect, on, shape) for shape in shapes]
+            wanted += [PlacedEffect(effect, on, shape) for shape in shapes]
     groups = both.design.add(wanted)
     variants = Counter(g.key for g in groups)
     prices = [
         float(np.log(len(variants)) + np.log(variants[g.key]))
-        + (both.rules.link if g.effect.of_link else 0.0)
+        + (both.rules.nats_per_link if g.effect.of_link else 0.0)
         for g in groups
     ]
     return groups, prices
@@ -377,16 +386,16 @@ def _reaching(effect: Effect, shapes: Sequence[Shape]) -> list[Shape]:
     return out
 
 
-def renewed(both: Both, known: Sequence[Candidate]) -> list[Group]:
+def renewed(both: EpochRows, known: Sequence[Candidate]) -> list[Group]:
     """The same groups, those that go by the model's torque seen anew."""
     old = [c.group for c in known]
-    fresh = [g for g in old if g.effect.uses_model]
+    fresh = [g for g in old if Trait.USES_MODEL in g.effect.traits]
     made = iter(both.design.add([g.placed for g in fresh]))
-    return [next(made) if g.effect.uses_model else g for g in old]
+    return [next(made) if Trait.USES_MODEL in g.effect.traits else g for g in old]
 
 
 def refined(
-    both: Both, joints: Mapping[int, Joint], one: Candidate, width: float
+    both: EpochRows, joints: Mapping[int, JointRows], one: Candidate, width: float
 ) -> list[Candidate]:
     """The same candidate with shapes about its own.
 
@@ -408,7 +417,7 @@ def refined(
 
 def weighed(
     design: Design,
-    joints: Mapping[int, Joint],
+    joints: Mapping[int, JointRows],
     groups: Sequence[Group],
     prices: Sequence[float],
     before: Sequence[Group] = (),
@@ -420,9 +429,9 @@ def weighed(
         before: What of each may have been there before; the same where none is given.
     """
     before = before or groups
-    pieces: list[dict[int, Piece]] = [{} for _ in groups]
+    pieces: list[dict[int, JointColumns]] = [{} for _ in groups]
     for j, joint in joints.items():
-        on = [i for i, g in enumerate(groups) if _acts(design, j, g)]
+        on = [i for i, g in enumerate(groups) if design.acts(j, g)]
         if not on:
             continue
         ids = np.concatenate([groups[i].ids for i in on])
@@ -435,10 +444,6 @@ def weighed(
             pieces[i][j] = piece
     every = zip(groups, pieces, prices, before, strict=True)
     return [Candidate(g, own, price, old) for g, own, price, old in every if own]
-
-
-def _acts(design: Design, j: int, group: Group) -> bool:
-    return len(design.present(j, group.ids)[0]) == len(group.ids)
 
 
 def _columns(design: Design, j: int, ids: Array) -> Array:

@@ -20,7 +20,7 @@ OWN = 1e-3  # of a column's square: below, the nuisance has it already
 
 
 @dataclass(frozen=True, eq=False, slots=True)
-class Piece:
+class JointColumns:
     """Columns of one candidate on one joint, sums over the rows of each block.
 
     With a nuisance that is held to what is usual, generalised least squares has two
@@ -39,7 +39,7 @@ class Piece:
     pull: Array  # products with the torque by block, (blocks, k)
 
 
-class Joint:
+class JointRows:
     """One joint, ready for contrasts.
 
     Attributes:
@@ -108,7 +108,7 @@ class Joint:
         mask: Array,
         sizes: Sequence[int],
         before: Array | None = None,
-    ) -> list[Piece]:
+    ) -> list[JointColumns]:
         """Candidates that act on some rows only, and may have been there before.
 
         Args:
@@ -137,9 +137,9 @@ class Joint:
             for at, y in zip(places, rest, strict=True)
         ]
 
-    def _piece(self, own: Array, lifted: Array, raw: Array, y: Array) -> Piece:
+    def _piece(self, own: Array, lifted: Array, raw: Array, y: Array) -> JointColumns:
         gram = raw.T @ own
-        return Piece(
+        return JointColumns(
             columns=own,
             lifted=lifted,
             raw=raw,
@@ -153,6 +153,6 @@ class Joint:
     def _sums(self, values: Array) -> Array:
         return np.add.reduceat(values, self.layout.starts, axis=0)
 
-    def levers(self, one: Piece, other: Piece) -> Array:
+    def levers(self, one: JointColumns, other: JointColumns) -> Array:
         """Products of two candidates by block. Shape (blocks, k, l)."""
         return self._sums(one.columns[:, :, None] * other.lifted[:, None, :])

@@ -10,17 +10,17 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from residual.changes.rows import Both, JointFit, joint_fit, without
-from residual.changes.search import Change as FoundChange
-from residual.changes.search import Found
-from residual.diagnosis.result import Change
-from residual.evidence.embodied import Beside, Embodied, embodied
+from residual.changes.rows import EpochRows, JointFit, joint_fit, without
+from residual.changes.search import ChangeSearch, NamedChange
+from residual.effects.base import Trait
+from residual.evidence.embodied import PossibleModel, SeparateTerm, embodied
 from residual.evidence.fit import Fit, as_model
 from residual.evidence.priors import SCALES
 from residual.model.model import Model, Term, with_slots
 from residual.model.nominal import Logs, Nominal, begin, with_standstill
 from residual.quantity import plain
 from residual.recording import Array
+from residual.verdict.result import Change
 
 SURE = 3.0  # deviations beyond which a value has changed
 LEAST = 0.05  # of a value: less is no news
@@ -49,10 +49,14 @@ def fit_epoch(logs: Logs, nominal: Nominal, like: Model | None = None) -> Epoch:
     rough = embodied(joint.design, joint.fitted, rough).model
     if like is None:
         # What brakes decides how a joint stands; the rest only takes time.
-        kept = [t for t in rough.terms if t.effect.brakes or t.effect.carries]
+        kept = [t for t in rough.terms if _brakes(t) or t.effect.carries]
         still = with_standstill(replace(rough, terms=tuple(kept)), logs.sketch)
         rough = replace(rough, standstill=still.standstill)
     return Epoch(logs, _with_tables(rough, nominal), joint)
+
+
+def _brakes(term: Term) -> bool:
+    return Trait.FRICTION in term.effect.traits
 
 
 def _together(terms: Sequence[Term]) -> tuple[Term, ...]:
@@ -65,7 +69,7 @@ def _together(terms: Sequence[Term]) -> tuple[Term, ...]:
     return tuple(out.values())
 
 
-def augmented(found: Found, nominal: Nominal, like: Model) -> Embodied:
+def augmented(found: ChangeSearch, nominal: Nominal, like: Model) -> PossibleModel:
     """The arm of both epochs, with what changed: warmth of all joints included.
 
     What did not change is fitted to both epochs, the second less what did: either
@@ -88,7 +92,7 @@ def augmented(found: Found, nominal: Nominal, like: Model) -> Embodied:
     return replace(made, model=replace(model, terms=(*model.terms, *changed)))
 
 
-def _beside(both: Both, change: FoundChange) -> Beside:
+def _beside(both: EpochRows, change: NamedChange) -> SeparateTerm:
     """A change as what it adds to the rows of the second epoch."""
     group, design = change.contrast.candidate.group, both.design
     columns = []
@@ -97,18 +101,18 @@ def _beside(both: Both, change: FoundChange) -> Beside:
         own = np.zeros((len(layout.second), len(group.ids)))
         own[:, have] = layout.second[:, None] * design.columns(j, place)
         columns.append(own)
-    return Beside(change.contrast.covariance, tuple(columns))
+    return SeparateTerm(change.contrast.covariance, tuple(columns))
 
 
 def _warm(terms: Sequence[Term], factor: Array) -> tuple[Term, ...]:
     """Friction of every joint times a factor of its own."""
     return tuple(
-        replace(t, theta=factor[t.joints[0]] * t.theta) if t.effect.brakes else t
+        replace(t, theta=factor[t.joints[0]] * t.theta) if _brakes(t) else t
         for t in terms
     )
 
 
-def _warmed(found: Found, fitted: Fit, there: Sequence[Array]) -> Array:
+def _warmed(found: ChangeSearch, fitted: Fit, there: Sequence[Array]) -> Array:
     """Friction of the second epoch over the joint fit's, less one. Shape (dof,).
 
     The joint fit lies between the epochs, by how much of each there is; from what all
@@ -137,7 +141,7 @@ def _with_tables(rough: Model, nominal: Nominal) -> Model:
     return replace(rough, terms=terms, tables=tables)
 
 
-def changed_terms(found: Found) -> tuple[Term, ...]:
+def changed_terms(found: ChangeSearch) -> tuple[Term, ...]:
     """What changed, as terms of a model."""
     out = []
     for change in found.changes:
@@ -146,7 +150,9 @@ def changed_terms(found: Found) -> tuple[Term, ...]:
     return tuple(out)
 
 
-def values_that_changed(first: Epoch, second: Epoch, found: Found) -> Iterator[Change]:
+def values_that_changed(
+    first: Epoch, second: Epoch, found: ChangeSearch
+) -> Iterator[Change]:
     """Declared values of separate fits of both epochs, with both deviations.
 
     Two fits may share out the same friction otherwise. So a value is off only where the

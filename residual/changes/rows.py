@@ -11,9 +11,9 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from residual.changes.rules import Rules
+from residual.changes.rules import ChangeThresholds
 from residual.effects import registry
-from residual.effects.base import Placed
+from residual.effects.base import PlacedEffect, Trait
 from residual.evidence.design import Design, Group
 from residual.evidence.fit import Fit, Prior, as_model, fit, settled
 from residual.evidence.priors import relative_prior
@@ -43,7 +43,7 @@ class Layout:
 
 
 @dataclass(frozen=True, eq=False, slots=True)
-class Both:
+class EpochRows:
     """Rows of both epochs."""
 
     # Columns of the nominal model, of the shared nuisance and of candidates.
@@ -61,7 +61,7 @@ class Both:
     friction: tuple[Array, ...]
     layout: tuple[Layout, ...]  # of each joint
     blocks: int  # number of blocks
-    rules: Rules  # thresholds
+    rules: ChangeThresholds  # thresholds
     fitted: Fit  # the joint fit of one arm to both epochs
     seen: Model  # the same as a model
     prior: Prior  # of its nominal coefficients
@@ -109,18 +109,14 @@ def joint_fit(logs: Logs, nominal: Nominal, scales: Sequence[float]) -> JointFit
     tried = [
         JointFit(design, _fit(design, prior, held), tuple(held), prior)
         for prior in (relative_prior(design, nominal, scale) for scale in scales)
-        for held in ([_firm(g, times) for g in known] for times in FIRM)
+        for held in ([g.times_as_precise(times) for g in known] for times in FIRM)
     ]
     return max(tried, key=lambda own: own.fitted.score)
 
 
-def _firm(group: Group, times: float) -> Group:
-    """A group whose prior is so many times as precise."""
-    log_det = group.log_det + len(group.ids) * float(np.log(times))
-    return replace(group, precision=times * group.precision, log_det=log_det)
-
-
-def both_epochs(logs: Logs, first: int, nominal: Nominal, rules: Rules) -> Both:
+def both_epochs(
+    logs: Logs, first: int, nominal: Nominal, rules: ChangeThresholds
+) -> EpochRows:
     """Build the rows of both epochs, without candidates.
 
     Args:
@@ -131,15 +127,15 @@ def both_epochs(logs: Logs, first: int, nominal: Nominal, rules: Rules) -> Both:
     design, fitted, known = joint.design, joint.fitted, joint.known
     seen = as_model(nominal, fitted)
     design.show_torque(seen)
-    layout, blocks = _layout(logs, first, design, rules.block)
+    layout, blocks = _layout(logs, first, design, rules.block_seconds)
     ids = [design.nominal, *(g.ids for g in known)]
-    return Both(
+    return EpochRows(
         design=design,
         logs=logs,
         first=first,
         shared=np.concatenate(ids),
         known=tuple(known),
-        loaded=tuple(g for g in known if g.effect.uses_model),
+        loaded=tuple(g for g in known if Trait.USES_MODEL in g.effect.traits),
         left=_left(design, fitted),
         friction=_friction(design, fitted, nominal, known),
         layout=layout,
@@ -151,7 +147,9 @@ def both_epochs(logs: Logs, first: int, nominal: Nominal, rules: Rules) -> Both:
     )
 
 
-def beside(both: Both, changed: Sequence[tuple[Group, Array]], press: bool) -> Both:
+def beside(
+    both: EpochRows, changed: Sequence[tuple[Group, Array]], press: bool
+) -> EpochRows:
     """The same rows beside what is known to have changed.
 
     The joint fit is made without it, and what goes by the torque that a gear carries
@@ -172,7 +170,7 @@ def beside(both: Both, changed: Sequence[tuple[Group, Array]], press: bool) -> B
 
 
 def without(
-    both: Both, changed: Sequence[tuple[Group, Array]]
+    both: EpochRows, changed: Sequence[tuple[Group, Array]]
 ) -> tuple[Design, Fit, tuple[Array, ...]]:
     """The joint fit of one arm, the second epoch without what changed.
 
@@ -199,12 +197,12 @@ def _torque(design: Design, j: int, changed: Sequence[tuple[Group, Array]]) -> A
     return out
 
 
-def _pressed(both: Both, changed: Sequence[tuple[Group, Array]]) -> Both:
+def _pressed(both: EpochRows, changed: Sequence[tuple[Group, Array]]) -> EpochRows:
     """The same, the second epoch's logs seen with what changed of the arm."""
     terms = [
         Term(g.effect, g.joints, g.shape, theta)
         for g, theta in changed
-        if g.effect.is_parameter
+        if Trait.PARAMETER in g.effect.traits
     ]
     bodies = [t for t in terms if t.effect.carries == "body"]
     others = [t for t in terms if t.effect.carries != "body"]
@@ -233,15 +231,16 @@ def _left(design: Design, fitted: Fit) -> tuple[Array, ...]:
     return tuple(residual(j, fitted.ids, fitted.theta) for j in range(design.dof))
 
 
-def _usual(logs: Logs, model: Model) -> tuple[list[Placed], list[Placed]]:
+def _usual(logs: Logs, model: Model) -> tuple[list[PlacedEffect], list[PlacedEffect]]:
     """What any arm has a little of: without and with a use of the model's torque."""
     has = {(t.effect.name, t.joints, t.shape) for t in model.terms}
-    out: tuple[list[Placed], list[Placed]] = ([], [])
+    out: tuple[list[PlacedEffect], list[PlacedEffect]] = ([], [])
     for effect in registry().values():
         for joints in effect.candidates(model.robot.dof, model.robot.prismatic):
             for shape in effect.in_any_arm(logs.span, joints[0] if joints else 0):
                 if (effect.name, joints, shape) not in has:
-                    out[effect.uses_model].append(Placed(effect, joints, shape))
+                    kind = out[Trait.USES_MODEL in effect.traits]
+                    kind.append(PlacedEffect(effect, joints, shape))
     return out
 
 
@@ -262,7 +261,7 @@ def _friction(
         *((t.effect, len(t.theta)) for t in nominal.model.terms),
         *((g.effect, len(g.ids)) for g in known),
     ]:
-        if effect.brakes:
+        if Trait.FRICTION in effect.traits:
             braking += range(start, start + count)
         start += count
     ids, values = fitted.ids[braking], values[braking]

@@ -8,18 +8,19 @@ import numpy as np
 from residual.changes.contrast import (
     Candidate,
     Contrast,
-    Table,
+    ContrastTable,
     refined,
     renewed,
     vocabulary,
     weighed,
 )
-from residual.changes.joint import Joint
-from residual.changes.rows import Both, beside
-from residual.changes.unrest import Warmth, basics, first_noise, is_basic, joints_of
-from residual.effects.base import against_position
+from residual.changes.joint import JointRows
+from residual.changes.nuisance import Warmth, basics, first_noise, is_basic, joints_of
+from residual.changes.rows import EpochRows, beside
+from residual.effects.base import Trait, against_position
 from residual.evidence.fit import limits_of
 from residual.recording import Array
+from residual.verdict.result import Place
 
 WIDTHS = (1.0, 0.4, 0.15)  # of the reach of an effect: how far a shape is refined
 LEAST, MANY = -3.0, 16  # candidates that get a look at their blocks [nats]
@@ -29,7 +30,7 @@ LOOKS = 3  # candidates with a shape that are refined before one is chosen
 
 
 @dataclass(frozen=True, eq=False, slots=True)
-class Change:
+class NamedChange:
     """One change that is named.
 
     Attributes:
@@ -47,24 +48,33 @@ class Change:
     equivalent: tuple[Candidate, ...]
     probability: float
 
+    @property
+    def place(self) -> Place:
+        """The effect, and its joints from 1."""
+        return self.contrast.candidate.place
+
 
 @dataclass(frozen=True, eq=False, slots=True)
-class Found:
+class ChangeSearch:
     """What the rows of both epochs say."""
 
-    both: Both  # the rows
-    table: Table  # the joints and their noise, beside what was found
+    both: EpochRows  # the rows
+    table: ContrastTable  # the joints and their noise, beside what was found
     every: tuple[Candidate, ...]  # all candidates
-    changes: tuple[Change, ...]  # what is named, most torque first
+    changes: tuple[NamedChange, ...]  # what is named, most torque first
     warmth: Warmth  # friction of all joints together
-    refuted: tuple[Change, ...] = ()  # what held-out logs speak against
+    refuted: tuple[NamedChange, ...] = ()  # what held-out logs speak against
     # Bodies that fell, since no body can be what the logs make of them.
-    bodiless: tuple[Change, ...] = ()
+    bodiless: tuple[NamedChange, ...] = ()
 
     @property
     def named(self) -> list[Candidate]:
         """The candidates that are named."""
         return [c.contrast.candidate for c in self.changes]
+
+    def without(self, gone: Sequence[NamedChange]) -> "ChangeSearch":
+        """The same without some of the named changes."""
+        return replace(self, changes=tuple(c for c in self.changes if c not in gone))
 
     def share(self, one: Candidate, theta: Array) -> tuple[float, int]:
         """As `share_of`."""
@@ -72,7 +82,7 @@ class Found:
 
 
 def share_of(
-    both: Both, joints: Mapping[int, Joint], one: Candidate, theta: Array
+    both: EpochRows, joints: Mapping[int, JointRows], one: Candidate, theta: Array
 ) -> tuple[float, int]:
     """Largest torque of a change on the second epoch's rows, of the joint's rms.
 
@@ -90,7 +100,7 @@ def share_of(
     return out, at
 
 
-def find(both: Both, clocked: bool) -> Found:
+def find(both: EpochRows, clocked: bool) -> ChangeSearch:
     """Search the rows of both epochs for what changed.
 
     Args:
@@ -100,7 +110,9 @@ def find(both: Both, clocked: bool) -> Found:
     rest = joints_of(both, groups)
     noise = first_noise(both, rest, basics(groups))
     every = weighed(both.design, rest.joints, groups, prices)
-    look = _Look(both, rest.joints, every, Table(rest.joints, both.blocks, noise))
+    look = _Searcher(
+        both, rest.joints, every, ContrastTable(rest.joints, both.blocks, noise)
+    )
     # What presses on the gears comes before anything that goes by that.
     named = look.search([], most=1)
     changed, press = _large(look, named)
@@ -113,15 +125,17 @@ def find(both: Both, clocked: bool) -> Found:
         rest = joints_of(both, old)
         noise = first_noise(both, rest, basics(old))
         every = weighed(both.design, rest.joints, groups, prices, old)
-        look = _Look(both, rest.joints, every, Table(rest.joints, both.blocks, noise))
+        look = _Searcher(
+            both, rest.joints, every, ContrastTable(rest.joints, both.blocks, noise)
+        )
         named = look.same(named)
-    named = look.search(named, both.rules.most)
+    named = look.search(named, both.rules.max_changes)
     found = [look.conclude(c, named) for c in named]
     found.sort(key=lambda c: -c.share)
-    return Found(both, look.table, tuple(look.every), tuple(found), rest.warmth)
+    return ChangeSearch(both, look.table, tuple(look.every), tuple(found), rest.warmth)
 
 
-def _large(look: "_Look", named: Sequence[Candidate]) -> tuple[list, bool]:
+def _large(look: "_Searcher", named: Sequence[Candidate]) -> tuple[list, bool]:
     """Named changes that shift the joint fit, or what goes by the torque of a gear."""
     thetas = look.table.theta(named)
     every = [(c.group, theta) for c, theta in zip(named, thetas, strict=True)]
@@ -129,7 +143,7 @@ def _large(look: "_Look", named: Sequence[Candidate]) -> tuple[list, bool]:
         share_of(look.both, look.joints, c, t)[0]
         for c, t in zip(named, thetas, strict=True)
     ]
-    if max(shares, default=0.0) < look.both.rules.large:
+    if max(shares, default=0.0) < look.both.rules.large_torque_share:
         return [], False
     return every, any(g.effect.carries == "body" for g, _ in every)
 
@@ -144,21 +158,21 @@ def _of_no_form(named: Sequence[Candidate]) -> list[Candidate]:
     for c in named:
         effect = c.group.effect
         if effect.variable is against_position and not (
-            effect.repeats or effect.brakes
+            effect.traits & (Trait.PERIODIC | Trait.FRICTION)
         ):
             curves.setdefault(c.group.joints[0], []).append(c)
     return [c for own in curves.values() if len(own) > 1 for c in own]
 
 
-class _Look:
+class _Searcher:
     """A search under way: the candidates so far, and the noise beside what is named."""
 
     def __init__(
         self,
-        both: Both,
-        joints: Mapping[int, Joint],
+        both: EpochRows,
+        joints: Mapping[int, JointRows],
         every: Sequence[Candidate],
-        table: Table,
+        table: ContrastTable,
     ) -> None:
         self.both, self.joints, self.table = both, joints, table
         self.every = list(every)
@@ -221,7 +235,7 @@ class _Look:
         """The best candidate beside those that are named, None where none is needed."""
         rules = self.both.rules
         looks = self._with_refined(self.looks(named), named)
-        good = [x for x in looks if x.nats > rules.threshold]
+        good = [x for x in looks if x.nats > rules.min_nats]
         if not good:
             return None
         # Errors are judged beside the likeliest name, then names by the error they
@@ -243,13 +257,18 @@ class _Look:
         """Least torque of a change beside these, as a share of the joint's."""
         pairs = zip(named, self.table.theta(named), strict=True)
         largest = max((self.share(c, theta) for c, theta in pairs), default=0.0)
-        return max(self.both.rules.share, self.both.rules.beside * largest)
+        return max(
+            self.both.rules.min_torque_share,
+            self.both.rules.min_share_of_largest * largest,
+        )
 
     def _simplest(self, looks: Sequence[Contrast]) -> Candidate:
         """The likeliest; of names that are as good, the simplest."""
         rules, top = self.both.rules, max(x.fit for x in looks)
         # No column is quite what an arm does: the more evidence, the more that counts.
-        near = [x for x in looks if top - x.fit < rules.tie + rules.crude * top]
+        near = [
+            x for x in looks if top - x.fit < rules.tie_nats + rules.crude_share * top
+        ]
 
         def rank(x: Contrast) -> tuple:
             group = x.candidate.group
@@ -273,7 +292,7 @@ class _Look:
                     best[x.candidate.key] = x
         # Half way between two shapes of the grid most of the power is seen.
         enough = max((NEAR * x.fit for x in looks), default=0.0)
-        enough = max(enough, self.both.rules.threshold)
+        enough = max(enough, self.both.rules.min_nats)
         wanted = [x for x in best.values() if x.fit > enough]
         out = list(looks)
         for look in sorted(wanted, key=lambda x: -x.fit)[:LOOKS]:
@@ -298,7 +317,7 @@ class _Look:
         """
         *others, own = named
         curved = own.group.effect.scope == "local" and own.group.shape
-        if len(named) == self.both.rules.most or not curved:
+        if len(named) == self.both.rules.max_changes or not curved:
             return named
         plain = [
             c
@@ -340,9 +359,9 @@ class _Look:
             weak = min(looks, key=lambda x: x.nats)
             least = self._least(named)
             small = [x for x in looks if self.share(x.candidate, x.theta) < least]
-            if weak.nats >= rules.threshold and not small:
+            if weak.nats >= rules.min_nats and not small:
                 break
-            gone = weak if weak.nats < rules.threshold else small[0]
+            gone = weak if weak.nats < rules.min_nats else small[0]
             named = [c for c in named if c is not gone.candidate]
             self.settle(named)
         return named
@@ -370,7 +389,7 @@ class _Look:
         """Largest torque of a change, as a share of the joint's."""
         return share_of(self.both, self.joints, one, theta)[0]
 
-    def conclude(self, own: Candidate, named: Sequence[Candidate]) -> Change:
+    def conclude(self, own: Candidate, named: Sequence[Candidate]) -> NamedChange:
         """What is to be said of one name, beside the others."""
         others = [c for c in named if c is not own]
         mine = self.table.contrast(own, others)
@@ -379,14 +398,14 @@ class _Look:
             old = best.get(x.candidate.key)
             if old is None or (x.fit > old.fit and x.candidate.key != own.key):
                 best[x.candidate.key] = x
-        near = self.both.rules.equivalent
+        near = self.both.rules.equivalent_nats
         members = {
             k for k, x in best.items() if k == own.key or mine.fit - x.fit < near
         }
         top = max(x.fit for x in best.values())
         odds = {k: float(np.exp(x.fit - top)) for k, x in best.items()}
         share, joint = share_of(self.both, self.joints, own, mine.theta)
-        return Change(
+        return NamedChange(
             contrast=mine,
             share=share,
             joint=joint,

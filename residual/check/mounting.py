@@ -15,7 +15,9 @@ import numpy as np
 import pinocchio as pin
 
 from residual.check.motion import (
+    BODY,
     OUTER,
+    TILT,
     Motion,
     columns,
     gravity_of,
@@ -37,6 +39,7 @@ REMOVED_WORDS = (
     "so in robot.toml, [robot]: gravity = [0, 0, 0]"
 )
 _TILTS, _HELD, _NOTHING = 2, 1e-6, 1e-300
+_SCALES = (0.1, 0.3, 1.0)  # of the body's prior, chosen by evidence
 
 
 @dataclass(frozen=True, eq=False)
@@ -166,14 +169,14 @@ def _angle(one: Array, other: Array) -> float:
 
 def _refined(robot: Robot, motion: Motion, stand: Stand) -> Stand:
     """Turn gravity until no tilt is left that explains more."""
-    for _ in range(CHECK.turns_of_gravity):
+    for _ in range(12):
         tried = [_stand(robot, motion, step) for step in stand.steps]
         best = max(tried, key=lambda s: s.nats)
         # A turn that is within what arms stand off gains nothing, and is nearer.
-        if best.nats < stand.nats - CHECK.axis_worth:
+        if best.nats < stand.nats - 2.0:
             break
         turn, stand = _angle(best.gravity, stand.gravity), best
-        if turn < CHECK.still:
+        if turn < 2e-3:
             break
     return stand
 
@@ -188,7 +191,7 @@ def _weightless(robot: Robot, motion: Motion) -> Stand:
     for j, own in enumerate(columns(robot, motion)):
         nominal, values = inertia[own.rows, j], own.values.copy()
         tilts = values.shape[1] - PER_LINK * robot.dof - OUTER
-        values[:, tilts] = CHECK.body * (own.nominal - nominal)
+        values[:, tilts] = BODY * (own.nominal - nominal)
         values[:, tilts + 1] = 0.0
         joints.append(replace(own, nominal=nominal, values=values))
     return _fitted(parts_of(motion, joints), np.zeros(3), ())
@@ -201,16 +204,16 @@ def _stand(robot: Robot, motion: Motion, gravity: Array) -> Stand:
     stand = _fitted(parts, gravity, ())
     first = len(parts[0].gram) - OUTER - PER_LINK * robot.dof
     steps = []
-    for s in dict.fromkeys((CHECK.bodies[0], stand.scale)):
-        _, at, _ = fit_body(parts, _prior(parts, s, CHECK.free_tilt))
-        to = gravity + CHECK.tilt * at[first : first + _TILTS] @ across
+    for s in dict.fromkeys((_SCALES[0], stand.scale)):
+        _, at, _ = fit_body(parts, _prior(parts, s, 3.0))
+        to = gravity + TILT * at[first : first + _TILTS] @ across
         size = max(float(np.linalg.norm(to)), _NOTHING)
         steps.append(to * np.linalg.norm(gravity) / size)
     return replace(stand, steps=tuple(steps))
 
 
 def _fitted(parts: list[Part], gravity: Array, steps: tuple[Array, ...]) -> Stand:
-    fits = {s: fit_body(parts, _prior(parts, s)) for s in CHECK.bodies}
+    fits = {s: fit_body(parts, _prior(parts, s)) for s in _SCALES}
     scale = max(fits, key=lambda s: fits[s][2])
     return Stand(gravity, parts, fits[scale][2], scale, steps)
 
@@ -224,6 +227,6 @@ def _prior(parts: list[Part], scale: float, tilt: float | None = None) -> Array:
     body = count - PER_LINK * len(parts)
     out = np.ones(count)
     out[body:-PER_LINK] = scale**-2
-    out[-PER_LINK:] = CHECK.any_load**-2
-    out[body - OUTER : body - OUTER + _TILTS] = (tilt or CHECK.stands_off) ** -2
+    out[-PER_LINK:] = 3.0**-2
+    out[body - OUTER : body - OUTER + _TILTS] = (tilt or 0.3) ** -2
     return out

@@ -48,36 +48,12 @@ def misread(robot: Robot, motion: Motion) -> tuple[list[Fault], Reading]:
     unknown = robot.gear_ratio is None and {f.kind for f in faults} == {"gear_ratio"}
     fits = bent(was) < CHECK.bent
     wrong = [] if unknown or fits else _wrong_robot(best, faults)
-    wrong = _in_every_part(robot, motion, best.reading, wrong)
     return wrong or faults, best.reading
 
 
 def wrong_robot(robot: Robot, motion: Motion) -> list[Fault]:
     """Find columns that are read rightly, but are not of this arm."""
-    reading = as_given(robot.dof)
-    found = _wrong_robot(judge(robot, motion, reading), [])
-    return _in_every_part(robot, motion, reading, found)
-
-
-def _in_every_part(
-    robot: Robot, motion: Motion, reading: Reading, found: list[Fault]
-) -> list[Fault]:
-    """Doubt a wrong robot that some part of the logs speaks against.
-
-    Another arm is one from the first sample to the last. Where a part fits, signals
-    lost their step on the way: a block of one of them was dropped.
-    """
-    if not found:
-        return found
-    strains = [bent(judge(robot, part, reading)) for part in motion.split(CHECK.parts)]
-    fits = [s < min(CHECK.bent, CHECK.part_fits * max(strains)) for s in strains]
-    if not any(fits):
-        return found
-    words = (
-        f"{found[0].evidence} Yet {sum(fits)} of {CHECK.parts} parts of the logs fit: "
-        "were samples of one signal lost on the way?"
-    )
-    return [replace(found[0], certain=False, evidence=words)]
+    return _wrong_robot(judge(robot, motion, as_given(robot.dof)), [])
 
 
 def _wrong_robot(best: Judged, faults: list[Fault]) -> list[Fault]:

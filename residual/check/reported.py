@@ -16,7 +16,7 @@ import numpy as np
 from residual.check.motion import Motion, rms, torque_of_file
 from residual.check.physics import bent
 from residual.check.reading import Reading, as_given, exchanged, judge
-from residual.check.result import Fault, Repair, joints_of
+from residual.check.result import Fault, Repair
 from residual.check.rules import CHECK
 from residual.errors import joints_listed, listed
 from residual.recording import Array
@@ -188,31 +188,6 @@ def _alike(away: Array) -> bool:
     return bool(
         off.max() < np.log(CHECK.unlike) and np.median(off) < np.log(CHECK.unit_same)
     )
-
-
-def common_factor(robot: Robot, motion: Motion) -> list[Fault]:
-    """Find one factor on all torques: a unit, or a file of other masses throughout.
-
-    A rough file, a load or gears are off by other factors on other joints.
-    """
-    shares = shares_of(robot, motion)
-    exact = carries(shares, CHECK.tells) & (shares.seen > CHECK.common_seen)
-    exact &= shares.whole_sd < CHECK.common_sd * np.abs(shares.whole)
-    own = shares.whole[exact]
-    if len(own) < CHECK.common_joints or own.min() <= 0:
-        return []
-    factor = float(np.median(own))
-    if own.max() > CHECK.factors_alike * own.min():
-        return []
-    if abs(np.log(factor)) < np.log(CHECK.common_off):
-        return []
-    words = (
-        f"Expected the torques of the robot file, got {factor:.2f} times those on "
-        f"{joints_listed(joints_of(exact))} alike: the unit, one torque constant or "
-        "gear ratio for all, or a file whose masses are all off by that factor."
-    )
-    repair = Repair("tau", scale=float(f"{1 / factor:.3g}"))
-    return [Fault("torque_unit", (), False, words, (repair,))]
 
 
 def joints_exchanged(robot: Robot, motion: Motion) -> list[Fault]:

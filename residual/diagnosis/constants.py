@@ -12,15 +12,16 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from residual.diagnosis.detectable import Selection
 from residual.diagnosis.gate import STATIC, leave_out
 from residual.diagnosis.search import Task, best, refined, search
+from residual.diagnosis.select import Selection
 from residual.effects import registry
+from residual.effects.base import Trait
 from residual.evidence.columns import Group
 from residual.evidence.fit import Fit, Prior
 from residual.evidence.priors import HELD, held_at, without_slots
-from residual.evidence.rules import RULES
-from residual.model.known import known_values
+from residual.evidence.rules import THRESHOLDS
+from residual.model.known_values import known_values
 from residual.model.model import with_slots
 from residual.model.nominal import Logs, Nominal, start_nominal
 from residual.recording import Array
@@ -40,7 +41,7 @@ def nominal_with_constants(logs: Logs, names: Sequence[str]) -> Nominal:
         names: The declared effects.
     """
     settled = {*names, *(known.name for known in known_values(logs.robot))}
-    more = [e.name for e in registry().values() if e.is_constant]
+    more = [e.name for e in registry().values() if Trait.CONSTANT in e.traits]
     more = [name for name in more if name not in settled]
     nominal = start_nominal(logs, (*names, *more))
     terms = [t for t in nominal.model.terms if t.effect.name in more]
@@ -55,7 +56,7 @@ def slots_of(nominal: Nominal) -> dict[int, int]:
 
 
 @dataclass(frozen=True, eq=False, slots=True)
-class _Set:
+class _FreeConstants:
     """Names and free constants."""
 
     task: Task  # its prior holds the other constants at zero
@@ -68,15 +69,15 @@ class _Set:
         names = sorted((g.effect.name, g.joints) for g in self.fit.members)
         return *names, *self.free
 
-    def holding(self, joints: Sequence[int]) -> "_Set":
+    def holding(self, joints: Sequence[int]) -> "_FreeConstants":
         """The same with some constants at zero, fitted anew."""
         slots = np.array([self.free[j] for j in joints], dtype=int)
         task = replace(self.task, prior=held_at(self.task.prior, slots))
         fitted = task.settle(task.fit(self.fit.members, self.fit, rounds=4))
         free = {j: slot for j, slot in self.free.items() if j not in joints}
-        return _Set(task, fitted, free)
+        return _FreeConstants(task, fitted, free)
 
-    def searched(self) -> "_Set":
+    def searched(self) -> "_FreeConstants":
         """The same constants with names sought anew, from those that are there."""
         found = search(self.task, self.fit.members)
         return replace(self, fit=self.task.settle(found))
@@ -108,7 +109,7 @@ def settled(
     slots = slots_of(nominal)
     if not slots:
         return selection, ()
-    now = _Set(selection.task, selection.fit, slots)
+    now = _FreeConstants(selection.task, selection.fit, slots)
     if paid is not None:
         now = now.holding([j for j in slots if j not in paid]).searched()
     for turn in range(ROUNDS):
@@ -124,14 +125,16 @@ def settled(
     return Selection(now.task, now.fit, wide), tuple(now.free)
 
 
-def _released(now: _Set, free: Task, slots: Mapping[int, int]) -> _Set:
+def _released(
+    now: _FreeConstants, free: Task, slots: Mapping[int, int]
+) -> _FreeConstants:
     """Free a held constant that would pay beside what was found since.
 
     Args:
         free: The task in which none is held.
     """
     held = [j for j in slots if j not in now.free]
-    every = _Set(free, now.fit, slots)
+    every = _FreeConstants(free, now.fit, slots)
     left = now.left_out()
     for j in held:
         more = every.holding([i for i in held if i != j])
@@ -140,7 +143,7 @@ def _released(now: _Set, free: Task, slots: Mapping[int, int]) -> _Set:
     return now
 
 
-def _pruned(now: _Set) -> _Set:
+def _pruned(now: _FreeConstants) -> _FreeConstants:
     """Hold the constants that do not pay, the one that is missed least first."""
     while now.free:
         full, power = now.left_out(), now.task.design.tau_power.sum(axis=0)
@@ -156,17 +159,17 @@ def _pruned(now: _Set) -> _Set:
     return now
 
 
-def _pays(now: _Set, j: int, full: Array, left: Array) -> bool:
+def _pays(now: _FreeConstants, j: int, full: Array, left: Array) -> bool:
     """Whether a joint's constant lowers its left-out error, and is not nothing."""
     power = max(now.task.design.tau_power.sum(axis=0)[j], 1e-30)
     fall = np.sqrt(max((left - full).sum() / power, 0.0))
     share = 1 - full.sum() / max(left.sum(), 1e-30)
-    often = np.mean(left > full) >= RULES.most_folds
+    often = np.mean(left > full) >= THRESHOLDS.min_improved_folds
     clear = bool(now.task.rules.lower(fall, share)) and often
     return clear and now.deviations(j) >= SURE
 
 
-def _replaced(now: _Set) -> _Set:
+def _replaced(now: _FreeConstants) -> _FreeConstants:
     """One name in the place of several constants, where beside it they pay no more.
 
     A load is a constant to each joint that hardly turns. The name must win what any
@@ -177,24 +180,26 @@ def _replaced(now: _Set) -> _Set:
     if not now.free:
         return now
     bare = now.holding(list(now.free))
-    ranked = [
-        one
-        for one in best(bare.task, bare.fit, looks=2 * SWAPS)
-        if not _is_constant(one[1])
-    ]
-    for value, group, _ in ranked[:SWAPS]:
-        if value < now.task.rules.threshold:
+    tried = 0
+    for value, group, _ in best(bare.task, bare.fit, looks=2 * SWAPS):
+        if group.effect.family == STATIC and len(group.ids) == max(len(group.parts), 1):
+            continue  # no more than a constant where its joints move
+        if value < now.task.rules.min_nats or tried == SWAPS:
             break
+        tried += 1
         members = (*now.fit.members, *(group.parts or (group,)))
         task = now.task
         fitted = task.fit(refined(task, members, now.fit), now.fit, rounds=4)
-        other = _pruned(_Set(task, task.settle(fitted), now.free))
-        if len(other.free) + 1 < len(now.free) and _predicts_better(other, now):
-            return other
+        other = _pruned(_FreeConstants(task, task.settle(fitted), now.free))
+        if len(other.free) + 1 < len(now.free):
+            weight = other.fit.weight(task.design.rows)
+            fall = (now.left_out() - other.left_out()).sum(axis=0) @ weight
+            if fall > 2 * THRESHOLDS.class_nats:
+                return other
     return now
 
 
-def _simpler(now: _Set) -> _Set:
+def _simpler(now: _FreeConstants) -> _FreeConstants:
     """A name that needs no constant in the place of its kin that needs one.
 
     A spring over little travel is a gas spring and a constant.
@@ -210,28 +215,16 @@ def _simpler(now: _Set) -> _Set:
             if other.effect.family != STATIC or other.joints != group.joints:
                 continue
             fitted = bare.task.settle(bare.task.fit((*rest, other), without))
-            if now.fit.score - fitted.score - HELD_NATS < RULES.simpler:
+            if now.fit.score - fitted.score - HELD_NATS < THRESHOLDS.simpler_nats:
                 return replace(bare, fit=fitted)
     return now
-
-
-def _is_constant(group: Group) -> bool:
-    """Whether a group is no more than a constant where its joints move."""
-    effect = group.effect
-    return effect.family == STATIC and len(group.ids) == max(len(group.parts), 1)
-
-
-def _predicts_better(one: _Set, other: _Set) -> bool:
-    weight = one.fit.weight(one.task.design.rows)
-    fall = (other.left_out() - one.left_out()).sum(axis=0) @ weight
-    return bool(fall > 2 * RULES.class_nats)
 
 
 # Constants as names: what stands is said, and held against the logs, like any effect.
 
 
 @dataclass(frozen=True, eq=False, slots=True)
-class Named:
+class NamedEffect:
     """The same logs with the constants among the effects, not in the model."""
 
     task: Task
@@ -242,7 +235,7 @@ class Named:
 
 def as_effects(
     task: Task, nominal: Nominal, wide: Prior, paying: Sequence[int]
-) -> Named:
+) -> NamedEffect:
     """Take the constants out of the nominal model; nothing is computed anew.
 
     Args:
@@ -255,7 +248,7 @@ def as_effects(
     design = task.design.without_terms(count)
     groups = [design.grouped(t, ids[t.joints[0]]) for t in terms]
     gone = np.array(sorted(slots.values()))
-    return Named(
+    return NamedEffect(
         replace(
             task,
             design=design,

@@ -4,22 +4,241 @@ It rests on the motion and on the noise alone: what a fit with one effect leaves
 another, in nats.
 """
 
-from collections.abc import Callable, Iterable, Sequence
-from dataclasses import dataclass, field, replace
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
 from itertools import product
 
 import numpy as np
 from scipy.linalg import solve_triangular
+from scipy.special import ndtr
 
-from residual.diagnosis.expected_gain import Bench, Expected, expected, found
-from residual.diagnosis.result import Detectable, Place
-from residual.diagnosis.search import Candidates, Task, search
-from residual.effects.base import Effect, Placed
+from residual.diagnosis.gate import left_out
+from residual.diagnosis.search import Task
+from residual.effects.base import Effect, PlacedEffect, Trait
 from residual.evidence.design import Group
-from residual.evidence.fit import Fit, Prior, System, fit, limits_of
-from residual.evidence.priors import WIDTHS, Space, overlap, stacks
-from residual.evidence.rules import RULES, Rules
+from residual.evidence.fit import Fit, Prior, System, fit, limits_of, scaled_inverse
+from residual.evidence.priors import overlap, stacks
+from residual.evidence.rules import THRESHOLDS
 from residual.recording import Array
+from residual.verdict.result import Detectable, Place
+
+
+@dataclass(frozen=True, eq=False, slots=True)
+class DetectionModel:
+    """A fit of the logs under several priors, ready to be asked about effects."""
+
+    task: Task  # data, chosen prior, candidates and rules
+    fitted: Fit  # the fit to which an effect would come
+    # Its normal equations under each prior, the chosen one first.
+    systems: tuple[System, ...]
+    inverses: Array  # posterior covariances of those, (priors, m, m)
+    scores: tuple[float, ...]  # evidence of the fit under each prior [nats]
+    others: Array  # covariance under the chosen prior without each fold, (folds, m, m)
+    grams: Array  # gram of the fit on each fold, (folds, dof, m, m)
+    left: Array  # squared error of all folds, each predicted from the others, (dof,)
+
+    @classmethod
+    def of(cls, task: Task, fitted: Fit, priors: Sequence[Prior]) -> "DetectionModel":
+        """Solve once what all effects have in common."""
+        design = task.design
+        every, scores = _near(task, fitted, priors)
+        systems = [System.of(design, p, fitted.members) for p in every]
+        weight = fitted.weight(design.rows)
+        whole, grams = systems[0], [own.gram for own in systems[0].folds(design)]
+        others = [
+            _covariance(replace(whole, gram=whole.gram - own), weight) for own in grams
+        ]
+        return cls(
+            task,
+            fitted,
+            tuple(systems),
+            np.stack([_covariance(s, weight) for s in systems]),
+            tuple(scores),
+            np.stack(others),
+            np.stack(grams),
+            left_out(task, fitted, whole).sum(axis=0),
+        )
+
+    @property
+    def weight(self) -> Array:
+        """Information of a unit of squared error [1 / N^2 m^2]. Shape (dof,)."""
+        return self.fitted.weight(self.task.design.rows)
+
+
+@dataclass(frozen=True, eq=False, slots=True)
+class ExpectedEffect:
+    """What an effect in one direction of its coefficients does, per unit squared."""
+
+    # Squared error that it adds to each joint after a refit without it, under each
+    # prior, (priors, dof).
+    fall: Array
+    bent: Array  # prior energy of that refit under each prior, (priors,)
+    occam: Array  # occam factor of its coefficients under each prior [nats], (priors,)
+    held: float  # its own prior energy
+    # Squared error that it adds to each fold predicted from the others, under the
+    # chosen prior, (folds, dof).
+    out: Array
+    torque: Array  # its own mean square torque, in shares of rms squared, (dof,)
+    count: int  # number of its coefficients
+    cost: float  # price of the choice [nats]
+
+
+def expected(
+    bench: DetectionModel, group: Group, directions: Sequence[Array]
+) -> list[ExpectedEffect]:
+    """What a group does in each of some directions."""
+    task, design, weight = bench.task, bench.task.design, bench.weight
+    own, mixed = _blocks(bench, group)
+    every, across = own.sum(axis=0), mixed.sum(axis=0)  # over folds
+    pull = np.tensordot(weight, across, 1)
+    moved = bench.inverses @ pull
+    # A prior bends the fit; what it leaves is the data's own affair.
+    falls = _added(bench.systems[0].gram, every, across, moved[:, None])
+    precisions = np.stack([system.precision for system in bench.systems])
+    bends = moved.transpose(0, 2, 1) @ precisions @ moved
+    known = np.tensordot(falls, weight, (1, 0)) + bends
+    log_det = np.linalg.slogdet(known + group.precision)[1]
+    without = bench.others @ (pull - np.tensordot(mixed, weight, (1, 0)))
+    outs = _added(bench.grams, own, mixed, without[:, None])
+    occam = 0.5 * np.maximum(log_det - group.log_det, 0.0)
+    return [
+        ExpectedEffect(
+            fall=_along(falls, u),
+            bent=np.einsum("k,pkl,l->p", u, bends, u),
+            occam=occam,
+            held=float(u @ group.precision @ u),
+            out=_along(outs, u),
+            torque=_along(every, u) / design.rows / design.rms**2,
+            count=len(group.ids),
+            cost=task.candidates.cost(group),
+        )
+        for u in directions
+    ]
+
+
+def found(bench: DetectionModel, one: ExpectedEffect, sizes: Array) -> Array:
+    """Whether effects of some sizes are found, if the noise does as on average.
+
+    The estimate of the size is the one thing that chance moves; every rule below rises
+    with it, so what holds at the average holds in half of the draws.
+
+    Args:
+        sizes: Its sizes. Shape (s,).
+
+    Returns:
+        Shape (s,), bool.
+    """
+    fitted, rules = bench.fitted, bench.task.rules
+    square = np.asarray(sizes)[:, None] ** 2
+    fall = square[..., None] * one.fall
+    rise = np.log1p(fall / np.maximum(fitted.sse, 1e-300))
+    spared = 0.5 * square * one.bent
+    lost = 0.5 * rise @ fitted.counted + spared  # by the fit without it
+    paid = one.occam + 0.5 * square * one.held - 0.5 * one.count
+    net = lost - paid - one.cost
+    scores = np.array(bench.scores)
+    named = scores - paid - one.cost - THRESHOLDS.nats_per_name
+    others = np.max(scores - lost, axis=1, keepdims=True)
+    wins = (net >= rules.min_nats) & (named >= others)
+    relative = np.sqrt(fall / bench.task.design.rows) / bench.task.design.rms
+    share = fall / np.maximum(fitted.sse + fall, 1e-300)
+    by_fit = rules.lower(relative, share).any(axis=2) & _confirmed(bench, one, square)
+    big = (
+        np.sqrt(square * one.torque).max(axis=1, keepdims=True)
+        >= rules.min_plausible_torque
+    )
+    spares = (
+        (net >= rules.min_plausible_nats)
+        & (spared >= rules.min_prior_share * net)
+        & big
+    )
+    return np.any(wins & (by_fit | spares), axis=1)
+
+
+def _confirmed(bench: DetectionModel, one: ExpectedEffect, square: Array) -> Array:
+    """Whether logs left out are predicted better by enough, and enough of them.
+
+    Args:
+        square: Squares of its sizes. Shape (sizes, 1).
+
+    Returns:
+        Shape (sizes, 1).
+    """
+    fitted, design, rules = bench.fitted, bench.task.design, bench.task.rules
+    acts = one.torque > 0
+    # What its coefficients catch of the noise makes it predict worse.
+    caught = one.count / max(acts.sum(), 1) * fitted.sse / fitted.counted
+    fall = np.maximum(square * one.out.sum(axis=0) - acts * caught, 0)
+    power = np.maximum(design.tau_power.sum(axis=0), 1e-30)
+    share = fall / np.maximum(bench.left + fall, 1e-300)
+    enough = rules.lower(np.sqrt(fall / power), share)
+    # A fold is better with it by a normal chance of this many standard deviations.
+    sure = np.sqrt(square[..., None] * np.maximum(one.out, 0) * bench.weight)
+    folds = one.out > 1e-3 * np.maximum(one.out.max(axis=0), 1e-300)
+    better = np.where(folds, ndtr(0.5 * sure), 0).sum(axis=1)
+    better = better / np.maximum(folds.sum(axis=0), 1)
+    return np.any(
+        enough & (better >= THRESHOLDS.min_improved_folds), axis=1, keepdims=True
+    )
+
+
+def _near(task: Task, fitted: Fit, priors: Sequence[Prior]) -> tuple[list, list]:
+    """The chosen prior and those that the search could turn to, with their evidence."""
+    design, every = task.design, [task.prior, *priors]
+    scores = [
+        fit(design, p, fitted.members, fitted.counted, rounds=4).score for p in every
+    ]
+    near = [
+        i
+        for i, s in enumerate(scores)
+        if i == 0 or s > max(scores) - THRESHOLDS.hopeless_nats
+    ]
+    return [every[i] for i in near], [scores[i] for i in near]
+
+
+def _covariance(system: System, weight: Array) -> Array:
+    return scaled_inverse(
+        system.precision + np.einsum("j,jmn->mn", weight, system.gram)
+    )
+
+
+def _blocks(bench: DetectionModel, group: Group) -> tuple[Array, Array]:
+    """Gram of a group and with the fit, per fold and joint.
+
+    Returns:
+        Shapes (folds, dof, k, k), (folds, dof, m, k).
+    """
+    design, ids = bench.task.design, bench.systems[0].ids
+    shape, k = (design.folds, design.dof), len(group.ids)
+    own, mixed = np.zeros((*shape, k, k)), np.zeros((*shape, len(ids), k))
+    for j in range(design.dof):
+        place, mine = design.present(j, group.ids)
+        if len(place):
+            theirs, have = design.present(j, ids)
+            gram = design.gram[j]
+            own[:, j, mine[:, None], mine] = gram[:, place[:, None], place]
+            mixed[:, j, have[:, None], mine] = gram[:, theirs[:, None], place]
+    return own, mixed
+
+
+def _added(gram: Array, own: Array, mixed: Array, moved: Array) -> Array:
+    """Squared error of a group less what the moved fit imitates. Shape (..., k, k).
+
+    Args:
+        gram: Of the fit. Shape (..., m, m).
+        own: Of the group. Shape (..., k, k).
+        mixed: Of the fit with the group. Shape (..., m, k).
+        moved: What the fit moves by. Shape (..., m, k).
+    """
+    turned = np.swapaxes(moved, -1, -2)
+    across = turned @ mixed
+    return own - across - np.swapaxes(across, -1, -2) + turned @ (gram @ moved)
+
+
+def _along(form: Array, u: Array) -> Array:
+    """Quadratic forms along a direction. Shape (...) of (..., k, k)."""
+    return np.maximum(np.einsum("k,...kl,l->...", u, form, u), 0)
+
 
 FLAT = 1e-9  # of the largest information of a group: a direction that does nothing
 
@@ -65,7 +284,7 @@ def lookalikes(
         near = sorted(
             (round(x, 2), key)
             for key, x in lost.items()
-            if x < RULES.class_nats and key != own
+            if x < THRESHOLDS.class_nats and key != own
         )
         out.append(tuple(Place(n, tuple(j + 1 for j in js)) for _, (n, js) in near))
     return out
@@ -111,9 +330,13 @@ def minimum_detectable(
         parameters of one unit the value is the length (cos and sin), of a searched
         shape the usual one counts.
     """
-    bench, robot = Bench.of(task, fitted, priors), task.design.states[0].robot
-    sizes: list[_Least] = []
-    for groups in _per_key(task):
+    bench, robot = DetectionModel.of(task, fitted, priors), task.design.states[0].robot
+    sizes: list[_SmallestEffect] = []
+    keys: dict[tuple, list[Group]] = {}
+    for g in task.candidates.groups:
+        if not g.parts:
+            keys.setdefault((g.effect.name, g.joints), []).append(g)
+    for groups in keys.values():
         first = groups[0]
         if first.key in {g.key for g in fitted.members}:
             continue
@@ -123,7 +346,9 @@ def minimum_detectable(
         if least is not None:
             sizes.append(least)
     alike = lookalikes(
-        task, fitted, [(x.group, RULES.clear_size * x.theta) for x in sizes]
+        task,
+        fitted,
+        [(x.group, THRESHOLDS.confusable_size_factor * x.theta) for x in sizes],
     )
     return [
         Detectable(
@@ -137,16 +362,8 @@ def minimum_detectable(
     ]
 
 
-def _per_key(task: Task) -> list[list[Group]]:
-    keys: dict[tuple, list[Group]] = {}
-    for g in task.candidates.groups:
-        if not g.parts:
-            keys.setdefault((g.effect.name, g.joints), []).append(g)
-    return list(keys.values())
-
-
 @dataclass(frozen=True, eq=False, slots=True)
-class _Least:
+class _SmallestEffect:
     """The smallest effect that is found: as it is told, and as coefficients."""
 
     value: float
@@ -154,7 +371,7 @@ class _Least:
     theta: Array
 
 
-def _there_is(bench: Bench, least: _Least) -> float | None:
+def _there_is(bench: DetectionModel, least: _SmallestEffect) -> float | None:
     """The size; None where no arm has an effect as large."""
     design, group = bench.task.design, least.group
     limits = limits_of(design, bench.fitted, group)
@@ -166,11 +383,20 @@ def _there_is(bench: Bench, least: _Least) -> float | None:
     return None
 
 
-def _least(bench: Bench, groups: Sequence[Group]) -> _Least | None:
+def _least(bench: DetectionModel, groups: Sequence[Group]) -> _SmallestEffect | None:
     """The size as its first parameter tells it; None where no size is found."""
     effect, middle = groups[0].effect, groups[len(groups) // 2]
     if _by_shape_alone(effect, middle):
-        return _plateau(bench, groups[-1])
+        # The highest plateau of those tried at which a clip to its level is found.
+        last = groups[-1]
+        levels = [
+            PlacedEffect(effect, last.joints, (c * last.shape[0],)) for c in CLIPS
+        ]
+        for clip in bench.task.design.add(levels):
+            (one,) = expected(bench, clip, [np.ones(1)])
+            if one.torque.any() and found(bench, one, np.ones(1)).all():
+                return _SmallestEffect(clip.shape[0], clip, np.ones(1))
+        return None
     if _of_its_own_shape(effect, middle):
         sizes = np.array([_smallest(bench, g) for g in groups])
         shapes = np.abs([g.shape[0] for g in groups])
@@ -184,26 +410,28 @@ def _least(bench: Bench, groups: Sequence[Group]) -> _Least | None:
     return _known(abs(told[0]), size, bench, middle)
 
 
-def _middle(bench: Bench, groups: Sequence[Group]) -> tuple[float, Group]:
+def _middle(bench: DetectionModel, groups: Sequence[Group]) -> tuple[float, Group]:
     """Smallest coefficient that is found, and the shape that it is of.
 
     The usual shape, or the middle of those that an effect may hide in: friction that
     fades below the speed at which rows count is found by its tail alone.
     """
     effect, joints = groups[0].effect, groups[0].joints
-    shapes = [Placed(effect, joints, shape) for shape in effect.least_seen]
+    shapes = [PlacedEffect(effect, joints, shape) for shape in effect.least_seen]
     made = bench.task.design.add(shapes) or [groups[len(groups) // 2]]
     sizes = [_smallest(bench, group) for group in made]
     return float(np.median(sizes)), made[int(np.argsort(sizes)[len(sizes) // 2])]
 
 
-def _known(value: float, size: float, bench: Bench, group: Group) -> _Least | None:
+def _known(
+    value: float, size: float, bench: DetectionModel, group: Group
+) -> _SmallestEffect | None:
     if not np.isfinite(value):
         return None
-    return _Least(float(value), group, size * directions(bench, group)[0])
+    return _SmallestEffect(float(value), group, size * directions(bench, group)[0])
 
 
-def _smallest(bench: Bench, group: Group) -> float:
+def _smallest(bench: DetectionModel, group: Group) -> float:
     """Smallest coefficient that is found; of several directions the median."""
     sizes = []
     for one in expected(bench, group, directions(bench, group)):
@@ -215,7 +443,7 @@ def _smallest(bench: Bench, group: Group) -> float:
     return float(np.median(sizes))
 
 
-def _first(bench: Bench, one: Expected, unit: float) -> float:
+def _first(bench: DetectionModel, one: ExpectedEffect, unit: float) -> float:
     """First size that is found, climbing from what is worth a nat.
 
     Far above it an effect may be lost again, since its own prior does not believe it.
@@ -229,7 +457,7 @@ def _first(bench: Bench, one: Expected, unit: float) -> float:
     return float(between[int(np.argmax(found(bench, one, between)))])
 
 
-def directions(bench: Bench, group: Group) -> list[Array]:
+def directions(bench: DetectionModel, group: Group) -> list[Array]:
     """Coefficients of an effect of size one, in the ways that it usually comes.
 
     Effects say so themselves where their coefficients differ in kind; those that are
@@ -249,7 +477,7 @@ def _one_vector(effect: Effect, group: Group) -> bool:
     count = len(group.ids)
     units = list(effect.parameters.values())[:count]
     alike = len(units) == count and len(set(units)) == 1
-    return count > 1 and (effect.repeats or alike)
+    return count > 1 and (Trait.PERIODIC in effect.traits or alike)
 
 
 def _of_its_own_shape(effect: Effect, group: Group) -> bool:
@@ -265,192 +493,3 @@ def _by_shape_alone(effect: Effect, group: Group) -> bool:
         return False
     values = [effect.values(c * np.ones(1), group.shape, None)[0] for c in (1.0, 2.0)]
     return bool(values[0] == values[1])
-
-
-def _plateau(bench: Bench, group: Group) -> _Least | None:
-    """Highest plateau of those tried at which a clip to just that level is found."""
-    levels = [(group.effect, group.joints, (c * group.shape[0],)) for c in CLIPS]
-    for made in bench.task.design.add(levels):
-        (one,) = expected(bench, made, [np.ones(1)])
-        if one.torque.any() and found(bench, one, np.ones(1)).all():
-            return _Least(made.shape[0], made, np.ones(1))
-    return None
-
-
-# Choose the set of effects, the scale of the rigid prior and that of given values.
-#
-# They are chosen together, after the search: a scale chosen before it widens until the
-# parameters swallow the effect. So with the values that a model is given, kind by kind:
-# of twenty that are right the twenty-first stands out, of twenty rough ones none does.
-
-
-@dataclass(frozen=True, eq=False, slots=True)
-class Selection:
-    """The search's result."""
-
-    task: Task  # data under the chosen prior
-    fit: Fit  # its best fit
-    # The widest prior that the logs do not contradict, for standard deviations.
-    wide: Prior
-
-
-@dataclass(frozen=True, eq=False, slots=True)
-class _Runs:
-    """Searches so far by the prior's scale and widths, and what each may name."""
-
-    space: Space
-    candidates: Candidates
-    rules: Rules
-    done: dict[tuple, Selection] = field(default_factory=dict)
-    allowed: dict[frozenset[str], Candidates] = field(default_factory=dict)
-
-    def search(self, prior: Prior) -> None:
-        """Search under a prior, unless that was done."""
-        if (key := _key(prior)) not in self.done:
-            barred = frozenset(self.space.barred(prior))
-            if barred not in self.allowed:
-                self.allowed[barred] = self.candidates.without(tuple(barred))
-            task = Task(self.space.design, prior, self.allowed[barred], self.rules)
-            self.done[key] = Selection(task, search(task), prior)
-
-    @property
-    def counted(self) -> Array:
-        """Rows of each joint, counted alike for all runs. Shape (dof,)."""
-        return np.max([r.fit.counted for r in self.done.values()], axis=0)
-
-    @property
-    def best(self) -> Selection:
-        """The run with the most evidence."""
-        counted = self.counted
-        return max(self.done.values(), key=lambda r: _worth(r, counted))
-
-    def score(self, prior: Prior, run: Selection) -> float:
-        """Evidence of a run's set under another prior [nats]."""
-        members = run.fit.members
-        return fit(self.space.design, prior, members, self.counted, rounds=4).score
-
-
-def _key(prior: Prior) -> tuple:
-    return prior.scale, tuple(sorted(prior.widths.items()))
-
-
-def select(
-    space: Space,
-    candidates: Candidates,
-    rules: Rules,
-    progress: Callable[[float], None] = lambda fraction: None,
-) -> Selection:
-    """Search under the priors and keep the pair with the most evidence.
-
-    Every scale of the rigid part is tried with the values as they were said to be; at
-    each that is a hill, every width for all of them; then each kind of value may go
-    its own way; then that scale's neighbours.
-
-    Args:
-        candidates: All that may be named under some prior.
-    """
-    runs, turns = _Runs(space, candidates, rules), (_as_said, _even, _by_kind, _beside)
-    for turn, wanted in enumerate(turns):
-        for prior in wanted(runs):
-            runs.search(prior)
-            progress((turn + len(runs.done) / (len(runs.done) + 2)) / len(turns))
-    best = runs.best
-    return replace(best, fit=best.task.settle(best.fit), wide=_widest(runs, best))
-
-
-def _as_said(runs: _Runs) -> Iterable[Prior]:
-    return [runs.space.at(scale, runs.space.even[0]) for scale in runs.space.scales]
-
-
-def _even(runs: _Runs) -> Iterable[Prior]:
-    """Every width at the best scale, and at others that are best beside their own.
-
-    A sharp prior with names and a wide one without are two hills of evidence.
-    """
-    scales, counted = runs.space.scales, runs.counted
-    worth = [_worth(run, counted) for run in runs.done.values()]  # one a scale, so far
-    walls = [-np.inf, *worth, -np.inf]
-    tops = [
-        scale
-        for i, scale in enumerate(scales)
-        if worth[i] >= max(walls[i], walls[i + 2])
-        and worth[i] > max(worth) - RULES.hill
-    ]
-    return [runs.space.at(s, widths) for s in tops for widths in runs.space.even]
-
-
-def _by_kind(runs: _Runs) -> Iterable[Prior]:
-    """Widths of single kinds, by the evidence with the best run's names held."""
-    for _ in range(RULES.width_rounds):
-        best = runs.best
-        if not runs.space.free or len(best.wide.widths) < 2:
-            return
-        turned = _turned(runs, best)
-        if _key(turned) in runs.done:
-            return
-        yield turned
-
-
-def _turned(runs: _Runs, best: Selection) -> Prior:
-    """The prior with each kind's width at its best, one after the other."""
-    prior = best.wide
-    for kind in best.wide.widths:
-        trials = [
-            runs.space.at(prior.scale, {**prior.widths, kind: width})
-            for width in WIDTHS
-        ]
-        prior = max([prior, *trials], key=lambda p: runs.score(p, best))
-    return prior
-
-
-def _beside(runs: _Runs) -> Iterable[Prior]:
-    best, scales = runs.best.wide, runs.space.scales
-    at = scales.index(best.scale)
-    return [runs.space.at(s, best.widths) for s in scales[max(at - 1, 0) : at + 2]]
-
-
-def _widest(runs: _Runs, run: Selection) -> Prior:
-    """The widest prior within 6 nats, and none under 10 % where the scale is open.
-
-    How wrong a URDF is can be estimated only as far as the wrong values can be seen;
-    what trades off against a load cannot. Given values are held as they were when the
-    effects were named: one that may be off at will leaves nothing to be named.
-    """
-    prior, scales = run.task.prior, runs.space.scales
-    if len(scales) == 1:
-        return prior
-    alike = [runs.space.at(s, prior.widths) for s in scales]
-    scores = [runs.score(p, run) for p in alike]
-    near = [
-        p
-        for p, score in zip(alike, scores, strict=True)
-        if score > max(scores) - RULES.alike_scales or p.scale == RULES.least_wide
-    ]
-    return max(near, key=lambda p: p.scale)
-
-
-def neighbours(space: Space, prior: Prior) -> tuple[Prior, ...]:
-    """Priors that a search might have turned to, beside the one that it chose."""
-    wanted = [(s, widths) for widths in space.even for s in space.scales]
-    wanted += [(s, prior.widths) for s in space.scales]
-    if space.free and len(prior.widths) > 1:
-        wanted += [
-            (prior.scale, {**prior.widths, kind: width})
-            for kind in prior.widths
-            for width in WIDTHS
-        ]
-    made = {_key(p): p for p in (space.at(*one) for one in wanted)}
-    made.pop(_key(prior), None)
-    return tuple(made.values())
-
-
-def _worth(run: Selection, counted: Array) -> float:
-    """Evidence of a run with rows counted alike for all, less the price of names."""
-    task, members = run.task, run.fit.members
-    common = fit(task.design, task.prior, members, counted, rounds=4)
-    return common.score - sum(task.candidates.cost(g) + _price(g) for g in members)
-
-
-def _price(group: Group) -> float:
-    """What a name costs beside its choice: a link's, all that a name must win."""
-    return RULES.per_link if group.effect.of_link else RULES.per_name

@@ -5,29 +5,30 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from residual.diagnosis.angle_noise import Checked, Doubt, standard_deviations
-from residual.diagnosis.examine import Examined
-from residual.diagnosis.gate import Tested
+from residual.diagnosis.errors_in_variables import NoiseCheck
+from residual.diagnosis.gate import GateResult
 from residual.diagnosis.neighbours import alternatives
-from residual.effects.base import Effect
+from residual.diagnosis.outcome import SearchOutcome
+from residual.diagnosis.uncertainty import Uncertainty, standard_deviations
+from residual.effects.base import Effect, Trait
 from residual.evidence.design import Design, Group
 from residual.evidence.fit import Fit
-from residual.evidence.rules import RULES
+from residual.evidence.rules import THRESHOLDS
 from residual.model.compare import Cloud
 from residual.quantity import along
 from residual.recording import Array
 from residual.robot.robot import Robot
+from residual.verdict.result import EXPLAINED
 
 SIZED = 2.0  # deviations
-EXPLAINED = "torque that it explains [N m]"
 
 
 @dataclass(frozen=True, eq=False, slots=True)
-class Sureness:
+class MemberConfidence:
     """How sure one member of a finding is."""
 
     probability: float  # of its class against all other names and against none
-    doubt: Doubt  # what is known of its parameters
+    doubt: Uncertainty  # what is known of its parameters
 
     @property
     def chance(self) -> float:
@@ -37,21 +38,23 @@ class Sureness:
     @property
     def determined(self) -> Array:
         """Which parameters are known better than before the logs. (parameters,)."""
-        return self.doubt.std < RULES.determined * self.doubt.prior
+        return self.doubt.std < THRESHOLDS.determined_share * self.doubt.prior
 
 
 @dataclass(frozen=True, eq=False, slots=True)
-class Named:
+class NamedEffect:
     """One named effect on one or several joints."""
 
-    tested: tuple[Tested, ...]  # its members, one per joint where the effect is local
+    tested: tuple[
+        GateResult, ...
+    ]  # its members, one per joint where the effect is local
     joints: tuple[int, ...]  # joints from 1 in the vocabulary's convention
     # Per key: values and standard deviations of the members, unit, and whether the
     # motion determines them.
     parameters: dict[str, tuple[Array, Array, str, bool]]
     # (name, joints from 1) of what cannot be told from it there.
     equivalent: tuple[tuple[str, tuple[int, ...]], ...]
-    sureness: tuple[Sureness, ...]  # how sure each member is
+    sureness: tuple[MemberConfidence, ...]  # how sure each member is
     # What the motion determines where it does not determine all of these: value,
     # standard deviation and unit, by formula.
     combined: dict[str, tuple[float, float, str]]
@@ -79,7 +82,7 @@ class Named:
         ]
         return np.any(clear, axis=0) | any(sums)
 
-    def only(self, some: Collection[Tested]) -> "Named | None":
+    def only(self, some: Collection[GateResult]) -> "NamedEffect | None":
         """The same of some members; None where none of them is in it."""
         keep = [i for i, t in enumerate(self.tested) if t in some]
         if not keep or len(keep) == len(self.tested):
@@ -110,11 +113,11 @@ class Named:
 
 
 def findings(
-    examined: Examined,
+    examined: SearchOutcome,
     fitted: Fit,
-    tested: Sequence[Tested],
-    checks: Checked | None = None,
-) -> list[Named]:
+    tested: Sequence[GateResult],
+    checks: NoiseCheck | None = None,
+) -> list[NamedEffect]:
     """Merge members of one name into one finding; what has most torque comes first.
 
     Args:
@@ -127,10 +130,12 @@ def findings(
     for members in _merged(tested, examined.logs.robot):
         options = [near[t] for t in members]
         known = [doubts[t.group] for t in members]
-        sure = [Sureness(p, d) for (_, p), d in zip(options, known, strict=True)]
+        sure = [
+            MemberConfidence(p, d) for (_, p), d in zip(options, known, strict=True)
+        ]
         values = _parameters(examined, members, sizes, sure)
         out.append(
-            Named(
+            NamedEffect(
                 tuple(members),
                 tuple(j for t in members for j in public_joints(t.group)),
                 values,
@@ -143,7 +148,7 @@ def findings(
     return _led(sorted(out, key=lambda f: (-f.torque.max(), -f.nats)))
 
 
-def _led(found: Sequence[Named]) -> list[Named]:
+def _led(found: Sequence[NamedEffect]) -> list[NamedEffect]:
     """The same, but what rides on another of its size comes before it.
 
     Friction that yields is told on top of a constant level: a contact that the model
@@ -159,17 +164,17 @@ def _led(found: Sequence[Named]) -> list[Named]:
     return out
 
 
-def _is_most(one: Named, other: Named) -> bool:
+def _is_most(one: NamedEffect, other: NamedEffect) -> bool:
     """Whether a finding has half of the size of another on a joint of both."""
     sizes = [
         dict(zip(f.joints, np.abs(next(iter(f.parameters.values()))[0]), strict=True))
         for f in (one, other)
     ]
     shared = sizes[0].keys() & sizes[1].keys()
-    return any(sizes[0][j] >= RULES.rides * sizes[1][j] for j in shared)
+    return any(sizes[0][j] >= THRESHOLDS.rides_share * sizes[1][j] for j in shared)
 
 
-def _torque(examined: Examined, fitted: Fit, group: Group) -> float:
+def _torque(examined: SearchOutcome, fitted: Fit, group: Group) -> float:
     """Largest torque of a member on any joint, as a share of the joint's own rms."""
     design, out = examined.task.design, 0.0
     for j in range(design.dof):
@@ -185,7 +190,9 @@ def _torque_on(design: Design, fitted: Fit, group: Group, j: int) -> Array:
     return design.columns(j, place) @ fitted.of(group)[have]
 
 
-def _size(fitted: Fit, tested: Tested, checks: Checked | None) -> tuple[Array, Array]:
+def _size(
+    fitted: Fit, tested: GateResult, checks: NoiseCheck | None
+) -> tuple[Array, Array]:
     """Coefficients of a member as they are told, and what is doubtful of them."""
     if checks:
         return checks.estimate(tested)
@@ -198,9 +205,9 @@ def public_joints(group: Group) -> tuple[int, ...]:
     return tuple(j + 1 for j in group.joints)
 
 
-def _merged(tested: Sequence[Tested], robot: Robot) -> list[list[Tested]]:
+def _merged(tested: Sequence[GateResult], robot: Robot) -> list[list[GateResult]]:
     """Members of one local name on different joints of one unit belong together."""
-    out: list[list[Tested]] = []
+    out: list[list[GateResult]] = []
     for t in sorted(tested, key=lambda t: (t.group.effect.name, t.group.joints)):
         mine = t.group
         for members in out:
@@ -235,7 +242,7 @@ def _equivalents(members, near) -> tuple:
     return tuple((other, tuple(sorted({*joints}))) for (other, _), joints in ranked)
 
 
-def _parameters(examined: Examined, members, sizes, sure) -> dict:
+def _parameters(examined: SearchOutcome, members, sizes, sure) -> dict:
     robot = examined.logs.robot
     effect = members[0].group.effect
     values = np.array(
@@ -254,7 +261,7 @@ def _parameters(examined: Examined, members, sizes, sure) -> dict:
     }
 
 
-def _combined(examined: Examined, member: Tested, sizes, sure, known) -> dict:
+def _combined(examined: SearchOutcome, member: GateResult, sizes, sure, known) -> dict:
     """What the motion determines of a member whose parameters it does not. By formula.
 
     Returns:
@@ -269,13 +276,13 @@ def _combined(examined: Examined, member: Tested, sizes, sure, known) -> dict:
     for key, (value, unit) in effect.combined(theta, robot).items():
         share = np.array([one[key][0] for one in units])
         after, before = np.sqrt((share * sure.doubt.theta) ** 2 @ np.ones(len(theta)))
-        if after < RULES.determined * before:
+        if after < THRESHOLDS.determined_share * before:
             out[key] = (value, float(after), unit)
     return out
 
 
 def clouds(
-    examined: Examined, fitted: Fit, found: Sequence[Named]
+    examined: SearchOutcome, fitted: Fit, found: Sequence[NamedEffect]
 ) -> tuple[Cloud, ...]:
     """One cloud per finding and joint on which it acts most.
 
@@ -290,7 +297,7 @@ def clouds(
     )
 
 
-def _drawn_on(design: Design, fitted: Fit, tested: Tested) -> Sequence[int]:
+def _drawn_on(design: Design, fitted: Fit, tested: GateResult) -> Sequence[int]:
     """Joints from 0 on which a member is drawn."""
     group = tested.group
     if group.effect.scope == "local":
@@ -304,10 +311,12 @@ def _drawn_on(design: Design, fitted: Fit, tested: Tested) -> Sequence[int]:
         for j, torque in torques.items()
         if len(torque)  # a joint may log no torque
     }
-    return [j for j in shares if shares[j] > RULES.shown] or [tested.joint]
+    return [j for j in shares if shares[j] > THRESHOLDS.plotted_torque_share] or [
+        tested.joint
+    ]
 
 
-def _cloud(examined: Examined, fitted: Fit, tested: Tested, j: int) -> Cloud:
+def _cloud(examined: SearchOutcome, fitted: Fit, tested: GateResult, j: int) -> Cloud:
     design, group = examined.task.design, tested.group
     torque = _torque_on(design, fitted, group, j)
     left = design.residual(j, fitted.ids, fitted.theta)
@@ -319,7 +328,7 @@ def _cloud(examined: Examined, fitted: Fit, tested: Tested, j: int) -> Cloud:
 
 
 def _variable(
-    examined: Examined, effect: Effect, anchor: int, j: int
+    examined: SearchOutcome, effect: Effect, anchor: int, j: int
 ) -> tuple[Array | None, str, Array]:
     """The explaining variable on the rows of joint j, and which log each is of.
 
@@ -344,8 +353,8 @@ def _variable(
 
 
 def folded(
-    named: Sequence[Named], dof: int
-) -> tuple[tuple[Named, ...], tuple[Named, ...]]:
+    named: Sequence[NamedEffect], dof: int
+) -> tuple[tuple[NamedEffect, ...], tuple[NamedEffect, ...]]:
     """Part the findings into those to be listed and those to be folded.
 
     Folded is friction or ripple of a size that the joints have anyway, beside something
@@ -357,16 +366,17 @@ def folded(
     if not named:
         return tuple(named), ()
     largest = max(f.torque.max() for f in named)
-    small = [f for f in named if _is_usual(f, RULES.beside * largest)]
+    small = [f for f in named if _is_usual(f, THRESHOLDS.background_share * largest)]
     if len({j for f in small for j in f.joints}) < max(
-        RULES.usual_joints * dof, RULES.usual_few
+        THRESHOLDS.usual_joint_share * dof, THRESHOLDS.usual_min_joints
     ):
         small = []
     return tuple(f for f in named if f not in small), tuple(small)
 
 
-def _is_usual(found: Named, least: float) -> bool:
+def _is_usual(found: NamedEffect, least: float) -> bool:
     effect = found.effect
-    if not (effect.brakes or effect.repeats) or effect.scope != "local":
+    small = effect.traits & (Trait.FRICTION | Trait.PERIODIC)
+    if not small or effect.scope != "local":
         return False
-    return bool(np.all(found.torque < min(RULES.usual, least)))
+    return bool(np.all(found.torque < min(THRESHOLDS.usual_torque_share, least)))

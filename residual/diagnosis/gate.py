@@ -6,9 +6,10 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from residual.diagnosis.search import Task, least, spares_model
+from residual.effects.base import Trait
 from residual.evidence.design import Design, Group
 from residual.evidence.fit import Fit, System, gain, possible
-from residual.evidence.rules import RULES
+from residual.evidence.rules import THRESHOLDS
 from residual.recording import Array
 from residual.signals.track import Track
 
@@ -17,7 +18,7 @@ STATIC = "static"  # the family of torques that depend on nothing but the positi
 
 
 @dataclass(frozen=True, eq=False, slots=True)
-class Tested:
+class GateResult:
     """One member of the chosen set after the gate."""
 
     group: Group  # the effect, joints and shape
@@ -48,7 +49,7 @@ def left_out(task: Task, fitted: Fit, whole: System) -> Array:
     return np.array(out)
 
 
-def gate(task: Task, fitted: Fit) -> list[Tested]:
+def gate(task: Task, fitted: Fit) -> list[GateResult]:
     """Test every member of a set: left-out error, else plausibility."""
     full = leave_out(task, fitted)
     return [_test(task, fitted, group, full) for group in fitted.members]
@@ -59,7 +60,7 @@ def is_seen(task: Task, fitted: Fit, group: Group) -> bool:
     return _test(task, fitted, group, leave_out(task, fitted)).by is not None
 
 
-def _test(task: Task, fitted: Fit, group: Group, full: Array) -> Tested:
+def _test(task: Task, fitted: Fit, group: Group, full: Array) -> GateResult:
     design, rules = task.design, task.rules
     rest = [g for g in fitted.members if g is not group]
     # Settled on its own noise, as a user would refit without the name: held to the
@@ -77,12 +78,14 @@ def _test(task: Task, fitted: Fit, group: Group, full: Array) -> Tested:
     by = None
     if nats < least(task, fitted.members, group) or not possible(design, fitted, group):
         pass
-    elif np.any(rules.lower(relative, share) & (improved >= RULES.most_folds)):
+    elif np.any(
+        rules.lower(relative, share) & (improved >= THRESHOLDS.min_improved_folds)
+    ):
         by = "fit"
     elif spares_model(task, group, nats, big, small):
         by = "plausibility"
     at_joint = float(relative[joint]), float(share[joint])
-    return Tested(group, nats, by, joint, *at_joint, int(np.argmax(fall)))
+    return GateResult(group, nats, by, joint, *at_joint, int(np.argmax(fall)))
 
 
 def _acting(design: Design, fitted: Fit, group: Group) -> Array:
@@ -95,10 +98,10 @@ def _acting(design: Design, fitted: Fit, group: Group) -> Array:
         place, have = design.present(j, group.ids)
         gram, _ = design.fold_sums(j, place)
         power += (gram @ theta[have]) @ theta[have] / design.rms[j] ** 2
-    return power > RULES.silent_fold * power.max()
+    return power > THRESHOLDS.silent_fold_share * power.max()
 
 
-def passed(task: Task, fitted: Fit) -> tuple[Fit, list[Tested]]:
+def passed(task: Task, fitted: Fit) -> tuple[Fit, list[GateResult]]:
     """Drop the members that fail, weakest first, until all pass."""
     while True:
         tested = gate(task, fitted)
@@ -119,17 +122,17 @@ def passed(task: Task, fitted: Fit) -> tuple[Fit, list[Tested]]:
 
 
 def wrong_forms(
-    design: Design, tracks: Sequence[Track], fitted: Fit, tested: Sequence[Tested]
-) -> list[Tested]:
+    design: Design, tracks: Sequence[Track], fitted: Fit, tested: Sequence[GateResult]
+) -> list[GateResult]:
     """Return the names that leave a third of their own curve or more unexplained."""
     return [t for t in tested if _is_wrong(design, tracks, fitted, t)]
 
 
 def _is_wrong(
-    design: Design, tracks: Sequence[Track], fitted: Fit, tested: Tested
+    design: Design, tracks: Sequence[Track], fitted: Fit, tested: GateResult
 ) -> bool:
     group = tested.group
-    if not group.effect.of_one_variable:
+    if Trait.ONE_VARIABLE not in group.effect.traits:
         return False
     (j,) = group.joints
     place, have = design.present(j, group.ids)
@@ -137,11 +140,14 @@ def _is_wrong(
     left = design.residual(j, fitted.ids, fitted.theta)
     x, log = _variable(design, tracks, tested, j)
     curve = _repeated(x, left, log)
-    return curve > max(RULES.own_curve * np.std(drawn), RULES.own_least * design.rms[j])
+    return curve > max(
+        THRESHOLDS.own_curve_share * np.std(drawn),
+        THRESHOLDS.own_curve_torque_share * design.rms[j],
+    )
 
 
 def _variable(
-    design: Design, tracks: Sequence[Track], tested: Tested, j: int
+    design: Design, tracks: Sequence[Track], tested: GateResult, j: int
 ) -> tuple[Array, Array]:
     """What the name is drawn against on the rows of a joint, and each row's log."""
     values, logs = [], []
@@ -187,8 +193,8 @@ def only_curves(
     design: Design,
     tracks: Sequence[Track],
     fitted: Fit,
-    tested: Sequence[Tested],
-) -> list[Tested]:
+    tested: Sequence[GateResult],
+) -> list[GateResult]:
     """Return the names that a free curve of as many numbers could stand for.
 
     Looked at are joints with two or more names that depend on the position alone and
@@ -197,7 +203,7 @@ def only_curves(
     out = []
     for j in range(design.dof):
         mine = [t for t in tested if t.group.joints == (j,) and _of_position(t)]
-        if len(mine) > 1 and any(t.group.effect.repeats for t in mine):
+        if len(mine) > 1 and any(map(_is_wave, mine)):
             left = design.residual(j, fitted.ids, fitted.theta)
             drawn = sum(_torque(design, fitted, t, j) for t in mine)
             numbers = sum(len(t.group.ids) + len(t.group.shape) for t in mine)
@@ -205,12 +211,10 @@ def only_curves(
             rest = _without_curve(np.concatenate(lines), left + drawn, numbers)
             power = (left**2).sum()
             explained = ((left + drawn) ** 2).sum() - power
-            waves = sum(
-                _torque(design, fitted, t, j) for t in mine if t.group.effect.repeats
-            )
+            waves = sum(_torque(design, fitted, t, j) for t in mine if _is_wave(t))
             # What the waves add must be drawn, not what a name beside them explains.
             added = ((left + waves) ** 2).sum() - power
-            if (rest**2).sum() - power < (1 - RULES.drawn) * added:
+            if (rest**2).sum() - power < (1 - THRESHOLDS.curve_share) * added:
                 out += _waves(design, fitted, mine, j, left + drawn, explained)
     return out
 
@@ -218,11 +222,11 @@ def only_curves(
 def _waves(
     design: Design,
     fitted: Fit,
-    mine: list[Tested],
+    mine: list[GateResult],
     j: int,
     whole: Array,
     explained: float,
-) -> list[Tested]:
+) -> list[GateResult]:
     """Those of the names on a joint that draw the curve: all, or what rides on one.
 
     Where one name that is no wave explains nearly all of it, it is no drawing: the
@@ -231,17 +235,20 @@ def _waves(
     for t in mine:
         left = ((whole - _torque(design, fitted, t, j)) ** 2).sum()
         alone = (whole**2).sum() - left
-        if not t.group.effect.repeats and alone > RULES.drawn * explained:
+        if not _is_wave(t) and alone > THRESHOLDS.curve_share * explained:
             return [other for other in mine if other is not t]
     return mine
 
 
-def _of_position(tested: Tested) -> bool:
-    effect = tested.group.effect
-    return effect.repeats or effect.family == STATIC
+def _is_wave(tested: GateResult) -> bool:
+    return Trait.PERIODIC in tested.group.effect.traits
 
 
-def _torque(design: Design, fitted: Fit, tested: Tested, j: int) -> Array:
+def _of_position(tested: GateResult) -> bool:
+    return _is_wave(tested) or tested.group.effect.family == STATIC
+
+
+def _torque(design: Design, fitted: Fit, tested: GateResult, j: int) -> Array:
     place, have = design.present(j, tested.group.ids)
     return design.columns(j, place) @ fitted.of(tested.group)[have]
 

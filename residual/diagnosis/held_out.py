@@ -5,16 +5,16 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from residual.diagnosis.examine import Examined, refit
-from residual.diagnosis.gate import Tested, is_seen
-from residual.diagnosis.result import Splits
+from residual.diagnosis.gate import GateResult, is_seen
+from residual.diagnosis.outcome import SearchOutcome, refit
 from residual.diagnosis.search import Task, admissible, best, least, torque_share
+from residual.effects.base import Trait
 from residual.errors import InputError, joints_listed
 from residual.evidence.design import Design, Group
-from residual.evidence.embodied import Embodied
+from residual.evidence.embodied import PossibleModel
 from residual.evidence.fit import Fit, gain
 from residual.evidence.priors import given_slots, held_at
-from residual.evidence.rules import RULES
+from residual.evidence.rules import THRESHOLDS
 from residual.model.compare import (
     Errors,
     HeldOutLog,
@@ -26,24 +26,27 @@ from residual.model.compare import (
 )
 from residual.model.model import Model, Term
 from residual.recording import Array, Recording
+from residual.verdict.result import Splits
 
 ROUND = 3  # gains are compared to 0.1 %
 
 
 @dataclass(frozen=True, eq=False, slots=True)
-class Verdicts:
+class HeldOutResult:
     """Names that survive the held-out logs, and those that do not."""
 
     fit: Fit  # fit with the surviving names
     # Members with the gain of each: the part of its joint's error on held-out moving
     # samples that vanishes with it.
-    kept: tuple[tuple[Tested, float], ...]
-    refuted: tuple[tuple[Tested, float], ...]
+    kept: tuple[tuple[GateResult, float], ...]
+    refuted: tuple[tuple[GateResult, float], ...]
     # Members that carry too little now that their fellows are refuted.
-    dropped: tuple[Tested, ...]
+    dropped: tuple[GateResult, ...]
 
 
-def judge_held_out(examined: Examined, held_out: Sequence[HeldOutLog]) -> Verdicts:
+def judge_held_out(
+    examined: SearchOutcome, held_out: Sequence[HeldOutLog]
+) -> HeldOutResult:
     """Drop each name alone, refit the rest on the fit logs, predict the held-out logs.
 
     The worst refuted name goes first, then all are judged again.
@@ -54,34 +57,32 @@ def judge_held_out(examined: Examined, held_out: Sequence[HeldOutLog]) -> Verdic
         gains = _gains(examined, fitted, tested, held_out)
         if not gains or min(gains) >= 0:
             kept = tuple(zip(tested, gains, strict=True))
-            return Verdicts(fitted, kept, tuple(refuted), tuple(dropped))
+            return HeldOutResult(fitted, kept, tuple(refuted), tuple(dropped))
         worst = int(np.argmin(gains))
         refuted.append((tested.pop(worst), gains[worst]))
         fitted = refit(examined, tested)
-        alone = [t for t in tested if not _stands(examined, fitted, t)]
+        task, members = examined.task, fitted.members
+        alone = [t for t in tested if t.nats < least(task, members, t.group)]
         if alone:
             tested = [t for t in tested if t not in alone]
             dropped += alone
             fitted = refit(examined, tested)
 
 
-def _stands(examined: Examined, fitted: Fit, one: Tested) -> bool:
-    """Does a name still carry what it needs, now that others are gone?"""
-    return one.nats >= least(examined.task, fitted.members, one.group)
-
-
-def without(examined: Examined, judged: Verdicts, gone: Sequence[Tested]) -> Verdicts:
+def without(
+    examined: SearchOutcome, judged: HeldOutResult, gone: Sequence[GateResult]
+) -> HeldOutResult:
     """Return the verdicts without some of the kept names, the rest refitted."""
     kept = tuple((t, gain) for t, gain in judged.kept if t not in gone)
     return replace(judged, fit=refit(examined, [t for t, _ in kept]), kept=kept)
 
 
 def harmful(
-    examined: Examined,
-    judged: Verdicts,
+    examined: SearchOutcome,
+    judged: HeldOutResult,
     held_out: Sequence[HeldOutLog],
-    company: Sequence[Tested],
-) -> list[tuple[Tested, str]]:
+    company: Sequence[GateResult],
+) -> list[tuple[GateResult, str]]:
     """The name that makes the arm worse than the refit without any name.
 
     Each may be harmless alone and all of them harm together: then the one goes without
@@ -98,7 +99,7 @@ def harmful(
     if not larger:
         return []
 
-    def left(one: Tested) -> float:
+    def left(one: GateResult) -> float:
         return examined.error(without(examined, judged, [one]).fit, held_out).sum()
 
     why = f"it raises the held-out error over all joints by {100 * larger:.0f} %"
@@ -109,15 +110,15 @@ def judgement(gain: float) -> str:
     """The verdict's word for a gain."""
     if gain < 0:
         return "refuted"
-    return "confirmed" if gain >= RULES.confirmed else "neutral"
+    return "confirmed" if gain >= THRESHOLDS.confirmed_gain else "neutral"
 
 
 def three_models(
-    examined: Examined, judged: Verdicts
-) -> tuple[dict[str, Model], Embodied]:
+    examined: SearchOutcome, judged: HeldOutResult
+) -> tuple[dict[str, Model], PossibleModel]:
     """The three models, and the bodies of the last.
 
-    Identified and augmented differ by nothing but the effects.
+    ValidatedIdentification and augmented differ by nothing but the effects.
     """
     bodies = examined.model(judged.fit if judged.kept else examined.plain)
     identified = augmented = bodies.model
@@ -127,7 +128,7 @@ def three_models(
     return models | {"augmented": augmented}, bodies
 
 
-def unproven(examined: Examined, augmented: Errors) -> list[str]:
+def unproven(examined: SearchOutcome, augmented: Errors) -> list[str]:
     """Sentences on joints of which the logs prove nothing, or less than it seems."""
     out = []
     design, tracks = examined.task.design, examined.logs.tracks
@@ -140,11 +141,13 @@ def unproven(examined: Examined, augmented: Errors) -> list[str]:
                 f"joint {j + 1}: its torque is little more than its step or noise, too "
                 "small to say anything of it"
             )
-        elif design.rows[j] < RULES.standing * every:
+        elif design.rows[j] < THRESHOLDS.standing_row_share * every:
             out.append(
                 f"joint {j + 1} hardly moves in the fit logs: nothing can be said of it"
             )
-        elif held[j] > max(RULES.strange * fit[j], RULES.strange_least):
+        elif held[j] > max(
+            THRESHOLDS.held_out_error_ratio * fit[j], THRESHOLDS.held_out_error_share
+        ):
             out.append(
                 f"joint {j + 1}: the error on held-out moving samples "
                 f"({100 * held[j]:.1f} %) is {held[j] / max(fit[j], 1e-6):.0f} times "
@@ -155,9 +158,9 @@ def unproven(examined: Examined, augmented: Errors) -> list[str]:
 
 
 def _gains(
-    examined: Examined,
+    examined: SearchOutcome,
     fitted: Fit,
-    tested: Sequence[Tested],
+    tested: Sequence[GateResult],
     held_out: Sequence[HeldOutLog],
 ) -> list[float]:
     """What of the error vanishes with each name, beside the others.
@@ -170,7 +173,9 @@ def _gains(
         rest = refit(examined, [t for t in tested if t is not one])
         less = examined.error(rest, held_out)
         fall = _fall(one, with_all, less, rms)
-        if fall < RULES.confirmed and (stiff := _at_nominal(examined, tested, one)):
+        if fall < THRESHOLDS.confirmed_gain and (
+            stiff := _at_nominal(examined, tested, one)
+        ):
             # The refit imitates it: then it is held against the value as given.
             fall = _fall(one, with_all, examined.error(stiff, held_out), rms)
         out.append(round(fall, ROUND))
@@ -178,7 +183,7 @@ def _gains(
 
 
 def _at_nominal(
-    examined: Examined, tested: Sequence[Tested], one: Tested
+    examined: SearchOutcome, tested: Sequence[GateResult], one: GateResult
 ) -> Fit | None:
     """The fit without a wrong value, that value and no other held as it was given.
 
@@ -194,7 +199,7 @@ def _at_nominal(
     return stiff.settle(stiff.fit(members, examined.fit, rounds=4))
 
 
-def _fall(one: Tested, with_it: Array, without: Array, rms: Array) -> float:
+def _fall(one: GateResult, with_it: Array, without: Array, rms: Array) -> float:
     """1 - error with over error without, where the effect acts and where it shows.
 
     Parameters that bend without the name may predict the same. So a rise by chance is
@@ -207,7 +212,10 @@ def _fall(one: Tested, with_it: Array, without: Array, rms: Array) -> float:
     if change.sum() < 0:
         return -rise(a, b)
     scatter = np.sqrt(((change - change.mean()) ** 2).sum())
-    if one.by == "plausibility" and change.sum() < RULES.sure_spared * scatter:
+    if (
+        one.by == "plausibility"
+        and change.sum() < THRESHOLDS.spared_deviations * scatter
+    ):
         return 0.0
     return float(1 - np.sqrt(a.sum() / b.sum())) if b.sum() > 0 else 0.0
 
@@ -216,7 +224,7 @@ PARTS = 3
 SHARE = 1 - 1 / PARTS  # of the evidence that is left in what remains
 
 
-def found_again(task: Task, fitted: Fit, tested: Sequence[Tested]) -> list[Splits]:
+def found_again(task: Task, fitted: Fit, tested: Sequence[GateResult]) -> list[Splits]:
     """Leave out each third of the data and let each name win its place anew.
 
     Beside the other names it must again carry its threshold's share, help as a name
@@ -227,7 +235,7 @@ def found_again(task: Task, fitted: Fit, tested: Sequence[Tested]) -> list[Split
     found, of = np.zeros(len(tested), dtype=int), np.zeros(len(tested), dtype=int)
     for out in np.array_split(np.arange(task.design.folds), PARTS):
         part = task.design.part(np.setdiff1d(np.arange(task.design.folds), out))
-        rules = replace(task.rules, threshold=SHARE * task.rules.threshold)
+        rules = replace(task.rules, min_nats=SHARE * task.rules.min_nats)
         one = replace(task, design=part, rules=rules)
         again = one.settle(one.fit(fitted.members, fitted, rounds=4))
         for i, t in enumerate(tested):
@@ -239,18 +247,18 @@ def found_again(task: Task, fitted: Fit, tested: Sequence[Tested]) -> list[Split
 
 def _wins(task: Task, fitted: Fit, group: Group) -> bool:
     """Whether a member would be named on these logs, beside the others."""
-    if group.effect.is_constant:
+    if Trait.CONSTANT in group.effect.traits:
         return is_seen(task, fitted, group)
     rest = [g for g in fitted.members if g is not group]
     without = task.settle(task.fit(rest, fitted))
     value, big, small = gain(task.design, task.prior, fitted, without)
     own = value - task.candidates.cost(group)
-    if own < task.rules.threshold or not admissible(task, group, value, big, small):
+    if own < task.rules.min_nats or not admissible(task, group, value, big, small):
         return False
     rivals = best(task, without, instead=group)
     family = group.effect.family
     other = [v for v, g, _ in rivals if not family or g.effect.family != family]
-    return max(other, default=-np.inf) < own + RULES.class_nats
+    return max(other, default=-np.inf) < own + THRESHOLDS.class_nats
 
 
 def _shown(whole: Design, part: Design, fitted: Fit, group: Group) -> bool:
@@ -259,7 +267,7 @@ def _shown(whole: Design, part: Design, fitted: Fit, group: Group) -> bool:
         np.sum(torque_share(design, fitted, group) ** 2 * design.rows)
         for design in (part, whole)
     )
-    return bool(own > RULES.shown_in_part * every)
+    return bool(own > THRESHOLDS.part_power_share * every)
 
 
 # What a model is worth on motion that it was not fitted to: may it be adopted?
@@ -271,7 +279,7 @@ def _shown(whole: Design, part: Design, fitted: Fit, group: Group) -> bool:
 
 
 @dataclass(frozen=True, slots=True)
-class Shown:
+class VisibleShare:
     """How much of a new effect held-out motion shows."""
 
     name: str  # the effect
@@ -282,23 +290,27 @@ class Shown:
     @property
     def doubt(self) -> str | None:
         """Why it is not as the model has it, None where nothing speaks against it."""
-        if self.part is None or RULES.least_shown <= self.part <= RULES.most_shown:
+        if (
+            self.part is None
+            or THRESHOLDS.min_shown_share <= self.part <= THRESHOLDS.max_shown_share
+        ):
             return None
         where = f" on {joints_listed(self.joints)}" if self.joints else ""
+        low, high = THRESHOLDS.min_shown_share, THRESHOLDS.max_shown_share
         return (
             f"held-out motion shows {self.part:.2f} times the {self.name}{where} of "
-            f"the model, expected {RULES.least_shown:g} to {RULES.most_shown:g}"
+            f"the model, expected {low:g} to {high:g}"
         )
 
 
 @dataclass(frozen=True, slots=True)
-class Worth:
+class AdoptionCheck:
     """What a model is worth beside the one before it."""
 
     # Error of all joints on held-out moving samples [%].
     before: float
     after: float
-    effects: tuple[Shown, ...]  # what is new in it
+    effects: tuple[VisibleShare, ...]  # what is new in it
     # Why it should not be adopted, in sentences; empty for a model that may.
     doubts: tuple[str, ...]
 
@@ -308,7 +320,7 @@ class Worth:
         return not self.doubts
 
 
-def worth(model: Model, before: Model, held_out: Sequence[Recording]) -> Worth:
+def worth(model: Model, before: Model, held_out: Sequence[Recording]) -> AdoptionCheck:
     """Hold a model against the one before it, on logs that neither was fitted to.
 
     Raises:
@@ -319,25 +331,31 @@ def worth(model: Model, before: Model, held_out: Sequence[Recording]) -> Worth:
     logs = prepare_held_out(held_out, model)
     after, then = moving_error(model, logs), moving_error(before, logs)
     power = moving_power(logs)
-    effects = tuple(_part_shown(model, term, logs) for term in _new(model, before))
+    had = {(t.effect.name, t.joints) for t in before.terms}
+    new = [t for t in model.terms if (t.effect.name, t.joints) not in had]
+    effects = tuple(_part_shown(model, term, logs) for term in new)
     figures = [100 * float(np.sqrt(e.sum() / power.sum())) for e in (then, after)]
-    doubts = [*_no_better(after, then), *_harms(after, then, power)]
+    # What a name must lower an error by at least, a model may raise one by.
+    larger = rises(after, then, power, THRESHOLDS.min_fall)
+    doubts = [
+        *_no_better(after, then),
+        *(
+            f"the error of joint {j + 1} on held-out motion rises by "
+            f"{100 * larger[j]:.0f} %"
+            for j in np.flatnonzero(larger)
+        ),
+    ]
     doubts += [e.doubt for e in effects if e.doubt]
     if effects and all(e.part is None for e in effects):
         doubts.append("held-out motion shows none of what is new in it")
-    return Worth(*figures, effects, tuple(doubts))
-
-
-def _new(model: Model, before: Model) -> list[Term]:
-    had = {(t.effect.name, t.joints) for t in before.terms}
-    return [t for t in model.terms if (t.effect.name, t.joints) not in had]
+    return AdoptionCheck(*figures, effects, tuple(doubts))
 
 
 def _no_better(after: Array, before: Array) -> list[str]:
     """Whether the error falls by more than chance, over the seconds of the logs."""
     change = (before - after).sum(axis=1)
     scatter = float(np.sqrt(((change - change.mean()) ** 2).sum()))
-    if change.sum() > RULES.sure_spared * scatter:
+    if change.sum() > THRESHOLDS.spared_deviations * scatter:
         return []
     factor = float(np.sqrt(after.sum() / max(before.sum(), 1e-30)))
     return [
@@ -346,16 +364,7 @@ def _no_better(after: Array, before: Array) -> list[str]:
     ]
 
 
-def _harms(after: Array, before: Array, power: Array) -> list[str]:
-    # What a name must lower an error by at least, a model may raise one by.
-    rise = rises(after, before, power, RULES.tolerance)
-    return [
-        f"the error of joint {j + 1} on held-out motion rises by {100 * rise[j]:.0f} %"
-        for j in np.flatnonzero(rise)
-    ]
-
-
-def _part_shown(model: Model, term: Term, logs: Sequence[HeldOutLog]) -> Shown:
+def _part_shown(model: Model, term: Term, logs: Sequence[HeldOutLog]) -> VisibleShare:
     """Weighted least squares of what is left without an effect on the effect itself."""
     rest = replace(model, terms=tuple(t for t in model.terms if t is not term))
     own, left = [], []
@@ -368,11 +377,11 @@ def _part_shown(model: Model, term: Term, logs: Sequence[HeldOutLog]) -> Shown:
     # Each joint counts by how well the model knows it.
     weight = 1 / np.maximum(np.mean((gap - effect) ** 2, axis=0), 1e-12)
     torque = np.sqrt(moving_power(logs) / len(effect))
-    seen = np.sqrt(np.mean(effect**2, axis=0)) > RULES.silent * np.maximum(
-        torque, 1e-12
-    )
+    seen = np.sqrt(
+        np.mean(effect**2, axis=0)
+    ) > THRESHOLDS.silent_torque_share * np.maximum(torque, 1e-12)
     joints = tuple(j + 1 for j in term.joints)
     if not seen.any():
-        return Shown(term.effect.name, joints, None)
+        return VisibleShare(term.effect.name, joints, None)
     part = (weight * effect * gap).sum() / (weight * effect**2).sum()
-    return Shown(term.effect.name, joints, float(part))
+    return VisibleShare(term.effect.name, joints, float(part))

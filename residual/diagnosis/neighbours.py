@@ -16,16 +16,16 @@ from itertools import combinations
 import numpy as np
 from scipy.linalg import solve_triangular
 
-from residual.diagnosis.result import Detectable
 from residual.diagnosis.search import FIRST_LOOKS, Task, best, refined, rows_of
 from residual.evidence.design import Group
 from residual.evidence.fit import Fit, System, possible
 from residual.evidence.priors import overlap, stacks
-from residual.evidence.rules import RULES
+from residual.evidence.rules import THRESHOLDS
 from residual.recording import Array
+from residual.verdict.result import Detectable
 
 FIRST, SECOND = 2, 1  # candidates tried for the first place and for the second
-FAR = 2 * RULES.class_nats  # nats from where a set is not worth a closer look
+FAR = 2 * THRESHOLDS.class_nats  # nats from where a set is not worth a closer look
 
 Members = tuple[Group, ...]
 
@@ -54,7 +54,7 @@ def _alternatives(task: Task, fitted: Fit, group: Group) -> tuple[list[Group], f
     def stands_in(value: float, big: Fit) -> bool:
         """It explains what the member explains, and not something else beside it."""
         fall = (without.sse[joint] - big.sse[joint]) / had[joint]
-        return own - value < RULES.class_nats and fall > 0.5 * removed[joint]
+        return own - value < THRESHOLDS.class_nats and fall > 0.5 * removed[joint]
 
     near = [g for value, g, big in ranked if stands_in(value, big)]
     far = [value for value, g, _ in ranked if g not in near]
@@ -75,7 +75,7 @@ def simplest(task: Task, fitted: Fit) -> Fit:
         # Priced as if alone: one of several joints has no lead over its alternative.
         own = task.net_gain(fitted, without, replace(group, fellows=1))
         for value, other, _ in best(task, without, instead=group):
-            if own - value < RULES.simpler and _size(other) < _size(group):
+            if own - value < THRESHOLDS.simpler_nats and _size(other) < _size(group):
                 stand_in = replace(other, fellows=group.fellows)
                 fitted = task.settle(task.fit((*rest, stand_in), without))
                 break
@@ -101,10 +101,12 @@ def best_set(task: Task, fitted: Fit) -> Fit:
     """Move to a better set near the one found, as long as there is one."""
     if any(g.fellows > 1 for g in fitted.members):
         return fitted
-    for _ in range(RULES.set_rounds if fitted.members else 0):
+    for _ in range(THRESHOLDS.set_rounds if fitted.members else 0):
         own = _score(task, fitted)
         top = max(_near(task, fitted), key=lambda f: _score(task, f), default=fitted)
-        if _score(task, top) < own + RULES.better or not _admitted(task, top):
+        if _score(task, top) < own + THRESHOLDS.better_set_nats or not all(
+            possible(task.design, top, g) for g in top.members
+        ):
             break
         fitted = task.settle(task.fit(top.members, top))
     return fitted
@@ -133,7 +135,7 @@ def _near_sets(task: Task, fitted: Fit) -> list[Rival]:
     for other in _near(task, fitted):
         gap = _score(task, other) - own
         key = _places(other.members)
-        if gap > -RULES.class_nats and key != _places(fitted.members):
+        if gap > -THRESHOLDS.class_nats and key != _places(fitted.members):
             known = found.get(key)
             if known is None or gap > known.nats:
                 found[key] = Rival(other.members, gap)
@@ -154,7 +156,7 @@ def _near(task: Task, fitted: Fit) -> Iterator[Fit]:
             for _, second, _ in _others(task, swapped, (group,))[:SECOND]:
                 yield _with(task, swapped.members, second, swapped)
     for one, two in combinations(members, 2):
-        if _meet(task, one, two):
+        if rows_of(task, one) & rows_of(task, two):
             rest = tuple(g for g in members if g is not one and g is not two)
             without = task.fit(rest, fitted)
             for _, other, _ in _others(task, without, (one, two))[:FIRST]:
@@ -172,18 +174,9 @@ def _with(task: Task, rest: Sequence[Group], other: Group, like: Fit) -> Fit:
     return task.fit(refined(task, (*rest, other), like), like)
 
 
-def _meet(task: Task, one: Group, two: Group) -> bool:
-    """Whether two effects act on a joint together."""
-    return bool(rows_of(task, one) & rows_of(task, two))
-
-
 def _score(task: Task, fitted: Fit) -> float:
-    price = sum(task.candidates.cost(g) + task.rules.threshold for g in fitted.members)
+    price = sum(task.candidates.cost(g) + task.rules.min_nats for g in fitted.members)
     return fitted.score - price
-
-
-def _admitted(task: Task, fitted: Fit) -> bool:
-    return all(possible(task.design, fitted, g) for g in fitted.members)
 
 
 def _places(members: Sequence[Group]) -> tuple:
@@ -213,11 +206,11 @@ def _twins(task: Task, fitted: Fit, least: Sequence[Detectable]) -> list[Rival]:
     beside = _information(task, fitted, fitted.members, others)
     out = []
     for other, before, after in zip(others, alone, beside, strict=True):
-        cost = task.candidates.cost(other) + task.rules.threshold
+        cost = task.candidates.cost(other) + task.rules.min_nats
         # Clear without the named bodies, which take it up: not to be found beside them.
         clear, taken_up = (
-            0.5 * RULES.told_apart**2 * before > cost,
-            after < RULES.taken * before,
+            0.5 * THRESHOLDS.body_change_share**2 * before > cost,
+            after < THRESHOLDS.absorbed_share * before,
         )
         if clear and taken_up and _unseen(other, least):
             out.append(Rival((*fitted.members, other), -cost, twin=True))
@@ -228,7 +221,9 @@ def _unseen(other: Group, least: Sequence[Detectable]) -> bool:
     """Whether a usual change of a body would not be found."""
     place = other.effect.name, tuple(j + 1 for j in other.joints)
     sizes = [d.value for d in least if (d.name, d.joints) == place]
-    return not any(size is not None and size < RULES.told_apart for size in sizes)
+    return not any(
+        size is not None and size < THRESHOLDS.body_change_share for size in sizes
+    )
 
 
 def _information(

@@ -14,7 +14,7 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.sparse import csr_array
 
-from residual.evidence.rules import RULES
+from residual.evidence.rules import THRESHOLDS
 from residual.model.corrected import DIFFERENCE
 from residual.quantity import along
 from residual.recording import Array
@@ -67,7 +67,7 @@ class Curve:
 
 
 @dataclass(frozen=True, eq=False, slots=True)
-class Rows:
+class JointResidual:
     """The leftover of one joint on the rows on which that joint moves."""
 
     left: Array  # leftover [N m], (n,)
@@ -77,28 +77,30 @@ class Rows:
     power: float  # squared leftover beyond the noise, summed over the rows [N^2 m^2]
 
 
-def curves(rows: Rows, variables: Sequence[Variable]) -> tuple[list[Curve], Array]:
+def curves(
+    rows: JointResidual, variables: Sequence[Variable]
+) -> tuple[list[Curve], Array]:
     """Take the best curve while one beats chance; each is drawn on what is left.
 
     Returns:
         The curves, and what they leave [N m]. Shape (n,).
     """
     left, found = rows.left, []
-    tables = [_Table.of(rows, v, bins) for v in variables for bins in BINS]
-    while tables and len(found) < RULES.most_curves:
+    tables = [_CellTable.of(rows, v, bins) for v in variables for bins in BINS]
+    while tables and len(found) < THRESHOLDS.max_curves:
         # A mean is no dependence: what it explains is no curve's merit.
-        mean = _Table.of(rows, None, 1)
+        mean = _CellTable.of(rows, None, 1)
         falls = np.array([t.fall(left[:, None]) for t in tables])[:, :, 0]
         falls -= mean.fall(left[:, None])[:, 0]
         gains = falls.sum(axis=1)
         best = int(np.argmax(gains))
         share = gains[best] / max(rows.power, 1e-300)
-        if share < RULES.least_curve or np.mean(falls[best] > 0) < MOST_FOLDS:
+        if share < THRESHOLDS.min_curve_share or np.mean(falls[best] > 0) < MOST_FOLDS:
             break
         block = surrogates(rows, left)
         most = np.max([t.fall(block).sum(axis=0) for t in tables], axis=0)
         most -= mean.fall(block).sum(axis=0)
-        if (1 + np.sum(most >= gains[best])) / (1 + DRAWS) > RULES.curve_chance:
+        if (1 + np.sum(most >= gains[best])) / (1 + DRAWS) > THRESHOLDS.curve_chance:
             break
         fitted = tables[best].curve(left)
         found.append(Curve(tables[best].variable, min(float(share), 1.0), fitted))
@@ -107,7 +109,7 @@ def curves(rows: Rows, variables: Sequence[Variable]) -> tuple[list[Curve], Arra
     return found, left
 
 
-def surrogates(rows: Rows, left: Array) -> Array:
+def surrogates(rows: JointResidual, left: Array) -> Array:
     """Leftovers of the same spectrum in every log that know nothing of the motion.
 
     Returns:
@@ -124,7 +126,7 @@ def surrogates(rows: Rows, left: Array) -> Array:
 
 
 @dataclass(frozen=True, eq=False, slots=True)
-class _Table:
+class _CellTable:
     """Cells of one variable in one width, and who is in them."""
 
     variable: Variable | None  # the variable; None for a constant
@@ -134,7 +136,9 @@ class _Table:
     memory: float  # weight of the belief that a cell's mean is zero, in rows
 
     @classmethod
-    def of(cls, rows: Rows, variable: Variable | None, bins: int) -> "_Table":
+    def of(
+        cls, rows: JointResidual, variable: Variable | None, bins: int
+    ) -> "_CellTable":
         """Sort the rows into cells."""
         n, folds = len(rows.left), int(rows.fold.max()) + 1
         codes, cells = np.zeros(n, dtype=int), 1
@@ -174,31 +178,25 @@ FINE = 0.5  # step of the frequencies, in units of 1 / piece
 
 
 @dataclass(frozen=True, eq=False, slots=True)
-class Line:
+class TimeLine:
     """A leftover on its time line."""
 
     t: Array  # time of each row [s], (n,)
     left: Array  # leftover [N m], (n,)
     log: Array  # log of each row, from 0, (n,)
-    side: Array  # direction of motion of the joint, -1 or 1, (n,)
     power: float  # squared leftover beyond the noise, summed over the rows [N^2 m^2]
-    # Time over which the motion of each log remembers itself [s], (logs,).
-    memory: Array
     cutoff: float  # highest frequency to look at [Hz]
 
 
 @dataclass(frozen=True, slots=True)
-class Clock:
-    """What a leftover owes to time."""
+class Wave:
+    """A spectral line of a leftover."""
 
-    on: str  # "frequency" or "t"
     share: float  # fall of the left-out squared error, as a share of the leftover
-    frequency: float | None = None  # of the line [Hz]; None for a drift
-    # Whether the drift is one of friction: it changes sign with speed.
-    by_direction: bool = False
+    frequency: float  # [Hz]
 
 
-def line_of(line: Line) -> Clock | None:
+def wave_of(line: TimeLine) -> Wave | None:
     """A frequency that predicts left-out blocks, beyond red noise that does not."""
     pieces = _pieces(line)
     span = max(np.ptp(line.t[p]) for p in pieces)
@@ -213,37 +211,15 @@ def line_of(line: Line) -> Clock | None:
     share = total[0] / max(line.power, 1e-300)
     logs = np.array([line.log[p[0]] for p in pieces])
     if (
-        share < RULES.least_curve
-        or chance > RULES.curve_chance
-        or _improved(fall[:, 0], logs) < MOST_FOLDS
+        share < THRESHOLDS.min_curve_share
+        or chance > THRESHOLDS.curve_chance
+        or np.mean([fall[logs == k, 0].sum() > 0 for k in np.unique(logs)]) < MOST_FOLDS
     ):
         return None
-    return Clock("frequency", min(float(share), 1.0), float(grid[chosen]))
+    return Wave(min(float(share), 1.0), float(grid[chosen]))
 
 
-def drift_of(line: Line) -> Clock | None:
-    """A change with time that blocks on both sides of a left-out one predict."""
-    tried = []
-    for by_direction in (False, True):
-        side = line.side if by_direction else np.ones(len(line.left))
-        values = side * line.left
-        own, order = _drift(line, values, None), []
-        rng = np.random.default_rng(0)
-        for _ in range(DRAWS):
-            order.append(_drift(line, values, rng).sum())
-        chance = np.mean(np.append(order, np.inf) >= own.sum())
-        share = own.sum() / max(line.power, 1e-300)
-        if (
-            share >= RULES.least_curve
-            and chance <= RULES.curve_chance / 2
-            and np.mean(own > 0) >= MOST_FOLDS
-        ):
-            share = min(float(share), 1.0)
-            tried.append(Clock("t", share, by_direction=by_direction))
-    return max(tried, key=lambda c: c.share, default=None)
-
-
-def _pieces(line: Line) -> list[Array]:
+def _pieces(line: TimeLine) -> list[Array]:
     """Rows of each log, cut into stretches of 20 s or less."""
     out = []
     for log in np.unique(line.log):
@@ -257,7 +233,7 @@ def _pieces(line: Line) -> list[Array]:
 
 
 def _left_out_line(
-    line: Line, pieces: list[Array], grid: Array, block: Array
+    line: TimeLine, pieces: list[Array], grid: Array, block: Array
 ) -> tuple[Array, int]:
     """Fall of the squared error of every piece, and the frequency all rows choose.
 
@@ -310,7 +286,7 @@ def _solved(gram: Array, cross: Array) -> Array:
     return np.einsum("fij,jfb->ifb", inverse, cross)
 
 
-def _red(line: Line) -> Array:
+def _red(line: TimeLine) -> Array:
     """Noise of the leftover's size and lag-1 correlation, row after row. (n, DRAWS)."""
     rng = np.random.default_rng(0)
     left = line.left - line.left.mean()
@@ -322,42 +298,3 @@ def _red(line: Line) -> Array:
     for i in range(1, len(out)):
         out[i] = a * out[i - 1] + scale * out[i]
     return out * left.std()
-
-
-def _drift(line: Line, values: Array, rng: np.random.Generator | None) -> Array:
-    """Fall of each log's squared error by the means of neighbouring blocks.
-
-    Args:
-        values: Leftover, turned with the motion or not. Shape (n,).
-        rng: Shuffles the blocks of each log; None to leave them in order.
-
-    Returns:
-        Shape (logs,); logs of fewer than four blocks are left out.
-    """
-    out = []
-    for log in np.unique(line.log):
-        rows = line.log == log
-        t = line.t[rows] - line.t[rows][0]
-        place = (t / line.memory[log]).astype(int)
-        _, place = np.unique(place, return_inverse=True)
-        count = np.bincount(place).astype(float)
-        total = np.bincount(place, values[rows] - values[rows].mean())
-        if len(count) < 4:
-            continue
-        if rng is not None:
-            order = rng.permutation(len(count))
-            count, total = count[order], total[order]
-        beside = _beside(total) / np.maximum(_beside(count), 1.0)
-        out.append((2 * beside * total - beside**2 * count).sum())
-    return np.array(out or [0.0])
-
-
-def _beside(x: Array) -> Array:
-    """Sum of the neighbours on both sides."""
-    padded = np.concatenate([[0.0], x, [0.0]])
-    return padded[:-2] + padded[2:]
-
-
-def _improved(fall: Array, logs: Array) -> float:
-    """Share of the logs whose error falls."""
-    return float(np.mean([fall[logs == k].sum() > 0 for k in np.unique(logs)]))

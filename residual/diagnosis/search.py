@@ -8,7 +8,7 @@ from itertools import combinations
 import numpy as np
 
 from residual.effects import registry
-from residual.effects.base import Effect, Placed, Span
+from residual.effects.base import Effect, PlacedEffect, Span, Trait
 from residual.evidence.columns import union
 from residual.evidence.design import Design, Group
 from residual.evidence.fit import (
@@ -22,7 +22,7 @@ from residual.evidence.fit import (
     start,
 )
 from residual.evidence.priors import acting, forbidden, priors, screen, widened
-from residual.evidence.rules import RULES, Rules
+from residual.evidence.rules import THRESHOLDS, EvidenceThresholds
 from residual.model.nominal import Nominal
 from residual.recording import Array
 
@@ -113,9 +113,14 @@ def collect(
         for joints in effect.candidates(dof, span.prismatic):
             anchor = joints[0] if joints else 0
             shapes = effect.shapes(span, anchor)
-            wanted += [Placed(effect, joints, shape) for shape in shapes]
+            wanted += [PlacedEffect(effect, joints, shape) for shape in shapes]
     groups = design.add(wanted)
-    together = _on_all_joints(groups, dof)
+    # Linear local effects that usually sit on every joint, as one candidate.
+    single: dict[str, list[Group]] = {}
+    for g in groups:
+        if Trait.GROUPABLE in g.effect.traits and g.shape == ():
+            single.setdefault(g.effect.name, []).append(g)
+    together = [union(parts) for parts in single.values() if len(parts) == dof > 1]
     groups += together
     variants = Counter(g.key for g in groups)
     price = {k: float(np.log(len(variants)) + np.log(n)) for k, n in variants.items()}
@@ -136,7 +141,9 @@ def renewed(design: Design, known: Candidates) -> Candidates:
 
     Only columns that read the model's torque are made anew.
     """
-    old = [g for g in known.groups if g.effect.uses_model and not g.parts]
+    old = [
+        g for g in known.groups if Trait.USES_MODEL in g.effect.traits and not g.parts
+    ]
     fresh = design.add([g.placed for g in old])
     new = {_place(g): made for g, made in zip(old, fresh, strict=True)}
 
@@ -153,15 +160,6 @@ def _place(group: Group) -> tuple:
     return group.effect.name, group.joints, group.shape, len(group.parts)
 
 
-def _on_all_joints(groups: Sequence[Group], dof: int) -> list[Group]:
-    """The linear local effects that usually sit on every joint, as one candidate."""
-    own: dict[str, list[Group]] = {}
-    for g in groups:
-        if g.effect.groupable and g.shape == ():
-            own.setdefault(g.effect.name, []).append(g)
-    return [union(parts) for parts in own.values() if len(parts) == dof > 1]
-
-
 def every_candidate(
     design: Design, nominal: Nominal, span: Span, clocked: bool
 ) -> Candidates:
@@ -170,7 +168,8 @@ def every_candidate(
     Args:
         clocked: Whether the order of the logs in time is known.
     """
-    effects = [e for e in registry().values() if clocked or not e.needs_clock]
+    absent = Trait.NONE if clocked else Trait.NEEDS_CLOCK
+    effects = [e for e in registry().values() if not e.traits & absent]
     barred = [forbidden(p, nominal) for p in priors(design, nominal)]
     wanted = [e for e in effects if not all(e.name in b for b in barred)]
     every = collect(design, wanted, span, design.dof)
@@ -179,7 +178,9 @@ def every_candidate(
     kept = [g for g in every.groups if not any(p.effect.name in given for p in g.parts)]
     every = replace(every, groups=tuple(kept))
     # Of joints that hardly move the logs say nothing.
-    return every.closing(np.flatnonzero(design.rows < RULES.fewest_rows), bodies=False)
+    return every.closing(
+        np.flatnonzero(design.rows < THRESHOLDS.min_rows), bodies=False
+    )
 
 
 @dataclass(frozen=True, eq=False, slots=True)
@@ -192,7 +193,7 @@ class Task:
     design: Design
     prior: Prior
     candidates: Candidates
-    rules: Rules
+    rules: EvidenceThresholds
     alternatives: dict[tuple[Fit, Group], tuple[list[Group], float]] = field(
         default_factory=dict, init=False
     )
@@ -229,9 +230,9 @@ def search(task: Task, members: Sequence[Group] = ()) -> Fit:
     current, rules = task.start(), task.rules
     if members:
         current = _delete(task, task.settle(task.fit(members, current)))
-    for _ in range(rules.most - len(current.members)):
+    for _ in range(rules.max_effects - len(current.members)):
         ranked = best(task, current, looks=FIRST_LOOKS)
-        if not ranked or ranked[0][0] < rules.threshold:
+        if not ranked or ranked[0][0] < rules.min_nats:
             break
         chosen = ranked[0][1]
         members = (*current.members, *(chosen.parts or (chosen,)))
@@ -297,26 +298,30 @@ def _shortlist(
 ) -> list[Group]:
     """The best shape of the most promising keys, at most a third of them per joint."""
     groups = task.candidates.groups
-    values, floor = screen(task.design, base, groups, own), task.rules.threshold / 4
+    values, floor = screen(task.design, base, groups, own), task.rules.min_nats / 4
     if instead is not None:
         beside = acting(task.design, groups, rows_of(task, instead))
         values = np.where(beside & ~task.candidates.unions, values, -np.inf)
         alike = values[[key == instead.key for key in task.candidates.keys]]
-        floor = max(floor, RULES.rival * alike.max(initial=0.0))
+        floor = max(floor, THRESHOLDS.rival_share * alike.max(initial=0.0))
     values = values - task.candidates.costs
-    if instead is None and (top := values.max(initial=0.0)) > RULES.clear_best:
-        floor = max(floor, RULES.faint * top)
-    taken = {g.key for g in base.members if not g.effect.repeats}
+    if (
+        instead is None
+        and (top := values.max(initial=0.0)) > THRESHOLDS.clear_best_nats
+    ):
+        floor = max(floor, THRESHOLDS.faint_share * top)
+    taken = {g.key for g in base.members if Trait.PERIODIC not in g.effect.traits}
     if instead is not None:
         taken.add(instead.key)
     families = {(g.effect.family, g.joints) for g in base.members if g.effect.family}
-    chosen, per_joint, limit = {}, {}, task.rules.shortlist
+    chosen, per_joint, limit = {}, {}, task.rules.max_exact_looks
     for i in np.argsort(-values):
         g = groups[i]
         if values[i] < floor or len(chosen) >= limit:
             break
         place = g.joints if len(g.joints) == 1 else ()
-        barred = g.key in taken or g.key in chosen or _overlaps(g, taken)
+        barred = g.key in taken or g.key in chosen
+        barred = barred or any(part.key in taken for part in g.parts)
         barred = barred or any(_neighbours(g, other) for other in base.members)
         if barred or (g.effect.family, g.joints) in families:
             continue
@@ -332,11 +337,7 @@ def _neighbours(one: Group, other: Group) -> bool:
     if one.effect is not other.effect or one.joints != other.joints or not one.shape:
         return False
     ratio = one.shape[0] / other.shape[0]
-    return 1 / RULES.harmonic < ratio < RULES.harmonic
-
-
-def _overlaps(group: Group, taken: set) -> bool:
-    return any(part.key in taken for part in group.parts)
+    return 1 / THRESHOLDS.ripple_order_ratio < ratio < THRESHOLDS.ripple_order_ratio
 
 
 def admissible(task: Task, group: Group, value: float, big: Fit, small: Fit) -> bool:
@@ -360,9 +361,14 @@ def lowers_error(task: Task, big: Fit, small: Fit) -> bool:
 def spares_model(task: Task, group: Group, value: float, big: Fit, small: Fit) -> bool:
     """The refit can imitate the effect, but only with implausible parameters."""
     rules = task.rules
-    if value < rules.plausible or small.bent - big.bent < rules.bent * value:
+    if (
+        value < rules.min_plausible_nats
+        or small.bent - big.bent < rules.min_prior_share * value
+    ):
         return False
-    return bool(torque_share(task.design, big, group).max() >= rules.size)
+    return bool(
+        torque_share(task.design, big, group).max() >= rules.min_plausible_torque
+    )
 
 
 def torque_share(design: Design, fitted: Fit, group: Group) -> Array:
@@ -430,7 +436,7 @@ def _swap(task: Task, current: Fit, where: set[int]) -> Fit:
             without = task.fit(rest, current)
             own = task.net_gain(current, without, group)
             ranked = best(task, without, instead=group, looks=FIRST_LOOKS)
-            margin = 1.0 if group.fellows == 1 else task.rules.threshold
+            margin = 1.0 if group.fellows == 1 else task.rules.min_nats
             if ranked and ranked[0][0] > own + margin:
                 members = refined(task, (*rest, ranked[0][1]), without)
                 current = task.settle(task.fit(members, without))
@@ -461,12 +467,12 @@ def least(task: Task, members: Sequence[Group], group: Group) -> float:
     None for one of several joints, as long as half of the arm's joints have the name;
     what every drive has may even cost as much, since what a joint lacks may hide it.
     """
-    if group.effect.is_constant:
+    if Trait.CONSTANT in group.effect.traits:
         # Tested on left-out parts: a joint whose error it halves may have five rows
         # that count.
         return -np.inf
     name = group.effect.name
     fellows = [g for g in members if g.fellows > 1 and g.effect.name == name]
     enough = group in fellows and len(fellows) >= max(2, task.design.dof / 2)
-    low = -task.rules.threshold if group.effect.usual_in_every_drive else 0.0
-    return low if enough else task.rules.threshold
+    low = -task.rules.min_nats if group.effect.usual_in_every_drive else 0.0
+    return low if enough else task.rules.min_nats

@@ -1,72 +1,339 @@
-"""The verdict as JSON and back (docs/verdict.md).
+"""The verdict of one set of logs: findings, errors, warnings and notes."""
 
-The keys are those of the records (`result`), but where `to_json` says otherwise. Every
-key is always there; what does not apply is null, and nothing is NaN.
-"""
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import replace
 
-from collections.abc import Mapping
-from dataclasses import asdict, fields, replace
-from functools import cache
+import numpy as np
 
-from pydantic import TypeAdapter, ValidationError
-
-from residual.check.result import from_json as read_check
-from residual.diagnosis.result import Verdict
-from residual.errors import InputError, shown
+from residual.check.result import LogCheck
+from residual.diagnosis.detectable import minimum_detectable
+from residual.diagnosis.doubts import DoubtResult, Withdrawal
+from residual.diagnosis.findings import NamedEffect, public_joints
+from residual.diagnosis.gate import GateResult
+from residual.diagnosis.held_out import judgement, unproven
+from residual.diagnosis.neighbours import rivals
+from residual.diagnosis.open_question import places_of
+from residual.diagnosis.outcome import SearchOutcome
+from residual.diagnosis.select import neighbours
+from residual.diagnosis.uncertainty import doubtful
+from residual.diagnosis.unexplained import JointLeftover, LeftoverAnalysis, depends_on
+from residual.diagnosis.values import changes
+from residual.effects import registry
+from residual.effects.base import Trait
+from residual.errors import joints_listed
+from residual.evidence.embodied import PossibleModel
+from residual.evidence.fit import Fit
+from residual.evidence.priors import PriorSpace, inertial_precision
+from residual.evidence.rules import THRESHOLDS
+from residual.model.compare import Errors
+from residual.planning.promise import promised, settled_by
+from residual.planning.question import Question
 from residual.quantity import plain
+from residual.recording import Array
+from residual.robot.dynamics import inertial_parameters, regressor
+from residual.verdict.document import from_json, to_json  # noqa: F401
+from residual.verdict.result import (
+    LOAD,
+    MOTION,
+    STILL,
+    Alternative,
+    Detectable,
+    ErrorTables,
+    Evidence,
+    Finding,
+    Frames,
+    Parameter,
+    Place,
+    Unexplained,
+    Verdict,
+    as_embodied,
+)
 
-SCHEMA = 1
-LATER = frozenset({"suspected", "too_small"})  # a record without them is an older one
 
+def conclude(
+    standing: DoubtResult,
+    named: Sequence[NamedEffect],
+    background: Sequence[NamedEffect],
+    bodies: PossibleModel,
+    remains: LeftoverAnalysis,
+    question: Question,
+    errors: Mapping[str, Errors],
+    tables: ErrorTables,
+    check: LogCheck | None,
+    logged: Sequence[str],
+) -> Verdict:
+    """Return the verdict, of plain values: what is not finite is None.
 
-def to_json(verdict: Verdict) -> dict:
-    """Return a verdict as JSON can hold it, in its documented form."""
-    found = asdict(verdict)
-    error = found["error"]
-    cutoff = {"filter": {"cutoff_hz": error.pop("cutoff_hz")}}
-    found["error"] = {"metric": error.pop("metric"), **cutoff, **error}
-    found["log_check"] = verdict.log_check and verdict.log_check.to_json()
-    for effect in (*found["effects"], *found["background"], *found["suspected"]):
-        splits = effect["evidence"].pop("splits")
-        effect["evidence"] |= {"p_value": None, "splits": splits}
-        for combination in effect["combinations"].values():
-            del combination["determined"]  # it is, and does not say so
-    return plain({"schema": SCHEMA, **found})
-
-
-def from_json(document: Mapping) -> Verdict:
-    """Return the verdict of a document.
-
-    Raises:
-        InputError: If it is of another schema, a key is missing, or a value is of
-            another kind than the record has.
+    Args:
+        named: The findings to be listed, most torque first; none where a fault of the
+            logs is certain.
+        background: Those that any used arm has.
+        bodies: The augmented model, and what of it no body could be.
+        errors: Errors of each model on the held-out logs; `tables` has them as values.
+        logged: Warnings on the logs, which come first.
     """
-    if document.get("schema") != SCHEMA:
-        raise InputError(
-            f"A verdict of schema {document.get('schema')!r}, expected {SCHEMA}: "
-            "diagnose its logs again."
+    examined, judged = standing.examined, standing.judged
+    task, robot = examined.task, examined.logs.robot
+    faulty = check is not None and bool(check.certain)
+    contradicted = (*contradictions(examined, judged.fit, errors), *bodies.doubts)
+    doubtful = len(examined.adequacy.doubted) or contradicted or faulty
+    every = neighbours(PriorSpace(task.design, examined.nominal), task.prior)
+    least = _clear_links(examined, minimum_detectable(task, judged.fit, every))
+    alternatives = tuple(
+        Alternative(
+            set=tuple(Place(g.effect.name, public_joints(g)) for g in rival.members),
+            nats=plain(rival.nats),
+            separated_by=LOAD if rival.twin else MOTION,
         )
-    try:
-        for key in {field.name for field in fields(Verdict)} - LATER:
-            document[key]
-        error, check = document["error"], document["log_check"]
-        error = {**error, "cutoff_hz": error["filter"]["cutoff_hz"]}
-        check = None if check is None else read_check(check)
-        found = _form().validate_python(
-            {**document, "error": error, "log_check": check}
-        )
-    except ValidationError as error:
-        first = error.errors(include_url=False)[0]
-        place = ".".join(map(str, first["loc"]))
-        words = f"{place}: {first['msg']}"
-        raise InputError(f"This is no whole verdict: {words}.") from error
-    except (AttributeError, KeyError, TypeError) as error:
-        raise InputError(f"This is no whole verdict: {shown(error)}.") from error
-    in_order = sorted(found.effects, key=lambda effect: effect.order)
-    return replace(found, effects=tuple(in_order))
+        for rival in rivals(task, judged.fit, least)
+    )
+
+    def listing(some: Sequence[NamedEffect]) -> list[Finding]:
+        return [_finding(f, i, standing) for i, f in enumerate(some, 1)]
+
+    return Verdict(
+        robot=robot.name,
+        declared=tuple(examined.nominal.names),
+        verdict="effects" if named else "unknown" if doubtful else "none",
+        effects=tuple(as_embodied(f, bodies) for f in listing(named)),
+        minimum_detectable=() if faulty else tuple(least),
+        unexplained=_unexplained(examined, remains.joints),
+        error=tables,
+        nominal_scale=plain(task.prior.scale),
+        next_experiment=None if faulty else promised(question),
+        warnings=(
+            *logged,
+            *(check.sentences if check else ()),
+            *warnings(examined, standing.withdrawn, tables.same_run),
+            *unproven(examined, errors["augmented"]),
+            *remains.sentences,
+        ),
+        log_check=check,
+        contradictions=contradicted,
+        frames=Frames.of(robot),
+        changes=changes(examined, judged.fit),
+        alternatives=settled_by(question, places_of(judged.fit.members), alternatives),
+        background=tuple(listing(background)),
+        bodies=bodies.moved,
+        suspected=() if faulty else tuple(listing(standing.suspected)),
+        too_small=tuple(j + 1 for j in examined.logs.too_small),
+    )
 
 
-@cache
-def _form() -> TypeAdapter[Verdict]:
-    # Made when a verdict is read: it takes 25 ms.
-    return TypeAdapter(Verdict)
+def _clear_links(examined: SearchOutcome, least: list[Detectable]) -> list[Detectable]:
+    """Of a link at least what its description may be off by, four times."""
+    prior, model = doubtful(examined), examined.logs.robot.model
+    bodies = inertial_parameters(model)
+    pull = inertial_precision(examined.logs.robot) @ np.diag(bodies)
+    with np.errstate(divide="ignore"):  # of a link without mass nothing is known
+        rough = prior.scale / np.sqrt((bodies @ pull).reshape(-1, 10).sum(axis=1))
+    out = []
+    for d in least:
+        if registry()[d.name].of_link and d.value is not None:
+            floor = THRESHOLDS.link_deviations * float(rough[d.joints[0] - 1])
+            d = replace(d, value=max(d.value, floor))
+        out.append(d)
+    return out
+
+
+def _finding(named: NamedEffect, order: int, standing: DoubtResult) -> Finding:
+    gains = {**standing.gains, **dict(standing.judged.kept)}
+    gain = float(np.mean([gains[t] for t in named.tested]))
+    splits = [standing.splits[t] for t in named.tested]
+    parameters = {}
+    for key, (values, stds, unit, clear) in named.parameters.items():
+        row, std = tuple(plain(values)), tuple(plain(stds))
+        if len(named.tested) == 1:
+            row, std = row[0], std[0]
+        parameters[key] = Parameter(row, std, unit, clear)
+    return Finding(
+        name=named.effect.name,
+        joints=named.joints,
+        probability=plain(named.probability),
+        order=order,
+        equivalent=tuple(Place(*other) for other in named.equivalent),
+        parameters=parameters,
+        combinations={
+            key: Parameter(plain(value), plain(std), unit)
+            for key, (value, std, unit) in named.combined.items()
+        },
+        evidence=Evidence(
+            nats=plain(named.nats),
+            by="fit" if any(t.by == "fit" for t in named.tested) else "plausibility",
+            held_out=judgement(gain),
+            held_out_gain=plain(gain),
+            splits=min(splits, key=lambda s: s.found),
+        ),
+    )
+
+
+def _unexplained(examined: SearchOutcome, left: Sequence[JointLeftover]) -> Unexplained:
+    a, design, logs = examined.adequacy, examined.task.design, examined.logs
+    power = design.rows * design.rms**2
+    weight = power / power.sum()
+    kinds = [one.kind for one in left if one.kind]
+    alike = len(set(logs.robot.prismatic)) == 1
+    per_joint = a.structured.copy()
+    per_joint[list(logs.too_small)] = np.nan
+    return Unexplained(
+        joints=tuple(int(j) + 1 for j in a.doubted),
+        fraction=plain(np.sqrt(weight @ a.structured**2)) if alike else None,
+        noise_floor=plain(np.sqrt(weight @ a.noise**2)) if alike else None,
+        depends_on=depends_on(left),
+        kind=max(sorted(set(kinds)), key=kinds.count) if kinds else None,
+        per_joint=tuple(plain(per_joint)),
+        noise_model="autocorrelation",
+    )
+
+
+PLACES = 20  # positions at which the inertia is looked at
+
+
+# What no arm can be: a refit whose friction drives, or whose inertia is negative.
+#
+# Both are sums over the motion that are linear in the coefficients, so their standard
+# deviation follows from the fit's covariance: nothing is called impossible by chance.
+
+
+def contradictions(
+    examined: SearchOutcome, fitted: Fit, errors: dict[str, Errors]
+) -> tuple[str, ...]:
+    """Return in sentences what of a fit no arm can be; empty where nothing is."""
+    if not examined.task.design.fold_rows.any():
+        return (STILL,)
+    friction, inertia = _driving(examined, fitted), _negative(examined, fitted)
+    out = []
+    if friction:
+        one = len(friction) == 1
+        out.append(
+            f"the friction that was fitted on {joints_listed(friction)} drives the arm "
+            f"instead of braking it, which no friction does: is the sign of "
+            f"{'this torque' if one else 'these torques'} right?"
+        )
+    if inertia:
+        out.append(
+            f"the inertia that was fitted on {joints_listed(inertia)} is negative, "
+            "which no body has: are signs, units and the order of the joints right?"
+        )
+    before, after = (errors[k].overall("moving") for k in ("nominal", "identified"))
+    if after > THRESHOLDS.refit_error_ratio * before:
+        out.append(
+            "the refit predicts held-out motion worse than the model as it was given "
+            f"({before:.1f} to {after:.1f} % while moving): these logs do not "
+            "determine it"
+        )
+    return tuple(out)
+
+
+def _driving(examined: SearchOutcome, fitted: Fit) -> list[int]:
+    """Joints (from 1) on which the fitted friction feeds the motion."""
+    design, covariance = examined.task.design, fitted.covariance()
+    theta, out = _whole(examined, fitted), []
+    brakes = _marked(examined, fitted, lambda e, on: Trait.FRICTION in e.traits)
+    speeds = design.stacked([t.qd[:: t.step] for t in examined.logs.sketch])
+    for j, speed in enumerate(speeds):
+        place, have = design.present(j, fitted.ids)
+        mine = brakes[have]
+        along = np.zeros(len(theta))
+        along[have[mine]] = design.columns(j, place[mine]).T @ speed
+        power, sd = along @ theta, np.sqrt(max(along @ covariance @ along, 0.0))
+        moved = np.abs(speed) @ np.abs(design.tau[j])
+        if (
+            power < -THRESHOLDS.impossible_deviations * sd
+            and power < -THRESHOLDS.min_driving_power * moved
+        ):
+            out.append(j + 1)
+    return out
+
+
+def _negative(examined: SearchOutcome, fitted: Fit) -> list[int]:
+    """Joints (from 1) whose own inertia came out negative over the logged places."""
+    design, covariance = examined.task.design, fitted.covariance()
+    theta, model = _whole(examined, fitted), examined.logs.robot.model
+    q = np.concatenate([t.q for t in examined.logs.tracks])
+    q = q[:: max(1, len(q) // PLACES)]
+    still, out = np.zeros_like(q), []
+    resting = regressor(model, q, still, still)
+    for j in range(design.dof):
+        push = still.copy()
+        push[:, j] = 1.0
+        rows = regressor(model, q, still, push)[:, j] - resting[:, j]
+        rotors = _marked(
+            examined,
+            fitted,
+            lambda e, on, j=j: e.carries == "acceleration" and on == (j,),
+        )
+        along = rotors.astype(float)
+        along[: rows.shape[1]] = rows.mean(axis=0)
+        own, sd = along @ theta, np.sqrt(max(along @ covariance @ along, 0.0))
+        if own < -THRESHOLDS.impossible_deviations * sd and own < 0:
+            out.append(j + 1)
+    return out
+
+
+def _whole(examined: SearchOutcome, fitted: Fit) -> Array:
+    """Coefficients themselves, where a fit has their distance from the nominal."""
+    theta = fitted.theta.copy()
+    base = examined.nominal.model.coefficients()
+    theta[: len(base)] += base
+    return theta
+
+
+def _marked(examined: SearchOutcome, fitted: Fit, wanted: Callable) -> Array:
+    """Which of a fit's coefficients belong to effects that are wanted. (m,), bool."""
+    model = examined.nominal.model
+    marks = [np.zeros(len(model.inertial), dtype=bool)]
+    for part in (*model.terms, *fitted.members):
+        count = len(part.theta) if hasattr(part, "theta") else len(part.ids)
+        marks.append(np.full(count, bool(wanted(part.effect, part.joints))))
+    return np.concatenate(marks)
+
+
+def warnings(
+    examined: SearchOutcome, withdrawn: Sequence[Withdrawal], same_run: bool
+) -> list[str]:
+    """Return what qualifies the answer: a weak proof, a rough model, names withdrawn.
+
+    Args:
+        withdrawn: Names that did not stand.
+        same_run: Whether the held-out logs are a part of a fit log.
+    """
+    out = []
+    if same_run:
+        out.append(
+            "no --holdout given: the last quarter of the longest log was held out; "
+            "the proof is weak, since it is the same run"
+        )
+    scale = examined.task.prior.scale
+    if scale > THRESHOLDS.rough_scale:
+        off = "100 % or more" if scale >= 1 else f"about {100 * scale:.0f} %"
+        out.append(
+            f"the inertias of the nominal model are off by {off}: too rough to blame a "
+            "single body of the arm; give --baseline"
+        )
+    out += [complaint(w.tested, w.why) for w in withdrawn]
+    return list(dict.fromkeys(out))  # two ripples of a joint make one sentence
+
+
+def complaint(tested: GateResult, why: str) -> str:
+    """A warning about a name that did not stand: 'ripple on joint 3: why'."""
+    joints = [j + 1 for j in tested.group.joints]
+    place = f" on {joints_listed(joints)}" if joints else ""
+    return f"{tested.group.effect.name}{place}: {why}"
+
+
+def signal_notes(examined: SearchOutcome) -> tuple[str, ...]:
+    """Return what was understood of the signals: filter and rows."""
+    logs = examined.logs
+    rows = examined.task.design.rows
+    every = sum(int(t.inner.sum()) for t in logs.tracks)
+    notes = [
+        f"identification filter {min(t.cutoff for t in logs.tracks):g} Hz, zero phase, "
+        "on torque and regressor alike; "
+        f"{logs.filters.edge:g} s dropped at both ends",
+        "moving rows used per joint: "
+        + ", ".join(f"{100 * r / max(every, 1):.0f} %" for r in rows),
+    ]
+    if logs.clock is None:
+        notes.append("the order of the logs in time is not known: warm-up not tested")
+    return tuple(notes)

@@ -9,6 +9,8 @@ from residual.effects.base import Effect
 from residual.errors import InputError
 from residual.plugins import plugins
 
+_HELPERS = {"base", "limits", "sensitivity"}
+
 
 @cache
 def registry() -> dict[str, Effect]:
@@ -17,9 +19,8 @@ def registry() -> dict[str, Effect]:
     Raises:
         InputError: If a plug-in is no effect, or has the name of another one.
     """
-    modules = (
-        m.name for m in iter_modules(__path__) if m.name != "base" and m.name[0] != "_"
-    )
+    every = (m.name for m in iter_modules(__path__))
+    modules = (m for m in every if m not in _HELPERS and m[0] != "_")
     found = (import_module(f"{__name__}.{m}").EFFECT for m in sorted(modules))
     effects = {effect.name: effect for effect in found}
     for name, given in plugins("modelgap.effects").items():

@@ -9,15 +9,8 @@ controller that is stiff against the link hold it, it crosses with its load, at 
 import numpy as np
 from scipy.ndimage import gaussian_filter1d
 
-from residual.effects.base import (
-    Effect,
-    Portable,
-    Refinement,
-    against_load,
-    moved,
-    rates,
-    sensitivity,
-)
+from residual.effects.base import Effect, Portable, Refinement, Trait, against_load
+from residual.effects.sensitivity import moved, rates, sensitivity
 from residual.recording import Array
 
 # The coefficient is the half gap, the shape the one that the flight is drawn for; a
@@ -95,8 +88,7 @@ EFFECT = Effect(
     from_values=lambda values, robot: (values, (float(values[0]),)),
     shapes=lambda span, j: ((5e-4,), (1e-3,), (2e-3,), (4e-3,), (1e-3, HELD)),
     refine=Refinement("ratio", 0.7, lower=1e-5, upper=WIDEST),
-    uses_model=True,
-    remembers=True,
+    traits=Trait.USES_MODEL | Trait.MEMORY,
     prior_sd=lambda robot: np.array([2e-3]),
     possible=_possible,
     # Where the load never changes its side it is an offset of the encoder.

@@ -2,19 +2,9 @@
 
 import numpy as np
 
-from residual.effects.base import Effect, against_position, formula, local, wave
+from residual.effects.base import Effect, Trait, against_position, formula, local, wave
 
 MOST = 3.0  # times the joint's torque
-
-
-def _feature(state, j, shape):
-    q = state.q[:, j]
-    return [np.sin(q), np.cos(q)]
-
-
-def _possible(theta, shape, limits):
-    """It carries what the drive need not, so it may exceed the drive's own torque."""
-    return bool(np.hypot(*theta) < MOST * limits.torque)
 
 
 EFFECT = Effect(
@@ -22,14 +12,16 @@ EFFECT = Effect(
     noun="a balancer",
     sentence="a torque that follows sin and cos of position, as from a counterbalance",
     equation="tau = sin * sin(q) + cos * cos(q)",
-    needs_turn=True,
+    traits=Trait.NEEDS_TURN | Trait.ONE_VARIABLE,
     parameters={"sin": "N m", "cos": "N m"},
-    columns=local(_feature),
+    columns=local(
+        lambda state, j, shape: [np.sin(state.q[:, j]), np.cos(state.q[:, j])]
+    ),
     family="static",
     inexact=0.1,
-    of_one_variable=True,
     variable=against_position,
-    possible=_possible,
+    # It carries what the drive need not, so it may exceed the drive's own torque.
+    possible=lambda theta, shape, limits: bool(np.hypot(*theta) < MOST * limits.torque),
     portable=formula("a[0] * sin(q) + a[1] * cos(q)"),
     told=wave(0, 1, "N m"),
 )

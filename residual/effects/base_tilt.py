@@ -7,7 +7,8 @@ to gravity in the base frame.
 
 import numpy as np
 
-from residual.effects.base import Effect, Portable, model_of
+from residual.effects.base import Effect, Portable, Trait
+from residual.effects.sensitivity import model_of
 from residual.robot.dynamics import gravity_torque
 
 MOST = np.deg2rad(10.0)
@@ -31,10 +32,6 @@ def _tangents(values, robot):
     return values * (np.tan(size) / size if size else 1.0), ()
 
 
-def _gravity(theta, robot):
-    return np.linalg.norm(robot.model.gravity.linear) * np.array([*theta, 0.0])
-
-
 EFFECT = Effect(
     name="base_tilt",
     noun="a tilted base",
@@ -45,11 +42,15 @@ EFFECT = Effect(
     scope="global",
     values=_angles,
     from_values=_tangents,
-    uses_model=True,
+    traits=Trait.USES_MODEL,
     # Two degrees: more is seen with the eye.
     prior_sd=lambda robot: np.full(2, np.deg2rad(2.0)),
     variable=None,
     possible=lambda theta, shape, limits: bool(np.hypot(*theta) < np.tan(MOST)),
-    portable=Portable(gravity=_gravity),
+    portable=Portable(
+        gravity=lambda theta, robot: (
+            np.linalg.norm(robot.model.gravity.linear) * np.array([*theta, 0.0])
+        )
+    ),
     frame="about the axes of the base",
 )

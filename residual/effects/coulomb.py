@@ -1,6 +1,7 @@
 """Coulomb friction: torque of constant size against the direction of motion."""
 
-from residual.effects.base import Effect, dissipates, formula, local
+from residual.effects.base import Effect, Trait, formula, local
+from residual.effects.limits import dissipates
 
 EFFECT = Effect(
     name="coulomb",
@@ -9,12 +10,9 @@ EFFECT = Effect(
     equation="tau = level * sgn(qd)",
     parameters={"level": "N m"},
     columns=local(lambda state, j, shape: [state.sign[:, j]]),
-    is_parameter=True,
+    traits=Trait.PARAMETER | Trait.NOT_NEGATIVE | Trait.GROUPABLE | Trait.FRICTION,
     usual_in_every_drive=2,
-    not_negative=True,
-    groupable=True,
     possible=dissipates,
-    brakes=True,
     in_any_arm=lambda span, j: ((),),
     portable=formula("a[0] * sign", joint=("friction",)),
 )

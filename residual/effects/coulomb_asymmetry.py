@@ -2,7 +2,8 @@
 
 import numpy as np
 
-from residual.effects.base import Effect, formula, local, within_torque
+from residual.effects.base import Effect, Trait, formula, local
+from residual.effects.limits import within_torque
 
 EFFECT = Effect(
     name="coulomb_asymmetry",
@@ -15,8 +16,7 @@ EFFECT = Effect(
     columns=local(lambda state, j, shape: [np.abs(state.sign[:, j])]),
     far_fetched=0.5,
     family="static",
-    groupable=True,
+    traits=Trait.GROUPABLE | Trait.FRICTION,
     possible=within_torque,
-    brakes=True,
     portable=formula("a[0] * fabs(sign)"),
 )

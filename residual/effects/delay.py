@@ -6,7 +6,7 @@ bends it as a delay of that size does.
 
 import numpy as np
 
-from residual.effects.base import EARLIER, Effect, Portable, Refinement
+from residual.effects.base import EARLIER, Effect, Portable, Refinement, Trait
 
 LARGEST = 0.05  # s: beyond it the two channels have lost each other
 LEAST = 1e-4  # s: below it the difference is a derivative
@@ -21,11 +21,6 @@ def _columns(state, joints, shape):
     return ((np.column_stack(then) - state.tau_model) / late)[:, :, None]
 
 
-def _possible(theta, shape, limits):
-    """No report comes before what it reports, and the bend must be of that size."""
-    return bool(0 < theta[0] < 4 * max(shape[0], LEAST))
-
-
 EFFECT = Effect(
     name="delay",
     noun="a delay between torque and position",
@@ -38,11 +33,10 @@ EFFECT = Effect(
     from_values=lambda values, robot: (values, (float(values[0]),)),
     shapes=lambda span, j: tuple((a,) for a in FIRST),
     refine=Refinement("shift", 0.015, lower=LEAST, upper=LARGEST),
-    uses_model=True,
-    remembers=True,
-    of_report=True,
+    traits=Trait.USES_MODEL | Trait.MEMORY | Trait.REPORT,
     prior_sd=lambda robot: np.array([0.01]),
-    possible=_possible,
+    # No report comes before what it reports, and the bend must be of that size.
+    possible=lambda theta, shape, limits: bool(0 < theta[0] < 4 * max(shape[0], LEAST)),
     variable=lambda state, j: (
         np.gradient(state.tau_model[:, j], 1 / state.rate),
         f"rate of model torque {j + 1} [N m/s]",

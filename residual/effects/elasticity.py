@@ -5,7 +5,8 @@ The encoder sits on the motor, so the link is at the reading less load over stif
 
 import numpy as np
 
-from residual.effects.base import Effect, Portable, against_load, moved, rates, slow
+from residual.effects.base import Effect, Portable, Trait, against_load
+from residual.effects.sensitivity import moved, rates, slow
 
 FUTURE = "its filter looks ahead in time"
 SOFT, HARD = 3e2, 1e7  # N m/rad: beyond, no gear of an arm
@@ -30,8 +31,7 @@ EFFECT = Effect(
     scope="link",
     values=lambda theta, shape, robot: 1 / np.where(theta == 0, 1e-12, theta),
     from_values=lambda values, robot: (1 / values, ()),
-    uses_model=True,
-    remembers=True,
+    traits=Trait.USES_MODEL | Trait.MEMORY,
     # In compliance: 1e4 N m/rad is a soft gear of an arm of 100 kg.
     prior_sd=lambda robot: np.array([2e-4]),
     possible=lambda theta, shape, limits: bool(1 / HARD < theta[0] < 1 / SOFT),

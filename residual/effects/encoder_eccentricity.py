@@ -2,7 +2,8 @@
 
 import numpy as np
 
-from residual.effects.base import Effect, Portable, turned, wave
+from residual.effects.base import Effect, Portable, Trait, wave
+from residual.effects.sensitivity import turned
 
 MOST = 0.2  # rad
 SHIFT = (
@@ -31,11 +32,10 @@ EFFECT = Effect(
         "d tau = dtau/dq_j x + dtau/dqd_j x' + dtau/dqdd_j x'', where x = cos * "
         "cos(q_j) + sin * sin(q_j)"
     ),
-    needs_turn=True,
+    traits=Trait.NEEDS_TURN | Trait.USES_MODEL,
     parameters={"cos": "rad", "sin": "rad"},
     columns=_columns,
     scope="link",
-    uses_model=True,
     prior_sd=lambda robot: np.full(2, np.deg2rad(0.7)),
     family="geometry",
     variable=None,

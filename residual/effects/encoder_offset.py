@@ -2,14 +2,10 @@
 
 import numpy as np
 
-from residual.effects.base import Effect, Portable, sensitivity
+from residual.effects.base import Effect, Portable, Trait
+from residual.effects.sensitivity import sensitivity
 
 MOST = 0.5  # rad: nobody would overlook more
-
-
-def _columns(state, joints, shape):
-    (j,) = joints
-    return sensitivity(state)[0][:, :, [j]]
 
 
 EFFECT = Effect(
@@ -18,9 +14,9 @@ EFFECT = Effect(
     sentence="an encoder that is off by a constant angle",
     equation="d tau = dtau/dq_j * angle",
     parameters={"angle": "rad"},
-    columns=_columns,
+    columns=lambda state, joints, shape: sensitivity(state)[0][:, :, list(joints)],
     scope="link",
-    uses_model=True,
+    traits=Trait.USES_MODEL,
     prior_sd=lambda robot: np.full(1, np.deg2rad(1.0)),
     family="geometry",
     variable=None,

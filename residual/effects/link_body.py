@@ -3,7 +3,7 @@
 import pinocchio as pin
 
 from residual.effects import _body
-from residual.effects.base import Effect, Portable
+from residual.effects.base import Effect, Portable, Trait
 
 _JOINT = pin.SE3.Identity()  # it is told in the axes of its link's joint
 
@@ -19,9 +19,7 @@ EFFECT = Effect(
     outermost=2,  # what sits on the wrist is told as a load
     values=lambda theta, shape, robot: _body.values_in(_JOINT, theta),
     from_values=lambda values, robot: _body.theta_from(_JOINT, values),
-    is_parameter=True,
-    in_every_model=True,
-    needs_known_body=True,
+    traits=Trait.PARAMETER | Trait.IN_EVERY_MODEL | Trait.BODY,
     prior_sd=_body.prior_sd,
     usual=lambda states, joints: _body.usual_in(_JOINT),
     reports=_body.reports,

@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from residual.effects.base import Effect, Portable
+from residual.effects.base import Effect, Portable, Trait
 from residual.robot.dynamics import inertial_parameters
 
 # Of the body that the model has: what is more is a body beside it, and a flange nine
@@ -36,9 +36,7 @@ EFFECT = Effect(
     parameters={"scale": "1"},
     columns=_columns,
     scope="link",
-    is_parameter=True,
-    in_every_model=True,
-    needs_known_body=True,
+    traits=Trait.PARAMETER | Trait.IN_EVERY_MODEL | Trait.BODY,
     prior_sd=lambda robot: np.array([0.3]),
     # No body weighs less than nothing.
     possible=lambda theta, shape, limits: bool(-1 < theta[0] < MOST),

@@ -2,12 +2,7 @@
 
 import numpy as np
 
-from residual.effects.base import Effect, against_load, formula, local
-
-
-def _feature(state, j, shape):
-    return [np.abs(state.rigid[:, j]) * state.sign[:, j]]
-
+from residual.effects.base import Effect, Trait, against_load, formula, local
 
 EFFECT = Effect(
     name="load_friction",
@@ -15,13 +10,11 @@ EFFECT = Effect(
     sentence="friction that grows with the torque that the gear carries",
     equation="tau = coefficient * |rigid-body torque| * sgn(qd)",
     parameters={"coefficient": "1"},
-    columns=local(_feature),
-    uses_model=True,
+    columns=local(lambda s, j, shape: [np.abs(s.rigid[:, j]) * s.sign[:, j]]),
+    traits=Trait.USES_MODEL | Trait.NOT_NEGATIVE | Trait.FRICTION,
     # A load presses teeth and bearings together; none of them runs easier for it.
-    not_negative=True,
     variable=against_load,
     possible=lambda theta, shape, limits: bool(0 < theta[0] < 1),
-    brakes=True,
     in_any_arm=lambda span, j: ((),),
     portable=formula("a[0] * fabs(rigid) * sign"),
 )

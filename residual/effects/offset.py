@@ -2,7 +2,8 @@
 
 import numpy as np
 
-from residual.effects.base import Effect, formula, local, within_torque
+from residual.effects.base import Effect, Trait, formula, local
+from residual.effects.limits import within_torque
 
 EFFECT = Effect(
     name="offset",
@@ -12,8 +13,7 @@ EFFECT = Effect(
     parameters={"torque": "N m"},
     columns=local(lambda state, j, shape: [np.ones(len(state.t))]),
     family="static",
-    is_constant=True,
-    groupable=True,
+    traits=Trait.CONSTANT | Trait.GROUPABLE,
     possible=within_torque,
     in_any_arm=lambda span, j: ((),),
     portable=formula("a[0]", joint=("constant",)),

@@ -1,13 +1,8 @@
 """A load on the flange that the model does not have, or has wrong."""
 
 from residual.effects import _body
-from residual.effects.base import Effect, Portable
+from residual.effects.base import Effect, Portable, Trait
 from residual.robot.dynamics import flange_placement
-
-
-def _values(theta, shape, robot):
-    """Mass, centre and inertia about that centre, in the flange frame."""
-    return _body.values_in(flange_placement(robot.model), theta)
 
 
 def _combined(theta, robot):
@@ -16,12 +11,6 @@ def _combined(theta, robot):
         f"mass * centre_{axis} about the last joint": (float(theta[1 + i]), "kg m")
         for i, axis in enumerate("xyz")
     }
-
-
-def _possible(theta, shape, limits):
-    """No heavier than the arm, no lighter than the load the model has, within reach."""
-    lightest = limits.had[0] if len(limits.had) else 0.0
-    return _body.possible(theta, limits, -lightest)
 
 
 EFFECT = Effect(
@@ -35,14 +24,14 @@ EFFECT = Effect(
     parameters=_body.PARAMETERS,
     columns=_body.columns,
     scope="flange",
-    values=_values,
+    values=lambda theta, shape, robot: _body.values_in(
+        flange_placement(robot.model), theta
+    ),
     from_values=lambda values, robot: _body.theta_from(
         flange_placement(robot.model), values
     ),
-    is_parameter=True,
+    traits=Trait.PARAMETER | Trait.BODY,
     carries="body",
-    needs_known_body=True,
-    if_refuted="was the load mounted otherwise there?",
     prior_sd=_body.prior_sd,
     combined=_combined,
     usual=lambda states, joints: _body.usual_in(
@@ -50,7 +39,10 @@ EFFECT = Effect(
     ),
     reports=_body.reports,
     variable=None,
-    possible=_possible,
+    # No heavier than the arm, no lighter than the load the model has, within reach.
+    possible=lambda theta, shape, limits: _body.possible(
+        theta, limits, -limits.had[0] if len(limits.had) else 0.0
+    ),
     portable=Portable(bodies=_body.bodies),
     frame="in the axes of {flange}, from its origin; inertia about the centre",
 )

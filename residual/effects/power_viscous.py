@@ -2,14 +2,8 @@
 
 import numpy as np
 
-from residual.effects.base import Effect, Refinement, dissipates, formula, local, shaped
-
-
-def _feature(state, j, shape):
-    (exponent,) = shape
-    qd = state.qd[:, j]
-    return [np.sign(qd) * np.abs(qd) ** exponent]
-
+from residual.effects.base import Effect, Refinement, Trait, formula, local, shaped
+from residual.effects.limits import dissipates
 
 EFFECT = Effect(
     name="power_viscous",
@@ -17,14 +11,15 @@ EFFECT = Effect(
     sentence="viscous friction that grows less than linearly with speed",
     equation="tau = coefficient * |qd|^exponent * sgn(qd), exponent below 1",
     parameters={"coefficient": "N m (s/rad)^p", "exponent": "1"},
-    columns=local(_feature),
+    columns=local(
+        lambda s, j, shape: [np.sign(s.qd[:, j]) * np.abs(s.qd[:, j]) ** shape[0]]
+    ),
     from_values=shaped,
     shapes=lambda span, j: ((0.25,), (0.5,), (0.75,)),
     refine=Refinement("ratio", 0.4, lower=0.05, upper=0.95),
-    groupable=True,
+    traits=Trait.GROUPABLE | Trait.FRICTION,
     possible=lambda theta, shape, limits: dissipates(
         theta * limits.speed ** shape[0], shape, limits
     ),
-    brakes=True,
     portable=formula("a[0] * sgn(qd) * pow(fabs(qd), s[0])"),
 )

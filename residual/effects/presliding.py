@@ -8,28 +8,19 @@ from residual.effects.base import (
     BRISTLE,
     Effect,
     Refinement,
-    dissipates,
+    Trait,
     formula,
     local,
     shaped,
 )
+from residual.effects.limits import dissipates
 from residual.signals.standstill import bristle
-
-
-def _feature(state, j, shape):
-    (displacement,) = shape
-    return [bristle(state.q[:, j], displacement) - state.sign[:, j]]
 
 
 def _shapes(span, j):
     """Ways that are longer than what the mask around a reversal hides."""
     ways = (0.003, 0.006, 0.012, 0.025, 0.05)
     return tuple((w,) for w in ways if w < 0.1 * span.travel[j])
-
-
-def _possible(theta, shape, limits):
-    """Bristles hold against motion, no more than the joint's torque."""
-    return dissipates(theta, (), limits)
 
 
 EFFECT = Effect(
@@ -41,14 +32,13 @@ EFFECT = Effect(
         "on top of level * sgn(qd)"
     ),
     parameters={"level": "N m", "displacement": "rad"},
-    columns=local(_feature),
-    remembers=True,
+    columns=local(lambda s, j, shape: [bristle(s.q[:, j], *shape) - s.sign[:, j]]),
+    traits=Trait.MEMORY | Trait.FRICTION,
     rides_on="coulomb",
     from_values=shaped,
     shapes=_shapes,
     refine=Refinement("ratio", 0.6),
-    possible=_possible,
+    possible=dissipates,
     least_seen=((0.006,),),  # rad
-    brakes=True,
     portable=formula("a[0] * (bristle(m, q, s[0]) - sign)", memory=BRISTLE),
 )

@@ -2,7 +2,8 @@
 
 import numpy as np
 
-from residual.effects.base import Effect, dissipates_with_speed, formula, local
+from residual.effects.base import Effect, Trait, formula, local
+from residual.effects.limits import dissipates_with_speed
 
 EFFECT = Effect(
     name="quadratic_viscous",
@@ -11,11 +12,10 @@ EFFECT = Effect(
     equation="tau = coefficient * qd * |qd|",
     parameters={"coefficient": "N m s^2/rad^2"},
     columns=local(lambda state, j, shape: [state.qd[:, j] * np.abs(state.qd[:, j])]),
-    groupable=True,
+    traits=Trait.GROUPABLE | Trait.FRICTION,
     possible=lambda theta, shape, limits: dissipates_with_speed(
         theta * limits.speed, shape, limits
     ),
-    brakes=True,
     in_any_arm=lambda span, j: ((),),
     portable=formula("a[0] * qd * fabs(qd)", joint=("quadratic_damping",)),
 )

@@ -5,17 +5,12 @@ import numpy as np
 from residual.effects.base import (
     Effect,
     Refinement,
+    Trait,
     against_position,
     formula,
     local,
-    within_torque,
 )
-
-
-def _feature(state, j, shape):
-    (order,) = shape
-    angle = order * state.q[:, j]
-    return [np.cos(angle), np.sin(angle)]
+from residual.effects.limits import within_torque
 
 
 def _shapes(span, j):
@@ -33,11 +28,6 @@ def _shapes(span, j):
     return tuple((float(n),) for n in np.arange(lowest, highest, step))
 
 
-def _values(theta, shape, robot):
-    a, b = theta
-    return np.array([np.hypot(a, b), shape[0], np.arctan2(-b, a)])
-
-
 def _from_values(values, robot):
     amplitude, order, phase = values
     return amplitude * np.array([np.cos(phase), -np.sin(phase)]), (float(order),)
@@ -50,12 +40,16 @@ EFFECT = Effect(
     equation="tau = amplitude * cos(order * q + phase)",
     parameters={"amplitude": "N m", "order": "1", "phase": "rad"},
     sliding={"order": "rad/m", "phase": "rad"},
-    columns=local(_feature),
-    values=_values,
+    columns=local(
+        lambda s, j, shape: [wave(shape[0] * s.q[:, j]) for wave in (np.cos, np.sin)]
+    ),
+    values=lambda theta, shape, robot: np.array(
+        [np.hypot(*theta), shape[0], np.arctan2(-theta[1], theta[0])]
+    ),
     from_values=_from_values,
     shapes=_shapes,
     refine=Refinement("shift", 0.8, sliding=4.0),
-    repeats=True,
+    traits=Trait.PERIODIC,
     variable=against_position,
     possible=within_torque,
     in_any_arm=lambda span, j: ((1.0,), (2.0,), (3.0,)),

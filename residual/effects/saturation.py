@@ -2,16 +2,17 @@
 
 import numpy as np
 
-from residual.effects.base import Effect, Refinement, against_torque, formula, local
+from residual.effects.base import (
+    Effect,
+    Refinement,
+    Trait,
+    against_torque,
+    formula,
+    local,
+)
 
 # The coefficient is one where the clip is right; a model that is not yet may need more.
 LEAST, MOST = 0.5, 2.0
-
-
-def _feature(state, j, shape):
-    (level,) = shape
-    tau = state.tau_model[:, j]
-    return [np.clip(tau, -level, level) - tau]
 
 
 def _shapes(span, j):
@@ -26,13 +27,16 @@ EFFECT = Effect(
     sentence="a report of torque that ends at a certain size",
     equation="d tau = clip(tau, -level, level) - tau",
     parameters={"level": "N m"},
-    columns=local(_feature),
+    columns=local(
+        lambda s, j, shape: [
+            np.clip(s.tau_model[:, j], -shape[0], shape[0]) - s.tau_model[:, j]
+        ]
+    ),
     values=lambda theta, shape, robot: np.array([shape[0]]),
     from_values=lambda values, robot: (np.ones(1), (float(values[0]),)),
     shapes=_shapes,
     refine=Refinement("ratio", 0.1),
-    uses_model=True,
-    of_report=True,
+    traits=Trait.USES_MODEL | Trait.REPORT,
     prior_sd=lambda robot: np.array([1.0]),
     possible=lambda theta, shape, limits: bool(LEAST < theta[0] < MOST),
     variable=against_torque,

@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from residual.effects.base import Effect, against_position, formula, local
+from residual.effects.base import Effect, Trait, against_position, formula, local
 
 MOST = 3.0  # times the joint's torque: what a spring that carries the arm may reach
 
@@ -43,7 +43,7 @@ EFFECT = Effect(
     from_values=lambda values, robot: (values[0] * np.array([1.0, -values[1]]), ()),
     usual=_usual,
     family="static",
-    of_one_variable=True,
+    traits=Trait.ONE_VARIABLE,
     variable=against_position,
     possible=_possible,
     portable=formula("a[0] * q + a[1]", joint=("stiffness", "constant")),

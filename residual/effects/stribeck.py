@@ -5,7 +5,8 @@ The textbook form level·exp(-|qd/vs|^exponent) (Armstrong-Hélouvry 1994).
 
 import numpy as np
 
-from residual.effects.base import Effect, Refinement, dissipates, formula, local, shaped
+from residual.effects.base import Effect, Refinement, Trait, formula, local, shaped
+from residual.effects.limits import dissipates
 
 
 def _feature(state, j, shape):
@@ -14,14 +15,9 @@ def _feature(state, j, shape):
     return [state.sign[:, j] * fade]
 
 
-def _shapes(span, j):
-    velocities = np.array([0.03, 0.06, 0.12, 0.24]) * max(span.speed[j], 1e-3)
-    return tuple((float(v), e) for v in velocities for e in (1.0, 2.0))
-
-
-def _usual_shapes(span, j):
-    widths = np.array([0.03, 0.06, 0.12]) * max(span.speed[j], 1e-3)
-    return tuple((float(v), 1.0) for v in widths)
+def _shapes(span, j, velocities=(0.03, 0.06, 0.12, 0.24), exponents=(1.0, 2.0)):
+    velocities = np.array(velocities) * max(span.speed[j], 1e-3)
+    return tuple((float(v), e) for v in velocities for e in exponents)
 
 
 EFFECT = Effect(
@@ -34,10 +30,9 @@ EFFECT = Effect(
     from_values=shaped,
     shapes=_shapes,
     refine=Refinement("ratio", 0.6),
-    not_negative=True,
+    traits=Trait.NOT_NEGATIVE | Trait.FRICTION,
     possible=dissipates,
-    brakes=True,
-    in_any_arm=_usual_shapes,
+    in_any_arm=lambda span, j: _shapes(span, j, (0.03, 0.06, 0.12), (1.0,)),
     least_seen=tuple((velocity, 1.0) for velocity in (0.06, 0.12)),  # rad/s
     portable=formula("a[0] * sign * exp(-pow(fabs(qd / s[0]), s[1]))"),
 )

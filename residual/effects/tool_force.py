@@ -12,17 +12,6 @@ def _columns(state, joints, shape):
     return -linear.transpose(0, 2, 1)
 
 
-def _prior_sd(robot):
-    """A push of 3 % of the arm's weight, as the payload that it may carry."""
-    mass = sum(body.mass for body in robot.model.inertias)
-    return np.full(3, 0.03 * 9.81 * mass)
-
-
-def _possible(theta, shape, limits):
-    """No stronger than the arm is heavy."""
-    return bool(np.linalg.norm(theta) < 9.81 * limits.weight)
-
-
 EFFECT = Effect(
     name="tool_force",
     noun="a constant force at the tool",
@@ -31,9 +20,14 @@ EFFECT = Effect(
     parameters={"x": "N", "y": "N", "z": "N"},
     columns=_columns,
     scope="global",
-    prior_sd=_prior_sd,
+    # 3 % of the arm's weight.
+    prior_sd=lambda robot: np.full(
+        3, 0.03 * 9.81 * sum(body.mass for body in robot.model.inertias)
+    ),
     variable=None,
-    possible=_possible,
+    possible=lambda theta, shape, limits: bool(
+        np.linalg.norm(theta) < 9.81 * limits.weight
+    ),
     portable=Portable(force=np.array),
     frame="in the axes of the base",
 )

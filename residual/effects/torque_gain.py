@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from residual.effects.base import Effect, against_torque, formula, local
+from residual.effects.base import Effect, Trait, against_torque, formula, local
 
 MOST = 10.0  # beyond it the unit is another one
 
@@ -14,12 +14,10 @@ EFFECT = Effect(
     equation="d tau = gain * tau",
     parameters={"gain": "1"},
     columns=local(lambda state, j, shape: [state.tau_model[:, j]]),
-    uses_model=True,
-    of_report=True,
+    traits=Trait.USES_MODEL | Trait.REPORT | Trait.ONE_VARIABLE,
     # A torque constant is wrong by some per cent; a free gain would imitate any
     # missing model on a joint that the nominal explains badly.
     prior_sd=lambda robot: np.array([0.1]),
-    of_one_variable=True,
     variable=against_torque,
     possible=lambda theta, shape, limits: bool(-1 < theta[0] < MOST),
     portable=formula("a[0] * tau"),

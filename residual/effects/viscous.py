@@ -1,6 +1,7 @@
 """Viscous friction: torque proportional to speed."""
 
-from residual.effects.base import Effect, dissipates_with_speed, formula, local
+from residual.effects.base import Effect, Trait, formula, local
+from residual.effects.limits import dissipates_with_speed
 
 EFFECT = Effect(
     name="viscous",
@@ -9,13 +10,10 @@ EFFECT = Effect(
     equation="tau = coefficient * qd",
     parameters={"coefficient": "N m s/rad"},
     columns=local(lambda state, j, shape: [state.qd[:, j]]),
-    is_parameter=True,
+    traits=Trait.PARAMETER | Trait.NOT_NEGATIVE | Trait.GROUPABLE | Trait.FRICTION,
     usual_in_every_drive=1,
     carries="speed",
-    not_negative=True,
-    groupable=True,
     possible=dissipates_with_speed,
-    brakes=True,
     in_any_arm=lambda span, j: ((),),
     portable=formula("a[0] * qd", joint=("damping",)),
 )

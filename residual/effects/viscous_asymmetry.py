@@ -2,7 +2,8 @@
 
 import numpy as np
 
-from residual.effects.base import Effect, formula, local, within_torque
+from residual.effects.base import Effect, Trait, formula, local
+from residual.effects.limits import within_torque
 
 EFFECT = Effect(
     name="viscous_asymmetry",
@@ -14,7 +15,7 @@ EFFECT = Effect(
     possible=lambda theta, shape, limits: within_torque(
         theta * limits.speed, shape, limits
     ),
-    brakes=True,
+    traits=Trait.FRICTION,
     in_any_arm=lambda span, j: ((),),
     portable=formula("a[0] * fabs(qd)"),
 )

@@ -2,12 +2,8 @@
 
 import numpy as np
 
-from residual.effects.base import Effect, Refinement, dissipates, formula, local, shaped
-
-
-def _feature(state, j, shape):
-    (time_constant,) = shape
-    return [state.sign[:, j] * np.exp(-state.t / time_constant)]
+from residual.effects.base import Effect, Refinement, Trait, formula, local, shaped
+from residual.effects.limits import dissipates
 
 
 def _shapes(span, j):
@@ -22,15 +18,14 @@ EFFECT = Effect(
     sentence="friction that falls with the time since the session began",
     equation="tau = level * exp(-t / time_constant) * sgn(qd)",
     parameters={"level": "N m", "time_constant": "s"},
-    columns=local(_feature),
+    columns=local(lambda s, j, shape: [s.sign[:, j] * np.exp(-s.t / shape[0])]),
     from_values=shaped,
     shapes=_shapes,
     refine=Refinement("ratio", 0.6),
-    needs_clock=True,
+    traits=Trait.NEEDS_CLOCK | Trait.FRICTION,
     # One over time and two time constants: 7 to 34 % from this level at the start.
     inexact=0.15,
     variable=lambda state, j: (state.t, "session time [s]"),
     possible=dissipates,
-    brakes=True,
     portable=formula("a[0] * sign * exp(-t / s[0])"),
 )

@@ -11,7 +11,7 @@ from tempfile import TemporaryFile
 
 import numpy as np
 
-from residual.effects.base import Effect, Joints, Placed, Shape
+from residual.effects.base import Effect, Joints, PlacedEffect, Shape
 from residual.recording import Array
 from residual.signals.splitting import logs_of
 from residual.signals.track import Track
@@ -195,18 +195,25 @@ class Group:
     fellows: int = 1  # how many came together with this one in such a group
     label: str = ""  # name of the candidate; the effect's own where empty
     # What is known of the coefficients for sure, beside the usual prior.
-    given: "Given | None" = None
+    given: "KnownPrior | None" = None
 
     @property
-    def prior(self) -> "Given":
+    def prior(self) -> "KnownPrior":
         """What its prior has beside the precision."""
         k = len(self.ids)
-        return self.given or Given(np.zeros((k, k)), np.zeros(k), 0.0, self.log_det)
+        return self.given or KnownPrior(
+            np.zeros((k, k)), np.zeros(k), 0.0, self.log_det
+        )
 
     @property
-    def placed(self) -> Placed:
+    def placed(self) -> PlacedEffect:
         """What its columns are made of."""
-        return Placed(self.effect, self.joints, self.shape)
+        return PlacedEffect(self.effect, self.joints, self.shape)
+
+    def times_as_precise(self, times: float) -> "Group":
+        """The same with a prior that is so many times as precise."""
+        log_det = self.log_det + len(self.ids) * float(np.log(times))
+        return replace(self, precision=times * self.precision, log_det=log_det)
 
     @property
     def key(self) -> tuple:
@@ -216,7 +223,7 @@ class Group:
 
 
 @dataclass(frozen=True, eq=False, slots=True)
-class Given:
+class KnownPrior:
     """A prior with what is known for sure: (theta - mu)'(P + K)(theta - mu)."""
 
     information: Array  # k, beside the usual precision P, (k, k)
@@ -225,7 +232,7 @@ class Given:
     log_det: float  # of P + K
 
     @classmethod
-    def of(cls, precision: Array, information: Array, pull: Array) -> "Given":
+    def of(cls, precision: Array, information: Array, pull: Array) -> "KnownPrior":
         """What is known, as the prior of an effect that is there is the usual one."""
         both = precision + information
         return cls(

@@ -14,11 +14,11 @@ from dataclasses import replace
 
 import numpy as np
 
-from residual.effects.base import Joints, Placed, State
+from residual.effects.base import Joints, PlacedEffect, State
 from residual.evidence.columns import (
     ColumnCache,
-    Given,
     Group,
+    KnownPrior,
     Sums,
     fold_labels,
     rows_that_count,
@@ -26,8 +26,8 @@ from residual.evidence.columns import (
     sound,
     squares_per_fold,
 )
-from residual.evidence.rules import RULES
-from residual.model.known import held, of_effect
+from residual.evidence.rules import THRESHOLDS
+from residual.model.known_values import known_prior, of_effect
 from residual.model.model import Model, Term
 from residual.recording import Array
 from residual.robot.dynamics import links_of
@@ -215,7 +215,7 @@ class Design:
         for fold, own in runs(self._rows_labels(j, self._chunks[c])):
             self._sums.add(j, fold, every[:, own], first, y[own])
 
-    def add(self, candidates: Sequence[Placed]) -> list[Group]:
+    def add(self, candidates: Sequence[PlacedEffect]) -> list[Group]:
         """Append candidates and return their groups, in order."""
         if not candidates:
             return []
@@ -257,18 +257,22 @@ class Design:
         if effect.prior_sd is not None:
             precision = np.diag(1 / effect.prior_sd(self.model.robot) ** 2)
         else:
-            precision = self.unit_information(ids, rows) / RULES.amplitude**2
+            precision = (
+                self.unit_information(ids, rows) / THRESHOLDS.prior_torque_share**2
+            )
         group = Group(effect, joints, shape, ids, *sound(precision))
         return replace(group, given=self._given(group))
 
-    def _given(self, group: Group) -> Given | None:
+    def _given(self, group: Group) -> KnownPrior | None:
         """What is known of an effect for sure; of a change of the model's, nothing."""
         known = of_effect(self.model.robot, group.effect, group.joints)
         if not known:
             return None
         terms = [(t.effect.name, t.joints) for t in self.model.terms]
         declared = (group.effect.name, group.joints) in terms
-        return Given.of(group.precision, *held(known, group.precision, declared))
+        return KnownPrior.of(
+            group.precision, *known_prior(known, group.precision, declared)
+        )
 
     def unit_information(self, ids: Array, rows: Joints) -> Array:
         """Mean square of the columns in units of torque rms. Shape (k, k)."""
@@ -281,7 +285,7 @@ class Design:
 
     def grouped(self, term: Term, ids: Array) -> Group:
         """An effect on columns that are here already."""
-        placed = Placed(term.effect, term.joints, term.shape)
+        placed = PlacedEffect(term.effect, term.joints, term.shape)
         return self._group(placed, term.effect.rows(term.joints, self.dof), ids)
 
     # -- other designs of the same columns ----------------------------------------
@@ -367,6 +371,10 @@ class Design:
         place = self._sums.place[j][ids]
         have = np.flatnonzero(place >= 0)
         return place[have], have
+
+    def acts(self, j: int, group: Group) -> bool:
+        """Whether all columns of a group act on joint j."""
+        return bool((self._sums.place[j][group.ids] >= 0).all())
 
     def total(self, j: int) -> tuple[Array, Array]:
         """Gram and cross product of joint j, summed over folds. (p, p), (p,)."""

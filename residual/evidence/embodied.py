@@ -15,8 +15,8 @@ from scipy.special import chdtrc
 from residual.errors import listed
 from residual.evidence.design import Design
 from residual.evidence.fit import BODY, Fit, scaled_inverse
-from residual.evidence.rules import RULES
-from residual.model.bodies import Moved, bodies_of, nearest
+from residual.evidence.rules import THRESHOLDS
+from residual.model.bodies import BodyCorrection, bodies_of, nearest
 from residual.model.model import Model
 from residual.recording import Array
 
@@ -24,12 +24,12 @@ LITTLE = 0.01  # per cent of torque: less is not told
 
 
 @dataclass(frozen=True, eq=False, slots=True)
-class Embodied:
+class PossibleModel:
     """A model whose links and load can exist."""
 
     model: Model  # the model
     # What could not exist as fitted freely; None where every body can.
-    moved: Moved | None
+    moved: BodyCorrection | None
     # Whether the logs contradict every possible body: beyond chance, and on some joint
     # by as much as a name must explain.
     contradicted: bool = False
@@ -60,7 +60,7 @@ class Embodied:
 
 
 @dataclass(frozen=True, eq=False, slots=True)
-class Beside:
+class SeparateTerm:
     """A term that was fitted apart from the rest."""
 
     covariance: Array  # of its coefficients, (k, k)
@@ -68,8 +68,8 @@ class Beside:
 
 
 def embodied(
-    design: Design, fitted: Fit, model: Model, beside: Sequence[Beside] = ()
-) -> Embodied:
+    design: Design, fitted: Fit, model: Model, beside: Sequence[SeparateTerm] = ()
+) -> PossibleModel:
     """Move a fitted model to the nearest one whose bodies can exist.
 
     Args:
@@ -80,7 +80,7 @@ def embodied(
     bodies = bodies_of(model)
     moved = bodies.impossible(best)
     if not moved:
-        return Embodied(model, None)
+        return PossibleModel(model, None)
     apart = [np.linalg.cholesky(scaled_inverse(b.covariance)).T for b in beside]
     found = nearest(bodies, best, block_diag(fitted.cholesky.T, *apart))
     before, after = (
@@ -91,19 +91,22 @@ def embodied(
     # Twice the fall of log likelihood is chi-square of what the bodies can be moved by.
     fall = float(fitted.weight(design.rows) @ (design.rows * (after - before)))
     chance = float(chdtrc(BODY * len(moved), max(fall, 0.0)))
-    told = Moved(moved, tuple(float(p) for p in price), chance)
+    told = BodyCorrection(moved, tuple(float(p) for p in price), chance)
     # No arm has quite the form of its model: what is less than a name does not count.
-    large = RULES.lower(price, 1 - np.sqrt(before / np.maximum(after, 1e-300))).any()
+    large = THRESHOLDS.lower(
+        price, 1 - np.sqrt(before / np.maximum(after, 1e-300))
+    ).any()
     # Of so many bodies one is always the worst, as of links.
-    sure = chance < RULES.of_a_link
-    return Embodied(model.with_coefficients(found), told, bool(large and sure))
+    sure = chance < THRESHOLDS.link_zero_chance
+    return PossibleModel(model.with_coefficients(found), told, bool(large and sure))
 
 
 def _mean_squares(
-    design: Design, fitted: Fit, beside: Sequence[Beside], gap: Array
+    design: Design, fitted: Fit, beside: Sequence[SeparateTerm], gap: Array
 ) -> Array:
     """What is left of each joint with coefficients moved [N^2 m^2]. Shape (dof,)."""
-    own, *others = np.split(gap, _ends(len(fitted.ids), beside))
+    ends = np.cumsum([0, *(len(b.covariance) for b in beside)])[: len(beside)]
+    own, *others = np.split(gap, len(fitted.ids) + ends)
     out = np.zeros(design.dof)
     for j in range(design.dof):
         left = design.residual(j, fitted.ids, fitted.theta + own)
@@ -111,8 +114,3 @@ def _mean_squares(
             left = left - term.columns[j] @ change
         out[j] = np.mean(left**2) if len(left) else 0.0
     return out
-
-
-def _ends(start: int, beside: Sequence[Beside]) -> Array:
-    """Where the coefficients of each part begin, but for the first."""
-    return start + np.cumsum([0, *(len(b.covariance) for b in beside)])[: len(beside)]

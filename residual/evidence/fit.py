@@ -11,9 +11,10 @@ import numpy as np
 from scipy.linalg.lapack import dpotrf, dpotri, dpotrs
 from scipy.special import chdtrc
 
-from residual.effects.base import Limits
+from residual.effects.base import Trait
+from residual.effects.limits import Limits
 from residual.evidence.design import LAGS, Design, Group
-from residual.evidence.rules import RULES
+from residual.evidence.rules import THRESHOLDS
 from residual.model.model import Model, Term, with_slots
 from residual.model.nominal import Nominal
 from residual.recording import Array
@@ -92,7 +93,7 @@ def fit(
         system: The normal equations of these members, where they are known already.
     """
     system = system or System.of(design, prior, members)
-    floor = (RULES.noise_floor * design.rms) ** 2
+    floor = (THRESHOLDS.noise_floor * design.rms) ** 2
     sigma = system.power / design.rows + floor if variance is None else variance
     for _ in range(rounds):
         theta, lower = system.solve(counted / design.rows / sigma)
@@ -118,7 +119,7 @@ class System:
 
     ids: Array  # columns, (m,)
     precision: Array  # prior precision of all of them, (m, m)
-    # Of what is known for sure (``Given``), (m,).
+    # Of what is known for sure (``KnownPrior``), (m,).
     pull: Array
     level: float
     log_det: float  # its log determinant
@@ -276,7 +277,7 @@ def effective_rows(design: Design, fitted: Fit, joints: Sequence[int]) -> Array:
     for j in joints:
         left = design.residual(j, fitted.ids, fitted.theta)
         slow = autocorrelation_time(design.line(j, left))
-        out[j] = min(max(design.rows[j] / slow, RULES.fewest_rows), design.rows[j])
+        out[j] = min(max(design.rows[j] / slow, THRESHOLDS.min_rows), design.rows[j])
     return out
 
 
@@ -349,8 +350,14 @@ def limits_of(design: Design, fitted: Fit, group: Group) -> Limits:
     """
     robot = design.model.robot
     on = list(group.joints) or list(range(design.dof))
+    # What was logged shows a limit wrong.
+    seen, limit = design.peak, robot.torque_limit
+    known = np.isfinite(limit) & (limit > 0)
+    torque = np.where(
+        known, np.maximum(limit, seen), THRESHOLDS.unknown_limit_factor * seen
+    )
     return Limits(
-        torque=float(_torque(design)[on].max()),
+        torque=float(torque[on].max()),
         lower=float(robot.lower[on].min()),
         upper=float(robot.upper[on].max()),
         speed=float(design.speed[on].max()),
@@ -358,13 +365,6 @@ def limits_of(design: Design, fitted: Fit, group: Group) -> Limits:
         reach=reach(robot.model),
         had=_had(design, fitted, group),
     )
-
-
-def _torque(design: Design) -> Array:
-    """Largest torque of each joint [N m]; what was logged shows a limit wrong."""
-    seen, limit = design.peak, design.model.robot.torque_limit
-    known = np.isfinite(limit) & (limit > 0)
-    return np.where(known, np.maximum(limit, seen), RULES.unknown_limit * seen)
 
 
 def _had(design: Design, fitted: Fit, group: Group) -> Array:
@@ -388,7 +388,7 @@ def physical(model: Model) -> Model:
     A feature that reads the model's torque must not carry the shape of another finding:
     a torque gain times a found warm-up would explain the warm-up.
     """
-    terms = tuple(t for t in model.terms if t.effect.is_parameter)
+    terms = tuple(t for t in model.terms if Trait.PARAMETER in t.effect.traits)
     return replace(model, terms=terms, tables=())
 
 

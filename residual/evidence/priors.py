@@ -8,11 +8,11 @@ import numpy as np
 from scipy.linalg import solve_triangular
 
 from residual.effects import registry
-from residual.effects.base import Joints
+from residual.effects.base import Joints, Trait
 from residual.evidence.design import Design, Group
 from residual.evidence.fit import Fit, Prior, System, as_model, start
-from residual.evidence.rules import RULES
-from residual.model.known import EXACT, held, mass_of_links, of_effect
+from residual.evidence.rules import THRESHOLDS
+from residual.model.known_values import EXACT, known_prior, mass_of_links, of_effect
 from residual.model.model import Model, with_slots
 from residual.model.nominal import ASSUMED, GIVEN, Logs, Nominal
 from residual.recording import Array
@@ -68,7 +68,7 @@ def inertial_precision(robot: Robot) -> Array:
 
 
 @dataclass(frozen=True, eq=False, slots=True)
-class Space:
+class PriorSpace:
     """The priors that may be compared: a scale of the rigid part, widths of values.
 
     So with the values of the declared effects as with the bodies: if all joints of an
@@ -109,7 +109,7 @@ class Space:
 
 def priors(design: Design, nominal: Nominal) -> tuple[Prior, ...]:
     """The priors to compare first: each even width at each scale, the widest last."""
-    space = Space(design, nominal, SCALES)
+    space = PriorSpace(design, nominal, SCALES)
     return tuple(space.at(s, widths) for widths in space.even for s in space.scales)
 
 
@@ -134,7 +134,7 @@ def relative_prior(
         at = PER_LINK * link
         precision[at, at] += 1 / (EXACT * mass) ** 2
     placed = with_slots(nominal.model.terms, size)
-    for (term, own), given in zip(placed, nominal.given, strict=True):
+    for (term, own), given in zip(placed, nominal.sd, strict=True):
         ids = design.nominal[own]
         rows = term.effect.rows(term.joints, design.dof)
         flat = _flat(design, ids, rows)
@@ -145,7 +145,7 @@ def relative_prior(
             sd = width * np.abs(term.theta) + 1e-3 / np.sqrt(np.diag(flat))
             precision[own, own] = np.diag(1 / sd**2)
         known = of_effect(robot, term.effect, term.joints)
-        precision[own, own] += held(known, precision[own, own], True)[0]
+        precision[own, own] += known_prior(known, precision[own, own], True)[0]
     return _prior(precision, scale, dict(widths))
 
 
@@ -179,10 +179,10 @@ def forbidden(prior: Prior, nominal: Nominal) -> set[str]:
     out = set()
     for term, given in nominal.declared:
         settled = given is not None and prior.widths[term.effect.name] < ASSUMED
-        if not (settled and term.effect.is_parameter):
+        if not (settled and Trait.PARAMETER in term.effect.traits):
             out.add(term.effect.name)
-    if prior.scale > RULES.rough:
-        out |= {e.name for e in registry().values() if e.needs_known_body}
+    if prior.scale > THRESHOLDS.rough_scale:
+        out |= {e.name for e in registry().values() if Trait.BODY in e.traits}
     return out
 
 
@@ -191,9 +191,9 @@ def given_slots(model: Model, group: Group) -> Array:
 
     All inertial ones for a body; none where the model has no such value.
     """
-    if not group.effect.is_parameter:
+    if Trait.PARAMETER not in group.effect.traits:
         return np.zeros(0, dtype=int)
-    if group.effect.needs_known_body:
+    if Trait.BODY in group.effect.traits:
         return np.arange(len(model.inertial))
     out: list[int] = []
     for term, own in with_slots(model.terms, len(model.inertial)):
@@ -232,7 +232,7 @@ def widened(fitted: Fit, group: Group) -> Group | None:
         return None
     theta, count = fitted.of(group), len(group.ids)
     size = float(theta @ group.precision @ theta) / count
-    if size < RULES.far**2:
+    if size < THRESHOLDS.far_deviations**2:
         return None
     return replace(
         group,
@@ -249,7 +249,7 @@ def first_design(logs: Logs, nominal: Nominal, named: Model | None = None) -> De
     """
     design = Design(logs.tracks, nominal.model)
     if named is None:
-        prior = relative_prior(design, nominal, RULES.first_scale)
+        prior = relative_prior(design, nominal, THRESHOLDS.first_scale)
         named = as_model(nominal, start(design, prior))
     design.show_torque(named)
     return design
@@ -306,7 +306,7 @@ def overlap(design: Design, system: System, weight: Array) -> Array:
 
 
 @dataclass(frozen=True, eq=False, slots=True)
-class Stack:
+class GroupStack:
     """Groups of as many columns."""
 
     members: Array  # their numbers among all groups, (g,)
@@ -314,7 +314,7 @@ class Stack:
     gram: Array  # of each by itself, joint by joint, (dof, g, k, k)
     acts: Array  # the joints on which they act. Shape (g, dof), bool
     precision: Array  # their priors, (g, k, k)
-    # What is known for sure (``Given``), (g, k), (g,).
+    # What is known for sure (``KnownPrior``), (g, k), (g,).
     pull: Array
     level: Array
     log_det: Array  # log determinants of these, (g,)
@@ -331,7 +331,7 @@ class Stack:
         return known - own.transpose(0, 2, 1) @ own
 
 
-def stacks(design: Design, groups: Sequence[Group]) -> list[Stack]:
+def stacks(design: Design, groups: Sequence[Group]) -> list[GroupStack]:
     """Return groups, put together where they are alike; kept by the design."""
     key = tuple(groups)
     if key not in design.stacks:
@@ -352,7 +352,7 @@ def acting(design: Design, groups: Sequence[Group], joints: Iterable[int]) -> Ar
     return out
 
 
-def _stack(design: Design, groups: Sequence[Group], members: Array) -> Stack:
+def _stack(design: Design, groups: Sequence[Group], members: Array) -> GroupStack:
     own = [groups[i] for i in members]
     ids = np.stack([g.ids for g in own])
     grams = np.zeros((design.dof, *ids.shape, ids.shape[1]))
@@ -370,7 +370,9 @@ def _stack(design: Design, groups: Sequence[Group], members: Array) -> Stack:
     )
     pull, level = np.stack([p.pull for p in priors]), [p.level for p in priors]
     log_det = np.array([p.log_det for p in priors])
-    return Stack(members, ids, grams, acts, precision, pull, np.array(level), log_det)
+    return GroupStack(
+        members, ids, grams, acts, precision, pull, np.array(level), log_det
+    )
 
 
 def _quadratic(c: Array, u: Array) -> tuple[Array, Array]:

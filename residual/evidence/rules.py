@@ -10,151 +10,175 @@ from residual.recording import Array
 
 
 @dataclass(frozen=True, slots=True)
-class Rules:
+class EvidenceThresholds:
     """What a search, its gate and every doubt of a name go by."""
 
-    threshold: float = 10.0  # evidence that a name must win [nats]
+    min_nats: float = 10.0  # evidence that a name must win [nats]
     # The same where only implausible parameters speak for it [nats].
-    plausible: float = 30.0
-    tolerance: float = 0.005  # least fall of a joint's error, as a share of torque rms
-    share: float = 0.08  # least share of what was left unexplained
-    clear: float = 0.15  # the share from which half of the tolerance is enough
-    size: float = 0.02  # least torque of a name won by plausibility, as a share of rms
+    min_plausible_nats: float = 30.0
+    min_fall: float = 0.005  # least fall of a joint's error, as a share of torque rms
+    min_fall_share: float = 0.08  # least share of what was left unexplained
+    clear_fall_share: float = (
+        0.15  # the share from which half of the tolerance is enough
+    )
+    min_plausible_torque: float = (
+        0.02  # least torque of a name won by plausibility, as a share of rms
+    )
     # Least part of such a win that the nominal parameters' prior saves.
-    bent: float = 0.2
-    most: int = 30  # most effects to add
-    shortlist: int = 15  # candidates that get an exact look per step
+    min_prior_share: float = 0.2
+    max_effects: int = 30  # most effects to add
+    max_exact_looks: int = 15  # candidates that get an exact look per step
 
     # What the evidence counts with.
-    amplitude: float = 0.3  # prior size of an effect's torque, as a share of torque rms
+    prior_torque_share: float = (
+        0.3  # prior size of an effect's torque, as a share of torque rms
+    )
     noise_floor: float = 0.003  # of torque rms: no log is believed to be cleaner
-    fewest_rows: float = 5.0  # that a joint counts for at least
+    min_rows: float = 5.0  # that a joint counts for at least
     # times the largest logged torque, where no limit is given
-    unknown_limit: float = 2.0
+    unknown_limit_factor: float = 2.0
     # scale: a nominal worse than this is too rough to blame a payload
-    rough: float = 0.1
+    rough_scale: float = 0.1
     # prior of the first fit, which only feeds model-based features
     first_scale: float = 0.1
-    far: float = 3.0  # deviations of the usual prior, on average over the coefficients
+    far_deviations: float = (
+        3.0  # deviations of the usual prior, on average over the coefficients
+    )
 
     # The search.
-    harmonic: float = 1.5  # ratio of orders from which two ripples are two
-    clear_best: float = 20.0  # nats of the best, from which on the faint are left out
+    ripple_order_ratio: float = 1.5  # ratio of orders from which two ripples are two
+    clear_best_nats: float = (
+        20.0  # nats of the best, from which on the faint are left out
+    )
     # Shares of quick evidence under which no exact look is taken: of a member, whose
     # place nothing may take with less; and of the best, to be the best.
-    rival: float = 0.5
-    faint: float = 0.3
-    alike_scales: float = 6.0  # nats within which two scales cannot be told apart
+    rival_share: float = 0.5
+    faint_share: float = 0.3
+    alike_scale_nats: float = 6.0  # nats within which two scales cannot be told apart
     # Share of the left-out error by which a scale must predict better to be taken.
-    predicts: float = 0.02
-    least_wide: float = 0.1  # scale that deviations are told under at least
-    per_name: float = 2.0  # nats a name costs when scales are compared
+    scale_gain_share: float = 0.02
+    min_wide_scale: float = 0.1  # scale that deviations are told under at least
+    nats_per_name: float = 2.0  # nats a name costs when scales are compared
     # the same of a link: where bodies are rough, some link always stands out
-    per_link: float = 10.0
+    nats_per_link: float = 10.0
     width_rounds: int = 3  # looks at the widths of single kinds
-    hill: float = 50.0  # nats that given values may yet make up for
-    hopeless: float = 60.0  # nats that a prior may be behind and still be turned to
-    looks: int = 4  # at what was named, before the second search
-    steady: float = 0.1  # nats by which one more look at it changes nothing
+    hill_nats: float = 50.0  # nats that given values may yet make up for
+    hopeless_nats: float = (
+        60.0  # nats that a prior may be behind and still be turned to
+    )
+    refit_rounds: int = 4  # at what was named, before the second search
+    steady_nats: float = 0.1  # nats by which one more look at it changes nothing
     # share of torque rms from which an effect shifts model-based features
-    large: float = 0.05
+    large_torque_share: float = 0.05
     set_rounds: int = 3  # moves to a better set
-    better: float = 1.0  # nats that a move must win
+    better_set_nats: float = 1.0  # nats that a move must win
     # of what the logs hold of a body: less is left of it beside another
-    taken: float = 0.3
-    told_apart: float = 0.2  # of a body: what logs should tell from a change of another
+    absorbed_share: float = 0.3
+    body_change_share: float = (
+        0.2  # of a body: what logs should tell from a change of another
+    )
 
     # The gate, and what is alike.
     # nats within which an alternative cannot be told from the name
     class_nats: float = 6.0
     # share of what waves explain together that one curve explains in their place
-    drawn: float = 0.95
-    simpler: float = 3.0  # nats within which the simpler of two names is taken
+    curve_share: float = 0.95
+    simpler_nats: float = 3.0  # nats within which the simpler of two names is taken
     # share of its power under which an effect is not in a fold
-    silent_fold: float = 1e-3
-    most_folds: float = 0.6  # share of left-out folds that must improve
+    silent_fold_share: float = 1e-3
+    min_improved_folds: float = 0.6  # share of left-out folds that must improve
 
     # What remains.
     # structured residual, as a share of torque rms, that voids names
-    flag: float = 0.05
-    doubt: float = 0.015  # share of torque rms that is not nothing
+    flag_share: float = 0.05
+    doubt_share: float = 0.015  # share of torque rms that is not nothing
     # times the noise that is not nothing: complete models keep up to 1.15 times, a dead
     # zone of a sensor that shows at all 2.7 and more
-    noises: float = 2.0
+    doubt_noises: float = 2.0
     # the same of what a name of the whole arm must outdo: where less is left, true ones
     # would fall (play of a gear, with half of its torque left)
-    much: float = 0.02
-    much_noises: float = 3.0
+    veto_share: float = 0.02
+    veto_noises: float = 3.0
     # two stretches are a repeat if q differs by less than this share
-    repeat: float = 0.02
+    repeat_share: float = 0.02
     # of what was left of a flagged joint that a name must explain
-    most_of_it: float = 0.75
+    flagged_explained_share: float = 0.75
 
     # Doubts of a name.
-    own_curve: float = 0.35  # of its own torque that a name may leave as a curve
-    own_least: float = 0.005  # of the joint's torque: what a model of any arm leaves
+    own_curve_share: float = 0.35  # of its own torque that a name may leave as a curve
+    own_curve_torque_share: float = (
+        0.005  # of the joint's torque: what a model of any arm leaves
+    )
     noise_chance: float = 1e-3  # under which a difference is no chance
-    noise_nothing: float = 0.05  # above which what is left of an effect may be nothing
-    noise_part: float = 0.25  # of an effect that noise may move
+    noise_zero_chance: float = (
+        0.05  # above which what is left of an effect may be nothing
+    )
+    noise_shift_share: float = 0.25  # of an effect that noise may move
     # of the information in one direction that is taken for noise at most
-    noise_most: float = 0.9
-    confirmed: float = 0.01  # gain above which a name counts as confirmed
+    max_noise_information: float = 0.9
+    confirmed_gain: float = 0.01  # gain above which a name counts as confirmed
     # share of moving rows under which a joint counts as standing
-    standing: float = 0.02
+    standing_row_share: float = 0.02
     # times the error of the fit logs: the held-out motion is another
-    strange: float = 4.0
-    strange_least: float = 0.03  # of torque, where it counts
-    sure_spared: float = 2.0  # standard errors of a gain that only spares parameters
+    held_out_error_ratio: float = 4.0
+    held_out_error_share: float = 0.03  # of torque, where it counts
+    spared_deviations: float = (
+        2.0  # standard errors of a gain that only spares parameters
+    )
     # share of an effect's power under which a part hardly shows it
-    shown_in_part: float = 0.2
-    sure_late: float = 3.0  # standard errors, of a name in the place of a fallen one
+    part_power_share: float = 0.2
+    late_deviations: float = (
+        3.0  # standard errors, of a name in the place of a fallen one
+    )
     # searches at most; after the last, names fall and none takes their place
-    rounds: int = 6
-    half: float = 0.5  # probability under which a name is not the likeliest
-    nothing: float = 0.0455  # chance of a size beyond two standard deviations
+    doubt_rounds: int = 6
+    min_probability: float = 0.5  # probability under which a name is not the likeliest
+    zero_chance: float = 0.0455  # chance of a size beyond two standard deviations
     # the same beyond four: of all links one is always the worst
-    of_a_link: float = 6.3e-5
-    sure_of_link: float = 4.0  # deviations, as of a name
-    beyond: float = 5.0  # standard deviations from what a body can be
-    far_worse: float = 1.3  # times: an error that casts doubt on finding nothing
+    link_zero_chance: float = 6.3e-5
+    link_deviations: float = 4.0  # deviations, as of a name
+    impossible_deviations: float = 5.0  # standard deviations from what a body can be
+    refit_error_ratio: float = (
+        1.3  # times: an error that casts doubt on finding nothing
+    )
     # of the power that the joint moves: friction that may be zero
-    least_power: float = 0.02
-    least_shown: float = 0.7  # of an effect: what held-out motion must show of it
-    most_shown: float = 1.4  # of it: what that may show at most
-    silent: float = 1e-3  # of a joint's torque: what held-out motion can say nothing of
+    min_driving_power: float = 0.02
+    min_shown_share: float = 0.7  # of an effect: what held-out motion must show of it
+    max_shown_share: float = 1.4  # of it: what that may show at most
+    silent_torque_share: float = (
+        1e-3  # of a joint's torque: what held-out motion can say nothing of
+    )
 
     # What is said.
-    clear_size: float = 3.0  # times the smallest size: where a name should be sure
-    determined: float = 0.5  # of the standard deviation before the logs
+    confusable_size_factor: float = (
+        3.0  # times the smallest size: where a name should be sure
+    )
+    determined_share: float = 0.5  # of the standard deviation before the logs
     # of the torque of a joint: less of an effect is not worth a picture
-    shown: float = 0.005
-    usual: float = 0.03  # of the joint's torque rms: what gears and drives have anyway
-    usual_joints: float = 0.5  # of the joints that must have it
-    usual_few: int = 3  # joints at least
+    plotted_torque_share: float = 0.005
+    usual_torque_share: float = (
+        0.03  # of the joint's torque rms: what gears and drives have anyway
+    )
+    usual_joint_share: float = 0.5  # of the joints that must have it
+    usual_min_joints: int = 3  # joints at least
     # of a level: what must yield of it to be said first; one contact makes both alike
-    rides: float = 0.5
-    beside: float = 0.1  # of the largest torque of a finding
-    least_delay: float = 0.004  # s
-    least_change: float = 0.05  # of a value: less is no news
-    change_chance: float = 0.01  # of one false word in a whole table
+    rides_share: float = 0.5
+    background_share: float = 0.1  # of the largest torque of a finding
+    min_value_change: float = 0.05  # of a value: less is no news
+    value_change_chance: float = 0.01  # of one false word in a whole table
 
     # What follows nothing named.
     curve_chance: float = 0.05  # of a curve among surrogates
     # share of the leftover under which a curve is not worth telling
-    least_curve: float = 0.1
-    most_curves: int = 3  # per joint
-    shared: float = 0.6  # squared loading from which a joint belongs to a component
-    # standard deviations of a correlation of so few effective rows
-    sure_shared: float = 3.0
+    min_curve_share: float = 0.1
+    max_curves: int = 3  # per joint
     # turns by which a line must miss a whole number of them in a period
-    off: float = 0.1
-    # s: blocks for a drift are never shorter, since noise remembers too
-    shortest: float = 1.0
+    off_harmonic_turns: float = 0.1
 
     def lower(self, fall: Array, share: Array) -> Array:
         """Where an error falls by enough: of torque rms, and of what was left."""
-        usual = (fall >= self.tolerance) & (share >= self.share)
-        return usual | ((fall >= self.tolerance / 2) & (share >= self.clear))
+        usual = (fall >= self.min_fall) & (share >= self.min_fall_share)
+        return usual | ((fall >= self.min_fall / 2) & (share >= self.clear_fall_share))
 
 
-RULES = Rules()
+THRESHOLDS = EvidenceThresholds()

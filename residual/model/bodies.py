@@ -18,6 +18,7 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.linalg import solve_triangular
 
+from residual.effects.base import Trait
 from residual.errors import InputError
 from residual.model.model import Model, with_slots
 from residual.recording import Array
@@ -63,7 +64,7 @@ class Bodies:
 
 
 @dataclass(frozen=True, slots=True)
-class Moved:
+class BodyCorrection:
     """What of a free fit could not exist, and what the nearest that can exist costs."""
 
     bodies: tuple[str, ...]  # in words, "link 5" or "the load"
@@ -96,7 +97,7 @@ def bodies_of(model: Model, friction: bool = False) -> Bodies:
             links[:, own] += np.transpose(
                 [add(one, term.joints, model.robot) for one in ways]
             )
-        if friction and term.effect.not_negative:
+        if friction and Trait.NOT_NEGATIVE in term.effect.traits:
             positive += range(own.start, own.stop)
     return _bodies(model.robot, links, load, placed, c, np.array(positive, int))
 

@@ -9,7 +9,7 @@ import numpy as np
 import pinocchio
 
 from residual.effects import registry
-from residual.effects.base import Effect, Joints, Shape, State
+from residual.effects.base import Effect, Joints, Shape, State, Trait
 from residual.errors import InputError, check_name, shown
 from residual.recording import Array, Recording
 from residual.robot.dynamics import LazyRegressor, with_inertial_parameters
@@ -277,7 +277,8 @@ class Model:
                 f"expected {shape} each: a row per state, a column per joint."
             )
         late = [t.effect for t in self.terms]
-        names = [e.name for e in late if e.remembers or e.needs_clock]
+        along_log = Trait.MEMORY | Trait.NEEDS_CLOCK
+        names = [e.name for e in late if e.traits & along_log]
         if names:
             raise InputError(
                 f"The torque of {', '.join(dict.fromkeys(names))} depends on more than "
@@ -365,7 +366,7 @@ class Model:
         """Torque at the samples of a state that this very model made. (n, dof)."""
         out = state.rigid.copy()
         for term in (*self.terms, *self.tables):
-            if as_reported or not term.effect.of_report:
+            if as_reported or Trait.REPORT not in term.effect.traits:
                 term.add_to(out, state)
         return out
 

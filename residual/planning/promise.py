@@ -10,20 +10,14 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from residual.diagnosis.result import UNTOLD, Alternative, Place
 from residual.effects.base import State
-from residual.planning.outlook import (
-    Outlook,
-    Pair,
-    Prospect,
-    outlook,
-    prospect,
-)
+from residual.planning.outlook import Outlook, Pair, Prospect, outlook, prospect
 from residual.planning.question import Question, Rival, together
 from residual.quantity import number, probability
 from residual.recording import Array
 from residual.robot.robot import Robot
 from residual.signals.track import widened
+from residual.verdict.result import UNTOLD, Alternative, Place
 
 SECONDS = 20.0  # length of a motion where nobody says another [s]
 PERIODS = 2  # of it

@@ -1,30 +1,16 @@
-"""What is left open after some logs: rival models, and what is known of each."""
+"""What logs leave open: contests of rival models, as records."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from itertools import permutations
 
-import numpy as np
-
-from residual.diagnosis.examine import Examined
-from residual.diagnosis.findings import Named, public_joints
-from residual.diagnosis.neighbours import alternatives, near_sets
-from residual.diagnosis.result import Place
-from residual.diagnosis.search import Task
-from residual.effects.base import Placed
-from residual.evidence.design import Group
-from residual.evidence.fit import Fit, System, as_model, physical
-from residual.evidence.priors import screen
-from residual.evidence.rules import RULES
+from residual.effects.base import PlacedEffect
 from residual.model.model import Model
 from residual.recording import Array
+from residual.verdict.result import Place
 
 NOTHING = Place("nothing", ())
 TOGETHER = " + "  # between the names of a rival of several effects
-CANDIDATES = 3  # of a joint that keeps more than noise: how many are looked at
-PAUSE = 10.0  # s between the logs so far and the next
-
-Groups = tuple[Group, ...]
 
 
 @dataclass(frozen=True, eq=False, slots=True)
@@ -107,167 +93,9 @@ class Question:
 
     nominal: Model
     seen_with: Model
-    effects: tuple[Placed, ...]
+    effects: tuple[PlacedEffect, ...]
     signals: Signals
     contests: tuple[Contest, ...]
-
-
-@dataclass(frozen=True, eq=False, slots=True)
-class Swap:
-    """Some of the named effects, and what could stand in their place.
-
-    Attributes:
-        gone: The named ones.
-        instead: What stands in their place; an empty one for nothing.
-    """
-
-    gone: Groups
-    instead: tuple[Groups, ...]
-
-
-def swaps(
-    task: Task, fitted: Fit, named: Sequence[tuple[Group, Sequence[Group]]]
-) -> list[Swap]:
-    """Return what other sets within 6 nats differ by, each difference once.
-
-    Args:
-        named: Named effects with their equivalents, which are no news here.
-    """
-    known = {(group.key, other.key) for group, near in named for other in near}
-    found: dict[tuple, tuple[Groups, list[Groups]]] = {}
-    for one in near_sets(task, fitted):
-        gone = _without(fitted.members, one.members)
-        instead = _without(one.members, fitted.members)
-        pair = tuple(g.key for g in (*gone, *instead))
-        if not gone or (len(gone) == len(instead) == 1 and pair in known):
-            continue
-        key = tuple(g.key for g in gone)
-        found.setdefault(key, (gone, []))[1].append(instead)
-    return [Swap(gone, tuple(instead)) for gone, instead in found.values()]
-
-
-def _without(members: Sequence[Group], others: Sequence[Group]) -> Groups:
-    keys = {g.key for g in others}
-    return tuple(g for g in members if g.key not in keys)
-
-
-@dataclass(frozen=True, eq=False, slots=True)
-class Basis:
-    """The shared columns of all rivals: numbers in a design, in their order.
-
-    Attributes:
-        examined: The diagnosis.
-        fitted: The fit with all that it names.
-        groups: Groups of columns after those of the nominal model.
-        place: Where a design's column stands among the shared ones.
-    """
-
-    examined: Examined
-    fitted: Fit
-    groups: tuple[Group, ...]
-    place: dict[int, int]
-
-    @classmethod
-    def of(cls, examined: Examined, fitted: Fit, groups: Sequence[Group]) -> "Basis":
-        """Number the columns of the nominal model, then those of the groups."""
-        unique: dict[int, Group] = {int(g.ids[0]): g for g in groups}
-        ids = [examined.task.design.nominal, *(g.ids for g in unique.values())]
-        place = {int(c): i for i, c in enumerate(np.concatenate(ids))}
-        return cls(examined, fitted, tuple(unique.values()), place)
-
-    @property
-    def task(self) -> Task:
-        """Data, prior and candidates."""
-        return self.examined.task
-
-    @property
-    def weight(self) -> Array:
-        """Information of a unit of squared error [1 / N^2 m^2]. Shape (dof,)."""
-        return self.fitted.weight(self.task.design.rows)
-
-    def rival(
-        self, members: Sequence[Group], own: Sequence[Group], without: Fit
-    ) -> Rival:
-        """Return what is known of one set of effects.
-
-        Args:
-            own: Those that make the difference; empty for none.
-            without: The fit without them.
-        """
-        system = System.of(self.task.design, self.task.prior, members)
-        theta, _ = system.solve(self.weight)
-        nats, at = 0.0, np.zeros(0, dtype=int)
-        if own:
-            big = self.task.fit(members, self.fitted)
-            # Every name after the first has to pass the threshold of a name, too.
-            more = (len(own) - 1) * self.task.rules.threshold
-            cost = sum(self.task.candidates.cost(g) for g in own[1:]) + more
-            nats = self.task.net_gain(big, without, own[0]) - cost
-            at = np.array([self.place[int(c)] for g in own for c in g.ids])
-        return Rival(
-            together(places_of(own)),
-            np.array([self.place[int(c)] for c in system.ids]),
-            at,
-            theta,
-            system.precision + np.tensordot(self.weight, system.gram, 1),
-            float(nats),
-        )
-
-    def contest(
-        self, rest: Sequence[Group], options: Sequence[Groups], enough: float
-    ) -> Contest:
-        """Return the contest of some sets beside a set of other effects.
-
-        Args:
-            options: The sets; an empty one for nothing.
-            enough: Nats by which one must lead.
-        """
-        without = self.task.fit(rest, self.fitted)
-        found = [self.rival((*rest, *own), own, without) for own in options]
-        return Contest(tuple(found), enough)
-
-
-def open_question(examined: Examined, fitted: Fit, named: Sequence[Named]) -> Question:
-    """Return what a diagnosis leaves open.
-
-    A finding, its equivalents and what could stand in its place together are one
-    contest, and so are several findings and what could stand in theirs. Where nothing
-    is named and a joint keeps more than noise, the strongest candidates there are
-    rivals of one another and of nothing, although none of them could be named.
-    """
-    equal = [
-        (t.group, near)
-        for finding in named
-        if finding.equivalent
-        for t in finding.tested
-        if (near := alternatives(examined.task, fitted, t.group)[0])
-    ]
-    classes: dict[tuple, Swap] = {
-        (group.key,): Swap((group,), tuple((g,) for g in near)) for group, near in equal
-    }
-    for swap in swaps(examined.task, fitted, equal):
-        key = tuple(g.key for g in swap.gone)
-        known = classes.get(key, Swap(swap.gone, ()))
-        classes[key] = replace(known, instead=(*known.instead, *swap.instead))
-    doubted = () if named else examined.adequacy.doubted
-    strong = [found for j in doubted if (found := _strongest(examined, fitted, j))]
-    every = [g for s in classes.values() for own in s.instead for g in own]
-    every += [g for groups in strong for g in groups]
-    basis = Basis.of(examined, fitted, [*fitted.members, *every])
-    contests = [
-        basis.contest(
-            [g for g in fitted.members if g not in swap.gone],
-            (swap.gone, *swap.instead),
-            RULES.class_nats,
-        )
-        for swap in classes.values()
-    ]
-    threshold = examined.task.rules.threshold
-    contests += [
-        basis.contest(fitted.members, [*((g,) for g in groups), ()], threshold)
-        for groups in strong
-    ]
-    return question_of(basis, contests)
 
 
 def together(places: Sequence[Place]) -> Place:
@@ -276,75 +104,3 @@ def together(places: Sequence[Place]) -> Place:
         return NOTHING
     joints = sorted({j for place in places for j in place.joints})
     return Place(TOGETHER.join(place.name for place in places), tuple(joints))
-
-
-def places_of(groups: Sequence[Group]) -> list[Place]:
-    """Return where some groups of columns sit."""
-    return [Place(g.effect.name, public_joints(g)) for g in groups]
-
-
-def question_of(basis: Basis, contests: Sequence[Contest]) -> Question:
-    """Return contests with all that it takes to look at a motion."""
-    examined, model = basis.examined, basis.examined.nominal.model
-    terms = [Placed(t.effect, t.joints, t.shape) for t in model.terms]
-    groups = [g.placed for g in basis.groups]
-    return Question(
-        nominal=model,
-        seen_with=physical(as_model(examined.nominal, basis.fitted)),
-        effects=(*terms, *groups),
-        signals=_signals(basis),
-        contests=tuple(c for c in contests if all(map(_has_spread, c.rivals))),
-    )
-
-
-def _has_spread(rival: Rival) -> bool:
-    """Whether the precision of a rival can be inverted in double precision.
-
-    Of logs that no arm of that description gives it may not: then what another log of
-    it would bring cannot be computed, and nothing is promised.
-    """
-    scale = 1 / np.sqrt(np.diag(rival.precision))
-    scaled = rival.precision * np.outer(scale, scale)
-    least = len(scale) * np.finfo(float).eps
-    return bool(np.linalg.eigvalsh(scaled)[0] > least)
-
-
-def _signals(basis: Basis) -> Signals:
-    logs, filters = basis.examined.logs, basis.examined.logs.filters
-    tracks = logs.tracks
-    cutoff = min(t.cutoff for t in tracks)
-    last = max(t.t[-1] for t in tracks)
-    return Signals(
-        information=basis.weight,
-        speed_floor=logs.speed_floor,
-        rate=float(np.median([t.rate / t.step for t in tracks])),
-        margin=filters.margin / cutoff,
-        edge=filters.edge,
-        start=0.0 if logs.clock is None else float(last - logs.clock + PAUSE),
-    )
-
-
-def _strongest(examined: Examined, fitted: Fit, joint: int) -> list[Group]:
-    """The candidates with the most evidence on a joint, one shape of each.
-
-    None that has no evidence beyond its price: where nothing speaks for a candidate, no
-    motion could choose among them.
-    """
-    task = examined.task
-    dof = task.design.dof
-    groups = [
-        g
-        for g in task.candidates.groups
-        if not g.parts and joint in g.effect.rows(g.joints, dof)
-    ]
-    price = np.array([task.candidates.cost(g) for g in groups])
-    own = System.of(task.design, task.prior, fitted.members)
-    net = screen(task.design, fitted, groups, own) - price
-    chosen: dict[tuple, Group] = {}
-    known = {g.key for g in fitted.members}
-    for i in np.argsort(-net):
-        if net[i] <= 0 or len(chosen) == CANDIDATES:
-            break
-        if groups[i].key not in known:
-            chosen.setdefault(groups[i].key, groups[i])
-    return list(chosen.values())

@@ -14,6 +14,7 @@ from benchmarks.hidden.drawn import is_clear
 from flows.cli.app import GROUPS, app
 from flows.report.words.phrases import sentence_case
 from residual.effects import registry
+from residual.effects.base import Trait
 from scripts.docs_site import curve
 
 RESULTS = Path(__file__).parents[2] / "benchmarks" / "results"
@@ -46,7 +47,7 @@ def _effect(name: str) -> str:
     units = "\n".join(f"- `{key}` [{unit}]" for key, unit in effect.parameters.items())
     # The text at the top of the file that the effect stands in.
     about = getdoc(sys.modules[f"residual.effects.{name}"]) or effect.sentence
-    wrong = _WRONG_VALUE if effect.is_parameter else ""
+    wrong = _WRONG_VALUE if Trait.PARAMETER in effect.traits else ""
     law = "\n".join(f"    {line.strip()}" for line in effect.law.split(";"))
     caption = (
         "Its torque on made-up motion of the built-in arm, at a size whose largest "

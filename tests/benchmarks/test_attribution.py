@@ -8,10 +8,10 @@ from benchmarks.attribution_parts.arms import (
     make,
 )
 from benchmarks.attribution_parts.cases import true_arm
-from residual.diagnosis.changes import MOVING, errors_on
 from residual.diagnosis.result import Detectable
 from residual.model.nominal import prepare_logs, start_nominal
 from residual.signals.track import Filters
+from residual.verdict.edit import MOVING, errors_on
 from sim.engine.records import PlantEffect
 
 ROW = {

@@ -118,7 +118,9 @@ def calls(monkeypatch):
         made.append({"robot": robot.name, "fit": fit, **options})
         if options["progress"]:
             options["progress"]("search", 0.5)
-        verdict = typed({"robot": robot.name, "warnings": ["core"]})
+        verdict = typed(
+            {"robot": robot.name, "warnings": [*options["warnings"], "core"]}
+        )
         return Diagnosis(verdict, notes=("core note",))
 
     def print_diagnosis(found, console):
@@ -127,7 +129,7 @@ def calls(monkeypatch):
     def drawn(outcome, robot_name, motion=None, origin=()):
         return f"<html>{robot_name} {outcome.notes} {origin[-1][1]}</html>"
 
-    monkeypatch.setattr("residual.method.diagnose.diagnose", diagnose)
+    monkeypatch.setattr("residual.diagnosis.diagnose.diagnose", diagnose)
     monkeypatch.setattr("flows.steps.check.check_logs", lambda *_: LogCheck(()))
     monkeypatch.setattr("flows.report.diagnosis.print_diagnosis", print_diagnosis)
     monkeypatch.setattr("flows.report.diagnosis.render", drawn)

@@ -5,8 +5,8 @@ from dataclasses import replace
 
 import numpy as np
 
-from residual.diagnosis.result import Diagnosis
 from residual.model.compare import Cloud, LogProof
+from residual.verdict.result import Diagnosis
 from tests.verdict_documents import typed, whole
 
 DOF = 6

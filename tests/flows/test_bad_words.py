@@ -12,7 +12,7 @@ from tests.warehouse import store_samples
 ROBOT = "--robot arm.urdf"
 # What stands for itself with any of the verbs that fit something to logs.
 OF_ALL = {
-    "V A.csv": "V needs --robot ROBOT, which is missing. See modelgap V --help",
+    "V A.csv": "See modelgap V --help",
     f"V {ROBOT}": "No log to ",
     "V A.csv --robot arm.urd": "No file or folder 'arm.urd'",
     "V A.csv --robot irb14": "did you mean 'irb140'",
@@ -26,9 +26,9 @@ VERBS = ("diagnose", "identify", "calibrate", "check")
 BAD = {
     "diagnos": 'Did you mean "diagnose"',
     "diagnose A.csv --robo arm.urdf": "Did you mean --robot",
-    "diagnose A.csv --robot": "--robot has nothing behind it, expected --robot ROBOT",
-    f"diagnose A.csv {ROBOT} --holdout": "--holdout has nothing behind it",
-    f"diagnose A.csv {ROBOT} --json": "expected --json FILE",
+    "diagnose A.csv --robot": "parameter --robot requires an argument",
+    f"diagnose A.csv {ROBOT} --holdout": "parameter --holdout requires",
+    f"diagnose A.csv {ROBOT} --json": "parameter --json requires an argument",
     f"diagnose {ROBOT} --holdout A.csv": "No log to diagnose",
     f"diagnose A.csv {ROBOT} --declared viscous,": "Unknown effect",
     f"diagnose A.csv {ROBOT} --declared none,viscous": "Unknown effect",
@@ -74,7 +74,7 @@ BAD = {
     "trajectory cyclic --csv no/such/out.csv": "no folder",
     "trajectory cyclic --robot nosuch": "irb140",
     "trajectory cyclic --csv same --gif same": "both name",
-    "trajectory": "trajectory needs KIND, which is missing",
+    "trajectory": "See modelgap trajectory --help",
     "trajectory cyclic --plot curves.pdf": "--plot curves.pdf: expected a file *.png",
     "trajectory cyclic --gif arm.mp4": "--gif arm.mp4: expected a file *.gif",
     "trajectory cyclic --rate 1e9": "--rate 1e+09: expected 1 to 20000",
@@ -104,14 +104,14 @@ BAD = {
     "sql FROM": "Parser Error",
     "sql COPY/**/runs/**/TO'x.csv'": "got COPY",
     "sql FROM'/etc/passwd'": "does not exist",
-    "show": "show needs ID, which is missing. See modelgap show --help",
-    "predict A.csv": "predict needs --model MODEL, which is missing",
-    "store diff 3f2a": "store diff needs TWO, which is missing",
+    "show": "See modelgap show --help",
+    "predict A.csv": "parameter --model requires an argument",
+    "store diff 3f2a": "See modelgap store diff --help",
     "show ../../etc": "is not an id",
     "show sealed": "is not an id",
     "show 00000000000000000000": "has an id that begins with",
-    "rollback irb140": "modelgap rollback --robot irb140",
-    "status now then": "'now then' has no place here, expected options",
+    "rollback irb140": "See modelgap rollback --help",
+    "status now then": "See modelgap status --help",
 }
 BAD |= {
     words.replace("V", verb, 1): message.replace("V", verb)

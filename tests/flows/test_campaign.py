@@ -14,7 +14,6 @@ from flows.specs.experiment import experiment_of
 from flows.steps import campaign, experiment
 from flows.steps.campaign import run_all
 from flows.steps.experiment import plan
-from flows.workers import processes as module
 from flows.workers.processes import Done, Here, Processes, spread
 from residual.errors import InputError
 from tests.waiting import PATIENCE, until
@@ -92,7 +91,7 @@ def test_a_dry_run_plans_the_motions_and_says_which_break_a_limit(tmp_path, caps
 def test_a_campaign_with_a_failure_ends_with_1_and_says_which(
     tmp_path, done, monkeypatch, capsys
 ):
-    monkeypatch.setattr(module, "Processes", lambda workers: Here())
+    monkeypatch.setattr(campaign, "Processes", lambda workers: Here())
     (tmp_path / "C.toml").write_text("[grid]\nseed = [0, 1]\n")
     words = ["campaign", str(tmp_path / "C.toml"), "--store", str(tmp_path / "s")]
     assert main(words) == 1
@@ -123,7 +122,7 @@ def test_a_process_that_dies_takes_no_other_job_with_it(pool):
     jobs = ["1", "2", "__import__('os')._exit(3)", "4", "5"]
     done = by_index(pool, eval, jobs)
     assert [d.value for d in done] == [1, 2, None, 4, 5]
-    assert "ended without a word" in str(done[2].error)
+    assert "the worker process died" in str(done[2].error)
 
 
 def test_each_process_has_one_blas_thread_and_we_keep_ours(pool, monkeypatch):
@@ -142,7 +141,7 @@ signal.signal(signal.SIGINT, signal.default_int_handler)
 if __name__ == "__main__":
     with Processes(2) as pool:
         for done in spread(pool, time.sleep, [0.5, 0.5, 600.0, 600.0]):
-            print("done", *(each._id for each in pool._all), flush=True)
+            print("done", *pool._pids, flush=True)
 """
 
 

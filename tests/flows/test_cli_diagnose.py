@@ -13,7 +13,7 @@ from cyclopts import Token
 
 from flows.cli import main
 from flows.requests import parse_declared
-from residual.method import diagnose as loop
+from residual.diagnosis import diagnose as loop
 
 ROOT = Path(__file__).parents[2]
 
@@ -114,7 +114,7 @@ def test_a_failure_of_the_program_is_one_and_hints_at_the_trace(
     def fail(*_, **__):
         raise RuntimeError("of a\nstrange kind")
 
-    monkeypatch.setattr("residual.method.diagnose.diagnose", fail)
+    monkeypatch.setattr("residual.diagnosis.diagnose.diagnose", fail)
     assert run("diagnose A.csv --robot irb140 --report o.html") == 1
     shown = capsys.readouterr().err
     assert shown == (
@@ -131,7 +131,7 @@ def test_an_interruption_is_one_hundred_and_thirty(folder, calls, capsys, monkey
     def interrupt(*_, **__):
         raise KeyboardInterrupt
 
-    monkeypatch.setattr("residual.method.diagnose.diagnose", interrupt)
+    monkeypatch.setattr("residual.diagnosis.diagnose.diagnose", interrupt)
     assert run("diagnose A.csv --robot irb140 --report o.html") == 130
     assert capsys.readouterr().err == "modelgap: interrupted\n"
     assert sorted(os.listdir(folder)) == ["A.csv", "B.csv", "C.csv"]
@@ -145,7 +145,7 @@ def test_a_verdict_with_nan_is_never_written(folder, calls, monkeypatch):
         spoiled = replace(found.verdict, nominal_scale=float("nan"))
         return replace(found, verdict=spoiled)
 
-    monkeypatch.setattr("residual.method.diagnose.diagnose", spoiled)
+    monkeypatch.setattr("residual.diagnosis.diagnose.diagnose", spoiled)
     assert run("diagnose A.csv --robot irb140 --report o.html --json o.json") == 0
     text = (folder / "o.json").read_text()
     assert "NaN" not in text

@@ -246,12 +246,11 @@ def tracked(runs):
 def test_what_the_arm_hides_is_gained_on_motion_that_nobody_has_seen(runs, tracked):
     store, _, run, _ = runs
     _, made = tracked
-    assert list(made.rms) == list(made.peak) == ["nominal", "model", "true"]
+    assert list(made.rms) == list(made.peak) == ["nominal", "model"]
     for figures in (made.rms, made.peak):
-        before, after, true = (figures[name] for name in made.rms)
+        before, after = (figures[name] for name in made.rms)
         assert before.shape == (2, 6)
         assert (after[:, 1] < 0.2 * before[:, 1]).all()
-        np.testing.assert_allclose(after[:, 1], true[:, 1], rtol=0.05)
     known = TrajectorySpec.from_record(read_manifest(store, run)["spec"]["trajectory"])
     seeds = {motion.seed for _, motion in made.motions}
     assert len(seeds - {known.seed}) == 2
@@ -267,7 +266,7 @@ def test_the_record_has_a_row_per_motion_and_one_of_all(runs, tracked):
         asked = f"FROM errors WHERE source_id = '{id}'"
         rows = opened.sql(asked).to_pylist()
         lineage = opened.sql(f"SELECT parent, role FROM lineage WHERE child = '{id}'")
-    assert len(rows) == 2 * 3 * 3 * 6
+    assert len(rows) == 2 * 2 * 3 * 6
     for metric, figures in (("rms_tracking_q", "rms"), ("peak_tracking_q", "peak")):
         for stage, values in getattr(made, figures).items():
             own = [r for r in rows if (r["metric"], r["stage"]) == (metric, stage)]
@@ -302,7 +301,7 @@ def test_the_command_tells_before_and_after_by_joint(runs, tmp_path, capsys):
     record = read_record(store, told.split("modelgap show ")[-1].split()[0])
     for text in (told, page.read_text()):
         assert "1 unseen motion (cyclic)" in text
-        for stage in ("nominal", "model", "true"):
+        for stage in ("nominal", "model"):
             assert f"{1e3 * record['rms'][stage][1]:.2f}" in text
             assert f"{1e3 * record['peak'][stage][1]:.2f}" in text
     assert main([*words, "--seeds", "0"]) == 2
@@ -320,8 +319,8 @@ def test_without_its_sealed_half_no_arm_is_driven(runs, tmp_path):
 def test_a_validation_with_a_model_has_it_both_ways_and_is_made_again(runs):
     store, model, run, _ = runs
     id, made = validate(Validate(run, 0.25, store, model[:8]))
-    assert list(made.models) == ["nominal", "model", "true"]
-    nominal, given, _ = made.models.values()
+    assert list(made.models) == ["nominal", "model"]
+    nominal, given = made.models.values()
     # The spring on joint 2 is all that the nominal model lacks.
     assert given.torque[1] < 0.1 * nominal.torque[1]
     assert given.acceleration[1] < 0.1 * nominal.acceleration[1]
@@ -337,7 +336,7 @@ def test_a_calibration_drives_from_its_file_or_its_id(runs, tmp_path, capsys):
     assert main([*words, str(file), "--model", model]) == 0
     told = capsys.readouterr().out
     rms = read_record(store, told.split("modelgap show ")[-1].split()[0])["rms"]
-    assert list(rms) == ["nominal", "model", "tables", "true"]
+    assert list(rms) == ["nominal", "model", "tables"]
     assert rms["tables"][1] < 0.5 * rms["nominal"][1]
     calibration = calibration_of(store, str(file))
     _, made = validate(Validate(run, 0.25, store, calibration=calibration[:8]))
@@ -383,7 +382,7 @@ def test_tables_of_the_papers_form_drive_on_the_model_as_described(runs):
     kept = {"robot": ROBOT.name, "kind": "calibration", "model_id": made}
     assert calibration_of(store, commit_record(store, "validations", kept)) == made
     _, done = drive_unseen(Validate(store=store, calibration=made), [run], 1)
-    assert list(done.rms) == ["nominal", "tables", "true"]
+    assert list(done.rms) == ["nominal", "tables"]
     assert done.rms["tables"][0, 1] < 0.5 * done.rms["nominal"][0, 1]
     other = replace(nominal(), robot=replace(ROBOT, urdf=ROBOT.urdf + " "))
     with pytest.raises(InputError, match="as it was described then"):

@@ -1,4 +1,4 @@
-"""Who may speak to the server of a store, and how the key gets to its page."""
+"""Who may speak to the server of a store, and the key of the store."""
 
 import json
 import os
@@ -7,9 +7,8 @@ from threading import Thread
 
 import pytest
 
-from flows.service import pages
 from flows.service.guard import LARGEST, Guard, refusal, rules_for
-from flows.service.pages import LIFE, Tickets, with_entry, with_policies
+from flows.service.pages import with_policies
 from flows.service.state import KEY, store_key
 from flows.settings import prefect_home
 from residual.errors import InputError
@@ -213,50 +212,6 @@ def test_a_foreign_websocket_is_closed_before_it_is_open():
     assert told == [{"type": "websocket.close", "code": 1008}]
 
 
-# -- the key, and the tickets that bring it to a browser
-
-
-def opened(tickets: Tickets, body: object) -> tuple[int, dict]:
-    asked = scope("POST", "/open", given=[origin(OWN), JSON])
-    sent = [{"type": "http.request", "body": json.dumps(body).encode()}]
-    app = Guard(with_entry(prefect, OURS, tickets), OURS)
-    start, told = answer(app, asked, sent)
-    return start["status"], json.loads(told["body"])
-
-
-def test_a_ticket_gives_the_key_once():
-    tickets = Tickets()
-    ticket = tickets.give()
-    assert opened(tickets, {"ticket": ticket}) == (200, {"key": SECRET})
-    assert opened(tickets, {"ticket": ticket})[0] == 403
-
-
-@pytest.mark.parametrize("body", [{"ticket": "guessed"}, {"ticket": [1]}, {}, [], None])
-def test_without_a_ticket_there_is_no_key(body):
-    status, told = opened(Tickets(), body)
-    assert status == 403
-    assert "modelgap up" in told["detail"]
-
-
-def test_a_ticket_is_not_good_for_ever_and_they_are_not_kept_without_end():
-    now = [0.0]
-    tickets = Tickets(lambda: now[0])
-    late, first = tickets.give(), tickets.give()
-    now[0] = LIFE + 1
-    assert not tickets.take(late)
-    kept = [tickets.give() for _ in range(pages._MOST)]
-    assert not tickets.take(first)
-    assert all(tickets.take(ticket) for ticket in kept)
-
-
-@pytest.mark.parametrize("given", [[], [signed("modelgap:guessed")], [origin(OWN)]])
-def test_only_who_has_the_key_gets_a_ticket(given):
-    asked = scope("POST", "/open/ticket", given=[JSON, *given])
-    sent = [{"type": "http.request", "body": b"{}"}]
-    app = Guard(with_entry(prefect, OURS, Tickets()), OURS)
-    assert answer(app, asked, sent)[0]["status"] == 401
-
-
 def test_a_key_is_made_once_for_the_eyes_of_its_owner(tmp_path):
     before = os.umask(0)
     try:
@@ -312,16 +267,11 @@ def bodies(size: int):
     return given(), taken
 
 
-@pytest.mark.parametrize(
-    ("place", "status", "read"),
-    [("/open", 413, 1), ("/open/ticket", 401, 0), ("/api/flows/", 401, 0)],
-)
-def test_a_large_body_without_the_key_is_not_read_to_its_end(place, status, read):
-    asked = scope("POST", place, given=[origin(OWN), JSON])
+def test_a_large_body_without_the_key_is_not_read():
+    asked = scope("POST", given=[origin(OWN), JSON])
     sent, taken = bodies(400)
-    app = Guard(with_entry(prefect, OURS, Tickets()), OURS)
-    assert answer(app, asked, sent)[0]["status"] == status
-    assert len(taken) == read
+    assert answer(Guard(prefect, OURS), asked, sent)[0]["status"] == 401
+    assert taken == []
 
 
 def test_a_large_body_with_the_key_is_read():

@@ -54,9 +54,17 @@ def found(monkeypatch):
 def named(monkeypatch):
     """Replace the diagnosis by one that names a payload."""
     effect = {"name": "payload", "joints": [3], "probability": 0.99}
-    verdict = typed({"verdict": "effects", "effects": [effect]}, dof=3)
-    made = Diagnosis(verdict, sentences=("There is a load.",))
-    monkeypatch.setattr("residual.method.diagnose.diagnose", lambda *a, **k: made)
+
+    def diagnose(*args, check, warnings, **rest):
+        content = {
+            "verdict": "unknown" if check.certain else "effects",
+            "effects": [] if check.certain else [effect],
+            "log_check": check.to_json(),
+            "warnings": [*warnings, *check.sentences],
+        }
+        return Diagnosis(typed(content, dof=3), sentences=("There is a load.",))
+
+    monkeypatch.setattr("residual.diagnosis.diagnose.diagnose", diagnose)
 
 
 @pytest.mark.parametrize("verb", VERBS)

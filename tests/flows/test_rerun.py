@@ -224,7 +224,7 @@ def diagnosed(tmp_path, plant, calls, monkeypatch):
         made["nominal_scale"] = float(sum(log.tau.sum() for log in fit)) + plant["tau"]
         return Diagnosis(typed(made, 2))
 
-    monkeypatch.setattr("residual.method.diagnose.diagnose", diagnose)
+    monkeypatch.setattr("residual.diagnosis.diagnose.diagnose", diagnose)
     monkeypatch.setattr("flows.storage.diagnosis.errors_by_run", lambda found: [])
     runs = [experiment.run(spec(seed=seed), tmp_path) for seed in range(3)]
     asked = Diagnose(

@@ -9,17 +9,17 @@ import numpy as np
 
 from benchmarks.synthetic.logs import CHANGES, Case, LogPlan, make
 from benchmarks.synthetic.quasi_static import Plant
-from residual.diagnosis.examine import Examined, examine
-from residual.diagnosis.findings import Named, findings
-from residual.diagnosis.result import Diagnosis
-from residual.evidence.rules import Rules
-from residual.method.diagnose import diagnose
+from residual.diagnosis.diagnose import diagnose
+from residual.diagnosis.findings import NamedEffect, findings
+from residual.diagnosis.outcome import SearchOutcome, examine
+from residual.evidence.rules import EvidenceThresholds
 from residual.model.nominal import DEFAULT_DECLARED, prepare_logs, start_nominal
 from residual.recording import Recording
 from residual.robot.dynamics import inverse_dynamics
 from residual.robot.robot import Robot, load_robot
 from residual.signals.splitting import session_clock
 from residual.signals.track import Filters
+from residual.verdict.result import Diagnosis
 from sim.draw import draw
 from sim.engine.records import Hidden, stream
 
@@ -151,12 +151,16 @@ def recording(t, q, tau, label="log") -> Recording:
     return Recording(label, "any", t, q, tau)
 
 
-def doubts(case: Case, declared=DEFAULT_DECLARED) -> tuple[Examined, list[Named]]:
+def doubts(
+    case: Case, declared=DEFAULT_DECLARED
+) -> tuple[SearchOutcome, list[NamedEffect]]:
     """Search, gate and findings without the proof, which takes as long again."""
     clock = session_clock([*case.fit, *case.held_out])
     logs = prepare_logs(case.robot, case.fit, clock, Filters())
     assert not case.baseline, "what changed is compared: diagnose_case"
-    diagnosis = examine(logs, start_nominal(logs, declared), Rules(), quiet)
+    diagnosis = examine(
+        logs, start_nominal(logs, declared), EvidenceThresholds(), quiet
+    )
     return diagnosis, findings(diagnosis, diagnosis.fit, diagnosis.tested)
 
 

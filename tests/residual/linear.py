@@ -9,11 +9,11 @@ from dataclasses import dataclass
 import numpy as np
 
 from residual.diagnosis.search import Candidates, Task
-from residual.effects.base import Effect, State, local
+from residual.effects.base import Effect, State, Trait, local
 from residual.evidence.columns import union
 from residual.evidence.design import Design, Group
 from residual.evidence.fit import Prior
-from residual.evidence.rules import Rules
+from residual.evidence.rules import EvidenceThresholds
 from residual.model.model import Model
 from residual.signals.track import Track
 from tests.residual.arms import arm
@@ -32,10 +32,18 @@ def _pair(state, joints, shape):
 
 
 LINE = Effect(
-    "line", "a line", {"a": "1"}, local(lambda s, j, x: [s.q[:, j]]), groupable=True
+    "line",
+    "a line",
+    {"a": "1"},
+    local(lambda s, j, x: [s.q[:, j]]),
+    traits=Trait.GROUPABLE,
 )
 OTHER = Effect(
-    "other", "a line", {"a": "1"}, local(lambda s, j, x: [s.qd[:, j]]), groupable=True
+    "other",
+    "a line",
+    {"a": "1"},
+    local(lambda s, j, x: [s.qd[:, j]]),
+    traits=Trait.GROUPABLE,
 )
 PLANE = Effect(
     "plane",
@@ -115,7 +123,10 @@ class Problem:
     def task(self, groups, **rules):
         price = {g.key: 1.0 for g in groups}
         return Task(
-            self.design, self.prior, Candidates(tuple(groups), price), Rules(**rules)
+            self.design,
+            self.prior,
+            Candidates(tuple(groups), price),
+            EvidenceThresholds(**rules),
         )
 
 

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from benchmarks.synthetic.logs import Case
-from residual.diagnosis.changes import changes
+from residual.diagnosis.values import changes
 from residual.model.nominal import declared_names
 from residual.robot.robot import load_robot
 from sim.engine.records import PlantSpec, TrajectorySpec
@@ -82,13 +82,3 @@ def test_every_value_that_is_off_is_told_though_none_is_named(logs):
 
 def test_of_values_that_are_right_none_is_said_to_be_off(logs):
     assert off_on(ROBOT, logs) == {}
-
-
-def test_each_kind_of_value_has_a_width_of_its_own(logs):
-    rng = np.random.default_rng(5)
-    rough = {"coulomb": np.exp(rng.normal(0, 0.4, 6))}
-    seen, found = examined_on(believed(rough), logs)
-    widths = seen.task.prior.widths
-    assert found == []
-    assert widths["coulomb"] >= 0.3
-    assert max(widths["viscous"], widths["rotor_inertia"]) <= 0.1

@@ -77,12 +77,6 @@ def test_since_a_model_was_adopted_only_what_is_new_is_named(adopted, since):
     assert {t.effect.name for t in model.terms} <= set(found.verdict.declared)
 
 
-def test_who_plans_is_shown_the_new_logs_by_themselves(adopted, since):
-    compared, alone = since
-    assert compared.question is None
-    assert "spring" in {t.effect.name for t in alone.question.nominal.terms}
-
-
 def test_an_adopted_model_comes_with_its_logs(adopted):
     model, _, now = adopted
     with pytest.raises(InputError, match="without the logs behind it"):

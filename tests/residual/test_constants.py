@@ -1,19 +1,12 @@
 """Constants of sensors: named on the joints that have one, beside anything else."""
 
 from dataclasses import replace
-from types import SimpleNamespace
 
 import numpy as np
 import pytest
-from hypothesis import given
-from hypothesis import strategies as st
 
-from residual.diagnosis import standing
-from residual.diagnosis.confidence import confidence
-from residual.diagnosis.gate import Tested
-from residual.diagnosis.result import Splits
-from residual.effects import registry
-from residual.method.diagnose import diagnose
+from residual.diagnosis import doubts
+from residual.diagnosis.diagnose import diagnose
 from sim.engine.records import Hidden
 from tests.residual.arms import arm, names, short_case
 
@@ -58,34 +51,13 @@ def test_the_refit_without_names_has_none_of_them():
 def test_a_name_that_is_not_sure_is_suspected_and_in_no_model(monkeypatch):
     case = short_case(arm(), seed=71)
     fit, held_out = map(_with_constants, (case.fit, case.held_out))
-    monkeypatch.setattr(standing, "SURE", 2.0)  # nothing is as sure as that
+    monkeypatch.setattr(doubts, "SURE", 2.0)  # nothing is as sure as that
     found = diagnose(case.robot, fit, held_out=held_out)
     verdict = found.verdict
     assert not verdict.effects
     assert [(e.name, e.joints) for e in verdict.suspected] == [("offset", (1, 2))]
     moving = verdict.error.moving
     assert moving["augmented"] == moving["identified"]
-
-
-@given(
-    nats=st.floats(0, 1e4),
-    gain=st.floats(-1, 1),
-    found=st.integers(0, 3),
-    more=st.sampled_from(["nats", "gain", "parts"]),
-    name=st.sampled_from(["offset", "ripple"]),
-)
-def test_what_speaks_for_a_name_never_makes_it_less_sure(nats, gain, found, more, name):
-    def sure(nats, gain, found):
-        group = SimpleNamespace(effect=registry()[name])
-        tested = Tested(group, nats, "fit", 0, 0.1, 0.5, 0)
-        return confidence(tested, gain, Splits(found, 3))
-
-    raised = {
-        "nats": (2 * nats + 1, gain, found),
-        "gain": (nats, gain + 0.1, found),
-        "parts": (nats, gain, min(found + 1, 3)),
-    }
-    assert sure(*raised[more]) >= sure(nats, gain, found)
 
 
 def test_a_torque_of_a_few_steps_has_no_error_and_no_name():

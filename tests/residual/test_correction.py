@@ -3,9 +3,9 @@
 import numpy as np
 import pytest
 
-from residual.diagnosis.examine import examine
+from residual.diagnosis.outcome import examine
 from residual.diagnosis.unexplained import corrected, leftovers
-from residual.evidence.rules import Rules
+from residual.evidence.rules import EvidenceThresholds
 from residual.model.compare import compare, prepare_held_out
 from residual.model.nominal import DEFAULT_DECLARED, prepare_logs, start_nominal
 from residual.signals.splitting import session_clock
@@ -38,7 +38,7 @@ def made():
         fit, held = every[:4], every[4:]
         logs = prepare_logs(arm(), fit, session_clock(every), Filters())
         nominal = start_nominal(logs, DEFAULT_DECLARED)
-        diagnosis = examine(logs, nominal, Rules(most=0), quiet)
+        diagnosis = examine(logs, nominal, EvidenceThresholds(max_effects=0), quiet)
         told, design = diagnosis.adequacy, diagnosis.task.design
         left = leftovers(design, logs.tracks, diagnosis.fit, told)
         model = diagnosis.model(diagnosis.fit).model

@@ -5,13 +5,10 @@ from types import SimpleNamespace
 
 import numpy as np
 
-from residual.diagnosis.angle_noise import standard_deviations
-from residual.diagnosis.search import Candidates, renewed
-from residual.effects.base import Effect, Refinement, local
-from residual.evidence.columns import union
-from residual.evidence.design import Design
+from residual.diagnosis.uncertainty import standard_deviations
+from residual.effects.base import Effect, Refinement, Trait, local
 from tests.residual.arms import arm
-from tests.residual.linear import LINE, OTHER, Problem, build
+from tests.residual.linear import LINE, Problem, build
 
 DRAWS = 20
 FADE = Effect(
@@ -26,7 +23,7 @@ FADE = Effect(
 READS = Effect(
     "reads", "reads the model", {"a": "1"}, local(lambda s, j, x: [s.tau_model[:, j]])
 )
-READS = replace(READS, uses_model=True, groupable=True)
+READS = replace(READS, traits=Trait.USES_MODEL | Trait.GROUPABLE)
 
 
 def deviation(problem, shape):
@@ -67,15 +64,6 @@ def test_logs_that_disagree_make_a_parameter_less_sure():
     assert np.mean(by_noise) < 0.6
 
 
-def test_logs_that_agree_leave_it_to_the_noise():
-    ratios = []
-    for seed in range(DRAWS):
-        _, sd, own = deviation(disagreeing(seed, 0.0), (LINE, ()))
-        ratios.append(sd[0] / own[0])
-    assert min(ratios) > 0.99
-    assert np.median(ratios) < 1.5
-
-
 def test_the_other_textbook_form_is_a_part_of_the_doubt(rng):
     truth = 3.0
     problem = Problem.draw(rng, noise=0.1, rows=300)
@@ -90,26 +78,3 @@ def test_the_other_textbook_form_is_a_part_of_the_doubt(rng):
     assert abs(value - truth) > 3 * own[0]
     assert abs(value - truth) < 2.5 * sd[0]
     assert sd[2] >= 0.5  # of the exponent: the other is one away
-
-
-def test_only_columns_that_read_the_model_are_made_anew(rng):
-    problem = Problem.draw(rng)
-    design: Design = problem.design
-    groups = design.add([(LINE, (0,), ()), (READS, (0,), ()), (READS, (1,), ())])
-    every = union(groups[1:])
-    plain = union(design.add([(OTHER, (0,), ()), (OTHER, (1,), ())]))
-    named = (*groups, every, plain)
-    known = Candidates(named, {g.key: 1.0 for g in named})
-    seen = {t: replace(s, tau_model=s.q + 1.0) for t, s in problem.logs}
-    design.show_torque(SimpleNamespace(observe=lambda track: seen[track]))
-    line, one, two, both, same = renewed(design, known).groups
-    assert line is groups[0]
-    assert same.parts == plain.parts
-    for j, made in enumerate((one, two)):
-        place, _ = design.present(j, made.ids)
-        column = design.columns(j, place)[:, 0]
-        said = np.concatenate([s.q[:, j] + 1.0 for s in design.states])
-        use = np.concatenate([t.moving[:, j] for t, _ in problem.logs])
-        np.testing.assert_allclose(column, said[use])
-    np.testing.assert_array_equal(both.ids, [*one.ids, *two.ids])
-    assert (both.fellows, [p.fellows for p in both.parts]) == (1, [2, 2])

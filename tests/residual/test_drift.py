@@ -5,7 +5,6 @@ from functools import cache
 import pytest
 
 from benchmarks.synthetic.quasi_static import Plant, true_friction
-from residual.diagnosis.verdict import from_json, to_json
 from sim.engine.records import Hidden
 from tests.residual.arms import Y, Z, arm, diagnose_case, names, short_case
 
@@ -56,9 +55,3 @@ def test_one_joint_that_rubs_more_is_a_change_and_no_drift():
 def test_where_nothing_moved_there_is_no_drift_and_no_name():
     verdict = found((1.0,) * 4, seed=82)
     assert (verdict.verdict, verdict.drift) == ("none", None)
-
-
-def test_drift_survives_its_record():
-    verdict = found(COLDER, seed=80)
-    assert verdict.drift is not None
-    assert from_json(to_json(verdict)) == verdict

@@ -7,19 +7,19 @@ import pytest
 
 from benchmarks.synthetic.logs import LogPlan, make
 from benchmarks.synthetic.quasi_static import Plant
-from residual.diagnosis.changes import (
+from residual.effects import registry
+from residual.model.model import Term
+from residual.model.nominal import prepare_logs, start_nominal
+from residual.robot.robot import load_robot
+from residual.signals.track import Filters
+from residual.verdict.edit import (
     baseline_edits,
     dense_model,
     errors_on,
     sealed_edit,
     set_back,
 )
-from residual.diagnosis.result import Place
-from residual.effects import registry
-from residual.model.model import Term
-from residual.model.nominal import prepare_logs, start_nominal
-from residual.robot.robot import load_robot
-from residual.signals.track import Filters
+from residual.verdict.result import Place
 from sim.engine.records import Hidden
 
 LOAD = {"mass": 3.0, "com_x": 0.0, "com_y": 0.0, "com_z": 0.1}

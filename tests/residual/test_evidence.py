@@ -4,14 +4,10 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
-from hypothesis import strategies as st
 from scipy.stats import multivariate_normal
 
-from residual.evidence.columns import union
 from residual.evidence.fit import System, effective_rows, fit, gain
 from residual.evidence.priors import screen
-from residual.evidence.rules import RULES
 from tests.residual.linear import (
     DOF,
     GEAR,
@@ -20,7 +16,6 @@ from tests.residual.linear import (
     OTHER,
     PLANE,
     Problem,
-    build,
     every_group,
 )
 
@@ -95,13 +90,6 @@ def test_evidence_is_the_difference_of_log_marginal_likelihoods(which, rng):
     assert big.score - small.score == pytest.approx(expected, abs=0.02)
 
 
-def test_profiled_variance_is_what_is_left_per_row_and_a_floor(problem):
-    fitted = every_row_counts(problem, [], rounds=30)
-    floor = (RULES.noise_floor * problem.design.rms) ** 2
-    left = fitted.sse / problem.design.rows
-    np.testing.assert_allclose(fitted.variance, left + floor, rtol=1e-9)
-
-
 def test_units_of_a_column_do_not_matter_to_its_evidence(problem):
     """Zellner's g-prior: an angle may be in radians or in degrees."""
     thin = replace(LINE, columns=lambda s, j, x: 1e-4 * LINE.columns(s, j, x))
@@ -111,22 +99,6 @@ def test_units_of_a_column_do_not_matter_to_its_evidence(problem):
     )
     assert one.score == pytest.approx(two.score, abs=1e-6)
     np.testing.assert_allclose(two.theta[-1], 1e4 * one.theta[-1], rtol=1e-6)
-
-
-def test_torque_of_another_unit_gives_the_same_evidence(rng):
-    """N m or kN m: prior, noise floor and score scale with torque."""
-    problem = Problem.draw(rng, [(LINE, (0,), [0.5])])
-    scores = []
-    for unit in (1.0, 1e-3):
-        logs = [(replace(t, tau=unit * t.tau), s) for t, s in problem.logs]
-        design = build(logs)
-        (group,) = design.add([(LINE, (0,), ())])
-        prior = replace(problem.prior, precision=problem.prior.precision / unit**2)
-        big, small = (
-            fit(design, prior, m, design.rows, None, 9) for m in ([group], [])
-        )
-        scores.append(big.score - small.score)
-    assert scores[0] == pytest.approx(scores[1], abs=1e-6)
 
 
 # -- the screen --------------------------------------------------------------------
@@ -183,17 +155,6 @@ def test_few_logs_are_left_out_in_blocks_and_many_as_they_are(rng, logs, folds):
     assert Problem.draw(rng, logs=logs).design.folds == folds
 
 
-def test_a_union_is_its_parts(problem):
-    parts = problem.design.add([(LINE, (0,), ()), (LINE, (1,), ())])
-    both = union(parts)
-    assert both.joints == (0, 1)
-    assert [p.fellows for p in both.parts] == [2, 2]
-    one = every_row_counts(problem, [both], rounds=5)
-    two = every_row_counts(problem, parts, rounds=5)
-    assert one.score == pytest.approx(two.score, abs=1e-9)
-    np.testing.assert_allclose(one.theta, two.theta)
-
-
 # -- counting rows -----------------------------------------------------------------
 
 
@@ -205,16 +166,6 @@ def test_rows_of_an_autoregression_count_as_theory_says(rng, a):
     counted = effective_rows(problem.design, fitted, range(DOF))
     expected = problem.design.rows * (1 - a) / (1 + a)
     np.testing.assert_allclose(counted, expected, rtol=0.25)
-
-
-@given(st.floats(0, 0.99), st.integers(0, 100))
-@settings(max_examples=10)
-def test_rows_count_for_at_least_five_and_at_most_themselves(a, seed):
-    problem = Problem.draw(np.random.default_rng(seed), rows=40, logs=2, colour=a)
-    fitted = every_row_counts(problem, [])
-    counted = effective_rows(problem.design, fitted, range(DOF))
-    assert (counted >= 5).all()
-    assert (counted <= problem.design.rows).all()
 
 
 def test_a_gain_counts_rows_by_what_the_larger_set_leaves(rng):
@@ -240,9 +191,9 @@ def test_a_gain_counts_rows_by_what_the_larger_set_leaves(rng):
 
 @pytest.mark.parametrize("colour", [0.0, 0.8])
 def test_two_standard_deviations_hold_the_truth_as_often_as_they_should(colour):
-    """100 draws each; columns as slow as the noise, or its colour would not matter."""
+    """60 draws each; columns as slow as the noise, or its colour would not matter."""
     inside, uncounted, truth = [], [], [0.7, -0.4]
-    for seed in range(100):
+    for seed in range(60):
         rng = np.random.default_rng(seed)
         problem = Problem.draw(
             rng, [(PLANE, (0,), truth)], rows=200, logs=2, colour=colour, slow=colour

@@ -5,24 +5,20 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from residual.diagnosis import angle_noise as instruments
-from residual.diagnosis import held_out as holdout
-from residual.diagnosis.angle_noise import (
+from residual.diagnosis import errors_in_variables as instruments
+from residual.diagnosis.detectable import lookalikes
+from residual.diagnosis.diagnose import diagnose
+from residual.diagnosis.errors_in_variables import (
     EFFECTIVE,
     INSTRUMENTS,
-    Checked,
-    drop_noise,
+    NoiseCheck,
     noise_notes,
 )
-from residual.diagnosis.detectable import lookalikes
-from residual.diagnosis.gate import Tested
-from residual.diagnosis.held_out import Verdicts
-from residual.diagnosis.result import Place
+from residual.diagnosis.gate import GateResult
 from residual.evidence.fit import fit
-from residual.method.diagnose import diagnose
 from residual.recording import Recording
 from residual.robot.dynamics import inverse_dynamics
-from residual.signals.track import Filters, encoder_noise
+from residual.verdict.result import Place
 from tests.residual.arms import arm, names
 from tests.residual.linear import LINE, OTHER, PLANE, Problem
 
@@ -113,13 +109,8 @@ def test_noise_of_the_angles_is_not_a_residual_to_explain(reference):
     assert verdict.unexplained.joints == ()
 
 
-def test_the_noise_of_the_angles_is_measured():
-    own = encoder_noise(log("a", 1, COARSE), Filters())
-    np.testing.assert_allclose(own, COARSE, rtol=0.05)
-
-
 def member(group):
-    return Tested(group, 50.0, "fit", 0, 0.1, 0.5, 0)
+    return GateResult(group, 50.0, "fit", 0, 0.1, 0.5, 0)
 
 
 def checked_as(fitted, group, by_instruments, sd):
@@ -129,7 +120,7 @@ def checked_as(fitted, group, by_instruments, sd):
     theta[slots] = by_instruments
     covariance = np.eye(size) * sd**2
     share = np.full(2, np.nan)
-    return Checked(INSTRUMENTS, fitted, theta, covariance, covariance / 2, share)
+    return NoiseCheck(INSTRUMENTS, fitted, theta, covariance, covariance / 2, share)
 
 
 @pytest.mark.parametrize(
@@ -154,29 +145,6 @@ def test_a_name_is_noise_where_the_reference_sees_nothing_of_it(
     assert noise_notes(None, []) == ()
 
 
-def test_a_name_that_is_noise_is_dropped_and_the_rest_is_fitted_again(rng, monkeypatch):
-    truth = [(LINE, (0,), [2.0]), (OTHER, (1,), [2.0])]
-    problem = Problem.draw(rng, truth, noise=0.1)
-    one, two = groups = problem.design.add([(LINE, (0,), ()), (OTHER, (1,), ())])
-    task = problem.task(groups)
-    fitted = task.fit(groups, task.start())
-    monkeypatch.setattr(
-        holdout, "refit", lambda _, kept: task.fit([t.group for t in kept], fitted)
-    )
-    monkeypatch.setattr(
-        instruments,
-        "checked",
-        lambda _, f, logs: checked_as(
-            f, f.members[0], [0.0, 2.0][len(f.members) < 2], 0.1
-        ),
-    )
-    judged = Verdicts(fitted, ((member(one), 0.1), (member(two), 0.2)), (), ())
-    left, checks, gone = drop_noise(None, judged, [])
-    assert [t.group for t in gone] == [one]
-    assert [t.group for t, _ in left.kept] == [two]
-    assert left.fit.members == checks.fit.members == (two,)
-
-
 def test_only_what_moves_alike_is_confusable(rng):
     """PLANE holds all that OTHER does, so OTHER cannot be told from it."""
     problem = Problem.draw(rng)
@@ -190,15 +158,3 @@ def test_only_what_moves_alike_is_confusable(rng):
     assert other == (Place("plane", (1,)),)
     # Of a plane in the direction that OTHER has too.
     assert plane == (Place("other", (1,)),)
-
-
-def test_a_large_effect_is_confused_with_less_than_a_small_one(rng):
-    problem = Problem.draw(rng)
-    groups = problem.design.add([(LINE, (0,), ()), (OTHER, (0,), ())])
-    task = problem.task(groups)
-    fitted = fit(task.design, task.prior, (), task.design.rows)
-    small, large = lookalikes(
-        task, fitted, [(groups[0], np.array([x])) for x in (1e-3, 3.0)]
-    )
-    assert small == (Place("other", (1,)),)
-    assert large == ()

@@ -6,13 +6,12 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose
 
+from residual.diagnosis.diagnose import diagnose
 from residual.effects import registry
 from residual.errors import RecordingError
 from residual.evidence.columns import ColumnCache, fold_labels
 from residual.evidence.design import Design
 from residual.identification.identify import identify
-from residual.method.diagnose import diagnose
-from residual.model.compare import compare, prepare_held_out
 from residual.model.nominal import prepare_logs, start_nominal
 from residual.recording import Recording
 from residual.robot import dynamics as lazy
@@ -119,21 +118,6 @@ def test_a_regressor_that_is_made_later_is_the_regressor(rng, largest, monkeypat
     assert_allclose(late @ theta, real @ theta, atol=1e-9)
 
 
-def test_a_prediction_of_many_rows_keeps_no_regressor_of_them(log, monkeypatch):
-    logs = prepare_logs(arm(), [log], None, Filters())
-    model = start_nominal(logs, NAMES).model
-    whole, asked = model.predict(log), []
-
-    def counted(model, q, qd, qdd):
-        asked.append(len(q))
-        return regressor(model, q, qd, qdd)
-
-    monkeypatch.setattr(lazy, "LARGEST", 100)
-    monkeypatch.setattr(lazy, "regressor", counted)
-    assert_allclose(model.predict(log), whole, atol=1e-9)
-    assert sum(asked) == 0  # the recursive algorithm makes the torque
-
-
 @pytest.mark.parametrize("on_disk", [False, True])
 def test_a_cache_gives_back_all_columns_that_were_written(rng, on_disk):
     cache, blocks = ColumnCache(on_disk), [rng.normal(size=(k, 7)) for k in (2, 3, 1)]
@@ -155,18 +139,6 @@ def test_identification_of_pieces_is_that_of_the_log(log, short, monkeypatch):
     gap = np.abs(cut.estimate.theta - whole.estimate.theta)
     assert len(cut.logs.tracks) > len(whole.logs.tracks)
     assert (gap / whole.estimate.sd).max() < 0.3
-
-
-def test_held_out_errors_of_pieces_are_those_of_the_log(log, short, monkeypatch):
-    logs = prepare_logs(arm(), [log], None, Filters())
-    model = start_nominal(logs, NAMES).model
-    cut, (proof,) = compare({"it": model}, prepare_held_out([log], model), Filters())
-    monkeypatch.setattr(pieces, "LONG", np.inf)
-    whole, _ = compare({"it": model}, prepare_held_out([log], model), Filters())
-    assert (np.diff(proof.t) > 0).all()
-    for kind in ("raw", "filtered", "moving"):
-        mine, theirs = (e["it"].per_joint(kind) for e in (cut, whole))
-        assert_allclose(mine, theirs, rtol=0.03)
 
 
 @pytest.mark.long  # two diagnoses

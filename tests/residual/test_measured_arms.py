@@ -6,7 +6,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from residual.method.diagnose import diagnose
+from residual.diagnosis.diagnose import diagnose
 from residual.robot.robot import load_robot
 from tests.residual.arms import classes, names
 from warehouse.logs import read_log

@@ -6,7 +6,8 @@ import numpy as np
 import pytest
 
 from residual.effects import registry
-from residual.effects.base import Effect, Limits
+from residual.effects.base import Effect
+from residual.effects.limits import Limits
 
 ARM = Limits(
     torque=40.0,

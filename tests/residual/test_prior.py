@@ -9,16 +9,14 @@ from residual.effects import registry
 from residual.evidence.design import Design
 from residual.evidence.priors import (
     ASSUMED,
-    SCALES,
     forbidden,
     inertial_sd,
-    priors,
     relative_prior,
 )
 from residual.model.model import Model, Term
 from residual.model.nominal import GIVEN, Nominal
 from residual.robot.dynamics import inertial_parameters
-from tests.residual.arms import SEVEN, arm, bare_irb140
+from tests.residual.arms import arm
 from tests.residual.linear import NOMINAL, Problem, random_state, track
 
 
@@ -59,22 +57,6 @@ def test_inertial_parameters_are_held_within_a_share_of_their_size(rng, scale):
     assert prior.log_det == pytest.approx(np.linalg.slogdet(prior.precision)[1])
 
 
-@pytest.mark.parametrize(
-    "robot",
-    [
-        pytest.param(arm(), id="two"),
-        pytest.param(arm(SEVEN), id="seven"),
-        pytest.param(bare_irb140(), id="irb140"),
-    ],
-)
-def test_a_zero_in_a_urdf_is_not_taken_as_exact(robot):
-    sd = inertial_sd(robot).reshape(-1, 10)
-    masses = [body.mass for body in list(robot.model.inertias)[1:]]
-    np.testing.assert_allclose(sd[:, 0], masses)
-    assert (sd[:, 1:4] >= 0.05 * sd[:, :1] - 1e-12).all()
-    assert (sd[:, 4:] >= 0.01 * sd[:, :1] - 1e-12).all()
-
-
 @pytest.mark.parametrize(("given", "share"), [(GIVEN, 0.1), (ASSUMED, 1.0)])
 def test_a_declared_value_is_held_within_its_share(rng, given, share):
     found = nominal(
@@ -95,13 +77,6 @@ def test_a_declared_effect_without_value_may_have_all_of_the_torque(rng):
     sd = 1 / np.sqrt(prior.precision[-1, -1])
     speed = np.concatenate([s.qd[:, 0] for s in design.states])
     assert sd * np.sqrt(np.mean(speed**2)) == pytest.approx(design.rms[0], rel=1e-3)
-
-
-def test_every_scale_is_tried_unless_one_is_given(rng):
-    free, fixed = nominal(), nominal(scale=0.05)
-    design = design_of(free, rng)
-    assert [p.scale for p in priors(design, free)] == list(SCALES)
-    assert [p.scale for p in priors(design, fixed)] == [0.05]
 
 
 # -- may "a parameter is wrong" be said? (docs/verdict.md)

@@ -130,15 +130,6 @@ def test_friction_that_is_declared_nowhere_is_one_finding_on_all_joints():
     np.testing.assert_allclose(levels, [12, 14, 9, 4, 3.5, 2.5], rtol=0.35)
 
 
-@pytest.mark.long
-def test_a_model_without_any_friction_is_told_of_all_of_it():
-    case = short_case(bare_irb140(), seed=42, duration=8.0)
-    _, found = doubts(case, ())
-    every = {f.effect.name: f.joints for f in found}
-    assert every["coulomb"] == every["viscous"] == (1, 2, 3, 4, 5, 6)
-    assert len(every["rotor_inertia"]) >= 3
-
-
 # On the small arm of two parallel axes: joints from 1, size, seed, and how near the
 # first parameter must come. Angles and bodies there are in one class with one another.
 WEAK = {
@@ -186,13 +177,6 @@ def test_a_link_of_another_mass_is_named_among_six_and_not_of_two():
     assert doubts(one_of_two)[1] == []
 
 
-def test_a_tilted_base_and_the_first_encoder_of_a_planar_arm_are_one_class():
-    """Both turn gravity against the arm: neither is picked in silence."""
-    (finding,) = weak("base_tilt")
-    same = {(finding.effect.name, finding.joints), *finding.equivalent}
-    assert {("base_tilt", ()), ("encoder_offset", (1,))} <= same
-
-
 # -- the whole way, on a small arm -------------------------------------------------
 
 
@@ -210,13 +194,6 @@ def test_a_change_against_a_baseline_is_found_and_proved():
     assert moving["augmented"][1] < 0.6 * moving["nominal"][1]
     # As good as the new logs' own fit, of which nobody can say what changed.
     assert moving["augmented"][1] < moving["identified"][1] + 1
-
-
-def test_without_a_baseline_the_same_change_is_no_news():
-    """Its level is free: a refit takes it over, as it should."""
-    grown = Hidden("coulomb", (2,), {"level": 3.0})
-    case = short_case(arm(), grown, seed=43, baseline=False)
-    assert diagnose_case(case).verdict.verdict == "none"
 
 
 def test_a_name_is_worth_its_error_on_motion_that_was_not_fitted():

@@ -10,7 +10,7 @@ import pytest
 
 from benchmarks.synthetic.logs import LogPlan, make
 from benchmarks.synthetic.quasi_static import Plant
-from residual.method.diagnose import diagnose
+from residual.diagnosis.diagnose import diagnose
 from residual.robot.robot import load_robot
 from sim.engine.records import Hidden
 from tests.residual.arms import arm, names, short_case

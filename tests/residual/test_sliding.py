@@ -1,7 +1,9 @@
 """Joints that slide: their dynamics, their units, and what is named on them."""
 
 import csv
+import io
 import json
+import zipfile
 from dataclasses import replace
 
 import numpy as np
@@ -10,8 +12,9 @@ import pytest
 
 import modelgap as mg
 from residual.effects import registry
+from residual.effects.base import Trait
 from residual.export.c99 import to_c99
-from residual.export.fmu import fmu_parts
+from residual.export.fmu import to_fmu
 from residual.export.mujoco import to_mujoco
 from residual.export.simulators import to_mjcf, to_urdf
 from residual.export.table import to_table
@@ -78,7 +81,9 @@ def test_an_export_says_the_units_of_each_joint():
     model = model_with(arm("scara"), "viscous")
     head, *_ = csv.reader(to_table(model).files["friction.csv"].decode().splitlines())
     assert head == ["joint", "qd [rad/s] or qd [m/s]", "torque [N m] or torque [N]"]
-    text = fmu_parts(model).description.decode()
+    (content,) = to_fmu(model, lambda sources: None).files.values()
+    with zipfile.ZipFile(io.BytesIO(content)) as archive:
+        text = archive.read("modelDescription.xml").decode()
     after = [text.split(f'name="tau{j}"')[1].split('unit="')[1] for j in (1, 3)]
     assert [part.split('"')[0] for part in after] == ["N.m", "N"]
 
@@ -97,7 +102,7 @@ def test_units_follow_the_joint():
 
 def test_what_needs_an_angle_or_one_unit_is_no_candidate_elsewhere():
     slides = (False, True, False, True)
-    needs = [e.name for e in registry().values() if e.needs_turn]
+    needs = [e.name for e in registry().values() if Trait.NEEDS_TURN in e.traits]
     assert needs == ["balancer", "encoder_eccentricity", "position_friction"]
     assert registry()["balancer"].candidates(4, slides) == ((0,), (2,))
     pairs = registry()["coupled_friction"].candidates(4, slides)

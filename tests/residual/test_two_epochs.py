@@ -6,7 +6,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from residual.changes.contrast import SQUARES, expected_worth, worth_of
-from residual.changes.joint import OWN, Joint
+from residual.changes.joint import OWN, JointRows
 from residual.changes.rows import Layout
 from sim.engine.records import Hidden
 from tests.residual.arms import Y, Z, arm, diagnose_case, short_case
@@ -33,7 +33,7 @@ def drawn(seed, width=6):
 def test_a_held_nuisance_is_generalised_least_squares(seed):
     """Against the closed form with the full covariance of the rows."""
     shared, held, y, columns = drawn(seed)
-    joint = Joint(shared, y, layout(), held)
+    joint = JointRows(shared, y, layout(), held)
     mask = layout().second
     before = np.zeros_like(columns)  # nothing of it was there
     (piece,) = joint.pieces(columns, mask, [2], before)
@@ -51,25 +51,10 @@ def test_a_held_nuisance_is_generalised_least_squares(seed):
 def test_what_was_there_before_explains_no_change(seed):
     """Torque of a column in both epochs alike gives a change of nothing."""
     shared, held, _, columns = drawn(seed)
-    joint = Joint(shared, columns @ [3.0, -2.0], layout(), held)
+    joint = JointRows(shared, columns @ [3.0, -2.0], layout(), held)
     (piece,) = joint.pieces(columns, layout().second, [2])
     theta = np.linalg.solve(piece.gram, piece.cross)
     assert np.abs(theta).max() < 20 * OWN
-
-
-@settings(max_examples=25, deadline=None)
-@given(st.integers(0, 10_000))
-def test_blocks_are_judged_as_a_fit_would_that_has_less_of_them(seed):
-    """The factor of CR2, squared, is that of a fit without the block."""
-    shared, held, y, _ = drawn(seed)
-    joint = Joint(shared, y, layout(), held)
-    once = joint.lift(joint.y[:, None])
-    twice = joint.lift(once)[:, 0]
-    keep = np.arange(ROWS) >= BLOCK
-    size = np.sqrt((shared**2).mean(axis=0))
-    x, precision = shared / size, np.diag(held / size**2 + 1e-5 * ROWS)
-    beta = np.linalg.solve(x[keep].T @ x[keep] + precision, x[keep].T @ y[keep])
-    assert twice[:BLOCK] == pytest.approx((y - x @ beta)[:BLOCK], rel=1e-6)
 
 
 @settings(max_examples=25, deadline=None)

@@ -11,7 +11,8 @@ import pinocchio as pin
 import pytest
 
 from residual.effects import registry
-from residual.effects.base import State, sensitivity
+from residual.effects.base import State
+from residual.effects.sensitivity import sensitivity
 from residual.model.model import Model, Term
 from residual.robot import dynamics
 from residual.signals.track import Filters, prepare
@@ -112,21 +113,6 @@ def test_a_soft_gear_lags_behind_its_load(robot):
             assert_near(ours, truth, 0.02)
 
 
-def test_play_is_an_offset_of_the_encoder_while_the_load_keeps_its_side():
-    robot = bare_irb140()
-    state = seen(robot)
-    gap = 1e-3
-    ours = torque("backlash", (1,), gap, state, (gap,))
-    offset = torque("encoder_offset", (1,), gap, state)
-    side = np.sign(state.rigid[:, 1])
-    long_ago = np.convolve(np.abs(np.diff(side, prepend=side[0])), np.ones(300), "same")
-    settled = long_ago == 0
-    settled[: INNER.start] = settled[INNER.stop :] = False
-    assert settled.sum() > 100
-    assert {-1.0, 1.0} == set(side)
-    assert_near(ours[settled], (-side[:, None] * offset)[settled], 0.05)
-
-
 def test_what_a_shift_does_depends_on_the_load_that_the_model_carries():
     """A payload in the model weighs on the derivatives as on the arm."""
     robot = bare_irb140()
@@ -224,11 +210,6 @@ def test_a_report_that_ends_is_cut_at_both_sides_and_no_other_has_a_plateau():
     np.testing.assert_array_equal(column, 0)
 
 
-def test_only_reports_are_left_out_of_the_torque_that_effects_see():
-    told = {n for n, e in registry().items() if e.of_report}
-    assert told == {"torque_gain", "saturation", "delay"}
-
-
 # -- friction with memory ----------------------------------------------------------
 
 
@@ -242,13 +223,3 @@ def test_with_coulomb_friction_bristles_make_dahls_friction():
     middle = (z[1:] + z[:-1]) / 2
     change = (1 - middle * s) / ways * np.diff(x)  # dz/dx = (1 - z s) / ways
     np.testing.assert_allclose(np.diff(z), change, atol=0.02)
-
-
-@pytest.mark.parametrize("late", [1e-3, 6e-3, 0.02, 0.03, 0.045])
-def test_the_search_for_a_delay_starts_where_it_may_go_on(late):
-    """What no start allows to be so large would never be looked at."""
-    delay = registry()["delay"]
-    starts = delay.shapes(None, 0)
-    assert any(delay.possible(np.array([late]), shape, None) for shape in starts)
-    for never in (0.2, -0.03):
-        assert not any(delay.possible(np.array([never]), s, None) for s in starts)

@@ -40,8 +40,3 @@ def test_noise_that_no_two_logs_share_is_no_curve(rng):
     wander = rng.normal(size=4)[LOGS] * np.sin(3 * x + 7 * LOGS)
     assert _repeated(x, rng.normal(size=len(x)), LOGS) < 0.06
     assert _repeated(x, wander, LOGS) < 0.7 * np.std(wander)
-
-
-def test_one_log_alone_says_nothing(rng):
-    x = rng.normal(size=500)
-    assert _repeated(x, np.sign(x), np.zeros(500, dtype=int)) == 0.0

@@ -49,9 +49,6 @@ NEEDED = ("time", "q", "tau")
 _SECONDS = {**TIME_UNITS, "ns": 1e-9}
 TURNS = 20 * np.pi  # rad: a joint without limits does not turn ten times in a log
 _SECONDS_OF = re.compile(r"secs?$")
-_TURN = {"rad": 2 * np.pi, "deg": 360.0}
-_OFF_TURN = 0.05  # of a turn, that a joint moves in a sample at most
-_BEST = 0.3  # relative: velocities that are the angles' own, whatever made them smooth
 
 
 @dataclass(frozen=True, slots=True)
@@ -112,13 +109,12 @@ def _of_bag(path: Path, bag: Mapping[str, tuple], joints: Sequence[str]) -> Draf
 def _in_order(names: Iterable[str], joints: Sequence[str]) -> tuple[str, ...]:
     """Return those of some names that are the URDF's joints; () unless all are."""
     plain = {name.casefold(): name for name in names}
-    own = [plain.get(j.casefold()) or _only(plain, stem_of(j)) for j in joints]
+    own = []
+    for joint in joints:
+        stem = stem_of(joint)
+        like = [name for low, name in plain.items() if stem and stem in low]
+        own.append(plain.get(joint.casefold()) or (like[0] if len(like) == 1 else None))
     return tuple(own) if all(own) and len({*own}) == len(own) else ()
-
-
-def _only(plain: Mapping[str, str], stem: str) -> str | None:
-    found = [name for low, name in plain.items() if stem and stem in low]
-    return found[0] if len(found) == 1 else None
 
 
 class _Drafter:
@@ -141,8 +137,6 @@ class _Drafter:
             self._doubt("csv", "numbers have a comma before the decimals")
         clock, unit = self._time()
         found = {name: self._signal(name) for name in ("q", "tau", "qd", "q_ref")}
-        if found["qd"] and found["q"] and clock:
-            found["qd"] = self._velocity(found["qd"], found["q"], clock, unit)
         some = {name: signal for name, signal in found.items() if signal}
         used = {*clock, *(c for s in some.values() for c in s.columns)}
         ns = unit == "ns"
@@ -244,27 +238,10 @@ class _Drafter:
         return self._mapped(name, family, self._unit(name, family))
 
     def _mapped(self, name: str, family: Family, unit: str) -> SignalMap:
-        """Return the line of a signal; of angles that begin again, unwrapped."""
         if unit == "A":
             words = "a motor current: robot.toml needs torque_per_unit, N m per A"
             self._doubt(name, words)
-        signal = SignalMap(columns=family.columns, unit=unit)
-        q = self._read(family.columns) if name in ("q", "q_ref") else None
-        if q is None:
-            return signal
-        leaps = np.abs(np.diff(q, axis=0)) / _TURN[unit]
-        large = leaps > 0.5
-        if not large.any() or (np.abs(leaps[large] - 1) > _OFF_TURN).any():
-            return signal
-        self._doubt(name, "readings leap by a whole turn; unwrapped they go on")
-        # Where they begin is any number of turns from where the limits are.
-        on = np.unwrap(q, axis=0, period=_TURN[unit]) * UNITS["q"][unit]
-        low, high = (edge(on, axis=0) for edge in (np.nanmin, np.nanmax))
-        middle = (self.robot.lower + self.robot.upper) / 2
-        out = (low < self.robot.lower) | (high > self.robot.upper)
-        turns = np.where(out, np.round(((low + high) / 2 - middle) / (2 * np.pi)), 0)
-        zero = tuple((_TURN[unit] * turns).tolist()) if turns.any() else ()
-        return replace(signal, unwrap=True, zero=zero)
+        return SignalMap(columns=family.columns, unit=unit)
 
     def _ranked(self, name: str) -> list[Family]:
         """Return the families that may be a signal, the likeliest first.
@@ -346,24 +323,6 @@ class _Drafter:
         free = ~np.isfinite(self.robot.upper)
         turns = np.where(free, np.maximum(-low, high) - TURNS, 0)
         return float(max(beyond.max(), turns.max()))
-
-    def _velocity(
-        self, signal: SignalMap, angles: SignalMap, clock: tuple[str, ...], unit: str
-    ) -> SignalMap | None:
-        """Return velocities in the unit in which they are those of the angles."""
-        q, qd, t = (self._read(c) for c in (angles.columns, signal.columns, clock))
-        if q is None or qd is None or t is None:
-            return None
-        seconds = t @ [_SECONDS[unit], 1e-9][: len(clock)]
-        with np.errstate(divide="ignore", invalid="ignore"):
-            own = np.gradient(q * UNITS["q"][angles.unit], seconds, axis=0)
-        own[~np.isfinite(own)] = np.nan
-        size = np.nansum(own**2)
-        for unit in (signal.unit, *UNITS["qd"]):
-            if np.nansum((qd * UNITS["qd"][unit] - own) ** 2) <= _BEST**2 * size:
-                return replace(signal, unit=unit)
-        self._doubt("qd", "they are not the angles' own velocities, in no unit")
-        return None
 
     def _read(self, columns: tuple[str, ...]) -> Array | None:
         """Values of some columns; None where they are no numbers. Shape (n, k)."""

@@ -26,7 +26,7 @@ from warehouse.logs.columns import (
     shorten,
     to_link_side,
 )
-from warehouse.logs.ros import open_bag, open_mcap
+from warehouse.logs.ros import open_bag
 from warehouse.logs.tables import HEAD, CsvLog, LogFile, ParquetLog, from_seconds
 from warehouse.logs.window import (
     Doubt,
@@ -151,10 +151,8 @@ def open_log(path: Path, columns: ColumnMap, joints: Sequence[str]) -> LogFile:
 def _open_ours(
     path: Path, head: bytes, columns: ColumnMap, joints: Sequence[str]
 ) -> LogFile:
-    if path.is_dir() or head.startswith((_SQLITE, _ROS1)):
+    if path.is_dir() or head.startswith((_SQLITE, _ROS1, _MCAP)):
         return open_bag(path, joints, columns.bag)
-    if head.startswith(_MCAP):
-        return open_mcap(path, joints, columns.bag)
     if head.startswith(_PARQUET):
         return ParquetLog(path)
     if _BINARY.search(head):

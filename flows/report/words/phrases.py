@@ -9,10 +9,10 @@ from pathlib import Path
 import numpy as np
 from markupsafe import Markup
 
-from residual.diagnosis.result import Detectable, Edit, Finding, Place, Verdict
 from residual.effects import registry
 from residual.effects.base import Effect
 from residual.quantity import MISSING, known, measured, percent
+from residual.verdict.result import Detectable, Edit, Finding, Place, Verdict
 
 # Effects, joints and lists in words, for sentences and tables.
 
@@ -124,7 +124,7 @@ def edit_sentence(edit: Edit) -> str:
     parts = {
         "with it": edit.kept,
         "least squares": edit.least_squares,
-        "best possible": edit.reference,
+        "baseline's own model": edit.reference,
     }
     listed = "; ".join(f"{k} {percent(v)}" for k, v in parts.items() if known(v))
     return (
@@ -146,13 +146,11 @@ class Hidden:
         name: Its name.
         joints: Its joints as the verdict counts them, from 1.
         parameters: Value of each parameter, SI.
-        edit: Its edit test; None where the verdict does not name it.
     """
 
     name: str
     joints: tuple[int, ...]
     parameters: Mapping[str, float]
-    edit: Edit | None = None
 
 
 @dataclass(frozen=True, slots=True)

@@ -14,8 +14,9 @@ from flows.report.words.phrases import (
     texts,
 )
 from residual.check.result import Fault, LogCheck
-from residual.diagnosis.result import STAGES, ErrorTables, Finding, Verdict
+from residual.effects.base import Trait
 from residual.quantity import bare_percent, known, percent, probability
+from residual.verdict.result import STAGES, ErrorTables, Finding, Verdict
 
 CLEAN = "No problems found: units, signs, joint order and timing are consistent."
 
@@ -151,7 +152,8 @@ def _effects(verdict: Verdict) -> str:
 
 def is_wrong_value(effect: Finding, verdict: Verdict) -> bool:
     """Return whether the model has this effect, only with a wrong value."""
-    if effect.name in verdict.declared or effect_named(effect.name).in_every_model:
+    traits = effect_named(effect.name).traits
+    if effect.name in verdict.declared or Trait.IN_EVERY_MODEL in traits:
         return True
     mass = effect.parameters.get("mass")
     return mass is not None and known(mass.value) and mass.value < 0

@@ -5,8 +5,8 @@ from unittest.mock import patch
 
 from benchmarks.synthetic.logs import LogPlan, make
 from benchmarks.synthetic.quasi_static import Plant
-from residual.method.diagnose import diagnose
-from residual.planning.question import open_question
+from residual.diagnosis.diagnose import diagnose
+from residual.diagnosis.open_question import open_question
 from residual.robot.robot import load_robot
 from sim.draw import draw
 from sim.engine.records import stream
@@ -26,7 +26,9 @@ def logs(effect, seed):
 @cache
 def seen(effect, seed):
     robot, (fit, proof) = logs(effect, seed)
-    with patch("residual.method.diagnose.open_question", wraps=open_question) as inside:
+    with patch(
+        "residual.diagnosis.diagnose.open_question", wraps=open_question
+    ) as inside:
         diagnose(robot, [fit], held_out=[proof])
     return inside.call_args.args
 

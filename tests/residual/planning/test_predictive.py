@@ -6,7 +6,6 @@ import numpy as np
 import pytest
 from scipy.stats import multivariate_normal
 
-from residual.diagnosis.result import Place
 from residual.planning.outlook import (
     Refit,
     expected_nats,
@@ -14,14 +13,9 @@ from residual.planning.outlook import (
     outlook,
     prospect,
 )
-from residual.planning.promise import (
-    SURE,
-    TRAVEL,
-    Course,
-    structural_twins,
-    sure_after,
-)
+from residual.planning.promise import SURE, TRAVEL, Course, structural_twins, sure_after
 from residual.planning.question import NOTHING, Contest, Question, Rival, Signals
+from residual.verdict.result import Place
 
 COLUMNS, ROWS = 6, 12
 

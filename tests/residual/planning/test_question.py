@@ -5,20 +5,12 @@ from dataclasses import replace
 import numpy as np
 
 from benchmarks.loop_parts.next import logged_products
+from residual.diagnosis import open_question as gather
 from residual.diagnosis.neighbours import Rival
-from residual.diagnosis.result import Alternative, Place
-from residual.planning import question as gather
-from residual.planning.promise import (
-    Course,
-    promised,
-    settled_by,
-    structural_twins,
-)
-from residual.planning.question import (
-    NOTHING,
-    TOGETHER,
-    open_question,
-)
+from residual.diagnosis.open_question import open_question
+from residual.planning.promise import Course, promised, settled_by, structural_twins
+from residual.planning.question import NOTHING, TOGETHER
+from residual.verdict.result import Alternative, Place
 from tests.residual.planning.asked import SECONDS, asked, logs, seen
 
 RATE = 50.0  # Hz
@@ -92,7 +84,7 @@ def test_sets_that_are_as_good_are_rivals_of_what_they_would_replace(monkeypatch
         if g.effect.name in ("offset", "coulomb_asymmetry") and g.joints == (5,)
     ][:2]
     sets = [Rival((*rest, *others), -1.0), Rival(tuple(rest), -2.0)]
-    monkeypatch.setattr("residual.planning.question.near_sets", lambda *_: sets)
+    monkeypatch.setattr("residual.diagnosis.open_question.near_sets", lambda *_: sets)
     contest = open_question(examined, fitted, named).contests[-1]
     names = TOGETHER.join(g.effect.name for g in others)
     places = [r.place for r in contest.rivals]

@@ -80,7 +80,6 @@ def test_sql_answers_as_from_a_folder_and_reaches_nothing_else(store, memory, tm
             f"modelgap://samples/../{IDENTITY}",
             "s3://memory/store/x.parquet",
             str(other / seal),
-            str(next((other / "samples").rglob("_run.parquet"))),
         ):
             with pytest.raises(InputError):
                 two.sql(f"FROM read_parquet('{path}')")

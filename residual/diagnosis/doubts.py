@@ -10,35 +10,74 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from residual.diagnosis.angle_noise import Checked, checked, drop_noise
-from residual.diagnosis.confidence import PROVEN, SURE, confidence
-from residual.diagnosis.examine import (
-    Examined,
+from residual.diagnosis.errors_in_variables import NoiseCheck, checked, drop_noise
+from residual.diagnosis.findings import NamedEffect, findings
+from residual.diagnosis.gate import GateResult
+from residual.diagnosis.held_out import (
+    HeldOutResult,
+    found_again,
+    harmful,
+    judge_held_out,
+    without,
+)
+from residual.diagnosis.outcome import (
     Progress,
+    SearchOutcome,
     predictive,
     refit,
     search_again,
     with_constants,
     without_refuted,
 )
-from residual.diagnosis.findings import Named, findings
-from residual.diagnosis.gate import Tested
-from residual.diagnosis.held_out import (
-    Verdicts,
-    found_again,
-    harmful,
-    judge_held_out,
-    without,
-)
-from residual.diagnosis.result import Splits
 from residual.diagnosis.search import least
+from residual.effects.base import Trait
 from residual.errors import listed
 from residual.evidence.design import Group
 from residual.evidence.embodied import embodied
 from residual.evidence.fit import as_model
-from residual.evidence.rules import RULES
+from residual.evidence.rules import THRESHOLDS
 from residual.model.compare import HeldOutLog
 from residual.recording import Recording
+from residual.verdict.result import Splits
+
+SURE = 0.9  # probability from which a name is in the model and in the headline
+MOST_GAIN = 0.3  # more of a gain makes no name surer
+# Gain from which a name is something although each of its sizes may be nothing: a
+# gap whose flight is another than the formula's takes an eighth of its joint's error.
+PROVEN = 0.1
+
+
+@dataclass(frozen=True, slots=True)
+class LogisticCurve:
+    """Log odds of a name: a level, and weights of what speaks for it."""
+
+    level: float
+    nats: float  # of log(1 + nats)
+    parts: float  # of the share of parts of the logs that show it again
+    gain: float  # of the part of the held-out error that it removes, over MOST_GAIN
+
+
+# 70 names of 8 measured arms, seed 1 of `benchmarks/measured_parts/known.py`.
+CURVE = LogisticCurve(level=-3.10, nats=0.41, parts=1.88, gain=2.59)
+# Of a constant, whose evidence is no measure (it is tested on left-out parts): 24 of
+# the same and of simulated arms; the level 0.2 under the fit, as few of them are false.
+OF_CONSTANTS = LogisticCurve(level=-1.60, nats=0.0, parts=2.34, gain=3.28)
+
+
+def confidence(tested: GateResult, gain: float, splits: Splits) -> float:
+    """Probability that a name is right, on a joint that keeps more than noise.
+
+    Args:
+        gain: Part of the held-out error that it removes.
+        splits: How many parts of the logs show it again.
+    """
+    curve = OF_CONSTANTS if Trait.CONSTANT in tested.group.effect.traits else CURVE
+    parts = splits.found / splits.of if splits.of else 0.5
+    gained = float(np.clip(gain / MOST_GAIN, -1.0, 1.0))
+    odds = curve.level + curve.nats * np.log1p(max(tested.nats, 0.0))
+    odds += curve.parts * parts + curve.gain * gained
+    return float(1 / (1 + np.exp(-odds)))
+
 
 # Names that came up in the place of others that fell.
 #
@@ -47,12 +86,12 @@ from residual.recording import Recording
 
 
 def substitutes(
-    examined: Examined,
-    judged: Verdicts,
+    examined: SearchOutcome,
+    judged: HeldOutResult,
     held_out: Sequence[HeldOutLog],
-    late: Sequence[Tested],
+    late: Sequence[GateResult],
     fallen: Sequence[Group],
-) -> list[tuple[Tested, str]]:
+) -> list[tuple[GateResult, str]]:
     """Return the late names that only say what a fallen one said, or prove nothing.
 
     Args:
@@ -70,21 +109,24 @@ def substitutes(
 
 
 def _is_more(
-    examined: Examined, judged: Verdicts, one: Tested, fallen: Sequence[Group]
+    examined: SearchOutcome,
+    judged: HeldOutResult,
+    one: GateResult,
+    fallen: Sequence[Group],
 ) -> bool:
     """Whether a name would carry its weight with the fallen ones beside it, too."""
     task = examined.task
     names = [t.group for t, _ in judged.kept if t is not one]
     without = task.settle(task.fit((*names, *fallen), judged.fit))
     with_it = task.settle(task.fit((*names, *fallen, one.group), judged.fit))
-    return task.net_gain(with_it, without, one.group) >= task.rules.threshold
+    return task.net_gain(with_it, without, one.group) >= task.rules.min_nats
 
 
 def _is_proven(
-    examined: Examined,
-    judged: Verdicts,
+    examined: SearchOutcome,
+    judged: HeldOutResult,
     held_out: Sequence[HeldOutLog],
-    one: Tested,
+    one: GateResult,
 ) -> bool:
     """Whether a name lowers the held-out error beyond chance where it acts."""
     rest = refit(examined, [t for t, _ in judged.kept if t is not one])
@@ -94,7 +136,7 @@ def _is_proven(
     joints = sorted({*one.group.effect.rows(one.group.joints, len(rms)), one.seen})
     fall = ((before - after) / rms**2)[:, joints].sum(axis=1)
     scatter = np.sqrt(((fall - fall.mean()) ** 2).sum())
-    return bool(fall.sum() >= RULES.sure_late * scatter)
+    return bool(fall.sum() >= THRESHOLDS.late_deviations * scatter)
 
 
 NOISE = "withdrawn: noise of the angles makes all of it, or too much to believe it"
@@ -102,10 +144,10 @@ ALONE = "withdrawn: it carries too little alone, now that others are refuted"
 
 
 @dataclass(frozen=True, eq=False, slots=True)
-class Withdrawn:
+class Withdrawal:
     """A name that did not stand."""
 
-    tested: Tested  # the name
+    tested: GateResult  # the name
     why: str  # in words
     # Whether it explained much of the fit logs all the same. Then nothing may take its
     # place that would only say the same in other words.
@@ -116,48 +158,39 @@ class Withdrawn:
 
 
 @dataclass(frozen=True, eq=False, slots=True)
-class Standing:
+class DoubtResult:
     """What stands after every name was doubted."""
 
-    examined: Examined  # the diagnosis of the last search
-    judged: Verdicts  # its names with their gain on held-out motion
+    examined: SearchOutcome  # the diagnosis of the last search
+    judged: HeldOutResult  # its names with their gain on held-out motion
     # What noise of the angles does to their fit; None where nobody looked.
-    checks: Checked | None
-    named: tuple[Named, ...]  # the findings, most important first
-    splits: dict[Tested, Splits]  # how often each tested name was found again
-    withdrawn: tuple[Withdrawn, ...]  # names that fell, of all searches
-    suspected: tuple[Named, ...] = ()  # what is less sure, and in no model
-    gains: Mapping[Tested, float] = field(default_factory=dict)  # of all that stood
-
-
-@dataclass(frozen=True, slots=True)
-class _History:
-    """What came before one search: its first names, what fell of them, and the end."""
-
-    first: Collection[tuple]
-    fallen: Sequence[Group]
-    last: bool
+    checks: NoiseCheck | None
+    named: tuple[NamedEffect, ...]  # the findings, most important first
+    splits: dict[GateResult, Splits]  # how often each tested name was found again
+    withdrawn: tuple[Withdrawal, ...]  # names that fell, of all searches
+    suspected: tuple[NamedEffect, ...] = ()  # what is less sure, and in no model
+    gains: Mapping[GateResult, float] = field(default_factory=dict)  # of all that stood
 
 
 def stand(
-    examined: Examined,
+    examined: SearchOutcome,
     proof: Sequence[HeldOutLog],
     recordings: Sequence[Recording],
     tell: Progress,
-) -> Standing:
+) -> DoubtResult:
     """Doubt every name; search again without those that fall, until none does.
 
     Args:
         recordings: The fit logs, in the diagnosis' order.
     """
-    gone: list[Withdrawn] = []
+    gone: list[Withdrawal] = []
     first = {_place(t) for t in (*examined.tested, *examined.withdrawn)}
-    for turn in range(1, RULES.rounds + 1):
-        last = turn == RULES.rounds
-        history = _History(first, [w.tested.group for w in gone if w.explains], last)
-        now = _doubted(examined, proof, recordings, history)
+    for turn in range(1, THRESHOLDS.doubt_rounds + 1):
+        last = turn == THRESHOLDS.doubt_rounds
+        fallen = [w.tested.group for w in gone if w.explains]
+        now = _doubted(examined, proof, recordings, first, fallen, last)
         gone += now.withdrawn
-        tell("proof", turn / (RULES.rounds + 1))
+        tell("proof", turn / (THRESHOLDS.doubt_rounds + 1))
         if not now.withdrawn or last:
             break
         kin = [w.tested.group for w in gone if w.with_kin]
@@ -173,8 +206,8 @@ def stand(
 
 
 def _parted(
-    now: Standing, proof: Sequence[HeldOutLog], recordings: Sequence[Recording]
-) -> Standing:
+    now: DoubtResult, proof: Sequence[HeldOutLog], recordings: Sequence[Recording]
+) -> DoubtResult:
     """What is sure, and apart from it what is only suspected: that is in no model."""
     sure = _confidences(now)
     gains = dict(now.judged.kept)
@@ -211,7 +244,7 @@ def _parted(
     )
 
 
-def _confidences(now: Standing) -> dict[Tested, float]:
+def _confidences(now: DoubtResult) -> dict[GateResult, float]:
     """Of each name that stands; what every drive has stands or falls together."""
     doubted = now.examined.adequacy.doubted
     alone = {
@@ -226,8 +259,10 @@ def _confidences(now: Standing) -> dict[Tested, float]:
 
 
 def _weighed(
-    found: Named, sure: Mapping[Tested, float], gains: Mapping[Tested, float]
-) -> Named:
+    found: NamedEffect,
+    sure: Mapping[GateResult, float],
+    gains: Mapping[GateResult, float],
+) -> NamedEffect:
     """A finding with the probability of each member: right, and not another name.
 
     It is half of that where every size may be nothing and held-out motion gains little.
@@ -236,19 +271,16 @@ def _weighed(
     for t, s, clear in zip(found.tested, found.sureness, found.sized, strict=True):
         # Of a constant evidence is no measure, and what could stand in its place is
         # said beside it.
-        right = sure[t] * (1.0 if _is_constant(t) else s.probability)
+        constant = Trait.CONSTANT in t.group.effect.traits
+        right = sure[t] * (1.0 if constant else s.probability)
         shown = clear or gains[t] >= PROVEN
         sureness.append(replace(s, probability=right if shown else right / 2))
     return replace(found, sureness=tuple(sureness))
 
 
-def _is_constant(tested: Tested) -> bool:
-    return tested.group.effect.is_constant
-
-
 def _with_constants(
-    now: Standing, proof: Sequence[HeldOutLog], recordings: Sequence[Recording]
-) -> Standing:
+    now: DoubtResult, proof: Sequence[HeldOutLog], recordings: Sequence[Recording]
+) -> DoubtResult:
     """What stands, with the constants that pay among the names."""
     examined, own = with_constants(now.examined, now.judged.fit)
     if not own:
@@ -257,7 +289,7 @@ def _with_constants(
     names = [t for t, _ in now.judged.kept]
     every = replace(examined, tested=(*names, *own))
     judged = judge_held_out(every, proof)
-    gone = [Withdrawn(t, _refuted(t, gain)) for t, gain in judged.refuted]
+    gone = [Withdrawal(t, _refuted(gain)) for t, gain in judged.refuted]
     tested = [t for t, _ in judged.kept]
     checks = checked(examined, judged.fit, recordings) if tested else None
     return replace(
@@ -271,23 +303,38 @@ def _with_constants(
 
 
 def _doubted(
-    examined: Examined,
+    examined: SearchOutcome,
     proof: Sequence[HeldOutLog],
     recordings: Sequence[Recording],
-    history: _History,
-) -> Standing:
+    first: Collection[tuple],
+    earlier: Sequence[Group],
+    last: bool,
+) -> DoubtResult:
     """Put the names of one search through every doubt.
 
     The first doubt that one falls by ends the round, since the others lean on it and
     deserve a search without it; in the last round they are doubted on.
+
+    Args:
+        first: Places of the names of the first search.
+        earlier: What fell of earlier searches although it explained much.
     """
     judged = judge_held_out(examined, proof)
-    gone = [Withdrawn(t, _resembles(t), True, True) for t in examined.withdrawn]
-    gone += [Withdrawn(t, _refuted(t, gain), True, True) for t, gain in judged.refuted]
-    if history.last:
-        gone += [Withdrawn(t, ALONE) for t in judged.dropped]
+    gone = [
+        Withdrawal(
+            t,
+            f"withdrawn: what joint {t.joint + 1} shows resembles it but is not "
+            "explained by it",
+            True,
+            True,
+        )
+        for t in examined.withdrawn
+    ]
+    gone += [Withdrawal(t, _refuted(gain), True, True) for t, gain in judged.refuted]
+    if last:
+        gone += [Withdrawal(t, ALONE) for t in judged.dropped]
     checks, named = None, []
-    while history.last or not gone:
+    while last or not gone:
         judged, checks, noise = drop_noise(examined, judged, recordings)
         tested = [t for t, _ in judged.kept]
         named = findings(examined, judged.fit, tested, checks)
@@ -296,16 +343,16 @@ def _doubted(
         fallen = fallen or _bodiless(examined, judged)
         harm = [] if fallen else harmful(examined, judged, proof, company)
         fallen = fallen or harm
-        late = [t for t in tested if _place(t) not in history.first]
-        fallen = fallen or substitutes(examined, judged, proof, late, history.fallen)
+        late = [t for t in tested if _place(t) not in first]
+        fallen = fallen or substitutes(examined, judged, proof, late, earlier)
         if not fallen:
             break
-        gone += [Withdrawn(t, why, explains=bool(harm)) for t, why in fallen]
+        gone += [Withdrawal(t, why, explains=bool(harm)) for t, why in fallen]
         judged = without(examined, judged, [t for t, _ in fallen])
-    return Standing(examined, judged, checks, tuple(named), {}, tuple(gone))
+    return DoubtResult(examined, judged, checks, tuple(named), {}, tuple(gone))
 
 
-def _company(examined: Examined, judged: Verdicts) -> list[Tested]:
+def _company(examined: SearchOutcome, judged: HeldOutResult) -> list[GateResult]:
     """Names that stand on half of the arm's joints or more, and came together.
 
     What every drive has is not asked joint by joint: where one hardly turned, its
@@ -316,27 +363,31 @@ def _company(examined: Examined, judged: Verdicts) -> list[Tested]:
 
 
 def _weak(
-    named: Sequence[Named], company: Sequence[Tested]
-) -> list[tuple[Tested, str]]:
+    named: Sequence[NamedEffect], company: Sequence[GateResult]
+) -> list[tuple[GateResult, str]]:
     """Names that are less likely than not, or may as well be nothing."""
     out = []
     for finding in named:
         for tested, sure in zip(finding.tested, finding.sureness, strict=True):
             if tested in company:
                 continue
-            if sure.probability < RULES.half:
+            if sure.probability < THRESHOLDS.min_probability:
                 out.append((tested, "withdrawn: something else is likelier"))
             elif sure.chance > (
-                RULES.of_a_link if tested.group.effect.of_link else RULES.nothing
+                THRESHOLDS.link_zero_chance
+                if tested.group.effect.of_link
+                else THRESHOLDS.zero_chance
             ):
                 why = "withdrawn: its size may as well be nothing"
                 out.append((tested, why))
     return out
 
 
-def _bodiless(examined: Examined, judged: Verdicts) -> list[tuple[Tested, str]]:
+def _bodiless(
+    examined: SearchOutcome, judged: HeldOutResult
+) -> list[tuple[GateResult, str]]:
     """Names of bodies, where the logs contradict every possible body beyond chance."""
-    named = [t for t, _ in judged.kept if t.group.effect.needs_known_body]
+    named = [t for t, _ in judged.kept if Trait.BODY in t.group.effect.traits]
     if not named:
         return []
     model = as_model(examined.nominal, judged.fit)
@@ -348,19 +399,12 @@ def _bodiless(examined: Examined, judged: Verdicts) -> list[tuple[Tested, str]]:
     return [(t, why) for t in named]
 
 
-def _place(tested: Tested) -> tuple:
+def _place(tested: GateResult) -> tuple:
     return tested.group.effect.name, tested.group.joints
 
 
-def _resembles(tested: Tested) -> str:
-    what = f"what joint {tested.joint + 1} shows"
-    return f"withdrawn: {what} resembles it but is not explained by it"
-
-
-def _refuted(tested: Tested, gain: float) -> str:
-    why = (
+def _refuted(gain: float) -> str:
+    return (
         "refuted by the held-out logs "
         f"(error there {100 * -gain:.1f} % higher with it), withdrawn"
     )
-    question = tested.group.effect.if_refuted
-    return f"{why}; {question}" if question else why

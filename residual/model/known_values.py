@@ -24,7 +24,7 @@ TRIES = 3  # random coefficients for each of an effect, that show what is linear
 
 
 @dataclass(frozen=True, eq=False, slots=True)
-class Known:
+class KnownValue:
     """One value."""
 
     name: str  # of the effect, or "link"
@@ -35,24 +35,26 @@ class Known:
 
 
 @lru_cache(maxsize=8)
-def known_values(robot: Robot) -> tuple[Known, ...]:
+def known_values(robot: Robot) -> tuple[KnownValue, ...]:
     """Return what is known of an arm and what it may have.
 
     Raises:
         InputError: If a value cannot be known so, with what can be.
         UnknownNameError: If there is no such effect or parameter.
     """
-    return tuple(_read(word, value, robot) for word, value in robot.known.items())
+    return tuple(
+        _read(word, value, robot) for word, value in robot.known_values.items()
+    )
 
 
-def of_effect(robot: Robot, effect: Effect, joints: Joints) -> list[Known]:
+def of_effect(robot: Robot, effect: Effect, joints: Joints) -> list[KnownValue]:
     """Return what is known of an effect on given joints."""
     every = [k for k in known_values(robot) if k.name == effect.name]
     # What is at the flange has one place, whichever joint it is counted with.
     out = [k for k in every if not k.joints or k.joints == joints]
     if effect.of_link and joints[0] in mass_of_links(robot):
         # A link whose mass is known is no other link.
-        out.append(Known(effect.name, joints, "", 0.0, np.ones(1)))
+        out.append(KnownValue(effect.name, joints, "", 0.0, np.ones(1)))
     return out
 
 
@@ -61,7 +63,9 @@ def mass_of_links(robot: Robot) -> dict[int, float]:
     return {k.joints[0]: k.value for k in known_values(robot) if k.name == LINK}
 
 
-def held(known: Sequence[Known], precision: Array, change: bool) -> tuple[Array, Array]:
+def known_prior(
+    known: Sequence[KnownValue], precision: Array, change: bool
+) -> tuple[Array, Array]:
     """Return what known values add to a usual prior: information K, and pull b.
 
     (P + K) is the precision of coefficients with mean (P + K)^-1 b.
@@ -74,23 +78,23 @@ def held(known: Sequence[Known], precision: Array, change: bool) -> tuple[Array,
         Shapes (k, k), (k,).
     """
     information, pull = np.zeros(precision.shape), np.zeros(len(precision))
-    for one in known:
-        value = 0.0 if change else one.value
-        before = one.row @ np.linalg.solve(precision, one.row)
-        sd = EXACT * max(abs(one.value), EXACT * float(np.sqrt(before)))
-        information += np.outer(one.row, one.row) / sd**2
-        pull += one.row * value / sd**2
+    for value_known in known:
+        value = 0.0 if change else value_known.value
+        before = value_known.row @ np.linalg.solve(precision, value_known.row)
+        sd = EXACT * max(abs(value_known.value), EXACT * float(np.sqrt(before)))
+        information += np.outer(value_known.row, value_known.row) / sd**2
+        pull += value_known.row * value / sd**2
     return information, pull
 
 
-def _read(word: str, value: float, robot: Robot) -> Known:
+def _read(word: str, value: float, robot: Robot) -> KnownValue:
     name, *middle, key = word.split(".") if "." in word else (word, "")
     check_name(name, (*registry(), LINK), f"effect in the known value '{word}'")
     if name == LINK:
         check_name(key, (MASS,), "parameter of a link that can be known")
         if not value > 0:
             raise InputError(f"Known {word} = {value:g}: expected a mass above 0 kg.")
-        return Known(name, _joint(word, middle, robot), key, value, np.ones(1))
+        return KnownValue(name, _joint(word, middle, robot), key, value, np.ones(1))
     effect = registry()[name]
     rows = _rows(effect, robot)
     if not rows:
@@ -106,7 +110,7 @@ def _read(word: str, value: float, robot: Robot) -> Known:
         raise InputError(f"Known {word}: {name} has no joint; write {name}.{key}.")
     else:
         joints = ()
-    return Known(name, joints, key, value, rows[key])
+    return KnownValue(name, joints, key, value, rows[key])
 
 
 def _joint(word: str, middle: Sequence[str], robot: Robot) -> Joints:

@@ -12,9 +12,9 @@ import numpy as np
 from scipy.special import psi
 
 from residual.changes.contrast import Noise
-from residual.changes.joint import Joint, Piece
-from residual.changes.rows import Both, Layout
-from residual.changes.rules import Rules
+from residual.changes.joint import JointColumns, JointRows
+from residual.changes.rows import EpochRows, Layout
+from residual.changes.rules import ChangeThresholds
 from residual.evidence.columns import Group
 from residual.evidence.design import Design
 from residual.evidence.fit import autocorrelation_time
@@ -37,8 +37,8 @@ def joined(
     j: int,
     groups: Sequence[Group],
     first: Array,
-    alone: Joint,
-    rules: Rules,
+    alone: JointRows,
+    rules: ChangeThresholds,
 ) -> Array:
     """Columns of the vocabulary that one joint has, by its first epoch.
 
@@ -51,7 +51,7 @@ def joined(
         As the design has them. Shape (rows, k).
     """
     some = [g for g in groups if len(g.ids) <= WIDEST]
-    some = [g for g in some if len(design.present(j, g.ids)[0]) == len(g.ids)]
+    some = [g for g in some if design.acts(j, g)]
     if not some:
         return np.zeros((len(first), 0))
     ids = np.concatenate([g.ids for g in some])
@@ -59,13 +59,13 @@ def joined(
     y, power = alone.y, (raw[first] ** 2).sum(axis=0)
     left = alone.project(raw[first])
     ends = np.cumsum([0, *(len(g.ids) for g in some)])
-    counted, found = len(y) / rules.slow, []
-    while len(found) < rules.joined:
+    counted, found = len(y) / rules.rows_per_independent, []
+    while len(found) < rules.max_joined:
         gains = _gains(left, y, power, ends)
         i = int(np.argmax(gains))
         worth = -0.5 * counted * np.log1p(-gains[i])
         price = 0.5 * (ends[i + 1] - ends[i]) * np.log(counted) + np.log(len(some))
-        if worth - price < rules.worth:
+        if worth - price < rules.joined_nats:
             break
         found.append(some[i].ids)
         basis, _ = np.linalg.qr(left[:, ends[i] : ends[i + 1]])
@@ -115,16 +115,16 @@ class Warmth:
 
 
 @dataclass(frozen=True, eq=False, slots=True)
-class Rest:
+class NuisanceFit:
     """What any arm has, taken out."""
 
-    joints: Mapping[int, Joint]  # the joints in both epochs, by number from 0
-    first: Mapping[int, Joint]  # the same in the first epoch alone
+    joints: Mapping[int, JointRows]  # the joints in both epochs, by number from 0
+    first: Mapping[int, JointRows]  # the same in the first epoch alone
     warmth: Warmth  # how the friction of all of them moved together
 
 
 def warmth(
-    both: Both, plain: Mapping[int, Joint], shared: Mapping[int, Array]
+    both: EpochRows, plain: Mapping[int, JointRows], shared: Mapping[int, Array]
 ) -> Warmth:
     """How the friction of all joints moved together.
 
@@ -138,7 +138,7 @@ def warmth(
         if told is not None:
             each[j], sd[j] = told
     known = np.isfinite(each) & (sd < 0.2)
-    least = both.rules.warmth
+    least = both.rules.friction_spread
     within, logs = _within(both, shared)
     if known.sum() < 3:
         return Warmth(0.0, least, each, least, _shrunk(least, within, logs))
@@ -147,12 +147,12 @@ def warmth(
     some = known.sum()
     spread = np.sqrt((JOINTS * least**2 + some * spread**2) / (JOINTS + some))
     std = 1.25 * float(np.sqrt(1 / (1 / (sd[known] ** 2 + spread**2)).sum()))
-    spread = max(float(spread), both.rules.uneven * abs(value))
+    spread = max(float(spread), both.rules.warmth_spread_share * abs(value))
     return Warmth(value, std, each, spread, _shrunk(spread, within, logs))
 
 
 def _factor(
-    joint: Joint, friction: Array, mask: Array, before: Array | None = None
+    joint: JointRows, friction: Array, mask: Array, before: Array | None = None
 ) -> tuple[float, float] | None:
     """Friction of a joint on some rows over all its friction, less one, and deviation.
 
@@ -173,7 +173,7 @@ def _shrunk(spread: float, within: Array, logs: int) -> Array:
     return np.sqrt((JOINTS * spread**2 + logs * within) / (JOINTS + logs))
 
 
-def _within(both: Both, shared: Mapping[int, Array]) -> tuple[Array, int]:
+def _within(both: EpochRows, shared: Mapping[int, Array]) -> tuple[Array, int]:
     """Variance of friction between the logs of the first epoch, beyond noise, by joint.
 
     Some joints warm by several times as much as others, and their own logs show it. By
@@ -183,7 +183,7 @@ def _within(both: Both, shared: Mapping[int, Array]) -> tuple[Array, int]:
     for j, columns in shared.items():
         rows = ~both.layout[j].second
         target, layout = both.design.target[j][rows], _of_first(both.layout[j])
-        joint = Joint(columns[rows], target, layout)
+        joint = JointRows(columns[rows], target, layout)
         friction = both.friction[j][rows]
         nothing = np.zeros((len(friction), 1))  # of a single log's was there before
         for i in range(both.first):
@@ -208,19 +208,22 @@ def _middle(values: Array, sd: Array) -> tuple[float, float]:
     return float(middle), float(np.sqrt(max(gap**2 - np.median(sd) ** 2, 0.0)))
 
 
-def joints_of(both: Both, groups: Sequence[Group]) -> "Rest":
+def joints_of(both: EpochRows, groups: Sequence[Group]) -> "NuisanceFit":
     """The joints with what any arm has projected out, its warmth by log included."""
     design, rules = both.design, both.rules
     plain, shared, held, noise = {}, {}, {}, {}
     for j in both.live:
         usual = design.columns(j, design.present(j, both.shared)[0])
-        alone = _alone(both, usual, j)
         # By the first epoch: nothing that changed may look like a trait of the arm.
         first = ~both.layout[j].second
+        own, layout = design.target[j][first], _of_first(both.layout[j])
+        alone = JointRows(usual[first], own, layout, light=True)
         own = joined(design, j, groups, first, alone, rules)
         shared[j], noise[j] = np.hstack([usual, own]), _quiet(both, alone, j)
-        held[j] = _even(shared[j], noise[j] / (rules.give * design.rms[j]) ** 2)
-        plain[j] = Joint(shared[j], both.left[j], both.layout[j], held[j])
+        # The same freedom of torque for every column.
+        firm = noise[j] / (rules.nuisance_torque_share * design.rms[j]) ** 2
+        held[j] = firm * (shared[j] ** 2).mean(axis=0)
+        plain[j] = JointRows(shared[j], both.left[j], both.layout[j], held[j])
     warm = warmth(both, plain, shared)
     joints, first = {}, {}
     for j in plain:
@@ -228,20 +231,13 @@ def joints_of(both: Both, groups: Sequence[Group]) -> "Rest":
         y = both.left[j] - warm.factor * f * layout.second
         own, firm = _by_log(both, j, noise[j], warm)
         columns, firm = np.hstack([shared[j], own]), np.concatenate([held[j], firm])
-        joints[j] = Joint(columns, y, layout, firm)
+        joints[j] = JointRows(columns, y, layout, firm)
         rows = ~layout.second
-        first[j] = Joint(columns[rows], y[rows], _of_first(layout), firm)
-    return Rest(joints, first, warm)
+        first[j] = JointRows(columns[rows], y[rows], _of_first(layout), firm)
+    return NuisanceFit(joints, first, warm)
 
 
-def _alone(both: Both, shared: Array, j: int) -> Joint:
-    """A joint of the first epoch by itself, to project only."""
-    layout, rows = both.layout[j], ~both.layout[j].second
-    target = both.design.target[j][rows]
-    return Joint(shared[rows], target, _of_first(layout), light=True)
-
-
-def _quiet(both: Both, alone: Joint, j: int) -> float:
+def _quiet(both: EpochRows, alone: JointRows, j: int) -> float:
     """Variance of independent rows [N^2 m^2], of the first epoch by itself.
 
     No change can be in it, as it may be in what a fit of both epochs leaves.
@@ -253,12 +249,7 @@ def _quiet(both: Both, alone: Joint, j: int) -> float:
     return slow * (float(alone.y @ alone.y) / max(alone.degrees, 1.0) + floor)
 
 
-def _even(columns: Array, firm: float) -> Array:
-    """The same freedom of torque for every column. Shape (p,)."""
-    return firm * (columns**2).mean(axis=0)
-
-
-def _by_log(both: Both, j: int, noise: float, warm: Warmth) -> tuple[Array, Array]:
+def _by_log(both: EpochRows, j: int, noise: float, warm: Warmth) -> tuple[Array, Array]:
     """Friction of each log, its slope, that of the second epoch; how firmly it is held.
 
     And how exactly a joint reports what is known to have changed.
@@ -278,12 +269,12 @@ def _by_log(both: Both, j: int, noise: float, warm: Warmth) -> tuple[Array, Arra
     columns = [f[:, None] * own, (f * ramp)[:, None] * own, epoch]
     rules, count = both.rules, len(logs)
     moved, spread = abs(warm.factor), float(warm.own[j])
-    sd = [spread] * count + [rules.ramp + 0.2 * moved] * count
-    sd += [spread, rules.lean * (moved + spread)]
+    sd = [spread] * count + [rules.ramp_share + 0.2 * moved] * count
+    sd += [spread, rules.asymmetry_share * (moved + spread)]
     if both.changed:
         # Each drive reports what it bears with a gain of its own.
         columns.append(both.changed[j][:, None])
-        sd.append(rules.gain)
+        sd.append(rules.gain_share)
     return np.hstack(columns), noise / np.array(sd) ** 2
 
 
@@ -295,10 +286,10 @@ def _of_first(layout: Layout) -> Layout:
     )
 
 
-def first_noise(both: Both, rest: "Rest", groups: Sequence[Group]) -> Noise:
+def first_noise(both: EpochRows, rest: "NuisanceFit", groups: Sequence[Group]) -> Noise:
     """What errors are, as the first epoch shows them: nothing changed within it."""
     dof = both.design.dof
-    variance, slow = np.ones(dof), np.full(dof, both.rules.slow)
+    variance, slow = np.ones(dof), np.full(dof, both.rules.rows_per_independent)
     restless, fewest = np.ones(dof), []
     for j, joint in rest.first.items():
         blocks = both.layout[j].second[both.layout[j].starts]
@@ -322,7 +313,7 @@ def is_basic(group: Group) -> bool:
 
 
 def _compared(
-    both: Both, joint: Joint, groups: Sequence[Group], variance: float
+    both: EpochRows, joint: JointRows, groups: Sequence[Group], variance: float
 ) -> tuple[float, float]:
     """Rows that are as good as one, and by how much logs differ beyond that.
 
@@ -330,9 +321,9 @@ def _compared(
     three logs give a score of values, and no single one decides.
     """
     parts, few = _parts(joint.layout, both.rules.parts)
-    least = both.rules.floor if few else both.rules.restless
+    least = both.rules.few_logs_factor if few else both.rules.logs_factor
     if not groups or not parts:
-        return both.rules.slow, max(least, 2.0)
+        return both.rules.rows_per_independent, max(least, 2.0)
     (j,) = groups[0].joints
     ids = np.concatenate([g.ids for g in groups])
     columns = both.design.columns(j, both.design.present(j, ids)[0])[: len(joint.y)]
@@ -346,12 +337,12 @@ def _compared(
                 slow.append(pace)
                 ratios.append(ratio)
     if not ratios:
-        return both.rules.slow, max(least, 2.0)
+        return both.rules.rows_per_independent, max(least, 2.0)
     kept = np.sort(ratios)[: max(1, int(TRIM * len(ratios)))]
     return max(float(np.median(slow)), 1.0), max(least, float(np.sqrt(np.mean(kept))))
 
 
-def _ratio(piece: Piece, variance: float) -> tuple[float, float]:
+def _ratio(piece: JointColumns, variance: float) -> tuple[float, float]:
     """Rows as good as one, and the square of a normal value, of one contrast."""
     gram, plain = float(piece.gram[0, 0]), float(piece.plain[0, 0])
     lever, theta = piece.lever[:, 0, 0], float(piece.cross[0]) / gram

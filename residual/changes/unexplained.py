@@ -13,8 +13,8 @@ import numpy as np
 from scipy.special import stdtr
 
 from residual.changes.contrast import Candidate
-from residual.changes.joint import Joint
-from residual.changes.search import Found
+from residual.changes.joint import JointRows
+from residual.changes.search import ChangeSearch
 from residual.effects.base import Effect, State
 from residual.evidence.columns import Group, sound
 from residual.recording import Array
@@ -32,7 +32,7 @@ BINS = 8
 
 
 @dataclass(frozen=True, eq=False, slots=True)
-class Rest:
+class Residuals:
     """What remains of each joint after everything that is named."""
 
     # What is left, by row; None for a joint that is not looked at.
@@ -44,7 +44,7 @@ class Rest:
     flagged: tuple[int, ...]
 
 
-def unnamed(found: Found) -> Rest:
+def unnamed(found: ChangeSearch) -> Residuals:
     """Look for a change that no name explains."""
     both, table = found.both, found.table
     dof, rules = both.design.dof, both.rules
@@ -64,13 +64,13 @@ def unnamed(found: Found) -> Rest:
         floor[j] = np.sqrt(before.mean()) / rms
         share[j] = np.sqrt(max(after.mean() - before.mean(), 0.0)) / rms
         sure = _more(before, after, log[~second], log[second])
-        more = share[j] > rules.unknown_share and sure < CHANCE
+        more = share[j] > rules.unknown_torque_share and sure < CHANCE
         if more or _curved(found, j):
             flagged.append(j)
-    return Rest(tuple(left), share, floor, tuple(flagged))
+    return Residuals(tuple(left), share, floor, tuple(flagged))
 
 
-def _curved(found: Found, j: int) -> bool:
+def _curved(found: ChangeSearch, j: int) -> bool:
     """Whether a free curve over the joint's motion is there in the second epoch."""
     joint, design, rules = found.table.joints[j], found.both.design, found.both.rules
     second = joint.layout.second
@@ -86,7 +86,7 @@ def _curved(found: Found, j: int) -> bool:
         look = found.table.contrast(one, found.named)
         torque = columns[second] @ look.theta
         share = np.sqrt((torque**2).mean()) / design.rms[j]
-        if look.nats > rules.unknown and share > rules.unknown_share:
+        if look.nats > rules.unknown_nats and share > rules.unknown_torque_share:
             return True
     return False
 
@@ -97,7 +97,7 @@ def _hats(x: Array) -> Array:
     return np.column_stack([np.interp(x, knots, unit) for unit in np.eye(len(knots))])
 
 
-def _free(found: Found, j: int, columns: Array) -> Candidate:
+def _free(found: ChangeSearch, j: int, columns: Array) -> Candidate:
     """Columns of one joint as a candidate."""
     joint, k = found.table.joints[j], columns.shape[1]
     size = USUAL * found.both.design.rms[j]
@@ -107,7 +107,7 @@ def _free(found: Found, j: int, columns: Array) -> Candidate:
     return Candidate(group, {j: piece}, np.log(len(found.table.joints)), group)
 
 
-def _blocks(joint: Joint, rest: Array) -> tuple[Array, Array, Array]:
+def _blocks(joint: JointRows, rest: Array) -> tuple[Array, Array, Array]:
     """Mean square of every block as a fit without it leaves it; its epoch and log."""
     missed = joint.lift(rest[:, None])[:, 0]
     starts = joint.layout.starts
@@ -146,7 +146,9 @@ def _more(before: Array, after: Array, logs: Array, fresh: Array) -> float:
     return float(stdtr(nu, -(b.mean() - a.mean()) / max(sd, 1e-12)))
 
 
-def follows(found: Found, rest: Rest, j: int) -> tuple[str, int, float] | None:
+def follows(
+    found: ChangeSearch, rest: Residuals, j: int
+) -> tuple[str, int, float] | None:
     """The variable that the rest of a joint goes by most: what, of which joint, share.
 
     None where it goes by none of them.

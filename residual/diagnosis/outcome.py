@@ -6,9 +6,9 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from residual.diagnosis import constants
-from residual.diagnosis.detectable import Selection, select
+from residual.diagnosis.adequacy import Adequacy, adequacy, carried
 from residual.diagnosis.gate import (
-    Tested,
+    GateResult,
     gate,
     leave_out,
     only_curves,
@@ -16,142 +16,25 @@ from residual.diagnosis.gate import (
     wrong_forms,
 )
 from residual.diagnosis.neighbours import best_set, simplest
-from residual.diagnosis.search import (
-    Task,
-    every_candidate,
-    refined,
-    renewed,
-)
+from residual.diagnosis.search import Task, every_candidate, refined, renewed
+from residual.diagnosis.select import Selection, select
 from residual.effects import registry
+from residual.effects.base import Trait
 from residual.evidence.design import Design, Group
-from residual.evidence.embodied import Embodied, embodied
+from residual.evidence.embodied import PossibleModel, embodied
 from residual.evidence.fit import Fit, Prior, as_model, fit, physical
-from residual.evidence.priors import OF_NAMES, Space, first_design, relative_prior
-from residual.evidence.rules import RULES, Rules
+from residual.evidence.priors import OF_NAMES, PriorSpace, first_design, relative_prior
+from residual.evidence.rules import THRESHOLDS, EvidenceThresholds
 from residual.model.compare import HeldOutLog, moving_error
 from residual.model.model import Model
 from residual.model.nominal import Logs, Nominal, with_standstill
 from residual.recording import Array
-from residual.signals.track import Track
-
-
-@dataclass(frozen=True, eq=False, slots=True)
-class Adequacy:
-    """What the model leaves unexplained on each joint, as a share of torque rms."""
-
-    structured: Array  # root of (residual variance minus noise variance), (dof,)
-    before: Array  # the same without the names, (dof,)
-    noise: Array  # noise level, (dof,)
-    # Per joint "repeatable" or "time-driven"; None without repeats.
-    kind: tuple[str | None, ...]
-    # Joints (from 0) on which so much remains that names are void.
-    flagged: tuple[int, ...]
-    # Joints on which more than noise remains; the flagged ones among them.
-    doubted: tuple[int, ...]
-
-
-def adequacy(
-    design: Design,
-    tracks: tuple[Track, ...],
-    before: Fit,
-    after: Fit,
-    angles: Array | None = None,
-) -> Adequacy:
-    """Compare what is left on the moving rows with the noise of torque and angles.
-
-    That of the torque is measured above the identification filter and taken as white,
-    that of the angles is given as the torque it makes [N m]. A joint
-    is flagged above 5 % of torque rms, unless the names halved it, and above 10 % in
-    any case. More than 1.5 % of torque rms and twice the noise is not nothing, and is
-    said.
-    """
-    squares = np.mean([t.torque_noise**2 for t in tracks], axis=0)
-    if angles is not None:
-        squares = squares + angles**2
-    noise = np.sqrt(squares) / design.rms
-    structured = _structured(design, after, noise)
-    first = _structured(design, before, noise)
-    flagged = [
-        j
-        for j in range(design.dof)
-        if (structured[j] > RULES.flag and structured[j] > 0.5 * first[j])
-        or structured[j] > 2 * RULES.flag
-    ]
-    periods = [repeat(track) for track in tracks]
-    kinds = tuple(_kind(design, periods, after, noise, j) for j in range(design.dof))
-    least = np.maximum(RULES.doubt, RULES.noises * noise)
-    doubted = sorted({*flagged, *np.flatnonzero(structured > least).tolist()})
-    kinds = tuple(k if j in doubted else None for j, k in enumerate(kinds))
-    return Adequacy(structured, first, noise, kinds, tuple(flagged), tuple(doubted))
-
-
-def _structured(design: Design, fitted: Fit, noise: Array) -> Array:
-    """Excess over the noise, beyond three standard deviations of a variance."""
-    left = fitted.sse / design.rows / design.rms**2
-    doubt = 1 + 3 * np.sqrt(2 / fitted.counted)
-    return np.sqrt(np.maximum(left - noise**2 * doubt, 0))
-
-
-def _kind(
-    design: Design, periods: list[int | None], fitted: Fit, noise: Array, j: int
-) -> str | None:
-    """Where a log repeats itself: does the residual repeat with it?"""
-    lines = design.series(j, design.residual(j, fitted.ids, fitted.theta))
-    same = other = count = 0.0
-    for period, line in zip(periods, lines, strict=True):
-        if period is None:
-            continue
-        a, b = line[:-period], line[period:]
-        both = (a != 0) & (b != 0)
-        same += float((a * b)[both].sum())
-        other += float(((a - b) ** 2)[both].sum() / 2)
-        count += float(both.sum())
-    if not count:
-        return None
-    own = other / count - (noise[j] * design.rms[j]) ** 2
-    return "repeatable" if same / count >= own else "time-driven"
-
-
-def repeat(track: Track) -> int | None:
-    """Rows after which the motion repeats, found from q itself; None where it never."""
-    q = track.q[:: track.step]
-    m = len(q)
-    spread = np.maximum(q.std(axis=0), 1e-6)
-    best, period = RULES.repeat, None
-    for lag in range(int(0.2 * m), int(0.8 * m)):
-        gap = np.abs(q[lag:] - q[:-lag])[5:-5].mean(axis=0)
-        worst = float(np.max(gap / spread)) if m - lag > 20 else np.inf
-        if worst < best:
-            best, period = worst, lag
-    return period
-
-
-def carried(model: Model, tracks: Sequence[Track], moved: Sequence[Track]) -> Array:
-    """Torque noise that the angles' noise makes of a model, on moving rows.
-
-    Effective variance (Orear 1982): what scatters about a model is the noise of what is
-    measured and that of what it is held against.
-
-    Args:
-        moved: The same, ``shaken``.
-
-    Returns:
-        Root mean square behind the identification filter [N m]. Shape (dof,).
-    """
-    squares, rows = np.zeros(model.robot.dof), np.zeros(model.robot.dof)
-    for own, other in zip(tracks, moved, strict=True):
-        torque = [model.torque_on(t) for t in (own, other)]
-        gap = own.filter(torque[1] - torque[0]) * own.moving
-        squares += (gap**2).sum(axis=0)
-        rows += own.moving.sum(axis=0)
-    return np.sqrt(squares / np.maximum(rows, 1))
-
 
 Progress = Callable[[str, float], None]
 
 
 @dataclass(frozen=True, eq=False, slots=True)
-class Examined:
+class SearchOutcome:
     """What one set of logs says."""
 
     logs: Logs  # the fit logs
@@ -160,8 +43,10 @@ class Examined:
     wide: Prior  # the widest prior that the logs do not contradict
     plain: Fit  # fit of the nominal structure alone
     fit: Fit  # fit with the named effects
-    tested: tuple[Tested, ...]  # the named effects with their evidence
-    withdrawn: tuple[Tested, ...]  # names that merely resemble what flagged joints show
+    tested: tuple[GateResult, ...]  # the named effects with their evidence
+    withdrawn: tuple[
+        GateResult, ...
+    ]  # names that merely resemble what flagged joints show
     adequacy: Adequacy  # what remains
     # What was found with every constant free; None where nothing was sought.
     start: Selection | None = None
@@ -172,7 +57,7 @@ class Examined:
         """Squared error of a fit on moving rows by second [N^2 m^2]. (seconds, dof)."""
         return moving_error(as_model(self.nominal, fitted), held_out)
 
-    def model(self, fitted: Fit, like: Model | None = None) -> Embodied:
+    def model(self, fitted: Fit, like: Model | None = None) -> PossibleModel:
         """A fit as a model of possible bodies, with the standstill of the fit logs.
 
         Args:
@@ -190,9 +75,9 @@ class Examined:
 def examine(
     logs: Logs,
     nominal: Nominal,
-    rules: Rules,
+    rules: EvidenceThresholds,
     progress: Progress,
-) -> Examined:
+) -> SearchOutcome:
     """Search, test and flag."""
 
     def searching(share: float) -> None:
@@ -201,7 +86,7 @@ def examine(
     design = first_design(logs, nominal)
     progress("features", 0.0)
     everything = every_candidate(design, nominal, logs.span, logs.clock is not None)
-    selection = select(Space(design, nominal), everything, rules, searching)
+    selection = select(PriorSpace(design, nominal), everything, rules, searching)
     if _needs_second_search(selection):
         settled = _refit_named(logs, nominal, selection)
         design.show_torque(physical(as_model(nominal, settled)))
@@ -209,7 +94,7 @@ def examine(
         everything = renewed(design, everything)
         prior, wide = selection.task.prior, selection.wide
         again = replace(nominal, scale=prior.scale, widths=prior.widths)
-        selection = select(Space(design, again), everything, rules, searching)
+        selection = select(PriorSpace(design, again), everything, rules, searching)
         selection = replace(selection, wide=wide)
     progress("gate", 0.0)
     examined = _tested(logs, nominal, selection)
@@ -218,8 +103,8 @@ def examine(
 
 
 def search_again(
-    examined: Examined, fallen: Sequence[Group], kin: Sequence[Group]
-) -> Examined:
+    examined: SearchOutcome, fallen: Sequence[Group], kin: Sequence[Group]
+) -> SearchOutcome:
     """Search the same logs again without some names; every other one is tested anew.
 
     What a name has carried falls with it: a delay that was none must not leave the
@@ -244,7 +129,7 @@ def _tested(
     nominal: Nominal,
     start: Selection,
     paid: tuple[int, ...] | None = None,
-) -> Examined:
+) -> SearchOutcome:
     """Put what a search found through the gate, and measure what remains.
 
     Args:
@@ -270,7 +155,7 @@ def _tested(
     if len(kept) < len(tested):
         fitted = task.settle(task.fit([t.group for t in kept], fitted))
     gone = tuple(t for t in tested if t not in kept)
-    return Examined(
+    return SearchOutcome(
         logs,
         nominal,
         task,
@@ -285,7 +170,9 @@ def _tested(
     )
 
 
-def with_constants(examined: Examined, fitted: Fit) -> tuple[Examined, list[Tested]]:
+def with_constants(
+    examined: SearchOutcome, fitted: Fit
+) -> tuple[SearchOutcome, list[GateResult]]:
     """The diagnosis with the constants that pay among its effects.
 
     Args:
@@ -309,7 +196,7 @@ def with_constants(examined: Examined, fitted: Fit) -> tuple[Examined, list[Test
         for t in gate(task, full)
         if t.group in groups
         and t.by
-        and (t.nats >= task.rules.threshold or t.joint in enough.doubted)
+        and (t.nats >= task.rules.min_nats or t.joint in enough.doubted)
     ]
     if len(own) < len(groups):
         members = (*fitted.members, *(t.group for t in own))
@@ -332,12 +219,12 @@ def with_constants(examined: Examined, fitted: Fit) -> tuple[Examined, list[Test
     )
 
 
-def predictive(examined: Examined) -> Examined:
+def predictive(examined: SearchOutcome) -> SearchOutcome:
     """The same names with the scale of the bodies that predicts left-out parts best.
 
     Evidence compares scales as if noise were all that is left; on a measured arm it is
     not, and each of two halves takes another scale. So where some scale lowers the
-    left-out error, in units of each joint's own, by ``RULES.predicts`` or more, the
+    left-out error, in units of each joint's own, by ``scale_gain_share`` or more, the
     parameters are fitted at the best of them.
     """
     if examined.logs.robot.prior_scale is not None:
@@ -345,7 +232,7 @@ def predictive(examined: Examined) -> Examined:
     task, fitted = examined.task, examined.fit
     weight = 1 / fitted.variance / task.design.rows
     best, least = None, leave_out(task, fitted).sum(axis=0) @ weight
-    least *= (1 - RULES.predicts) ** 2
+    least *= (1 - THRESHOLDS.scale_gain_share) ** 2
     for scale in OF_NAMES:
         widths = task.prior.widths
         prior = relative_prior(task.design, examined.nominal, scale, widths)
@@ -377,12 +264,14 @@ def _needs_second_search(selection: Selection) -> bool:
     fitted, task = selection.fit, selection.task
     if not fitted.members:
         return False
-    if any(g.effect.uses_model for g in fitted.members):
+    if any(Trait.USES_MODEL in g.effect.traits for g in fitted.members):
         return True
     plain = task.fit((), fitted, rounds=4)
     fall = np.maximum(plain.sse - fitted.sse, 0) / task.design.rows
-    model_based = any(e.uses_model for e in registry().values())
-    return model_based and bool(np.max(np.sqrt(fall) / task.design.rms) > RULES.large)
+    model_based = any(Trait.USES_MODEL in e.traits for e in registry().values())
+    return model_based and bool(
+        np.max(np.sqrt(fall) / task.design.rms) > THRESHOLDS.large_torque_share
+    )
 
 
 def _refit_named(logs: Logs, nominal: Nominal, selection: Selection) -> Fit:
@@ -393,19 +282,20 @@ def _refit_named(logs: Logs, nominal: Nominal, selection: Selection) -> Fit:
     """
     task, fitted = selection.task, selection.fit
     design = task.design
-    for _ in range(RULES.looks):
+    for _ in range(THRESHOLDS.refit_rounds):
         design.show_torque(physical(as_model(nominal, fitted)))
         members = design.add([g.placed for g in fitted.members])
-        for group in [g for g in members if g.effect.uses_model and g.effect.refine]:
+        searched = [g for g in members if g.effect.refine]
+        for group in [g for g in searched if Trait.USES_MODEL in g.effect.traits]:
             others = [g for g in members if g is not group]
             members = refined(task, (*others, group), fitted)
         before, fitted = fitted.score, task.fit(members, fitted)
-        if abs(fitted.score - before) < RULES.steady:
+        if abs(fitted.score - before) < THRESHOLDS.steady_nats:
             break
     return fitted
 
 
-def _resembles(tested: Tested, enough: Adequacy) -> bool:
+def _resembles(tested: GateResult, enough: Adequacy) -> bool:
     """A name on a joint that keeps much may be a part of what is not known.
 
     On a flagged joint it must explain 3/4 of what was left. What claims the whole arm
@@ -415,14 +305,17 @@ def _resembles(tested: Tested, enough: Adequacy) -> bool:
     """
     local = tested.group.effect.scope in ("local", "pair")
     joints = set(tested.group.joints if local else (tested.joint,))
-    if joints & set(enough.flagged) and tested.share < RULES.most_of_it:
+    if (
+        joints & set(enough.flagged)
+        and tested.share < THRESHOLDS.flagged_explained_share
+    ):
         return True
-    much = np.maximum(RULES.much, RULES.much_noises * enough.noise)
+    much = np.maximum(THRESHOLDS.veto_share, THRESHOLDS.veto_noises * enough.noise)
     doubted = set() if local else joints & set(np.flatnonzero(enough.structured > much))
     return any(tested.fall < enough.structured[j] for j in doubted)
 
 
-def _refitted(examined: Examined, fitted: Fit, rough: Model) -> Embodied:
+def _refitted(examined: SearchOutcome, fitted: Fit, rough: Model) -> PossibleModel:
     """Coefficients that go with a model's standstill and its own torque.
 
     A wide standstill changes friction on slow moving rows too, and features such as
@@ -437,7 +330,7 @@ def _refitted(examined: Examined, fitted: Fit, rough: Model) -> Embodied:
     return embodied(design, final, model)
 
 
-def without_refuted(examined: Examined, fitted: Fit) -> Examined:
+def without_refuted(examined: SearchOutcome, fitted: Fit) -> SearchOutcome:
     """The diagnosis with fewer names: what remains is measured anew."""
     if len(fitted.members) == len(examined.fit.members):
         return examined
@@ -447,7 +340,7 @@ def without_refuted(examined: Examined, fitted: Fit) -> Examined:
     return replace(examined, fit=fitted, adequacy=enough)
 
 
-def refit(examined: Examined, tested: Sequence[Tested]) -> Fit:
+def refit(examined: SearchOutcome, tested: Sequence[GateResult]) -> Fit:
     """Fit again with some of the names only."""
     task = examined.task
     members = [t.group for t in tested]

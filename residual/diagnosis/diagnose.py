@@ -1,0 +1,147 @@
+"""The method on one screen: search, doubt, name, add, prove.
+
+residual -> undeclared effect -> augmented model -> error before and after on motion
+that was not fitted (G2017 section 1.3 and 3, with a named effect in place of PLSR).
+"""
+
+from collections.abc import Sequence
+
+from residual.changes.compare import compare_epochs
+from residual.check.result import LogCheck
+from residual.diagnosis.constants import nominal_with_constants
+from residual.diagnosis.doubts import stand
+from residual.diagnosis.errors_in_variables import noise_notes
+from residual.diagnosis.findings import clouds, folded
+from residual.diagnosis.held_out import three_models
+from residual.diagnosis.open_question import open_question
+from residual.diagnosis.outcome import Progress, examine
+from residual.diagnosis.reference import plain_fit
+from residual.diagnosis.unexplained import examine_leftover
+from residual.diagnosis.verdict import conclude, signal_notes
+from residual.errors import InputError, listed
+from residual.evidence.rules import THRESHOLDS
+from residual.model.compare import compare, prepare_held_out, worse_joints
+from residual.model.model import Model
+from residual.model.nominal import (
+    GIVEN,
+    Nominal,
+    begin,
+    declared_names,
+    prepare_logs,
+)
+from residual.recording import Recording
+from residual.robot.robot import Robot, check_joints
+from residual.signals.splitting import hold_out_end, session_clock
+from residual.signals.track import Filters
+from residual.verdict.result import PLAIN, STAGES, Diagnosis, error_tables
+
+
+def diagnose(
+    robot: Robot,
+    fit: Sequence[Recording],
+    baseline: Sequence[Recording] = (),
+    held_out: Sequence[Recording] = (),
+    declared: Sequence[str] | Model | None = None,
+    progress: Progress | None = None,
+    alone: bool = False,
+    check: LogCheck | None = None,
+    warnings: Sequence[str] = (),
+) -> Diagnosis:
+    """Find what a robot's model lacks, add it, and prove it on held-out motion.
+
+    Args:
+        baseline: Logs of an earlier state of the arm: the diagnosis then finds what
+            has changed since.
+        held_out: Logs for the proof. Without any, the last quarter of the longest fit
+            log is cut off and held out.
+        declared: Effects that the model has; None for the robot's own list. Or the
+            adopted model (`Diagnosis.known`), with the logs behind it as the baseline.
+        alone: Ignore the baseline, for what the fit logs by themselves leave open.
+        check: Faults of the logs. With a certain one nothing is named: what was found
+            may be the fault.
+        warnings: Sentences on the logs that the verdict repeats first.
+
+    Raises:
+        InputError: If a log does not belong to the robot, an effect is unknown, or an
+            adopted model comes without its logs.
+    """
+    tell = progress or (lambda stage, share: None)
+    check_joints(robot, [*fit, *baseline, *held_out])
+    same_run = not held_out
+    if same_run:
+        fit, held_out = hold_out_end(fit)
+    if isinstance(declared, Model) and not baseline:
+        raise InputError(
+            "An adopted model comes without the logs behind it, so what changed since "
+            "cannot be told. Give them as the baseline."
+        )
+    if baseline and not alone:
+        if robot.known_values:
+            raise InputError(
+                f"Known values ({listed(robot.known_values)}) hold for one arm state; "
+                "a baseline compares two. Leave out either."
+            )
+        epochs = robot, baseline, fit, held_out
+        return compare_epochs(*epochs, declared, same_run, tell, check, warnings)
+
+    # The nominal model, and a search for what it lacks.
+    logs = prepare_logs(robot, fit, session_clock([*fit, *held_out]), Filters())
+    if isinstance(declared, Model):
+        nominal = Nominal(begin(logs, declared), (GIVEN,) * len(declared.terms))
+    else:
+        nominal = nominal_with_constants(logs, declared_names(logs.robot, declared))
+    examined = examine(logs, nominal, THRESHOLDS, tell)
+    # Every name is doubted, on held-out motion too; what stands is in the models.
+    tell("proof", 0.0)
+    proof = prepare_held_out(held_out, examined.nominal.model)
+    standing = stand(examined, proof, fit, tell)
+    examined, judged = standing.examined, standing.judged
+    models, bodies = three_models(examined, judged)
+    augmented = models["augmented"]
+    remains = examine_leftover(examined, judged.fit, augmented)
+    named, background = folded(standing.named, examined.logs.robot.dof)
+    question = open_question(examined, judged.fit, named)
+    if check is not None and check.certain:
+        named, models["augmented"] = (), models["identified"]
+    elif remains.correction is not None:  # tables for the rest are a model too
+        models["plsr"] = remains.correction
+    # The error of every model on the held-out logs, beside plain least squares.
+    filters = examined.logs.filters
+    errors, proofs = compare(models, proof, filters)
+    reference, _ = compare({PLAIN: plain_fit(logs)}, proof, filters)
+    small = examined.logs.too_small
+    errors = {name: e.without(small) for name, e in (errors | reference).items()}
+    verdict = conclude(
+        standing,
+        named,
+        background,
+        bodies,
+        remains,
+        question,
+        errors,
+        error_tables(
+            {name: errors.get(name) for name in (*STAGES, PLAIN)},
+            min(t.cutoff for t in examined.logs.tracks),
+            [r.id for r in held_out],
+            same_run,
+            worse_joints(models, proof),
+        ),
+        check,
+        warnings,
+    )
+    tell("proof", 1.0)
+    return Diagnosis(
+        verdict=verdict,
+        models=models,
+        proofs=proofs,
+        clouds=clouds(examined, judged.fit, named),
+        notes=(
+            *signal_notes(examined),
+            *noise_notes(standing.checks, [t for t, _ in judged.kept]),
+            *bodies.notes,
+        ),
+        left=tuple(one.cloud for one in remains.joints),
+        sentences=tuple(f.effect.sentence for f in named),
+        known=augmented,
+        question=question,
+    )

@@ -1,0 +1,265 @@
+"""Noise of the angles in the regressor: what it does to a fit, and the remedy.
+
+Least squares takes the regressor for exact. It is made of measured angles, so it holds
+their noise, and where a controller fed that noise back, so does the torque. A reference
+knows nothing of either: columns made of it are instruments (two-stage least squares;
+Janot, Vandanjon, Gautier 2014), and where both estimates differ by more than chance
+least squares was biased (Durbin, Wu, Hausman; Janot et al. 2016). Without a reference
+the noise is redrawn as it was measured and taken out of the normal equations; what that
+moves is counted as doubt (effective variance).
+"""
+
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from scipy.linalg import solve_triangular
+
+from residual.diagnosis.gate import GateResult
+from residual.diagnosis.held_out import HeldOutResult, without
+from residual.diagnosis.outcome import SearchOutcome
+from residual.effects.base import Trait
+from residual.evidence.design import Design
+from residual.evidence.fit import (
+    Fit,
+    System,
+    as_model,
+    chance_of,
+    physical,
+    scaled_inverse,
+)
+from residual.evidence.priors import first_design
+from residual.evidence.rules import THRESHOLDS
+from residual.recording import Array, Recording
+from residual.signals.splitting import in_pieces
+from residual.signals.track import on_rows_of, prepare
+
+INSTRUMENTS, EFFECTIVE = "instruments", "effective variance"
+FLAT = 1e-9  # of the largest singular value or correlation: what moves nothing
+LEAST = 1e-3  # of its variance: what a difference is never known better than
+
+
+@dataclass(frozen=True, eq=False, slots=True)
+class NoiseCheck:
+    """A fit, held against the noise of the angles."""
+
+    how: str  # "instruments" or "effective variance"
+    fit: Fit  # the fit that was checked
+    # Coefficients by instruments; without them the fit's own, rid of what the noise
+    # took, (m,).
+    theta: Array
+    covariance: Array  # of ``theta``, (m, m)
+    spread: Array  # by how much it exceeds that of the fit, (m, m)
+    # Part of each joint's residual variance that the angles' noise makes; NaN with
+    # instruments, (dof,).
+    share: Array
+
+    def differs(self, tested: GateResult) -> bool:
+        """Whether the fit without the noise is another one, beyond chance."""
+        shift, slots = self._shift(tested)
+        spread = self.spread[np.ix_(slots, slots)]
+        spread = spread + LEAST * np.diag(np.diag(self.covariance)[slots])
+        return chance_of(shift, spread, LEAST) < THRESHOLDS.noise_chance
+
+    def is_noise(self, tested: GateResult) -> bool:
+        """Whether the effect is made of the noise, or too much of it to believe.
+
+        A reference says what is left of an effect. A redrawn noise is known by its
+        level alone: what it moves by more than a quarter is not believed.
+        """
+        if not self.differs(tested):
+            return False
+        shift, slots = self._shift(tested)
+        own = self.covariance[np.ix_(slots, slots)]
+        nothing = (
+            chance_of(self.theta[slots], own, LEAST) > THRESHOLDS.noise_zero_chance
+        )
+        sd = np.sqrt(np.diag(self.fit.covariance())[slots])
+        part = np.linalg.norm(shift / sd) / np.linalg.norm(self.fit.theta[slots] / sd)
+        return nothing or (
+            self.how == EFFECTIVE and bool(part > THRESHOLDS.noise_shift_share)
+        )
+
+    def estimate(self, tested: GateResult) -> tuple[Array, Array]:
+        """Coefficients of a member, and their doubt beside the fit's. (k,), (k, k).
+
+        Where the noise makes a difference they are those without it. Of what a redrawn
+        noise moves, a half is doubted.
+        """
+        shift, slots = self._shift(tested)
+        theta, square = self.fit.theta[slots], np.outer(shift, shift)
+        redrawn = self.how == EFFECTIVE
+        if self.differs(tested):
+            spread = self.spread[np.ix_(slots, slots)]
+            return theta + shift, spread + redrawn * square / 4
+        return theta, redrawn * square
+
+    def _shift(self, tested: GateResult) -> tuple[Array, Array]:
+        slots = self.fit.slots(tested.group)
+        return (self.theta - self.fit.theta)[slots], slots
+
+
+def drop_noise(
+    examined: SearchOutcome, judged: HeldOutResult, recordings: Sequence[Recording]
+) -> tuple[HeldOutResult, NoiseCheck | None, tuple[GateResult, ...]]:
+    """Drop the names that noise of the angles made.
+
+    Args:
+        recordings: The fit logs, in the diagnosis' order.
+
+    Returns:
+        The names that stand, how their fit was checked (None where there are none), and
+        the names that are noise.
+    """
+    gone: list[GateResult] = []
+    while judged.kept:
+        checks = checked(examined, judged.fit, recordings)
+        noise = [t for t, _ in judged.kept if checks.is_noise(t)]
+        if not noise:
+            return judged, checks, tuple(gone)
+        gone += noise
+        judged = without(examined, judged, noise)
+    return judged, None, tuple(gone)
+
+
+def noise_notes(
+    checks: NoiseCheck | None, tested: Sequence[GateResult]
+) -> tuple[str, ...]:
+    """What noise of the angles did to the named effects: one sentence, or none."""
+    if checks is None:
+        return ()
+    off = ", ".join(sorted({t.group.effect.name for t in tested if checks.differs(t)}))
+    if checks.how == EFFECTIVE:
+        share = 100 * np.nanmax(checks.share)
+        moved = f"parameters of {off} are corrected for it, " if off else ""
+        said = (
+            "no reference (q_ref) in every log: noise of the angles, redrawn as it was "
+            f"measured, makes {share:.1f} % of a joint's residual variance at most; "
+            f"{moved}standard deviations allow for it (effective variance)"
+        )
+    elif off:
+        said = (
+            f"errors in variables: the reference contradicts least squares on {off} "
+            "(Durbin-Wu-Hausman, 0.1 %); parameters there are those by instruments"
+        )
+    else:
+        said = (
+            "errors in variables: instruments made of the reference agree with least "
+            "squares on every named effect (Durbin-Wu-Hausman)"
+        )
+    return (said,)
+
+
+def checked(
+    examined: SearchOutcome, fitted: Fit, recordings: Sequence[Recording]
+) -> NoiseCheck:
+    """Check a fit by its reference where every log has one, else by redrawn noise.
+
+    Args:
+        recordings: The fit logs, in the diagnosis' order.
+    """
+    if all(r.q_ref is not None for r in recordings):
+        logs = examined.logs
+        recordings = in_pieces(recordings, logs.filters.torque)
+        asked = [replace(r, q=r.q_ref, qd=None, qdd=None) for r in recordings]
+        tracks, _ = prepare(asked, logs.filters, logs.speed_floor)
+        return _by_instruments(examined, fitted, on_rows_of(logs.tracks, tracks))
+    return _by_redrawing(examined, fitted, examined.logs.shaken)
+
+
+def _by_instruments(examined: SearchOutcome, fitted: Fit, tracks) -> NoiseCheck:
+    """Two-stage least squares under the fit's own prior and noise."""
+    design, other, ids = examined.task.design, *_seen(examined, fitted, tracks)
+    system = System.of(design, examined.task.prior, fitted.members)
+    weight = fitted.weight(design.rows)
+    precision, pull = system.precision.copy(), system.pull.copy()
+    for j in range(design.dof):
+        place, have = design.present(j, fitted.ids)
+        real = design.chunks(j, place)
+        instruments = other.chunks(j, other.present(j, ids)[0])
+        inner, pulled = _projected(real, instruments)
+        precision[np.ix_(have, have)] += weight[j] * inner
+        pull[have] += weight[j] * pulled
+    covariance = scaled_inverse(precision)
+    return NoiseCheck(
+        how=INSTRUMENTS,
+        fit=fitted,
+        theta=covariance @ pull,
+        covariance=covariance,
+        spread=covariance - fitted.covariance(),
+        share=np.full(design.dof, np.nan),
+    )
+
+
+def _by_redrawing(examined: SearchOutcome, fitted: Fit, tracks) -> NoiseCheck:
+    """The normal equations without the noise that one more helping of it shows.
+
+    Least squares solves (S + N) x = S b, with S what exact columns would give and N the
+    noise's own: b is had back where N is known.
+    """
+    design, other, ids = examined.task.design, *_seen(examined, fitted, tracks)
+    if any(Trait.USES_MODEL in g.effect.traits for g in fitted.members):
+        # Seen with the same model, else what it changed would be taken for noise.
+        design, own = _seen(examined, fitted, examined.logs.sketch)
+    else:
+        own = fitted.ids
+    rows = examined.task.design.rows
+    weight = fitted.weight(rows)
+    start, size = np.zeros(len(ids)), len(ids)
+    start[: len(design.nominal)] = examined.nominal.model.coefficients()
+    noise, share = np.zeros((size, size)), np.zeros(design.dof)
+    for j in range(design.dof):
+        place, have = design.present(j, own)
+        moved = other.columns(j, other.present(j, ids)[0]) - design.columns(j, place)
+        # Of a long log the noise was redrawn on a sketch of its rows.
+        scale = rows[j] / max(len(moved), 1)
+        noise[np.ix_(have, have)] += scale * weight[j] * moved.T @ moved
+        torque = moved @ (start + fitted.theta)[have]
+        share[j] = scale * torque @ torque / max(fitted.sse[j], 1e-300)
+    lower = np.tril(fitted.cholesky)
+    half = solve_triangular(lower, noise, lower=True)
+    values, vectors = np.linalg.eigh(solve_triangular(lower, half.T, lower=True))
+    turned = solve_triangular(lower, vectors, lower=True, trans=1)
+    left = 1 - np.clip(values, 0, THRESHOLDS.max_noise_information)
+    pull = vectors.T @ (lower.T @ fitted.theta) + values * (vectors.T @ lower.T @ start)
+    covariance = (turned / left) @ turned.T
+    return NoiseCheck(
+        how=EFFECTIVE,
+        fit=fitted,
+        theta=turned @ (pull / left),
+        covariance=covariance,
+        spread=covariance - fitted.covariance(),
+        share=share,
+    )
+
+
+def _seen(examined: SearchOutcome, fitted: Fit, tracks) -> tuple[Design, Array]:
+    """The fit's columns as other angles give them, on the very same rows."""
+    nominal = examined.nominal
+    other = replace(examined.logs, tracks=tracks)
+    design = first_design(other, nominal, physical(as_model(nominal, fitted)))
+    members = design.add([g.placed for g in fitted.members])
+    return design, np.concatenate([design.nominal, *(g.ids for g in members)])
+
+
+def _projected(real: Iterable, instruments: Iterable) -> tuple[Array, Array]:
+    """Products of what of the columns x lies in the span of the instruments z.
+
+    Args:
+        real: Columns and target, x (n, k) and y (n,), piece by piece.
+        instruments: The same of the reference, of which z (n, m) is taken.
+
+    Returns:
+        x'Px and x'Py, P the projection on z. Shapes (k, k), (k,).
+    """
+    zz, zx, zy = 0.0, 0.0, 0.0
+    for (x, y), (z, _) in zip(real, instruments, strict=True):
+        zz, zx, zy = zz + z.T @ z, zx + z.T @ x, zy + z.T @ y
+    size = np.sqrt(np.diag(zz))
+    some = np.flatnonzero(size > 0)
+    unit = 1 / size[some]
+    values, vectors = np.linalg.eigh(zz[np.ix_(some, some)] * np.outer(unit, unit))
+    sound = values > FLAT * values.max(initial=0.0)
+    basis = (vectors[:, sound] / np.sqrt(values[sound])) * unit[:, None]
+    seen = basis.T @ zx[some]
+    return seen.T @ seen, seen.T @ (basis.T @ zy[some])

@@ -1,0 +1,80 @@
+"""Change of all joint torques when one joint is shifted from its measured angle.
+
+Encoder errors, elastic gears and backlash move a joint by a shift x(t):
+
+    d tau = dtau/dq_j x + dtau/dqd_j x' + dtau/dqdd_j x''
+
+The derivatives are those of the recursive Newton-Euler algorithm (Carpentier and
+Mansard 2018, as Pinocchio has them), computed once per log.
+"""
+
+import numpy as np
+import pinocchio as pin
+from cachetools import LRUCache, cached
+
+from residual.effects.base import State
+from residual.recording import Array
+from residual.robot.dynamics import motion_key, with_inertial_parameters
+from residual.signals.filters import low_pass
+
+# A shift made of the model's torque holds qdd, and its own second derivative the fourth
+# of a noisy angle: only what is slow is told apart from noise.
+SLOW = 5.0  # Hz
+
+KEPT = 1 << 27  # bytes of derivatives that are kept: they are read many times
+
+
+def _key(state: State) -> tuple:
+    own = b"" if state.inertial is None else state.inertial.tobytes()
+    return *motion_key(state.robot, state.q, state.qd, state.qdd), own
+
+
+@cached(LRUCache(KEPT, getsizeof=lambda slopes: slopes.nbytes), key=_key)
+def sensitivity(state: State) -> Array:
+    """Derivatives of the rigid torque to q, qd and qdd. Shape (3, n, dof, dof).
+
+    The last axis is the joint that moves, the one before it the row of torque.
+    """
+    model = model_of(state)
+    data = model.createData()
+    q, qd, qdd = map(np.ascontiguousarray, (state.q, state.qd, state.qdd))
+    out = np.empty((3, len(q), model.nv, model.nv))
+    for i in range(len(q)):
+        out[:, i] = pin.computeRNEADerivatives(model, data, q[i], qd[i], qdd[i])
+    return out
+
+
+def model_of(state: State) -> pin.Model:
+    """The rigid body of the current model, loads included."""
+    if state.inertial is None:
+        return state.robot.model
+    return with_inertial_parameters(state.robot.model, state.inertial)
+
+
+def moved(state: State, joint: int, shift: Array, rates: tuple[Array, Array]) -> Array:
+    """Change of all torques when joint j (from 0) is shifted [rad]. Shape (n, dof).
+
+    Rates are the first and second derivative of the shift [rad/s, rad/s^2].
+    """
+    parts = zip(sensitivity(state), (shift, *rates), strict=True)
+    return sum(slope[:, :, joint] * x[:, None] for slope, x in parts)
+
+
+def turned(state: State, joint: int, shift: Array, rates: tuple[Array, Array]) -> Array:
+    """The same where the drive is shifted with the joint. Shape (n, dof)."""
+    out = moved(state, joint, shift, rates)
+    if state.drive is not None:
+        viscous, rotor = state.drive[:, joint]
+        out[:, joint] += viscous * rates[0] + rotor * rates[1]
+    return out
+
+
+def slow(state: State, values: Array) -> Array:
+    """What of a signal is slow enough to be differentiated twice. Shape (n,)."""
+    return low_pass(values, min(SLOW, 0.05 * state.rate), state.rate)
+
+
+def rates(state: State, values: Array) -> tuple[Array, Array]:
+    """First and second time derivative of a signal. Shapes (n,)."""
+    first = np.gradient(values, 1 / state.rate)
+    return first, np.gradient(first, 1 / state.rate)

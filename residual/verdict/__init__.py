@@ -1,0 +1,1 @@
+"""The verdict of a diagnosis: its records, its JSON, and the edit test."""

@@ -1,0 +1,72 @@
+"""The verdict as JSON and back (docs/verdict.md).
+
+The keys are those of the records (`result`), but where `to_json` says otherwise. Every
+key is always there; what does not apply is null, and nothing is NaN.
+"""
+
+from collections.abc import Mapping
+from dataclasses import asdict, fields, replace
+from functools import cache
+
+from pydantic import TypeAdapter, ValidationError
+
+from residual.check.result import from_json as read_check
+from residual.errors import InputError, shown
+from residual.quantity import plain
+from residual.verdict.result import Verdict
+
+SCHEMA = 1
+LATER = frozenset({"suspected", "too_small"})  # a record without them is an older one
+
+
+def to_json(verdict: Verdict) -> dict:
+    """Return a verdict as JSON can hold it, in its documented form."""
+    found = asdict(verdict)
+    error = found["error"]
+    cutoff = {"filter": {"cutoff_hz": error.pop("cutoff_hz")}}
+    found["error"] = {"metric": error.pop("metric"), **cutoff, **error}
+    found["log_check"] = verdict.log_check and verdict.log_check.to_json()
+    for effect in (*found["effects"], *found["background"], *found["suspected"]):
+        splits = effect["evidence"].pop("splits")
+        effect["evidence"] |= {"p_value": None, "splits": splits}
+        for combination in effect["combinations"].values():
+            del combination["determined"]  # it is, and does not say so
+    return plain({"schema": SCHEMA, **found})
+
+
+def from_json(document: Mapping) -> Verdict:
+    """Return the verdict of a document.
+
+    Raises:
+        InputError: If it is of another schema, a key is missing, or a value is of
+            another kind than the record has.
+    """
+    if document.get("schema") != SCHEMA:
+        raise InputError(
+            f"A verdict of schema {document.get('schema')!r}, expected {SCHEMA}: "
+            "diagnose its logs again."
+        )
+    try:
+        for key in {field.name for field in fields(Verdict)} - LATER:
+            document[key]
+        error, check = document["error"], document["log_check"]
+        error = {**error, "cutoff_hz": error["filter"]["cutoff_hz"]}
+        check = None if check is None else read_check(check)
+        found = _form().validate_python(
+            {**document, "error": error, "log_check": check}
+        )
+    except ValidationError as error:
+        first = error.errors(include_url=False)[0]
+        place = ".".join(map(str, first["loc"]))
+        words = f"{place}: {first['msg']}"
+        raise InputError(f"This is no whole verdict: {words}.") from error
+    except (AttributeError, KeyError, TypeError) as error:
+        raise InputError(f"This is no whole verdict: {shown(error)}.") from error
+    in_order = sorted(found.effects, key=lambda effect: effect.order)
+    return replace(found, effects=tuple(in_order))
+
+
+@cache
+def _form() -> TypeAdapter[Verdict]:
+    # Made when a verdict is read: it takes 25 ms.
+    return TypeAdapter(Verdict)

@@ -1,0 +1,571 @@
+"""What a diagnosis hands to its caller: the verdict, the models and the curves."""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from typing import Literal
+
+import numpy as np
+
+from residual.check.result import LogCheck
+from residual.effects import registry
+from residual.errors import joints_listed
+from residual.evidence.embodied import PossibleModel
+from residual.model.bodies import BodyCorrection
+from residual.model.compare import Cloud, Errors, LogProof
+from residual.model.corrected import CorrectedModel
+from residual.model.model import Model
+from residual.quantity import measured, percent, plain
+from residual.robot.dynamics import flange_frame
+from residual.robot.robot import Robot
+
+METRIC = "100*||tau-tau_hat||/||tau||"
+STILL = "these logs show no motion, so nothing can be said of the arm"
+EXPLAINED = "torque that it explains [N m]"
+
+Number = float | None  # None where it is not known
+
+
+@dataclass(frozen=True, slots=True)
+class Dependence:
+    """What the remainder of one joint varies with.
+
+    Attributes:
+        joint: Whose remainder, from 1.
+        on: "q", "qd", "qdd", "tau", "t" or "frequency".
+        of: Whose q, qd, qdd or tau, from 1.
+        form: "curve", "by direction", "sum" or "difference".
+        share: Of the squared remainder beyond noise.
+        frequency: Of a line [Hz], else None.
+    """
+
+    joint: int
+    on: str
+    of: tuple[int, ...]
+    form: str
+    share: Number
+    frequency: Number
+
+
+@dataclass(frozen=True, slots=True)
+class Unexplained:
+    """What remains after everything that was named.
+
+    Attributes:
+        joints: Joints from 1 on which more than noise remains.
+        fraction, noise_floor: Of the torque, that nothing explains; that is noise.
+        depends_on: What the remainder of these joints varies with.
+        kind: "repeatable", "time-driven", or None.
+        per_joint: Fraction of every joint.
+        noise_model: Where the noise level is from.
+    """
+
+    joints: tuple[int, ...]
+    fraction: Number
+    noise_floor: Number
+    depends_on: tuple[Dependence, ...]
+    kind: str | None
+    per_joint: tuple[Number, ...]
+    noise_model: str | None
+
+
+@dataclass(frozen=True, slots=True)
+class Drift:
+    """A change of all friction, held against the baseline's.
+
+    Attributes:
+        factor: Friction now over that of the baseline.
+        std: Its standard deviation.
+        joints: Joints from 1 whose friction moved that way beyond two deviations.
+        clock: "recording time", where baseline and logs share one; else "order".
+    """
+
+    factor: Number
+    std: Number
+    joints: tuple[int, ...]
+    clock: str
+
+
+@dataclass(frozen=True, slots=True)
+class Edit:
+    """Errors on logs of the arm without an effect, after it was taken out [%].
+
+    Attributes:
+        name, joints: The effect and where, joints from 1.
+        error: Of the augmented model without it.
+        kept: Of the same model with it, on the same logs.
+        least_squares: Of dense least squares with its parameters set back (``dense``);
+            None where it has none to set back.
+        reference: Of the best there is: the true parameters where they are known, the
+            baseline's own model where they are not.
+    """
+
+    name: str
+    joints: tuple[int, ...]
+    error: Number
+    kept: Number
+    least_squares: Number
+    reference: Number
+
+
+@dataclass(frozen=True, slots=True)
+class Change:
+    """One value of the nominal model beside the same as the logs have it.
+
+    Attributes:
+        name: The declared effect; "inertial" for what the motion tells of the body.
+        joints: Joints from 1; of the body the link that leads.
+        parameter: Key of the effect's parameter; of the body the sum that it is.
+        nominal: As given; with a baseline, as that has it.
+        identified: As these logs have it, what was named included.
+        std: Standard deviation of the difference.
+        unit: SI unit.
+        sigma: The difference in standard deviations.
+        beyond: Whether it is beyond chance and by more than 5 %.
+        explained: Whether that is said by a finding already.
+    """
+
+    name: str
+    joints: tuple[int, ...]
+    parameter: str
+    nominal: Number
+    identified: Number
+    std: Number
+    unit: str
+    sigma: Number
+    beyond: bool
+    explained: bool = False
+
+
+MOTION, LOAD, UNTOLD = "motion", "load", "nothing"
+
+
+@dataclass(frozen=True, slots=True)
+class Place:
+    """An effect and the joints that it sits on.
+
+    Attributes:
+        name: Its name.
+        joints: Joints from 1; empty for the whole arm.
+    """
+
+    name: str
+    joints: tuple[int, ...]
+
+
+@dataclass(frozen=True, slots=True)
+class Alternative:
+    """A set as good as the named one.
+
+    Attributes:
+        set: Its effects, one joint each where they are local.
+        nats: Its evidence less the price of its names, over that of the named set.
+        separated_by: "motion" where another motion would tell; "load" where the two are
+            bodies that move alike: weigh the load, or log the arm without it; "nothing"
+            where the two are one torque on every motion, at the size that was found.
+    """
+
+    set: tuple[Place, ...]
+    nats: Number
+    separated_by: str
+
+
+@dataclass(frozen=True, slots=True)
+class Frames:
+    """What the URDF calls the joints, and the frame at the flange.
+
+    Attributes:
+        joints: Joint 1 first.
+        flange: The last frame behind the last joint: vectors of a load are in its axes.
+    """
+
+    joints: tuple[str, ...]
+    flange: str
+
+    @classmethod
+    def of(cls, robot: Robot) -> "Frames":
+        """What the URDF of a robot has."""
+        flange = robot.model.frames[flange_frame(robot.model)].name
+        return cls(tuple(list(robot.model.names)[1:]), flange)
+
+
+STAGES = ("nominal", "identified", "augmented", "plsr")
+PLAIN = "least_squares"  # the reference that anyone has at hand, and no model of ours
+
+Value = Number | tuple[Number, ...]  # one per joint where a finding is on several
+PerJoint = Mapping[str, tuple[Number, ...] | None]  # by model; None as a whole
+
+
+@dataclass(frozen=True, slots=True, repr=False)
+class Parameter:
+    """One physical parameter of a finding.
+
+    Attributes:
+        value: The value; where the effect means that a known one is wrong, the change.
+        std: Its standard deviation.
+        unit: SI unit.
+        determined: Whether the motion determines it; else it is what was expected of it
+            beforehand, and only ``combinations`` of it are known.
+    """
+
+    value: Value
+    std: Value
+    unit: str
+    determined: bool = True
+
+    @property
+    def pairs(self) -> tuple[tuple[Number, Number], ...]:
+        """Value and standard deviation, of each joint where there are several."""
+        if not isinstance(self.value, tuple):
+            return ((self.value, self.std),)
+        stds = self.std
+        if not isinstance(stds, tuple):
+            stds = (stds,) * len(self.value)
+        return tuple(zip(self.value, stds, strict=True))
+
+    def __str__(self) -> str:
+        return ", ".join(measured(v, s, self.unit) for v, s in self.pairs)
+
+    def __repr__(self) -> str:
+        return f"Parameter({self})"
+
+
+@dataclass(frozen=True, slots=True)
+class Splits:
+    """How often a name came back when the search was done again.
+
+    Attributes:
+        found: Parts left out after which it was found again.
+        of: Parts left out in all that left something of it to find.
+    """
+
+    found: int
+    of: int
+
+
+@dataclass(frozen=True, slots=True)
+class Evidence:
+    """Why a finding is believed.
+
+    Attributes:
+        nats: Logarithm of how much likelier the logs are with it.
+        by: "fit" or "plausibility".
+        held_out: "confirmed" or "neutral".
+        held_out_gain: Part of the held-out error that it removes.
+        splits: How often it was found again without a part of the data; None where
+            the logs are too short for that.
+    """
+
+    nats: Number
+    by: str | None
+    held_out: str | None
+    held_out_gain: Number
+    splits: Splits | None = None
+
+
+@dataclass(frozen=True, slots=True, repr=False)
+class Finding:
+    """One effect that the model lacks.
+
+    Attributes:
+        name: Its name.
+        joints: Joints from 1; empty for the whole arm.
+        probability: That it is right, by what came of names like it on arms whose
+            truth is known, and that it is of its class (itself and its equivalents).
+        order: Place in the list, from 1.
+        equivalent: What these logs cannot tell from it; of several joints each with
+            those on which they cannot.
+        parameters: By key.
+        combinations: What the motion determines in place of parameters that it does
+            not, by formula.
+        evidence: Why it is believed.
+    """
+
+    name: str
+    joints: tuple[int, ...]
+    probability: Number
+    order: int
+    equivalent: tuple[Place, ...]
+    parameters: Mapping[str, Parameter]
+    combinations: Mapping[str, Parameter] = field(default_factory=dict)
+    evidence: Evidence = field(kw_only=True)
+
+    @property
+    def where(self) -> str:
+        """Name and joints: 'payload on joint 6'."""
+        return self.name + _on(self.joints)
+
+    def __repr__(self) -> str:
+        known = ", ".join(f"{k} {v}" for k, v in self.parameters.items())
+        return f"Finding({self.where}: {known})" if known else f"Finding({self.where})"
+
+
+@dataclass(frozen=True, slots=True)
+class Detectable:
+    """The size of an effect of which half would have been found in these logs.
+
+    Attributes:
+        name, joints: The effect and where, joints from 1.
+        value, unit: The size; None where it is more than any arm has.
+        confusable: What these logs would not tell from it at three times that size.
+    """
+
+    name: str
+    joints: tuple[int, ...]
+    value: Number
+    unit: str
+    confusable: tuple[Place, ...] = ()
+
+
+@dataclass(frozen=True, slots=True)
+class ErrorTables:
+    """Errors of the models on held-out logs [%], by name of the model.
+
+    Attributes:
+        metric, cutoff_hz: Their formula; of the identification filter.
+        logs: What was held out.
+        same_run: Whether it is a part of a fit log.
+        held_out, filtered, moving: Of every joint: as logged, both sides filtered, the
+            same where that joint moves.
+        overall, overall_filtered, overall_moving: All joints in one norm: as logged,
+            filtered, where they move.
+        worse: Joints from 1 that the findings make worse beyond chance, where they
+            move.
+    """
+
+    metric: str
+    cutoff_hz: Number
+    logs: tuple[str, ...]
+    same_run: bool
+    held_out: PerJoint
+    filtered: PerJoint
+    moving: PerJoint
+    overall: Mapping[str, Number]
+    overall_filtered: Mapping[str, Number]
+    overall_moving: Mapping[str, Number]
+    worse: tuple[int, ...]
+
+
+@dataclass(frozen=True, slots=True)
+class Verdict:
+    """The answer, as docs/verdict.md has it.
+
+    Attributes:
+        robot: Name of the robot.
+        declared: Effects that the nominal model had.
+        verdict: "effects", "none" or "unknown".
+        effects: What is missing, most important first.
+        minimum_detectable: Sizes that would have been found.
+        unexplained: What remains.
+        error: The proof.
+        nominal_scale: Scale of the prior of the rigid parameters; None with a baseline.
+        next_experiment: Motion that would tell equivalents apart, or None.
+        warnings: Sentences that qualify the answer.
+        frames: What joints and flange are called in the URDF.
+        log_check: What is wrong with the logs; None where they were not checked.
+        contradictions: What of the fit no arm can be, in sentences: then nothing found
+            is no answer, and the verdict is "unknown".
+        drift: Friction of all joints against the baseline's; None where it stayed.
+        background: What any arm has a little of, folded: no reason to look.
+        changes: Every value that the model was given beside what the logs make of it.
+        alternatives: Sets of effects that these logs cannot tell from ``effects``.
+        edit: What is left of each effect, taken out again; None without a baseline.
+        bodies: What of the free fit no body can be, and what the nearest possible one
+            costs; None where every body can exist.
+        suspected: Names less sure than those of ``effects``, and in no model.
+        too_small: Joints from 1 whose torque is little more than its step or noise:
+            they have no error.
+    """
+
+    robot: str
+    declared: tuple[str, ...]
+    verdict: Literal["effects", "none", "unknown"]
+    effects: tuple[Finding, ...]
+    minimum_detectable: tuple[Detectable, ...]
+    unexplained: Unexplained
+    error: ErrorTables
+    nominal_scale: Number
+    next_experiment: Mapping | None
+    warnings: tuple[str, ...]
+    log_check: LogCheck | None = None
+    contradictions: tuple[str, ...] = ()
+    drift: Drift | None = None
+    background: tuple[Finding, ...] = ()
+    changes: tuple[Change, ...] = ()
+    alternatives: tuple[Alternative, ...] = ()
+    edit: tuple[Edit, ...] | None = None
+    bodies: BodyCorrection | None = None
+    frames: Frames = field(kw_only=True)
+    suspected: tuple[Finding, ...] = ()
+    too_small: tuple[int, ...] = ()
+
+    @property
+    def trusted(self) -> bool:
+        """Whether no fault of the logs is certain."""
+        return self.log_check is None or not self.log_check.certain
+
+    @property
+    def dof(self) -> int:
+        """Number of joints."""
+        return len(self.unexplained.per_joint)
+
+    def __str__(self) -> str:
+        errors = self.error.overall_moving
+        before, after = (percent(errors[k]) for k in ("identified", "augmented"))
+        said = "nothing found" if self.verdict == "none" else "something without a name"
+        if not self.trusted:
+            said = "nothing named, the logs are at fault"
+        elif self.effects:
+            sure = [f.probability for f in self.effects if f.probability is not None]
+            odds = [f"probability {_odds(min(sure))}"] if sure else []
+            said = ", ".join([*(f.where for f in self.effects), *odds])
+        elif self.verdict == "unknown":
+            said += _on(self.unexplained.joints)
+        held_out = f"{before} -> {after}" if self.effects else before
+        return f"{self.robot}: {said}; held-out {held_out}"
+
+
+@dataclass(frozen=True, eq=False, slots=True, repr=False)
+class Diagnosis:
+    """Result of one diagnosis.
+
+    Attributes:
+        verdict: The answer.
+        models: By name: "nominal", "identified", "augmented", and "plsr" where tables
+            were fitted to what remains.
+        proofs: One per held-out log.
+        clouds: Several per finding, at most one per joint.
+        notes: What was understood of the signals (rates, filters, delays, masks).
+        left: One per unexplained joint, without a name: what remains, over what it
+            depends on most (over time where that is not known).
+        sentences: One plain sentence per finding, in the order of the findings.
+        known: What may be adopted: the augmented model, or the fit of both epochs.
+        question: What these logs leave open (`planning.question.Question`), for
+            `modelgap next`; None of a comparison.
+    """
+
+    verdict: Verdict
+    models: Mapping[str, Model | CorrectedModel] = field(default_factory=dict)
+    proofs: tuple[LogProof, ...] = ()
+    clouds: tuple[Cloud, ...] = ()
+    notes: tuple[str, ...] = ()
+    left: tuple[Cloud, ...] = ()
+    sentences: tuple[str, ...] = ()
+    known: Model | None = None
+    question: object | None = None
+
+    @property
+    def effects(self) -> tuple[Finding, ...]:
+        """What is missing, most important first."""
+        return self.verdict.effects
+
+    @property
+    def errors(self) -> ErrorTables:
+        """Errors on the held-out logs [%]."""
+        return self.verdict.error
+
+    @property
+    def unexplained(self) -> Unexplained:
+        """What remains."""
+        return self.verdict.unexplained
+
+    @property
+    def warnings(self) -> tuple[str, ...]:
+        """Sentences that qualify the answer."""
+        return self.verdict.warnings
+
+    def torque_unit(self, joint: int) -> str:
+        """Return the unit of what drives a joint (from 1), a torque or a force."""
+        for model in self.models.values():
+            body = model.model if isinstance(model, CorrectedModel) else model
+            return "N" if body.robot.prismatic[joint - 1] else "N m"
+        return "N m"
+
+    def __repr__(self) -> str:
+        return f"Diagnosis({self.verdict})"
+
+
+def _on(joints: tuple[int, ...]) -> str:
+    return f" on {joints_listed(joints)}" if joints else ""
+
+
+def _odds(value: float) -> str:
+    """A probability as '> 0.99' or '= 0.97'; never one, since no data give that."""
+    return "> 0.99" if value > 0.99 else f"= {value:.2f}"
+
+
+def as_embodied(found: Finding, made: PossibleModel) -> Finding:
+    """A finding with the values of the model, where no body could be as fitted freely.
+
+    The deviations stay: the true body is one that can be, and the nearest of those is
+    no farther from it than the fit was.
+    """
+    effect, joints = registry()[found.name], tuple(j - 1 for j in found.joints)
+    if made.moved is None or effect.portable.bodies is None:
+        return found
+    terms = made.model.terms  # what was found stands behind what the model had
+    place = found.name, joints
+    (*_, own) = (t for t in terms if (t.effect.name, t.joints) == place)
+    robot = made.model.robot
+    values = effect.values(own.theta, own.shape, robot)
+    known = dict(zip(effect.parameters, values, strict=True))
+    if effect.combined is not None:
+        sums = effect.combined(own.theta, robot)
+        known |= {key: value for key, (value, _) in sums.items()}
+
+    def moved(told: Mapping[str, Parameter]) -> dict[str, Parameter]:
+        return {k: replace(p, value=plain(known[k])) for k, p in told.items()}
+
+    return replace(
+        found,
+        parameters=moved(found.parameters),
+        combinations=moved(found.combinations),
+    )
+
+
+def error_tables(
+    errors: Mapping[str, Errors | None],
+    cutoff: float,
+    logs: Sequence[str],
+    same_run: bool = False,
+    worse: Sequence[int] = (),
+) -> ErrorTables:
+    """Return the errors of several models as plain values [%].
+
+    Args:
+        errors: By name of the model; None for a model that is not there.
+        cutoff: Of the identification filter [Hz].
+        worse: Joints from 1 that the findings make worse beyond chance.
+    """
+
+    def overall(kind: str) -> dict:
+        return {
+            s: plain(e.overall(kind)) if e and e.alike else None
+            for s, e in errors.items()
+        }
+
+    def per_joint(kind: str) -> dict:
+        return {s: _per_joint(e, kind) for s, e in errors.items()}
+
+    return ErrorTables(
+        metric=METRIC,
+        cutoff_hz=cutoff,
+        logs=tuple(logs),
+        same_run=same_run,
+        held_out=per_joint("raw"),
+        filtered=per_joint("filtered"),
+        moving=per_joint("moving"),
+        overall=overall("raw"),
+        overall_filtered=overall("filtered"),
+        overall_moving=overall("moving"),
+        worse=tuple(worse),
+    )
+
+
+def _per_joint(errors: Errors | None, kind: str) -> tuple[Number, ...] | None:
+    """Errors of every joint; None where there are none, or no such model."""
+    values = None if errors is None else errors.per_joint(kind)
+    return None if values is None or np.isnan(values).all() else _row(values)
+
+
+def _row(values: Sequence[float]) -> tuple[Number, ...]:
+    return tuple(plain(np.asarray(values)))
