@@ -15,6 +15,7 @@ from residual.errors import plain
 # What a terminal without Unicode shows instead.
 _PLAIN = str.maketrans({"→": ">", "±": "+", "–": "-", "²": "2", "³": "3", "·": ","})
 _WIDE = 200
+_NONE = ("", "–")
 
 
 def show(
@@ -88,20 +89,20 @@ def _print_table(console: Console, table: Table) -> None:
             max_width=table.max_widths.get(i),
             overflow="fold",
         )
-    if table.title:
-        show(console, Heading(table.title), wrapped=True)
-    if drawn.__rich_measure__(console, console.options).minimum > console.width:
-        for first, *cells in table.rows:  # too narrow for columns: a record a row
-            heads = (" ".join(head.split()) for head in table.heads[1:])
-            pairs = zip(heads, cells, strict=True)
-            words = ", ".join(f"{h} {c}" for h, c in pairs if c not in ("", "–"))
-            show(console, Strong(first), f"  {words}", wrapped=True)
-        return
     for number, row in enumerate(table.rows):
         if number in table.sections:
             drawn.add_section()
         drawn.add_row(*(_readable(console, _cell(cell)) for cell in row))
-    console.print(drawn)
+    if table.title:
+        show(console, Heading(table.title), wrapped=True)
+    if drawn.__rich_measure__(console, console.options).minimum <= console.width:
+        console.print(drawn)
+        return
+    heads = [" ".join(head.split()) for head in table.heads[1:]]
+    for first, *cells in table.rows:  # too narrow for columns: a row at a time
+        pairs = zip(heads, cells, strict=True)
+        words = ", ".join(f"{head} {cell}" for head, cell in pairs if cell not in _NONE)
+        show(console, Strong(first), f"  {words}", wrapped=True)
 
 
 def _cell(text: str) -> Text:

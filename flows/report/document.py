@@ -147,7 +147,6 @@ class Section:
         id: Fragment of links to it.
         note: Small print below the heading.
         open: Whether it is unfolded at first; None for what cannot be folded.
-        shown: Whether its heading is visible, and not only read out.
         brief: What the terminal prints of it.
     """
 
@@ -156,7 +155,6 @@ class Section:
     parts: Sequence[Part | None]
     note: str = ""
     open: bool | None = None
-    shown: bool = True
     brief: Sequence[str | Table | Heading | None] = ()
 
 

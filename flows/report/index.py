@@ -152,7 +152,7 @@ def document(opened: Store) -> Document:
             ),
             Tile("Waiting", str(waits), "for your decision"),
         ],
-        sections=(Section("all", "Reports", [table if cells else none], shown=False),),
+        sections=(Section("all", "Reports", [table if cells else none]),),
         foot=[("Store", opened.path.name), ("Written", written)],
     )
 

@@ -12,7 +12,9 @@ from rich.console import Console
 
 from flows.report import charts
 from flows.report import page as base
+from flows.report.console import show
 from flows.report.diagnosis import print_diagnosis, render
+from flows.report.document import Table
 from residual.model.compare import Cloud, LogProof
 from residual.verdict.document import from_json, to_json
 from residual.verdict.result import Diagnosis
@@ -180,6 +182,16 @@ def test_terminal_stays_within_its_width(name: str, width: int, encoding: str) -
     assert max(len(line) for line in text.splitlines()) <= width
     assert "…" not in text
     assert "\x1b" not in text
+
+
+def test_a_table_that_is_too_wide_prints_a_row_at_a_time_and_cuts_nothing() -> None:
+    cells = [f"{n}.125" for n in range(12)]
+    file = io.StringIO()
+    table = Table(["effect", *(f"J{n}" for n in range(12))], [["ripple", *cells]])
+    show(Console(file=file, width=60, no_color=True), table)
+    words = file.getvalue().replace(",", " ").split()
+    assert {"ripple", "J11", *cells} <= set(words)
+    assert max(map(len, file.getvalue().splitlines())) <= 60
 
 
 def test_terminal_says_the_verdict_first_and_then_everything() -> None:
