@@ -1,22 +1,18 @@
-"""modelgap runs, show, verify, prune, quarantine: what the store remembers."""
+"""modelgap runs, show, verify, quarantine: what the store remembers."""
 
 import json
 import sys
 from collections.abc import Iterable
-from typing import Annotated, Literal
+from typing import Literal
 
-from cyclopts import Parameter
-
-from flows.cli.app import check_between
 from flows.report.answers import check_shown, print_table, tell_damage
-from flows.requests import Format, Name, Number, Store, Tags, Text
+from flows.requests import Format, Number, Store, Text
 from flows.settings import store_folder
 from residual.errors import InputError
 from warehouse.layout import find, read_record
 from warehouse.quarantine import quarantine as set_aside
 from warehouse.quarantine import tombstone
 from warehouse.query import store as opening
-from warehouse.query.lineage import old_runs
 from warehouse.query.views import text as quoted
 from warehouse.runs import read_manifest
 
@@ -69,38 +65,6 @@ def verify(*, store: Store = None) -> None:
 
     for line in steps.verify(store_folder(store)):
         print(line, flush=True)
-
-
-def prune(
-    *,
-    older_than: Annotated[float, Parameter(metavar="DAYS")],
-    robot: Name = None,
-    keep_tag: Tags = (),
-    store: Store = None,
-) -> None:
-    """List old runs that nothing refers to, with the folders that they are.
-
-    ```
-    modelgap prune --older-than 90
-    modelgap prune --older-than 90 --keep-tag healthy
-    ```
-
-    Nothing is moved or deleted. A run is not listed while a model, diagnosis,
-    validation or adoption was made from it, or it raised an alarm. A folder that has
-    them at the same places is a store too (docs/store.md).
-
-    Args:
-        older_than: Age in days, by the time of recording, else of the commit.
-        robot: Only of the robot of this name.
-        keep_tag: Runs with this tag stay; may be given several times.
-    """
-    check_between("--older-than", older_than, 0.0, 1e5)
-    place = store_folder(store)
-    found = old_runs(place, older_than, robot, keep_tag)
-    for old in found:
-        print("\n".join(old.places))
-    size = sum(old.size for old in found)
-    print(f"{len(found)} runs of {size / 1e6:.1f} MB", file=sys.stderr)
 
 
 def quarantine(id: str, /, *, reason: Text, store: Store = None) -> None:

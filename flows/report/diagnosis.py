@@ -336,5 +336,5 @@ def _terms(verdict: Verdict) -> Section:
     cutoff = number(verdict.error.cutoff_hz)
     at = "" if cutoff == MISSING else f" at {cutoff} Hz"
     terms = {word: text.format(cutoff=at) for word, text in texts()["reading"].items()}
-    more = Note("All terms: docs/glossary.md.", "soft spaced")
+    more = Note("All terms: the glossary in CONTRIBUTING.md.", "soft spaced")
     return Section("read", "How to read this page", [terms, more], open=False)

@@ -165,11 +165,11 @@ def adoption_lines(number: str, review: Judged) -> list[str]:
 def gate_lines(review: Judged) -> list[str]:
     """Return the result of the gate for a model, a line each."""
     lines = [f"gate failed: {doubt}" for doubt in review.doubts]
-    if review.worth is None:
+    if review.check is None:
         return lines
-    errors = _fall(review.worth.before, review.worth.after)
+    errors = _fall(review.check.before, review.check.after)
     lines.append(f"error on unseen motion: {errors}")
-    for finding in review.worth.effects:
+    for finding in review.check.effects:
         where = f" on {joints_listed(finding.joints)}" if finding.joints else ""
         shown = "not confirmed by it"
         if finding.part is not None:
@@ -186,9 +186,9 @@ def _fall(before: float | None, after: float | None) -> str:
 
 def _compared(proposal: Proposal) -> list[tuple[str, str, str]]:
     """Rows (quantity, present model, proposed model)."""
-    worth, rows = proposal.judged.worth, []
-    if worth:
-        errors = bare_percent(worth.before), bare_percent(worth.after)
+    check, rows = proposal.judged.check, []
+    if check:
+        errors = bare_percent(check.before), bare_percent(check.after)
         rows.append(("error on unseen motion, %", *errors))
     rows += [
         (f"{finding.where}: {key}", "–", str(value))

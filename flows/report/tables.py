@@ -317,7 +317,7 @@ def _sizes(effect: Finding) -> Iterator[Size]:
     """Sizes by parameter, or as the effect converts them, deviations independent."""
     several = any(isinstance(p.value, tuple) for p in effect.parameters.values())
     joints = effect.joints if several else (None,)
-    convert = effect_named(effect.name).told
+    convert = effect_named(effect.name).display
     parameters = effect.parameters.values()
     if (
         convert is None

@@ -151,6 +151,7 @@ class Hidden:
     name: str
     joints: tuple[int, ...]
     parameters: Mapping[str, float]
+    edit: Edit | None = None
 
 
 @dataclass(frozen=True, slots=True)
