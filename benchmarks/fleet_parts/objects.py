@@ -30,7 +30,7 @@ from warehouse.bucket import Bucket
 from warehouse.commit import commit_run
 from warehouse.files import to_table, write_parquet
 from warehouse.layout import list_folders
-from warehouse.remote import CACHE, bucket_of, folder_of, forget
+from warehouse.remote import CACHE, bucket_of, forget_buckets, local_folder
 from warehouse.runs import read_run
 from warehouse.verify import verify_all
 
@@ -54,7 +54,7 @@ def one_winner(address: str, writers: int, runs: int) -> list[int]:
     with forked(__name__).Pool(writers) as pool:
         wrote = pool.starmap(_write_all, [(address, range(runs))] * writers, 1)
     counts = Counter(id for ids in wrote for id in ids)
-    store = folder_of(address)
+    store = local_folder(address)
     if set(counts) != set(list_folders(store, "runs")):
         return [0]
     return list(counts.values())
@@ -76,7 +76,7 @@ def killed(address: str, kills: int) -> tuple[int, int]:
         process.join()
         first += 2
     own_copies()
-    store = folder_of(address)
+    store = local_folder(address)
     broken = {(v.kind, v.id) for v in verify_all(store) if v.faults}
     with warehouse.open(address) as opened:
         ids = opened.sql("SELECT run_id FROM runs").column(0).to_pylist()
@@ -89,7 +89,7 @@ def killed(address: str, kills: int) -> tuple[int, int]:
 
 def _usual_commit(address: str) -> float:
     """Return how long a commit takes here [s]."""
-    store = folder_of(address)
+    store = local_folder(address)
     return median(wall(call(run, store, 10**6 + seed)) for seed in range(6))
 
 
@@ -111,7 +111,7 @@ def timed_questions(address: str, runs: int) -> dict[str, float]:
 
 def paired_commits(address: str, pairs: int) -> Costs:
     """Time commits of runs of 20 s, each beside a put of one object of that size."""
-    store, times = folder_of(address), []
+    store, times = local_folder(address), []
     with tempfile.TemporaryDirectory() as folder:
         for seed in range(pairs + 2):
             log, twin = synthetic(seed, _ROWS)
@@ -136,7 +136,7 @@ def paired_commits(address: str, pairs: int) -> Costs:
 def own_copies() -> None:
     """Forget what this process knows, and keep copies in a new folder."""
     os.environ[CACHE] = tempfile.mkdtemp(dir=Path(os.environ[CACHE]))
-    forget()
+    forget_buckets()
 
 
 def _asked(address: str, query: str) -> float:
@@ -150,7 +150,7 @@ def _asked(address: str, query: str) -> float:
 def _write_all(address: str, seeds: range) -> list[str]:
     """Commit runs; return the ids of those of which this is the one that is stored."""
     own_copies()
-    store, wrote = folder_of(address), []
+    store, wrote = local_folder(address), []
     publish = warehouse.commit.publish
 
     def watched(folder: Path, target: Path) -> bool:
@@ -170,7 +170,7 @@ def _write_all(address: str, seeds: range) -> list[str]:
 
 def _write_until_killed(address: str, first: int, started) -> None:
     own_copies()
-    store = folder_of(address)
+    store = local_folder(address)
     for seed in range(first, first + 1000):
         run(store, seed)
         started.set()

@@ -14,7 +14,7 @@ import pyarrow as pa
 import warehouse
 from residual.recording import Recording
 from residual.robot.robot import Robot
-from warehouse.commit import Sealed, commit_record, commit_run
+from warehouse.commit import Seal, commit_record, commit_run
 from warehouse.schema import KINDS, SEALED, all_views
 from warehouse.verify import verify_all
 
@@ -80,7 +80,7 @@ def stand_in(seeds: Callable[[Any], Any], rows: int = 400) -> Callable:
 def run(store: Path, seed: int) -> str:
     """Commit one small simulated run with its seal and return its id."""
     log, manifest, twin = small(seed)
-    sealed = Sealed({"effects": [], "salt": f"s{seed}"}, {"q": log.q})
+    sealed = Seal({"effects": [], "salt": f"s{seed}"}, {"q": log.q})
     return commit_run(store, log, manifest, sealed, twin)
 
 

@@ -49,7 +49,7 @@ from sim.engine.records import TrajectorySpec
 from sim.engine.render import animate
 from sim.trajectories import make_reference
 from sim.trajectories.excitation import usage
-from warehouse.remote import shown
+from warehouse.remote import store_name
 
 DryRun = Annotated[
     Flag,
@@ -80,7 +80,7 @@ def experiment(spec: str, /, *, store: Store = None, dry_run: DryRun = False) ->
     _list([planned], console, dry_run)
     if not (dry_run or planned.stored):
         steps.run(planned.spec, place)
-        say(console, f"stored in {shown(place)}: modelgap show {planned.run_id}")
+        say(console, f"stored in {store_name(place)}: modelgap show {planned.run_id}")
 
 
 def campaign(
@@ -111,7 +111,7 @@ def campaign(
     refused = _list(planned, console, True) if dry_run else {}
     failing = len(refused)
     missing = sum(not p.stored for p in planned)
-    known = f"{missing} to run, {len(planned) - missing} in {shown(place)}"
+    known = f"{missing} to run, {len(planned) - missing} in {store_name(place)}"
     say(console, f"{known}; {failing} will fail" if failing else known)
     if dry_run:
         summary = campaigns.Summary(tuple(planned), refused)
@@ -201,7 +201,7 @@ def validate(
     for run in runs:
         id, made = trial.validate(replace(request, run=run))
         found[run] = made
-        stored = f"stored in {shown(place)}: modelgap show {id}"
+        stored = f"stored in {store_name(place)}: modelgap show {id}"
         told = experiments.meaning(made)
         figures = experiments.validation(made), experiments.both_ways(made)
         show(console, *figures, told, *made.notes, stored)
@@ -209,7 +209,7 @@ def validate(
         with progress_bar() as bar:
             id, done = trial.drive_unseen(request, runs, seeds, bar) or (None, None)
     if done:
-        stored = f"stored in {shown(place)}: modelgap show {id}"
+        stored = f"stored in {store_name(place)}: modelgap show {id}"
         show(console, *experiments.tracking(done), stored)
     out.write({"--report": lambda: experiments.validation_page(found, done)})
     out.finish()

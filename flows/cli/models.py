@@ -22,7 +22,7 @@ from flows.steps import adopt as steps
 from flows.steps import export as exporting
 from flows.steps import predict as predicting
 from residual.model.compare import WHOLE
-from warehouse.remote import shown
+from warehouse.remote import store_name
 
 _PLAIN = steps.Adopt()
 
@@ -44,7 +44,7 @@ def models(*, robot: RobotName = None, store: Store = None) -> None:
     console, listed = wide(Console()), steps.list_adoptions(store, robot)
     if not listed:
         whose = f"{robot} has" if robot else "Every robot has"
-        say(console, f"{whose} its nominal model in {shown(store_folder(store))}.")
+        say(console, f"{whose} its nominal model in {store_name(store_folder(store))}.")
         return
     show(console, adoptions(listed), ADOPTED_KEY)
 

@@ -32,9 +32,9 @@ from residual.recording import Recording
 from residual.robot.robot import Robot
 from residual.signals.track import Filters
 from warehouse.commit import commit_record
-from warehouse.layout import Found, find, list_folders, read_record
+from warehouse.layout import StoredRecord, find, list_folders, read_record
 from warehouse.numbered import Adoption, adopted
-from warehouse.remote import shown
+from warehouse.remote import store_name
 from warehouse.runs import read_manifest
 
 NOMINAL = "nominal"
@@ -311,8 +311,9 @@ def source_of(word: str, store: Path) -> Source:
         return Source(word)
     if not any(id.startswith(word) for id in list_folders(store, "diagnoses")):
         raise InputError(
-            f"'{word}' is no diagnosis in {shown(store)}. Name a robot such as irb140, "
-            "or a diagnosis as in: modelgap sql 'SELECT diagnosis_id FROM diagnoses'."
+            f"'{word}' is no diagnosis in {store_name(store)}. Name a robot such as "
+            "irb140, or a diagnosis as in: modelgap sql 'SELECT diagnosis_id FROM "
+            "diagnoses'."
         )
     id = find(store, word).id
     model = read_models(store, id)[AUGMENTED]
@@ -332,7 +333,7 @@ def as_described(
     return robot
 
 
-def _of_record(store: Path, found: Found, word: str, which: str | None) -> Whole:
+def _of_record(store: Path, found: StoredRecord, word: str, which: str | None) -> Whole:
     """Return a model of the store, as calibrate, diagnose or identify kept it."""
     if (found.folder / CORRECTED).is_file():
         return load_model(found.folder / CORRECTED)
@@ -354,12 +355,12 @@ def _one_of(kept: Mapping[str, Whole], which: str | None) -> Whole:
 
 def _ended_with(store: Path, model_id: str) -> list[str]:
     """Diagnoses that ended with a model, the first one first."""
-    from warehouse.query.store import ask
+    from warehouse.query.store import query_store
 
     query = (
         "SELECT diagnosis_id AS id FROM diagnoses WHERE model_id = $id ORDER BY created"
     )
-    return [row["id"] for row in ask(store, query, id=model_id)]
+    return [row["id"] for row in query_store(store, query, id=model_id)]
 
 
 def _check_robot(robot: Robot, store: Path, diagnosis: str) -> None:

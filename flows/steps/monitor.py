@@ -16,7 +16,7 @@ from residual.threads import one_blas_thread
 from warehouse.commit import commit_record
 from warehouse.layout import find_run, read_record
 from warehouse.quarantine import tombstone
-from warehouse.query.store import ask
+from warehouse.query.store import query_store
 from warehouse.runs import read_run
 from warehouse.schema import rows_table
 
@@ -172,7 +172,7 @@ def healthy_runs(
         ORDER BY coalesce(recorded_at, created) DESC, run_id LIMIT $most
     """
     given = {"tag": tag, "runs": list(runs), "first": runs[0], "most": MOST_HEALTHY}
-    rows = ask(store, query, **given)
+    rows = query_store(store, query, **given)
     return tuple(sorted(row["run_id"] for row in rows))
 
 
@@ -184,7 +184,7 @@ def diagnosis_of(runs: Sequence[str], store: Path) -> str | None:
         GROUP BY diagnosis_id HAVING count(DISTINCT parent) = $count
         ORDER BY any_value(diagnoses.created) DESC, diagnosis_id LIMIT 1
     """
-    rows = ask(store, query, runs=list(runs), count=len(set(runs)))
+    rows = query_store(store, query, runs=list(runs), count=len(set(runs)))
     return rows[0]["diagnosis_id"] if rows else None
 
 
@@ -198,7 +198,7 @@ def latest_diagnosis(runs: Sequence[str], store: Path) -> str | None:
         "serial IS NOT DISTINCT FROM $serial "
         "ORDER BY created DESC, diagnosis_id LIMIT 1"
     )
-    found = ask(store, query, robot=robot, serial=serial_of(runs[0], store))
+    found = query_store(store, query, robot=robot, serial=serial_of(runs[0], store))
     return found[0]["diagnosis_id"] if found else None
 
 

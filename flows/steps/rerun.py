@@ -36,12 +36,24 @@ from flows.steps.monitor import monitor
 from flows.steps.validate import TRACKING, validate
 from residual.errors import InputError
 from warehouse.commit import commit_record
-from warehouse.compare import Channel, compare, differing, values_apart
+from warehouse.compare import (
+    Channel,
+    compare_channels,
+    compare_values,
+    differing_channels,
+)
 from warehouse.files import read_parquet, table_hash, to_arrays
-from warehouse.ids import ID_DIGITS, data_hash, plain
-from warehouse.layout import RERUN_OF, Found, find, list_folders, needed, read_record
-from warehouse.provenance import about_changes, provenance, read_packages
-from warehouse.remote import bring, is_there
+from warehouse.ids import ID_DIGITS, data_hash, to_plain
+from warehouse.layout import (
+    RERUN_OF,
+    StoredRecord,
+    find,
+    list_folders,
+    read_record,
+    with_parents,
+)
+from warehouse.provenance import describe_uncommitted, provenance, read_packages
+from warehouse.remote import fetch_record, has_record
 from warehouse.runs import open_seal, read_manifest, robot_word
 from warehouse.schema import SAMPLES_FILE, SEALED
 from warehouse.verify import faults, list_tables, other_files, read_row
@@ -57,7 +69,7 @@ def again(store: Path, run_id: str, manifest: Mapping) -> Simulated:
     hidden = open_seal(store, run_id).spec
     word = robot_word(store, manifest["robot"], manifest.get("robot_hash"))
     spec = spec_of({**manifest, "robot": word}, hidden)
-    halves = plain(sealed_half(spec)), plain(open_half(spec, checked_robot(spec)))
+    halves = to_plain(sealed_half(spec)), to_plain(open_half(spec, checked_robot(spec)))
     if halves != (hidden, manifest["spec"]):
         raise InputError(f"Run {run_id} cannot be made again: {_OTHER}")
     run = make(spec, store)
@@ -215,7 +227,7 @@ def rerun(id: str, store: Path, verify: bool = False) -> Rerun:
     return _rerun_record(record, store, now, verify)
 
 
-def _rerun_run(record: Found, store: Path, now: Mapping, verify: bool) -> Rerun:
+def _rerun_run(record: StoredRecord, store: Path, now: Mapping, verify: bool) -> Rerun:
     manifest = read_manifest(store, record.id)
     if manifest.get("spec") is None:
         return _check_imported(record, store, manifest, verify)
@@ -231,7 +243,9 @@ def _rerun_run(record: Found, store: Path, now: Mapping, verify: bool) -> Rerun:
     return replace(facts, made=id, noted=note)
 
 
-def _rerun_record(record: Found, store: Path, now: Mapping, verify: bool) -> Rerun:
+def _rerun_record(
+    record: StoredRecord, store: Path, now: Mapping, verify: bool
+) -> Rerun:
     if record.kind == "reports":
         raise InputError(
             f"{record.id} is a report: a page about a diagnosis. Make that one again: "
@@ -254,25 +268,31 @@ def _rerun_record(record: Found, store: Path, now: Mapping, verify: bool) -> Rer
 
 
 def _facts(
-    record: Found, store: Path, then: Mapping, now: Mapping, apart: tuple[Channel, ...]
+    record: StoredRecord,
+    store: Path,
+    then: Mapping,
+    now: Mapping,
+    apart: tuple[Channel, ...],
 ) -> Rerun:
     """Return what a rerun shows, before anything of it is kept."""
     key = "code_hash" if record.kind == "runs" else "program_hash"
-    apart, wrong = differing(apart), faults(record)
+    apart, wrong = differing_channels(apart), faults(record)
     cause = None
     if apart or wrong:
         cause = cause_of(then, now, key, wrong, store)
     same = then.get(key) == now[key]
-    return Rerun(record.id, record.kind, apart, same, cause, about_changes(then))
+    return Rerun(record.id, record.kind, apart, same, cause, describe_uncommitted(then))
 
 
-def _run_apart(record: Found, store: Path, manifest: Mapping, simulated) -> tuple:
+def _run_apart(
+    record: StoredRecord, store: Path, manifest: Mapping, simulated
+) -> tuple:
     # Past the check of the hash: what was changed is to be found, not only refused.
     stored = to_arrays(read_parquet(record.folder / SAMPLES_FILE))
     names = ("t", "q", "qd", "qdd", "tau", "q_ref")
     logged = {name: getattr(simulated.log, name) for name in names}
     logged = {k: v for k, v in logged.items() if v is not None}
-    apart = compare(stored, {**logged, **simulated.twin})
+    apart = compare_channels(stored, {**logged, **simulated.twin})
     if data_hash(simulated.truth) == manifest["truth_hash"]:
         return apart
     # Which of its channels would tell what is hidden.
@@ -280,7 +300,7 @@ def _run_apart(record: Found, store: Path, manifest: Mapping, simulated) -> tupl
 
 
 def _check_imported(
-    record: Found, store: Path, manifest: Mapping, verify: bool
+    record: StoredRecord, store: Path, manifest: Mapping, verify: bool
 ) -> Rerun:
     if not verify:
         raise InputError(
@@ -290,7 +310,7 @@ def _check_imported(
         )
     wrong = faults(record)
     cause = Cause("damaged", "; ".join(wrong)) if wrong else None
-    known = about_changes(manifest["provenance"])
+    known = describe_uncommitted(manifest["provenance"])
     return Rerun(record.id, record.kind, (), True, cause, known, imported=True)
 
 
@@ -320,7 +340,9 @@ def _note(store: Path, outcome: Rerun, robot: str, new: str | None) -> str | Non
 
 
 @contextmanager
-def made_again(store: Path, record: Found) -> Iterator[tuple[Path, Found]]:
+def made_again(
+    store: Path, record: StoredRecord
+) -> Iterator[tuple[Path, StoredRecord]]:
     """Make a record once more.
 
     Yields:
@@ -334,7 +356,7 @@ def made_again(store: Path, record: Found) -> Iterator[tuple[Path, Found]]:
             "be made again. Records of identify, calibrate, diagnose, validate and "
             "monitor by this version do."
         )
-    before = [each for each in needed(store, record.id) if each.id != record.id]
+    before = [each for each in with_parents(store, record.id) if each.id != record.id]
     with TemporaryDirectory(prefix="modelgap-rerun-") as folder:
         own = Path(folder).resolve()
         _link(store, own, before, _tracks(store, record))
@@ -345,10 +367,10 @@ def made_again(store: Path, record: Found) -> Iterator[tuple[Path, Found]]:
         yield own, new
 
 
-def apart(record: Found, other: Found) -> tuple[Channel, ...]:
+def apart(record: StoredRecord, other: StoredRecord) -> tuple[Channel, ...]:
     """Return where two records of one kind differ, value by value."""
     one, two = read_row(record), read_row(other)
-    out = values_apart(json.loads(one["record"]), json.loads(two["record"]), "")
+    out = compare_values(json.loads(one["record"]), json.loads(two["record"]), "")
     old, new = (list_tables(each) | _parquets(each) for each in (record, other))
     for name in old | new:
         out += _table_apart(name, old.get(name), new.get(name))
@@ -361,15 +383,15 @@ def apart(record: Found, other: Found) -> tuple[Channel, ...]:
     return tuple(out)
 
 
-def keep_record(own: Path, store: Path, old: Found, new: Found) -> str:
+def keep_record(own: Path, store: Path, old: StoredRecord, new: StoredRecord) -> str:
     """Put a record that was made again, and what was made with it, into the store.
 
     Returns:
         The id that the new one has in the store; the first one is its parent.
     """
     renamed: dict[str, str] = {}
-    for each in needed(own, new.id):
-        if is_there(store / each.folder.relative_to(own)):
+    for each in with_parents(own, new.id):
+        if has_record(store / each.folder.relative_to(own)):
             continue
         row = read_row(each)
         parents = [(p["parent"], p["role"]) for p in row["lineage"] or []]
@@ -387,18 +409,18 @@ def keep_record(own: Path, store: Path, old: Found, new: Found) -> str:
     return renamed[new.id]
 
 
-def _link(store: Path, own: Path, before: Sequence[Found], sealed: bool) -> None:
+def _link(store: Path, own: Path, before: Sequence[StoredRecord], sealed: bool) -> None:
     """Let a store have some records of another one."""
     for each in before:
         _share(each.folder, own / each.folder.relative_to(store))
         seal = Path(SEALED) / f"run_id={each.id}"
-        if sealed and is_there(store / seal):
+        if sealed and has_record(store / seal):
             _share(store / seal, own / seal)
 
 
 def _share(folder: Path, target: Path) -> None:
     target.mkdir(parents=True)
-    bring(folder)
+    fetch_record(folder)
     for path in folder.iterdir():
         # A symbolic link would not do: SQL follows it out of the store and refuses.
         try:
@@ -407,13 +429,13 @@ def _share(folder: Path, target: Path) -> None:
             shutil.copyfile(path, target / path.name)
 
 
-def _tracks(store: Path, record: Found) -> bool:
+def _tracks(store: Path, record: StoredRecord) -> bool:
     """Whether a record was made with the hidden half of a run: feed-forward is."""
     kind = read_record(store, record.id).get("kind") or ""
     return record.kind == "validations" and "feed_forward" in kind
 
 
-def _counterpart(own: Path, record: Found, before: set[str]) -> Found:
+def _counterpart(own: Path, record: StoredRecord, before: set[str]) -> StoredRecord:
     new = [id for id in list_folders(own, record.kind) if id not in before]
     if len(new) != 1:
         raise InputError(
@@ -423,7 +445,9 @@ def _counterpart(own: Path, record: Found, before: set[str]) -> Found:
     return find(own, new[0])
 
 
-def _robots(store: Path, request: Mapping, before: Sequence[Found]) -> dict[str, str]:
+def _robots(
+    store: Path, request: Mapping, before: Sequence[StoredRecord]
+) -> dict[str, str]:
     """Return where to load each robot from, such that it is the one that was used."""
     runs = [read_manifest(store, each.id) for each in before if each.kind == "runs"]
     known = [
@@ -460,12 +484,12 @@ _STEPS: Mapping[str, tuple[type[Request], Callable]] = {
 }
 
 
-def _parquets(record: Found) -> dict:
+def _parquets(record: StoredRecord) -> dict:
     paths = other_files(record).values()
     return {p.stem: read_parquet(p) for p in paths if p.suffix == ".parquet"}
 
 
-def _bytes(record: Found) -> dict[str, bytes]:
+def _bytes(record: StoredRecord) -> dict[str, bytes]:
     paths = other_files(record).values()
     return {p.name: p.read_bytes() for p in paths if p.suffix != ".parquet"}
 
@@ -482,7 +506,7 @@ def _table_apart(name: str, one: pa.Table | None, two: pa.Table | None) -> list:
         at, types = f"{name}.{column}", (a.type, b.type)
         if all(map(pa.types.is_floating, types)):
             sides = [c.to_numpy(zero_copy_only=False) for c in (a, b)]
-            (channel,) = compare({at: sides[0]}, {at: sides[1]})
+            (channel,) = compare_channels({at: sides[0]}, {at: sides[1]})
             out += [] if channel.equal else [channel]
         elif not a.equals(b):
             out.append(Channel(at, "", False, len(one), note="other values"))
