@@ -98,7 +98,7 @@ def writable(store: Path) -> Bucket:
             raise InputError(
                 f"The server of {bucket.url} ignores the condition of a put "
                 "(If-None-Match): every writer of a record would be the first. Use one "
-                "that keeps it: AWS S3, SeaweedFS, MinIO (docs/object_storage.md)."
+                "that keeps it: AWS S3, SeaweedFS, MinIO (docs/store.md)."
             )
         _note(store, bucket, identity_of(bucket))
         _writable.add(str(store))

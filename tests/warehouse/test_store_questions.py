@@ -1,8 +1,6 @@
 """What an engineer asks of months of runs."""
 
-import re
 from datetime import date
-from pathlib import Path
 
 import pyarrow as pa
 import pytest
@@ -12,10 +10,8 @@ from tests.warehouse import store_samples as made
 from tests.warehouse.test_store_verdicts import MODEL
 from warehouse.commit import commit_record, commit_run
 from warehouse.quarantine import quarantine
-from warehouse.query.named import NAMED, TAKES
+from warehouse.query.named import NAMED
 from warehouse.schema import VIEWS, arrow_schema
-
-DOCS = Path(__file__).parents[2] / "docs" / "sql.md"
 
 
 def measured(seed):
@@ -197,12 +193,3 @@ def test_errors_of_identifications_are_told_by_motion_too(fleet):
 
 def test_runs_without_a_diagnosis(ask):
     assert named(ask, "never_diagnosed") == []  # the third is in quarantine
-
-
-def test_there_are_twenty_questions_and_the_page_has_them_all():
-    page = DOCS.read_text(encoding="utf-8")
-    listed = re.findall(r"^\| `(\w+)` \|", page, re.MULTILINE)
-    assert sorted(listed) == sorted(NAMED)
-    assert len(NAMED) >= 20
-    for name, values in TAKES.items():
-        assert all(f"--named {name} --with {key}=" in page for key in values)
