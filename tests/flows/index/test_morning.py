@@ -86,7 +86,7 @@ def morning(project):
     (folder / "bad.csv").write_text("t,q1\n0,1\n")
     (inbox, _) = inboxes(project)
     (taken,) = import_all(inbox, list_logs(folder), lambda runs: None)
-    assert taken.what == REFUSED
+    assert taken.status == REFUSED
     verdict = made.verdict(robot=arm.name)
     id = diagnose(store, loads, verdict)
     batch = {"robot": arm.name, "kind": "batch", "project": "cell"}
@@ -162,7 +162,7 @@ def test_who_waits_for_an_answer_need_not_give_signs_of_life():
         ("Mend it. Or go on with --trust-log (trust_log=True).", "Mend it.", "trust"),
     ],
 )
-def test_a_refused_log_is_told_the_cure_that_works_in_an_inbox(why, there, gone):
+def test_a_refused_log_is_told_the_cure_that_works_there(why, there, gone):
     told = inbox_reason(why)
     assert there in told
     assert gone not in told
