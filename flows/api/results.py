@@ -174,7 +174,7 @@ class Identification(ValidatedIdentification):
         return models
 
     def to_json(self) -> dict:
-        """The result as JSON values (docs/identification.md)."""
+        """The result as JSON values (docs/method.md)."""
         return identified.document(self)
 
     def __repr__(self) -> str:

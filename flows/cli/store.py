@@ -1,22 +1,18 @@
-"""modelgap runs, show, verify, prune and quarantine."""
+"""modelgap runs, show, verify, quarantine: what the store remembers."""
 
 import json
 import sys
 from collections.abc import Iterable
-from typing import Annotated, Literal
+from typing import Literal
 
-from cyclopts import Parameter
-
-from flows.cli.app import check_between
 from flows.report.answers import check_shown, print_table, tell_damage
-from flows.requests import Format, Name, Number, Store, Tags, Text
+from flows.requests import Format, Number, Store, Text
 from flows.settings import store_folder
 from residual.errors import InputError
 from warehouse.layout import find, read_record
 from warehouse.quarantine import quarantine as set_aside
 from warehouse.quarantine import tombstone
 from warehouse.query import store as opening
-from warehouse.query.lineage import old_runs
 from warehouse.query.views import text as quoted
 from warehouse.runs import read_manifest
 
@@ -68,37 +64,6 @@ def verify(*, store: Store = None) -> None:
 
     for line in steps.verify(store_folder(store)):
         print(line, flush=True)
-
-
-def prune(
-    *,
-    older_than: Annotated[float, Parameter(metavar="DAYS")],
-    robot: Name = None,
-    keep_tag: Tags = (),
-    store: Store = None,
-) -> None:
-    """List the folders of old runs that no record refers to.
-
-    ```
-    modelgap prune --older-than 90
-    modelgap prune --older-than 90 --keep-tag healthy
-    ```
-
-    Moves and deletes nothing. Runs with an alarm, and runs that a model, diagnosis,
-    validation or adoption was made from, are not listed (docs/store.md).
-
-    Args:
-        older_than: Age in days since the recording, else since the import.
-        robot: Only runs of the robot of this name.
-        keep_tag: Do not list runs with this tag; may be repeated.
-    """
-    check_between("--older-than", older_than, 0.0, 1e5)
-    place = store_folder(store)
-    listed = old_runs(place, older_than, robot, keep_tag)
-    for old in listed:
-        print("\n".join(old.places))
-    size = sum(old.size for old in listed)
-    print(f"{len(listed)} runs of {size / 1e6:.1f} MB", file=sys.stderr)
 
 
 def quarantine(id: str, /, *, reason: Text, store: Store = None) -> None:

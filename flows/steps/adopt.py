@@ -10,7 +10,7 @@ from flows.requests import Flag, GivenWord, Request, Store, Text
 from flows.settings import store_folder
 from flows.steps.models import diagnosis_of
 from flows.storage.diagnosis import read_known, read_models, read_verdict, store_report
-from residual.diagnosis.held_out import AdoptionCheck, worth
+from residual.diagnosis.held_out import AdoptionCheck, check_adoption
 from residual.diagnosis.result import Verdict
 from residual.errors import InputError
 from residual.model.model import Model
@@ -46,13 +46,13 @@ class Judged:
     model: Model
     # The adoption that the robot has, with its number; None for none.
     parent: tuple[str, Adoption] | None
-    worth: AdoptionCheck | None  # None without held-out logs
+    check: AdoptionCheck | None  # on held-out motion; None where there is none
     # Why it should not be adopted; empty for a model that may.
     doubts: tuple[str, ...] = ()
 
     def as_record(self) -> dict:
         """Return what the gate saw as JSON can hold it."""
-        seen = asdict(self.worth) if self.worth else {}
+        seen = asdict(self.check) if self.check else {}
         seen.pop("doubts", None)
         return {"held_out": seen, "doubts": list(self.doubts)}
 
@@ -76,7 +76,7 @@ def judge(store: Path, word: str) -> Judged:
         doubts.append("no run was held out; diagnose with --holdout RUN")
     else:
         before = _before(store, id, parent[1] if parent else None)
-        seen = worth(model, before, [read_run(store, run) for run in runs])
+        seen = check_adoption(model, before, [read_run(store, run) for run in runs])
         doubts += seen.doubts
     record = read_record(store, id)
     return Judged(id, record["model_id"], model, parent, seen, tuple(doubts))
@@ -168,8 +168,8 @@ def adopt(request: Adopt) -> tuple[str, Judged]:
         parent=parent[0] if parent else None,
         who=_user(),
         note=request.note,
-        before=judged.worth.before if judged.worth else None,
-        after=judged.worth.after if judged.worth else None,
+        before=judged.check.before if judged.check else None,
+        after=judged.check.after if judged.check else None,
         evidence=judged.as_record(),
     )
     return commit_adoption(store, made), judged
