@@ -17,7 +17,6 @@ from benchmarks.store_parts.records import folder, small
 from residual.robot.robot import load_robot
 from sim.engine.records import Noise, PlantSpec, Rates, TrajectorySpec
 from sim.experiment import run_experiment
-from warehouse.catalogue import flush
 from warehouse.commit import commit_run
 from warehouse.files import to_table, write_parquet
 from warehouse.runs import read_run
@@ -134,4 +133,3 @@ def _write(place: Path, start: int, end: int) -> None:
     for seed in range(start, end):
         log, manifest, twin = small(seed)
         commit_run(place, log, manifest, None, twin)
-    flush()

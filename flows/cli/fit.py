@@ -4,7 +4,7 @@ from dataclasses import replace
 from pathlib import Path
 
 from flows.cli.app import Outputs
-from flows.inputs.given import chosen
+from flows.inputs.given import chosen, load_for
 from flows.outputs import check_new_folder, in_folder, progress_bar, read_files
 from flows.report.console import show, wide
 from flows.report.models import identification as identified
@@ -54,13 +54,14 @@ def identify(
         export: New folder for the identified URDF and robot.toml, for --robot.
     """
     request = chosen(request, logs, where, held_out_where)
-    choice = choose_for(request)
+    robot = load_for(request)
+    choice = choose_for(request, robot)
     request = replace(request, model=choice.diagnosis)
     words = (*request.logs, *request.held_out, request.robot)
     out = Outputs({"--json": json}, read_files(words, request.columns))
     if export is not None:
         check_new_folder("--export", Path(export))
-    read = identification.read_logs(request)
+    read = identification.read_logs(request, robot)
     out.say(*read.lines[:1], *choice.lines, *read.lines[1:])
     outcome, kept = identification.identify(request, read)
     files = {}

@@ -7,9 +7,8 @@ import numpy as np
 from flows.report.document import Document, Section, Strong, Table
 from flows.report.page import render
 from flows.report.plots import Panel, png
-from flows.report.words.phrases import many, texts
-from flows.steps.models import NOMINAL
-from flows.steps.validate import Tracking, Validation
+from flows.report.words.phrases import texts
+from flows.steps.validate import Validation
 from residual.robot.robot import Robot
 from sim.engine.records import Reference, TrajectorySpec
 from sim.trajectories.excitation import Usage
@@ -39,22 +38,26 @@ def _by_joint(columns: Mapping[str, np.ndarray], about: str = "") -> Table:
 
 def both_ways(result: Validation) -> Table:
     """Return both directions of each model, a joint a row, and its mass matrix."""
-    rows = []
-    for joint in range(len(result.open_loop)):
+    rows, dof = [], len(result.open_loop)
+    driven = all(each.tracking is not None for each in result.models.values())
+    for joint in range(dof):
         row = [str(joint + 1)]
         for each in result.models.values():
             for errors in (each.torque, each.acceleration):
                 value = np.nan if errors is None else errors[joint]
-                rest = "–" if errors is None else "at rest"
-                row.append(rest if np.isnan(value) else f"{value:.2f}")
+                missing = "–" if errors is None else "at rest"
+                row.append(missing if np.isnan(value) else f"{value:.2f}")
+            row += [] if not driven else [f"{1e3 * each.tracking[joint]:.2f}"]
         rows.append(row)
     least = [
         word
         for each in result.models.values()
-        for word in ("M(q) >", f"{each.least_mass:.2g} kg m²")
+        for word in ("M(q) >", f"{each.least_mass:.2g} kg m²", *[""][: int(driven)])
     ]
-    heads = [f"{name}\n{way} [%]" for name in result.models for way in ("τ", "q̈")]
-    about = "Error of torque from motion (τ) and of acceleration from torque (q̈)"
+    columns = ("τ [%]", "q̈ [%]", *["q [mrad]"][: int(driven)])
+    heads = [f"{name}\n{column}" for name in result.models for column in columns]
+    about = "torque from motion (τ) and acceleration from torque (q̈), error"
+    about += "; tracking of the arm driven by that torque (q), rms" if driven else ""
     return Table(("joint", *heads), [*rows, ["", *least]], about, left=())
 
 
@@ -80,15 +83,8 @@ def meaning(result: Validation) -> str:
     )
 
 
-def validation_page(
-    results: Mapping[str, Validation], driven: Tracking | None = None
-) -> str:
-    """Return the page of validations.
-
-    Args:
-        results: The validations by run.
-        driven: Tracking errors along unseen motions, where the arm was driven.
-    """
+def validation_page(results: Mapping[str, Validation]) -> str:
+    """Return the page of validations, by run."""
     sections = [
         Section(
             f"run-{run}",
@@ -98,9 +94,6 @@ def validation_page(
         )
         for run, each in results.items()
     ]
-    if driven is not None:
-        parts = tracking(driven)
-        sections.append(Section("driven", "Tracking along unseen motions", parts))
     first, *more = (meaning(each) for each in results.values())
     notes = dict.fromkeys(note for each in results.values() for note in each.notes)
     return render(
@@ -113,28 +106,6 @@ def validation_page(
             warnings=tuple(notes),
         )
     )
-
-
-def tracking(result: Tracking) -> list[str | Table]:
-    """Return tracking errors: a joint a row, by model; and of all joints together."""
-    each = {name: result.by_joint(name) for name in result.rms}
-    columns = {
-        f"{measure}\n{name}\n[mrad]": 1e3 * figures[i]
-        for i, measure in enumerate(("rms", "peak"))
-        for name, figures in each.items()
-    }
-    about = (
-        "Measured minus commanded position along unseen motions, with the torque of "
-        f"each model as feed-forward; {NOMINAL} is the reference"
-    )
-    norms = {name: 1e3 * float(np.linalg.norm(rms)) for name, (rms, _) in each.items()}
-    first, *others = (f"{name} {value:.3g}" for name, value in norms.items())
-    families = ", ".join(sorted({motion.kind for _, motion in result.motions}))
-    text = (
-        f"{many(len(result.motions), 'unseen motion')} ({families}), rms of all "
-        f"joints: {first} → {', '.join(others)} mrad"
-    )
-    return [_by_joint(columns, about), text]
 
 
 _NEAR = 0.95  # of a limit, which stands out
