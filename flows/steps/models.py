@@ -21,7 +21,7 @@ from flows.storage.diagnosis import (
 from residual.calibration.calibrate import with_tables
 from residual.calibration.rows import MEASURED, PAPER
 from residual.errors import InputError, check_name
-from residual.export.exported import Whole, body_of
+from residual.export.export import AnyModel, without_tables
 from residual.identification.identify import identify
 from residual.model.corrected import CorrectedModel
 from residual.model.lookup import Lookup
@@ -167,7 +167,7 @@ def diagnosis_of(store: Path, word: str) -> str:
     return of_model[0]
 
 
-def read_model(store: Path, word: str, which: str | None = None) -> Whole:
+def read_model(store: Path, word: str, which: str | None = None) -> AnyModel:
     """Return a model of a file, of a diagnosis, or of a model of the store.
 
     Args:
@@ -197,7 +197,7 @@ def read_model(store: Path, word: str, which: str | None = None) -> Whole:
     )
 
 
-def model_to_drive(store: Path, word: str, robot: Robot) -> Whole:
+def model_to_drive(store: Path, word: str, robot: Robot) -> AnyModel:
     """Return the model that a controller is to have.
 
     Args:
@@ -205,10 +205,10 @@ def model_to_drive(store: Path, word: str, robot: Robot) -> Whole:
             of a calibration (its look-up tables); or a file that holds a model.
     """
     if not Path(word).is_file() and find(store, word).kind == "diagnoses":
-        model: Whole = read_known(store, find(store, word).id)
+        model: AnyModel = read_known(store, find(store, word).id)
     else:
         model = read_model(store, word)
-    own = body_of(model).robot
+    own = without_tables(model).robot
     if own.content_hash != robot.content_hash:
         raise InputError(_OF_ANOTHER.format(word, own.name, robot.name))
     return model
@@ -332,7 +332,7 @@ def as_described(
     return robot
 
 
-def _of_record(store: Path, found: Found, word: str, which: str | None) -> Whole:
+def _of_record(store: Path, found: Found, word: str, which: str | None) -> AnyModel:
     """Return a model of the store, as calibrate, diagnose or identify kept it."""
     if (found.folder / CORRECTED).is_file():
         return load_model(found.folder / CORRECTED)
@@ -348,7 +348,7 @@ def _of_record(store: Path, found: Found, word: str, which: str | None) -> Whole
     return from_record(kept)
 
 
-def _one_of(kept: Mapping[str, Whole], which: str | None) -> Whole:
+def _one_of(kept: Mapping[str, AnyModel], which: str | None) -> AnyModel:
     return kept[check_name(which or AUGMENTED, kept, "model of the diagnosis")]
 
 

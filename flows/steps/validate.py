@@ -38,7 +38,7 @@ from flows.steps.models import (
 )
 from flows.storage.diagnosis import read_models
 from residual.errors import InputError
-from residual.export.exported import Whole, body_of
+from residual.export.export import AnyModel, without_tables
 from residual.model.compare import compare, prepare_held_out
 from residual.model.control import feed_forward
 from residual.model.forward import POSES, acceleration_error, least_mass_matrix
@@ -175,9 +175,9 @@ def validate(request: Request) -> tuple[str, Validation]:
     return _commit(store, record, rows, parents), made
 
 
-def both_ways(model: Whole, log: Recording) -> BothWays:
+def both_ways(model: AnyModel, log: Recording) -> BothWays:
     """Return what a model makes of a log: torque of motion, motion of torque."""
-    body = body_of(model)
+    body = without_tables(model)
     errors, _ = compare({NOMINAL: model}, prepare_held_out([log], body), body.filters)
     torque = errors[NOMINAL].per_joint("moving")
     try:
@@ -203,10 +203,10 @@ def _with_ids(request: Request, store: Path, robot: Robot) -> Request:
 
 def _models(
     request: Request, store: Path, robot: Robot, log: Recording
-) -> dict[str, Whole]:
+) -> dict[str, AnyModel]:
     """All models that are known of the arm of a run, the nominal one first."""
     nominal = nominal_of(robot, [log])
-    out: dict[str, Whole] = {NOMINAL: nominal}
+    out: dict[str, AnyModel] = {NOMINAL: nominal}
     if request.model is not None:
         if find(store, request.model).kind == "diagnoses":
             out |= read_models(store, request.model) | out
@@ -386,7 +386,7 @@ def drive_unseen(
     if not families:
         return None
     nominal = nominal_of(robot, logs[:1])
-    models: dict[str, Whole] = {NOMINAL: nominal}
+    models: dict[str, AnyModel] = {NOMINAL: nominal}
     if request.model is not None:
         models["model"] = model_to_drive(store, request.model, robot)
     if request.calibration is not None:
