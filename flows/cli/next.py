@@ -7,7 +7,7 @@ from flows.cli.app import FASTEST, SEEDS, Outputs, check_between
 from flows.inputs.given import is_run
 from flows.outputs import progress_bar, read_files
 from flows.report.console import show
-from flows.report.next import comparison, nothing_open, told
+from flows.report.next import comparison, describe, nothing_open
 from flows.report.words.verdict import sentences
 from flows.requests import File, Hertz, Log, Next
 from flows.steps.experiment import as_csv
@@ -66,10 +66,10 @@ def next_(
             opened.question, opened.robot, request.seconds, request.seed, progress
         )
     outputs.say(*opened.lines)
-    if not opened.same:
-        headline = sentences(opened.found.verdict)[0]
+    if not opened.reproduced:
+        headline = sentences(opened.diagnosis.verdict)[0]
         outputs.say(f"Warning: these logs say another thing than {verdict}: {headline}")
-    if found is None or found.best.seen.hopeless:
+    if found is None or found.best.outlook.hopeless:
         outputs.say(*nothing_open(opened, found))
         return
     plan = found.document(Path(out).name if out else None)
@@ -77,5 +77,5 @@ def next_(
         {"--out": lambda: as_csv(make_reference(opened.robot, found.best.spec, rate))},
         lambda: to_json(replace(opened.verdict, next_experiment=plan)),
     )
-    show(outputs.console, *told(found), comparison(found))
+    show(outputs.console, *describe(found), comparison(found))
     outputs.finish()

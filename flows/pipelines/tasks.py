@@ -182,23 +182,27 @@ def watch(
 ) -> list[str]:
     """Watch the sensors of runs; an alarm is told as an event."""
     new = monitoring.watch_new(ids, Path(store), model, good, tag)
-    if new.record is None or new.found is None:
+    if new.record is None or new.result is None:
         get_run_logger().info(new.why)
         artifacts.record("monitor", (), [f"{new.why} Nothing was watched."])
         artifacts.rename(f"monitor: nothing watched. {new.why}")
         return []
-    parts = [meaning(new.found), *new.found.notes, alarm_table(new.found, new.watched)]
+    parts = [
+        meaning(new.result),
+        *new.result.notes,
+        alarm_table(new.result, new.watched),
+    ]
     artifacts.record("monitor", [new.record], parts)
     alarmed, count = new.alarmed, len(new.watched)
     many = f"alarms in {len(alarmed)} of" if alarmed else "no alarm in"
-    robot = new.found.monitor.model.robot.name
+    robot = new.result.monitor.model.robot.name
     artifacts.rename(f"{robot}: {many} {count} new runs")
     if alarmed:
         # With the runs that they were judged by.
-        good = {"good_ids": list(new.found.calibration)}
+        good = {"good_ids": list(new.result.calibration)}
         artifacts.tell(ALARM, {"record": new.record, "run_ids": list(alarmed)} | good)
         title = f"{robot}: {many} {count} new runs"
-        artifacts.notice("alarm", robot, title, meaning(new.found), list(alarmed))
+        artifacts.notice("alarm", robot, title, meaning(new.result), list(alarmed))
     return [new.record]
 
 

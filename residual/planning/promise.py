@@ -109,7 +109,7 @@ def plan_of(
     After how long it settles the question surely [s] is None for never, and where that
     was not computed.
     """
-    rivals = told_apart(question, seen)
+    rivals = separable_rivals(question, seen)
     return {
         "rivals": [{"name": p.name, "joints": list(p.joints)} for p in rivals],
         "family": None,
@@ -193,8 +193,8 @@ def structural_twins(
     for c, contest in enumerate(question.contests):
         for a, b in contest.pairs:
             one, other = contest.rivals[a], contest.rivals[b]
-            own = len(one.own) and len(other.own)
-            if own and beyond(gram, one, other) < contest.enough:
+            own = len(one.effect_columns) and len(other.effect_columns)
+            if own and nats_beyond(gram, one, other) < contest.enough:
                 found.add((c, a, b))
     return frozenset(found)
 
@@ -220,21 +220,23 @@ def settled_by(
     )
 
 
-def beyond(gram: Array, one: Rival, other: Rival) -> float:
+def nats_beyond(gram: Array, one: Rival, other: Rival) -> float:
     """What one has, at its found size, beyond the other's columns [nats]."""
     size = 1 / np.sqrt(np.maximum(np.diag(gram), 1e-300))
     scaled = gram * np.outer(size, size)
-    found = np.isin(one.columns, one.own)
+    found = np.isin(one.columns, one.effect_columns)
     at = one.columns[found]
     value = one.mean[found] / size[at]
-    mixed = scaled[np.ix_(other.own, at)] @ value
+    mixed = scaled[np.ix_(other.effect_columns, at)] @ value
     inner = np.linalg.pinv(
-        scaled[np.ix_(other.own, other.own)], rcond=1e-9, hermitian=True
+        scaled[np.ix_(other.effect_columns, other.effect_columns)],
+        rcond=1e-9,
+        hermitian=True,
     )
     return 0.5 * float(value @ scaled[np.ix_(at, at)] @ value - mixed @ inner @ mixed)
 
 
-def told_apart(question: Question, seen: Outlook) -> tuple:
+def separable_rivals(question: Question, seen: Outlook) -> tuple:
     """Return the rivals that a motion tells apart, each once."""
     contests = question.contests
     parted = {contests[c].rivals[i].place for c, a, b in seen.nats for i in (a, b)}

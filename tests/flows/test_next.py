@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from flows.report.next import told
+from flows.report.next import describe
 from flows.steps.next import Ranking, rank_motions
 from residual.planning.promise import SURE, promised, structural_twins
 from residual.robot.dynamics import inverse_dynamics
@@ -26,7 +26,7 @@ def test_the_best_settles_the_question_and_none_of_the_others_sooner(made):
     _, found = made
     best, *others = found.ranked
     assert 1.0 < best.after <= 12.0
-    assert SURE <= best.sure.chance <= 1
+    assert SURE <= best.prospect.chance <= 1
     assert all(best.after <= (one.after or np.inf) for one in others)
     rivals = found.document(None)["rivals"]
     assert {r["name"] for r in rivals} == {"spring", "balancer"}
@@ -62,7 +62,7 @@ def test_twins_are_told_as_such(made):
     _, question = asked("coulomb_asymmetry", 4)
     assert promised(question) is None  # nothing but the twins is open
     ranking = Ranking(question, structural_twins(question), found.ranked)
-    assert any("are one torque on every motion" in line for line in told(ranking))
+    assert any("are one torque on every motion" in line for line in describe(ranking))
 
 
 @pytest.mark.parametrize(
