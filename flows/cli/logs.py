@@ -22,7 +22,7 @@ def check(*logs: Log, request: Check, json: Json = None) -> None:
     """Check logs before any modelling: units, signs, order of joints, clock, sensors.
 
     Every fault is told with its evidence, how certain it is, and the line for the map
-    or the robot file that mends it. What is certain makes diagnose, identify, calibrate
+    or the robot file that fixes it. What is certain makes diagnose, identify, calibrate
     and import stop; here it does not: the exit code is 0 whatever is found.
 
     ```

@@ -156,7 +156,7 @@ def _moved(why: str, job: Job) -> str:
 
 def in_an_inbox(why: str) -> str:
     """Return why a log was refused, with what mends it where there are no options."""
-    why = plain(why.replace(" Or go on with --trust-log (trust_log=True).", ""))
+    why = plain(why.replace(" To continue anyway: --trust-log (trust_log=True).", ""))
     if "--map" not in why:
         return why
     why = re.sub(r"(with )?--map( COLUMNS\.toml)?", r"\1COLUMNS.toml", why)

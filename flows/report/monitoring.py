@@ -15,14 +15,14 @@ _MOST = 6  # runs in one picture
 _LEAST = 0.02  # score that is drawn
 
 
-def meaning(found: MonitoringResult) -> str:
+def meaning(result: MonitoringResult) -> str:
     """Return what was found in watched runs, in one sentence."""
-    alarms = [alarm for each in found.alarms.values() for alarm in each]
-    where = f"{found.seconds:.4g} s of {many(len(found.alarms), 'run')}"
+    alarms = [alarm for each in result.alarms.values() for alarm in each]
+    where = f"{result.seconds:.4g} s of {many(len(result.alarms), 'run')}"
     basis = (
-        f"limits from {many(len(found.calibration), 'healthy run')} of "
-        f"{60 * found.monitor.hours:.3g} min, false alarms at most "
-        f"{found.monitor.per_hour:g} an hour"
+        f"limits from {many(len(result.calibration), 'healthy run')} of "
+        f"{60 * result.monitor.hours:.3g} min, false alarms at most "
+        f"{result.monitor.per_hour:g} an hour"
     )
     if not alarms:
         return f"No alarm in {where}: every sensor is as in the healthy runs ({basis})."
@@ -31,7 +31,7 @@ def meaning(found: MonitoringResult) -> str:
     return f"{many(len(alarms), 'alarm')} in {where}: {which} ({basis})."
 
 
-def alarm_table(found: MonitoringResult, watched: Mapping[str, Recording]) -> Table:
+def alarm_table(result: MonitoringResult, watched: Mapping[str, Recording]) -> Table:
     """Return the alarms, one a row."""
     rows = [
         (
@@ -42,29 +42,29 @@ def alarm_table(found: MonitoringResult, watched: Mapping[str, Recording]) -> Ta
             alarm.fault,
             f"{alarm.score:.3g}x",
         )
-        for id, alarms in found.alarms.items()
+        for id, alarms in result.alarms.items()
         for alarm in alarms
     ]
     heads = ("run", "since start [s]", "joint", "sensor", "fault", "over limit")
     return Table(heads, rows, left=(0, 3, 4))
 
 
-def plot(found: MonitoringResult, runs: Mapping[str, Recording]) -> bytes:
+def plot(result: MonitoringResult, runs: Mapping[str, Recording]) -> bytes:
     """Draw the score of each joint and the alarms, as a PNG.
 
     Args:
         runs: The watched runs by id; those with alarms come first.
     """
-    ids = sorted(runs, key=lambda id: -len(found.alarms[id]))[:_MOST]
+    ids = sorted(runs, key=lambda id: -len(result.alarms[id]))[:_MOST]
     figure = Figure(figsize=(9, 0.6 + 2.4 * len(ids)), layout="constrained")
     panels = figure.subplots(len(ids), 1, squeeze=False)[:, 0]
     for axes, id in zip(panels, ids, strict=True):
-        t, scores = found.monitor.scores(runs[id])
+        t, scores = result.monitor.scores(runs[id])
         for j, score in enumerate(scores.T):
             style = {"lw": 0.8, "label": f"J{j + 1}", "color": JOINTS[j % len(JOINTS)]}
             axes.semilogy(t - t[0], score.clip(_LEAST), **style)
         axes.axhline(1.0, color="black", lw=0.8, ls="--")
-        for alarm in found.alarms[id]:
+        for alarm in result.alarms[id]:
             axes.axvline(alarm.time - t[0], color="black", lw=1.0)
         axes.set(ylabel="score / limit", title=f"run {id[:8]}")
     panels[0].legend(ncols=7, fontsize="small", loc="lower right")

@@ -31,7 +31,7 @@ _FLAGS = ("-std=c99", "-O2", "-Wall", "-Wextra", "-pedantic", "-shared", "-fPIC"
 def compiler() -> str | None:
     """Return the C compiler of this machine: $CC, else cc or gcc; None for none."""
     names = (os.environ.get("CC", ""), "cc", "gcc")
-    return next((made for n in names if n and (made := shutil.which(n))), None)
+    return next((result for n in names if n and (result := shutil.which(n))), None)
 
 
 def build(place: Path, sources: Sequence[str], name: str, *flags: str) -> None:
@@ -69,15 +69,15 @@ TARGETS: Mapping[str, Writer] = {
 
 def targets() -> Mapping[str, Writer]:
     """Return all targets: ours, and those of plug-ins."""
-    made = dict(TARGETS)
+    result = dict(TARGETS)
     for name, write in plugins("modelgap.exporters").items():
-        if name in made or not callable(write):
+        if name in result or not callable(write):
             raise InputError(
                 f"The plug-in '{name}' (modelgap.exporters): expected a function that "
                 "takes a model, called as no other target is."
             )
-        made[name] = write
-    return made
+        result[name] = write
+    return result
 
 
 def export(request: Export) -> ModelExport:
@@ -112,29 +112,28 @@ def export_model(model: AnyModel, to: str, log: Recording | None = None) -> Mode
     return write(model) if log is None else make_rrd(model, log)
 
 
-def words(made: ModelExport) -> list[str]:
-    """Return what is to be said of an export, a line each."""
-    lines = [f"model: {made.source!r}"]
-    lines += [f"not exported: {omission}" for omission in made.omissions]
-    if len(made.omissions) > 1:
-        lines.append(
-            f"not exported, together: up to {made.largest:.3g} N m (rms {made.rms:.3g})"
-        )
-    if not made.omissions:
+def words(result: ModelExport) -> list[str]:
+    """Return the model and the omissions of an export, a line each."""
+    lines = [f"model: {result.source!r}"]
+    lines += [f"not exported: {omission}" for omission in result.omissions]
+    if len(result.omissions) > 1:
+        size = f"up to {result.largest:.3g} N m (rms {result.rms:.3g})"
+        lines.append(f"not exported, together: {size}")
+    if not result.omissions:
         lines.append("the export represents the whole model")
     return lines
 
 
-def document(made: ModelExport) -> dict:
-    """Return what an export leaves out, as plain values."""
+def document(result: ModelExport) -> dict:
+    """Return the omissions of an export as plain values."""
     return {
         "schema": 1,
-        "files": sorted(made.files),
-        "left": plain([asdict(each) for each in made.omissions]),
-        "missing": {"rms": made.rms, "largest": made.largest},
+        "files": sorted(result.files),
+        "left": plain([asdict(each) for each in result.omissions]),
+        "missing": {"rms": result.rms, "largest": result.largest},
     }
 
 
-def in_place(made: ModelExport, folder: str | Path) -> dict[Path, bytes]:
+def in_place(result: ModelExport, folder: str | Path) -> dict[Path, bytes]:
     """Return the files of an export by where they go."""
-    return {Path(folder) / name: text for name, text in made.files.items()}
+    return {Path(folder) / name: text for name, text in result.files.items()}

@@ -131,7 +131,7 @@ def watch_new(
     runs: Sequence[str],
     store: Path,
     model: str | None = None,
-    good: Sequence[str] = (),
+    healthy_ids: Sequence[str] = (),
     tag: str = HEALTHY,
 ) -> NewRuns:
     """Watch new runs of one robot, against its adopted model or its last diagnosis.
@@ -139,15 +139,15 @@ def watch_new(
     Args:
         model: Id of a diagnosis, or a robot; None for the adopted model, else that of
             the last diagnosis.
-        good: Ids of the healthy runs; empty for those with the tag, and where these are
-            too few for those of the diagnosis.
+        healthy_ids: Empty for the runs with the tag, and where these are too few for
+            those of the diagnosis.
     """
     model = model or in_force(runs, store).diagnosis or latest_diagnosis(runs, store)
     if model is None:
         return NewRuns(why="No diagnosis of this arm yet: nothing to compare with.")
     tagged = healthy_runs(runs, store, tag)
     usual = tagged if len(tagged) >= LEAST_RUNS else source_of(model, store).good
-    healthy = tuple(good) or usual
+    healthy = tuple(healthy_ids) or usual
     new = tuple(run for run in runs if run not in healthy)
     if not new:
         return NewRuns(why="No run that is not one of the healthy ones.")

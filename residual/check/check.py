@@ -1,4 +1,4 @@
-"""From a robot and its recordings to the faults that they have."""
+"""The check of logs: from a robot and recordings to their faults."""
 
 from collections.abc import Sequence
 from dataclasses import replace
@@ -46,7 +46,7 @@ _VELOCITY, WRONG = "velocity_mismatch", "wrong_robot"
 
 
 def check_logs(robot: Robot, recordings: Sequence[Recording]) -> LogCheck:
-    """Check whether logs are what they say they are.
+    """Check that units, signs, order and timing of logs are consistent.
 
     A fault that others follow from is reported alone: with a wrong unit of time no
     speed is too high, and with a wrong robot file nothing fits.

@@ -118,11 +118,11 @@ def velocity_faults(recordings: Sequence[Recording]) -> list[Fault]:
     power = np.sqrt(np.sum(change**2, axis=0)), np.sqrt(np.sum(integral**2, axis=0))
     if power[0].max() == 0:
         return []
-    moved = (power[0] > 0.01 * power[0].max()) & (power[1] > 0)
+    moving = (power[0] > 0.01 * power[0].max()) & (power[1] > 0)
     related = (change.T @ integral) / np.maximum(np.outer(*power), 1e-300)
-    related[~moved] = 0.0
-    order, swapped = _order(related, moved)
-    return swapped + _slopes(change, integral[:, order], related[:, order], moved)
+    related[~moving] = 0.0
+    order, swapped = _order(related, moving)
+    return swapped + _slopes(change, integral[:, order], related[:, order], moving)
 
 
 def _windows(recording: Recording) -> tuple[Array, Array]:
@@ -138,13 +138,13 @@ def _windows(recording: Recording) -> tuple[Array, Array]:
     return tuple(parts)
 
 
-def _order(related: Array, moved: Array) -> tuple[Array, list[Fault]]:
+def _order(related: Array, moving: Array) -> tuple[Array, list[Fault]]:
     """Velocities of other joints: each angle finds its own among them."""
     own, same = np.diag(related), np.arange(len(related))
     order = best_order(np.abs(related) + 0.2 * np.eye(len(own)))
     other = order != same
     joints, best = joints_of(other), np.abs(related[same, order])
-    if not joints or (best < CHECK.velocity_correlation)[other & moved].any():
+    if not joints or (best < CHECK.velocity_correlation)[other & moving].any():
         return same, []
     words = (
         f"The velocities of joints {listed(joints)} follow the angles of other joints "
@@ -156,12 +156,12 @@ def _order(related: Array, moved: Array) -> tuple[Array, list[Fault]]:
 
 
 def _slopes(
-    change: Array, integral: Array, related: Array, moved: Array
+    change: Array, integral: Array, related: Array, moving: Array
 ) -> list[Fault]:
     """Velocities of another sign or size than the change of their angles."""
     own, power = np.diag(related), np.sum(change**2, axis=0)
     slope = np.sum(change * integral, axis=0) / np.maximum(power, 1e-300)
-    good = moved & (np.abs(own) > CHECK.velocity_correlation)
+    good = moving & (np.abs(own) > CHECK.velocity_correlation)
     size = float(np.median(np.abs(slope[good]))) if good.any() else 1.0
     alike = np.all(np.abs(np.abs(slope[good]) / size - 1) < CHECK.velocity_spread)
     out = []
@@ -182,7 +182,7 @@ def _slopes(
         )
         repair = Repair("qd", scaled, scale=tuple(1 / s for s in sizes))
         out.append(Fault(_VELOCITY, scaled, True, words, (repair,)))
-    if loose := joints_of(moved & ~good):
+    if loose := joints_of(moving & ~good):
         words = (
             f"The velocity of joints {listed(loose)} is not the derivative of the "
             f"angle (correlation {min(abs(own[j - 1]) for j in loose):.2f}): filtered, "

@@ -1,4 +1,4 @@
-"""Which way gravity points, before anything else of an arm is believed.
+"""The direction of gravity, which is checked before anything else.
 
 With a body near that of the robot file, torque is linear in the direction of gravity
 (METHOD 16.1). The directions along the axes and the one that is given are compared by
@@ -147,10 +147,10 @@ def _best_gravity(robot: Robot, motion: Motion) -> tuple[GravityFit, GravityFit]
     return was, near if near.nats > best.nats - CHECK.odds_nats else best
 
 
-def _angle(one: Array, other: Array) -> float:
+def _angle(a: Array, b: Array) -> float:
     """Angle between two directions [rad]; none where one is nothing."""
-    size = float(np.linalg.norm(one) * np.linalg.norm(other))
-    return float(np.arccos(np.clip(one @ other / size, -1, 1))) if size else 0.0
+    size = float(np.linalg.norm(a) * np.linalg.norm(b))
+    return float(np.arccos(np.clip(a @ b / size, -1, 1))) if size else 0.0
 
 
 def _refined(robot: Robot, motion: Motion, stand: GravityFit) -> GravityFit:

@@ -1,4 +1,4 @@
-"""Faults of the column map that the physics of the motion shows."""
+"""Faults of the column map that contradict the physics of the motion."""
 
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
@@ -67,9 +67,9 @@ def _wrong_robot(best: ScoredReading, faults: list[Fault]) -> list[Fault]:
         return []
     tried = f" (the best: {', '.join(sorted({f.kind for f in faults}))})"
     words = (
-        "In no order, sign or unit of its columns is this the log of this robot"
-        f"{tried if kinds else ''}: masses and inertias of several joints would have "
-        f"to be far from the robot file, {nats:.0f} nats beside the worst of them."
+        "No single reordering, sign or unit change makes this log fit the robot"
+        f"{tried if kinds else ''}: masses and inertias of several joints would be far "
+        f"from the robot file ({nats:.0f} nats without the worst joint)."
     )
     certain = nats > CHECK.broken_nats or any(fault.certain for fault in faults)
     return [Fault("wrong_robot", (), certain, words)]
@@ -88,7 +88,7 @@ def _fault_of(
     kind, joints, words, repairs, undone = mistake
     other = score_reading(robot, motion, replace(best.reading, **undone))
     nats = best.nats - other.nats
-    # A mistake of the map made all of its joints worse: mended, none may suffer.
+    # Undoing a mistake of the map may not make any of its joints worse.
     worse = [j - 1 for j in joints or range(1, robot.dof + 1)]
     suffers = max(other.fit(j) - best.fit(j) for j in worse)
     # What is said of all joints must be true of each.
@@ -101,7 +101,7 @@ def _fault_of(
 
 
 class _Mistake(NamedTuple):
-    """What a reading mends, and the fields of it that undo that."""
+    """A difference of a reading from the map, and the fields that undo it."""
 
     kind: str
     joints: Joints
@@ -111,7 +111,7 @@ class _Mistake(NamedTuple):
 
 
 def _units(reading: Reading, gears: Array | None) -> Iterator[_Mistake]:
-    """Other units of torques and angles; those of motors are mended by known gears."""
+    """Other units of torques and angles; known gear ratios fix those of motors."""
     unit, angle = reading.torque_unit, reading.angle_unit
     joints = tuple(range(1, len(reading.angle_order) + 1))
     known = () if gears is None else tuple(float(abs(g)) for g in gears)
@@ -146,9 +146,9 @@ def _units(reading: Reading, gears: Array | None) -> Iterator[_Mistake]:
         yield _Mistake("angle_unit", (), text, repairs, {"angle_unit": 1.0})
 
 
-def _places(reading: Reading, same: Reading) -> Iterator[_Mistake]:
+def _places(reading: Reading, default: Reading) -> Iterator[_Mistake]:
     """Other orders and signs than those of the map as given."""
-    given = same.angle_order
+    given = default.angle_order
     orders = {"q": reading.angle_order, "tau": reading.torque_order}
     repairs = [
         Repair(signal, order=tuple(i + 1 for i in order))
@@ -172,7 +172,7 @@ def _places(reading: Reading, same: Reading) -> Iterator[_Mistake]:
         )
         repairs = [_turn("q", angles)] + ([_turn("tau", both)] if both else [])
         kept = tuple(np.where(angle < 0, 1, torque).tolist())
-        undone = {"angle_sign": same.angle_sign, "torque_sign": kept}
+        undone = {"angle_sign": default.angle_sign, "torque_sign": kept}
         yield _Mistake("angle_sign", angles, words, repairs, undone)
     if alone:
         words = (

@@ -40,7 +40,7 @@ class JointScores:
     power: Array  # squares of the channels, summed, (dof,)
     varying: Array  # the same about the channel's mean, (dof,)
     cross: Array  # channel times nominal torque, (dof,)
-    own: float  # squares of the nominal torque, summed
+    model_power: float  # squares of the nominal torque, summed
     rows: float  # independent rows
     strongest: float  # largest mean square of a channel
 
@@ -80,13 +80,13 @@ class JointScores:
         n = max(self.rows, 1)
         var = (_SIGMAS[:, None] * factor) ** 2 * self.power[channel] / n
         var += (_COUPLED * factor) ** 2 * self.strongest
-        return var + _EXACT * self.own / n + 1e-300
+        return var + _EXACT * self.model_power / n + 1e-300
 
     def _table(self, channel: int, factor: Array) -> Array:
         """Evidence for each size of what the model lacks. Shape (sigmas, k)."""
         n, d, brake = self.rows, self.values, self.brake
         square = factor**2 * self.power[channel] - 2 * factor * self.cross[channel]
-        square = square + self.own
+        square = square + self.model_power
         c = factor[:, None] * self.channel[:, channel] - self.model
         var = self._variance(channel, factor)
         wide = d + var[:, :, None]
@@ -125,7 +125,7 @@ def torque_scores(robot: Robot, motion: Motion) -> list[JointScores]:
                 power=weight * np.sum(tau**2, axis=0),
                 varying=weight * np.sum(varying**2, axis=0),
                 cross=weight * mean @ tau,
-                own=weight * float(mean @ mean),
+                model_power=weight * float(mean @ mean),
                 rows=weight * len(tau),
                 strongest=strongest,
             )

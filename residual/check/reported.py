@@ -1,4 +1,4 @@
-"""Torque that is not the drive's: another joint's, in no N m, or with a part gone.
+"""Torque of another joint, in another unit, or with a part removed by the driver.
 
 Drives report currents, and drivers take weight or friction out of what they report. Of
 a rough robot file, a load or a gear's losses the joints that carry the arm keep most of
@@ -159,7 +159,7 @@ def unit_fault(robot: Robot, scaled: Array, shares: Shares) -> Fault:
         # As far as a rough file tells, factors are those of the robot file.
         if known is not None and _alike(own / np.abs(known[shown])):
             repair = Repair("tau", joints, scale=tuple(np.abs(known).tolist()))
-            words += "The robot.toml has the factors that mend it."
+            words += "robot.toml has the factors that fix it."
             return Fault(kind, (), certain, words, (repair,))
     for unit in (1e-3, 1e3, 1e-2):
         if _alike(own / unit):

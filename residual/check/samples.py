@@ -1,4 +1,4 @@
-"""Samples that no arm can have made: spikes, leaps, values that stand or are coarse.
+"""Impossible samples: spikes, jumps, constant or coarse values.
 
 A joint that is held has an angle of one value too. It feels the others: its torque is
 what the robot file, bent as far as a rough one may be, gives for a standing joint.
@@ -40,9 +40,8 @@ def spikes(recording: Recording) -> list[Fault]:
                 at = np.flatnonzero(high)
                 near = recording.t[int(at[len(at) // 2])]
                 words = (
-                    f"{name}{j + 1} leaves its neighbours for single samples, as near "
-                    f"t = {near:.6g} s, by {away.max() / usual:.3g} times what its "
-                    "samples usually do."
+                    f"Isolated outlier in {name}{j + 1} near t = {near:.6g} s "
+                    f"({away.max() / usual:.3g} times the usual deviation)."
                 )
                 out.append(_suspected("spike", recording, j, words))
     return out
@@ -53,9 +52,9 @@ def _suspected(kind: str, recording: Recording, j: int, words: str) -> Fault:
 
 
 def wraps(recording: Recording, robot: Robot) -> list[Fault]:
-    """Find angles that leap by a whole turn between two samples: an encoder that wraps.
+    """Find angles that jump by a whole turn between two samples: an encoder that wraps.
 
-    No joint of the robot can go so far in a step.
+    No joint of the robot can move so far in a step.
     """
     leap = np.diff(recording.q, axis=0)
     whole = np.abs(np.abs(leap) - 2 * np.pi) < _TURN
@@ -66,8 +65,8 @@ def wraps(recording: Recording, robot: Robot) -> list[Fault]:
     if not joints:
         return []
     words = (
-        f"The angle of {joints_listed(joints)} leaps by a whole turn between two "
-        "samples: the encoder begins again there."
+        f"The angle of {joints_listed(joints)} jumps by 2*pi between two samples: the "
+        "encoder wraps."
     )
     repairs = (Repair("q", joints, unwrap=True),)
     return [Fault("out_of_range", joints, True, words, repairs, recording.id)]
@@ -103,7 +102,7 @@ def standing(recording: Recording) -> list[Fault]:
         tau, q = recording.tau[:, j], recording.q[:, j]
         clipped = _clipped(tau)
         if clipped:
-            words = f"tau{j + 1} stands at {clipped} again and again: it is cut there."
+            words = f"tau{j + 1} repeatedly stays at {clipped}: it saturates there."
             out.append(_suspected("saturated", recording, j, words))
         coarse = _coarse(recording, j)
         out += coarse
@@ -127,7 +126,7 @@ def standing(recording: Recording) -> list[Fault]:
 def _frozen(recording: Recording, name: str, j: int, run: slice, moves: str) -> Fault:
     first, last = recording.t[run.start], recording.t[run.stop - 1]
     words = (
-        f"{name}{j + 1} stands still from t = {first:.6g} to {last:.6g} s, while "
+        f"{name}{j + 1} is constant from t = {first:.6g} to {last:.6g} s, while "
         f"{moves}."
     )
     return _suspected("frozen", recording, j, words)

@@ -37,7 +37,7 @@ _NEAREST = 0.02  # of a torque: no file is nearer
 
 @dataclass(frozen=True, eq=False, slots=True)
 class Slips:
-    """What is wrong with a map, and the arm and its motion as they then are."""
+    """Slips of a map, and the arm and its motion with them repaired."""
 
     faults: tuple[Fault, ...]
     robot: Robot
@@ -68,7 +68,7 @@ def slips(robot: Robot, motion: Motion) -> Slips | None:
 
 
 def _pair(best: "_Candidate") -> Slips | None:
-    """All slips of a log of which one may be mended, if they make it this arm's."""
+    """One or two slips whose repair makes the log fit this arm, or None."""
     best, factor = _turned_back(best)
     factors = torque_factors(best.shares)
     if factors is not None:
@@ -133,7 +133,7 @@ def _turned_back(best: "_Candidate") -> tuple["_Candidate", Array]:
 
 @dataclass(frozen=True, eq=False, slots=True)
 class _Candidate:
-    """A log with one slip mended, whatever the factors of its torques."""
+    """A log with one slip repaired, its torques of any factor."""
 
     faults: tuple[Fault, ...]
     robot: Robot

@@ -79,7 +79,7 @@ def test_faults_are_told_with_evidence_and_the_line_that_mends_them(log, found, 
     said = capsys.readouterr().out
     assert "unusable as they are: 1 certain and 1 suspected faults" in said
     assert "Torque counts the other way round (joint 2): torque_sign, certain." in said
-    assert "To mend it (--map):" in said
+    assert "Fix (--map):" in said
     assert 'tau = {columns = ["tau1", "tau2", "tau3", "tau4", "tau5", "tau6"], ' in said
     assert said.index("joint 2") < said.index("A: Torque is late by 8 ms.")
 

@@ -410,4 +410,4 @@ def _fault(fault: Fault) -> list[str]:
         return said
     repair = fault.repair.splitlines()
     place = place_of(fault.repair)
-    return [*said, f"  To mend it ({place}):", *(f"    {line}" for line in repair)]
+    return [*said, f"  Fix ({place}):", *(f"    {line}" for line in repair)]
