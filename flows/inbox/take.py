@@ -155,7 +155,7 @@ def _final_paths(why: str, job: Job) -> str:
 
 def inbox_reason(why: str) -> str:
     """Return a reason without options of the command line."""
-    why = plain(why.replace(" Or go on with --trust-log (trust_log=True).", ""))
+    why = plain(why.replace(" To continue anyway: --trust-log (trust_log=True).", ""))
     if "--map" not in why:
         return why
     why = re.sub(r"(with )?--map( COLUMNS\.toml)?", r"\1COLUMNS.toml", why)

@@ -164,24 +164,28 @@ def watch(
 ) -> list[str]:
     """Monitor the sensors of runs; an alarm sends an event."""
     new = monitoring.watch_new(ids, Path(store), model, good, tag)
-    if new.record is None or new.found is None:
+    if new.record is None or new.result is None:
         get_run_logger().info(new.why)
         artifacts.publish("monitor", (), [f"{new.why} Nothing was monitored."])
         artifacts.rename(f"monitor: nothing monitored. {new.why}")
         return []
-    parts = [meaning(new.found), *new.found.notes, alarm_table(new.found, new.watched)]
+    parts = [
+        meaning(new.result),
+        *new.result.notes,
+        alarm_table(new.result, new.watched),
+    ]
     artifacts.publish("monitor", [new.record], parts)
     alarmed, count = new.alarmed, len(new.watched)
     summary = f"alarms in {len(alarmed)} of" if alarmed else "no alarm in"
-    robot = new.found.monitor.model.robot.name
+    robot = new.result.monitor.model.robot.name
     artifacts.rename(f"{robot}: {summary} {count} new runs")
     if alarmed:
-        good = {"good_ids": list(new.found.calibration)}
+        good = {"good_ids": list(new.result.calibration)}
         artifacts.send_event(
             ALARM, {"record": new.record, "run_ids": list(alarmed)} | good
         )
         title = f"{robot}: {summary} {count} new runs"
-        artifacts.send_notice("alarm", robot, title, meaning(new.found), list(alarmed))
+        artifacts.send_notice("alarm", robot, title, meaning(new.result), list(alarmed))
     return [new.record]
 
 

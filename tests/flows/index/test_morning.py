@@ -159,7 +159,11 @@ def test_who_waits_for_an_answer_need_not_give_signs_of_life():
         ("Degrees? Say so in --map: q = {unit = 'deg'}.", "in COLUMNS.toml: q =", "--"),
         ("or say which is which with --map COLUMNS.toml.", "with COLUMNS.toml", "--"),
         ("is the unit of time right (--map)?", "(COLUMNS.toml)", "--map"),
-        ("Mend it. Or go on with --trust-log (trust_log=True).", "Mend it.", "trust"),
+        (
+            "Fix it. To continue anyway: --trust-log (trust_log=True).",
+            "Fix it.",
+            "trust",
+        ),
     ],
 )
 def test_a_refused_log_is_told_the_cure_that_works_there(why, there, gone):
