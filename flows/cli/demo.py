@@ -16,7 +16,7 @@ from flows.settings import store_folder
 from flows.steps import demo as steps
 from flows.steps.diagnose import diagnose_runs, request_of
 from flows.storage.diagnosis import read_outcome
-from warehouse.remote import shown
+from warehouse.remote import store_name
 
 # As it was once called; a demonstration is always plain now.
 Plain = Annotated[Flag, Parameter(show=False)]
@@ -42,7 +42,7 @@ def demo(*, request: steps.Demo = _DEFAULT, plain: Plain = False) -> None:
     # Before anything is started, so that a wrong word is answered at once.
     count = len(steps.specs(request))
     arm = f"the simulated {steps.ROBOT}, background {request.background}"
-    say(console, f"{count} experiments on {arm}, into {shown(place)}")
+    say(console, f"{count} experiments on {arm}, into {store_name(place)}")
     with progress_bar() as progress:
         runs = steps.run_experiments(request, progress)
         ids = diagnose_runs(request_of(runs, place), progress)
