@@ -9,7 +9,7 @@ import pytest
 
 from flows.cli import main
 from flows.inbox.new import new_runs, robot_of_runs
-from flows.inbox.take import REFUSED, import_all, inbox_reason, inboxes, list_logs
+from flows.inbox.take import import_all, inbox_reason, inboxes, list_logs
 from flows.project.deployments import deployments
 from flows.project.read import read_project
 from flows.report.index import page_at, refused
@@ -86,7 +86,7 @@ def morning(project):
     (folder / "bad.csv").write_text("t,q1\n0,1\n")
     (inbox, _) = inboxes(project)
     (taken,) = import_all(inbox, list_logs(folder), lambda runs: None)
-    assert taken.status == REFUSED
+    assert taken.status == "refused"
     verdict = made.verdict(robot=arm.name)
     id = diagnose(store, loads, verdict)
     batch = {"robot": arm.name, "kind": "batch", "project": "cell"}
@@ -166,7 +166,7 @@ def test_who_waits_for_an_answer_need_not_give_signs_of_life():
         ),
     ],
 )
-def test_a_refused_log_is_told_the_cure_that_works_there(why, there, gone):
+def test_a_refused_log_is_told_the_cure_that_works_in_an_inbox(why, there, gone):
     told = inbox_reason(why)
     assert there in told
     assert gone not in told
