@@ -1,9 +1,8 @@
-"""The peer: one plain regression of both epochs, candidates side by side, no search.
+"""The peer: one plain regression of both epochs, one candidate at a time.
 
-What an arm has in both epochs (inertia, friction by speed, load and angle, waves) is
-fitted together; a candidate counts only times 1[second epoch]. Its covariance is
-clustered in blocks of time and widened, joint by joint, by how much single logs of the
-first epoch differ from each other. It knows ten effects and looks for one at a time.
+Inertia, friction by speed, load and angle, and waves are fitted to both epochs; a
+candidate column counts only times 1[second epoch]. The covariance is clustered in
+blocks of time and widened joint by joint by how much logs of the first epoch differ.
 """
 
 from collections.abc import Sequence
@@ -28,7 +27,6 @@ _ORDERS = np.arange(6.0, 42.0, 0.5)  # waves per turn that are tried
 _LOCAL = ("offset", "coulomb", "viscous", "spring", "load_friction", "torque_gain")
 _GAIN = _LOCAL.index("torque_gain")
 _SHARED = ("payload", "base_tilt", "delay")
-EFFECTS = frozenset({*_LOCAL, "ripple", *_SHARED})
 # What single logs differ by where there are too few to tell.
 _UNTESTED = 4.0
 
@@ -41,11 +39,10 @@ class Change:
     name: str
     joint: int  # its joint from 1; 0 for one of the whole arm
     estimate: Array  # its coefficients. Shape (k,).
-    deviation: Array  # their standard deviations. Shape (k,), of a load fewer.
     share: float  # RMS of its torque over that of the joint, where it is largest
 
     @property
-    def found(self) -> bool:
+    def is_named(self) -> bool:
         """Whether it is large and sure enough to be named."""
         return self.evidence >= THRESHOLD and self.share >= LEAST_SHARE
 
@@ -68,7 +65,7 @@ class _Joint:
 
     common: Array  # what it has in both epochs, of one size. Shape (m, p).
     inverse: Array  # of the Gram matrix of these. Shape (p, p).
-    rest: Array  # torque less what these explain. Shape (m,).
+    residual: Array  # torque less what these explain. Shape (m,).
     local: Array  # candidates of its own. Shape (m, c).
     shared: dict[str, Array]  # its part of those of the arm. Each of shape (m, k).
     second: Array  # whether a row is of the second epoch. Shape (m,).
@@ -83,7 +80,7 @@ class _Joint:
     @cached_property
     def variance(self) -> float:
         """Of what is left of the torque."""
-        return max(float(self.rest @ self.rest) / len(self.rest), 1e-12)
+        return max(float(self.residual @ self.residual) / len(self.residual), 1e-12)
 
     @cached_property
     def in_second(self) -> Array:
@@ -101,19 +98,10 @@ class _Joint:
         return float(np.sqrt(((columns @ theta) ** 2).mean() / there)) / self.rms
 
 
-@dataclass(frozen=True, eq=False, slots=True)
-class _Test:
-    """What a regression says of one candidate: statistic, values, covariance."""
-
-    wald: float
-    theta: Array
-    covariance: Array
-
-
 def changes(
     model: pin.Model, first: Sequence[Recording], second: Sequence[Recording]
-) -> tuple[tuple[Change, ...], Array]:
-    """Return all candidates, best first, and the factor of each joint's variance."""
+) -> list[Change]:
+    """Return all candidates, best first."""
     logs = [_log(model, log) for log in (*first, *second)]
     later = np.arange(len(logs)) >= len(first)
     joints = [_joint(logs, later, j) for j in range(model.nv)]
@@ -126,7 +114,7 @@ def changes(
     ]
     typical = float(np.median(restless))
     found += [_shared_change(name, joints, typical, blocks) for name in _SHARED]
-    return tuple(sorted(found, key=lambda c: -c.evidence)), restless
+    return sorted(found, key=lambda c: -c.evidence)
 
 
 def _own_changes(
@@ -144,13 +132,12 @@ def _own_changes(
             # A wave that both epochs have is not among the common columns.
             both = joint.in_both[:, place]
             columns = columns - both @ np.linalg.lstsq(both, columns, rcond=1e-8)[0]
-        test = _tested([(joint, columns)])
+        wald, theta, _ = _tested([(joint, columns)])
         size = len(place)
-        evidence = test.wald / restless / 2 - size / 2 * np.log(blocks)
+        evidence = wald / restless / 2 - size / 2 * np.log(blocks)
         evidence -= np.log(len(_ORDERS)) if name == "ripple" else 0.0
-        share = joint.share(joint.local[:, place] * joint.second[:, None], test.theta)
-        deviation = np.sqrt(np.diag(test.covariance) * restless)
-        out.append(Change(evidence, name, number, test.theta, deviation, share))
+        share = joint.share(joint.local[:, place] * joint.second[:, None], theta)
+        out.append(Change(evidence, name, number, theta, share))
     return out
 
 
@@ -160,35 +147,31 @@ def _shared_change(
     columns = [joint.shared[name] * joint.second[:, None] for joint in joints]
     basis = np.eye(columns[0].shape[1])
     if name == "payload":
-        basis = _told(joints, columns)
+        basis = _identifiable(joints, columns)
         columns = [each @ basis for each in columns]
     each = zip(joints, columns, strict=True)
-    test = _tested([(joint, joint.without_common(c)) for joint, c in each])
+    wald, theta, _ = _tested([(joint, joint.without_common(c)) for joint, c in each])
     size = columns[0].shape[1]
-    evidence = test.wald / restless / 2 - size / 2 * np.log(blocks)
-    share = max(
-        joint.share(c, test.theta) for joint, c in zip(joints, columns, strict=True)
-    )
-    deviation = np.sqrt(np.abs(np.diag(test.covariance)) * restless)
-    return Change(evidence, name, 0, basis @ test.theta, deviation, share)
+    evidence = wald / restless / 2 - size / 2 * np.log(blocks)
+    share = max(joint.share(c, theta) for joint, c in zip(joints, columns, strict=True))
+    return Change(evidence, name, 0, basis @ theta, share)
 
 
-def _told(joints: Sequence[_Joint], columns: Sequence[Array]) -> Array:
+def _identifiable(joints: Sequence[_Joint], columns: Sequence[Array]) -> Array:
     """Return a basis of what the logs can tell of the ten parameters. Shape (10, k)."""
     gram = np.zeros((dynamics.PER_LINK, dynamics.PER_LINK))
     for joint, each in zip(joints, columns, strict=True):
-        rest = joint.without_common(each)
-        gram += rest.T @ rest / joint.variance
+        residual = joint.without_common(each)
+        gram += residual.T @ residual / joint.variance
     size = np.sqrt(np.diag(gram)) + 1e-9
     values, vectors = np.linalg.eigh(gram / np.outer(size, size))
     return vectors[:, values > 1e-4 * values[-1]] / size[:, None]
 
 
-def _tested(parts: Sequence[tuple[_Joint, Array]]) -> _Test:
-    """Regress what is left of some joints' torques on what is left of columns.
+def _tested(parts: Sequence[tuple[_Joint, Array]]) -> tuple[float, Array, Array]:
+    """Return Wald statistic, coefficients and covariance of some columns.
 
-    The covariance sums the scores of a block before it squares them, so that errors
-    that last for some of a block's rows count as one.
+    The covariance sums the scores of a block before it squares them (clustered errors).
 
     Args:
         parts: Joints, and columns less the common ones. Shapes (m, k).
@@ -197,12 +180,12 @@ def _tested(parts: Sequence[tuple[_Joint, Array]]) -> _Test:
     gram, score = np.zeros((size, size)), np.zeros(size)
     for joint, columns in parts:
         gram += columns.T @ columns / joint.variance
-        score += columns.T @ joint.rest / joint.variance
+        score += columns.T @ joint.residual / joint.variance
     gram += 1e-9 * np.trace(gram) / size * np.eye(size)
     theta = np.linalg.solve(gram, score)
     names = np.concatenate([joint.block for joint, _ in parts])
     each = [
-        columns * (joint.rest - columns @ theta)[:, None] / joint.variance
+        columns * (joint.residual - columns @ theta)[:, None] / joint.variance
         for joint, columns in parts
     ]
     block, place = np.unique(names, return_inverse=True)
@@ -212,13 +195,13 @@ def _tested(parts: Sequence[tuple[_Joint, Array]]) -> _Test:
     few = len(block) / max(1, len(block) - size)
     covariance = inverse @ (sums.T @ sums) @ inverse * few
     weight = np.linalg.pinv(covariance, rcond=1e-6, hermitian=True)
-    return _Test(float(theta @ weight @ theta), theta, covariance)
+    return float(theta @ weight @ theta), theta, covariance
 
 
 def _restless(joint: _Joint) -> float:
     """Return by how much single logs of the first epoch differ from the others.
 
-    The mean of the squared t of each log against the rest, over all of the joint's
+    The mean of the squared t of each log against the residual, over all of the joint's
     candidates, the largest tenth left out; never less than 1. With fewer than three
     logs their halves stand for logs.
     """
@@ -235,8 +218,8 @@ def _restless(joint: _Joint) -> float:
         alone = joint.without_common(joint.local[:, : len(_LOCAL)] * there[:, None])
         for c in range(len(_LOCAL)):
             columns = np.column_stack([alone[:, c], joint.in_second[:, c]])
-            test = _tested([(joint, columns)])
-            found.append(test.theta[0] ** 2 / test.covariance[0, 0])
+            _, theta, covariance = _tested([(joint, columns)])
+            found.append(theta[0] ** 2 / covariance[0, 0])
     if not found:
         return _UNTESTED
     kept = sorted(found)[: max(1, int(0.9 * len(found)))]
@@ -254,13 +237,13 @@ def _joint(logs: Sequence[_Log], later: Array, j: int) -> _Joint:
     local = all_of(log.local[j] for log in logs)
     x = x / (np.sqrt((x**2).mean(axis=0)) + 1e-12)
     inverse = np.linalg.inv(x.T @ x + 1e-5 * len(tau) * np.eye(x.shape[1]))
-    rest = _project(x, inverse, tau)
+    residual = _project(x, inverse, tau)
     # A gain acts on what the arm does, not on what nobody can explain.
-    local[:, _GAIN] = tau - rest
+    local[:, _GAIN] = tau - residual
     return _Joint(
         common=x,
         inverse=inverse,
-        rest=rest,
+        residual=residual,
         local=local,
         shared={n: all_of(log.shared[n][:, j] for log in logs) for n in _SHARED},
         second=np.repeat(later, [k.sum() for k in kept]),

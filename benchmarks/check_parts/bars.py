@@ -1,13 +1,12 @@
-"""What must be reached, as figures of the rows of all groups."""
+"""Figures and bars of the rows of all groups."""
 
 from collections import defaultdict
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 
 import numpy as np
 
 from benchmarks.check_parts.arms import MEASURED
 from benchmarks.harness.figures import (
-    FEW,
     NO_BAR,
     NO_LOGS,
     Figures,
@@ -19,9 +18,8 @@ from benchmarks.harness.rates import Line, Rows, counted, lines, per
 
 # What is true of a log is no false fault.
 TRUE_OF = {
-    "ur10": ("filtered",),
     # In each run speeds 1, 3, 4, 6, 7 are proportional, and 2 and 5 are.
-    "lwr4": ("filtered", "lockstep"),
+    "lwr4": ("lockstep",),
     # The inertia of its link 5 breaks the triangle inequality.
     "gen3": ("too_short", "no_reversal", "robot_file"),
 }
@@ -31,7 +29,7 @@ SHOWS_AS = {
 }
 
 
-def figures(rows: Rows, absent: Sequence[str], deciding: bool) -> Figures:
+def figures(rows: Rows, deciding: bool) -> Figures:
     by_group = defaultdict(list)
     for row in rows:
         by_group["crashes" if "error" in row else row["group"]].append(row)
@@ -46,12 +44,11 @@ def figures(rows: Rows, absent: Sequence[str], deciding: bool) -> Figures:
         **lines([_EXACT], mended),
         **lines([_FALSE], sound),
         "false_certain": figure(len(certain), 0, len(sound), which=which),
-        **lines([_TRUSTED], by_group["trusted"]),
         "seconds": figure(value, None, len(own), why=NO_BAR),
         "crashes": figure(len(by_group["crashes"]), 0, len(rows)),
     }
     if not out["faults_found_measured"]["n"]:
-        out["faults_found_measured"] = missing(None, NO_LOGS if absent else FEW)
+        out["faults_found_measured"] = missing(None, NO_LOGS)
     return out if deciding else undecided(out)
 
 
@@ -73,7 +70,7 @@ def _is_measured(row: Mapping) -> bool:
     return row["host"] in MEASURED
 
 
-def _which(sound: Rows) -> dict:
+def _list_faults(sound: Rows) -> dict:
     told = [
         f"{kind}{' (certain)' if certain else ''} on {row['host']}"
         for row in sound
@@ -89,10 +86,5 @@ _OF_FAULTS = (
 )
 _EXACT = Line("repairs_exact", _is_exact, 0.90, beside=per(_is_exact, "kind"))
 _FALSE = Line(
-    "false_faults", lambda r: bool(false_of(r)), 0.02, most=True, beside=_which
-)
-_TRUSTED = Line(
-    "certain_unnamed",
-    lambda r: r["answer"] in ("unknown", "refused") and not r["named"],
-    1.0,
+    "false_faults", lambda r: bool(false_of(r)), 0.02, most=True, beside=_list_faults
 )

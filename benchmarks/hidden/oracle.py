@@ -1,8 +1,7 @@
-"""What one would reach who is told the missing effects: the measure of a diagnosis.
+"""Fit the true effects with their values free: the reference for a diagnosis.
 
-The same logs, model, prior and fit as the examined, but nothing is searched: the names
-and joints are given, their values are fitted. A diagnosis that predicts as well has
-lost nothing by having to find them.
+Logs, model, prior and fit are those of the diagnosis, but effects and joints are given
+instead of searched. A diagnosis that predicts as well has lost nothing by the search.
 """
 
 from collections.abc import Sequence
@@ -10,7 +9,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from residual.diagnosis.outcome import SearchOutcome
-from residual.diagnosis.search import Candidates, Task, refined
+from residual.diagnosis.search import Candidates, Task, refine_shape
 from residual.effects import registry
 from residual.effects.base import Effect, Joints, PlacedEffect
 from residual.errors import check_name
@@ -117,6 +116,6 @@ def _fitted(task: Task, grid: Sequence[Sequence[Group]]) -> Fit:
     for groups in grid:
         trials = [task.fit((*current.members, g), current) for g in groups]
         best = max(trials, key=lambda trial: trial.score)
-        members = refined(task, best.members, current)
+        members = refine_shape(task, best.members, current)
         current = task.settle(task.fit(members, current))
     return current

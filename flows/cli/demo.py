@@ -1,4 +1,4 @@
-"""modelgap demo: an arm that hides something, the truth shown last."""
+"""modelgap demo."""
 
 from dataclasses import replace
 from typing import Annotated
@@ -9,8 +9,8 @@ from rich.console import Console
 from flows.cli.app import SEEDS, check_between
 from flows.outputs import progress_bar, say
 from flows.report.diagnosis import print_diagnosis, print_truth
-from flows.report.stored import as_hidden, demo_page
-from flows.report.words.phrases import Staged
+from flows.report.stored import demo_page, hidden_effects
+from flows.report.words.phrases import Demonstration
 from flows.requests import Flag
 from flows.settings import store_folder
 from flows.steps import demo as steps
@@ -20,16 +20,15 @@ from warehouse.remote import shown
 
 # As it was once called; a demonstration is always plain now.
 Plain = Annotated[Flag, Parameter(show=False)]
-_USUAL = steps.Demo()
+_DEFAULT = steps.Demo()
 
 
-def demo(*, request: steps.Demo = _USUAL, plain: Plain = False) -> None:
-    """Find the effect that a simulated arm hides from its model.
+def demo(*, request: steps.Demo = _DEFAULT, plain: Plain = False) -> None:
+    """Find the hidden effect of a simulated arm.
 
-    Runs six experiments of three families on the arm in a physics engine, and two that
-    no fit will see; stores them, finds from the stored logs what the model lacks, adds
-    it, shows the error before and after, and writes a report. Then the seal is opened
-    and the truth shown beside the verdict. Runs are kept: a second time is quicker.
+    Runs six experiments of three motion families in a physics engine, and two held-out
+    ones; diagnoses the stored logs, writes a report, then opens the sealed truth and
+    prints it next to the verdict. Stored runs are not repeated.
 
     ```
     modelgap demo
@@ -51,5 +50,7 @@ def demo(*, request: steps.Demo = _USUAL, plain: Plain = False) -> None:
         page = demo_page(ids, runs["fit"][0], hidden, place)
     outcome = read_outcome(place, ids[1])
     print_diagnosis(outcome, console)
-    print_truth(Staged(b"", "", as_hidden(hidden), outcome.verdict), console)
+    print_truth(
+        Demonstration(b"", "", hidden_effects(hidden), outcome.verdict), console
+    )
     say(console, f"\nreport: {page}")

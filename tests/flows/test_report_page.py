@@ -12,10 +12,12 @@ from rich.console import Console
 
 from flows.report import charts
 from flows.report import page as base
+from flows.report.console import show
 from flows.report.diagnosis import print_diagnosis, render
-from residual.diagnosis.result import Diagnosis
-from residual.diagnosis.verdict import from_json, to_json
+from flows.report.document import Table
 from residual.model.compare import Cloud, LogProof
+from residual.verdict.document import from_json, to_json
+from residual.verdict.result import Diagnosis
 from tests.flows import report_outcomes as made
 from tests.flows.report_pages import Page
 from tests.verdict_documents import typed
@@ -26,9 +28,8 @@ NASTY = "<script>alert(1)</script>&\"'$x_1$[bold]"
 @pytest.fixture
 def quick(monkeypatch: pytest.MonkeyPatch) -> None:
     """Leave out the drawing, for tests of what stands around the figures."""
-    for name in ("_cloud_plot", "_bars_plot"):
-        monkeypatch.setattr(charts, name, lambda *_: {"data": []})
-    monkeypatch.setattr(charts.look, "over_time", lambda *_: {})
+    monkeypatch.setattr(charts, "_cloud_plot", lambda *_: {"data": []})
+    monkeypatch.setattr(charts.figure, "over_time", lambda *_: {})
     monkeypatch.setattr(base, "library", lambda: "")
 
 
@@ -47,7 +48,7 @@ def test_page_names_every_finding_joint_and_note(several_page: str) -> None:
         "A constant torque offset on joint 4",
         "Torque ripple on joint 5",
     )
-    for words in (*titles, "These data cannot tell a balancer from a spring."):
+    for words in (*titles, "These logs cannot separate a balancer from a spring."):
         assert words in page.text
     for joint in range(1, made.DOF + 1):
         alts = page.figures
@@ -136,7 +137,6 @@ def test_everything_that_may_be_null_may_be(name: str) -> None:
     document = to_json(outcome.verdict)
     found = [p for p in paths(document) if p[:2] != ("error", "logs")]
     assert len(found) > 80
-    # Of entries of one list that are alike, the first one.
     kinds = {tuple("#" if isinstance(k, int) else k for k in p): p for p in found[::-1]}
     found = kinds.values()
     assert len(found) > 30
@@ -148,7 +148,7 @@ def test_everything_that_may_be_null_may_be(name: str) -> None:
 
 def test_a_verdict_of_which_all_is_unknown_is_told() -> None:
     empty = Diagnosis(typed({}))
-    said = "No effect that the model lacks shows in these data."
+    said = "No missing effect found."
     assert said in render(empty, "kr300")
     assert said in printed(empty)
 
@@ -171,7 +171,7 @@ def test_every_kind_of_verdict_gives_a_page(name: str) -> None:
     assert page.open == []
     for warning in outcome.warnings:
         assert warning in page.text
-    assert ("Weak proof." in page.text) is (name == "same_run")
+    assert ("Weak test." in page.text) is (name == "same_run")
 
 
 @pytest.mark.parametrize("encoding", ["utf-8", "ascii"])
@@ -184,6 +184,16 @@ def test_terminal_stays_within_its_width(name: str, width: int, encoding: str) -
     assert "\x1b" not in text
 
 
+def test_a_table_that_is_too_wide_prints_a_row_at_a_time_and_cuts_nothing() -> None:
+    cells = [f"{n}.125" for n in range(12)]
+    file = io.StringIO()
+    table = Table(["effect", *(f"J{n}" for n in range(12))], [["ripple", *cells]])
+    show(Console(file=file, width=60, no_color=True), table)
+    words = file.getvalue().replace(",", " ").split()
+    assert {"ripple", "J11", *cells} <= set(words)
+    assert max(map(len, file.getvalue().splitlines())) <= 60
+
+
 def test_terminal_says_the_verdict_first_and_then_everything() -> None:
     text = printed(made.several())
     flat = " ".join(text.split())
@@ -191,13 +201,13 @@ def test_terminal_says_the_verdict_first_and_then_everything() -> None:
     for words in (
         "J4 41.22 ± 0.61 N m",
         "amplitude 7020 ± 42 N m",
-        "or a spring: these data",
-        "held-out: neutral",
-        "by plausibility",
+        "2. a balancer on joint 2 or a spring",
+        "probability 97 % (of any of these)",
+        "by plausibility, probability 83 %, held-out motion: neutral",
         "12.4 7.9",
-        "Next experiment:",
+        "Next experiment",
     ):
         assert words in flat
-    assert "Smallest size" not in text
-    assert "Smallest size" in printed(made.nothing())
+    assert "Smallest detectable" not in text
+    assert "Smallest detectable" in printed(made.nothing())
     assert "Warning: delay is withdrawn" in printed(made.unknown())

@@ -1,0 +1,126 @@
+"""Draw hidden effects: which, on which joints, and how large."""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from functools import cache
+
+import numpy as np
+
+from residual.diagnosis.result import Detectable
+from residual.effects import registry, reported_joints
+from residual.robot.robot import Robot
+from sim.draw import draw_hidden
+from sim.engine.records import PlantEffect, PlantSpec
+from sim.plant.arm import build_arm
+from sim.plant.catalogue import amount, kinds, multiplied, stated, unnamed
+from sim.plant.controller import maker_of
+
+CLEAR = 3.0  # multiples of the minimum detectable size from which one ought to see it
+ROUNDING = 1e-6
+# In minimum detectable sizes. One of a pair must not be lost in the other.
+MULTIPLES, OF_A_PAIR = (1.0, CLEAR, 5.0, 10.0), (CLEAR, 5.0, 10.0)
+# An arm that has ten times as much as any is no arm; where noise is that large, the
+# effect stays below the multiple that was asked for.
+MOST = 3.0  # of a usual size
+Minimum = Sequence[Detectable]
+
+
+@dataclass(frozen=True, slots=True)
+class Hidden:
+    """What an arm hides."""
+
+    effect: PlantEffect  # effect, joints and parameters, as the plant takes them
+    joints: tuple[int, ...]  # its joints in the convention of the verdict
+    size: float | None  # how much of it there is, None where that is no one number
+    # The size in minimum detectable ones, None where none is known.
+    multiple: float | None
+
+
+@cache
+def vocabulary(robot: Robot) -> tuple[tuple[str, ...], tuple[str, ...]]:
+    """Return what may be drawn: effects that have a name, and those that have none.
+
+    The first are all that the diagnosis looks for and the plant can have.
+    """
+    named = [
+        name
+        for name, effect in sorted(registry().items())
+        if name in kinds() and effect.candidates(robot.dof)
+    ]
+    # A broken sensor is the monitor's matter, and some of its faults have names here.
+    return tuple(named), tuple(sorted(unnamed()))
+
+
+def smallest(minimum: Minimum, name: str, joints: Sequence[int]) -> Detectable | None:
+    """Return an effect's smallest detectable size, None if no arm has as much."""
+    wanted = sorted(joints)
+    at = (d for d in minimum if d.name == name and sorted(d.joints) == wanted)
+    return next((d for d in at if d.value is not None), None)
+
+
+def draw_sized(
+    robot: Robot,
+    rng: np.random.Generator,
+    name: str,
+    multiple: float | None,
+    minimum: Minimum,
+) -> PlantEffect:
+    """Draw an effect of usual size and place, then make it so many times detectable.
+
+    Where no minimum detectable size is known, or the effect's torque is not in
+    proportion to any parameter, the usual size stays.
+
+    Args:
+        multiple: Wanted size in minimum detectable ones, None for the usual one.
+        minimum: ``minimum_detectable`` of a verdict on the same motion.
+    """
+    drawn = draw_hidden(robot, rng, name)
+    values = dict(drawn.parameters)
+    usual = amount(name, values)
+    least = smallest(minimum, name, reported_joints(name, drawn.joints, robot.dof))
+    if multiple is None or usual is None or least is None:
+        return drawn
+    wanted = min(multiple * stated(name, float(least.value)), MOST * usual)
+    sized = multiplied(name, values, wanted / usual)
+    return PlantEffect(name, drawn.joints, tuple(sorted(sized.items())))
+
+
+def measured(effect: PlantEffect, minimum: Minimum, robot: Robot) -> Hidden:
+    """Return an effect with its size beside the smallest that would be seen."""
+    joints = reported_joints(effect.name, effect.joints, robot.dof)
+    there = amount(effect.name, dict(effect.parameters))
+    if not there:
+        return Hidden(effect, joints, None, None)
+    least = smallest(minimum, effect.name, joints)
+    multiple = there / stated(effect.name, float(least.value)) if least else None
+    return Hidden(effect, joints, stated(effect.name, there), multiple)
+
+
+def true_parameters(robot: Robot, plant: PlantSpec) -> list[dict[str, float]]:
+    """Return the parameters of each hidden effect as a verdict states them.
+
+    Friction and rotors of an arm are scattered about what its maker says. What they
+    differ by is no part of the effect that was hidden, but of what is found.
+    """
+    base, maker = build_arm(robot, plant).base, maker_of(robot)
+    out = []
+    for effect in plant.effects:
+        values = dict(effect.parameters)
+        what = kinds()[effect.name]
+        if what.of_drive:
+            there, known = (getattr(x, what.of_drive) for x in (base, maker))
+            joint = effect.joints[0] - 1
+            values[what.amount[0]] += float(there[joint] - known[joint])
+        out.append(values)
+    return out
+
+
+def is_clear(row: Mapping) -> bool:
+    """Whether a hidden effect is so large that it ought to be seen."""
+    return row["multiple"] is not None and row["multiple"] >= CLEAR - ROUNDING
+
+
+def both_clear(row: Mapping) -> bool:
+    """Whether neither of a pair is known to be too small to be seen."""
+    sizes = (row["multiple"], row["second_multiple"])
+    return all(size is None or size >= CLEAR - ROUNDING for size in sizes)
