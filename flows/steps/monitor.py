@@ -37,16 +37,16 @@ class MonitoringResult:
 
     @property
     def notes(self) -> tuple[str, ...]:
-        """Limits of the result, a line each."""
+        """What to know about it, a line each."""
         out, hours = [], self.monitor.hours
         if self.monitor.per_hour * hours < 1:
             out.append(
-                f"The healthy runs last {60 * hours:.3g} min in all: the rate of at "
-                f"most {self.monitor.per_hour:g} false alarms per hour is "
+                f"The healthy runs last {60 * hours:.3g} min in all: that alarms are "
+                f"false at most {self.monitor.per_hour:g} times an hour is "
                 "extrapolated."
             )
         if not self.monitor.referenced:
-            out.append("q_ref is not logged: tracking errors are not monitored.")
+            out.append("q_ref is not logged: no errors of tracking.")
         return tuple(out)
 
 
@@ -145,16 +145,16 @@ def watch_new(
     runs: Sequence[str],
     store: Path,
     model: str | None = None,
-    healthy_ids: Sequence[str] = (),
+    good: Sequence[str] = (),
     tag: str = HEALTHY,
 ) -> NewRuns:
     """Watch new runs of one robot, against its adopted model or its last diagnosis.
 
     Args:
-        model: Id of a diagnosis, or a robot; None for the adopted model, else that of
-            the last diagnosis.
-        healthy_ids: Empty for the runs with the tag, and where these are too few for
-            those of the diagnosis.
+        model: Id of a diagnosis, or a robot; None for what the robot has, else what was
+            found of it last.
+        good: Ids of the healthy runs; empty for those with the tag, and where these are
+            too few for those of the diagnosis.
     """
     model = model or in_force(runs, store).diagnosis or latest_diagnosis(runs, store)
     if model is None:
