@@ -115,7 +115,7 @@ def test_a_record_that_is_gone_is_told_by_runs_and_verify(run, store):
     assert other not in err
     code, out, err = run("verify")
     assert code == 1
-    assert f"DAMAGED  runs {id}: _run.parquet is missing" in out
+    assert f"DAMAGED  runs {id}: _run.parquet: it is missing" in out
     assert "modelgap: 1 of " in err
 
 
@@ -170,7 +170,7 @@ def read_only(monkeypatch, store):
 def test_a_read_only_store_says_so_and_that_nothing_was_lost(run, store, read_only):
     assert run("runs")[0] == 0
     assert run("verify")[0] == 0
-    with pytest.raises(InputError, match=r"read-only here.*nothing was lost"):
+    with pytest.raises(InputError, match=r"read-only here.*Nothing was written"):
         made.commit(store[0], 5)
 
 
