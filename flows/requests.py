@@ -388,20 +388,19 @@ class Validate(Request):
 
     Attributes:
         run: Id of the run, or its beginning.
-        window: Length of a window of the open loop, in seconds.
-        model: Id of a diagnosis, a model or a calibration; None for the nominal model
-            alone.
-        adopted: Id of the diagnosis whose model is adopted, "nominal" for none; None
-            for the state of the store.
-        calibration: Id of a calibration; None for none.
+        window: Length of the windows in seconds; errors grow quickly with it.
+        model: Id of a diagnosis, a model or a calibration (its look-up tables) to try
+            beside the nominal model and the one that the robot has (modelgap models);
+            "nominal" for neither.
+        adopted: Id of the diagnosis whose model the robot has, "nominal" for none; None
+            for what the store says now.
     """
 
     run: GivenWord = ""
     window: Seconds = 0.25
     store: Store = None
-    model: Annotated[str | None, Parameter(parse=False)] = None
+    model: Model = None
     adopted: Annotated[str | None, Parameter(parse=False)] = None
-    calibration: Annotated[str | None, Parameter(parse=False)] = None
 
 
 @dataclass(frozen=True, slots=True)

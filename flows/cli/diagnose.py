@@ -49,22 +49,23 @@ def diagnose(
         json: File for the verdict as JSON; "-" prints it alone.
         save_model: File for the augmented model, for predict and export.
     """
-    from flows.inputs.given import chosen
+    from flows.inputs.given import chosen, load_for
     from flows.report.diagnosis import print_diagnosis, render
-    from flows.report.page import of_request
+    from flows.report.page import origin_of_request
     from flows.steps import diagnose as steps
     from flows.steps.models import choose_for
     from residual.model.record import to_text
     from residual.verdict.document import to_json
 
     request = chosen(request, logs, where, held_out_where)
-    choice = choose_for(request)
+    robot = load_for(request)
+    choice = choose_for(request, robot)
     request = replace(request, model=choice.diagnosis)
     words = (*request.logs, *request.baseline, *request.held_out, request.robot)
     inputs = read_files(words, request.columns)
     files = {"--report": report, "--json": json, "--save-model": save_model}
     out = Outputs(files, inputs)
-    read = steps.read_logs(request)
+    read = steps.read_logs(request, robot)
     out.say(*read.lines[:1], *choice.lines, *read.lines[1:])
     stored = steps.as_stored(read)
     with progress_bar() as progress:
@@ -73,7 +74,7 @@ def diagnose(
     out.say(*result.notes[len(read.lines) :])
 
     def page() -> str:
-        origin = of_request(request, str(report))
+        origin = origin_of_request(request, str(report))
         return render(result, result.verdict.robot, origin=origin)
 
     out.write(

@@ -14,9 +14,9 @@ from flows.pipelines.tasks import task
 from flows.project.deployments import PROPOSED
 from flows.report.index import write_index
 from flows.report.models import adoption_lines, proposal_markdown, proposal_page
-from flows.report.page import made_of
+from flows.report.page import origin_of_record
 from flows.settings import store_folder
-from flows.steps.adopt import Adopt, judge, keep_proposal, known_already, proposal_of
+from flows.steps.adopt import Adopt, Proposal, judge, keep_proposal, known_already
 from flows.steps.adopt import adopt as give
 from flows.steps.models import in_force
 from flows.storage.diagnosis import read_verdict
@@ -43,12 +43,12 @@ def adopt_or_propose(diagnosis: str, store: str, auto: bool) -> str | None:
         return None
     if auto:
         return _adopt(diagnosis, place, "found by a night, adopted by itself")
-    proposal = proposal_of(place, judgment)
+    proposal = Proposal(judgment, read_verdict(place, judgment.diagnosis))
     before = known_already(place, proposal)
     if before:
         log.info(f"proposed already: modelgap show {before}")
         return None
-    sources = made_of(place, diagnosis)
+    sources = origin_of_record(place, diagnosis)
     page = keep_proposal(place, proposal, proposal_page(proposal, sources).encode())
     write_index(place)
     about = f"a new model waits for a decision: diagnosis {diagnosis}"
@@ -61,7 +61,10 @@ def adopt_or_propose(diagnosis: str, store: str, auto: bool) -> str | None:
 def question(diagnosis: str, store: str) -> str:
     """Return a proposal as text, two models side by side; what the gate says now."""
     place = Path(store)
-    return proposal_markdown(proposal_of(place, judge(place, diagnosis)))
+    judgment = judge(place, diagnosis)
+    return proposal_markdown(
+        Proposal(judgment, read_verdict(place, judgment.diagnosis))
+    )
 
 
 @task(name="adopt", task_run_name="adopt {diagnosis}", tags=["analysis"])

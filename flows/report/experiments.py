@@ -1,4 +1,4 @@
-"""Experiments and their motions: validations, tracking, trajectories."""
+"""Experiments and their motions: validations and trajectories."""
 
 from collections.abc import Mapping
 
@@ -7,9 +7,8 @@ import numpy as np
 from flows.report.document import Document, Section, Strong, Table
 from flows.report.page import render
 from flows.report.plots import Panel, png
-from flows.report.words.phrases import many, texts
-from flows.steps.models import NOMINAL
-from flows.steps.validate import Tracking, Validation
+from flows.report.words.phrases import texts
+from flows.steps.validate import Validation
 from residual.robot.robot import Robot
 from sim.engine.records import Reference, TrajectorySpec
 from sim.trajectories.excitation import Usage
@@ -25,37 +24,37 @@ def validation(result: Validation) -> Table:
         "feed-forward,\nnominal [mrad]": result.nominal,
         "feed-forward,\nthe arm's own [mrad]": result.arm,
     }
-    return _by_joint({title: 1e3 * c for title, c in columns.items() if c is not None})
-
-
-def _by_joint(columns: Mapping[str, np.ndarray], about: str = "") -> Table:
-    """A table of numbers, a joint a row."""
+    columns = {title: 1e3 * c for title, c in columns.items() if c is not None}
     rows = [
         (str(joint), *(f"{value:.2f}" for value in row))
         for joint, row in enumerate(zip(*columns.values(), strict=True), 1)
     ]
-    return Table(("joint", *columns), rows, about, left=())
+    return Table(("joint", *columns), rows, text_columns=())
 
 
 def both_ways(result: Validation) -> Table:
     """Return both directions of each model, a joint a row, and its mass matrix."""
-    rows = []
-    for joint in range(len(result.open_loop)):
+    rows, dof = [], len(result.open_loop)
+    driven = all(each.tracking is not None for each in result.models.values())
+    for joint in range(dof):
         row = [str(joint + 1)]
         for each in result.models.values():
             for errors in (each.torque, each.acceleration):
                 value = np.nan if errors is None else errors[joint]
-                rest = "–" if errors is None else "at rest"
-                row.append(rest if np.isnan(value) else f"{value:.2f}")
+                missing = "–" if errors is None else "at rest"
+                row.append(missing if np.isnan(value) else f"{value:.2f}")
+            row += [] if not driven else [f"{1e3 * each.tracking[joint]:.2f}"]
         rows.append(row)
     least = [
         word
         for each in result.models.values()
-        for word in ("M(q) >", f"{each.least_mass:.2g} kg m²")
+        for word in ("M(q) >", f"{each.least_mass:.2g} kg m²", *[""][: int(driven)])
     ]
-    heads = [f"{name}\n{way} [%]" for name in result.models for way in ("τ", "q̈")]
+    columns = ("τ [%]", "q̈ [%]", *["q [mrad]"][: int(driven)])
+    heads = [f"{name}\n{column}" for name in result.models for column in columns]
     about = "Error of torque from motion (τ) and of acceleration from torque (q̈)"
-    return Table(("joint", *heads), [*rows, ["", *least]], about, left=())
+    about += "; rms tracking error of the arm with that torque (q)" if driven else ""
+    return Table(("joint", *heads), [*rows, ["", *least]], about, text_columns=())
 
 
 def meaning(result: Validation) -> str:
@@ -80,15 +79,8 @@ def meaning(result: Validation) -> str:
     )
 
 
-def validation_page(
-    results: Mapping[str, Validation], driven: Tracking | None = None
-) -> str:
-    """Return the page of validations.
-
-    Args:
-        results: The validations by run.
-        driven: Tracking errors along unseen motions, where the arm was driven.
-    """
+def validation_page(results: Mapping[str, Validation]) -> str:
+    """Return the page of validations, by run."""
     sections = [
         Section(
             f"run-{run}",
@@ -98,9 +90,6 @@ def validation_page(
         )
         for run, each in results.items()
     ]
-    if driven is not None:
-        parts = tracking(driven)
-        sections.append(Section("driven", "Tracking along unseen motions", parts))
     first, *more = (meaning(each) for each in results.values())
     notes = dict.fromkeys(note for each in results.values() for note in each.notes)
     return render(
@@ -109,35 +98,12 @@ def validation_page(
             about="modelgap validation",
             headline=first,
             lead=more,
-            sections=sections,
-            warnings=tuple(notes),
+            sections=[*sections, Section("notes", "Notes", [[*notes]])],
         )
     )
 
 
-def tracking(result: Tracking) -> list[str | Table]:
-    """Return tracking errors: a joint a row, by model; and of all joints together."""
-    each = {name: result.by_joint(name) for name in result.rms}
-    columns = {
-        f"{measure}\n{name}\n[mrad]": 1e3 * figures[i]
-        for i, measure in enumerate(("rms", "peak"))
-        for name, figures in each.items()
-    }
-    about = (
-        "Measured minus commanded position along unseen motions, with the torque of "
-        f"each model as feed-forward; {NOMINAL} is the reference"
-    )
-    norms = {name: 1e3 * float(np.linalg.norm(rms)) for name, (rms, _) in each.items()}
-    first, *others = (f"{name} {value:.3g}" for name, value in norms.items())
-    families = ", ".join(sorted({motion.kind for _, motion in result.motions}))
-    text = (
-        f"{many(len(result.motions), 'unseen motion')} ({families}), rms of all "
-        f"joints: {first} → {', '.join(others)} mrad"
-    )
-    return [_by_joint(columns, about), text]
-
-
-_NEAR = 0.95  # of a limit, which stands out
+_NEAR = 0.95  # share of a limit, shown bold
 _MOST = 4000  # samples drawn
 
 
@@ -175,7 +141,7 @@ def motion_parts(
         f"{spec.kind} motion of {robot.name}: {spec.duration:g} s at {rate:g} Hz"
         f"{period}, seed {spec.seed}{rest}",
         "limits, floor and self-collision (arm as capsules) also hold between samples",
-        Table(heads, rows, "Share of the limits", left=()),
+        Table(heads, rows, "Share of the limits", text_columns=()),
         excites,
     ]
 

@@ -30,7 +30,6 @@ from sim.engine.records import (
     CLEAN,
     HIDDEN,
     BackgroundWord,
-    PlantEffect,
     stream,
 )
 from sim.plant.catalogue import kinds
@@ -122,39 +121,36 @@ def open_seal(runs: Runs, store: Path) -> list[dict]:
 def motions(seed: int, families: tuple[str, ...]) -> Iterator[tuple[str, float, dict]]:
     """Yield what each motion is called, when it begins [s], and its table."""
     for i, kind in enumerate(families):
-        own = derived_seed(seed, f"reference/{i}")
-        motion: dict = {"kind": kind, "duration": DURATION, "seed": own}
+        drawn = derived_seed(seed, f"reference/{i}")
+        motion: dict = {"kind": kind, "duration": DURATION, "seed": drawn}
         if kind == SLOW:
-            rng = stream(own, f"trajectory/{SLOW}")
+            rng = stream(drawn, f"trajectory/{SLOW}")
             slow = draw_slow(load(ROBOT), DURATION, CREEP, rng)
             motion |= {"kind": "fourier", "periods": 1, "coefficients": slow}
         yield kind, i * (DURATION + PAUSE), motion
 
 
 def _hidden_effect(request: Demo) -> list[dict]:
-    if request.effect == NOTHING:
-        return []
-    if request.effect is not None:
-        check_name(request.effect, kinds(), "effect of the plant")
-    effect = _drawn(request.seed, request.effect)
-    return [
-        {"name": effect.name, "joints": list(effect.joints), **dict(effect.parameters)}
-    ]
-
-
-def _drawn(seed: int, name: str | None) -> PlantEffect:
     """Draw what shows on the motions that are fitted.
 
     Of usual size, or where that would not show, as large as it must be. Behind the last
     seed of the table they begin again, unless the effect shows at every one.
     """
+    seed, name = request.seed, request.effect
+    if name == NOTHING:
+        return []
+    if name is not None:
+        check_name(name, kinds(), "effect of the plant")
     known = visible().get(name or "")
     if known and known["larger"]:
         seed %= known["seeds"]
         if larger := known["larger"].get(str(seed)):
             effect, joints, values = larger
-            return PlantEffect(effect, tuple(joints), tuple(sorted(values.items())))
-    return draw_hidden(load(ROBOT), stream(seed, HIDDEN), name)
+            return [{"name": effect, "joints": joints, **dict(sorted(values.items()))}]
+    effect = draw_hidden(load(ROBOT), stream(seed, HIDDEN), name)
+    return [
+        {"name": effect.name, "joints": list(effect.joints), **dict(effect.parameters)}
+    ]
 
 
 @cache

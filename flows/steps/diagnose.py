@@ -9,7 +9,7 @@ from flows.inputs.given import (
     LogSets,
     is_run,
     known_of,
-    load_of,
+    load_for,
     robot_of,
     serial_of,
 )
@@ -30,16 +30,15 @@ from warehouse.runs import read_run
 _ROLES = {"fit": "logs", "held_out": "held_out", "baseline": "baseline"}
 
 
-def read_logs(request: Diagnose) -> LogSets:
-    """Read the robot and every log once."""
-    robot = _robot(request)
+def read_logs(request: Diagnose, robot: Robot | None = None) -> LogSets:
+    """Read every log once, and the robot where it is not loaded yet."""
+    robot = _robot(request, robot)
     read = given.read_logs(request, "to diagnose", robot)
     return replace(read, warnings=(*read.warnings, *_of_others(request, robot)))
 
 
-def _robot(request: Diagnose) -> Robot:
-    words = (*request.logs, *request.held_out)
-    robot = load_of(request.robot, words, request.store)
+def _robot(request: Diagnose, robot: Robot | None = None) -> Robot:
+    robot = robot or load_for(request)
     return known_robot(robot, known_of(request.known), request.baseline)
 
 

@@ -14,13 +14,14 @@ from flows.storage.identification import store_identification
 from residual.identification.estimate import Options
 from residual.identification.prove import ValidatedIdentification, identify_and_prove
 from residual.model.model import Model
+from residual.robot.robot import Robot
 from residual.threads import one_blas_thread
 
 
-def read_logs(request: Identify) -> LogSets:
-    """Read the robot and every log once."""
+def read_logs(request: Identify, robot: Robot | None = None) -> LogSets:
+    """Read every log once, and the robot where it is not loaded yet."""
     _options(request)
-    return given.read_logs(request, "to identify from")
+    return given.read_logs(request, "to identify from", robot)
 
 
 def identify(

@@ -6,48 +6,35 @@ Of the nominal model, as root mean square per joint:
 - feed-forward: how the arm tracks its reference when the model's torque drives it.
   It needs the arm, so only a simulated run whose sealed half is there has it.
 
-Of every model of the robot (nominal, identified, augmented, adopted, tables of a
-calibration) both ways: torque from motion, acceleration from torque, and whether its
-mass matrix is positive definite on the workspace.
-
-With an adopted or a named model: how the simulated arm of the runs tracks motions that
-are not in the store, driven once by each model (`drive_unseen`).
+Of every model of the robot (nominal, identified, augmented, adopted) both ways: torque
+from motion, acceleration from torque, and whether its mass matrix is positive definite
+on the workspace. With an adopted or a named model also how the simulated arm tracks the
+reference of the run, driven once by the torque of each.
 """
 
-from collections.abc import Mapping, Sequence
-from dataclasses import asdict, dataclass, field, replace
+from collections.abc import Mapping
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 
 import numpy as np
-import pyarrow as pa
 from scipy.interpolate import CubicSpline
 
 from flows.inputs.given import load
-from flows.outputs import Progress
 from flows.requests import Validate as Request
 from flows.settings import store_folder
-from flows.specs.experiment import derived_seed
 from flows.steps.experiment import plant_of
-from flows.steps.models import (
-    NOMINAL,
-    TABLES,
-    as_described,
-    model_to_drive,
-    nominal_of,
-    tables_to_drive,
-)
+from flows.steps.models import NOMINAL, check_description, model_to_drive, nominal_of
 from flows.storage.diagnosis import read_models
 from residual.errors import InputError
 from residual.export.exported import Whole, body_of
 from residual.model.compare import compare, prepare_held_out
 from residual.model.control import feed_forward
 from residual.model.forward import POSES, acceleration_error, least_mass_matrix
-from residual.quantity import plain
 from residual.recording import Recording
 from residual.robot.robot import Robot
 from residual.signals.track import Filters, prepare
 from residual.threads import one_blas_thread
-from sim.engine.records import PlantSpec, Reference, TrajectorySpec
+from sim.engine.records import Reference, TrajectorySpec
 from sim.plant import tables as at
 from sim.plant.stepping import DivergedError, drive
 from sim.trajectories import make_reference
@@ -57,14 +44,13 @@ from warehouse.layout import find
 from warehouse.numbered import adopted
 from warehouse.provenance import plant_code_hash
 from warehouse.runs import has_seal, open_seal, read_manifest, read_run
-from warehouse.schema import VIEWS, arrow_schema
+from warehouse.schema import rows_table
 
 Array = np.ndarray
 
 OPEN_LOOP, FEED_FORWARD = "rms_open_loop_q", "rms_feed_forward_q"
 TORQUE, ACCELERATION = "percent_moving_tau", "percent_moving_qdd"
-TRACKING = "tracking"  # kind of the record of drives
-RMS, PEAK = "rms_tracking_q", "peak_tracking_q"
+TRACKING = "rms_tracking_q"
 _RATE = 1000.0  # Hz, about: the step of the engine, whatever the rate of the log
 _SHORTEST = 0.01  # s: a window must have time to stray in
 
@@ -78,11 +64,14 @@ class BothWays:
         acceleration: The same of qdd, from torque [%]; None where there is none.
             Shape (dof,).
         least_mass: Smallest eigenvalue of M(q) over random poses [kg m^2].
+        tracking: Root mean square of read minus wanted position, where the torque of
+            the model drives the arm [rad]; None where there is no arm. Shape (dof,).
     """
 
     torque: Array
     acceleration: Array | None
     least_mass: float
+    tracking: Array | None = None
 
 
 @dataclass(frozen=True, eq=False, slots=True)
@@ -125,54 +114,59 @@ def validate(request: Request) -> tuple[str, Validation]:
     store, window = store_folder(request.store), request.window
     log = read_run(store, request.run)
     manifest = read_manifest(store, log.id)
-    robot = _robot_of(log, manifest)
+    word = manifest.get("robot", log.robot)
+    robot = load(word)
+    check_description(robot, log, manifest, word)
     strayed, used = open_loop_error(robot, log, window)
+    request = _with_ids(request, store, robot)
+    models = _models(request, store, robot, log)
+    both = {name: both_ways(model, log) for name, model in models.items()}
     tracked = {}
     notes = ["No feed-forward: that needs the arm, and none is sealed with the run."]
-    if plant := hidden_plant(store, log.id, manifest):
+    # A seal that was taken out is no error, one that is broken is.
+    if manifest["sealed_sha256"] and has_seal(store, log.id):
         notes = _notes(manifest)
         # The arm's own torque is what the closed loop of the paper gave it on this
         # motion: about the best that a model could compute. It is no bound, since it
         # has feedback in it, which the drives then add once more.
-        reference = make_reference(robot, *_motion_of(manifest))
+        plant = plant_of(open_seal(store, log.id).spec)
+        reference = _reference(robot, manifest)
         sources = twin_of(robot, reference), drive(robot, reference, plant)
         tracked = {
             name: _rms(track(robot, reference, plant, trace.rows[:, at.DRIVE]))
             for name, trace in zip((NOMINAL, "arm"), sources, strict=True)
         }
+        motion = reference.q, reference.qd, reference.qdd
+        for name, model in models.items() if len(models) > 1 else ():
+            torque = feed_forward(model, reference.t, motion)
+            error = track(robot, reference, plant, torque)
+            both[name] = replace(both[name], tracking=_rms(error))
     if used < window:
         notes.insert(0, f"Windows of {window:g} s run away; {used:g} s were taken.")
-    request = _with_ids(request, store, robot)
-    models = {
-        name: both_ways(model, log)
-        for name, model in _models(request, store, robot, log).items()
-    }
     notes += [
         f"M(q) of the {name} model is not positive definite: {each.least_mass:.3g} "
         f"kg m^2 at some pose of {POSES}. It predicts torque, but cannot be simulated."
-        for name, each in models.items()
+        for name, each in both.items()
         if each.least_mass <= 0
     ]
-    made = Validation(used, strayed, **tracked, notes=tuple(notes), models=models)
+    made = Validation(used, strayed, **tracked, notes=tuple(notes), models=both)
     same = {"run_id": log.id, "trajectory": run_columns(manifest)["trajectory"]}
     record = {
         "robot": log.robot,
         "kind": made.kind,
         "window_s": used,
         "request": replace(request, run=log.id).to_record()
-        | {
-            "robot": manifest.get("robot", log.robot),
-            "robot_hash": robot.content_hash,
-        },
+        | {"robot": word, "robot_hash": robot.content_hash},
         "unit": "rad",
         "notes": made.notes,
-        "least_mass_matrix": {name: each.least_mass for name, each in models.items()},
+        "least_mass_matrix": {name: each.least_mass for name, each in both.items()},
     }
-    named = [request.calibration, request.model, request.adopted]
+    named = (request.model, request.adopted)
     ids = dict.fromkeys(id for id in named if id not in (None, NOMINAL))
     parents = {"run": [log.id], **({"model": list(ids)} if ids else {})}
     rows = [{**same, **row} for row in _error_rows(made)]
-    return _commit(store, record, rows, parents), made
+    tables = {"errors": rows_table("errors", rows)}
+    return commit_record(store, "validations", record, tables, parents), made
 
 
 def both_ways(model: Whole, log: Recording) -> BothWays:
@@ -189,16 +183,17 @@ def both_ways(model: Whole, log: Recording) -> BothWays:
 
 def _with_ids(request: Request, store: Path, robot: Robot) -> Request:
     """Return a request with whole ids, and with the model that the robot has."""
+    if request.model == NOMINAL:
+        return replace(request, model=None, adopted=NOMINAL)
     now = request.adopted
     if now is None:
         last = adopted(store, robot.name, robot.serial)
         now = (last and last[1].diagnosis_id) or NOMINAL
-    words = {"model": request.model, "calibration": request.calibration, "adopted": now}
-    ids = {
-        name: word if word in (None, NOMINAL) else find(store, word).id
-        for name, word in words.items()
-    }
-    return replace(request, **ids)
+    ids = [
+        word if word in (None, NOMINAL) else find(store, word).id
+        for word in (request.model, now)
+    ]
+    return replace(request, model=ids[0], adopted=ids[1])
 
 
 def _models(
@@ -211,10 +206,8 @@ def _models(
         if find(store, request.model).kind == "diagnoses":
             out |= read_models(store, request.model) | out
         else:
-            out["model"] = model_to_drive(store, request.model, robot)
-    if request.calibration is not None:
-        out[TABLES] = tables_to_drive(store, request.calibration, nominal)
-    if request.adopted != NOMINAL:
+            out["model"] = model_to_drive(store, request.model, robot, nominal)
+    if request.adopted not in (NOMINAL, request.model):
         out["adopted"] = model_to_drive(store, request.adopted, robot)
     return out
 
@@ -270,24 +263,12 @@ def _rms(error: Array) -> Array:
     return np.sqrt(np.mean(np.square(error), axis=0))
 
 
-def _robot_of(log: Recording, manifest: Mapping) -> Robot:
-    name = manifest.get("robot", log.robot)
-    return as_described(load(name), log, manifest, name)
-
-
-def hidden_plant(store: Path, run_id: str, manifest: Mapping) -> PlantSpec | None:
-    """Return the arm of a simulated run; None where no sealed half lies."""
-    # A seal that was taken out is no error, one that is broken is.
-    if not manifest["sealed_sha256"] or not has_seal(store, run_id):
-        return None
-    return plant_of(open_seal(store, run_id).spec)
-
-
-def _motion_of(manifest: Mapping) -> tuple[TrajectorySpec, float]:
-    """Return which reference a run had, and the rate of its controller [Hz]."""
+def _reference(robot: Robot, manifest: Mapping) -> Reference:
+    """Return the reference of a run once more, at the rate of its controller."""
     spec = manifest["spec"]
     try:
-        return TrajectorySpec.from_record(spec["trajectory"]), spec["rates"]["control"]
+        motion = TrajectorySpec.from_record(spec["trajectory"])
+        return make_reference(robot, motion, spec["rates"]["control"])
     except (KeyError, TypeError) as error:
         raise InputError(
             "The record of the run does not say which reference it had, expected "
@@ -317,125 +298,14 @@ def _error_rows(made: Validation) -> list[dict]:
         ("arm", FEED_FORWARD, made.arm),
     ]
     for name, each in made.models.items():
-        figures += (name, TORQUE, each.torque), (name, ACCELERATION, each.acceleration)
+        figures += [
+            (name, TORQUE, each.torque),
+            (name, ACCELERATION, each.acceleration),
+            (name, TRACKING, each.tracking),
+        ]
     return [
         {"stage": stage, "metric": metric, "joint": joint, "value": float(value)}
         for stage, metric, errors in figures
         if errors is not None
         for joint, value in enumerate(errors, 1)
     ]
-
-
-def _commit(store: Path, record: Mapping, rows: list, parents: Mapping) -> str:
-    table = pa.Table.from_pylist(rows, schema=arrow_schema(VIEWS["errors"][1:]))
-    return commit_record(store, "validations", record, {"errors": table}, parents)
-
-
-# How an arm tracks motions that nothing was fitted to, by one model and by another.
-
-
-@dataclass(frozen=True, eq=False, slots=True)
-class Tracking:
-    """How an arm tracked unseen motions, of read minus wanted position.
-
-    Attributes:
-        motions: Of each the run whose arm it was, and what was planned.
-        rms, peak: Of each model, the nominal one first [rad]. Shapes (motions, dof).
-    """
-
-    motions: tuple[tuple[str, TrajectorySpec], ...]
-    rms: Mapping[str, Array]
-    peak: Mapping[str, Array]
-
-    def by_joint(self, model: str) -> tuple[Array, Array]:
-        """Return rms and peak of all motions together [rad]. Shapes (dof,)."""
-        return _rms(self.rms[model]), self.peak[model].max(axis=0)
-
-
-@one_blas_thread
-def drive_unseen(
-    request: Request, runs: Sequence[str], seeds: int, progress: Progress | None = None
-) -> tuple[str, Tracking] | None:
-    """Drive the arm of simulated runs along unseen motions by each model, and keep it.
-
-    The torque of a model along the reference, with plain feedback that is the same for
-    all: the nominal one, and those that the request names.
-
-    Args:
-        request: Its model and calibration are whole ids, its run is not read.
-        runs: Ids of the runs; those without a sealed half are left out.
-        seeds: How many motions of each family of the runs, for the arm of its first.
-
-    Returns:
-        The id of the record, and how the arm tracked; None where no arm is sealed.
-
-    Raises:
-        InputError: If the runs are of several robots, or a model is of another one.
-    """
-    store = store_folder(request.store)
-    logs = [read_run(store, run) for run in runs]
-    manifests = [read_manifest(store, log.id) for log in logs]
-    robot = _robot_of(logs[0], manifests[0])
-    families: dict[str, tuple] = {}  # the first run of a sealed arm by kind of motion
-    for log, manifest in zip(logs, manifests, strict=True):
-        if manifest["robot_hash"] != robot.content_hash:
-            raise InputError("The runs are of several robots; give those of one.")
-        if plant := hidden_plant(store, log.id, manifest):
-            spec, rate = _motion_of(manifest)
-            families.setdefault(spec.kind, (log.id, plant, spec, rate))
-    if not families:
-        return None
-    nominal = nominal_of(robot, logs[:1])
-    models: dict[str, Whole] = {NOMINAL: nominal}
-    if request.model is not None:
-        models["model"] = model_to_drive(store, request.model, robot)
-    if request.calibration is not None:
-        models[TABLES] = tables_to_drive(store, request.calibration, nominal)
-    motions = []
-    errors: dict[str, list[Array]] = {name: [] for name in models}
-    for kind, (run, plant, spec, rate) in families.items():
-        for i in range(seeds):
-            seed = derived_seed(spec.seed, f"track/{kind}/{i}")
-            motions.append((run, replace(spec, seed=seed, coefficients=())))
-            reference = make_reference(robot, motions[-1][1], rate)
-            motion = reference.q, reference.qd, reference.qdd
-            for name, model in models.items():
-                torque = feed_forward(model, reference.t, motion)
-                errors[name].append(track(robot, reference, plant, torque))
-            if progress:
-                progress("drive", len(motions) / (len(families) * seeds))
-    rms = {name: np.array([_rms(e) for e in each]) for name, each in errors.items()}
-    peak = {
-        name: np.array([np.abs(e).max(axis=0) for e in each])
-        for name, each in errors.items()
-    }
-    made = Tracking(tuple(motions), rms, peak)
-    return _keep_tracking(store, robot, request, made), made
-
-
-def _keep_tracking(store: Path, robot: Robot, request: Request, made: Tracking) -> str:
-    """Keep a row for each motion, and one for all of them together."""
-    each = {model: made.by_joint(model) for model in made.rms}
-    places = [(run, motion.kind) for run, motion in made.motions]
-    rows = [
-        {"run_id": run, "trajectory": kind, "joint": joint, "stage": model}
-        | {"metric": metric, "value": float(value)}
-        for i, (metric, figures) in enumerate(((RMS, made.rms), (PEAK, made.peak)))
-        for model, values in figures.items()
-        for (run, kind), row in zip(
-            (*places, (None, None)), (*values, each[model][i]), strict=True
-        )
-        for joint, value in enumerate(row, 1)
-    ]
-    record = {
-        "robot": robot.name,
-        "kind": TRACKING,
-        "model_id": request.model or request.calibration,
-        "unit": "rad",
-        "rms": plain({model: rms for model, (rms, _) in each.items()}),
-        "peak": plain({model: peak for model, (_, peak) in each.items()}),
-        "motions": [{"run": run, **asdict(motion)} for run, motion in made.motions],
-    }
-    ids = dict.fromkeys(id for id in (request.model, request.calibration) if id)
-    parents = {"run": list(dict(places)), "model": list(ids)}
-    return _commit(store, record, rows, parents)

@@ -6,11 +6,12 @@ import pytest
 
 from flows.report.models import proposal_markdown, proposal_page
 from flows.steps.adopt import (
+    Proposal,
     judge,
     list_adoptions,
-    proposal_of,
     roll_back,
 )
+from flows.storage.diagnosis import read_verdict
 from tests.flows.adopted_arm import ROBOT
 from warehouse.numbered import adopted
 
@@ -81,7 +82,7 @@ def test_an_answer_that_comes_too_late_is_told_and_is_no_failure(nights):
 
 def test_both_models_stand_side_by_side_on_the_page_and_in_the_question(made):
     store, _, id = made
-    proposal = proposal_of(store, judge(store, id))
+    proposal = Proposal(judge(store, id), read_verdict(store, id))
     for text in (proposal_page(proposal), proposal_markdown(proposal)):
         assert "nominal model" in text
         assert "spring on joint 2: stiffness" in text
