@@ -241,7 +241,8 @@ def _diagnosis_in(word: str, store: Path) -> str | None:
     if not any(id.startswith(word) for id in list_folders(store, "diagnoses")):
         raise InputError(
             f"'{word}' is no diagnosis in {store_name(store)}. Name a robot such as "
-            "irb140, or a diagnosis as in: modelgap sql 'SELECT diagnosis_id FROM diagnoses'."
+            "irb140, or a diagnosis as in: modelgap sql 'SELECT diagnosis_id FROM "
+            "diagnoses'."
         )
     return find(store, word).id
 
