@@ -18,13 +18,13 @@ import pyarrow.compute as pc
 from residual.errors import InputError
 from warehouse.files import read_parquet, read_unsummed, replace_file, sweep_staging
 from warehouse.layout import list_folders
-from warehouse.remote import fetch_index, put_index
+from warehouse.remote import bucket_of, fetch_index, put_index
 from warehouse.schema import INDEX, KINDS, Kind
 
 # Rows that may be missing in the index before a reader adds them: reading one record
 # takes about 1 ms, writing the index as long as reading some dozens.
 _SPARE = 32
-_AT_ONCE = 16  # records that are read, or fetched from a bucket
+_AT_ONCE = 16  # records that are fetched from a bucket
 
 
 @dataclass(frozen=True, eq=False, slots=True)
@@ -64,7 +64,7 @@ def _rows(
     if not missing and len(kept) == len(listed):
         return listed, ()
     paths = [Path(folders[id], kind.row) for id in missing]
-    with ThreadPoolExecutor(_AT_ONCE) as pool:
+    with ThreadPoolExecutor(_AT_ONCE if bucket_of(store) else 1) as pool:
         read = list(pool.map(lambda path: _read_row(path, kind), paths))
     rows = pa.concat_tables([kept, *(row for row in read if isinstance(row, pa.Table))])
     rows = rows.combine_chunks()
@@ -82,7 +82,7 @@ def _rows(
 def _read_row(path: Path, kind: Kind) -> pa.Table | str:
     """Read the columns of one catalogue row that its view has, or return the fault."""
     try:
-        table = read_parquet(path)
+        table = read_parquet(path, kind.fields.names)
     except InputError as error:
         return str(error)
     if lacking := sorted(set(kind.fields.names) - set(table.column_names)):
