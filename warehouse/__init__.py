@@ -1,4 +1,4 @@
-"""The world remembered: measured logs come in here; runs and models are kept.
+"""The store: reads measured logs, keeps runs, models and verdicts, answers SQL.
 
 import warehouse
 
@@ -19,7 +19,7 @@ __all__ = ["open"]
 
 def open(path: Path | str) -> Store:
     """Open a store for reading (``warehouse.query.store.open_store``)."""
-    # Late, so that who only reads logs does not wait for the database.
+    # Late import: reading logs does not need the database.
     from warehouse.query.store import open_store
 
     return open_store(path)

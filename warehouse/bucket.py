@@ -1,9 +1,9 @@
-"""What a store asks of object storage, through obstore: where it is, and a few verbs.
+"""Object storage through obstore: addresses, credentials and a few operations.
 
-Endpoint and credentials are from where every program looks for them, the variables of
-the AWS tools: AWS_ENDPOINT_URL_S3 or AWS_ENDPOINT_URL, AWS_ACCESS_KEY_ID,
-AWS_SECRET_ACCESS_KEY, AWS_SESSION_TOKEN, AWS_REGION or AWS_DEFAULT_REGION; without keys
-in them the profile (AWS_PROFILE, ~/.aws) as botocore reads it.
+Endpoint and credentials come from the variables of the AWS tools:
+AWS_ENDPOINT_URL_S3 or AWS_ENDPOINT_URL, AWS_ACCESS_KEY_ID, AWS_SECRET_ACCESS_KEY,
+AWS_SESSION_TOKEN, AWS_REGION or AWS_DEFAULT_REGION; without keys there from the profile
+that botocore finds (AWS_PROFILE, ~/.aws).
 """
 
 import ipaddress
@@ -35,8 +35,8 @@ def is_address(word: str) -> bool:
 
 def parse_address(word: str) -> tuple[str, str]:
     """Return the bucket and the prefix in an address such as s3://bucket/prefix."""
-    scheme, _, rest = word.partition("://")
-    bucket, _, prefix = rest.rstrip("/").partition("/")
+    scheme, _, path = word.partition("://")
+    bucket, _, prefix = path.rstrip("/").partition("/")
     parts = prefix.split("/") if prefix else []
     plain = all(p not in (".", "..") and _PART.fullmatch(p) for p in parts)
     if scheme.lower() != "s3" or not _BUCKET.fullmatch(bucket) or not plain:
@@ -81,7 +81,7 @@ def _endpoint(url: str | None) -> dict:
 
 
 def is_loopback(host: str) -> bool:
-    """Return whether only programs of this machine reach an address."""
+    """Return whether a host name is this machine."""
     try:
         return host == "localhost" or ipaddress.ip_address(host).is_loopback
     except ValueError:
@@ -108,7 +108,7 @@ def _profile() -> tuple[dict, dict]:
 
 
 class Bucket:
-    """A bucket below a prefix; a verb that it does not do raises InputError."""
+    """A bucket below a prefix; a failed operation raises InputError."""
 
     def __init__(self, store: Any, url: str) -> None:
         self._store = store
@@ -118,10 +118,10 @@ class Bucket:
         self._obstore = obstore
 
     def put_if_absent(self, key: str, data: bytes) -> bool:
-        """Write an object if there is none; whether it is this one."""
+        """Write an object unless it exists; return whether it was written."""
         with self._explained("write"):
             try:
-                # In one request: of several parts the condition would stand at none.
+                # In one request: a multipart upload cannot carry the condition.
                 self._obstore.put(
                     self._store, key, data, mode="create", use_multipart=False
                 )
@@ -153,9 +153,11 @@ class Bucket:
     def names(self, prefix: str) -> list[str]:
         """Return the names that stand after a folder's name in keys, each once."""
         with self._explained("list"):
-            found = self._obstore.list_with_delimiter(self._store, prefix)
-        files = (each["path"] for each in found["objects"])
-        return sorted(p.rpartition("/")[2] for p in (*found["common_prefixes"], *files))
+            listing = self._obstore.list_with_delimiter(self._store, prefix)
+        files = (each["path"] for each in listing["objects"])
+        return sorted(
+            p.rpartition("/")[2] for p in (*listing["common_prefixes"], *files)
+        )
 
     def delete(self, keys: Sequence[str]) -> None:
         """Remove objects; one that is gone already is no error."""
@@ -163,7 +165,7 @@ class Bucket:
             self._obstore.delete(self._store, list(keys))
 
     @contextmanager
-    def _explained(self, what: str) -> Iterator[None]:
+    def _explained(self, action: str) -> Iterator[None]:
         try:
             yield
         except (self._obstore.exceptions.BaseError, OSError) as error:
@@ -171,13 +173,13 @@ class Bucket:
                 raise InputError(f"There is no bucket for {self.url}.") from error
             short = shorten(str(error).split("Debug source")[0], 200)
             raise InputError(
-                f"{self.url} does not let us {what}: {short}. Check the endpoint "
+                f"{self.url} does not let us {action}: {short}. Check the endpoint "
                 "(AWS_ENDPOINT_URL), the bucket and the keys."
             ) from error
 
 
 def open_bucket(word: str) -> Bucket:
-    """Return the bucket of an address; nothing is asked of it yet."""
+    """Return the bucket of an address; makes no request."""
     bucket, prefix = parse_address(word)
     try:
         from obstore.store import S3Store

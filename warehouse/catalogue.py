@@ -1,9 +1,9 @@
 """The list of all records: read from ``_index``, plus what was committed since.
 
 The index is one Parquet file per kind with a copy of every catalogue row. It may be
-deleted at any time: whoever opens the store next writes it again. It is only a copy, so
-a record that is not in it, or no longer on disk, is judged by its folder. Of two that
-write it at once the later wins, and what only the other knew is read from its record.
+deleted at any time: the next reader writes it again. The folders decide which records
+exist; the index only spares reading them one by one. Of two concurrent writers of the
+index the later wins, and rows that only the other had are read from their records.
 """
 
 from collections.abc import Mapping, Sequence
@@ -18,13 +18,13 @@ import pyarrow.compute as pc
 from residual.errors import InputError
 from warehouse.files import read_parquet, read_unsummed, replace_file, sweep_staging
 from warehouse.layout import list_folders
-from warehouse.remote import fetch_index, put_index
+from warehouse.remote import bucket_of, fetch_index, put_index
 from warehouse.schema import INDEX, KINDS, Kind
 
-# So many rows may be outside of the catalogue files before who reads them adds them:
-# reading one costs a millisecond, writing all of them as much as reading some dozens.
+# Rows that may be missing in the index before a reader adds them: reading one record
+# takes about 1 ms, writing the index as long as reading some dozens.
 _SPARE = 32
-_AT_ONCE = 16  # records that are read, or fetched from a bucket
+_AT_ONCE = 16  # records that are fetched from a bucket
 
 
 @dataclass(frozen=True, eq=False, slots=True)
@@ -48,8 +48,8 @@ def read_catalogue(store: Path, before: Catalogue | None = None) -> Catalogue:
         return before
     rows, damaged = {}, {}
     for kind in KINDS.values():
-        found = _rows(store, kind, folders[kind.name], before)
-        rows[kind.name], damaged[kind.name] = found
+        both = _rows(store, kind, folders[kind.name], before)
+        rows[kind.name], damaged[kind.name] = both
     return Catalogue(folders, rows, damaged)
 
 
@@ -59,21 +59,19 @@ def _rows(
     """Return the rows of a kind, and messages about those that cannot be read."""
     listed = before.rows[kind.name] if before else _read_index(store, kind)
     ids = listed.column(kind.key)
-    known = listed.filter(pc.is_in(ids, pa.array(list(folders), pa.string())))
-    missing = sorted(folders.keys() - set(known.column(kind.key).to_pylist()))
-    if not missing and len(known) == len(listed):
+    kept = listed.filter(pc.is_in(ids, pa.array(list(folders), pa.string())))
+    missing = sorted(folders.keys() - set(kept.column(kind.key).to_pylist()))
+    if not missing and len(kept) == len(listed):
         return listed, ()
     paths = [Path(folders[id], kind.row) for id in missing]
-    with ThreadPoolExecutor(_AT_ONCE) as pool:
+    with ThreadPoolExecutor(_AT_ONCE if bucket_of(store) else 1) as pool:
         read = list(pool.map(lambda path: _read_row(path, kind), paths))
-    rows = pa.concat_tables(
-        [known, *(row for row in read if isinstance(row, pa.Table))]
-    )
+    rows = pa.concat_tables([kept, *(row for row in read if isinstance(row, pa.Table))])
     rows = rows.combine_chunks()
     rows = rows.sort_by([("created", "ascending"), (kind.key, "ascending")])
-    added, gone = len(rows) - len(known), len(listed) - len(known)
+    added, gone = len(rows) - len(kept), len(listed) - len(kept)
     if before is None and (added > _SPARE or 4 * added >= len(listed) + 1 or gone):
-        # A store that one may only read is still read, only slower.
+        # A read-only store is read without an index.
         with suppress(OSError, InputError):
             sweep_staging(store)
             replace_file(store, store / INDEX / f"{kind.name}.parquet", rows)
@@ -84,7 +82,7 @@ def _rows(
 def _read_row(path: Path, kind: Kind) -> pa.Table | str:
     """Read the columns of one catalogue row that its view has, or return the fault."""
     try:
-        table = read_parquet(path)
+        table = read_parquet(path, kind.fields.names)
     except InputError as error:
         return str(error)
     if lacking := sorted(set(kind.fields.names) - set(table.column_names)):

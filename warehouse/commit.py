@@ -1,4 +1,4 @@
-"""Putting records into the store: each visible whole or not at all, at any kill."""
+"""Commit records to the store: each becomes visible whole or not at all."""
 
 import hashlib
 import json
@@ -76,8 +76,8 @@ def commit_run(
     """
     arrays = _channels(recording, extra or {})
     units = {name: SIGNALS[name].unit for name in arrays}
-    # Written beside the hashing, on another core: together they take most of the time.
-    # Of a run that is there already it is thrown away.
+    # Writing and hashing take most of the time, so they run on two cores. If the run
+    # exists already, the file is thrown away.
     with staging_folder(store, "run") as folder, ThreadPoolExecutor(1) as beside:
 
         def write() -> None:
@@ -99,7 +99,7 @@ def commit_run(
         if not _is_there(target, "runs"):
             row = _run_row(id, recording, full, arrays)
             keep_packages(store)
-            # The seal first: a run that is visible has its truth.
+            # The seal first, so that every visible run has its truth.
             if sealed:
                 commit_seal(store, id, sealed)
             write_parquet(folder / KINDS["runs"].row, row)
@@ -176,9 +176,11 @@ def commit_row(
     Returns:
         Whether it is this one; False if the id was taken.
     """
-    known, told = KINDS[kind], asdict(provenance())
-    row = {name: record.get(name) for name in known.fields.names} | _own(kind, id)
-    texts = {"record": record, "provenance": told}
+    kinds, origin = KINDS[kind], asdict(provenance())
+    row = {name: record.get(name) for name in kinds.fields.names} | _common_columns(
+        kind, id
+    )
+    texts = {"record": record, "provenance": origin}
     texts = {k: json.dumps(v, ensure_ascii=False) for k, v in texts.items()}
     table = _one_row(kind, {**row, **lists}, texts)
     keep_packages(store)
@@ -188,7 +190,7 @@ def commit_row(
                 write_parquet(folder / name, content)
             else:
                 (folder / name).write_bytes(content)
-        write_parquet(folder / known.row, table)
+        write_parquet(folder / kinds.row, table)
         return publish(folder, record_folder(store, kind, id))
 
 
@@ -199,7 +201,9 @@ def lineage_rows(parents: Parents, role: str = "input") -> list[dict]:
         parents: Ids, pairs of id and role, or lists of ids by role.
     """
     if isinstance(parents, Mapping):
-        pairs = [(id, name) for name, given in parents.items() for id in given]
+        pairs = [
+            (id, name) for name, ids_of_role in parents.items() for id in ids_of_role
+        ]
     else:
         pairs = [(p, role) if isinstance(p, str) else tuple(p) for p in parents]
     rows = [{"parent": ids.check_id(id), "role": str(name)} for id, name in pairs]
@@ -271,7 +275,7 @@ def _run_row(id: str, recording: Recording, full: Mapping, arrays: Mapping) -> p
     about = run_columns(full)
     row = {
         **about,
-        **_own("runs", id),
+        **_common_columns("runs", id),
         "robot": recording.robot,
         "duration_s": recording.duration,
         "rows": len(recording.t),
@@ -300,7 +304,7 @@ def _twin_errors(id: str, trajectory: str | None, arrays: Mapping) -> list[dict]
     ]
 
 
-def _own(kind: str, id: str) -> dict:
+def _common_columns(kind: str, id: str) -> dict:
     """Return the columns that the rows of every kind have."""
     return {
         KINDS[kind].key: id,

@@ -1,4 +1,4 @@
-"""Two sets of values side by side, bit for bit: where they part, and how far."""
+"""Compare two runs or records bit for bit: where they differ, and by how much."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
@@ -41,21 +41,23 @@ class Channel:
 
 
 def compare_channels(
-    one: Mapping[str, Array], two: Mapping[str, Array]
+    before: Mapping[str, Array], after: Mapping[str, Array]
 ) -> tuple[Channel, ...]:
     """Compare the channels of two runs.
 
     Args:
         one: Signals by name, as ``runs.read_channels`` gives them; times are its.
     """
-    time = np.asarray(one["t"], dtype=float) if "t" in one else None
-    names = [n for n in SIGNALS if n in one or n in two]
+    time = np.asarray(before["t"], dtype=float) if "t" in before else None
+    names = [n for n in SIGNALS if n in before or n in after]
     channels = []
-    for name in [*names, *sorted((set(one) | set(two)) - set(SIGNALS))]:
+    for name in [*names, *sorted((set(before) | set(after)) - set(SIGNALS))]:
         unit = SIGNALS[name].unit if name in SIGNALS else ""
-        left, right = (_columns(name, side.get(name)) for side in (one, two))
-        for channel in dict.fromkeys([*left, *right]):
-            both = left.get(channel), right.get(channel)
+        columns_before, columns_after = (
+            _columns(name, side.get(name)) for side in (before, after)
+        )
+        for channel in dict.fromkeys([*columns_before, *columns_after]):
+            both = columns_before.get(channel), columns_after.get(channel)
             channels.append(_channel(channel, unit, *both, time))
     return tuple(channels)
 
@@ -67,25 +69,29 @@ def differing_channels(channels: Sequence[Channel]) -> tuple[Channel, ...]:
     return tuple(sorted(bad, key=lambda c: late if c.first is None else c.first))
 
 
-def compare_values(one: object, two: object, at: str = "") -> list[Channel]:
+def compare_values(before: object, after: object, at: str = "") -> list[Channel]:
     """Compare two records as JSON holds them: one entry for each value that differs."""
-    if isinstance(one, Mapping) and isinstance(two, Mapping):
-        keys = dict.fromkeys([*one, *two])
+    if isinstance(before, Mapping) and isinstance(after, Mapping):
+        keys = dict.fromkeys([*before, *after])
         parts = [
-            (f"{at}.{key}".lstrip("."), one.get(key, _GONE), two.get(key, _GONE))
+            (f"{at}.{key}".lstrip("."), before.get(key, _GONE), after.get(key, _GONE))
             for key in keys
         ]
-    elif isinstance(one, list) and isinstance(two, list) and len(one) == len(two):
-        pairs = zip(one, two, strict=True)
+    elif (
+        isinstance(before, list)
+        and isinstance(after, list)
+        and len(before) == len(after)
+    ):
+        pairs = zip(before, after, strict=True)
         parts = [(f"{at}[{i}]", a, b) for i, (a, b) in enumerate(pairs)]
     # -0.0 == 0.0 and 1 == 1.0, yet they are not the same record.
-    elif repr(one) == repr(two):
+    elif repr(before) == repr(after):
         return []
-    elif isinstance(one, int | float) and isinstance(two, int | float):
-        apart = abs(float(one) - float(two))
+    elif isinstance(before, int | float) and isinstance(after, int | float):
+        apart = abs(float(before) - float(after))
         return [Channel(at, "", False, 1, 1, None, apart, apart)]
     else:
-        note = f"{_short(one)} and {_short(two)}"
+        note = f"{_short(before)} and {_short(after)}"
         return [Channel(at, "", False, 1, 1, note=note)]
     return [each for name, a, b in parts for each in compare_values(a, b, name)]
 
@@ -105,14 +111,16 @@ def _columns(name: str, values: Array | None) -> dict[str, Array]:
 
 
 def _channel(
-    name: str, unit: str, one: Array | None, two: Array | None, time: Array | None
+    name: str, unit: str, before: Array | None, after: Array | None, time: Array | None
 ) -> Channel:
-    if one is None or two is None:
-        which = "second" if one is None else "first"
-        return Channel(name, unit, False, note=f"only the {which} has it")
-    rows = min(len(one), len(two))
-    note = "" if len(one) == len(two) else f"{len(one)} and {len(two)} samples"
-    a, b = (np.ascontiguousarray(side[:rows], dtype="<f8") for side in (one, two))
+    if before is None or after is None:
+        owner = "second" if before is None else "first"
+        return Channel(name, unit, False, note=f"only the {owner} has it")
+    rows = min(len(before), len(after))
+    note = (
+        "" if len(before) == len(after) else f"{len(before)} and {len(after)} samples"
+    )
+    a, b = (np.ascontiguousarray(side[:rows], dtype="<f8") for side in (before, after))
     apart = a.view("<i8") != b.view("<i8")
     count = int(apart.sum())
     if count == 0:

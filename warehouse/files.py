@@ -1,7 +1,7 @@
-"""Files of the store: Parquet as it writes it, their sums, and commits that survive.
+"""Files of the store: Parquet, check sums, and atomic commits by rename.
 
-Every record has ``_sums.json`` beside its files: the SHA-256 of each, which readers
-and ``verify`` take again, and at its end its own.
+The one integrity scheme: ``_sums.json`` of every record has the SHA-256 of each of its
+files and of itself. Every reader and ``verify`` compare the files with it.
 """
 
 import errno
@@ -61,38 +61,44 @@ def read_sums(folder: Path) -> Mapping[str, Mapping]:
 
 
 def check_file(path: Path) -> None:
-    """Check a file against the sums beside it."""
+    """Check a file against the sums beside it.
+
+    Raises:
+        InputError: If it is missing, unlisted or damaged.
+    """
     sums = read_sums(path.parent)
     fetch_file(path)
-    if path.name not in sums:
-        raise damage_error(path, f"it is not in {SUMS}")
-    size, expected = sums[path.name]["bytes"], sums[path.name]["sha256"]
-    try:
-        with path.open("rb") as file:
-            if os.fstat(file.fileno()).st_size != size:
-                raise damage_error(path, f"it had {size} bytes when it was written")
-            if hashlib.file_digest(file, "sha256").hexdigest() != expected:
-                raise damage_error(path, "its bytes are not those that were written")
-    except FileNotFoundError as error:
-        raise damage_error(path, "it is missing") from error
-    except OSError as error:
-        raise damage_error(path, error.strerror or str(error)) from error
+    if fault := _fault(path, sums):
+        raise damage_error(path, fault)
 
 
 def file_faults(folder: Path) -> tuple[str, ...]:
-    """Return what of a record's files is not as written, a line each."""
+    """Return the faults of the files of a record, a line each."""
     try:
         fetch_record(folder)
         sums = read_sums(folder)
     except InputError as error:
         return (str(error),)
-    faults = []
-    for name in sorted({*sums, *(p.name for p in folder.iterdir())} - {SUMS}):
-        try:
-            check_file(folder / name)
-        except InputError as error:
-            faults.append(str(error))
-    return tuple(faults)
+    names = sorted({*sums, *(path.name for path in folder.iterdir())} - {SUMS})
+    faults = ((name, _fault(folder / name, sums)) for name in names)
+    return tuple(f"{name}: {fault}" for name, fault in faults if fault)
+
+
+def _fault(path: Path, sums: Mapping[str, Mapping]) -> str | None:
+    if path.name not in sums:
+        return f"it is not in {SUMS}"
+    size, expected = sums[path.name]["bytes"], sums[path.name]["sha256"]
+    try:
+        with path.open("rb") as file:
+            if os.fstat(file.fileno()).st_size != size:
+                return f"it had {size} bytes when it was written"
+            if hashlib.file_digest(file, "sha256").hexdigest() != expected:
+                return "its bytes are not those that were written"
+    except FileNotFoundError:
+        return "it is missing"
+    except OSError as error:
+        return error.strerror or str(error)
+    return None
 
 
 def write_parquet(path: Path, table: pa.Table) -> None:
@@ -193,12 +199,12 @@ def table_hash(table: pa.Table) -> str:
 
 
 class ReadOnlyStoreError(InputError, PermissionError):
-    """A store in which nothing may be written; nothing was, and nothing is lost."""
+    """The store is read-only."""
 
 
 @contextmanager
 def staging_folder(store: Path, label: str) -> Iterator[Path]:
-    """Give a folder of one's own in ``_staging``; nothing of it stays.
+    """Yield a new folder in ``_staging``, which is removed afterwards.
 
     Args:
         store: The store; made where there is none, for its owner alone.
@@ -219,7 +225,7 @@ def staging_folder(store: Path, label: str) -> Iterator[Path]:
             raise
         raise ReadOnlyStoreError(
             f"The store {store} is read-only here ({error.strerror}). Nothing was "
-            "written and nothing was lost. Name another one with --store FOLDER."
+            "written. Choose another store: --store FOLDER."
         ) from error
     try:
         yield folder
@@ -228,7 +234,15 @@ def staging_folder(store: Path, label: str) -> Iterator[Path]:
 
 
 def publish(folder: Path, target: Path) -> bool:
-    """Make a staged folder visible at its place, whole; False if another was faster."""
+    """Commit a staged folder by renaming it into place.
+
+    A rename is atomic and fails if the target is not empty: at any kill the record is
+    visible whole or not at all, and of two writers of one id one wins. Files and
+    folders are synced before and after, so that the order survives a loss of power.
+
+    Returns:
+        Whether this writer committed it; False if another one did before.
+    """
     write_sums(folder)
     if bucket_place(target):
         return upload(folder, target)
@@ -239,7 +253,6 @@ def publish(folder: Path, target: Path) -> bool:
     sync(folder)
     _make_folders(target.parent)
     try:
-        # Of two writers of one id the second finds a folder that is not empty.
         os.rename(folder, target)
     except OSError:
         if target.is_dir():
@@ -250,7 +263,7 @@ def publish(folder: Path, target: Path) -> bool:
 
 
 def replace_file(store: Path, target: Path, content: bytes | pa.Table) -> None:
-    """Write a file, or a new version of it, whole or not at all."""
+    """Write a file, or a new version of it, by rename."""
     with staging_folder(store, target.name) as folder:
         path = folder / target.name
         if isinstance(content, pa.Table):
@@ -266,7 +279,7 @@ def replace_file(store: Path, target: Path, content: bytes | pa.Table) -> None:
 
 
 def sweep_staging(store: Path, age: float = 86400.0) -> None:
-    """Remove what writers killed over `age` seconds ago left behind."""
+    """Remove staging folders of writers that were killed over `age` seconds ago."""
     oldest = time.time() - age
     for folder in (store / STAGING).glob("*"):
         # Gone meanwhile is as good.

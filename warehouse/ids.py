@@ -1,4 +1,4 @@
-"""Ids that say what a record is, hashes of its content, and where it lies by its id."""
+"""Ids of records, hashes of their content, and the folder of each id."""
 
 import hashlib
 import json
@@ -114,11 +114,11 @@ def check_slug(text: str) -> str:
 
 def record_folder(store: Path, kind: str, id: str, robot: str = "") -> Path:
     """Return the folder of a record; a run's is below its robot's."""
-    known = KINDS[check_name(kind, KINDS, "kind of record")]
-    base = store / known.folder
+    spec = KINDS[check_name(kind, KINDS, "kind of record")]
+    base = store / spec.folder
     if kind == "runs":
         base = base / f"robot={check_slug(robot)}"
-    return base / f"{known.key}={check_id(id)}"
+    return base / f"{spec.key}={check_id(id)}"
 
 
 def seal_folder(store: Path, run_id: str) -> Path:

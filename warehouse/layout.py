@@ -1,4 +1,4 @@
-"""Where things are in a store, and how an id is found there without any index."""
+"""The layout of a store, and how an id is found without an index."""
 
 import json
 import os
@@ -50,37 +50,39 @@ def find(store: Path, id: str) -> StoredRecord:
         InputError: If it is not an id, or none or several records begin with it.
     """
     check_id(id)
-    found: list[StoredRecord] = []
+    matches: list[StoredRecord] = []
     for kind in KINDS:
-        matches = _matches(store, kind, id)
-        found += [StoredRecord(kind, known, Path(folder)) for known, folder in matches]
-        if found and len(id) == ID_DIGITS:
+        entries = _matches(store, kind, id)
+        matches += [
+            StoredRecord(kind, whole_id, Path(folder)) for whole_id, folder in entries
+        ]
+        if matches and len(id) == ID_DIGITS:
             break
-    if len(found) == 1:
-        return found[0]
-    if not found:
+    if len(matches) == 1:
+        return matches[0]
+    if not matches:
         raise InputError(
             f"Nothing in {store_name(store)} has an id that begins with '{id}'. "
             "modelgap runs lists its runs."
         )
-    some = ", ".join(f"{f.id} ({f.kind})" for f in found[:4])
-    more = f" and {len(found) - 4} more" if len(found) > 4 else ""
+    some = ", ".join(f"{f.id} ({f.kind})" for f in matches[:4])
+    more = f" and {len(matches) - 4} more" if len(matches) > 4 else ""
     raise InputError(f"'{id}' is the beginning of {some}{more}. Give more digits.")
 
 
 def find_run(store: Path, id: str) -> StoredRecord:
     """Find a run by its id or the beginning of it."""
-    found = find(store, id)
-    if found.kind != "runs":
-        raise InputError(f"{found.id} is in {found.kind}, expected the id of a run.")
-    return found
+    record = find(store, id)
+    if record.kind != "runs":
+        raise InputError(f"{record.id} is in {record.kind}, expected the id of a run.")
+    return record
 
 
 def read_record(store: Path, id: str) -> dict:
     """Return what a record was committed with; of a run, its manifest."""
-    found = find(store, id)
+    record = find(store, id)
     return json.loads(
-        read_cell(found.row, "manifest" if found.kind == "runs" else "record")
+        read_cell(record.row, "manifest" if record.kind == "runs" else "record")
     )
 
 
@@ -89,31 +91,31 @@ def with_parents(store: Path, id: str) -> list[StoredRecord]:
     order: dict[str, StoredRecord] = {}
     path: set[str] = set()
 
-    def visit(found: StoredRecord) -> None:
-        if found.id in order or found.id in path:
+    def visit(record: StoredRecord) -> None:
+        if record.id in order or record.id in path:
             return
-        path.add(found.id)
-        for id in parents_of(store, found):
+        path.add(record.id)
+        for id in parents_of(store, record):
             try:
                 parent = find(store, id)
             except InputError as error:
                 raise InputError(
-                    f"{found.id} ({found.kind}) was made from {id}, which is not in "
+                    f"{record.id} ({record.kind}) was made from {id}, which is not in "
                     f"{store_name(store)}."
                 ) from error
             visit(parent)
-        order[found.id] = found
+        order[record.id] = record
 
     visit(find(store, id))
     return list(order.values())
 
 
-def parents_of(store: Path, found: StoredRecord) -> list[str]:
+def parents_of(store: Path, record: StoredRecord) -> list[str]:
     """Return ids of what a record was made from: its lineage, and what it asked for."""
-    rows = read_parquet(found.row, ["lineage"]).column("lineage")[0].as_py() or []
+    rows = read_parquet(record.row, ["lineage"]).column("lineage")[0].as_py() or []
     ids = [row["parent"] for row in rows]
-    if found.kind != "runs":
-        ids += _ids_in((read_record(store, found.id) or {}).get("request"))
+    if record.kind != "runs":
+        ids += _ids_in((read_record(store, record.id) or {}).get("request"))
     return list(dict.fromkeys(check_id(id) for id in ids))
 
 
@@ -123,16 +125,16 @@ def _ids_in(value: object) -> list[str]:
         return [id for item in value.values() for id in _ids_in(item)]
     if isinstance(value, list):
         return [id for item in value for id in _ids_in(item)]
-    whole = isinstance(value, str) and len(value) == ID_DIGITS
-    return [value] if whole and not set(value) - set("0123456789abcdef") else []
+    is_id = isinstance(value, str) and len(value) == ID_DIGITS
+    return [value] if is_id and not set(value) - set("0123456789abcdef") else []
 
 
 def _matches(store: Path, kind: str, id: str) -> list[tuple[str, str]]:
     if len(id) < ID_DIGITS:
         return [e for e in list_folders(store, kind).items() if e[0].startswith(id)]
     # A whole id needs no listing: its path is known but for the robot.
-    known, bases = KINDS[kind], _bases(store, kind)
-    paths = [os.path.join(base, f"{known.key}={id}") for base in bases]
+    spec, bases = KINDS[kind], _bases(store, kind)
+    paths = [os.path.join(base, f"{spec.key}={id}") for base in bases]
     return [(id, path) for path in paths if has_record(Path(path))]
 
 

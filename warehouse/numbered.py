@@ -1,8 +1,8 @@
-"""Numbered records that are never changed: which model a robot has.
+"""Adoptions: numbered records of which model a robot has.
 
-A number can be taken only once, since its folder is renamed into place; whoever comes
-second is told of the first. Of the adoptions of a robot the last one holds; rolling
-back is one more, which names the model of before.
+A number is taken once, because its folder is renamed into place; the second writer gets
+an error. The last adoption of a robot holds. A rollback is one more adoption, of the
+model before.
 """
 
 import json
@@ -24,7 +24,7 @@ _DIGITS = 6
 
 
 class AdoptionConflictError(InputError):
-    """Somebody else has given the robot a model meanwhile."""
+    """Another user has given the robot a model in the meantime."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -56,12 +56,14 @@ def commit_adoption(store: Path, adoption: Adoption) -> str:
     """
     ids.check_slug(adoption.robot)
     parents = {"model": [adoption.model_id], "diagnosis": [adoption.diagnosis_id]}
-    lineage = lineage_rows({k: given for k, given in parents.items() if given[0]})
+    lineage = lineage_rows(
+        {k: ids_of_role for k, ids_of_role in parents.items() if ids_of_role[0]}
+    )
     while True:
         numbers = list_folders(store, ADOPTIONS)
         _check_parent(store, adoption)
         id = f"{1 + max(map(int, numbers), default=0):0{_DIGITS}}"
-        # Of two with one number one is told no, and looks again who was faster.
+        # If another writer takes the number, check the parent again.
         if commit_row(store, ADOPTIONS, id, asdict(adoption), {"lineage": lineage}):
             return id
 
@@ -78,9 +80,9 @@ def adopted(
 ) -> tuple[str, Adoption] | None:
     """Return the last adoption of a robot with its number, None where there is none."""
     for id in sorted(list_folders(store, ADOPTIONS), reverse=True):
-        found = read_adoption(store, id)
-        if (found.robot, found.serial) == (robot, serial):
-            return id, found
+        adoption = read_adoption(store, id)
+        if (adoption.robot, adoption.serial) == (robot, serial):
+            return id, adoption
     return None
 
 

@@ -1,4 +1,4 @@
-"""Which code and which libraries made a record: named in it, and kept once for all.
+"""Which code and libraries made a record: commit, hashes, versions, machine.
 
 ``made_with/packages-<sha256>.txt`` is named by the hash of its content.
 The commit of the program is what git says in a checkout; a wheel has it in a file that
@@ -108,14 +108,14 @@ def provenance() -> Provenance:
     """
     installed = _installed()
     lock = ROOT / "requirements.lock"
-    told = {name: installed[name] for name in _TOLD if name in installed}
+    versions = {name: installed[name] for name in _TOLD if name in installed}
     return Provenance(
         code_hash=plant_code_hash(),
         commit=commit() if is_checkout() else None,
         dirty=_dirty() if is_checkout() else None,
         lock_hash=_sha256(lock.read_bytes()) if lock.is_file() else None,
         environment_hash=_sha256(packages()),
-        versions={"python": platform.python_version(), **told},
+        versions={"python": platform.python_version(), **versions},
         program_hash=program_hash(),
         uncommitted=uncommitted(),
         machine=_machine(),
@@ -124,11 +124,11 @@ def provenance() -> Provenance:
 
 def origin_columns(manifest: Mapping) -> dict:
     """Return the columns of ``runs`` that say what code made it, where, for what."""
-    made = manifest.get("provenance") or {}
+    origin = manifest.get("provenance") or {}
     return {
-        "commit": made.get("commit"),
-        "version": (made.get("versions") or {}).get("modelgap"),
-        "machine": made.get("machine"),
+        "commit": origin.get("commit"),
+        "version": (origin.get("versions") or {}).get("modelgap"),
+        "machine": origin.get("machine"),
         "campaign": manifest.get("campaign"),
     }
 
@@ -136,8 +136,8 @@ def origin_columns(manifest: Mapping) -> dict:
 @cache
 def packages() -> bytes:
     """Return all installed packages, one line each as in name==version."""
-    found = sorted(_installed().items())
-    return "\n".join(f"{name}=={version}" for name, version in found).encode()
+    versions = sorted(_installed().items())
+    return "\n".join(f"{name}=={version}" for name, version in versions).encode()
 
 
 @cache
@@ -183,8 +183,8 @@ def _counts(path: Path) -> bool:
 
 @cache
 def _installed() -> dict[str, str]:
-    found = ((d.metadata["Name"], d.version) for d in distributions())
-    return {name.lower(): version for name, version in found if name}
+    packages_found = ((d.metadata["Name"], d.version) for d in distributions())
+    return {name.lower(): version for name, version in packages_found if name}
 
 
 def _dirty() -> bool | None:
@@ -224,8 +224,8 @@ def version_text() -> str:
         number = version("modelgap")
     except PackageNotFoundError:
         number = "not installed"
-    known = commit()
-    return f"{number} (commit {known[:12] if known else 'unknown'})"
+    revision = commit()
+    return f"{number} (commit {revision[:12] if revision else 'unknown'})"
 
 
 def keep_packages(store: Path) -> None:
@@ -235,9 +235,9 @@ def keep_packages(store: Path) -> None:
         replace_file(store, target, packages())
 
 
-def read_packages(store: Path, known: Mapping) -> dict[str, str] | None:
+def read_packages(store: Path, origin: Mapping) -> dict[str, str] | None:
     """Return versions by package; None where they were not kept."""
-    path = store / MADE_WITH / _list_name(known)
+    path = store / MADE_WITH / _list_name(origin)
     fetch_file(path)
     try:
         check_packages(path.name, path.read_bytes())
@@ -253,9 +253,9 @@ def check_packages(name: str, content: bytes) -> None:
         raise InputError(f"{name} is damaged: its content has another hash.")
 
 
-def describe_uncommitted(known: Mapping) -> str:
+def describe_uncommitted(origin: Mapping) -> str:
     """Say which uncommitted change a record was made with, in one line."""
-    changes, commit = known.get("uncommitted"), (known.get("commit") or "")[:12]
+    changes, commit = origin.get("uncommitted"), (origin.get("commit") or "")[:12]
     if changes is None:
         return "uncommitted changes: unknown, the code was no git checkout"
     if not changes["sha256"]:
@@ -266,5 +266,5 @@ def describe_uncommitted(known: Mapping) -> str:
     return f"uncommitted changes: {files}, on commit {commit}"
 
 
-def _list_name(known: Mapping) -> str:
-    return f"packages-{known.get('environment_hash')}.txt"
+def _list_name(origin: Mapping) -> str:
+    return f"packages-{origin.get('environment_hash')}.txt"

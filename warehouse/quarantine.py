@@ -1,4 +1,4 @@
-"""Tombstones: why a run should not be used; nothing of it is deleted or changed."""
+"""Tombstones: marks on runs that should not be used; the runs stay unchanged."""
 
 import json
 from datetime import UTC, datetime
@@ -13,7 +13,7 @@ from warehouse.schema import QUARANTINE
 
 
 def quarantine(store: Path, run_id: str, reason: str) -> Path:
-    """Say that a run should not be used; nothing of it is deleted or changed.
+    """Mark a run as not to be used; the run itself stays unchanged.
 
     Returns:
         The tombstone; the first one stays.
@@ -24,8 +24,8 @@ def quarantine(store: Path, run_id: str, reason: str) -> Path:
     target = _tombstone(store, id)
     fetch_file(target)
     if not target.exists():
-        told = {"run_id": id, "reason": reason, "at": datetime.now(UTC).isoformat()}
-        replace_file(store, target, (json.dumps(told) + "\n").encode())
+        content = {"run_id": id, "reason": reason, "at": datetime.now(UTC).isoformat()}
+        replace_file(store, target, (json.dumps(content) + "\n").encode())
     return target
 
 

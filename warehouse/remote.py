@@ -1,15 +1,12 @@
-"""Records of a store on object storage: committed by one put, fetched to be read.
+"""Records of a store in a bucket (object storage).
 
-Every part of the program takes a store as a folder. Of a store in a bucket that is a
-folder of this machine: for what is being written, what was fetched to be read, and what
-makes no sense in a bucket, such as Prefect's database. What is committed never changes,
-so what was fetched is right for ever and may be deleted.
+The program sees every store as a folder. The folder of a store in a bucket is on this
+machine: it holds what is being written, copies of what was read, and what belongs to no
+bucket, such as Prefect's database. Records never change after their commit, so a copy
+stays valid; it may be deleted at any time.
 
-A record is there where `commits/<its folder>.json` is, which is its list of sums: it is
-put last, if there is none; what a kill leaves before are objects that nothing names.
-The hash of a file is in its key: two writers of one record share no file.
-
-What asks the bucket raises InputError where it does not answer, or gives other bytes.
+Every function that talks to the bucket raises InputError if the bucket does not answer
+or returns other bytes than were committed.
 """
 
 import hashlib
@@ -44,17 +41,17 @@ _real = lru_cache(os.path.realpath)
 
 
 def identity_of(bucket: Bucket) -> str | None:
-    """Return the identity of the store in a bucket, None where there is no store."""
+    """Return the identity of the store in a bucket, None if there is no store."""
     text = bucket.get(IDENTITY)
     with suppress(ValueError, KeyError, TypeError):
-        known = json.loads(text or b"null")
-        if known is None or known["schema"] == _FORM:
-            return known and str(known["store"])
+        card = json.loads(text or b"null")
+        if card is None or card["schema"] == _FORM:
+            return card and str(card["store"])
     raise InputError(f"{IDENTITY} in the bucket is of no store of this version.")
 
 
 def local_folder(word: str) -> Path:
-    """Return the folder here of the store at s3://...; it is there if the store is."""
+    """Return the local folder of the store at s3://...; it exists if the store does."""
     bucket, prefix = parse_address(word)
     named = f"{endpoint_url() or ''} {bucket}/{prefix}"
     name = f"{bucket}-{hashlib.sha256(named.encode()).hexdigest()[:16]}"
@@ -65,7 +62,7 @@ def local_folder(word: str) -> Path:
 
 
 def attach(folder: Path, bucket: Bucket) -> None:
-    """Use a folder for a bucket; what it has of another store there is forgotten."""
+    """Use a folder for a bucket; delete copies of a different store at that address."""
     before, identity = _card(folder).get("identity"), identity_of(bucket)
     if before not in (None, identity):
         for name in FOLDERS - {"_prefect"}:
@@ -85,10 +82,11 @@ def bucket_of(store: Path) -> Bucket | None:
 
 
 def writable(store: Path) -> Bucket:
-    """Return the bucket of a folder, made a store, and known to keep conditions.
+    """Return the bucket of a store for writing; create the store if there is none.
 
-    A server that takes the same put twice ignores the condition, and would let two
-    writers of one record believe that they were first. Such servers exist.
+    Raises:
+        InputError: If the server ignores the condition of a put (some do): then two
+            writers of one record would both believe that they committed it.
     """
     bucket = bucket_of(store)
     if str(store) not in _writable:
@@ -106,7 +104,7 @@ def writable(store: Path) -> Bucket:
 
 
 def store_name(store: Path) -> str:
-    """Return what people call a store: its address, or its folder."""
+    """Return the name of a store in messages: its address, or its folder."""
     bucket = bucket_of(store)
     return bucket.url if bucket else str(store)
 
@@ -121,18 +119,18 @@ def bucket_place(path: Path) -> tuple[Path, str] | None:
 
 
 def is_local(folder: Path) -> bool:
-    """Return whether there is a record, of a bucket only if its sums were fetched."""
+    """Return whether a record is here; of a bucket, whether its sums were fetched."""
     return (folder / SUMS).is_file() if bucket_place(folder) else folder.is_dir()
 
 
 def has_record(folder: Path) -> bool:
-    """Return whether there is a record, with as little as that takes."""
+    """Return whether a record exists; of a bucket this fetches its sums at most."""
     fetch_file(folder / SUMS)
     return is_local(folder)
 
 
 def fetch_record(folder: Path) -> bool:
-    """Fetch all files of a record, if it is in a bucket; whether there is one."""
+    """Fetch all files of a record in a bucket; return whether the record exists."""
     if bucket_place(folder) and has_record(folder):
         for name in sums_in(folder):
             fetch_file(folder / name)
@@ -140,7 +138,7 @@ def fetch_record(folder: Path) -> bool:
 
 
 def fetch_file(path: Path) -> None:
-    """Fetch a file whose place is in a bucket, if it is not here yet."""
+    """Fetch a file of a store in a bucket if it is not here yet."""
     if os.path.exists(path) or (place := bucket_place(path)) is None:
         return
     store, key = place
@@ -150,14 +148,14 @@ def fetch_file(path: Path) -> None:
     elif key.partition("/")[0] in _PLAIN:
         data = bucket.get(key)
     elif has_record(path.parent):
-        known = sums_in(path.parent)[path.name]
-        key = _object_key(key.rpartition("/")[0], path.name, known)
+        sums = sums_in(path.parent)[path.name]
+        key = _object_key(key.rpartition("/")[0], path.name, sums)
         data = bucket.get(key)
-        if data is None or hashlib.sha256(data).hexdigest() != known["sha256"]:
-            what = "is missing" if data is None else "is damaged"
+        if data is None or hashlib.sha256(data).hexdigest() != sums["sha256"]:
+            problem = "is missing" if data is None else "is damaged"
             raise InputError(
-                f"{key} {what} in the bucket. Take that record out of {COMMITS}; what "
-                "can be made again is, by the same command."
+                f"{key} {problem} in the bucket. Remove its record from {COMMITS}; the "
+                "command that made it can make it again."
             )
     if data is not None:
         write_local(path, data)
@@ -177,13 +175,13 @@ def names_in(store: Path, folder: str) -> list[str]:
 def committed_folders(store: Path, folder: str) -> dict[str, str]:
     """Return the folder of every record in a folder of a bucket, by its id."""
     keys = bucket_of(store).keys(f"{COMMITS}/{folder}")
-    found = (key[len(COMMITS) + 1 :].removesuffix(".json") for key in keys)
-    records = sorted(each for each in found if _RECORD.fullmatch(each))
+    folders = (key[len(COMMITS) + 1 :].removesuffix(".json") for key in keys)
+    records = sorted(each for each in folders if _RECORD.fullmatch(each))
     return {each.rpartition("=")[2]: str(store / each) for each in records}
 
 
 def write_local(path: Path, data: bytes) -> None:
-    """Write what was fetched, whole or not at all."""
+    """Write a fetched file by rename, so that no reader sees a part of it."""
     path.parent.mkdir(PRIVATE, parents=True, exist_ok=True)
     draft = path.with_name(f".{path.name}.{uuid.uuid4().hex[:8]}")
     try:
@@ -194,31 +192,40 @@ def write_local(path: Path, data: bytes) -> None:
 
 
 def upload(folder: Path, target: Path) -> bool:
-    """Make a staged folder a record of a bucket, whole or not at all.
+    """Commit a staged folder as a record of a bucket: visible whole or not at all.
+
+    A bucket has no rename, so the commit is one object, ``commits/<folder>.json``: the
+    list of sums of the record. Readers look only there; a record without it does not
+    exist. The files are put first, each under a key that contains its SHA-256, so two
+    writers of one record never overwrite each other's files, and a kill before the last
+    put leaves only objects that no commit names. The commit itself is atomic because it
+    is a single put with ``If-None-Match: *``: the server accepts it only if no such
+    object exists, so exactly one of several writers succeeds. `writable` refuses
+    servers that ignore the condition. If the answer to a put is lost, the client
+    repeats it and finds its own bytes there, which counts as success.
 
     Returns:
-        Whether it is this one; False if another writer was faster.
+        Whether this writer committed the record; False if another one did before.
     """
     store, key = bucket_place(target)
     bucket, sums = writable(store), (folder / SUMS).read_bytes()
 
-    def put(name: str, known: Mapping) -> None:
-        bucket.put(_object_key(key, name, known), (folder / name).read_bytes())
+    def put(name: str, sums_of_file: Mapping) -> None:
+        bucket.put(_object_key(key, name, sums_of_file), (folder / name).read_bytes())
 
     with ThreadPoolExecutor(_AT_ONCE) as beside:
         list(beside.map(put, *zip(*sums_in(folder).items(), strict=True)))
     commit = f"{COMMITS}/{key}.json"
     while not bucket.put_if_absent(commit, sums):
         there = bucket.get(commit)
-        # None: refused only because another was at it, who then failed. The same: the
-        # answer to our own put was lost, and it was sent once more.
+        # None: the server refused because of a concurrent put that then failed.
         if there is not None:
             return there == sums
     return True
 
 
 def upload_file(path: Path, target: Path) -> bool:
-    """Put a file by itself into a bucket; False where its place is in a folder."""
+    """Put a single file into a bucket; return False for a store in a folder."""
     place = bucket_place(target)
     if place:
         writable(place[0]).put_if_absent(place[1], path.read_bytes())
@@ -227,7 +234,7 @@ def upload_file(path: Path, target: Path) -> bool:
 
 
 def fetch_index(path: Path) -> None:
-    """Fetch a file of the catalogue anew, which others may have written again."""
+    """Fetch a file of the index again: others may have replaced it."""
     if bucket := bucket_of(path.parent.parent):
         path.unlink(missing_ok=True)
         if data := bucket.get(f"{INDEX}/{path.name}"):
@@ -235,14 +242,14 @@ def fetch_index(path: Path) -> None:
 
 
 def put_index(path: Path) -> None:
-    """Put a file of the catalogue into the bucket, if any."""
+    """Put a file of the index into the bucket, if the store is in one."""
     if bucket := bucket_of(path.parent.parent):
         bucket.put(f"{INDEX}/{path.name}", path.read_bytes())
 
 
 @contextmanager
 def fetched_anew(store: Path) -> Iterator[Path]:
-    """Give the folder of a store, of one in a bucket one with nothing in it yet."""
+    """Yield the folder of a store; for a bucket an empty one, without any copies."""
     if (bucket := bucket_of(store)) is None:
         yield store
         return
@@ -255,9 +262,9 @@ def fetched_anew(store: Path) -> Iterator[Path]:
         shutil.rmtree(place, ignore_errors=True)
 
 
-def _object_key(folder: str, name: str, known: Mapping) -> str:
+def _object_key(folder: str, name: str, sums: Mapping) -> str:
     path = PurePosixPath(name)
-    return f"{folder}/{path.stem}.{known['sha256'][:16]}{path.suffix}"
+    return f"{folder}/{path.stem}.{sums['sha256'][:16]}{path.suffix}"
 
 
 def _root() -> str:
@@ -266,7 +273,7 @@ def _root() -> str:
 
 
 def _card(store: Path) -> dict:
-    """Return what was noted of a folder: the address, and which store was there."""
+    """Return the note on a folder: its address and the identity of its store."""
     try:
         return json.loads(store.with_name(f"{store.name}.json").read_bytes())
     except (OSError, ValueError):
@@ -282,7 +289,7 @@ def _note(folder: Path, bucket: Bucket, identity: str | None) -> None:
 
 
 def forget_buckets() -> None:
-    """Ask again for every bucket, as a new process does."""
+    """Forget all open buckets, as a new process would."""
     _open.clear()
     _writable.clear()
 

@@ -1,4 +1,4 @@
-"""Runs back out of the store, with seals, tombstones, descriptions of their robots."""
+"""Read runs from the store, their seals and the descriptions of their robots."""
 
 import json
 import re
@@ -134,8 +134,8 @@ def keep_robot(store: Path, word: str, robot: Robot) -> None:
 
 
 def _is_built_in(word: str, robot: Robot) -> bool:
-    known = word in built_in_robots()
-    return known and load_robot(word).content_hash == robot.content_hash
+    built_in = word in built_in_robots()
+    return built_in and load_robot(word).content_hash == robot.content_hash
 
 
 def _toml_text(path: Path, robot: Robot) -> str | None:
@@ -143,8 +143,8 @@ def _toml_text(path: Path, robot: Robot) -> str | None:
 
     A line is put into the user's own text, so that comments stay.
     """
-    own = path / TOML if path.is_dir() else None
-    text = own.read_text(encoding="utf-8") if own and own.is_file() else None
+    file = path / TOML if path.is_dir() else None
+    text = file.read_text(encoding="utf-8") if file and file.is_file() else None
     used, written = json.loads(robot.toml), tomllib.loads(text or "")
     if set(used) - {"robot"} != set(written) - {"robot", "columns"}:
         # A chain has gone into the URDF; what an MJCF declares stands nowhere else.

@@ -1,6 +1,6 @@
-"""Every kind of record, and every column that SQL shows, with type, unit and meaning.
+"""Every kind of record and every column of the SQL views: type, unit, meaning.
 
-They are said here and only here.
+Single source of truth: no other module repeats them.
 """
 
 from collections.abc import Iterable, Mapping
@@ -321,7 +321,9 @@ def all_views(dof: int = DEFAULT_DOF) -> dict[str, tuple[Column, ...]]:
     """Return every view with its columns, ``samples`` second as the most used."""
     first = {"runs": VIEWS["runs"], "samples": sample_columns(dof)}
     views = {**first, **VIEWS}
-    return {name: (*own, *COMPUTED.get(name, ())) for name, own in views.items()}
+    return {
+        name: (*columns, *COMPUTED.get(name, ())) for name, columns in views.items()
+    }
 
 
 def channel_names(signal: str, dof: int) -> tuple[str, ...]:
@@ -369,13 +371,13 @@ class Kind:
     row: str = field(init=False)  # the file of a record with its one catalogue row
 
     def __post_init__(self) -> None:
-        own = [c.field for c in VIEWS[self.name] if c.name != "quarantined"]
+        fields = [c.field for c in VIEWS[self.name] if c.name != "quarantined"]
         if self.name == "runs":
-            own.append(pa.field("signals", pa.list_(TEXT)))
+            fields.append(pa.field("signals", pa.list_(TEXT)))
         rows = (pa.field(view, nested(view)) for view in self.lists)
         folder = "samples" if self.name == "runs" else self.name
         row = f"_{self.key.removesuffix('_id')}.parquet"
-        object.__setattr__(self, "fields", pa.schema([*own, *rows]))
+        object.__setattr__(self, "fields", pa.schema([*fields, *rows]))
         object.__setattr__(self, "folder", folder)
         object.__setattr__(self, "row", row)
 

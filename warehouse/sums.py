@@ -1,4 +1,4 @@
-"""The list of sums of a record's files, which lies beside them as ``_sums.json``."""
+"""The check sums of a record's files: ``_sums.json`` in its folder."""
 
 import hashlib
 import json
@@ -33,14 +33,14 @@ def parse_sums(path: Path, text: bytes) -> Mapping[str, Mapping]:
 
 def sums_text(sums: Mapping) -> bytes:
     """Return a list of sums as its file has it: it ends with its own SHA-256."""
-    made = json.dumps(sums, sort_keys=True, separators=(",", ":"))
-    own = hashlib.sha256(made.encode()).hexdigest()
-    return f'{{"files":{made},"sha256":"{own}"}}\n'.encode()
+    text = json.dumps(sums, sort_keys=True, separators=(",", ":"))
+    sha256 = hashlib.sha256(text.encode()).hexdigest()
+    return f'{{"files":{text},"sha256":"{sha256}"}}\n'.encode()
 
 
-def damage_error(path: Path, what: object) -> InputError:
+def damage_error(path: Path, reason: object) -> InputError:
     """Return the error, in one line, that names a damaged file."""
-    text = " ".join(str(what).split())
+    text = " ".join(str(reason).split())
     return InputError(
         f"{path} is damaged ({text[:120]}). Take its folder out of the store."
     )

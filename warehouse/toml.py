@@ -1,4 +1,4 @@
-"""A TOML file into a checked record, its faults in the words of the house."""
+"""Read a TOML file into a checked record, with messages that name the valid keys."""
 
 import tomllib
 from collections.abc import Sequence
@@ -54,8 +54,8 @@ def faults(record: type, content: dict[str, Any]) -> list[tuple[str, tuple]]:
     try:
         TypeAdapter(record).validate_python(content)
     except ValidationError as error:
-        told = error.errors(include_url=False)
-        return [(_words(record, fault), fault["loc"]) for fault in told]
+        errors = error.errors(include_url=False)
+        return [(_words(record, fault), fault["loc"]) for fault in errors]
     return []
 
 
@@ -77,16 +77,16 @@ def _words(record: Any, fault: dict[str, Any]) -> str:
     if expected is None:
         text = fault["msg"].removeprefix("Input should be ")
         expected = text[:1].lower() + text[1:]
-    given = shown(fault["input"])
-    return f"{_named(fault['loc'])} is {given}, expected {expected}."
+    value = shown(fault["input"])
+    return f"{_named(fault['loc'])} is {value}, expected {expected}."
 
 
-def _unknown(name: object, valid: list[str], what: str) -> str:
+def _unknown(name: object, valid: list[str], noun: str) -> str:
     try:
-        check_name(str(name), valid, what)
+        check_name(str(name), valid, noun)
     except InputError as error:
         return str(error)
-    return f"{what} '{name}' is not usable here."
+    return f"{noun} '{name}' is not usable here."
 
 
 def _keys(record: Any, tables: list) -> list[str]:

@@ -1,4 +1,4 @@
-"""Whether a store is as it was written: files by their sums, records by their ids."""
+"""Verify a store: files by their check sums, records by their ids."""
 
 import hashlib
 import json
@@ -33,23 +33,23 @@ _OPEN_TO_OTHERS = 0o077
 _NUMBERED = ("adoptions", "decisions")  # their ids are no hashes
 
 
-def faults(found: StoredRecord) -> tuple[str, ...]:
-    """Return what is not as it was committed, a line each; empty for a good record.
+def faults(record: StoredRecord) -> tuple[str, ...]:
+    """Return the faults of a record, a line each; empty for an intact record.
 
-    The files have their SHA-256, and the hash of the content is the id: of a run its
-    values have the hash that its manifest says.
+    Checks the SHA-256 of the files, then that the hash of the content is the id (of a
+    run, that its values have the hash in its manifest).
     """
-    if wrong := file_faults(found.folder):
+    if wrong := file_faults(record.folder):
         return wrong
     try:
-        row = read_row(found)
-        key = KINDS[found.kind].key
-        if row.get(key) != found.id:
-            return (f"its row says {row.get(key)}, its folder {found.id}",)
-        if found.kind in _NUMBERED:
+        row = read_row(record)
+        key = KINDS[record.kind].key
+        if row.get(key) != record.id:
+            return (f"its row says {row.get(key)}, its folder {record.id}",)
+        if record.kind in _NUMBERED:
             return ()
-        check = _run_fault if found.kind == "runs" else _record_fault
-        fault = check(found, row)
+        check = _run_fault if record.kind == "runs" else _record_fault
+        fault = check(record, row)
     except InputError as error:
         return (str(error),)
     except (
@@ -59,22 +59,22 @@ def faults(found: StoredRecord) -> tuple[str, ...]:
         AttributeError,
         RecursionError,
     ) as error:
-        return (f"{found.row.name} has another form than expected: {error}",)
+        return (f"{record.row.name} has another form than expected: {error}",)
     return (fault,) if fault else ()
 
 
-def read_row(found: StoredRecord) -> dict:
+def read_row(record: StoredRecord) -> dict:
     """Return the row of a record, everything in it."""
-    table = read_parquet(found.row)
+    table = read_parquet(record.row)
     if len(table) != 1:
-        raise InputError(f"{found.row} has {len(table)} rows, expected 1.")
+        raise InputError(f"{record.row} has {len(table)} rows, expected 1.")
     return table.to_pylist()[0]
 
 
-def list_tables(found: StoredRecord) -> dict[str, pa.Table]:
+def list_tables(record: StoredRecord) -> dict[str, pa.Table]:
     """Return the rows of views that lie in a record's own row, such as its errors."""
-    lists = sorted(set(KINDS[found.kind].lists) - {"lineage"})
-    row = read_parquet(found.row, lists).to_pylist()[0]
+    lists = sorted(set(KINDS[record.kind].lists) - {"lineage"})
+    row = read_parquet(record.row, lists).to_pylist()[0]
     schemas = {view: arrow_schema(VIEWS[view][1:]) for view in lists}
     return {
         view: pa.Table.from_pylist(row.get(view) or [], schema=schema)
@@ -82,42 +82,44 @@ def list_tables(found: StoredRecord) -> dict[str, pa.Table]:
     }
 
 
-def other_files(found: StoredRecord) -> dict[str, Path]:
+def other_files(record: StoredRecord) -> dict[str, Path]:
     """Return the files of a record beside its row, by their names."""
-    fetch_record(found.folder)
-    paths = sorted(p for p in found.folder.iterdir() if p.is_file())
-    return {p.name: p for p in paths if p.name not in (KINDS[found.kind].row, SUMS)}
+    fetch_record(record.folder)
+    paths = sorted(p for p in record.folder.iterdir() if p.is_file())
+    return {p.name: p for p in paths if p.name not in (KINDS[record.kind].row, SUMS)}
 
 
-def _run_fault(found: StoredRecord, row: Mapping) -> str | None:
+def _run_fault(record: StoredRecord, row: Mapping) -> str | None:
     manifest = json.loads(row["manifest"])
-    arrays = to_arrays(read_parquet(found.folder / SAMPLES_FILE))
+    arrays = to_arrays(read_parquet(record.folder / SAMPLES_FILE))
     if ids.data_hash(arrays) != manifest["data_hash"]:
         return f"{SAMPLES_FILE}: its values are not those that were committed"
-    if manifest_id(manifest) != found.id:
-        return f"{found.row.name}: its spec is not the one that its id is the hash of"
+    if manifest_id(manifest) != record.id:
+        return f"{record.row.name}: its spec is not the one that its id is the hash of"
     return None
 
 
-def _record_fault(found: StoredRecord, row: Mapping) -> str | None:
-    record, lineage = json.loads(row["record"]), row["lineage"] or []
+def _record_fault(record: StoredRecord, row: Mapping) -> str | None:
+    content, lineage = json.loads(row["record"]), row["lineage"] or []
     sums = {}
-    for path in other_files(found).values():
+    for path in other_files(record).values():
         if path.suffix == ".parquet":
             sums[path.stem] = table_hash(read_parquet(path))
         else:
             sums[path.name] = hashlib.sha256(path.read_bytes()).hexdigest()
     # An empty list was either not given or given as a table without rows.
     empty = {}
-    for view, table in list_tables(found).items():
+    for view, table in list_tables(record).items():
         (sums if len(table) else empty)[view] = table_hash(table)
     sizes = range(len(empty), -1, -1)
     for names in chain.from_iterable(combinations(empty, size) for size in sizes):
         hashes = sums | {name: empty[name] for name in names}
-        digest = ids.digest(found.kind, record, lineage, hashes)
-        if digest[: ids.ID_DIGITS] == found.id:
+        digest = ids.digest(record.kind, content, lineage, hashes)
+        if digest[: ids.ID_DIGITS] == record.id:
             return None
-    return f"{found.folder.name}: its content is not the one that its id is the hash of"
+    return (
+        f"{record.folder.name}: its content is not the one that its id is the hash of"
+    )
 
 
 @dataclass(frozen=True, slots=True)
@@ -135,7 +137,7 @@ def verify_all(store: Path) -> Iterator[Integrity]:
     Those of a bucket are fetched anew for it, and none is kept.
     """
     with fetched_anew(store) as place:
-        whole = set()
+        intact_runs = set()
         for kind in KINDS:
             for id, folder in list_folders(place, kind).items():
                 wrong = faults(StoredRecord(kind, id, Path(folder)))
@@ -143,11 +145,11 @@ def verify_all(store: Path) -> Iterator[Integrity]:
                 if place != store:
                     shutil.rmtree(folder, ignore_errors=True)
                 if kind == "runs" and not wrong:
-                    whole.add(id)
+                    intact_runs.add(id)
         for name in names_in(place, SEALED):
             id, folder = name.removeprefix("run_id="), place / SEALED / name
             # Of a run that is damaged or gone only the bytes of its seal are verified.
-            opened = _complaint(open_seal, place, id) if id in whole else ()
+            opened = _complaint(open_seal, place, id) if id in intact_runs else ()
             yield Integrity(SEALED, id, file_faults(folder) or opened)
         for name in names_in(place, ROBOTS):
             folder = place / ROBOTS / name

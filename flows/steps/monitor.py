@@ -159,8 +159,8 @@ def watch_new(
     model = model or in_force(runs, store).diagnosis or latest_diagnosis(runs, store)
     if model is None:
         return NewRuns(why="No diagnosis of this arm yet: nothing to compare with.")
-    healthy = tuple(healthy_ids) or healthy_runs(runs, store, tag)
-    if not healthy_ids and len(healthy) < LEAST_RUNS:
+    healthy = tuple(good) or healthy_runs(runs, store, tag)
+    if not good and len(healthy) < LEAST_RUNS:
         diagnosis = _diagnosis_in(model, store)
         healthy = _behind(diagnosis, store) if diagnosis else ()
     new = tuple(run for run in runs if run not in healthy)

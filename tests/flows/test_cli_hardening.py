@@ -171,7 +171,7 @@ def read_only(monkeypatch, store):
 def test_a_read_only_store_says_so_and_that_nothing_was_lost(run, store, read_only):
     assert run("runs")[0] == 0
     assert run("verify")[0] == 0
-    with pytest.raises(InputError, match=r"read-only here.*nothing was lost"):
+    with pytest.raises(InputError, match=r"read-only here.*Nothing was written"):
         made.commit(store[0], 5)
 
 

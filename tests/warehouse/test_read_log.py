@@ -281,7 +281,7 @@ def test_rows_that_stand_twice_are_read_once(samples, write, make_robot, again):
     log, known = read_log(write(np.array(again(samples))), make_robot())
     np.testing.assert_array_equal(log.t, samples[:, 0])
     np.testing.assert_array_equal(log.tau, samples[:, 3:])
-    assert any(f"{len(samples)} rows stand there twice" in n for n in known.notes)
+    assert any(f"{len(samples)} rows are duplicates" in n for n in known.notes)
 
 
 @pytest.mark.parametrize("every", [1, 4])

@@ -9,6 +9,7 @@ import pytest
 import warehouse
 from residual.errors import InputError
 from tests.warehouse import store_samples as made
+from warehouse import catalogue
 from warehouse.layout import find_run
 from warehouse.schema import DEFAULT_DOF, NUMBER, WHOLE, all_views
 
@@ -28,7 +29,7 @@ def fill(store, count, start=0):
 def rows_read(monkeypatch):
     """Names of the catalogue rows that are read one by one."""
     read = []
-    real = warehouse.catalogue.read_parquet
+    real = catalogue.read_parquet
 
     def spy(path, *more):
         read.append(path.name)

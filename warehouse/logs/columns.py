@@ -1,6 +1,6 @@
-"""COLUMNS.toml: which column is what, in which unit, and from there to SI at the link.
+"""COLUMNS.toml: which column is which signal, its unit, and the conversion to SI.
 
-Nothing is converted by guess.
+Only what the map states is converted.
 """
 
 import math
@@ -180,13 +180,13 @@ def load_columns(path: str | Path) -> ColumnMap:
 
 def _column_map(content: Mapping, name: str) -> ColumnMap:
     file = checked(_File, dict(content), name)
-    given = {key: getattr(file, key) for key in JOINT_SIGNALS}
+    maps = {key: getattr(file, key) for key in JOINT_SIGNALS}
     return ColumnMap(
         time=file.time.column,
         time_unit=file.time.unit,
         time_scale=file.time.scale,
         nanoseconds=file.time.nanoseconds,
-        signals={k: _in_unit(k, s, name) for k, s in given.items() if s},
+        signals={k: _in_unit(k, s, name) for k, s in maps.items() if s},
         csv=file.csv,
         bag=file.bag,
     )
@@ -279,12 +279,13 @@ def check_units(
         unit = "N m" if signal.unit == "Nm" else signal.unit
         meant |= dict.fromkeys(signal.columns, (name, unit))
     for column, (name, unit) in meant.items():
-        said = stated.get(column, unit)
-        if said != unit:
+        stated_unit = stated.get(column, unit)
+        if stated_unit != unit:
             key = "column" if name == "time" else "columns"
             raise InputError(
-                f"{where}: column '{column}' is in {said} by the file, in {unit} by "
-                f"the map.\nSay so in --map: {name} = {{{key} = ..., unit = '{said}'}}."
+                f"{where}: column '{column}' is in {stated_unit} by the file, in "
+                f"{unit} by the map.\nSay so in --map: "
+                f"{name} = {{{key} = ..., unit = '{stated_unit}'}}."
             )
 
 
@@ -299,11 +300,11 @@ def _check_there(used: tuple[str, ...], columns: tuple[str, ...], where: str) ->
     if missing:
         near = get_close_matches(missing[0], columns, n=1, cutoff=0.5)
         hint = f" (near: '{near[0]}')" if near else ""
-        found = shorten(columns)
-        if len(found) > MOST_FOUND:
-            found = f"{found[:MOST_FOUND]}... ({len(columns)} columns in all)"
+        listing = shorten(columns)
+        if len(listing) > MOST_FOUND:
+            listing = f"{listing[:MOST_FOUND]}... ({len(columns)} columns in all)"
         raise MissingColumnsError(
-            f"{where}: missing column {shorten(missing)}{hint}; found {found}.\n"
+            f"{where}: missing column {shorten(missing)}{hint}; found {listing}.\n"
             "Rename the columns, or say which is which with --map COLUMNS.toml."
         )
     for column in used:

@@ -1,7 +1,7 @@
-"""A draft of the map of a log: from its names, its units, the robot and the numbers.
+"""Draft the map of a log from column names, units, the robot and the numbers.
 
-Nothing is applied. What is likely and not certain is said beside the line it concerns;
-`modelgap check` then judges the map by the physics of the arm.
+The draft is not applied. Each uncertain line carries a doubt; `modelgap check` then
+tests the map against the physics of the arm.
 """
 
 import re
@@ -62,7 +62,7 @@ class Draft:
     doubts: Mapping[str, tuple[str, ...]]
     optional: Mapping[str, SignalMap]  # signals that were found and are not needed
     missing: tuple[str, ...]  # of time, q and tau those that were not found
-    unused: tuple[str, ...]  # columns that no line has
+    unread: tuple[str, ...]  # columns in no line of the map
 
 
 def draft(path: Path, robot: Robot, format: str | None = None) -> Draft:
@@ -79,42 +79,46 @@ def draft(path: Path, robot: Robot, format: str | None = None) -> Draft:
 
 def _of_bag(path: Path, bag: Mapping[str, tuple], joints: Sequence[str]) -> Draft:
     """Draft the map of a bag: which topic, and which name is which joint."""
-    whole = {name: names for name, names in bag.items() if len(names) >= len(joints)}
-    found = {t: _in_order(names, joints) for t, names in whole.items()}
-    certain = [topic for topic, named in found.items() if named]
+    full = {name: names for name, names in bag.items() if len(names) >= len(joints)}
+    named = {t: _in_order(names, joints) for t, names in full.items()}
+    certain = [topic for topic, names_of_joints in named.items() if names_of_joints]
     doubts: list[str] = []
-    topic = next(iter([*certain, *whole, *bag]))
-    if len(certain or whole) > 1:
+    topic = next(iter([*certain, *full, *bag]))
+    if len(certain or full) > 1:
         doubts.append(
             f"joint states are also on {', '.join(t for t in bag if t != topic)}"
         )
-    named = found.get(topic) or ()
-    if not named and topic in whole:
-        named = whole[topic][: len(joints)]
+    names_of_joints = named.get(topic) or ()
+    if not names_of_joints and topic in full:
+        names_of_joints = full[topic][: len(joints)]
         doubts.append(
             "no name is one of the URDF's joints; these are in the order of the "
             f"messages, which have {', '.join(bag[topic])}"
         )
-    own = () if tuple(named) == tuple(joints) else tuple(named)
-    form = BagFormat(topic=topic if len(bag) > 1 else None, joints=own)
-    missing = () if named else ("q", "tau")
-    told = {"bag": tuple(doubts)} if doubts else {}
+    joint_names = (
+        () if tuple(names_of_joints) == tuple(joints) else tuple(names_of_joints)
+    )
+    form = BagFormat(topic=topic if len(bag) > 1 else None, joints=joint_names)
+    missing = () if names_of_joints else ("q", "tau")
+    doubts_by_line = {"bag": tuple(doubts)} if doubts else {}
     try:
         open_log(path, ColumnMap(bag=form), joints)
     except InputError as error:
-        told["bag"] = (*doubts, str(error))
-    return Draft(ColumnMap(bag=form), "ros", told, {}, missing, ())
+        doubts_by_line["bag"] = (*doubts, str(error))
+    return Draft(ColumnMap(bag=form), "ros", doubts_by_line, {}, missing, ())
 
 
 def _in_order(names: Iterable[str], joints: Sequence[str]) -> tuple[str, ...]:
     """Return those of some names that are the URDF's joints; () unless all are."""
     plain = {name.casefold(): name for name in names}
-    own = []
+    ordered = []
     for joint in joints:
         stem = stem_of(joint)
         like = [name for low, name in plain.items() if stem and stem in low]
-        own.append(plain.get(joint.casefold()) or (like[0] if len(like) == 1 else None))
-    return tuple(own) if all(own) and len({*own}) == len(own) else ()
+        ordered.append(
+            plain.get(joint.casefold()) or (like[0] if len(like) == 1 else None)
+        )
+    return tuple(ordered) if all(ordered) and len({*ordered}) == len(ordered) else ()
 
 
 class _Drafter:
@@ -126,8 +130,8 @@ class _Drafter:
         self.log, self.robot = log, robot
         self.doubts: dict[str, list[str]] = {}
         self.families = families(log.columns, joints)
-        known = (n for n, p in PRESETS.items() if self._is_of(p))
-        self.format = format or next(known, None)
+        formats = (n for n, p in PRESETS.items() if self._is_of(p))
+        self.format = format or next(formats, None)
         self.preset = PRESETS.get(self.format or "", Preset(""))
         self.values: dict[tuple[str, ...], Array | None] = {}
 
@@ -136,8 +140,8 @@ class _Drafter:
         if columns.csv.decimal == ",":
             self._doubt("csv", "numbers have a comma before the decimals")
         clock, unit = self._time()
-        found = {name: self._signal(name) for name in ("q", "tau", "qd", "q_ref")}
-        some = {name: signal for name, signal in found.items() if signal}
+        signals = {name: self._signal(name) for name in ("q", "tau", "qd", "q_ref")}
+        some = {name: signal for name, signal in signals.items() if signal}
         used = {*clock, *(c for s in some.values() for c in s.columns)}
         ns = unit == "ns"
         return Draft(
@@ -155,7 +159,7 @@ class _Drafter:
             missing=tuple(
                 n for n in NEEDED if n not in some and not (n == "time" and clock)
             ),
-            unused=tuple(c for c in self.log.columns if c and c not in used),
+            unread=tuple(c for c in self.log.columns if c and c not in used),
         )
 
     def _doubt(self, line: str, words: str) -> None:
@@ -164,10 +168,10 @@ class _Drafter:
     def _is_of(self, preset: Preset) -> bool:
         """Whether time and angles of a preset are in the log."""
         return bool(
-            {*preset.time} & {*self.log.columns} and self._preset_family(preset, "q")
+            {*preset.time} & {*self.log.columns} and self._preset_columns(preset, "q")
         )
 
-    def _preset_family(self, preset: Preset, signal: str) -> tuple[Family, str] | None:
+    def _preset_columns(self, preset: Preset, signal: str) -> tuple[Family, str] | None:
         """Return the columns that a preset has for a signal, and their unit."""
         named = {family.name: family for family in reversed(self.families)}
         units = preset.signals.get(signal, {})
@@ -181,11 +185,13 @@ class _Drafter:
                 if other != column and other in self.log.columns:
                     return (column, other), "s"
         named = [c for c in self.log.columns if TIMES & {*words_of(c)}]
-        found = [c for c in (*self.preset.time, *named) if self._increases(c)]
-        if not found:
-            self._doubt("time", "no column of numbers that increase is called a time")
+        clocks = [c for c in (*self.preset.time, *named) if self._increases(c)]
+        if not clocks:
+            self._doubt(
+                "time", "no column with increasing numbers has a name of a time"
+            )
             return (), "s"
-        column = found[0]
+        column = clocks[0]
         return (column,), self.preset.time.get(column) or self._time_unit(column)
 
     def _increases(self, column: str) -> bool:
@@ -197,9 +203,9 @@ class _Drafter:
         return float((steps >= 0).mean()) > MOSTLY and 4 * (steps > 0).mean() > 1
 
     def _time_unit(self, column: str) -> str:
-        said = self.log.units.get(column) or unit_word(column)
-        if said in _SECONDS:
-            return said
+        stated = self.log.units.get(column) or unit_word(column)
+        if stated in _SECONDS:
+            return stated
         steps = np.diff(self._read((column,))[:, 0])
         step = float(np.median(steps[steps > 0]))
         rates = {unit: 1 / (step * seconds) for unit, seconds in _SECONDS.items()}
@@ -213,14 +219,16 @@ class _Drafter:
 
     def _signal(self, name: str) -> SignalMap | None:
         """Return the columns of a signal with their unit, None where there are none."""
-        if told := self._preset_family(self.preset, name):
-            family, unit = told
+        if preset_columns := self._preset_columns(self.preset, name):
+            family, unit = preset_columns
             if not unit:
-                self._doubt(name, "the format states no unit, nor that these are it")
+                self._doubt(
+                    name, "the format states no unit and does not define these columns"
+                )
             return self._mapped(name, family, unit or self._unit(name, family))
         ranked = self._ranked(name)
         if not ranked:
-            words = "no columns, one for each joint, are called so"
+            words = "no column name, one for each joint, is recognized as this signal"
             if name == "tau":
                 words += "; without torque or current no model can be judged"
             if name in NEEDED:
@@ -231,12 +239,14 @@ class _Drafter:
             names = "; ".join(shorten(f.columns) for f in others)
             self._doubt(name, f"or else: {names}")
         if not family.words or family.words[0] in LETTERS:
-            self._doubt(name, f"one letter says little: are {family.name} this?")
+            self._doubt(
+                name, f"matched by one letter only: confirm that {family.name} is it"
+            )
         if family.strange:
             words = "no name is one of the URDF's joints; in the order of the header"
             self._doubt(name, words)
         if family.more:
-            self._doubt(name, f"there are more: {shorten(family.more)}")
+            self._doubt(name, f"more columns of that name: {shorten(family.more)}")
         return self._mapped(name, family, self._unit(name, family))
 
     def _mapped(self, name: str, family: Family, unit: str) -> SignalMap:
@@ -258,26 +268,31 @@ class _Drafter:
             current, other = bool(CURRENTS & words), not MEASURED & words
             return family.strange, current, letter, other, len(words)
 
-        found = [
+        candidates = [
             family
             for family in self.families
             if bool(WANTED & {*family.words}) is (name == "q_ref")
             and self._meaning(family) == meant
         ]
-        return sorted(found, key=rank)
+        return sorted(candidates, key=rank)
 
     def _meaning(self, family: Family) -> str | None:
         """Return the signal that columns are of, by their unit or their words."""
         words, unit = {*family.words}, self._stated(family)
         of_unit = next((n for n in ("q", "qd", "qdd", "tau") if unit in UNITS[n]), None)
         if of_unit:
-            bad = any(signal is None and own & words for signal, own in WORDS)
+            bad = any(
+                signal is None and signal_words & words
+                for signal, signal_words in WORDS
+            )
             return None if bad else of_unit
         if len(family.words) == 1 and family.words[0] in LETTERS:
             return LETTERS[family.words[0]]
         if not words and family.named:
             return "q"
-        return next((signal for signal, own in WORDS if own & words), None)
+        return next(
+            (signal for signal, signal_words in WORDS if signal_words & words), None
+        )
 
     def _stated(self, family: Family) -> str | None:
         """Unit that the file or the name states, as a map calls it."""

@@ -1,8 +1,7 @@
-"""What logs call their columns: public formats, words, and names that belong together.
+"""Column names of public log formats, words of signals, and families of columns.
 
-A format of another maker is an entry of `PRESETS`, a word of another language one of
-`WORDS`. A name has "#" where the number of
-the joint stands, counted from 0 or from 1.
+To add a format, add an entry to `PRESETS`; to add a word, to `WORDS`. In a name "#"
+stands for the number of the joint, counted from 0 or 1.
 """
 
 import re
@@ -69,8 +68,8 @@ class Preset:
 def _measured(*names: str, q_ref: str = "", angle: str = "rad") -> dict[str, Units]:
     """Units of what formats call q, tau and qd, and the wanted q."""
     units = {"q": angle, "tau": "N m", "qd": "rad/s"}
-    found = {key: {n: units[key]} for key, n in zip(units, names, strict=False)}
-    return found | ({"q_ref": {q_ref: angle}} if q_ref else {})
+    signals = {key: {n: units[key]} for key, n in zip(units, names, strict=False)}
+    return signals | ({"q_ref": {q_ref: angle}} if q_ref else {})
 
 
 def _plotted(number: str) -> dict[str, Units]:
@@ -164,16 +163,16 @@ def families(columns: Sequence[str], joints: Sequence[str]) -> list[Family]:
     for column in dict.fromkeys(columns):
         for name, number in _numbered(column):
             groups.setdefault(name, {}).setdefault(number, column)
-    dof, found = len(joints), []
+    dof, groups_found = len(joints), []
     for name, group in groups.items():
         first = 0 if 0 in group else 1
-        own = [group.get(first + j) for j in range(dof)]
-        if all(own):
+        members = [group.get(first + j) for j in range(dof)]
+        if all(members):
             more = tuple(c for n, c in sorted(group.items()) if n >= first + dof)
-            found.append(Family(name, tuple(own), more))
-    found = [*_named(columns, joints), *found]
-    used = {c for family in found for c in (*family.columns, *family.more)}
-    return [*found, *_strange([c for c in columns if c not in used], dof)]
+            groups_found.append(Family(name, tuple(members), more))
+    groups_found = [*_named(columns, joints), *groups_found]
+    used = {c for family in groups_found for c in (*family.columns, *family.more)}
+    return [*groups_found, *_strange([c for c in columns if c not in used], dof)]
 
 
 def _numbered(column: str) -> Iterable[tuple[str, int]]:
@@ -210,14 +209,14 @@ def _strange(columns: Sequence[str], dof: int) -> list[Family]:
     """
     groups: dict[tuple, list[str]] = {}
     for column in columns:
-        known = tuple(w for w in words_of(_BRACKET.sub("", column)) if w in _KNOWN)
+        words = tuple(w for w in words_of(_BRACKET.sub("", column)) if w in _KNOWN)
         unit = _BRACKET.search(column)
-        groups.setdefault((known, unit and unit[1]), []).append(column)
-    found = []
-    for (known, _), group in groups.items():
+        groups.setdefault((words, unit and unit[1]), []).append(column)
+    groups_found = []
+    for (words, _), group in groups.items():
         # Names that differ in their numbers alone are a family that has a gap.
         apart = {re.sub(r"\d+", "", column) for column in group}
-        if known and len(group) >= dof and len(apart) > 1:
-            own, more = tuple(group[:dof]), tuple(group[dof:])
-            found.append(Family("_".join(known), own, more, strange=True))
-    return found
+        if words and len(group) >= dof and len(apart) > 1:
+            members, more = tuple(group[:dof]), tuple(group[dof:])
+            groups_found.append(Family("_".join(words), members, more, strange=True))
+    return groups_found

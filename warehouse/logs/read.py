@@ -1,4 +1,4 @@
-"""One log: opened by what is in it, read into a checked recording."""
+"""Open a log by its content and read it into a checked recording."""
 
 import re
 from collections.abc import Mapping, Sequence
@@ -78,7 +78,7 @@ def drop_repeated_rows(
         same &= np.diff(x[order]) == 0
     keep = np.ones(len(order), bool)
     keep[order[1:][same]] = False
-    words = f"{int(same.sum())} rows stand there twice; they are read once"
+    words = f"{int(same.sum())} rows are duplicates; each is read once"
     return {k: x[keep] for k, x in table.items()}, (words,) if same.any() else ()
 
 
@@ -99,9 +99,9 @@ def finite_rows(
         if joints:
             row = int(np.argmax(mask.any(axis=1)))
             first = signals[name][row][mask[row]][0]
-            what = f"{first:.3g}" if np.isfinite(first) else "NaN or infinite"
+            shown_value = f"{first:.3g}" if np.isfinite(first) else "NaN or infinite"
             words = (
-                f"{where}: {name} is {what} at sample {row}. Cut the log "
+                f"{where}: {name} is {shown_value} at sample {row}. Cut the log "
                 f"there with a window (FILE@start:end) or repair it. {_share(keep)}"
             )
             doubts.append(Doubt("spike", joints, words))
@@ -109,14 +109,13 @@ def finite_rows(
 
 
 def _share(keep: Array) -> str:
-    return f"{int(np.sum(~keep))} of {len(keep)} samples are such."
+    return f"{int(np.sum(~keep))} of {len(keep)} samples are affected."
 
 
 def spill_to_disk(values: Array) -> Array:
-    """Return the same values where they need no memory, if they are many.
+    """Return the same values, memory-mapped from a temporary file if they are large.
 
-    They lie where the system keeps files that nobody has named (TMPDIR), and are gone
-    with the last use of them.
+    They are in an unnamed file in TMPDIR, which disappears with its last use.
     """
     values = np.ascontiguousarray(values, dtype=float)
     if values.nbytes >= LARGE:
@@ -307,9 +306,9 @@ def read_table(
     """
     columns = columns or columns_of(robot) or ColumnMap()
     log = TableLog(table, label)
-    recording, known = read_opened(log, robot, columns, label, label)
-    refuse_doubts(known)
-    return recording, known
+    recording, understood = read_opened(log, robot, columns, label, label)
+    refuse_doubts(understood)
+    return recording, understood
 
 
 def read_opened(
@@ -333,7 +332,7 @@ def read_opened(
     table, again = drop_repeated_rows(table, chosen.time)
     t = table[chosen.time]
     first = t[np.isfinite(t).argmax()] if len(t) else np.nan
-    moved = _locked_that_move(log, robot, label)
+    locked_doubts = _locked_that_move(log, robot, label)
     recording, doubts = _samples(table, chosen, columns, robot, label, log.name, window)
     start = moment_of_clock(recording.t[0])
     if log.recorded_at is not None:
@@ -361,7 +360,7 @@ def read_opened(
             ("t", chosen.time, columns.time_unit, slower),
             *(channel for n, s in joints for channel in channels_of(n, s)),
         ),
-        doubts=(*doubts, *moved),
+        doubts=(*doubts, *locked_doubts),
         recorded_at=start,
     )
     return recording, understood
@@ -373,16 +372,15 @@ MOVED = 0.02  # rad or m: a locked joint may be off by so much
 def _locked_that_move(log: LogFile, robot: Robot, label: str) -> tuple[Doubt, ...]:
     """Joints outside of the chain that the log shows to move."""
     names = {f"{name}.position": name for name in robot.locked}
-    seen = tuple(column for column in names if column in log.columns)
-    table = log.read(seen)
-    ways = {names[c]: float(np.nanmax(table[c]) - np.nanmin(table[c])) for c in seen}
-    moved = [f"'{name}' by {way:.3g}" for name, way in ways.items() if way > MOVED]
-    if not moved:
+    logged = tuple(column for column in names if column in log.columns)
+    table = log.read(logged)
+    ways = {names[c]: float(np.nanmax(table[c]) - np.nanmin(table[c])) for c in logged}
+    motions = [f"'{name}' by {way:.3g}" for name, way in ways.items() if way > MOVED]
+    if not motions:
         return ()
     words = (
-        f"{label}: joints that are locked move in the log: {', '.join(moved)} (rad or "
-        "m). A lift or a rail that moves with the arm belongs to the chain (--chain); "
-        "what fingers carry is small."
+        f"{label}: locked joints move in the log: {', '.join(motions)} (rad or m). Add "
+        "a lift or a rail that moves with the arm to --chain; fingers matter little."
     )
     return (Doubt("robot_file", (), words, certain=False),)
 
@@ -408,8 +406,8 @@ def _samples(
     keep, doubts = increasing_rows(t, name)
     at = _rows(keep)
     if window is not None:
-        own = window.rows(t[at], name)
-        at = own if isinstance(at, slice) else at[own]
+        selected = window.rows(t[at], name)
+        at = selected if isinstance(at, slice) else at[selected]
     signals = {}
     for k, signal in chosen.signals.items():
         raw = np.column_stack([table.pop(c)[at] for c in signal.columns])
@@ -417,9 +415,9 @@ def _samples(
             signals[k] = to_link_side(k, raw, signal, robot)
     rows, broken = finite_rows(signals, label)
     if rows.sum() < 2:
-        said = "\n".join(doubt.words for doubt in (*doubts, *broken)[:1])
+        reason = "\n".join(doubt.words for doubt in (*doubts, *broken)[:1])
         raise RecordingError(
-            said or f"{label} has {rows.sum()} samples; widen the window."
+            reason or f"{label} has {rows.sum()} samples; widen the window."
         )
     kept = _rows(rows)
     recording = Recording(

@@ -1,4 +1,4 @@
-"""ROS bags and MCAP files: messages of joint states in columns of the robot's joints.
+"""ROS bags and MCAP files: joint states as columns of the robot's joints.
 
 A message has names, positions, velocities and efforts of joints in any order. Joints
 are found by their names in the URDF, or by those of the map. Bags are of ROS 1 or of
@@ -104,10 +104,10 @@ def topics(path: Path) -> dict[str, tuple[str, ...]]:
         return {}
     with _bag(path) as opened:
         first = {topic: next(messages, None) for topic, messages in opened.items()}
-        found = {topic: message.names for topic, message in first.items() if message}
-    if not found:
+        names = {topic: message.names for topic, message in first.items() if message}
+    if not names:
         _choose_topic([], BagFormat(), path.name)
-    return found
+    return names
 
 
 @contextmanager
@@ -123,8 +123,8 @@ def _bag(path: Path) -> Iterator[Mapping[str, Iterator[Message]]]:
         ) from error
     try:
         # Bags of before ROS 2 Iron do not say what a message looks like.
-        usual = get_typestore(Stores.ROS2_HUMBLE)
-        with AnyReader([path], default_typestore=usual) as reader:
+        types = get_typestore(Stores.ROS2_HUMBLE)
+        with AnyReader([path], default_typestore=types) as reader:
             ours = [c for c in reader.connections if c.msgtype in TYPES]
 
             def messages(topic: str) -> Iterator[Message]:
@@ -153,37 +153,37 @@ def _bag(path: Path) -> Iterator[Mapping[str, Iterator[Message]]]:
 
 def _choose_topic(topics: Sequence[str], form: BagFormat, name: str) -> str:
     """Return the topic to read: the one that is named, or the only one."""
-    found = sorted(set(topics))
-    listed = ", ".join(found)
-    if not found:
+    names = sorted(set(topics))
+    listed = ", ".join(names)
+    if not names:
         raise InputError(
             f"{name} has no topic with joint states ({TYPES[0]}). Record the one that "
             "the driver of the arm publishes."
         )
-    if form.topic is not None and form.topic not in found:
+    if form.topic is not None and form.topic not in names:
         raise InputError(
             f"{name} has no joint states on topic '{form.topic}', it has: {listed}."
         )
-    if form.topic is None and len(found) > 1:
+    if form.topic is None and len(names) > 1:
         raise InputError(
             f"{name} has joint states on several topics: {listed}.\n"
-            f"Say which in --map: bag = {{topic = '{found[0]}'}}."
+            f"Say which in --map: bag = {{topic = '{names[0]}'}}."
         )
-    return form.topic or found[0]
+    return form.topic or names[0]
 
 
 def _complete(
-    messages: Iterable[Message], wanted: Sequence[str], where: str, mapped: bool
+    messages: Iterable[Message], required: Sequence[str], where: str, mapped: bool
 ) -> list[Message]:
     """Return the messages that have all joints; those with none are of other parts."""
-    kept, seen, needed = [], dict[str, None](), set(wanted)
+    kept, names_seen, needed = [], dict[str, None](), set(required)
     for message in messages:
         names = set(message.names)
-        seen.update(dict.fromkeys(message.names))
+        names_seen.update(dict.fromkeys(message.names))
         if needed <= names:
             kept.append(message)
         elif needed & names:
-            missing = next(n for n in wanted if n not in names)
+            missing = next(n for n in required if n not in names)
             raise InputError(
                 f"{where} has messages without joint '{missing}', they have: "
                 f"{_some(message.names)}.\nGive a topic whose messages have all joints "
@@ -191,13 +191,13 @@ def _complete(
             )
     if kept:
         return kept
-    if not seen:
+    if not names_seen:
         raise InputError(f"{where} has no messages, expected joint states.")
     source = "map" if mapped else "robot"
     raise InputError(
-        f"{where} has none of the {source}'s joints {_some(wanted)}; it has: "
-        f"{_some(seen)}.\nOther names? Say so in --map: bag = {{joints = ['...']}}, "
-        "joint 1 first."
+        f"{where} has none of the {source}'s joints {_some(required)}; it has: "
+        f"{_some(names_seen)}.\nOther names? Say so in --map: bag = {{joints = "
+        "['...']}, joint 1 first."
     )
 
 
@@ -214,8 +214,8 @@ def _times(kept: Sequence[Message], clock: str, name: str) -> Array:
             "recording with --map: bag = {time = 'record'}."
         )
     # Whole seconds and the rest apart: together they would be rounded twice.
-    seconds, rest = np.divmod(np.array(stamps, dtype=np.int64), 1_000_000_000)
-    return seconds + rest * 1e-9
+    seconds, nanoseconds = np.divmod(np.array(stamps, dtype=np.int64), 1_000_000_000)
+    return seconds + nanoseconds * 1e-9
 
 
 def _value(message: Message, k: int, joint: str) -> float:

@@ -1,9 +1,9 @@
-"""Parquet logs, and text with any separator, also with more lines above than one.
+"""Parquet logs, and text logs with any separator and with lines above the table.
 
 RobotStudio's viewers of signals, and those of other makers, write lines about the
 recording, a line of names, and often the unit of every signal: in brackets behind its
-name or in a line below the names. The table is found by its shape. Stated units convert
-nothing: they are compared with those of the map, and a difference is an error.
+name or in a line below the names. The table is found by its shape. Stated units are
+only compared with those of the map; a difference is an error.
 """
 
 import csv
@@ -47,18 +47,18 @@ def moment_of_clock(seconds: float) -> datetime | None:
 def moment_in_lines(lines: Iterable[str]) -> tuple[datetime | None, str | None]:
     """Return the first moment in lines above a table, UTC; or one that says no zone."""
     for line in lines:
-        if found := _STAMP.search(line):
-            moment = _parsed(found[0])
-            return (moment, None) if moment else (None, found[0])
+        if stamp := _STAMP.search(line):
+            moment = _parsed(stamp[0])
+            return (moment, None) if moment else (None, stamp[0])
     return None, None
 
 
-def parse_moment(text: str, what: str) -> datetime:
+def parse_moment(text: str, label: str) -> datetime:
     """Return a moment that a user gave, in ISO 8601 with a zone."""
     moment = _parsed(text)
     if moment is None or not _EARLIEST <= moment < _LATEST:
         raise InputError(
-            f"{what} '{text[:40]}': expected a date with time and zone, such as "
+            f"{label} '{text[:40]}': expected a date with time and zone, such as "
             "2026-11-20T14:03:00+01:00, or with Z for UTC."
         )
     return moment
@@ -156,27 +156,27 @@ class CsvLog(LogFile):
             raise InputError(
                 f"{self.name} has no line of names after {form.skip} lines."
             )
-        found = find_layout(lines, form)
-        if found is None:
+        layout = find_layout(lines, form)
+        if layout is None:
             separator = form.separator or sniff(lines[rows[0]])
-            found = Layout(rows[0], rows[0] + 1, separator)
-        self._skip, self._separator = found.samples, found.separator
-        if found.names == len(lines) - 1 and len(head) >= HEAD:
+            layout = Layout(rows[0], rows[0] + 1, separator)
+        self._skip, self._separator = layout.samples, layout.separator
+        if layout.names == len(lines) - 1 and len(head) >= HEAD:
             raise InputError(
                 f"{self.name}: its line of names does not end in the first {HEAD} "
                 "bytes. Give a file with names that somebody can read."
             )
-        header = split(lines[found.names], found.separator)
+        header = split(lines[layout.names], layout.separator)
         self.columns = tuple(name.strip() for name in header)
-        self.units = found.units
-        self.recorded_at, unzoned = moment_in_lines(lines[: found.names])
-        stated = ", ".join(f"{name}: {unit}" for name, unit in found.units.items())
+        self.units = layout.units
+        self.recorded_at, unzoned = moment_in_lines(lines[: layout.names])
+        stated = ", ".join(f"{name}: {unit}" for name, unit in layout.units.items())
         notes = {
             f"{unzoned} has no time zone and is not used; see --recorded-at": unzoned,
-            f"{found.above} lines above the names": found.above,
+            f"{layout.above} lines above the names": layout.above,
             f"units as the file says ({stated})": stated,
         }
-        self.notes = tuple(text for text, told in notes.items() if told)
+        self.notes = tuple(text for text, present in notes.items() if present)
         filled = [name for name in self.columns if name]
         if 2 * sum(map(is_number, filled)) > len(filled):
             raise InputError(
@@ -188,22 +188,22 @@ class CsvLog(LogFile):
         """Return the values of some columns, NaN where empty."""
         # Columns are found by place, since a name may stand twice among the ignored.
         places = [str(i) for i in range(len(self.columns))]
-        wanted = [places[self.columns.index(column)] for column in columns]
+        selected = [places[self.columns.index(column)] for column in columns]
         try:
-            table = self._table(places, wanted, threads=True)
+            table = self._table(places, selected, threads=True)
         except (pa.ArrowException, OSError, UnicodeDecodeError) as error:
             try:  # once more alone: only then the parser counts lines
-                table = self._table(places, wanted, threads=False)
+                table = self._table(places, selected, threads=False)
             except (pa.ArrowException, OSError, UnicodeDecodeError) as again:
                 raise InputError(self._explain(str(again))) from error
         values = {}
-        for column, place in zip(columns, wanted, strict=True):
+        for column, place in zip(columns, selected, strict=True):
             values[column] = table.column(place).to_numpy()
             # Else a long log would stand twice in memory.
             table = table.drop_columns([place])
         return values
 
-    def _table(self, places: list[str], wanted: list[str], threads: bool) -> pa.Table:
+    def _table(self, places: list[str], selected: list[str], threads: bool) -> pa.Table:
         return arrow_csv.read_csv(
             openable(self._path),
             read_options=arrow_csv.ReadOptions(
@@ -214,8 +214,8 @@ class CsvLog(LogFile):
             ),
             parse_options=arrow_csv.ParseOptions(delimiter=self._separator),
             convert_options=arrow_csv.ConvertOptions(
-                include_columns=wanted,
-                column_types=dict.fromkeys(wanted, pa.float64()),
+                include_columns=selected,
+                column_types=dict.fromkeys(selected, pa.float64()),
                 decimal_point=self._form.decimal,
             ),
         )
@@ -224,18 +224,18 @@ class CsvLog(LogFile):
         """Turn what the parser says into what the user can do."""
         row = re.search(r"Row #(\d+)", error)
         line = f"line {row[1]}" if row else "a line"
-        if found := re.search(r"column #(\d+).*invalid value '(.*)'", error):
-            place, value = int(found[1]), found[2][:30]
+        if match := re.search(r"column #(\d+).*invalid value '(.*)'", error):
+            place, value = int(match[1]), match[2][:30]
             at = f"{line}: " if row else ""
-            what = f"{self.name}: {at}column '{self.columns[place]}' has '{value}'"
+            cell = f"{self.name}: {at}column '{self.columns[place]}' has '{value}'"
             if _COMMA.fullmatch(value.strip()):
                 return (
-                    f"{what}.\nDecimal comma? Say so in --map: csv = {{decimal = ','}}."
+                    f"{cell}.\nDecimal comma? Say so in --map: csv = {{decimal = ','}}."
                 )
-            return f"{what}, expected a number."
-        if found := re.search(r"Expected (\d+) columns, got (\d+)", error):
+            return f"{cell}, expected a number."
+        if match := re.search(r"Expected (\d+) columns, got (\d+)", error):
             return (
-                f"{self.name}: {line} has {found[2]} values for {found[1]} names. "
+                f"{self.name}: {line} has {match[2]} values for {match[1]} names. "
                 "Repair it, or give the separator in --map: csv = {separator = ';'}."
             )
         if "too short" in error or "Empty CSV" in error:
@@ -251,11 +251,11 @@ def guess_form(path: Path) -> CsvFormat:
     with path.open("rb") as file:
         _, text = _decode(file.read(HEAD))
     lines = re.split(r"\r\n|\n|\r", text)
-    found = find_layout(lines, CsvFormat())
-    if found is None or found.separator == ",":
+    layout = find_layout(lines, CsvFormat())
+    if layout is None or layout.separator == ",":
         return CsvFormat()
     fields = [
-        f for line in lines[found.samples : -1] for f in split(line, found.separator)
+        f for line in lines[layout.samples : -1] for f in split(line, layout.separator)
     ]
     comma = sum(bool(_COMMA.fullmatch(field.strip())) for field in fields)
     point = sum("." in field and is_number(field) for field in fields)
@@ -264,11 +264,11 @@ def guess_form(path: Path) -> CsvFormat:
 
 def _decode(head: bytes) -> tuple[str, str]:
     # The cut may fall inside a character; those up to the last line end are whole.
-    whole = head[: head.rfind(b"\n") + 1] or head
+    lines = head[: head.rfind(b"\n") + 1] or head
     try:
-        return "utf-8", whole.decode("utf-8-sig")
+        return "utf-8", lines.decode("utf-8-sig")
     except UnicodeDecodeError:
-        return "latin-1", whole.decode("latin-1")
+        return "latin-1", lines.decode("latin-1")
 
 
 def sniff(header: str) -> str:
@@ -317,14 +317,14 @@ def find_layout(lines: Sequence[str], form: CsvFormat) -> Layout | None:
     if len(names) != len(_clean(fields)) and len(names) != len(fields):
         return None
     for name in names:
-        if found := _BRACKET.search(name):
-            units.setdefault(name, found[1].strip())
-    known = {n: UNITS[u.lower()] for n, u in units.items() if u.lower() in UNITS}
+        if bracket := _BRACKET.search(name):
+            units.setdefault(name, bracket[1].strip())
+    si_units = {n: UNITS[u.lower()] for n, u in units.items() if u.lower() in UNITS}
     return Layout(
         names=last,
         samples=row,
         separator=separator,
-        units=known,
+        units=si_units,
         above=sum(i < last for i, _ in above),
     )
 
@@ -365,11 +365,11 @@ class ParquetLog(LogFile):
         self._places: dict[str, tuple[str, int | None]] = {}
         for each in self._schema:
             size = self._lengths(each)
-            own = {f"{each.name}[{k}]": (each.name, k) for k in range(size or 0)}
-            self._places |= own or {each.name: (each.name, None)}
+            items = {f"{each.name}[{k}]": (each.name, k) for k in range(size or 0)}
+            self._places |= items or {each.name: (each.name, None)}
         self.columns = tuple(self._places)
-        told = (self._schema.metadata or {}).get(FIELD.encode(), b"")
-        self.recorded_at, _ = moment_in_lines([told.decode(errors="replace")])
+        recorded = (self._schema.metadata or {}).get(FIELD.encode(), b"")
+        self.recorded_at, _ = moment_in_lines([recorded.decode(errors="replace")])
 
     def read(self, columns: tuple[str, ...]) -> dict[str, Array]:
         """Return the values of some columns, NaN where empty."""
@@ -385,8 +385,8 @@ class ParquetLog(LogFile):
         done = 0
         try:
             # Batch by batch: a table of all of it would stand beside the values.
-            wanted = list(dict.fromkeys(self._places[c][0] for c in columns))
-            for batch in self._file.iter_batches(BATCH, columns=wanted):
+            selected = list(dict.fromkeys(self._places[c][0] for c in columns))
+            for batch in self._file.iter_batches(BATCH, columns=selected):
                 rows = slice(done, done + len(batch))
                 for c in columns:
                     name, k = self._places[c]

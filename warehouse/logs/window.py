@@ -1,4 +1,4 @@
-"""What FILE@start:end stands for, and whether samples can be what they claim to be."""
+"""Windows of logs (FILE@start:end), and checks of samples against the robot."""
 
 import os
 import re
@@ -47,14 +47,14 @@ class Window:
         """
         step = float(np.median(np.diff(t)))
         # One step longer than last minus first, so that 100 % has the last sample.
-        whole = float(t[-1] - t[0]) + step
-        start = self.start * whole / 100 if self.start_percent else self.start
-        end = whole if self.end is None else self.end
-        end = end * whole / 100 if self.end_percent else end
-        if start >= whole - step / 2 or end > whole + step / 2:
+        length = float(t[-1] - t[0]) + step
+        start = self.start * length / 100 if self.start_percent else self.start
+        end = length if self.end is None else self.end
+        end = end * length / 100 if self.end_percent else end
+        if start >= length - step / 2 or end > length + step / 2:
             raise InputError(
                 f"{where}: window @{shortened(self.text)} is outside the log, which "
-                f"lasts {whole:.6g} s. Times count from its first sample."
+                f"lasts {length:.6g} s. Times count from its first sample."
             )
         if end <= start:
             raise InputError(
@@ -62,7 +62,7 @@ class Window:
             )
         # A hair early, so that 2.5 s is not missed by the rounding of a clock.
         edges = np.searchsorted(t - t[0], np.array([start, end]) - 1e-3 * step)
-        last = len(t) if end >= whole - step / 2 else int(edges[1])
+        last = len(t) if end >= length - step / 2 else int(edges[1])
         return slice(int(edges[0]), last)
 
 
@@ -116,11 +116,11 @@ def unique_ids(specs: Sequence[str]) -> list[str]:
     ]
     counts = Counter(ids)
     ids = [a if counts[a] == 1 else b for a, b in zip(ids, longer, strict=True)]
-    counts, seen = Counter(ids), Counter()
+    counts, counted = Counter(ids), Counter()
     for i, label in enumerate(ids):
-        seen[label] += 1
+        counted[label] += 1
         if counts[label] > 1:
-            ids[i] = f"{label} ({seen[label]})"
+            ids[i] = f"{label} ({counted[label]})"
     return ids
 
 
@@ -154,11 +154,11 @@ def check_distinct(recordings: Sequence[Recording]) -> None:
         return
     prints = [_runs(recording) for recording in recordings]
     for i, j in combinations(range(len(recordings)), 2):
-        (one, moves), (other, moved) = prints[i], prints[j]
+        (runs, moving), (other_runs, other_moving) = prints[i], prints[j]
         shared, at, there = np.intersect1d(
-            one, other, assume_unique=True, return_indices=True
+            runs, other_runs, assume_unique=True, return_indices=True
         )
-        if moves[at].any() or moved[there].any():
+        if moving[at].any() or other_moving[there].any():
             raise InputError(
                 f"'{recordings[i].id}' and '{recordings[j].id}' hold the same samples "
                 f"(about {len(shared) + RUN - 1}). Give every sample once: other logs, "
@@ -172,8 +172,8 @@ def _runs(recording: Recording) -> tuple[Array, Array]:
         np.random.default_rng(0).integers(2**63, size=(2, 64), dtype=np.uint64) | 1
     )
     blocks = range(0, len(recording.t), BLOCK)
-    found = [_hashes(recording, start, factors[0]) for start in blocks]
-    sample, row = (np.concatenate(each) for each in zip(*found, strict=True))
+    parts = [_hashes(recording, start, factors[0]) for start in blocks]
+    sample, row = (np.concatenate(each) for each in zip(*parts, strict=True))
     count = max(0, len(sample) - RUN + 1)
     runs = np.zeros(count, dtype=np.uint64)
     for k in range(RUN):
@@ -202,7 +202,7 @@ def _hashes(recording: Recording, start: int, factors: Array) -> tuple[Array, Ar
     return hashes, rows.start + np.flatnonzero(changed)
 
 
-# Whether the samples of a log can be what they claim to be.
+# Checks of the samples of a log against the robot.
 
 
 MIN_DURATION = 2.0
@@ -285,14 +285,14 @@ def _short(recording: Recording) -> Doubt | None:
 def _why_slow(t: Array) -> str:
     """Return what may be wrong with times that are too far apart."""
     steps = np.diff(t)
-    usual, row = float(np.median(steps)), int(np.argmax(steps))
-    if usual * MIN_RATE <= 1:
+    step, row = float(np.median(steps)), int(np.argmax(steps))
+    if step * MIN_RATE <= 1:
         return (
             f"It stops for {steps[row]:.6g} s after sample {row}. Give the parts "
             "before and after by themselves: FILE@start:end."
         )
     for unit, factor in _UNITS.items():
-        if usual * factor * MIN_RATE <= 1:
+        if step * factor * MIN_RATE <= 1:
             how = f"unit = '{unit}'" if unit != "ns" else "unit = 'us', scale = 1e-3"
             return f"Time in {unit}? Say so in --map: time = {{{how}}}."
     return "Record faster, or say in --map what time is in: time = {unit = ...}."
@@ -308,12 +308,12 @@ def interleaved(q: Array, where: str) -> Doubt | None:
         return None
     if _in_turn(q):
         return _two_arms(where, len(q) - 1, len(q))
-    signs = np.stack([_leaps(own) for own in q.T], axis=1)
+    signs = np.stack([_leaps(joint_angles) for joint_angles in q.T], axis=1)
     # A single joint leaps where its reading is coarse or begins again.
     least, most = min(2, q.shape[1]), max(LEAPS * len(q), RUN)
     if np.count_nonzero(np.abs(signs).sum(axis=1) >= least) < most:
         return None
-    signs *= [_moves(own) for own in q.T]
+    signs *= [_moves(joint_angles) for joint_angles in q.T]
     rows = np.flatnonzero(np.abs(signs).sum(axis=1) >= least)
     if len(rows) < most:
         return None
@@ -340,20 +340,22 @@ def _in_turn(q: Array) -> bool:
     long log evenly spread readings are looked at: every log that is read comes here.
     """
     at = np.arange(0, len(q) - 2, 1 + len(q) // BLOCK)
-    one, two = (np.nanmedian(np.abs(q[at + k] - q[at]), axis=0) for k in (1, 2))
-    nearer = np.flatnonzero(one > NEARER * two)
+    next_step, second_step = (
+        np.nanmedian(np.abs(q[at + k] - q[at]), axis=0) for k in (1, 2)
+    )
+    nearer = np.flatnonzero(next_step > NEARER * second_step)
     return sum(_moves(q[:, j]) for j in nearer) >= min(2, q.shape[1])
 
 
-def _moves(own: Array) -> bool:
+def _moves(angles: Array) -> bool:
     """Whether a joint moves: at rest it leaps by its encoder's step, there and back."""
-    return len(np.unique(own)) > STEPS
+    return len(np.unique(angles)) > STEPS
 
 
-def _leaps(own: Array) -> Array:
+def _leaps(angles: Array) -> Array:
     """Way of each step that is far for a joint, 0 for the others. Shape (n - 1,)."""
-    step = np.diff(own)
-    far = np.abs(step) > LEAP * (np.nanmax(own) - np.nanmin(own))
+    step = np.diff(angles)
+    far = np.abs(step) > LEAP * (np.nanmax(angles) - np.nanmin(angles))
     return (np.where(far, np.sign(step), 0)).astype(np.int8)
 
 
@@ -424,17 +426,17 @@ def _too_fast(recording: Recording, robot: Robot) -> Doubt | None:
 
 def find_oddities(recording: Recording) -> tuple[str, ...]:
     """Return what is odd about a log but usable, in words."""
-    said = []
+    messages = []
     still = np.flatnonzero(_half_span(recording.q) == 0) + 1
     if len(still):
         joints = ", ".join(f"q{j}" for j in still)
-        said.append(f"{recording.id}: {joints} never changes; is it logged?")
+        messages.append(f"{recording.id}: {joints} never changes; is it logged?")
     steps = np.diff(recording.t)
     gap = int(np.argmax(steps))
     gaps = int(np.sum(steps > 5 * np.median(steps)))
     if gaps:
-        said.append(
+        messages.append(
             f"{recording.id}: {gaps} gap(s) in time, the largest {steps[gap]:.3g} s at "
             f"t = {recording.t[gap]:.6g} s."
         )
-    return tuple(said)
+    return tuple(messages)

@@ -1,1 +1,1 @@
-"""The store as a database: catalogue, views, and what of SQL may run."""
+"""The store as a database: views, named queries and the guard of user SQL."""

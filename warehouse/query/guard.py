@@ -1,4 +1,4 @@
-"""What of SQL may run, one SELECT that reads or an EXPLAIN of one; what it reaches.
+"""Which SQL may run: one SELECT that only reads, or an EXPLAIN of one.
 
 The type of a statement is not enough. In DuckDB 2.0 all of these are SELECT or EXPLAIN
 and write a file wherever files may be read:
@@ -7,8 +7,10 @@ and write a file wherever files may be read:
     EXPLAIN ANALYZE COPY ... TO 'file'
     FROM json_execute_serialized_sql('{... the first one, serialised ...}')
 
-So the parsed tree is searched for its kinds of query and its table functions, and both
-must be on a list.
+DuckDB's settings come first: no external access but to `READABLE`, no extension, locked
+configuration, read-only transaction. None of them stops a COPY into an allowed folder.
+Therefore the parsed tree is searched, and every kind of query and every table function
+in it must be on a list.
 """
 
 import json
@@ -60,7 +62,7 @@ _LINE = 600  # characters of what is wrong with one
 _DEEP = "The query is nested too deep. Ask with fewer subqueries and brackets."
 _ONLY = "Only one SELECT, or EXPLAIN of one, runs here"
 
-# Outside of these no query reads anything: not the sealed halves, not the machine.
+# Folders that a query may read: not the sealed halves, nothing else on the machine.
 READABLE = ("samples", "models", "diagnoses", "validations", INDEX)
 # Shares of the memory that a query may take, and its answer on top of that.
 WORKING, LARGEST = 0.5, 0.25
@@ -88,17 +90,17 @@ def _one_statement(
     connection: duckdb.DuckDBPyConnection, query: str
 ) -> tuple[str, str]:
     try:
-        found = connection.extract_statements(query)
+        statements = connection.extract_statements(query)
         # A statement newer than the library's own list of types is no number of it.
-        kinds = [statement.type.name for statement in found]
+        kinds = [statement.type.name for statement in statements]
     except duckdb.Error as error:
         raise InputError(first_line(error)) from error
     # A type error is of words that are no UTF-8.
     except (TypeError, ValueError) as error:
         raise InputError(f"{_ONLY}, got something else.") from error
-    if len(found) != 1:
-        raise InputError(f"{_ONLY}, got {len(found) or 'no'} statements.")
-    return kinds[0], found[0].query
+    if len(statements) != 1:
+        raise InputError(f"{_ONLY}, got {len(statements) or 'no'} statements.")
+    return kinds[0], statements[0].query
 
 
 def _explained(text: str) -> str:
@@ -119,9 +121,9 @@ def _tables(connection: duckdb.DuckDBPyConnection, text: str) -> frozenset[str]:
     """Return tables and views of a SELECT in which nothing can write."""
     named = set()
     # fetchall: DuckDB 2.0 takes no further work before a result is read to its end.
-    asked = connection.execute("SELECT json_serialize_sql(?)", [text])
+    result = connection.execute("SELECT json_serialize_sql(?)", [text])
     try:
-        tree = json.loads(asked.fetchall()[0][0])
+        tree = json.loads(result.fetchall()[0][0])
     except RecursionError as error:
         raise InputError(_DEEP) from error
     if tree.get("error"):
@@ -137,8 +139,8 @@ def _tables(connection: duckdb.DuckDBPyConnection, text: str) -> frozenset[str]:
         if kind == "BASE_TABLE":
             named.add(str(node.get("table_name")).lower())
         if kind.endswith("_NODE") and kind not in _QUERIES:
-            what = kind.removesuffix("_NODE").removesuffix("_QUERY")
-            raise InputError(f"{_ONLY}, got one that contains {what}.")
+            statement = kind.removesuffix("_NODE").removesuffix("_QUERY")
+            raise InputError(f"{_ONLY}, got one that contains {statement}.")
         if kind == "TABLE_FUNCTION":
             name = str(node.get("function", {}).get("function_name", "")).lower()
             if name not in _FUNCTIONS:
@@ -185,7 +187,7 @@ def memory() -> int:
 
 
 def collect_answer(reader: pa.RecordBatchReader) -> pa.Table:
-    """Return an answer as a whole if that can be held."""
+    """Return the whole answer if it fits into the memory that it may take."""
     batches, size, most = [], 0, LARGEST * memory()
     # Closed also where it is too large: what is not read would hold the transaction.
     with reader:
@@ -205,7 +207,7 @@ def collect_answer(reader: pa.RecordBatchReader) -> pa.Table:
 def time_limit(
     connection: duckdb.DuckDBPyConnection, seconds: float | None
 ) -> Iterator[None]:
-    """Interrupt what runs on a connection after some seconds, None for never."""
+    """Interrupt a query after some seconds; None for no limit."""
     if seconds is None:
         yield
         return
@@ -232,10 +234,10 @@ def time_limit(
 
 
 def explain_error(error: Exception) -> str:
-    """Return what an error means for who asked, in one line."""
+    """Return what an error means for the user, in one line."""
     if isinstance(error, duckdb.PermissionException):
-        what = first_line(error).removeprefix("Permission Error: ")
-        return f"SQL reads {', '.join(KINDS)} of this store, nothing else. {what}"
+        reason = first_line(error).removeprefix("Permission Error: ")
+        return f"SQL reads {', '.join(KINDS)} of this store, nothing else. {reason}"
     if isinstance(error, duckdb.OutOfMemoryException):
         most = WORKING * memory() / 2**30
         return (

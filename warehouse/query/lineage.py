@@ -23,8 +23,8 @@ def lineage_tree(store: Store, id: str, down: bool = False) -> Relative:
     near, far = ("parent", "child") if down else ("child", "parent")
     links: dict[str, list[tuple[str, str]]] = {}
     rows = store.sql(f"SELECT {near}, {far}, role FROM lineage ORDER BY role, {far}")
-    for one, other, role in zip(*rows.to_pydict().values(), strict=True):
-        links.setdefault(one, []).append((other, role))
+    for relative, other, role in zip(*rows.to_pydict().values(), strict=True):
+        links.setdefault(relative, []).append((other, role))
     ids = (f"SELECT {kind.key}, '{name}' FROM {name}" for name, kind in KINDS.items())
     kinds = store.sql(" UNION ALL ".join(ids)).to_pydict()
     kind_of = dict(zip(*kinds.values(), strict=True))

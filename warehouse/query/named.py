@@ -1,4 +1,4 @@
-"""Queries that have a name: what people ask most, in SQL over the views."""
+"""Named queries: frequent questions in SQL over the views."""
 
 # Of what is of one arm: when it was recorded, else when it was committed.
 AT = "coalesce(recorded_at, created) AS recorded"

@@ -1,4 +1,4 @@
-"""The store as a database: open it and ask in SQL."""
+"""The store as a database: open it and query it in SQL."""
 
 import json
 import os
@@ -109,13 +109,13 @@ def runs_where(path: Path, clause: str) -> tuple[str, ...]:
     usable = "true" if "quarantined" in clause.lower() else "NOT quarantined"
     query = f"""SELECT run_id FROM runs WHERE ({clause}
         ) AND {usable} ORDER BY recorded_at, created, run_id"""
-    found = tuple(row["run_id"] for row in query_store(path, query))
-    if not found:
+    ids = tuple(row["run_id"] for row in query_store(path, query))
+    if not ids:
         raise InputError(
             f"No run in {store_name(path)} fulfills {clause}. List the runs: modelgap "
             'sql "FROM runs".'
         )
-    return found
+    return ids
 
 
 def _read_hashed(store: Path) -> dict[str, list[int]]:
@@ -126,7 +126,7 @@ def _read_hashed(store: Path) -> dict[str, list[int]]:
 
 
 class Store:
-    """An opened store; it sees what others commit meanwhile.
+    """An open store. Every query sees what was committed before it.
 
     DuckDB reads the files itself and logs which of them it opens. After every query
     these are hashed and compared with the sums of their records, so that no answer
@@ -252,8 +252,10 @@ class Store:
         # The second lock: what slips past the guard cannot write tables either.
         self._connection.execute("BEGIN TRANSACTION READ ONLY")
         try:
-            asked = self._connection.sql(query, params=dict(values) if values else None)
-            return collect_answer(asked.to_arrow_reader(_BATCH))
+            relation = self._connection.sql(
+                query, params=dict(values) if values else None
+            )
+            return collect_answer(relation.to_arrow_reader(_BATCH))
         finally:
             with suppress(duckdb.Error):
                 self._connection.execute("ROLLBACK")
@@ -266,8 +268,8 @@ class Store:
         if lines:
             more = f" And {len(lines) - 3} more." if len(lines) > 3 else ""
             raise InputError(
-                f"The answer needs what is damaged. {' '.join(lines[:3])}{more} Or ask "
-                "without it: --without-damaged."
+                f"The answer needs damaged files. {' '.join(lines[:3])}{more} Answer "
+                "without them: --without-damaged."
             )
 
     def _files(self) -> list[str]:
@@ -335,8 +337,8 @@ class Store:
         index = f"{self.path}/{INDEX}/"
         of_records = {path for path in paths if not path.startswith(index)}
         with ThreadPoolExecutor(_AT_ONCE) as pool:
-            found = zip(of_records, pool.map(fault, of_records), strict=True)
-            return {path: text for path, text in found if text}
+            messages = zip(of_records, pool.map(fault, of_records), strict=True)
+            return {path: text for path, text in messages if text}
 
     def _leave_out(self, broken: Mapping[str, str]) -> None:
         """Read these files no more."""

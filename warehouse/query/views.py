@@ -1,4 +1,4 @@
-"""The views over the catalogue, as SQL."""
+"""The SQL of the views over the catalogue."""
 
 from collections.abc import Iterable
 
@@ -53,11 +53,12 @@ def _rows(kind: Kind) -> str:
     if not computed:
         return f"SELECT {columns} FROM catalogue.{kind.name}"
     more = ", ".join(f"arm.{column.name}" for column in computed)
-    own = "own.*"
+    shown = "own.*"
     if any(column.name == "serial" for column in VIEWS[kind.name]):
-        own += " REPLACE (coalesce(own.serial, arm.serial) AS serial)"
+        shown += " REPLACE (coalesce(own.serial, arm.serial) AS serial)"
     return (
-        f"SELECT {own}, {more} FROM (SELECT {columns} FROM catalogue.{kind.name}) own "
+        f"SELECT {shown}, {more} "
+        f"FROM (SELECT {columns} FROM catalogue.{kind.name}) own "
         f"LEFT JOIN catalogue.arms arm ON arm.id = own.{kind.key}"
     )
 
@@ -104,10 +105,10 @@ def _listed(columns: Iterable[Column]) -> str:
 
 
 def _unnested(view: str, kind: str, key: str) -> str:
-    own, *rest = VIEWS[view]
-    columns = ", ".join(f'item."{c.name}" AS "{c.name}"' for c in rest)
+    key_column, *columns_of_row = VIEWS[view]
+    columns = ", ".join(f'item."{c.name}" AS "{c.name}"' for c in columns_of_row)
     return (
-        f"SELECT {key} AS {own.name}, {columns} "
+        f"SELECT {key} AS {key_column.name}, {columns} "
         f"FROM (SELECT {key}, unnest({view}) AS item FROM catalogue.{kind})"
     )
 
