@@ -46,7 +46,7 @@ class Judged:
     model: Model
     # The adoption that the robot has, with its number; None for none.
     parent: tuple[str, Adoption] | None
-    check_adoption: AdoptionCheck | None  # on held-out motion; None where there is none
+    worth: AdoptionCheck | None  # on held-out motion; None where there is none
     # Why it should not be adopted; empty for a model that may.
     doubts: tuple[str, ...] = ()
 
