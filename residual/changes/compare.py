@@ -102,7 +102,8 @@ def compare_epochs(
         edit=baseline_edits(
             models,
             dense_fit(Design(after.logs.tracks, nominal.model)),
-            ([c.place for c in found.changes], ()),
+            [c.place for c in found.changes],
+            (),
             first,
         ),
         unproven=_unexplained(errors, found) if found.changes else None,

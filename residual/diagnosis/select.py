@@ -144,8 +144,10 @@ def _best_widths(runs: _SearchRuns, best: Selection) -> Prior:
 
 def _adjacent_scales(runs: _SearchRuns) -> Iterable[Prior]:
     best, scales = runs.best.wide, runs.space.scales
-    at = scales.index(best.scale)
-    return [runs.space.at(s, best.widths) for s in scales[max(at - 1, 0) : at + 2]]
+    index = scales.index(best.scale)
+    return [
+        runs.space.at(s, best.widths) for s in scales[max(index - 1, 0) : index + 2]
+    ]
 
 
 def _widest_prior(runs: _SearchRuns, run: Selection) -> Prior:
@@ -158,30 +160,30 @@ def _widest_prior(runs: _SearchRuns, run: Selection) -> Prior:
     prior, scales = run.task.prior, runs.space.scales
     if len(scales) == 1:
         return prior
-    alike = [runs.space.at(s, prior.widths) for s in scales]
-    scores = [runs.score(p, run) for p in alike]
-    near = [
+    priors = [runs.space.at(s, prior.widths) for s in scales]
+    scores = [runs.score(p, run) for p in priors]
+    allowed = [
         p
-        for p, score in zip(alike, scores, strict=True)
+        for p, score in zip(priors, scores, strict=True)
         if score > max(scores) - THRESHOLDS.alike_scale_nats
         or p.scale == THRESHOLDS.min_wide_scale
     ]
-    return max(near, key=lambda p: p.scale)
+    return max(allowed, key=lambda p: p.scale)
 
 
 def neighbor_priors(space: PriorSpace, prior: Prior) -> tuple[Prior, ...]:
     """Priors that a search might have turned to, beside the one that it chose."""
-    wanted = [(s, widths) for widths in space.even for s in space.scales]
-    wanted += [(s, prior.widths) for s in space.scales]
+    pairs = [(s, widths) for widths in space.even for s in space.scales]
+    pairs += [(s, prior.widths) for s in space.scales]
     if space.free and len(prior.widths) > 1:
-        wanted += [
+        pairs += [
             (prior.scale, {**prior.widths, kind: width})
             for kind in prior.widths
             for width in WIDTHS
         ]
-    made = {_key(p): p for p in (space.at(*one) for one in wanted)}
-    made.pop(_key(prior), None)
-    return tuple(made.values())
+    priors = {_key(p): p for p in (space.at(*one) for one in pairs)}
+    priors.pop(_key(prior), None)
+    return tuple(priors.values())
 
 
 def _comparable_score(run: Selection, counted: Array) -> float:

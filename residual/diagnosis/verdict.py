@@ -169,11 +169,13 @@ def _finding(named: NamedEffect, order: int, standing: DoubtResult) -> Finding:
     )
 
 
-def _unexplained(outcome: SearchOutcome, left: Sequence[JointLeftover]) -> Unexplained:
+def _unexplained(
+    outcome: SearchOutcome, leftovers: Sequence[JointLeftover]
+) -> Unexplained:
     a, design, logs = outcome.adequacy, outcome.task.design, outcome.logs
     power = design.rows * design.rms**2
     weight = power / power.sum()
-    kinds = [one.kind for one in left if one.kind]
+    kinds = [one.kind for one in leftovers if one.kind]
     alike = len(set(logs.robot.prismatic)) == 1
     per_joint = a.structured.copy()
     per_joint[list(logs.too_small)] = np.nan
@@ -181,7 +183,7 @@ def _unexplained(outcome: SearchOutcome, left: Sequence[JointLeftover]) -> Unexp
         joints=tuple(int(j) + 1 for j in a.doubted),
         fraction=plain(np.sqrt(weight @ a.structured**2)) if alike else None,
         noise_floor=plain(np.sqrt(weight @ a.noise**2)) if alike else None,
-        depends_on=depends_on(left),
+        depends_on=depends_on(leftovers),
         kind=max(sorted(set(kinds)), key=kinds.count) if kinds else None,
         per_joint=tuple(plain(per_joint)),
         noise_model="autocorrelation",
@@ -236,9 +238,9 @@ def _driving_friction(outcome: SearchOutcome, fitted: Fit) -> list[int]:
     speeds = design.stacked([t.qd[:: t.step] for t in outcome.logs.sketch])
     for j, speed in enumerate(speeds):
         place, have = design.present(j, fitted.ids)
-        mine = brakes[have]
+        friction = brakes[have]
         along = np.zeros(len(theta))
-        along[have[mine]] = design.columns(j, place[mine]).T @ speed
+        along[have[friction]] = design.columns(j, place[friction]).T @ speed
         power, sd = along @ theta, np.sqrt(max(along @ covariance @ along, 0.0))
         moved = np.abs(speed) @ np.abs(design.tau[j])
         if (
@@ -255,12 +257,12 @@ def _negative_inertia(outcome: SearchOutcome, fitted: Fit) -> list[int]:
     theta, model = _absolute_coefficients(outcome, fitted), outcome.logs.robot.model
     q = np.concatenate([t.q for t in outcome.logs.tracks])
     q = q[:: max(1, len(q) // PLACES)]
-    still, out = np.zeros_like(q), []
-    resting = regressor(model, q, still, still)
+    zero, out = np.zeros_like(q), []
+    resting = regressor(model, q, zero, zero)
     for j in range(design.dof):
-        push = still.copy()
+        push = zero.copy()
         push[:, j] = 1.0
-        rows = regressor(model, q, still, push)[:, j] - resting[:, j]
+        rows = regressor(model, q, zero, push)[:, j] - resting[:, j]
         rotors = _select_slots(
             outcome,
             fitted,
@@ -268,8 +270,8 @@ def _negative_inertia(outcome: SearchOutcome, fitted: Fit) -> list[int]:
         )
         along = rotors.astype(float)
         along[: rows.shape[1]] = rows.mean(axis=0)
-        own, sd = along @ theta, np.sqrt(max(along @ covariance @ along, 0.0))
-        if own < -THRESHOLDS.impossible_deviations * sd and own < 0:
+        inertia, sd = along @ theta, np.sqrt(max(along @ covariance @ along, 0.0))
+        if inertia < -THRESHOLDS.impossible_deviations * sd and inertia < 0:
             out.append(j + 1)
     return out
 
@@ -282,13 +284,13 @@ def _absolute_coefficients(outcome: SearchOutcome, fitted: Fit) -> Array:
     return theta
 
 
-def _select_slots(outcome: SearchOutcome, fitted: Fit, wanted: Callable) -> Array:
+def _select_slots(outcome: SearchOutcome, fitted: Fit, selects: Callable) -> Array:
     """Which of a fit's coefficients belong to effects that are wanted. (m,), bool."""
     model = outcome.nominal.model
     marks = [np.zeros(len(model.inertial), dtype=bool)]
     for part in (*model.terms, *fitted.members):
         count = len(part.theta) if hasattr(part, "theta") else len(part.ids)
-        marks.append(np.full(count, bool(wanted(part.effect, part.joints))))
+        marks.append(np.full(count, bool(selects(part.effect, part.joints))))
     return np.concatenate(marks)
 
 

@@ -134,7 +134,7 @@ class Design:
         """Columns of the nominal model, and what it leaves of the torque."""
         dof, model = self.dof, self.model
 
-        def made(state: State) -> list[tuple[Joints, Array]]:
+        def columns_of(state: State) -> list[tuple[Joints, Array]]:
             links = links_of(state.regressor, dof)
             out = [(tuple(range(x.shape[1])), x) for x in links]
             for t in model.terms:
@@ -142,7 +142,7 @@ class Design:
                 out.append((t.effect.rows(t.joints, dof), columns))
             return out
 
-        ids = self._append(made, bodies=False)
+        ids = self._append(columns_of, bodies=False)
         self._show_target()
         self.nominal = np.concatenate(ids)
         self.inertial = self.nominal[: len(model.inertial)]
@@ -172,7 +172,7 @@ class Design:
         chunks = [0] if len(self._chunks) == 1 else self._shown
         self.target = [np.concatenate([x[c] for c in chunks]) for x in self._targets]
 
-    def _append(self, made: Made, bodies: bool) -> list[Array]:
+    def _append(self, columns_of: Made, bodies: bool) -> list[Array]:
         """Append columns of all logs, and return their numbers, part by part."""
         ids: list[Array] = []
         for c, chunk in enumerate(self._chunks):
@@ -182,7 +182,7 @@ class Design:
                 state = self._seen(i)
                 if bodies:  # read for every body, and of a long log not kept
                     state = replace(state, regressor=np.asarray(state.regressor))
-                parts = made(state)
+                parts = columns_of(state)
                 if not ids:
                     ids = self._sums.reserve([(on, x.shape[2]) for on, x in parts])
                 for j, columns in self._filtered(i, parts):
@@ -230,12 +230,12 @@ class Design:
             sizes.update(zip(members, (c.shape[1] for c in own), strict=True))
             return np.concatenate(own, axis=1).transpose(2, 0, 1)
 
-        def made(state: State) -> list[tuple[Joints, Array]]:
+        def columns_of(state: State) -> list[tuple[Joints, Array]]:
             return [(rows, of_rows(state, own)) for rows, own in by_rows.items()]
 
         bodies = any(e.scope in ("link", "flange") for e, _, _ in candidates)
         groups: dict[int, Group] = {}
-        ids = self._append(made, bodies)
+        ids = self._append(columns_of, bodies)
         for own, (rows, members) in zip(ids, by_rows.items(), strict=True):
             parts = np.split(own, np.cumsum([sizes[i] for i in members])[:-1])
             for i, columns in zip(members, parts, strict=True):
