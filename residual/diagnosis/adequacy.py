@@ -75,7 +75,7 @@ def _structured(design: Design, fitted: Fit, noise: Array) -> Array:
 def _residual_kind(
     design: Design, periods: list[int | None], fitted: Fit, noise: Array, j: int
 ) -> str | None:
-    """Where a log repeats itself: does the residual repeat with it?"""
+    """Whether the residual of a log that repeats itself repeats with it."""
     residuals = design.series(j, design.residual(j, fitted.ids, fitted.theta))
     same = other = count = 0.0
     for period, residual in zip(periods, residuals, strict=True):

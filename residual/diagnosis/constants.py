@@ -144,7 +144,7 @@ def _release(
 
 
 def _prune(now: _FreeConstants) -> _FreeConstants:
-    """Hold the constants that do not pay, the one that is missed least first."""
+    """Hold the constants that do not pay at zero, the least missed first."""
     while now.free:
         with_all, power = now.left_out(), now.task.design.tau_power.sum(axis=0)
         missed = {}
@@ -160,7 +160,7 @@ def _prune(now: _FreeConstants) -> _FreeConstants:
 
 
 def _pays(now: _FreeConstants, j: int, with_constant: Array, without: Array) -> bool:
-    """Whether a joint's constant lowers its left-out error, and is not nothing."""
+    """Whether a constant lowers its joint's left-out error and is significant."""
     power = max(now.task.design.tau_power.sum(axis=0)[j], 1e-30)
     fall = np.sqrt(max((without - with_constant).sum() / power, 0.0))
     share = 1 - with_constant.sum() / max(without.sum(), 1e-30)

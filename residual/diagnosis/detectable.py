@@ -191,7 +191,7 @@ def _confirmed(bench: DetectionModel, effect: ExpectedEffect, square: Array) -> 
 
 
 def _near_priors(task: Task, fitted: Fit, priors: Sequence[Prior]) -> tuple[list, list]:
-    """The chosen prior and those that the search could turn to, with their evidence."""
+    """The chosen prior and its competitors, with the evidence of each."""
     design, every = task.design, [task.prior, *priors]
     scores = [
         fit(design, p, fitted.members, fitted.counted, rounds=4).score for p in every
@@ -386,7 +386,7 @@ class _SmallestEffect:
 
 
 def _possible_size(bench: DetectionModel, least: _SmallestEffect) -> float | None:
-    """The size; None where no arm has an effect as large."""
+    """The size; None where no arm has an effect that large."""
     design, group = bench.task.design, least.group
     limits = limits_of(design, bench.fitted, group)
     shape, signs = group.shape, (least.theta, -least.theta)
@@ -400,7 +400,6 @@ def _possible_size(bench: DetectionModel, least: _SmallestEffect) -> float | Non
 def _smallest_effect(
     bench: DetectionModel, groups: Sequence[Group]
 ) -> _SmallestEffect | None:
-    """The size as its first parameter tells it; None where no size is found."""
     effect, middle = groups[0].effect, groups[len(groups) // 2]
     if _by_shape_alone(effect, middle):
         # The highest plateau of those tried at which a clip to its level is found.
@@ -450,7 +449,7 @@ def _with_direction(
 
 
 def _smallest(bench: DetectionModel, group: Group) -> float:
-    """Smallest coefficient that is found; of several directions the median."""
+    """Smallest detectable coefficient; the median over directions."""
     sizes = []
     for one in expect_effect(bench, group, directions(bench, group)):
         information = bench.weight @ one.fall[0] + one.bent[0]
@@ -501,14 +500,14 @@ def _one_vector(effect: Effect, group: Group) -> bool:
 
 
 def _of_its_own_shape(effect: Effect, group: Group) -> bool:
-    """Whether the size is the searched shape as well (the half gap of a backlash)."""
+    """Whether the shape is the size (the half gap of a backlash)."""
     if effect.refine is None or len(group.ids) > 1 or len(effect.parameters) > 1:
         return False
     return not _by_shape_alone(effect, group)
 
 
 def _by_shape_alone(effect: Effect, group: Group) -> bool:
-    """Whether the size does not depend on the coefficient (the level of a plateau)."""
+    """Whether the shape alone is the size (the level of a plateau)."""
     if effect.refine is None or len(effect.parameters) > 1:
         return False
     values = [effect.values(c * np.ones(1), group.shape, None)[0] for c in (1.0, 2.0)]

@@ -114,7 +114,7 @@ def _is_more(
     member: GateResult,
     fallen: Sequence[Group],
 ) -> bool:
-    """Whether a name would carry its weight with the fallen ones beside it, too."""
+    """Whether a name passes the threshold with the withdrawn names in the fit."""
     task = outcome.task
     names = [t.group for t, _ in validation.kept if t is not member]
     without = task.settle(task.fit((*names, *fallen), validation.fit))
@@ -128,7 +128,7 @@ def _is_proven(
     held_out: Sequence[HeldOutLog],
     member: GateResult,
 ) -> bool:
-    """Whether a name lowers the held-out error beyond chance where it acts."""
+    """Whether a name lowers the held-out error significantly where it acts."""
     rest = refit(outcome, [t for t, _ in validation.kept if t is not member])
     after = outcome.error(validation.fit, held_out)
     before = outcome.error(rest, held_out)
@@ -210,7 +210,7 @@ def doubt_names(
 def _split_suspected(
     now: DoubtResult, proof: Sequence[HeldOutLog], recordings: Sequence[Recording]
 ) -> DoubtResult:
-    """What is sure, and apart from it what is only suspected: that is in no model."""
+    """Part the sure names from the suspected ones, which are in no model."""
     probabilities = _confidences(now)
     gains = dict(now.validation.kept)
     every = [_with_confidence(f, probabilities, gains) for f in now.named]
@@ -251,7 +251,7 @@ def _split_suspected(
 
 
 def _confidences(now: DoubtResult) -> dict[GateResult, float]:
-    """Of each name that stands; what every drive has stands or falls together."""
+    """Confidence of each name; common names of all drives share one."""
     doubted = now.outcome.adequacy.doubted
     probability = {
         t: confidence(t, gain, now.splits[t]) if t.joint in doubted else 1.0
@@ -291,7 +291,6 @@ def _with_confidence(
 def _with_constants(
     now: DoubtResult, proof: Sequence[HeldOutLog], recordings: Sequence[Recording]
 ) -> DoubtResult:
-    """What stands, with the constants that pay among the names."""
     outcome, own = with_constants(now.outcome, now.validation.fit)
     if not own:
         validation = replace(now.validation, fit=outcome.fit)
@@ -379,7 +378,7 @@ def _common_names(
 def _find_weak(
     named: Sequence[NamedEffect], company: Sequence[GateResult]
 ) -> list[tuple[GateResult, str]]:
-    """Names that are less likely than not, or may as well be nothing."""
+    """Names that are improbable, or not significantly different from zero."""
     out = []
     for finding in named:
         for tested, sure in zip(finding.tested, finding.sureness, strict=True):
@@ -400,7 +399,7 @@ def _find_weak(
 def _find_bodiless(
     outcome: SearchOutcome, validation: HeldOutResult
 ) -> list[tuple[GateResult, str]]:
-    """Names of bodies, where the logs contradict every possible body beyond chance."""
+    """Names of bodies, where the logs exclude every possible body."""
     named = [t for t, _ in validation.kept if Trait.BODY in t.group.effect.traits]
     if not named:
         return []

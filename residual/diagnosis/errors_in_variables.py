@@ -237,7 +237,7 @@ def _by_redrawing(outcome: SearchOutcome, fitted: Fit, tracks) -> NoiseCheck:
 
 
 def _design_with(outcome: SearchOutcome, fitted: Fit, tracks) -> tuple[Design, Array]:
-    """The fit's columns as other angles give them, on the very same rows."""
+    """The fit's columns computed from other angles, on the same rows."""
     nominal = outcome.nominal
     other = replace(outcome.logs, tracks=tracks)
     design = first_design(other, nominal, physical(as_model(nominal, fitted)))

@@ -165,7 +165,7 @@ def _order_riding(findings: Sequence[NamedEffect]) -> list[NamedEffect]:
 
 
 def _rides_on(rider: NamedEffect, base: NamedEffect) -> bool:
-    """Whether a finding has half of the size of another on a joint of both."""
+    """Whether a finding has half the size of another on a shared joint."""
     sizes = [
         dict(zip(f.joints, np.abs(next(iter(f.parameters.values()))[0]), strict=True))
         for f in (rider, base)
@@ -175,7 +175,7 @@ def _rides_on(rider: NamedEffect, base: NamedEffect) -> bool:
 
 
 def _torque(outcome: SearchOutcome, fitted: Fit, group: Group) -> float:
-    """Largest torque of a member on any joint, as a share of the joint's own rms."""
+    """Largest rms torque of a member on any joint, as a share of the joint's rms."""
     design, out = outcome.task.design, 0.0
     for j in range(design.dof):
         if len(design.present(j, group.ids)[0]):
@@ -185,7 +185,7 @@ def _torque(outcome: SearchOutcome, fitted: Fit, group: Group) -> float:
 
 
 def _torque_on(design: Design, fitted: Fit, group: Group, j: int) -> Array:
-    """Torque of a member on the rows of a joint, as logged [N m]. Shape (rows,)."""
+    """Torque of a member on the rows of a joint [N m]. Shape (rows,)."""
     place, have = design.present(j, group.ids)
     return design.columns(j, place) @ fitted.of(group)[have]
 
@@ -193,7 +193,7 @@ def _torque_on(design: Design, fitted: Fit, group: Group, j: int) -> Array:
 def _size(
     fitted: Fit, tested: GateResult, checks: NoiseCheck | None
 ) -> tuple[Array, Array]:
-    """Coefficients of a member as they are told, and what is doubtful of them."""
+    """Reported coefficients of a member, and the covariance of their doubt."""
     if checks:
         return checks.estimate(tested)
     theta = fitted.of(tested.group)
@@ -206,7 +206,7 @@ def public_joints(group: Group) -> tuple[int, ...]:
 
 
 def _merge_joints(tested: Sequence[GateResult], robot: Robot) -> list[list[GateResult]]:
-    """Members of one local name on different joints of one unit belong together."""
+    """Group members of one local effect on joints of one unit."""
     out: list[list[GateResult]] = []
     for t in sorted(tested, key=lambda t: (t.group.effect.name, t.group.joints)):
         group = t.group
@@ -300,7 +300,7 @@ def clouds(
 
 
 def _drawn_on(design: Design, fitted: Fit, tested: GateResult) -> Sequence[int]:
-    """Joints from 0 on which a member is drawn."""
+    """Joints (from 0) on which a member is plotted."""
     group = tested.group
     if group.effect.scope == "local":
         return group.joints

@@ -49,20 +49,20 @@ def left_out_of(task: Task, fitted: Fit, system: System) -> Array:
     return np.array(out)
 
 
-def test_members(task: Task, fitted: Fit) -> list[GateResult]:
+def gate_members(task: Task, fitted: Fit) -> list[GateResult]:
     """Test every member of a set: left-out error, else plausibility."""
     full = left_out_errors(task, fitted)
-    return [_test_member(task, fitted, group, full) for group in fitted.members]
+    return [_gate_member(task, fitted, group, full) for group in fitted.members]
 
 
 def passes_gate(task: Task, fitted: Fit, group: Group) -> bool:
     """Whether one member of a set passes."""
     return (
-        _test_member(task, fitted, group, left_out_errors(task, fitted)).by is not None
+        _gate_member(task, fitted, group, left_out_errors(task, fitted)).by is not None
     )
 
 
-def _test_member(
+def _gate_member(
     task: Task, fitted: Fit, group: Group, with_errors: Array
 ) -> GateResult:
     design, rules = task.design, task.rules
@@ -112,7 +112,7 @@ def _acting(design: Design, fitted: Fit, group: Group) -> Array:
 def drop_failed(task: Task, fitted: Fit) -> tuple[Fit, list[GateResult]]:
     """Drop the members that fail, weakest first, until all pass."""
     while True:
-        tested = test_members(task, fitted)
+        tested = gate_members(task, fitted)
         failed = [t for t in tested if t.by is None]
         if not failed:
             return fitted, tested
@@ -157,7 +157,7 @@ def _is_wrong(
 def _variable(
     design: Design, tracks: Sequence[Track], tested: GateResult, j: int
 ) -> tuple[Array, Array]:
-    """What the name is drawn against on the rows of a joint, and each row's log."""
+    """Explaining variable of an effect on the rows of a joint, and each row's log."""
     values, logs = [], []
     for i, (track, state) in enumerate(zip(tracks, design.states, strict=True)):
         x, _ = tested.group.effect.variable(state, j)
@@ -198,10 +198,7 @@ def _repeated(x: Array, y: Array, log: Array) -> float:
 
 
 def only_curves(
-    design: Design,
-    tracks: Sequence[Track],
-    fitted: Fit,
-    tested: Sequence[GateResult],
+    design: Design, tracks: Sequence[Track], fitted: Fit, tested: Sequence[GateResult]
 ) -> list[GateResult]:
     """Return the names that a free curve of as many numbers could stand for.
 
@@ -264,7 +261,7 @@ def _torque(design: Design, fitted: Fit, tested: GateResult, j: int) -> Array:
 
 
 def _without_curve(x: Array, y: Array, numbers: int) -> Array:
-    """What straight lines between so many knots, evenly spaced, leave of y."""
+    """Residual of y about a piecewise linear curve with evenly spaced knots."""
     knots = np.linspace(x.min(), x.max(), max(numbers, 2))
     width = max(knots[1] - knots[0], 1e-12)
     hats = np.maximum(1 - abs(x[:, None] - knots) / width, 0)

@@ -263,7 +263,7 @@ def count_splits(task: Task, fitted: Fit, tested: Sequence[GateResult]) -> list[
 
 
 def _wins_again(task: Task, fitted: Fit, group: Group) -> bool:
-    """Whether a member would be named on these logs, beside the others."""
+    """Whether these logs alone would name a member, given the others."""
     if Trait.CONSTANT in group.effect.traits:
         return passes_gate(task, fitted, group)
     others = [g for g in fitted.members if g is not group]
@@ -279,7 +279,6 @@ def _wins_again(task: Task, fitted: Fit, group: Group) -> bool:
 
 
 def _has_share(whole: Design, part: Design, fitted: Fit, group: Group) -> bool:
-    """Whether a part of the logs has a fair share of an effect."""
     part_power, whole_power = (
         np.sum(torque_share(design, fitted, group) ** 2 * design.rows)
         for design in (part, whole)
@@ -371,7 +370,6 @@ def check_adoption(
 
 
 def _no_better(after: Array, before: Array) -> list[str]:
-    """Whether the error falls by more than chance, over the seconds of the logs."""
     change = (before - after).sum(axis=1)
     scatter = float(np.sqrt(((change - change.mean()) ** 2).sum()))
     if change.sum() > THRESHOLDS.spared_deviations * scatter:
@@ -386,7 +384,7 @@ def _no_better(after: Array, before: Array) -> list[str]:
 def _visible_share(
     model: Model, term: Term, logs: Sequence[HeldOutLog]
 ) -> VisibleShare:
-    """Weighted least squares of what is left without an effect on the effect itself."""
+    """Weighted least squares of the residual without an effect on its torque."""
     without_term = replace(model, terms=tuple(t for t in model.terms if t is not term))
     torques, residuals = [], []
     for log in logs:

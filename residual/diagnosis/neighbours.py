@@ -95,7 +95,7 @@ def prefer_simpler(task: Task, fitted: Fit) -> Fit:
 
 
 def _size(group: Group) -> float:
-    """Number of free numbers of a group, and how far-fetched it is beside others."""
+    """Number of free parameters of a group, and how far-fetched it is."""
     shape = group.effect.refine is not None
     return len(group.ids) + shape + group.effect.far_fetched
 
@@ -182,7 +182,7 @@ def _neighboring_fits(task: Task, fitted: Fit) -> Iterator[Fit]:
 
 
 def _other_additions(task: Task, base: Fit, gone: Sequence[Group]) -> list:
-    """Candidates on top of a fit that are none of those taken out."""
+    """Additions to a fit that are not among the removed candidates."""
     keys = {g.key for g in gone}
     ranked = rank_additions(task, base, looks=FIRST_LOOKS)
     return [one for one in ranked if not one[1].parts and one[1].key not in keys]
@@ -238,7 +238,7 @@ def _body_twins(task: Task, fitted: Fit, least: Sequence[Detectable]) -> list[Ri
 
 
 def _is_hidden(candidate: Group, least: Sequence[Detectable]) -> bool:
-    """Whether a usual change of a body would not be found."""
+    """Whether the usual change of a body is below the detectable size."""
     place = candidate.effect.name, tuple(j + 1 for j in candidate.joints)
     sizes = [d.value for d in least if (d.name, d.joints) == place]
     return not any(
@@ -249,7 +249,7 @@ def _is_hidden(candidate: Group, least: Sequence[Detectable]) -> bool:
 def _information(
     task: Task, fitted: Fit, members: Sequence[Group], candidates: Sequence[Group]
 ) -> Array:
-    """What logs hold of each candidate that a set cannot take up. Shape (g,)."""
+    """Information on each candidate beyond a set. Shape (g,)."""
     weight = fitted.weight(task.design.rows)
     system = System.of(task.design, task.prior, members)
     shared = overlap(task.design, system, weight)

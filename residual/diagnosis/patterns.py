@@ -224,7 +224,7 @@ def wave_of(line: TimeLine) -> Wave | None:
 
 
 def _pieces(line: TimeLine) -> list[Array]:
-    """Rows of each log, cut into stretches of 20 s or less."""
+    """Rows of each log, in stretches of 20 s or less."""
     out = []
     for log in np.unique(line.log):
         rows = np.flatnonzero(line.log == log)
@@ -291,7 +291,7 @@ def _amplitudes(gram: Array, cross: Array) -> Array:
 
 
 def _red_noise(line: TimeLine) -> Array:
-    """Noise of the leftover's size and lag-1 correlation, row after row. (n, DRAWS)."""
+    """Noise with the residual's variance and lag-1 correlation. (n, DRAWS)."""
     rng = np.random.default_rng(0)
     left = line.residual - line.residual.mean()
     near = (np.diff(line.log) == 0) & (np.diff(line.t) < 2 * np.median(np.diff(line.t)))

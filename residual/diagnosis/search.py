@@ -248,10 +248,7 @@ def search(task: Task, members: Sequence[Group] = ()) -> Fit:
 
 
 def rank_additions(
-    task: Task,
-    base: Fit,
-    instead: Group | None = None,
-    looks: int | None = None,
+    task: Task, base: Fit, instead: Group | None = None, looks: int | None = None
 ) -> list[tuple[float, Group, Fit]]:
     """Admissible additions to a fit, most evidence first: (net gain, group, fit).
 
@@ -284,7 +281,7 @@ def rank_additions(
 def _try_candidate(
     task: Task, base: Fit, group: Group, base_system: System
 ) -> tuple[Group, Fit, System]:
-    """A fit with a candidate, on its own scale where it is far beyond the usual."""
+    """Fit with a candidate, under a wide prior where it is far beyond the usual."""
 
     def trial(group: Group) -> tuple[Group, Fit, System]:
         system, members = base_system.beside(task.design, group), (*base.members, group)
@@ -349,7 +346,7 @@ def _shortlist(
 
 
 def _neighbours(first: Group, second: Group) -> bool:
-    """Two ripples of near order on one joint are a pair that cancels, not two."""
+    """Whether two ripples of one joint have nearly the same order: they cancel."""
     if (
         first.effect is not second.effect
         or first.joints != second.joints

@@ -119,7 +119,6 @@ def _even_widths(runs: _SearchRuns) -> Iterable[Prior]:
 
 
 def _by_kind(runs: _SearchRuns) -> Iterable[Prior]:
-    """Widths of single kinds, by the evidence with the best run's names held."""
     for _ in range(THRESHOLDS.width_rounds):
         best = runs.best
         if not runs.space.free or len(best.wide.widths) < 2:
@@ -131,7 +130,7 @@ def _by_kind(runs: _SearchRuns) -> Iterable[Prior]:
 
 
 def _best_widths(runs: _SearchRuns, best: Selection) -> Prior:
-    """The prior with each kind's width at its best, one after the other."""
+    """The prior with the best width of each kind, one after the other."""
     prior = best.wide
     for kind in best.wide.widths:
         trials = [
@@ -187,7 +186,7 @@ def neighbor_priors(space: PriorSpace, prior: Prior) -> tuple[Prior, ...]:
 
 
 def _comparable_score(run: Selection, counted: Array) -> float:
-    """Evidence of a run with rows counted alike for all, less the price of names."""
+    """Evidence with equal row counts for all runs, less the price of names."""
     task, members = run.task, run.fit.members
     common = fit(task.design, task.prior, members, counted, rounds=4)
     # What a name costs beside its choice: a link's, all that a name must win.

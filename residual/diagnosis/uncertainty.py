@@ -11,13 +11,7 @@ from residual.diagnosis.outcome import SearchOutcome
 from residual.diagnosis.search import refine_shape
 from residual.effects.base import Effect, PlacedEffect, Shape, Trait
 from residual.evidence.design import Design, Group
-from residual.evidence.fit import (
-    Fit,
-    Prior,
-    chance_of,
-    fit,
-    scaled_inverse,
-)
+from residual.evidence.fit import Fit, Prior, chance_of, fit, scaled_inverse
 from residual.evidence.priors import OF_NAMES, PriorSpace
 from residual.recording import Array
 from residual.robot.robot import Robot
@@ -101,7 +95,7 @@ def _doubt(
     form: Array,
     prior: Array,
 ) -> Uncertainty:
-    """Sum up the covariances of one member: by noise, between logs, and at best."""
+    """Combine the covariances of one member: noise, between logs, and sharp."""
     by_noise, between, sharp = covariances
     wide = (by_noise, between)
     variance = [np.einsum("ij,jk,ik->i", jacobian, c, jacobian) for c in wide]
@@ -176,7 +170,7 @@ def _form_doubt(outcome: SearchOutcome, fitted: Fit, group: Group) -> Array:
 
 
 def _slope(design: Design, group: Group, theta: Array) -> Group | None:
-    """Column of the derivative to the searched shape, as a group of its own."""
+    """Column of the derivative with respect to the searched shape, as a group."""
     effect = group.effect
     if effect.refine is None:
         return None

@@ -118,7 +118,7 @@ def joint_leftovers(
 
 
 def _variables(design: Design, tracks: Sequence[Track], j: int) -> list[Variable]:
-    """What the leftover of a joint may depend on: its own state, load, other joints."""
+    """Variables of a joint's residual: its state, its load, other joints."""
 
     def read(name: str) -> list[Array]:
         """Values of every joint on the rows of this one."""
@@ -186,7 +186,6 @@ def _folded(line: TimeLine, frequency: float) -> tuple[Array, Array]:
 
 
 def _stack(tracks: Sequence[Track], j: int, lines: Sequence[Array]) -> Array:
-    """Values of all logs on the rows on which a joint moves."""
     pairs = zip(tracks, lines, strict=True)
     return np.concatenate([x[t.moving[:, j]] for t, x in pairs])
 
@@ -259,7 +258,7 @@ def _folds(tracks: Sequence[Track]) -> Array:
 
 
 def _columns(leftover: JointLeftover) -> tuple[Column, ...]:
-    """Own speed first, own position and acceleration, then what was found."""
+    """Own speed, position and acceleration, then the variables of the curves."""
     state_columns = [(on, (leftover.joint,), "") for on in ("qd", "q", "qdd")]
     used = {(on, of) for on, of, _ in state_columns}
     variables = [c.variable for c in leftover.curves if c.variable.on != "tau"]

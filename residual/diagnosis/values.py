@@ -72,10 +72,7 @@ class _Covariances:
             at = fitted.slots(g)
             before[np.ix_(at, at)] = scaled_inverse(g.precision)
         return cls(
-            fitted.theta,
-            before,
-            fitted.covariance(),
-            between_logs(task.design, fitted),
+            fitted.theta, before, fitted.covariance(), between_logs(task.design, fitted)
         )
 
 
@@ -110,7 +107,7 @@ def _value_changes(
 
 
 def _drive_values(outcome: SearchOutcome, fitted: Fit) -> list[_Values]:
-    """Declared values, those of the same joints together."""
+    """Declared values, grouped by joints."""
     nominal = outcome.nominal
     terms, given = zip(*nominal.declared, strict=True) if nominal.declared else ((), ())
     placed = with_slots(terms, len(nominal.model.inertial))
@@ -157,7 +154,7 @@ def _findings_of(fitted: Fit, effect: Effect, term: Term) -> list[Array]:
 
 
 def _body_values(outcome: SearchOutcome, fitted: Fit) -> list[_Values]:
-    """What the motion of the arm can tell of its body at all, sum by sum."""
+    """Identifiable base parameters of the arm's bodies, one by one."""
     robot = outcome.logs.robot
     base = base_parameters(robot.model)
     inertial = outcome.nominal.model.inertial
@@ -188,7 +185,7 @@ def _without_findings(added: Array, fitted: Fit) -> Array:
 
 
 def _positive_information(information: Array, prior: Array) -> Array:
-    """What the logs know, and a ten thousandth of the prior where they know nothing."""
+    """Information of the logs, floored at a ten thousandth of the prior's."""
     size = np.sqrt(np.diag(prior))
     values, vectors = np.linalg.eigh(information * np.outer(size, size))
     kept = (vectors * np.maximum(values, LOOSE)) @ vectors.T

@@ -123,7 +123,7 @@ def conclude(
 
 
 def _clear_links(outcome: SearchOutcome, least: list[Detectable]) -> list[Detectable]:
-    """Of a link at least what its description may be off by, four times."""
+    """Raise the detectable size of a link to four deviations of the URDF's error."""
     prior, model = doubtful(outcome), outcome.logs.robot.model
     bodies = inertial_parameters(model)
     pull = inertial_precision(outcome.logs.robot) @ np.diag(bodies)
@@ -231,7 +231,7 @@ def contradictions(
 
 
 def _driving_friction(outcome: SearchOutcome, fitted: Fit) -> list[int]:
-    """Joints (from 1) on which the fitted friction feeds the motion."""
+    """Joints (from 1) on which the fitted friction drives the motion."""
     design, covariance = outcome.task.design, fitted.covariance()
     theta, out = _absolute_coefficients(outcome, fitted), []
     brakes = _select_slots(outcome, fitted, lambda e, on: Trait.FRICTION in e.traits)
@@ -252,7 +252,7 @@ def _driving_friction(outcome: SearchOutcome, fitted: Fit) -> list[int]:
 
 
 def _negative_inertia(outcome: SearchOutcome, fitted: Fit) -> list[int]:
-    """Joints (from 1) whose own inertia came out negative over the logged places."""
+    """Joints (from 1) whose fitted inertia is negative on average."""
     design, covariance = outcome.task.design, fitted.covariance()
     theta, model = _absolute_coefficients(outcome, fitted), outcome.logs.robot.model
     q = np.concatenate([t.q for t in outcome.logs.tracks])
@@ -277,7 +277,7 @@ def _negative_inertia(outcome: SearchOutcome, fitted: Fit) -> list[int]:
 
 
 def _absolute_coefficients(outcome: SearchOutcome, fitted: Fit) -> Array:
-    """Coefficients themselves, where a fit has their distance from the nominal."""
+    """The fit's coefficients, nominal values added. Shape (m,)."""
     theta = fitted.theta.copy()
     base = outcome.nominal.model.coefficients()
     theta[: len(base)] += base
@@ -285,7 +285,7 @@ def _absolute_coefficients(outcome: SearchOutcome, fitted: Fit) -> Array:
 
 
 def _select_slots(outcome: SearchOutcome, fitted: Fit, selects: Callable) -> Array:
-    """Which of a fit's coefficients belong to effects that are wanted. (m,), bool."""
+    """Mask of the coefficients of the selected effects. Shape (m,)."""
     model = outcome.nominal.model
     marks = [np.zeros(len(model.inertial), dtype=bool)]
     for part in (*model.terms, *fitted.members):

@@ -102,7 +102,6 @@ class Design:
     # -- building -----------------------------------------------------------------
 
     def _measure_torque(self) -> None:
-        """Sizes of the torque, of all rows."""
         every = range(len(self._tracks))
         tau = [self._stacked([t.tau for t in self._tracks], j, every) for j in self._js]
         labels = [self._rows_labels(j, every) for j in self._js]
@@ -148,7 +147,7 @@ class Design:
         self.inertial = self.nominal[: len(model.inertial)]
 
     def _take_target(self, c: int, chunk: Sequence[int]) -> None:
-        """What the nominal model leaves of the torque of a chunk, at the first look."""
+        """Residual torque of the nominal model on a chunk, computed once."""
         if len(self._targets[0]) > c:
             return
         gaps = []
@@ -159,13 +158,11 @@ class Design:
             self._targets[j].append(self._stacked(gaps, j, chunk))
 
     def _seen(self, i: int) -> State:
-        """What effects see of a log, when it is looked at first."""
         if self._states[i] is None:
             self._states[i] = self._seen_with.observe(self._tracks[i])
         return self._states[i]
 
     def _show_target(self) -> None:
-        """Sums of the target, and the target of the sketch."""
         labels = [self._rows_labels(j, range(len(self._tracks))) for j in self._js]
         whole = [np.concatenate(own) for own in self._targets]
         self.power = squares_per_fold(whole, labels, self.folds)
@@ -173,7 +170,7 @@ class Design:
         self.target = [np.concatenate([x[c] for c in chunks]) for x in self._targets]
 
     def _append(self, columns_of: Made, bodies: bool) -> list[Array]:
-        """Append columns of all logs, and return their numbers, part by part."""
+        """Append columns of all logs, and return their numbers part by part."""
         ids: list[Array] = []
         for c, chunk in enumerate(self._chunks):
             fresh: list[list[Array]] = [[] for _ in self._js]
@@ -207,7 +204,6 @@ class Design:
                 yield j, np.concatenate(own)
 
     def _extend(self, c: int, j: int, new: Array) -> None:
-        """Keep new columns of a joint on one chunk's rows, and add up their sums."""
         y = self._targets[j][c]
         first = self._columns.count((j, c))
         self._columns.write((j, c), new)
@@ -264,7 +260,7 @@ class Design:
         return replace(group, known_prior=self._known_prior(group))
 
     def _known_prior(self, group: Group) -> KnownPrior | None:
-        """What is known of an effect for sure; of a change of the model's, nothing."""
+        """Known values of an effect; none where the model has the effect already."""
         known = of_effect(self.model.robot, group.effect, group.joints)
         if not known:
             return None
@@ -412,7 +408,6 @@ class Design:
         return self._of_sketch(j, lambda x: x[place]).T
 
     def _of_sketch(self, j: int, of: Callable[[Array], Array]) -> Array:
-        """What is made of columns (p, rows), on the rows of the sketch."""
         chunks, rows = [0] if len(self._chunks) == 1 else self._shown, self._targets[j]
         parts = [of(self._columns.read((j, c), len(rows[c]))) for c in chunks]
         return parts[0] if len(parts) == 1 else np.concatenate(parts, axis=-1)

@@ -107,7 +107,7 @@ def with_possible_bodies(
 def _mean_squares(
     design: Design, fitted: Fit, beside: Sequence[SeparateTerm], gap: Array
 ) -> Array:
-    """What is left of each joint with coefficients moved [N^2 m^2]. Shape (dof,)."""
+    """Mean square residual of each joint after a move [N^2 m^2]. (dof,)."""
     ends = np.cumsum([0, *(len(b.covariance) for b in beside)])[: len(beside)]
     own, *others = np.split(gap, len(fitted.ids) + ends)
     out = np.zeros(design.dof)

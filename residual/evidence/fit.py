@@ -368,7 +368,7 @@ def limits_of(design: Design, fitted: Fit, group: Group) -> Limits:
 
 
 def _model_coefficients(design: Design, fitted: Fit, group: Group) -> Array:
-    """What the model has of the effect, as the fit moved it. Shape (k,)."""
+    """The model's coefficients of the effect, refitted. Shape (k,)."""
     model, count = design.model, len(design.nominal)
     now = model.coefficients() + fitted.theta[:count]
     if group.effect.carries == "body":

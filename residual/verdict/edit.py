@@ -51,7 +51,6 @@ def dense_fit(design: Design) -> Model:
 
 
 def _solve(design: Design, weight: Array) -> Array:
-    """Smallest change of the coefficients that leaves least. Shape (p,)."""
     size = len(design.nominal)
     gram, cross = np.zeros((size, size)), np.zeros(size)
     for j in range(design.dof):
@@ -62,7 +61,7 @@ def _solve(design: Design, weight: Array) -> Array:
 
 
 def _sums(design: Design, j: int) -> tuple[Array, Array, Array]:
-    """Gram and cross product of the nominal columns on joint j, and which they are."""
+    """Gram and cross product of the nominal columns on joint j, and their indices."""
     place, have = design.present(j, design.nominal)
     gram, cross = design.total(j)
     return gram[np.ix_(place, place)], cross[place], have
@@ -141,9 +140,7 @@ def edited(model: Model, effects: Sequence[EffectPlace]) -> Model:
 
 
 def errors_on(
-    models: Mapping[str, Model | None],
-    logs: Sequence[Recording],
-    kind: str = FILTERED,
+    models: Mapping[str, Model | None], logs: Sequence[Recording], kind: str = FILTERED
 ) -> dict[str, Number]:
     """Return the error of each model on logs [%], None for one that there is not.
 

@@ -489,7 +489,7 @@ def _joints_phrase(joints: tuple[int, ...]) -> str:
 
 
 def _odds(value: float) -> str:
-    """A probability as '> 0.99' or '= 0.97'; never one, since no data give that."""
+    """A probability as '> 0.99' or '= 0.97': no data give certainty."""
     return "> 0.99" if value > 0.99 else f"= {value:.2f}"
 
 
@@ -562,7 +562,6 @@ def error_tables(
 
 
 def _per_joint(errors: Errors | None, kind: str) -> tuple[Number, ...] | None:
-    """Errors of every joint; None where there are none, or no such model."""
     values = None if errors is None else errors.per_joint(kind)
     return None if values is None or np.isnan(values).all() else _row(values)
 
