@@ -1,8 +1,16 @@
-"""How likely it is that something changed, beside what is named already.
+"""Evidence that an effect changed between two epochs, given the changes named already.
 
-All that is known of one more candidate, given others, from sums over blocks: its size,
-how sure that is where errors are as they are seen to be, and the evidence (Zellner's
-g-prior, a t statistic for few blocks).
+The rows of joint j are y = X beta + N eta + 1[second] Z theta + e: model and nuisance
+are shared by both epochs, only theta is a change. With the nuisance projected out, the
+sums over blocks b of 2 s give A = sum_b Z_b' W Z_b, the scores s_b of the blocks as a
+fit without each block predicts them (CR2, Bell and McCaffrey 2002), and the robust
+covariance V = A^-1 (sum_b s_b s_b') A^-1 (Liang and Zeger 1986), shrunk towards the
+model-based one. The evidence is a mixture of g-priors over four sizes of the effect,
+
+    ln BF = (nu + 1) / 2 ln(1 + W / nu) - 1/2 ln det(I + g V^-1 P^-1) - price,
+
+with W the Wald statistic under the prior and nu = blocks + `MODEL` degrees of freedom:
+a t statistic, since few blocks leave the covariance uncertain.
 """
 
 from collections import Counter

@@ -1,4 +1,17 @@
-"""Search for the set of effects with the most evidence: add, refine, swap, delete."""
+"""Search for the set of effects with the most evidence: add, refine, swap, delete.
+
+A greedy search in the model space of `evidence.fit` (stepwise Bayesian selection, as in
+orthogonal least squares; Chen, Billings and Luo 1989). A candidate c joins the set S if
+
+    ln p(S + c) - ln p(S) - ln K - ln V_c >= min_nats
+
+with K the number of candidates and V_c the number of shapes of c: the price of choosing
+the best of many (a uniform prior over them). It must also lower the error of a joint,
+or spare the nominal parameters (`admissible`). Quadratic forms on Gram matrices screen
+all candidates at once (`evidence.priors.screen`); only the best few are fitted, and
+only the winner's shape is refined. After each addition a member gives way to a better
+candidate, and members that lost their evidence are deleted.
+"""
 
 from collections import Counter
 from collections.abc import Collection, Mapping, Sequence

@@ -1,4 +1,16 @@
-"""Choose the set of effects, the scale of the rigid prior and that of given values."""
+"""Choose the set of effects, the scale of the rigid prior and that of given values.
+
+The inertial parameters have the prior N(given, (scale * size)^2), declared values
+N(given, (width * value)^2); neither is known. Empirical Bayes takes the pair of prior
+and set with the most evidence (type-II maximum likelihood; MacKay 1992),
+
+    max over scale, widths, S of  ln p(y | S, scale, widths) - sum over S of prices.
+
+Prior and set are chosen together, after a search under each prior: a scale that is
+chosen first widens until the parameters absorb the effect. The grid is not searched in
+full: all scales with the values as given, all widths at each local maximum, then the
+width of each kind of value by itself, then the neighbors of the best scale.
+"""
 
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass, field, replace
