@@ -44,35 +44,22 @@ if TYPE_CHECKING:  # for editors
     from residual.recording import Recording
     from residual.robot.robot import Robot
 
-_PLACES = {
-    "flows.api.logs": (
-        "check",
-        "compare",
-        "export",
-        "load_robot",
-        "read_logs",
-        "recording",
-    ),
-    "flows.api.loop": ("Experiment", "monitor", "next_experiment", "simulate"),
-    "flows.api.results": (
-        "Calibration",
-        "Diagnosis",
-        "Identification",
-        "calibrate",
-        "diagnose",
-        "identify",
-    ),
-    "flows.api.store": ("Store", "Table", "open_store"),
-    "residual.check.result": ("LogCheck",),
-    "residual.diagnosis.result": ("ErrorTables", "Finding", "Parameter", "Verdict"),
-    "residual.errors": ("InputError",),
-    "residual.identification.estimate": ("Options",),
-    "residual.model.model": ("Model",),
-    "residual.model.record": ("load_model",),
-    "residual.recording": ("Recording",),
-    "residual.robot.robot": ("Robot",),
+_NAMES = {
+    "flows.api.logs": "check compare export load_robot read_logs recording",
+    "flows.api.loop": "Experiment monitor next_experiment simulate",
+    "flows.api.results": "Calibration Diagnosis Identification calibrate diagnose "
+    "identify",
+    "flows.api.store": "Store Table open_store",
+    "residual.check.result": "LogCheck",
+    "residual.diagnosis.result": "ErrorTables Finding Parameter Verdict",
+    "residual.errors": "InputError",
+    "residual.identification.estimate": "Options",
+    "residual.model.model": "Model",
+    "residual.model.record": "load_model",
+    "residual.recording": "Recording",
+    "residual.robot.robot": "Robot",
 }
-_PLACE = {name: place for place, names in _PLACES.items() for name in names}
+_PLACE = {name: place for place, names in _NAMES.items() for name in names.split()}
 __all__ = sorted(_PLACE)  # pyright: ignore[reportUnsupportedDunderAll]
 
 

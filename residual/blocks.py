@@ -29,12 +29,12 @@ def as_block(values: Array, name: str) -> Array:
     return block
 
 
-def as_rows(X: Array, names: Sequence[str], whose: str) -> Array:
+def as_rows(X: Array, names: Sequence[str], source: str) -> Array:
     """Return rows of the variables of something that is made; whose says what."""
     X = as_block(X, "X")
     if X.shape[1] != len(names):
         raise InputError(
-            f"X has {X.shape[1]} columns, {whose} {len(names)}: {', '.join(names)}. "
+            f"X has {X.shape[1]} columns, {source} {len(names)}: {', '.join(names)}. "
             "Give these, in order."
         )
     return X
@@ -66,19 +66,19 @@ def check_varying(X: Array, names: Sequence[str], where: str = "") -> None:
     spread = np.ptp(X, axis=0)
     constant = spread <= CONSTANT * np.abs(X).max(axis=0)
     if constant.any():
-        told = ", ".join(
+        listed = ", ".join(
             f"{names[i]} = {X[0, i] + 0.0:g}" for i in np.flatnonzero(constant)[:9]
         )
         raise InputError(
             f"Every column must vary; constant over {where or 'all'} {len(X)} rows: "
-            f"{told}. Leave these variables out, or take logs in which they move."
+            f"{listed}. Leave these variables out, or take logs in which they move."
         )
 
 
-def check_count(value: int, low: int, high: int, what: str, remedy: str) -> int:
+def check_count(value: int, low: int, high: int, name: str, remedy: str) -> int:
     """Return a whole number that lies within its bounds."""
     if isinstance(value, bool) or int(value) != value or not low <= value <= high:
-        raise InputError(f"{what} must be {low} to {high}, got {value}. {remedy}")
+        raise InputError(f"{name} must be {low} to {high}, got {value}. {remedy}")
     return int(value)
 
 

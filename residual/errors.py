@@ -52,7 +52,7 @@ CONTROL = re.compile(
 LINE = 120  # characters of a value in a message
 
 
-def check_name(name: str, known: Iterable[str], what: str) -> str:
+def check_name(name: str, valid: Iterable[str], kind: str) -> str:
     """Return the name if it is known.
 
     Args:
@@ -61,14 +61,14 @@ def check_name(name: str, known: Iterable[str], what: str) -> str:
     Raises:
         UnknownNameError: If it is not one of them; the message has the nearest.
     """
-    valid = sorted(known)
+    valid = sorted(valid)
     if name in valid:
         return name
     shown = shortened(name)
     near = get_close_matches(str(name).lower(), valid, n=1, cutoff=0.5)
     hint = f"did you mean '{near[0]}'? " if near else ""
     raise UnknownNameError(
-        f"Unknown {what} '{shown}': {hint}Valid: {', '.join(valid) or 'none'}."
+        f"Unknown {kind} '{shown}': {hint}Valid: {', '.join(valid) or 'none'}."
     )
 
 
@@ -94,11 +94,11 @@ def shown(value: object) -> str:
         return "a number of thousands of digits"
 
 
-def check_keys(table: Iterable[str], known: Iterable[str], where: str) -> None:
+def check_keys(table: Iterable[str], valid: Iterable[str], where: str) -> None:
     """Check every key of one table of a TOML file."""
-    known = tuple(known)
+    valid = tuple(valid)
     for key in table:
-        check_name(key, known, f"key in {where}")
+        check_name(key, valid, f"key in {where}")
 
 
 def listed(values: Iterable, form: str = "") -> str:

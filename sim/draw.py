@@ -14,7 +14,7 @@ import numpy as np
 from residual.errors import InputError, check_name
 from residual.recording import Array
 from residual.robot.robot import Robot, robot_from_texts
-from sim.effects.base import Effect, Here, Joints, Rng
+from sim.effects.base import Effect, Here, Joints, Rng, Trait
 from sim.engine.records import Hidden, PlantEffect, Sizes, stream
 from sim.plant.catalogue import kinds, of_drives, vocabulary
 from sim.plant.sizes import sizes, usual_limits
@@ -54,7 +54,7 @@ def draw_hidden(robot: Robot, stream: Rng, name: str | None = None) -> PlantEffe
 
 def usual_effects() -> list[str]:
     """Return the names of the effects that are drawn where none is asked for."""
-    return [name for name in vocabulary() if not kinds()[name].rare]
+    return [name for name in vocabulary() if Trait.RARE not in kinds()[name].traits]
 
 
 def draw(robot: Robot, effect: str, rng: Rng, joint: int | None = None) -> Hidden:

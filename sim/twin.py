@@ -13,7 +13,7 @@ from scipy.interpolate import CubicSpline
 
 from residual.errors import InputError
 from residual.recording import Array, Recording
-from residual.robot.files import Declared
+from residual.robot.files import DeclaredEffect
 from residual.robot.robot import Robot
 from sim.engine.records import PlantSpec, Rates, Reference
 from sim.plant import tables as at
@@ -137,7 +137,7 @@ def log_twin_errors(robot: Robot, log: Recording) -> Mapping[str, Array]:
 def _as_described(robot: Robot) -> Robot:
     """The same with nothing where the description is silent; left out, the usual."""
     silent = {
-        effect.name: Declared({effect.amount[0]: np.full(robot.dof, _NOTHING)})
+        effect.name: DeclaredEffect({effect.amount[0]: np.full(robot.dof, _NOTHING)})
         for effect in of_drives()
         if not getattr(robot.declared.get(effect.name), "values", None)
     }

@@ -12,7 +12,7 @@ from hypothesis.configuration import set_hypothesis_home_dir
 
 from tests import s3
 from tests.checkout import changed, listing
-from warehouse import catalogue, remote
+from warehouse import remote
 
 # Before numpy is loaded, so that a bare `pytest` runs as `make test` does: two test
 # processes with two BLAS threads each fight over two cores.
@@ -27,6 +27,10 @@ settings.load_profile("modelgap")
 
 ROOT = Path(__file__).parents[1]
 _BEFORE = pytest.StashKey()
+# The store of every command without --store: a test that writes there has named none.
+_DEFAULT_STORE = Path(tempfile.gettempdir(), f"modelgap-no-store-{os.getpid()}")
+if "PYTEST_XDIST_WORKER" not in os.environ:
+    os.environ["MODELGAP_STORE"] = str(_DEFAULT_STORE)
 
 
 def pytest_sessionstart(session):
@@ -36,9 +40,14 @@ def pytest_sessionstart(session):
 
 def pytest_sessionfinish(session):
     before = session.config.stash.get(_BEFORE, None)
-    if before is not None and (touched := changed(before, listing())):
+    if before is None:
+        return
+    touched = changed(before, listing())
+    if _DEFAULT_STORE.exists():
+        touched.append(f"{_DEFAULT_STORE}: the default store")
+    if touched:
         reporter = session.config.get_terminal_writer()
-        reporter.line("\nChanged in the checkout while the tests ran:", red=True)
+        reporter.line("\nWritten by a test outside its own folder:", red=True)
         reporter.line("\n".join(touched))
         session.exitstatus = pytest.ExitCode.TESTS_FAILED
 
@@ -93,5 +102,4 @@ def bucket_store(s3_server, tmp_path, monkeypatch):
         monkeypatch.setenv(name, value)
     remote.forget()
     yield s3.new_bucket(s3_server)
-    catalogue.forget_waiting()
     remote.forget()

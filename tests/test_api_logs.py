@@ -50,16 +50,6 @@ def test_columns_in_memory_are_the_log_that_a_file_is(robot, table, file, kind):
     same(log, file)
 
 
-def test_logs_have_the_names_that_a_mapping_gives_them(robot, table, file):
-    read = mg.read_logs({"first": str(LOG)}, robot)
-    assert read[0].id == "first"
-    other = {**table, "tau1": table["tau1"] + 1e-3}
-    other |= {f"q{j}": table[f"q{j}"][::-1] for j in range(1, 7)}
-    read = mg.read_logs({"file": LOG, "memory": other}, robot)
-    assert [log.id for log in read] == ["file", "memory"]
-    same(read[0], file)
-
-
 def test_arrays_are_a_recording_in_si_units(robot, file):
     log = mg.recording(robot, t=file.t, q=file.q, tau=file.tau, id="mine")
     same(log, file)

@@ -144,13 +144,6 @@ class Bucket:
                     raise
                 return None
 
-    def get_range(self, key: str, start: int, end: int) -> bytes:
-        """Return the bytes of an object from `start` to before `end`."""
-        with self._explained("read"):
-            return bytes(
-                self._obstore.get_range(self._store, key, start=start, end=end)
-            )
-
     def keys(self, prefix: str) -> list[str]:
         """Return all keys below whole parts of a key, such as "commits/samples"."""
         with self._explained("list"):

@@ -14,7 +14,6 @@ import pyarrow as pa
 from residual.errors import InputError, check_keys, check_name
 from residual.recording import Recording
 from warehouse import ids
-from warehouse.catalogue import remember
 from warehouse.files import (
     publish,
     read_cell,
@@ -27,9 +26,9 @@ from warehouse.files import (
 )
 from warehouse.ids import record_folder
 from warehouse.layout import find_run
-from warehouse.provenance import about_origin, keep_made_with, provenance
+from warehouse.provenance import about_origin, keep_packages, provenance
 from warehouse.remote import bucket_of, is_here
-from warehouse.schema import KINDS, SAMPLES_FILE, SIGNALS, VIEWS, arrow_schema
+from warehouse.schema import KINDS, SAMPLES_FILE, SIGNALS, rows_table
 
 Array = np.ndarray
 Parents = Sequence[str | tuple[str, str]] | Mapping[str, Sequence[str]]
@@ -79,9 +78,14 @@ def commit_run(
     units = {name: SIGNALS[name].unit for name in arrays}
     # Written beside the hashing, on another core: together they take most of the time.
     # Of a run that is there already it is thrown away.
-    flush = bucket_of(store) is None
     with staged(store, "run") as folder, ThreadPoolExecutor(1) as beside:
-        writing = beside.submit(_write_samples, folder, arrays, units, flush)
+
+        def write() -> None:
+            write_parquet(folder / SAMPLES_FILE, to_table(arrays, units))
+            if bucket_of(store) is None:
+                sync(folder / SAMPLES_FILE)
+
+        writing = beside.submit(write)
         full = {
             **ids.plain(manifest),
             "provenance": asdict(provenance()),
@@ -94,14 +98,13 @@ def commit_run(
         target = record_folder(store, "runs", id, recording.robot)
         if not _is_there(target, "runs"):
             row = _run_row(id, recording, full, arrays)
-            keep_made_with(store)
+            keep_packages(store)
             # The seal first: a run that is visible has its truth.
             if sealed:
                 commit_seal(store, id, sealed)
             write_parquet(folder / KINDS["runs"].row, row)
             writing.result()
-            if publish(folder, target):
-                remember(store, KINDS["runs"], row)
+            publish(folder, target)
     return id
 
 
@@ -152,8 +155,10 @@ def commit_record(
     if not _is_there(record_folder(store, kind, id), kind):
         views = set(KINDS[kind].lists) - {"lineage"}
         lists = {v: tables.pop(v).to_pylist() if v in tables else [] for v in views}
-        beside = {f"{_plain_name(name)}.parquet": t for name, t in tables.items()}
-        beside |= {_plain_name(name): data for name, data in files.items()}
+        for name in (*tables, *files):
+            if name != Path(name).name or name.startswith((".", "_")):
+                raise InputError(f"'{name}' is not a file name for a record.")
+        beside = {f"{name}.parquet": table for name, table in tables.items()} | files
         commit_row(store, kind, id, record, {**lists, "lineage": lineage}, beside)
     return id
 
@@ -176,7 +181,7 @@ def commit_row(
     texts = {"record": record, "provenance": told}
     texts = {k: json.dumps(v, ensure_ascii=False) for k, v in texts.items()}
     table = _one_row(kind, {**row, **lists}, texts)
-    keep_made_with(store)
+    keep_packages(store)
     with staged(store, f"{kind}-{id}") as folder:
         for name, content in (beside or {}).items():
             if isinstance(content, pa.Table):
@@ -184,11 +189,7 @@ def commit_row(
             else:
                 (folder / name).write_bytes(content)
         write_parquet(folder / known.row, table)
-        # Of two with one id the second is told no.
-        if not publish(folder, record_folder(store, kind, id)):
-            return False
-        remember(store, known, table)
-    return True
+        return publish(folder, record_folder(store, kind, id))
 
 
 def lineage_rows(parents: Parents, role: str = "input") -> list[dict]:
@@ -214,9 +215,16 @@ def about_run(manifest: Mapping) -> dict:
     motion = motion.get("kind") if isinstance(motion, Mapping) else motion
     simulated = "spec" in manifest
     recorded = manifest.get("recorded_at")
+    try:  # UTC without saying so, as columns hold it
+        moment = recorded and datetime.fromisoformat(recorded)
+        moment = moment and moment.astimezone(UTC).replace(tzinfo=None)
+    except (TypeError, ValueError) as error:
+        raise InputError(
+            f"'{recorded}' is no moment in ISO 8601, such as 2026-11-22T10:30:00Z."
+        ) from error
     return {
         "serial": manifest.get("serial"),
-        "recorded_at": recorded and _parse_moment(recorded),
+        "recorded_at": moment,
         "tags": list(manifest.get("tags") or ()),
         "source": manifest.get("source", "simulated" if simulated else "imported"),
         "kind": manifest.get("kind", "experiment" if simulated else "log"),
@@ -225,17 +233,6 @@ def about_run(manifest: Mapping) -> dict:
         **about_origin(manifest),
         "log": (manifest.get("log") or {}).get("file"),
     }
-
-
-def _parse_moment(text: str) -> datetime:
-    """Return the moment of a record, UTC without saying so, as columns hold it."""
-    try:
-        moment = datetime.fromisoformat(text)
-    except (TypeError, ValueError) as error:
-        raise InputError(
-            f"'{text}' is no moment in ISO 8601, such as 2026-11-22T10:30:00Z."
-        ) from error
-    return moment.astimezone(UTC).replace(tzinfo=None)
 
 
 def _channels(recording: Recording, extra: Mapping[str, Array]) -> dict[str, Array]:
@@ -248,13 +245,6 @@ def _channels(recording: Recording, extra: Mapping[str, Array]) -> dict[str, Arr
                 f"{name} has shape {np.shape(array)}, expected {recording.q.shape}."
             )
     return arrays
-
-
-def _write_samples(folder: Path, arrays: Mapping, units: Mapping, flush: bool) -> None:
-    path = folder / SAMPLES_FILE
-    write_parquet(path, to_table(arrays, units))
-    if flush:
-        sync(path)
 
 
 def manifest_id(full: Mapping) -> str:
@@ -333,12 +323,6 @@ def _one_row(kind: str, row: Mapping, extra: Mapping[str, str | None]) -> pa.Tab
     return table
 
 
-def _plain_name(name: str) -> str:
-    if name != Path(name).name or name.startswith((".", "_")):
-        raise InputError(f"'{name}' is not a file name for a record.")
-    return name
-
-
 @dataclass(frozen=True, eq=False, slots=True)
 class Rows:
     """What is kept of a diagnosis."""
@@ -380,39 +364,23 @@ def store_rows(store: Path, rows: Rows, runs: Mapping[str, Sequence[str]]) -> st
     before = {"nominal": [rows.nominal]} if rows.nominal else {}
     fitted = {role: ids for role, ids in roles.items() if role != "held_out"} | before
     model_id = commit_record(store, "models", model, rows.beside, fitted)
-    errors = _placed(rows.errors, roles.get("held_out", []), motions)
-    tables = {
-        **rows.tables,
-        "errors": _rows_of("errors", errors),
-        "effects": _rows_of("effects", rows.effects),
-    }
-    record = {**rows.record, "model_id": model_id}
-    parents = {**roles, **before, "model": [model_id]}
-    return commit_record(store, "diagnoses", record, tables, parents)
-
-
-def _placed(
-    errors: Sequence[Mapping], held_out: Sequence[str], motions: Mapping
-) -> list[dict]:
-    """Fill in the motion; what is over one held-out run, or one motion, is of it."""
+    # What is over one held-out run, or over one kind of motion, is of it.
+    held_out = roles.get("held_out", [])
     kinds = {motions[id] for id in held_out}
     same = {
         "run_id": held_out[0] if len(held_out) == 1 else None,
         "trajectory": kinds.pop() if len(kinds) == 1 else None,
     }
-    return [
-        {**row, "trajectory": motions.get(row["run_id"])}
-        if row.get("run_id")
-        else {**row, **same}
-        for row in errors
+    errors = [
+        row
+        | ({"trajectory": motions.get(row["run_id"])} if row.get("run_id") else same)
+        for row in map(dict, rows.errors)
     ]
-
-
-def _rows_of(view: str, rows: Sequence[Mapping]) -> pa.Table:
-    schema = arrow_schema(VIEWS[view][1:])
-    try:
-        return pa.Table.from_pylist(list(rows), schema=schema)
-    except (pa.ArrowException, TypeError, ValueError) as error:
-        raise InputError(
-            f"The diagnosis does not fit the view {view}: {error}"
-        ) from error
+    tables = {
+        **rows.tables,
+        "errors": rows_table("errors", errors),
+        "effects": rows_table("effects", rows.effects),
+    }
+    record = {**rows.record, "model_id": model_id}
+    parents = {**roles, **before, "model": [model_id]}
+    return commit_record(store, "diagnoses", record, tables, parents)

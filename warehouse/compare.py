@@ -47,16 +47,15 @@ def compare(one: Mapping[str, Array], two: Mapping[str, Array]) -> tuple[Channel
         one: Signals by name, as ``runs.read_channels`` gives them; times are its.
     """
     time = np.asarray(one["t"], dtype=float) if "t" in one else None
-    made = []
     names = [n for n in SIGNALS if n in one or n in two]
-    names += sorted((set(one) | set(two)) - set(SIGNALS))
-    for name in names:
+    channels = []
+    for name in [*names, *sorted((set(one) | set(two)) - set(SIGNALS))]:
         unit = SIGNALS[name].unit if name in SIGNALS else ""
-        parts = [_columns(name, side.get(name)) for side in (one, two)]
-        for channel in dict.fromkeys([*parts[0], *parts[1]]):
-            values = [part.get(channel) for part in parts]
-            made.append(_channel(channel, unit, *values, time))
-    return tuple(made)
+        left, right = (_columns(name, side.get(name)) for side in (one, two))
+        for channel in dict.fromkeys([*left, *right]):
+            both = left.get(channel), right.get(channel)
+            channels.append(_channel(channel, unit, *both, time))
+    return tuple(channels)
 
 
 def differing(channels: Sequence[Channel]) -> tuple[Channel, ...]:
@@ -70,33 +69,23 @@ def values_apart(one: object, two: object, at: str = "") -> list[Channel]:
     """Compare two records as JSON holds them: one entry for each value that differs."""
     if isinstance(one, Mapping) and isinstance(two, Mapping):
         keys = dict.fromkeys([*one, *two])
-        pairs = [(f"{at}.{key}".lstrip("."), key) for key in keys]
-        return [
-            each
-            for name, key in pairs
-            for each in _item(one.get(key, _GONE), two.get(key, _GONE), name)
+        parts = [
+            (f"{at}.{key}".lstrip("."), one.get(key, _GONE), two.get(key, _GONE))
+            for key in keys
         ]
-    if isinstance(one, list) and isinstance(two, list) and len(one) == len(two):
+    elif isinstance(one, list) and isinstance(two, list) and len(one) == len(two):
         pairs = zip(one, two, strict=True)
-        return [c for i, (a, b) in enumerate(pairs) for c in _item(a, b, f"{at}[{i}]")]
-    return _item(one, two, at)
-
-
-def _item(one: object, two: object, at: str) -> list[Channel]:
-    nested = (Mapping, list)
-    if isinstance(one, nested) and isinstance(two, nested) and one != two:
-        same = type(one) is type(two) and len(one) == len(two)
-        if same or isinstance(one, Mapping):
-            return values_apart(one, two, at)
+        parts = [(f"{at}[{i}]", a, b) for i, (a, b) in enumerate(pairs)]
     # -0.0 == 0.0 and 1 == 1.0, yet they are not the same record.
-    if repr(one) == repr(two):
+    elif repr(one) == repr(two):
         return []
-    number = (int, float)
-    if isinstance(one, number) and isinstance(two, number):
+    elif isinstance(one, int | float) and isinstance(two, int | float):
         apart = abs(float(one) - float(two))
         return [Channel(at, "", False, 1, 1, None, apart, apart)]
-    note = f"{_short(one)} and {_short(two)}"
-    return [Channel(at, "", False, 1, 1, note=note)]
+    else:
+        note = f"{_short(one)} and {_short(two)}"
+        return [Channel(at, "", False, 1, 1, note=note)]
+    return [each for name, a, b in parts for each in values_apart(a, b, name)]
 
 
 def _short(value: object) -> str:

@@ -1,9 +1,7 @@
 """Files of the store: Parquet as it writes it, their sums, and commits that survive.
 
-Every record has ``_sums.json`` beside its files: of each file the SHA-256, which who
-reads it and ``verify`` take again. Of a part of a Parquet file the checksums of its
-pages are verified as they are read; its footer has none, so the sums have one of that.
-They end with their own SHA-256.
+Every record has ``_sums.json`` beside its files: the SHA-256 of each, which readers
+and ``verify`` take again, and at its end its own.
 """
 
 import errno
@@ -42,29 +40,15 @@ _PRIVATE_FILE = 0o600
 _READ_ONLY = (errno.EROFS, errno.EACCES, errno.EPERM)
 _WIDTHS = b"modelgap.widths"
 
-_END = 8  # bytes: length of the footer, and the magic word
-
 
 def write_sums(folder: Path) -> None:
     """Write the sums of all files of a folder into it."""
-    paths = sorted(p for p in folder.iterdir() if p.is_file() and p.name != SUMS)
-    text = sums_text({path.name: sums_of(path) for path in paths})
-    (folder / SUMS).write_bytes(text)
-
-
-def sums_of(path: Path) -> dict:
-    """Return size and SHA-256 of a file, and of a Parquet file those of its footer."""
-    data = path.read_bytes()
-    sums = {"bytes": len(data), "sha256": hashlib.sha256(data).hexdigest()}
-    if path.suffix == ".parquet" and len(data) > _END:
-        length = min(_END + int.from_bytes(data[-_END:-4], "little"), len(data))
-        sums["footer"] = [length, footer_hash(data[-length:])]
-    return sums
-
-
-def footer_hash(data: bytes) -> str:
-    """Return the SHA-256 of the footer of a Parquet file."""
-    return hashlib.sha256(data).hexdigest()
+    sums = {}
+    for path in sorted(p for p in folder.iterdir() if p.is_file() and p.name != SUMS):
+        data = path.read_bytes()
+        sha256 = hashlib.sha256(data).hexdigest()
+        sums[path.name] = {"bytes": len(data), "sha256": sha256}
+    (folder / SUMS).write_bytes(sums_text(sums))
 
 
 def read_sums(folder: Path) -> Mapping[str, Mapping]:
@@ -89,25 +73,10 @@ def check_file(path: Path) -> None:
                 raise damaged(path, f"it had {size} bytes when it was written")
             if hashlib.file_digest(file, "sha256").hexdigest() != expected:
                 raise damaged(path, "its bytes are not those that were written")
+    except FileNotFoundError as error:
+        raise damaged(path, "it is missing") from error
     except OSError as error:
         raise damaged(path, error.strerror or str(error)) from error
-
-
-def check_footer(path: Path) -> None:
-    """Check the footer of a Parquet file against the sums beside it."""
-    known = read_sums(path.parent).get(path.name, {})
-    if "footer" not in known:  # of an earlier version
-        return check_file(path)
-    length, expected = known["footer"]
-    with path.open("rb") as file:
-        if os.fstat(file.fileno()).st_size != known["bytes"]:
-            raise damaged(path, f"it had {known['bytes']} bytes when it was written")
-        if (
-            footer_hash(os.pread(file.fileno(), length, known["bytes"] - length))
-            != expected
-        ):
-            raise damaged(path, "its end is not what was written")
-    return None
 
 
 def file_faults(folder: Path) -> tuple[str, ...]:
@@ -117,18 +86,13 @@ def file_faults(folder: Path) -> tuple[str, ...]:
         sums = read_sums(folder)
     except InputError as error:
         return (str(error),)
-    there = {p.name for p in folder.iterdir()} - {SUMS}
-    told = [f"{name} is missing" for name in sorted(set(sums) - there)]
-    told += [f"{name} is not in {SUMS}" for name in sorted(there - set(sums))]
-    for name in sorted(there & set(sums)):
-        if not (folder / name).is_file() or not _same(folder / name, sums[name]):
-            told.append(f"{name}: its bytes are not those that were written")
-    return tuple(told)
-
-
-def _same(path: Path, known: Mapping) -> bool:
-    now = sums_of(path)
-    return all(now[key] == known[key] for key in ("bytes", "sha256"))
+    faults = []
+    for name in sorted({*sums, *(p.name for p in folder.iterdir())} - {SUMS}):
+        try:
+            check_file(folder / name)
+        except InputError as error:
+            faults.append(str(error))
+    return tuple(faults)
 
 
 def write_parquet(path: Path, table: pa.Table) -> None:
@@ -151,7 +115,6 @@ def parquet_options(schema: pa.Schema) -> dict:
         "compression": "zstd",
         "use_dictionary": other,
         "column_encoding": dict.fromkeys(floats, "BYTE_STREAM_SPLIT"),
-        "write_page_checksum": True,
     }
 
 
@@ -164,7 +127,7 @@ def read_parquet(path: Path, columns: list[str] | None = None) -> pa.Table:
 def read_unsummed(path: Path, columns: list[str] | None = None) -> pa.Table:
     """Read a file that has no sums, as those of ``_index`` have none."""
     try:
-        with pq.ParquetFile(path, page_checksum_verification=True) as file:
+        with pq.ParquetFile(path) as file:
             return file.read(columns=columns)
     except (pa.ArrowException, OSError) as error:
         raise damaged(path, error) from error

@@ -93,8 +93,15 @@ def needed(store: Path, id: str) -> list[Found]:
         if found.id in order or found.id in path:
             return
         path.add(found.id)
-        for parent in parents_of(store, found):
-            visit(_parent(store, found, parent))
+        for id in parents_of(store, found):
+            try:
+                parent = find(store, id)
+            except InputError as error:
+                raise InputError(
+                    f"{found.id} ({found.kind}) was made from {id}, which is not in "
+                    f"{shown(store)}."
+                ) from error
+            visit(parent)
         order[found.id] = found
 
     visit(find(store, id))
@@ -108,16 +115,6 @@ def parents_of(store: Path, found: Found) -> list[str]:
     if found.kind != "runs":
         ids += _ids_in((read_record(store, found.id) or {}).get("request"))
     return list(dict.fromkeys(check_id(id) for id in ids))
-
-
-def _parent(store: Path, child: Found, id: str) -> Found:
-    try:
-        return find(store, id)
-    except InputError as error:
-        raise InputError(
-            f"{child.id} ({child.kind}) was made from {id}, which is not in "
-            f"{shown(store)}."
-        ) from error
 
 
 def _ids_in(value: object) -> list[str]:

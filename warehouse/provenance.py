@@ -1,18 +1,15 @@
 """Which code and which libraries made a record: named in it, and kept once for all.
 
-Uncommitted changes are a patch that can be put back. What is kept is named by the hash
-of what is in it: ``made_with/changes-<sha256>.patch.gz``, ``packages-<sha256>.txt``.
+``made_with/packages-<sha256>.txt`` is named by the hash of its content.
 The commit of the program is what git says in a checkout; a wheel has it in a file that
 was written when it was built (`setup.py`).
 """
 
-import gzip
 import hashlib
 import platform
 import subprocess
-import zlib
 from collections.abc import Iterable, Mapping
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 from functools import cache
 from importlib.metadata import PackageNotFoundError, distributions, version
 from modulefinder import ModuleFinder
@@ -26,7 +23,6 @@ ROOT = Path(__file__).resolve().parents[1]
 PACKAGES = ("flows", "residual", "sim", "warehouse")
 # What decides a result: our code, and the versions that were asked for.
 WATCHED = (*PACKAGES, "pyproject.toml", "requirements.lock", "requirements-dev.lock")
-LARGEST = 1_000_000  # bytes of a patch that is still kept
 _NAMED = 20  # files that are named; the others are counted
 
 # Named in the manifest; all others are in the hash of the environment.
@@ -44,55 +40,33 @@ BUILT = Path(__file__).with_name("commit.txt")
 MADE_WITH = "made_with"
 
 
-@dataclass(frozen=True, slots=True)
-class Changes:
-    """How the code differs from its commit."""
-
-    files: tuple[str, ...]  # files that differ, by their path in the checkout
-    patch: bytes  # what `git apply` puts onto the commit; empty where nothing differs
-    sha256: str | None  # hash of the patch, 64 hex digits; None where nothing differs
-
-    @property
-    def kept(self) -> bool:
-        """Whether the patch is small enough to be kept, not only its hash."""
-        return 0 < len(self.patch) <= LARGEST
-
-    def as_record(self) -> dict:
-        """Return what a manifest says of it."""
-        return {
-            "sha256": self.sha256,
-            "bytes": len(self.patch),
-            "kept": self.kept,
-            "count": len(self.files),
-            "files": list(self.files[:_NAMED]),
-        }
-
-
 def is_checkout(root: Path = ROOT) -> bool:
     """Whether this is a checkout of ours, not one of a project that has us inside."""
     return bool(git(root, "ls-files", "--", "warehouse/__init__.py"))
 
 
 @cache
-def uncommitted(root: Path = ROOT) -> Changes | None:
-    """Return the changes as they were when first asked for; None for no checkout."""
-    if not is_checkout(root):
-        return None
-    plain = ("--no-ext-diff", "--no-textconv", "--no-color", "--binary", "--full-index")
+def uncommitted(root: Path = ROOT) -> dict | None:
+    """Return how the code differs from its commit: which files, and a hash of it all.
+
+    Returns:
+        ``sha256`` (None where nothing differs), ``count`` and the first ``files``; None
+        where this is no checkout.
+    """
     paths = ("--", *WATCHED)
-    patch = git(root, "diff", *plain, "--relative", "HEAD", *paths)
+    diff = git(root, "diff", "--no-ext-diff", "--binary", "HEAD", *paths)
     changed = git(root, "diff", "--name-only", "--relative", "-z", "HEAD", *paths)
     new = git(root, "ls-files", "--others", "--exclude-standard", "-z", *paths)
-    if patch is None or changed is None or new is None:
+    if not is_checkout(root) or diff is None or changed is None or new is None:
         return None
-    known, added = (
-        [name for name in listed.decode("utf-8", "replace").split("\0") if name]
-        for listed in (changed, new)
-    )
-    as_new = ("diff", "--no-index", *plain, "--", "/dev/null")
-    whole = patch + b"".join(git(root, *as_new, name) or b"" for name in added)
-    sha256 = hashlib.sha256(whole).hexdigest() if whole else None
-    return Changes((*known, *added), whole, sha256)
+    added = [name for name in new.decode("utf-8", "replace").split("\0") if name]
+    files = [*filter(None, changed.decode("utf-8", "replace").split("\0")), *added]
+    content = diff + _hash_files([root / name for name in added], root).encode()
+    return {
+        "sha256": _sha256(content) if files else None,
+        "count": len(files),
+        "files": files[:_NAMED],
+    }
 
 
 def git(root: Path, *words: str) -> bytes | None:
@@ -122,9 +96,7 @@ class Provenance:
     # Versions of Python, of this program and the libraries that compute.
     versions: dict[str, str]
     program_hash: str  # hash of all our code, which decides what derived records say
-    # How the code differs from the commit (``Changes.as_record``); None where that is
-    # unknown, for there is no checkout.
-    uncommitted: Mapping | None
+    uncommitted: Mapping | None  # how the code differs from the commit
     machine: str  # kind of system and processor
 
 
@@ -134,7 +106,7 @@ def provenance() -> Provenance:
 
     Not again later: what runs is what was loaded, not what was edited since.
     """
-    installed, changes = _installed(), uncommitted()
+    installed = _installed()
     lock = ROOT / "requirements.lock"
     told = {name: installed[name] for name in _TOLD if name in installed}
     return Provenance(
@@ -145,7 +117,7 @@ def provenance() -> Provenance:
         environment_hash=_sha256(packages()),
         versions={"python": platform.python_version(), **told},
         program_hash=program_hash(),
-        uncommitted=changes and changes.as_record(),
+        uncommitted=uncommitted(),
         machine=_machine(),
     )
 
@@ -256,39 +228,33 @@ def version_text() -> str:
     return f"{number} (commit {known[:12] if known else 'unknown'})"
 
 
-def keep_made_with(store: Path) -> None:
-    """Put into the store what this process makes records with; costs two looks."""
-    for name, content in _own().items():
-        target = store / MADE_WITH / name
-        if not target.is_file():
-            replace_file(store, target, content)
+def keep_packages(store: Path) -> None:
+    """Put the list of installed packages into the store, where it is not yet."""
+    target = store / MADE_WITH / _list_name(asdict(provenance()))
+    if not target.is_file():
+        replace_file(store, target, packages())
 
 
-def read_packages(store: Path, known: Mapping | None) -> dict[str, str] | None:
+def read_packages(store: Path, known: Mapping) -> dict[str, str] | None:
     """Return versions by package; None where they were not kept."""
-    path = store / MADE_WITH / _list(known)
+    path = store / MADE_WITH / _list_name(known)
     bring_file(path)
     try:
-        content = path.read_bytes()
-        check_kept(path.name, content)
-        lines = content.decode().splitlines()
+        check_packages(path.name, path.read_bytes())
+        lines = path.read_text(encoding="utf-8").splitlines()
     except (OSError, UnicodeDecodeError, InputError):
         return None
     return dict(line.split("==", 1) for line in lines if "==" in line)
 
 
-def check_kept(name: str, content: bytes) -> None:
-    """Check that a file is what its name says."""
-    hash = name.split("-", 1)[1].split(".", 1)[0]
-    if name.endswith(".gz"):
-        content = _unzipped(name, content)
-    if hashlib.sha256(content).hexdigest() != hash:
+def check_packages(name: str, content: bytes) -> None:
+    """Check that a list of packages is what its name says."""
+    if name.endswith(".txt") and name != f"packages-{_sha256(content)}.txt":
         raise InputError(f"{name} is damaged: its content has another hash.")
 
 
-def about_changes(store: Path, known: Mapping | None) -> str:
+def about_changes(known: Mapping) -> str:
     """Say which uncommitted change a record was made with, in one line."""
-    known = known or {}
     changes, commit = known.get("uncommitted"), (known.get("commit") or "")[:12]
     if changes is None:
         return "uncommitted changes: unknown, the code was no git checkout"
@@ -296,42 +262,9 @@ def about_changes(store: Path, known: Mapping | None) -> str:
         return f"uncommitted changes: none, the code was that of commit {commit}"
     some = ", ".join(changes["files"][:4])
     more = changes["count"] - len(changes["files"][:4])
-    told = f"{some} and {more} more" if more > 0 else some
-    place = store / MADE_WITH / _patch(changes["sha256"])
-    bring_file(place)
-    if not changes["kept"]:
-        where = f"{changes['bytes']} bytes, too large to be kept"
-    else:
-        kept = f"{MADE_WITH}/{place.name}"
-        where = kept if place.is_file() else f"{place.name} is not in this store"
-    return f"uncommitted changes: {told}, on commit {commit} ({where})"
+    files = f"{some} and {more} more" if more > 0 else some
+    return f"uncommitted changes: {files}, on commit {commit}"
 
 
-@cache
-def _own() -> dict[str, bytes]:
-    known, changes = provenance(), uncommitted()
-    content = {f"packages-{known.environment_hash}.txt": packages()}
-    if changes and changes.kept:
-        # No time in it, so that all writers write the same.
-        content[_patch(changes.sha256)] = gzip.compress(changes.patch, mtime=0)
-    return content
-
-
-def _patch(sha256: str | None) -> str:
-    return f"changes-{sha256}.patch.gz"
-
-
-def _list(known: Mapping | None) -> str:
-    return f"packages-{(known or {}).get('environment_hash')}.txt"
-
-
-def _unzipped(name: str, content: bytes) -> bytes:
-    opened = zlib.decompressobj(wbits=31)
-    try:
-        # Never more than we would have written: a small file can unfold to a huge one.
-        out = opened.decompress(content, LARGEST + 1)
-    except zlib.error as error:
-        raise InputError(f"{name} is damaged: {error}.") from error
-    if len(out) > LARGEST:
-        raise InputError(f"{name} unfolds to more than {LARGEST} bytes.")
-    return out
+def _list_name(known: Mapping) -> str:
+    return f"packages-{known.get('environment_hash')}.txt"

@@ -18,7 +18,7 @@ import os
 import re
 import shutil
 import uuid
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import contextmanager, suppress
 from functools import lru_cache
@@ -98,7 +98,7 @@ def writable(store: Path) -> Bucket:
             raise InputError(
                 f"The server of {bucket.url} ignores the condition of a put "
                 "(If-None-Match): every writer of a record would be the first. Use one "
-                "that keeps it: AWS S3, SeaweedFS, MinIO (docs/object_storage.md)."
+                "that keeps it: AWS S3, SeaweedFS, MinIO (docs/store.md)."
             )
         _note(store, bucket, identity_of(bucket))
         _writable.add(str(store))
@@ -141,17 +141,17 @@ def bring(folder: Path) -> bool:
 
 def bring_file(path: Path) -> None:
     """Fetch a file whose place is in a bucket, if it is not here yet."""
-    place = place_of(path)
-    if place is None or path.exists():
+    if os.path.exists(path) or (place := place_of(path)) is None:
         return
     store, key = place
     bucket, data = bucket_of(store), None
     if path.name == SUMS:
-        data = bucket.get(_commit_key(key.rpartition("/")[0]))
+        data = bucket.get(f"{COMMITS}/{key.rpartition('/')[0]}.json")
     elif key.partition("/")[0] in _PLAIN:
         data = bucket.get(key)
     elif is_there(path.parent):
-        _, key, known = object_of(path)
+        known = sums_in(path.parent)[path.name]
+        key = _object_key(key.rpartition("/")[0], path.name, known)
         data = bucket.get(key)
         if data is None or hashlib.sha256(data).hexdigest() != known["sha256"]:
             what = "is missing" if data is None else "is damaged"
@@ -161,14 +161,6 @@ def bring_file(path: Path) -> None:
             )
     if data is not None:
         keep(path, data)
-
-
-def object_of(path: Path) -> tuple[Bucket, str, Mapping]:
-    """Return where a file of a record is in a bucket, and what its sums are."""
-    store, folder = place_of(path.parent)
-    bring_file(path.parent / SUMS)
-    known = sums_in(path.parent)[path.name]
-    return bucket_of(store), _object_key(folder, path.name, known), known
 
 
 def names_in(store: Path, folder: str) -> list[str]:
@@ -215,8 +207,9 @@ def upload(folder: Path, target: Path) -> bool:
 
     with ThreadPoolExecutor(_AT_ONCE) as beside:
         list(beside.map(put, *zip(*sums_in(folder).items(), strict=True)))
-    while not bucket.put_if_absent(_commit_key(key), sums):
-        there = bucket.get(_commit_key(key))
+    commit = f"{COMMITS}/{key}.json"
+    while not bucket.put_if_absent(commit, sums):
+        there = bucket.get(commit)
         # None: refused only because another was at it, who then failed. The same: the
         # answer to our own put was lost, and it was sent once more.
         if there is not None:
@@ -241,11 +234,10 @@ def bring_index(path: Path) -> None:
             keep(path, data)
 
 
-def put_index(path: Path, instead: Sequence[Path] = ()) -> None:
-    """Put a file of the catalogue into the bucket, if any, in place of others."""
+def put_index(path: Path) -> None:
+    """Put a file of the catalogue into the bucket, if any."""
     if bucket := bucket_of(path.parent.parent):
         bucket.put(f"{INDEX}/{path.name}", path.read_bytes())
-        bucket.delete([f"{INDEX}/{each.name}" for each in instead])
 
 
 @contextmanager
@@ -261,10 +253,6 @@ def fetched_anew(store: Path) -> Iterator[Path]:
     finally:
         del _open[place.name]
         shutil.rmtree(place, ignore_errors=True)
-
-
-def _commit_key(folder: str) -> str:
-    return f"{COMMITS}/{folder}.json"
 
 
 def _object_key(folder: str, name: str, known: Mapping) -> str:

@@ -8,6 +8,8 @@ from dataclasses import dataclass, field
 
 import pyarrow as pa
 
+from residual.errors import InputError
+
 TEXT, NUMBER, WHOLE, FLAG = pa.string(), pa.float64(), pa.int64(), pa.bool_()
 TIME = pa.timestamp("us")
 JOINT = pa.int32()
@@ -335,8 +337,15 @@ def arrow_schema(columns: tuple[Column, ...]) -> pa.Schema:
 
 
 def rows_table(view: str, rows: Iterable[Mapping]) -> pa.Table:
-    """Return a record's own rows of a view as a table: without its own id."""
-    return pa.Table.from_pylist(list(rows), schema=arrow_schema(VIEWS[view][1:]))
+    """Return a record's own rows of a view as a table: without its own id.
+
+    Raises:
+        InputError: If a row does not have the types of the view.
+    """
+    try:
+        return pa.Table.from_pylist(list(rows), schema=arrow_schema(VIEWS[view][1:]))
+    except (pa.ArrowException, TypeError, ValueError) as error:
+        raise InputError(f"The rows do not fit the view {view}: {error}") from error
 
 
 def nested(view: str) -> pa.DataType:

@@ -2,7 +2,6 @@
 
 import warnings
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -19,7 +18,7 @@ from residual.errors import InputError, shortened
 from residual.export.exported import Exported, Whole
 from residual.model.compare import compare as core_compare
 from residual.model.compare import prepare_held_out
-from residual.model.corrected import Corrected
+from residual.model.corrected import CorrectedModel
 from residual.model.model import Model
 from residual.recording import Recording
 from residual.robot.robot import Robot
@@ -27,11 +26,11 @@ from residual.verdict.result import error_tables
 from warehouse.logs import ColumnMap, check_distinct, columns_of, read_table
 
 __all__ = ["check", "compare", "export", "load_robot", "read_logs", "recording"]
-Given = str | Path | Mapping[str, Any] | Any  # file, id, columns by name, data frame
+Log = str | Path | Mapping[str, Any] | Any  # file, id, columns by name, data frame
 
 
 def check_robot(robot: Any) -> None:
-    """Refuse what is no robot: a name is a word for one."""
+    """Refuse anything but a robot of ``load_robot``, such as its name."""
     if not isinstance(robot, Robot):
         raise InputError(
             f"robot: expected what mg.load_robot returns, got {_kind(robot)}."
@@ -39,38 +38,24 @@ def check_robot(robot: Any) -> None:
 
 
 def as_logs(name: str, logs: Any) -> tuple[Recording, ...]:
-    """Return recordings; names of files have to be read before.
-
-    Raises:
-        InputError: If one is none.
-    """
-    alone = isinstance(logs, str | Recording) or not isinstance(logs, Iterable)
-    given = (logs,) if alone else tuple(logs)
-    wrong = [one for one in given if alone or not isinstance(one, Recording)]
-    if wrong:
-        raise InputError(
-            f"{name}: expected a list of recordings, such as mg.read_logs returns, got "
-            f"{_kind(wrong[0])}."
-        )
-    return given
+    """Return one or several recordings as a tuple; InputError for anything else."""
+    entries = (logs,) if isinstance(logs, str | Recording) else tuple(logs)
+    for entry in entries:
+        if not isinstance(entry, Recording):
+            raise InputError(
+                f"{name}: expected recordings, such as mg.read_logs returns, got "
+                f"{_kind(entry)}."
+            )
+    return entries
 
 
-def check_declared(declared: Any) -> None:
-    """Refuse one name for a list: its letters would be taken for names."""
-    if isinstance(declared, str):
-        raise InputError(
-            f"declared: expected a list of names, got '{shortened(declared)}'. "
-            f"Write {declared.split(',')}."
-        )
-
-
-def _kind(given: Any) -> str:
-    text = isinstance(given, str)
-    return f"'{shortened(given)}'" if text else f"a {type(given).__name__}"
+def _kind(value: Any) -> str:
+    text = isinstance(value, str)
+    return f"'{shortened(value)}'" if text else f"a {type(value).__name__}"
 
 
 def read_logs(
-    logs: Given | Iterable[Given],
+    logs: Log | Iterable[Log],
     robot: Robot,
     columns: str | Path | None = None,
     store: str | Path | None = None,
@@ -80,12 +65,11 @@ def read_logs(
     What is odd but usable is a Python warning.
 
     Args:
-        logs: Files, windows of files ("run.csv@0:60%"), ids of runs of the store,
-            mappings with columns by name, data frames. One, several, or by name: what
-            a mapping gives a log, not a column, is called by its key.
+        logs: One or several: files, windows of files ("run.csv@0:60%"), ids of stored
+            runs, mappings or data frames with the columns of a log.
         robot: The arm that was logged.
         columns: COLUMNS.toml for other column names and units (docs/logs.md).
-        store: Where the runs are; None for the usual place.
+        store: Folder of the runs; None for $MODELGAP_STORE, else ./store.
 
     Returns:
         One recording per log, in their order.
@@ -94,101 +78,81 @@ def read_logs(
         InputError: If a log is not usable, or two share samples.
     """
     check_robot(robot)
-    named = _named(logs)
-    files = [str(log) for _, log in named if isinstance(log, str | Path)]
+    alone = isinstance(logs, str | Path) or _is_table(logs)
+    entries: list[Any] = [logs] if alone else list(logs)  # pyright: ignore
+    files = [str(log) for log in entries if isinstance(log, str | Path)]
     read = read_sets((files, (), ()), robot, columns and str(columns), store)
-    known, told, of_files = (
-        columns_of(robot, columns),
-        list(read.warnings),
-        iter(read.fit),
-    )
+    column_map, messages = columns_of(robot, columns), list(read.warnings)
+    of_files = iter(read.fit)
     out: list[Recording] = []
-    for name, log in named:
+    for log in entries:
         if isinstance(log, str | Path):
-            own = next(of_files)
-            out.append(replace(own, id=name) if name and name != own.id else own)
+            out.append(next(of_files))
         else:
-            one, about = read_table(log, robot, known, name or f"log {len(out) + 1}")
-            told += about.warnings
+            one, about = read_table(log, robot, column_map, f"log {len(out) + 1}")
+            messages += about.warnings
             out.append(one)
     check_distinct(out)
-    for line in told:
-        warnings.warn(line, stacklevel=2)
+    for message in messages:
+        warnings.warn(message, stacklevel=2)
     return tuple(out)
 
 
-def _named(logs: Any) -> list[tuple[str, Any]]:
-    """Return logs with their names, "" where none is given."""
-    if isinstance(logs, Mapping):
-        whole = [isinstance(v, str | Path) or _is_table(v) for v in logs.values()]
-        if whole and all(whole):
-            return [(str(name), log) for name, log in logs.items()]
-        return [("", logs)]
-    one = isinstance(logs, str | Path) or _is_table(logs)
-    return [("", log) for log in ([logs] if one else logs)]
-
-
-def _is_table(given: Any) -> bool:
-    """Whether this has columns by name: a mapping or a frame, no list or array."""
-    frame = hasattr(given, "columns") or hasattr(given, "column_names")
-    return isinstance(given, Mapping) or (frame and hasattr(given, "__getitem__"))
+def _is_table(log: Any) -> bool:
+    """Whether a log has columns by name: a mapping or a frame, no list or array."""
+    frame = hasattr(log, "columns") or hasattr(log, "column_names")
+    return isinstance(log, Mapping) or (frame and hasattr(log, "__getitem__"))
 
 
 def recording(
     robot: Robot, *, t: Any, q: Any, tau: Any, qd: Any = None, id: str = "log"
 ) -> Recording:
-    """Return a log of arrays, checked as a file is; ``read_logs`` takes tables.
+    """Return a log of arrays, checked as a file is.
 
     Args:
         robot: The arm that was logged.
         t: Sample times [s]. Shape (n,).
         q: Joint positions, link side [rad]. Shape (n, dof).
         tau: Joint torques, link side [N m]. Shape (n, dof).
-        qd: Joint velocities where they were measured [rad/s]. Shape (n, dof).
-        id: What the log is called.
+        qd: Measured joint velocities [rad/s]. Shape (n, dof).
+        id: Name of the log.
 
     Raises:
-        InputError: If something has another shape, or can be none of this arm: too
+        InputError: If a shape is wrong, or the arm cannot have made this log: too
             short, without motion, beyond its range.
     """
     check_robot(robot)
     arrays = {"t": t, "q": q, "tau": tau, "qd": qd}
-    given = {name: np.asarray(x) for name, x in arrays.items() if x is not None}
-    for name, x in given.items():
-        shape = (given["t"].size, *([] if name == "t" else [robot.dof]))
+    columns = {name: np.asarray(x) for name, x in arrays.items() if x is not None}
+    for name, x in columns.items():
+        shape = (columns["t"].size, *([] if name == "t" else [robot.dof]))
         if x.shape != shape:
             raise InputError(f"{id}: {name} has shape {x.shape}, expected {shape}.")
-    one, about = read_table(given, robot, ColumnMap(), id)
+    log, about = read_table(columns, robot, ColumnMap(), id)
     for line in about.warnings:
         warnings.warn(line, stacklevel=2)
-    return one
+    return log
 
 
 def compare(
-    models: Mapping[str, Model | Corrected], logs: Sequence[Recording]
+    models: Mapping[str, Model | CorrectedModel], logs: Sequence[Recording]
 ) -> ErrorTables:
     """Return the errors of several models of one robot on the same logs.
 
     Args:
-        models: By name. Logs are prepared with the signal path of the first.
-        logs: What they are to predict.
+        models: By name; logs are filtered as the first of them says.
+        logs: Logs that none of them was fitted to.
 
     Returns:
         100·||tau - tau_hat||/||tau|| per joint and over all joints, by model.
-
-    Raises:
-        InputError: If there is no model or no log.
     """
-    if not isinstance(models, Mapping):
-        raise InputError(
-            'models: expected models by name, as {"with": model}, got '
-            f"{_kind(models)}."
-        )
     logs = as_logs("logs", logs)
-    if not models or not logs:
-        raise InputError("Nothing to compare: give one model or more, and one log.")
+    if not isinstance(models, Mapping) or not models or not logs:
+        raise InputError(
+            'Nothing to compare: give models by name, as {"with": model}, and a log.'
+        )
     first = next(iter(models.values()))
-    base = first.model if isinstance(first, Corrected) else first
+    base = first.model if isinstance(first, CorrectedModel) else first
     held_out = prepare_held_out(logs, base)
     errors, _ = core_compare(models, held_out, base.filters)
     cutoff = min(one.track.cutoff for one in held_out)
@@ -201,23 +165,23 @@ def export(
     """Write a model in the form of another program.
 
     Args:
-        model: The model, with tables on it or without.
+        model: The model, with or without look-up tables.
         to: urdf, mjcf, mujoco, c99, table, fmu, rrd or json.
         folder: A new folder for the files.
         log: With rrd: a log of the robot, to see its torque and its residual.
 
     Returns:
-        Its files; `left` is what is not carried.
+        The files; `left` lists what the target cannot represent.
 
     Raises:
         InputError: If there is no such target, it cannot take the model, the folder is
-            not empty, or a package that the target needs is not installed.
+            not empty, or a package is not installed.
     """
     check_new_folder("folder", Path(folder))
-    made = export_model(model, to, log)
+    exported = export_model(model, to, log)
     Path(folder).mkdir(exist_ok=True)
-    write_all(in_place(made, folder))
-    return made
+    write_all(in_place(exported, folder))
+    return exported
 
 
 def check(
@@ -225,28 +189,27 @@ def check(
     logs: Recording | str | Path | Iterable[Recording | str | Path],
     columns: str | Path | None = None,
 ) -> LogCheck:
-    """Check whether logs are what they say they are (docs/check.md).
+    """Check units, signs, joint order and timing of logs (docs/check.md).
 
     Args:
         robot: The arm.
-        logs: Recordings; or files, which may be such as ``read_logs`` refuses.
-        columns: The COLUMNS.toml that they were or are to be read with: the lines that
-            mend them are for it. None for the default columns.
+        logs: Recordings; or files, also such as ``read_logs`` refuses.
+        columns: COLUMNS.toml of the files; the repair lines are for it.
 
     Raises:
         InputError: If a file is not usable.
     """
     check_robot(robot)
-    given = [logs] if isinstance(logs, Recording | str | Path) else list(logs)
-    if not given:
+    entries = [logs] if isinstance(logs, Recording | str | Path) else list(logs)
+    if not entries:
         raise InputError("No log to check: give one recording or file, or several.")
-    read = [log for log in given if isinstance(log, Recording)]
-    if len(read) < len(given):
-        words = [str(log) for log in given if not isinstance(log, Recording)]
+    recordings = [log for log in entries if isinstance(log, Recording)]
+    words = [str(log) for log in entries if not isinstance(log, Recording)]
+    doubts = ()
+    if words:
         place = columns and str(columns)
         files = read_sets((words, (), ()), robot, place, None, to_check=True)
-        doubts, read = files.doubts, [*read, *files.fit]
-    else:
-        doubts = ()
-    known = columns_of(robot, columns) or ColumnMap()
-    return check_sets(LogSets(robot, tuple(read), columns=known, doubts=doubts))
+        doubts, recordings = files.doubts, [*recordings, *files.fit]
+    column_map = columns_of(robot, columns) or ColumnMap()
+    sets = LogSets(robot, tuple(recordings), columns=column_map, doubts=doubts)
+    return check_sets(sets)

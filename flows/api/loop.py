@@ -1,7 +1,4 @@
-"""The loop from a script, apart from the rest, which loads no simulation.
-
-Simulate an arm, watch its runs, ask for the next motion.
-"""
+"""Simulate an arm, monitor its runs, choose the next motion: what loads `sim`."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
@@ -9,7 +6,7 @@ from pathlib import Path
 from types import MappingProxyType
 
 from flows.api.logs import as_logs
-from flows.api.results import Diagnosis, as_door, log_sets
+from flows.api.results import Diagnosis, log_sets, with_methods
 from flows.outputs import Progress, write_all
 from flows.specs.experiment import experiment_of
 from flows.steps.diagnose import diagnose_logs
@@ -24,46 +21,42 @@ from sim.engine.records import Reference
 from sim.trajectories import make_reference
 from warehouse.logs import check_distinct
 
-_PLAIN: Mapping = MappingProxyType({})
+_DEFAULT: Mapping = MappingProxyType({})
 RATE = 250.0  # samples per second of a program [Hz]
 
 
 @dataclass(frozen=True, eq=False, slots=True)
 class Experiment:
-    """The motion that tells apart what some logs leave open.
+    """The motion that separates the rivals of a diagnosis.
 
     Attributes:
-        found: The diagnosis of these logs.
-        plan: As `next_experiment` of a verdict has it (rivals, `sure_after` [s]); None
-            where nothing is open, or no motion would decide.
-        reference: The motion: t [s], q, qd, qdd [rad, s]; None like the plan.
+        diagnosis: The diagnosis.
+        plan: `next_experiment` of a verdict (rivals, `sure_after` [s]); None where
+            nothing is open, or no motion separates the rivals.
+        reference: The motion: t [s], q, qd, qdd [rad, s]; None where the plan is.
     """
 
-    found: Diagnosis
+    diagnosis: Diagnosis
     plan: Mapping | None
     reference: Reference | None
 
     def save_program(self, path: str | Path) -> None:
-        """Write the motion as CSV for a controller.
-
-        Raises:
-            InputError: If there is none, or the file cannot be written.
-        """
+        """Write the motion as CSV for a controller; InputError where there is none."""
         if self.reference is None:
             raise InputError("There is no motion to write: no experiment is proposed.")
         write_all({Path(path): as_csv(self.reference)})
 
 
-def simulate(spec: Mapping = _PLAIN) -> Recording:
+def simulate(spec: Mapping = _DEFAULT) -> Recording:
     """Run one experiment on the simulated arm and return its log; nothing is stored.
 
     Args:
-        spec: What SPEC.toml of `modelgap experiment` says, as a mapping; what is left
-            out is the default: {"trajectory": {"kind": "cyclic", "duration": 10},
+        spec: The content of a SPEC.toml, missing keys at their defaults:
+            {"trajectory": {"kind": "cyclic", "duration": 10},
             "plant": {"effect": [{"name": "stribeck", "joints": [2]}]}}.
 
     Raises:
-        InputError: If the mapping says what there is not, or PyBullet is missing.
+        InputError: If a key or value is not valid, or PyBullet is missing.
     """
     checked = experiment_of(dict(spec), "spec")
     return replace(make(checked).log, id=run_id_of(checked))
@@ -75,16 +68,16 @@ def monitor(
     watched: Sequence[Recording],
     per_hour: float = 1.0,
 ) -> Watched:
-    """Calibrate a monitor on healthy logs, and tell what in others is not as usual.
+    """Set the limits of a monitor by healthy logs, and check other logs against them.
 
     Args:
-        model: The model whose residual is watched: of a diagnosis, or adopted.
-        healthy: Logs of the arm as it should be, three or more.
-        watched: Logs to look at.
-        per_hour: False alarms wanted at most in an hour.
+        model: The model of the residual: of a diagnosis, or adopted.
+        healthy: Logs of the healthy arm, three or more.
+        watched: Logs to check.
+        per_hour: Largest rate of false alarms [1/h].
 
     Returns:
-        `alarms` of each watched log by its id.
+        `alarms` by the id of the log.
 
     Raises:
         InputError: If there are too few healthy logs, or one is of another arm.
@@ -104,27 +97,22 @@ def next_experiment(
     seed: int = 0,
     progress: Progress | None = None,
 ) -> Experiment:
-    """Choose the motion that is soonest sure which of the open rivals is true.
+    """Choose the motion that separates the rivals of a diagnosis soonest.
+
+    Arguments and errors as in ``diagnose``, and:
 
     Args:
-        robot: The arm.
-        fit: Logs so far.
-        held_out: Logs for the proof.
-        baseline: Logs of healthy runs.
-        seconds: The longest that the motion may take [s].
+        seconds: Longest duration of the motion, 4 to 600 [s].
         seed: Seed of the motions.
-
-    Raises:
-        InputError: If a log or the length is not usable.
     """
     check_length(seconds)
     logs = log_sets(robot, fit, baseline, held_out)
-    made = diagnose_logs(logs, progress=progress)
-    found = as_door(Diagnosis, made)
-    if made.question is None:
-        made = diagnose_logs(logs, progress=progress, alone=True)
-    best = rank_motions(made.question, robot, seconds, seed, progress)
+    outcome = diagnose_logs(logs, progress=progress)
+    diagnosis = with_methods(Diagnosis, outcome)
+    if outcome.question is None:
+        outcome = diagnose_logs(logs, progress=progress, alone=True)
+    best = rank_motions(outcome.question, robot, seconds, seed, progress)
     if best is None or best.best.seen.hopeless:
-        return Experiment(found, None, None)
+        return Experiment(diagnosis, None, None)
     reference = make_reference(robot, best.best.spec, RATE)
-    return Experiment(found, best.document(None), reference)
+    return Experiment(diagnosis, best.document(None), reference)

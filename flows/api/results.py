@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 import pyarrow as pa
 
-from flows.api.logs import as_logs, check_declared, check_robot
+from flows.api.logs import as_logs, check_robot
 from flows.api.store import Table
 from flows.inputs.given import LogSets
 from flows.outputs import Progress, write_all
@@ -22,33 +22,34 @@ from residual.calibration import calibrate as core
 from residual.calibration.rows import Run
 from residual.calibration.scores import DEFAULT, NOTHING, RUN, find
 from residual.diagnosis import result
-from residual.diagnosis.verdict import to_json
 from residual.errors import InputError
 from residual.identification.estimate import Options
-from residual.identification.prove import Identified
-from residual.model.corrected import Corrected
+from residual.identification.prove import ValidatedIdentification
+from residual.model.corrected import CorrectedModel
 from residual.model.model import Model
 from residual.recording import Recording
 from residual.robot.robot import Robot
+from residual.verdict.document import to_json
 from warehouse.logs import check_distinct
 
+_TEXT, _NUMBER, _JOINTS = pa.string(), pa.float64(), pa.list_(pa.int64())
 _FINDINGS = pa.schema(
-    [
-        ("effect", pa.string()),
-        ("joints", pa.list_(pa.int64())),
-        ("probability", pa.float64()),
-        ("parameter", pa.string()),
-        ("value", pa.float64()),
-        ("std", pa.float64()),
-        ("unit", pa.string()),
-    ]
+    {
+        "effect": _TEXT,
+        "joints": _JOINTS,
+        "probability": _NUMBER,
+        "parameter": _TEXT,
+        "value": _NUMBER,
+        "std": _NUMBER,
+        "unit": _TEXT,
+    }
 )
 _COLUMNS = ("name", "value", "sd", "nominal", "unit", "status", "joint", "is")
 
 
-def as_door(kind: type, made: Any, **more: object) -> Any:
-    """Return a result of the core as one that can be shown and kept."""
-    return kind(*(getattr(made, field.name) for field in fields(made)), **more)
+def with_methods(kind: type, result: Any, **more: object) -> Any:
+    """Return a result of the core as the subclass of it that the API gives."""
+    return kind(*(getattr(result, field.name) for field in fields(result)), **more)
 
 
 def log_sets(
@@ -57,11 +58,7 @@ def log_sets(
     baseline: Sequence[Recording] = (),
     held_out: Sequence[Recording] = (),
 ) -> LogSets:
-    """Return recordings by what they are for, none of them twice.
-
-    Raises:
-        InputError: If one is none, two share samples, or there is nothing to fit.
-    """
+    """Return recordings by role; InputError for none to fit, or for shared samples."""
     check_robot(robot)
     named = {"fit": fit, "baseline": baseline, "held_out": held_out}
     sets = LogSets(robot, **{name: as_logs(name, logs) for name, logs in named.items()})
@@ -72,29 +69,29 @@ def log_sets(
 
 
 class Diagnosis(result.Diagnosis):
-    """The result of a diagnosis, which can be shown and kept."""
+    """The result of a diagnosis, with its report, JSON and tables."""
 
     __slots__ = ()
 
     def save_report(self, path: str | Path) -> None:
-        """Write the page: one HTML file that needs nothing else."""
+        """Write the report as one self-contained HTML file."""
         from flows.report.diagnosis import render
 
         write_all({Path(path): render(self, self.verdict.robot)})
 
     @property
     def nominal(self) -> Model:
-        """The model as the robot is described, fitted to nothing."""
+        """The model of the robot description, not fitted."""
         return self.models["nominal"]
 
     @property
     def identified(self) -> Model:
-        """The model with what it declares fitted, and nothing added."""
+        """The nominal structure, fitted."""
         return self.models["identified"]
 
     @property
     def augmented(self) -> Model:
-        """The model with what was found."""
+        """The identified model with the effects of the verdict."""
         return self.models["augmented"]
 
     def to_frame(self) -> Table:
@@ -106,18 +103,18 @@ class Diagnosis(result.Diagnosis):
                 "probability": effect.probability,
                 "parameter": name if len(values) == 1 else f"{name} {k + 1}",
                 "value": float(values[k]),
-                "std": float(np.atleast_1d(one.std)[k]),
-                "unit": one.unit,
+                "std": float(np.atleast_1d(parameter.std)[k]),
+                "unit": parameter.unit,
             }
             for effect in self.effects
-            for name, one in effect.parameters.items()
-            for values in [np.atleast_1d(one.value)]
+            for name, parameter in effect.parameters.items()
+            for values in [np.atleast_1d(parameter.value)]
             for k in range(len(values))
         ]
         return Table(pa.Table.from_pylist(rows, schema=_FINDINGS))
 
     def to_json(self) -> dict:
-        """The verdict as plain values, in its documented form (docs/verdict.md)."""
+        """The verdict as JSON values (docs/verdict.md)."""
         return to_json(self.verdict)
 
 
@@ -131,56 +128,53 @@ def diagnose(
     trust_log: bool = False,
     known: Mapping[str, float] | None = None,
 ) -> Diagnosis:
-    """Find which effects the model of a robot lacks, and prove it on other motion.
+    """Find the effects missing from a robot model, and test them on held-out motion.
 
     Args:
         robot: The arm.
         fit: Logs to diagnose.
-        held_out: Logs for the proof; none: the last quarter of the longest of ``fit``.
-        baseline: Logs of healthy runs. With them only what has changed is named.
-        declared: Effects that the model has; None for the robot's own list.
-        progress: Called with the stage and the share done.
-        trust_log: Whether to go on where a fault of the logs is certain (``check``);
-            the answer is then "unknown", and names nothing.
+        held_out: Logs that are not fitted; without them the last quarter of the
+            longest log.
+        baseline: Logs of healthy runs; with them only changes are named.
+        declared: Effects that the model has; None for the list of the robot.
+        progress: Called with the stage and the fraction done.
+        trust_log: Continue although a fault of the logs is certain (``check``); the
+            verdict is then "unknown".
         known: Values that are known for sure, such as {"payload.mass": 2.8} [SI].
 
     Raises:
         InputError: If a log or a name is not usable, two logs share samples, or a fault
-            of them is certain.
+            of the logs is certain.
     """
     logs = log_sets(robot, fit, baseline, held_out)
-    check_declared(declared)
-    found = diagnose_logs(
-        replace(logs, robot=known_robot(robot, known or {}, logs.baseline)),
-        declared=declared,
-        trust_log=trust_log,
-        progress=progress,
+    logs = replace(logs, robot=known_robot(robot, known or {}, logs.baseline))
+    return with_methods(
+        Diagnosis,
+        diagnose_logs(logs, declared=declared, trust_log=trust_log, progress=progress),
     )
-    return as_door(Diagnosis, found)
 
 
-class Identification(Identified):
-    """An identified model, which can be shown and kept."""
+class Identification(ValidatedIdentification):
+    """An identified model, with its parameters as a table and its JSON."""
 
     __slots__ = ()
 
     @property
     def parameters(self) -> Table:
-        """Base parameters: value, standard deviation, what they were, what they are."""
+        """Base parameters: value, standard deviation, nominal value, unit, status."""
         rows = pa.Table.from_pylist(identified.parameters(self))
         return Table(rows.select(_COLUMNS))
 
     @property
     def models(self) -> Mapping[str, Model]:
-        """Models by name: nominal, identified, and consistent where it was asked."""
-        free = {"nominal": self.found.nominal, "identified": self.found.model}
-        bodies = (
-            {} if self.consistent is None else {"consistent": self.consistent.model}
-        )
-        return free | bodies
+        """Models by name: nominal, identified, and consistent where requested."""
+        models = {"nominal": self.free.nominal, "identified": self.free.model}
+        if self.consistent is not None:
+            models["consistent"] = self.consistent.model
+        return models
 
     def to_json(self) -> dict:
-        """All of it as plain values (docs/identification.md)."""
+        """The result as JSON values (docs/method.md)."""
         return identified.document(self)
 
     def __repr__(self) -> str:
@@ -188,7 +182,7 @@ class Identification(Identified):
             f"{self.errors[name].overall('filtered'):.3g} %"
             for name in ("nominal", "consistent" if self.consistent else "identified")
         )
-        count = len(self.found.base)
+        count = len(self.free.base)
         return (
             f"Identification({self.robot.name}: {count} parameters; "
             f"held-out {before} -> {after})"
@@ -204,57 +198,43 @@ def identify(
     consistent: bool = False,
     trust_log: bool = False,
 ) -> Identification:
-    """Identify base parameters and declared effects together, and prove them.
+    """Identify base parameters and declared effects, and test them on held-out motion.
+
+    Arguments and errors as in ``diagnose``, and:
 
     Args:
-        robot: The arm.
-        fit: Logs to fit.
-        held_out: Logs for the proof; none: the last quarter of the longest of ``fit``.
-        declared: Effects that the model has; None for the robot's own list.
-        options: Weights, prior, and whether to drop what is not needed; None for
-            weighted least squares without a prior.
-        consistent: Whether to find inertias too that bodies can have.
-        trust_log: Whether to go on where a fault of the logs is certain (``check``).
-
-    Raises:
-        InputError: If a log or a name is not usable, two logs share samples, or a fault
-            of them is certain.
+        options: Weights, prior, and selection of parameters; None for weighted least
+            squares without a prior.
+        consistent: Also find physically consistent inertias.
     """
     sets = log_sets(robot, fit, held_out=held_out)
-    check_declared(declared)
-    made = identify_logs(sets, declared, options, consistent, trust_log)
-    return as_door(Identification, made)
+    outcome = identify_logs(sets, declared, options, consistent, trust_log)
+    return with_methods(Identification, outcome)
 
 
 @dataclass(frozen=True, eq=False, slots=True, repr=False)
 class Calibration(core.Calibration):
-    """Look-up tables and what they are worth, which can be shown and kept.
+    """Look-up tables and their validation, with report, files and JSON.
 
     Attributes:
-        warnings: What is odd about the logs but usable.
+        warnings: Warnings about the logs.
     """
 
     warnings: tuple[str, ...] = ()
 
     def save_report(self, path: str | Path) -> None:
-        """Write the page: one HTML file that needs nothing else."""
+        """Write the report as one self-contained HTML file."""
         from flows.report.calibration import render
 
         write_all({Path(path): render(self, self.warnings)})
 
-    def save_tables(self, folder: str | Path) -> None:
-        """Write tables and model, with evaluators that need only NumPy or C."""
-        place, files = Path(folder), calibrated.calibration_files(self)
-        place.mkdir(parents=True, exist_ok=True)
-        write_all({place / name: content for name, content in files.items()})
-
     def to_json(self) -> dict:
-        """All figures as plain values (docs/calibration.md)."""
+        """The result as JSON values (docs/calibration.md)."""
         return calibrated.document(self, sentences(self), self.warnings, {})
 
     @property
-    def model(self) -> Corrected | None:
-        """Model and tables as one; None where they correct a simulated twin."""
+    def model(self) -> CorrectedModel | None:
+        """The model with the tables; None where they correct a simulated twin."""
         return core.corrected_model(self)
 
     def __repr__(self) -> str:
@@ -272,24 +252,17 @@ def calibrate(
     figures: bool = True,
     trust_log: bool = False,
 ) -> Calibration:
-    """Fit tables to what the model leaves, and judge them on motion they never saw.
+    """Fit look-up tables to the residual of a model, and validate them.
+
+    Arguments and errors as in ``diagnose``; a single log is cut into five parts.
 
     Args:
-        robot: The arm.
-        fit: Logs; a single one is cut into five parts.
-        declared: Effects that the model has; None for the robot's own list.
-        figures: Whether to compute too what only the page shows, which takes most of
-            the time.
-        trust_log: Whether to go on where a fault of the logs is certain (``check``).
-
-    Raises:
-        InputError: If a log or a name is not usable, two logs share samples, or a fault
-            of them is certain.
+        figures: Also compute the figures that only the report shows, which take most
+            of the time.
     """
     sets = log_sets(robot, fit)
-    check_declared(declared)
     names = None if declared is None else tuple(declared)
     settings = core.Settings(declared=names, views=figures)
     runs = [Run(log) for log in sets.fit]
-    made, warnings = calibrate_logs(sets, runs, settings, trust_log=trust_log)
-    return as_door(Calibration, made, warnings=warnings)
+    outcome, warnings = calibrate_logs(sets, runs, settings, trust_log=trust_log)
+    return with_methods(Calibration, outcome, warnings=warnings)

@@ -1,4 +1,4 @@
-"""The store from Python: SQL in, finished tables out."""
+"""The store from Python: SQL in, tables in memory out."""
 
 from collections.abc import Iterator, Mapping
 from pathlib import Path
@@ -11,13 +11,11 @@ from residual.errors import InputError
 from warehouse.query.named import NAMED
 
 if TYPE_CHECKING:
-    from warehouse.query.store import Store as OpenedStore
-
-_SHOWN, _WIDE = 40, 60  # rows and letters of a cell; more is for programs
+    from warehouse.query.store import Store as StoreReader
 
 
 class Table:
-    """Rows of named columns. It is all in memory; nothing is asked again.
+    """Rows of named columns, all in memory.
 
     Iterating gives a mapping per row; ``table["name"]`` is a column, ``table[0]`` a
     row.
@@ -32,7 +30,7 @@ class Table:
         return self._rows.column_names
 
     def arrow(self) -> pa.Table:
-        """The table as PyArrow holds it."""
+        """The table as a PyArrow table."""
         return self._rows
 
     def rows(self) -> list[dict[str, Any]]:
@@ -40,19 +38,23 @@ class Table:
         return self._rows.to_pylist()
 
     def df(self) -> Any:
-        """The table as a pandas DataFrame, where pandas is installed."""
-        try:
-            return self._rows.to_pandas()
-        except ImportError as error:
-            raise _not_installed("pandas", "df") from error
+        """The table as a pandas DataFrame; InputError where pandas is missing."""
+        return self._frame("df", "pandas")
 
     def pl(self) -> Any:
-        """The table as a Polars DataFrame, where Polars is installed."""
+        """The table as a Polars DataFrame; InputError where Polars is missing."""
+        return self._frame("pl", "Polars")
+
+    def _frame(self, method: str, library: str) -> Any:
+        import duckdb
+
         try:
-            import polars  # pyright: ignore[reportMissingImports]  optional
-        except ImportError as error:
-            raise _not_installed("polars", "pl") from error
-        return polars.from_arrow(self._rows)
+            return getattr(duckdb.from_arrow(self._rows), method)()
+        except (ImportError, duckdb.InvalidInputException) as error:
+            raise InputError(
+                f".{method}() needs {library}, which is not installed. Install it, or "
+                "use .arrow() or .rows()."
+            ) from error
 
     def __len__(self) -> int:
         return len(self._rows)
@@ -60,66 +62,49 @@ class Table:
     def __iter__(self) -> Iterator[Mapping[str, Any]]:
         return iter(self.rows())
 
-    def __getitem__(self, which: str | int) -> Any:
-        if isinstance(which, str):
-            return self._rows.column(which).to_pylist()
-        return self._rows.take([range(len(self))[which]]).to_pylist()[0]
+    def __getitem__(self, key: str | int) -> Any:
+        if isinstance(key, str):
+            return self._rows.column(key).to_pylist()
+        return self._rows.take([range(len(self))[key]]).to_pylist()[0]
 
     def __repr__(self) -> str:
-        rows = self._rows.slice(0, _SHOWN).to_pylist()
-        lines = [self.columns, *(list(map(_text, row.values())) for row in rows)]
-        widths = [max(map(len, column)) for column in zip(*lines, strict=True)]
-        text = ["  ".join(map(str.ljust, line, widths)).rstrip() for line in lines]
-        more = len(self) - _SHOWN
-        return "\n".join([*text, *([f"… and {more} more rows"] if more > 0 else [])])
+        import duckdb
 
-
-def _text(value: object) -> str:
-    if value is None:
-        return "–"
-    text = f"{value:.4g}" if isinstance(value, float) else str(value)
-    return text if len(text) <= _WIDE else f"{text[: _WIDE - 1]}…"
-
-
-def _not_installed(library: str, method: str) -> InputError:
-    return InputError(
-        f".{method}() needs {library}, which is not installed. Install it, or use "
-        ".arrow() or .rows()."
-    )
+        return str(duckdb.from_arrow(self._rows))
 
 
 class Store:
-    """A store that is open for reading. It sees what others commit meanwhile.
+    """A store open for reading; it shows what other programs commit meanwhile.
 
     Attributes:
         path: Its folder.
     """
 
-    def __init__(self, opened: "OpenedStore") -> None:
-        self._opened = opened
-        self.path = opened.path
+    def __init__(self, reader: "StoreReader") -> None:
+        self._reader = reader
+        self.path = reader.path
 
     def sql(self, text: str, **values: object) -> Table:
-        """Return the finished answer to one SELECT over the views of the store.
+        """Return the answer to one SELECT over the views of the store.
 
         Args:
             text: SQL of DuckDB, or the name of a query of ``named``.
-            values: What stands for the $words in it.
+            values: Values of the $parameters in it.
 
         Raises:
-            InputError: If it is anything else than one SELECT, or it fails.
+            InputError: If it is not one SELECT, or it fails.
         """
         text = NAMED[text][1] if text in NAMED else text
-        return Table(self._opened.sql(text, values or None))
+        return Table(self._reader.sql(text, values or None))
 
     @property
     def named(self) -> Mapping[str, str]:
-        """Names of ready queries, and what each answers."""
+        """Names of ready queries, each with one sentence."""
         return {name: about for name, (about, _) in NAMED.items()}
 
     def close(self) -> None:
-        """Let go of the store."""
-        self._opened.close()
+        """Close the store."""
+        self._reader.close()
 
     def __enter__(self) -> "Store":
         return self
@@ -128,7 +113,7 @@ class Store:
         self.close()
 
     def __repr__(self) -> str:
-        count = self._opened.sql("SELECT count(*) AS n FROM runs")
+        count = self._reader.sql("SELECT count(*) AS n FROM runs")
         return f"Store({self.path.name}: {count['n'][0]} runs)"
 
 
@@ -136,7 +121,7 @@ def open_store(path: str | Path | None = None) -> Store:
     """Open a store for reading.
 
     Args:
-        path: Its folder; None for the usual one: $MODELGAP_STORE, else ./store.
+        path: Its folder; None for $MODELGAP_STORE, else ./store.
 
     Raises:
         InputError: If there is none.

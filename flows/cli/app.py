@@ -1,7 +1,6 @@
-"""All commands by name and group, each loaded only when it runs; what they share.
+"""The commands by name and group, their output files, and the text of errors.
 
-Only here, and for optional extras, is anything loaded late: `modelgap --help` loads no
-numerics, and a command loads what it needs and no more.
+A command is loaded when it runs, so that `modelgap --help` loads no numerics.
 """
 
 import errno
@@ -13,13 +12,7 @@ import traceback
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from pathlib import Path
 
-from cyclopts import (
-    App,
-    CycloptsError,
-    Group,
-    MissingArgumentError,
-    UnusedCliTokensError,
-)
+from cyclopts import App, CycloptsError, Group
 from rich.console import Console
 
 from flows.outputs import check_writable, json_text, say, write_all
@@ -37,25 +30,24 @@ from residual.errors import (
 
 _HELP = """Find what a robot's dynamic model is missing.
 
-The missing effect (friction, payload, spring, a sensor that is off) is named,
-added to the model, and proved on motion that was not fitted: for dynamic
-identification, payload identification, friction compensation, feed-forward.
-Start with one of these:
+Names the missing effect (friction, payload, spring, wrong sensor), adds it to
+the model and tests that on held-out motion: for dynamic identification, payload
+identification, friction compensation and feed-forward. Start with one of these:
 
  modelgap demo
  modelgap diagnose A.csv B.csv --robot arm.urdf --holdout C.csv
 
-The first makes an arm with an effect that its model does not have; the second
-takes your own logs. 'modelgap COMMAND --help' explains a command; 'modelgap
-store', 'modelgap model' and so on list more of them.
+The first simulates an arm with a hidden effect, the second reads your own logs.
+'modelgap COMMAND --help' explains a command; 'modelgap store', 'modelgap model'
+and so on list more commands.
 
 Exit codes: 0 done, whatever the verdict; 1 the run failed; 2 bad usage or
 input; 130 interrupted.
 """
 
-# By group: its `commands` by name, each (MODULE:FUNCTION of `flows.cli`, usage, about).
+# By heading: `commands` by name, each (MODULE:FUNCTION of flows.cli, usage, about).
 GROUPS = tomllib.loads(Path(__file__).with_name("commands.toml").read_text("utf-8"))
-_SHORTER = {"models": "list"}  # below its word
+_SHORTER = {"models": "list"}  # modelgap model list
 
 
 def _version() -> str:
@@ -77,7 +69,7 @@ for flag in ("--help", "--version", "--install-completion"):
 
 
 def _register() -> None:
-    below = Group.create_ordered("More, a word each")
+    below = Group.create_ordered("More command groups")
     for heading, part in GROUPS.items():
         word, group = part.get("word"), Group.create_ordered(heading, sort_key=0)
         if word:
@@ -102,75 +94,52 @@ _register()
 
 
 def run(words: Sequence[str]) -> None:
-    """Run one command; every error is left to the caller.
-
-    Args:
-        words: Command line without the program's name.
-
-    Raises:
-        CycloptsError: On bad usage.
-    """
-    # The parser takes a lone "-" for an option unless it is tied to one.
-    tied = re.sub(r"(^|\0)--(json|file)\0-(?=\0|$)", r"\1--\2=-", "\0".join(words))
-    # Without a name it asks which there are.
-    tied = re.sub(r"(^|\0)--named(?=\0-|$)", r"\1--named=list", tied)
+    """Run one command, given without the program's name; errors go to the caller."""
+    # Cyclopts takes a lone "-" for an option unless "=" ties it to one.
+    tied = re.sub(r"(^|\0)--json\0-(?=\0|$)", r"\1--json=-", "\0".join(words))
     words = tied.split("\0") if tied else []
     _, chain, _ = app.parse_commands(words)
     for each in chain:
         if each.default_command and not each.name[0].startswith("-"):
-            each.help = None  # its docstring has more than lists do
-    app(
-        words,
-        exit_on_error=False,
-        print_error=False,
-        result_action="return_value",
-    )
-
-
-# What the commands have in common: limits of numbers, and files that they write.
+            each.help = None  # the help of one command is its whole docstring
+    app(words, exit_on_error=False, print_error=False, result_action="return_value")
 
 
 STDOUT = "-"
-_PICTURES = {"--plot": ".png", "--gif": ".gif"}  # what they write, whatever the name
-# As in the files of experiments (flows/specs/experiment.py).
+_PICTURES = {"--plot": ".png", "--gif": ".gif"}
+# Limits of experiments, as in flows/specs/experiment.py [s, -, Hz, -].
 LONGEST, MOST_PERIODS, FASTEST, SEEDS = 600.0, 100, 20_000.0, 2**63 - 1
 
 Make = Callable[[], str | bytes]
 
 
 def check_between(option: str, value: float, low: float, high: float) -> None:
-    """Refuse a number that no run ends with."""
+    """Raise InputError for a number outside its range, or NaN."""
     if not low <= value <= high:
         raise InputError(f"{option} {value:g}: expected {low:g} to {high:g}.")
-
-
-def check_workers(count: int | None) -> None:
-    """Refuse a number of processes below one."""
-    if count is not None and count < 1:
-        raise InputError(f"--workers is {count}, expected 1 or more.")
 
 
 class Outputs:
     """The files of a command: checked before the work, written whole after it.
 
     Attributes:
-        files: Where each option wants its file.
-        console: Where people read: standard error where JSON has the output for itself.
-        wrote: Files that were written.
+        files: The file of each option that was given.
+        console: For people; standard error where JSON takes standard output.
     """
 
     def __init__(
         self, options: Mapping[str, str | None], inputs: Iterable[Path] = ()
     ) -> None:
-        """Refuse early what could not be written at the end.
+        """Check that every file can be written.
 
         Args:
-            options: What was given; "-" as --json is standard output and no file.
-            inputs: Files that are read and must not be lost.
+            options: File by option, None where it was not given; "-" as --json is
+                standard output.
+            inputs: Files that are read and must not be overwritten.
 
         Raises:
-            InputError: If a file cannot be written, two options name one, or a name
-                says that it is another kind of picture.
+            InputError: If a file cannot be written, two options name one, or a picture
+                has the ending of another format.
         """
         named = {k: v for k, v in options.items() if v not in (None, STDOUT)}
         self.files = {option: Path(str(file)) for option, file in named.items()}
@@ -182,7 +151,7 @@ class Outputs:
         self._on_stdout = options.get("--json") == STDOUT
         self._json = ""
         self.console = Console(stderr=self._on_stdout)
-        self.wrote: list[Path] = []
+        self._written: list[Path] = []
 
     def say(self, *lines: str) -> None:
         """Print lines for people."""
@@ -192,64 +161,61 @@ class Outputs:
         self,
         make: Mapping[str, Make] | None = None,
         document: Callable[[], Mapping] | None = None,
-        also: Mapping[Path, str | bytes] | None = None,
+        more: Mapping[Path, str | bytes] | None = None,
     ) -> None:
-        """Write the files; before anything is printed that may go into a closed pipe.
+        """Write the files, before anything is printed into a pipe that may be closed.
 
         Args:
-            make: What makes the content of a file, by its option.
-            document: What makes the document of --json.
-            also: Files that no option of a single file names.
+            make: Function that returns the content of a file, by option.
+            document: Function that returns the document of --json.
+            more: Content of further files by path.
         """
-        contents: dict[Path, str | bytes] = {}
         if document and (self._on_stdout or "--json" in self.files):
             self._json = json_text(document())
-        for option, path in self.files.items():
-            contents[path] = self._json if option == "--json" else make[option]()
-        contents |= also or {}
+        contents: dict[Path, str | bytes] = {
+            path: self._json if option == "--json" else (make or {})[option]()
+            for option, path in self.files.items()
+        }
+        contents |= more or {}
         write_all(contents)
-        self.wrote += contents
+        self._written += contents
 
     def finish(self, *lines: str) -> None:
-        """Say what was written, then some lines, then the document if it was asked."""
-        self.say(*(f"wrote {path}" for path in self.wrote), *lines)
+        """Print which files were written, more lines, and the document of --json -."""
+        self.say(*(f"wrote {path}" for path in self._written), *lines)
         if self._on_stdout:
             print(self._json, end="")
 
 
-# Also a file that may not grow, by a quota or by ulimit -f.
-_FULL = (errno.ENOSPC, errno.EDQUOT, errno.EFBIG)
-_NO_SPACE = "No space left"  # where a library gives no number
-_NO_NAME = (errno.ENAMETOOLONG, errno.ELOOP)  # no file can be called so
-_LOOP = "Symlink loop"  # what pathlib says, up to Python 3.12, without a number
-_WORD = re.compile(rf"\S{{{2 * LINE},}}")
+_FULL = (errno.ENOSPC, errno.EDQUOT, errno.EFBIG)  # EFBIG: a quota, ulimit -f
+_NO_SPACE = "No space left"  # in errors of libraries that have no errno
+_BAD_NAME = (errno.ENAMETOOLONG, errno.ELOOP)
+_LOOP = "Symlink loop"  # in errors of pathlib up to Python 3.12, which have no errno
+_LONG_WORD = re.compile(rf"\S{{{2 * LINE},}}")
 _INSTEAD = {
-    "a verdict": "what is stored of a diagnosis of runs has an id: modelgap sql "
+    "a verdict": "Expected the id of a stored diagnosis: modelgap sql "
     "'SELECT diagnosis_id FROM diagnoses'.",
-    "a model": "modelgap predict takes such a file with --model, and modelgap export "
-    "as its first word.",
-    None: "a log becomes a run with an id by modelgap import.",
+    "a model": "modelgap predict takes it with --model, modelgap export as its first "
+    "word.",
+    None: "modelgap import gives a log an id.",
 }
 TRACEBACK = "MODELGAP_TRACEBACK"
 
 
 def main(words: Sequence[str] | None = None) -> int:
-    """Run one command.
+    """Run one command and return the exit code.
 
     Args:
-        words: Command line without the program's name; None for the process's own.
-
-    Returns:
-        The exit code.
+        words: Command line without the program's name; None for that of the process.
     """
     try:
-        # Inside, so that an interruption while loading is answered too.
+        # Inside, so that an interruption while loading is caught too.
         run(sys.argv[1:] if words is None else list(words))
         sys.stdout.flush()
     except KeyboardInterrupt:
-        return _say("interrupted", 130)
+        return _print_error("interrupted", 130)
     except BrokenPipeError:
-        # The reader of our output has gone; what is left must not fail at exit.
+        # The reader of our output has gone; flushing at exit must not fail.
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
         return 1
     except Exception as error:
@@ -258,41 +224,39 @@ def main(words: Sequence[str] | None = None) -> int:
 
 
 def _explain(error: Exception) -> int:
+    """Print an error in one or two lines and return the exit code."""
     if os.environ.get(TRACEBACK):
         traceback.print_exception(error)
-    error = _lacking(error) or error
+    error = _missing_package(error) or error
     if isinstance(error, ModelgapError):
-        return _say(f"{error}{_of_file(error)}", 2)
+        return _print_error(f"{error}{_file_hint(error)}", 2)
     if isinstance(error, RunError):
-        return _say(str(error), 1)
+        return _print_error(str(error), 1)
     if isinstance(error, CycloptsError):
-        return _say(_misused(error), 2)
-    if (isinstance(error, OSError) and error.errno in _NO_NAME) or _LOOP in str(error):
-        named = getattr(error, "filename", None) or str(error).partition("'")[2]
-        why = getattr(error, "strerror", None) or "a link to itself"
-        return _say(
-            f"'{shortened(str(named).strip(chr(39)))}' is the name of no file: {why}. "
-            "Expected the path of a file or a folder.",
-            2,
+        command = " ".join(("modelgap", *(error.command_chain or ())))
+        return _print_error(f"{' '.join(str(error).split())} See {command} --help.", 2)
+    number = error.errno if isinstance(error, OSError) else None
+    message = " ".join(f"{type(error).__name__}: {error}".split())
+    if number in _BAD_NAME or _LOOP in message:
+        return _print_error(
+            f"{shortened(message)}. Expected the path of a file or a folder.", 2
         )
-    what = " ".join(f"{type(error).__name__}: {error}".split())
-    if (isinstance(error, OSError) and error.errno in _FULL) or _NO_SPACE in what:
-        return _say(
-            "the disk is full; nothing was lost: what was not finished is not stored, "
-            "all else is as it was.\nMake room and give the same command again.",
+    if number in _FULL or _NO_SPACE in message:
+        return _print_error(
+            "The disk is full. Nothing was lost: what was not finished is not stored.\n"
+            "Free some space and give the same command again.",
             1,
         )
-    if isinstance(error, OSError) and error.errno == errno.EROFS:
-        return _say(
-            f"{error.filename or 'the disk'} is on a read-only disk; nothing was "
-            "written and nothing was lost.",
-            1,
-        )
-    return _say(f"unexpected failure: {what}\nSet {TRACEBACK}=1 to see where.", 1)
+    if number == errno.EROFS:
+        place = getattr(error, "filename", None) or "The disk"
+        return _print_error(f"{place} is read-only. Nothing was written or lost.", 1)
+    return _print_error(
+        f"unexpected failure: {message}\nSet {TRACEBACK}=1 to see where.", 1
+    )
 
 
-def _of_file(error: ModelgapError) -> str:
-    """Return what to add where a word that is no id is the name of a file."""
+def _file_hint(error: ModelgapError) -> str:
+    """Return what to add where a file was given in place of an id."""
     if not isinstance(error, NotAnIdError):
         return ""
     from residual.model.record import held_in
@@ -301,11 +265,11 @@ def _of_file(error: ModelgapError) -> str:
         kind = held_in(error.args[1])
     except (OSError, ValueError):
         return ""
-    return f"\nIt is a file that holds {kind}; {_INSTEAD.get(kind, _INSTEAD[None])}"
+    return f"\nThe file holds {kind}. {_INSTEAD.get(kind, _INSTEAD[None])}"
 
 
-def _lacking(error: BaseException | None) -> Exception | None:
-    """Return what to say where a package that not every machine has is behind it."""
+def _missing_package(error: BaseException | None) -> Exception | None:
+    """Return the error for a missing optional package in the chain of causes."""
     while error is not None:
         if isinstance(error, ModuleNotFoundError):
             name = (error.name or "").partition(".")[0]
@@ -314,37 +278,8 @@ def _lacking(error: BaseException | None) -> Exception | None:
     return None
 
 
-def _misused(error: CycloptsError) -> str:
-    """Return what is wrong, and whose help says what would be right."""
-    chain = error.command_chain or ()
-    command = " ".join(("modelgap", *chain))
-    if isinstance(error, MissingArgumentError) and error.argument and chain:
-        return f"{_missing(error)} See {command} --help."
-    if not isinstance(error, UnusedCliTokensError):
-        return f"{' '.join(str(error).split())} See {command} --help."
-    words = error.unused_tokens or [""]
-    options = () if error.app is None else error.app.assemble_argument_collection()
-    takes = any("--robot" in option.names for option in options)
-    meant = f" For one robot: {command} --robot {words[0]}." if takes else ""
-    return (
-        f"'{' '.join(words)}' has no place here, expected options after "
-        f"{command}.{meant} See {command} --help."
-    )
-
-
-def _missing(error: MissingArgumentError) -> str:
-    """Return which option lacks its value, or which word or option is not there."""
-    name, kind = error.argument.name, error.argument.field_info.kind
-    shown = f"{name} {error.argument.parameter.metavar or 'WORD'}"
-    if error.keyword is not None:
-        return f"{name} has nothing behind it, expected {shown}."
-    if kind is not kind.KEYWORD_ONLY:  # it has its place on the line
-        shown = name.lstrip("-").upper()
-    return f"{' '.join(error.command_chain)} needs {shown}, which is missing."
-
-
-def _say(text: str, code: int) -> int:
-    # What came out of a stranger's file must do nothing to the terminal.
-    short = _WORD.sub(lambda word: shortened(word[0]), text)
+def _print_error(text: str, code: int) -> int:
+    # Text out of a log must not control the terminal.
+    short = _LONG_WORD.sub(lambda word: shortened(word[0]), text)
     print(f"modelgap: {plain(short)}", file=sys.stderr)
     return code

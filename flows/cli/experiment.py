@@ -1,4 +1,4 @@
-"""modelgap experiment, campaign, validate and trajectory: the simulated arm."""
+"""modelgap experiment, campaign, validate and trajectory."""
 
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -25,9 +25,7 @@ from flows.requests import (
     File,
     Flag,
     Hertz,
-    Id,
     Json,
-    Model,
     Number,
     OfRobot,
     RobotWord,
@@ -43,8 +41,6 @@ from flows.steps import campaign as campaigns
 from flows.steps import experiment as steps
 from flows.steps import validate as trial
 from flows.steps.experiment import as_csv, refusal_of
-from flows.steps.models import calibration_of, chosen_to_drive
-from flows.workers.processes import chosen_runner, executor_of
 from residual.errors import InputError, RunError
 from sim.engine.records import TrajectorySpec
 from sim.engine.render import animate
@@ -55,14 +51,14 @@ from warehouse.remote import shown
 DryRun = Annotated[
     Flag,
     Parameter(
-        help="Only say what would run, what is there, and what will fail: motions are "
-        "planned, and those that break a limit of the arm are told. Nothing is run."
+        help="Run nothing; plan the motions and list what would run, what is stored, "
+        "and what breaks a limit of the arm."
     ),
 ]
-_PLAIN, _MANY = Validate(), Campaign()
+_DEFAULT, _DEFAULT_CAMPAIGN = Validate(), Campaign()
 
 
-def experiment(spec: str, *, store: Store = None, dry_run: DryRun = False) -> None:
+def experiment(spec: str, /, *, store: Store = None, dry_run: DryRun = False) -> None:
     """Run one experiment on the simulated arm and store it.
 
     ```
@@ -70,11 +66,11 @@ def experiment(spec: str, *, store: Store = None, dry_run: DryRun = False) -> No
     modelgap experiment SPEC.toml --dry-run
     ```
 
-    The same spec is the same run: what is in the store is not run again. A spec that
-    breaks a limit of the arm, or a simulation that diverges, stores nothing.
+    The same spec is the same run, and a stored run is not repeated. A spec that breaks
+    a limit of the arm, or a simulation that diverges, stores nothing.
 
     Args:
-        spec: SPEC.toml: robot, trajectory, plant with its hidden effects, rates.
+        spec: SPEC.toml with robot, trajectory, plant with hidden effects, and rates.
     """
     place, console = store_folder(store), Console()
     (planned,) = steps.plan([(spec, load_spec(spec))], place)
@@ -85,39 +81,42 @@ def experiment(spec: str, *, store: Store = None, dry_run: DryRun = False) -> No
 
 
 def campaign(
-    spec: str, *, request: Campaign = _MANY, dry_run: DryRun = False, json: Json = None
+    spec: str,
+    /,
+    *,
+    request: Campaign = _DEFAULT_CAMPAIGN,
+    dry_run: DryRun = False,
+    json: Json = None,
 ) -> None:
-    """Run many experiments on the simulated arm, over all cores.
+    """Run many experiments on the simulated arm, on all cores.
 
     ```
     modelgap campaign CAMPAIGN.toml --dry-run
     modelgap campaign CAMPAIGN.toml
-    modelgap campaign CAMPAIGN.toml --runner dask://127.0.0.1:8786
     ```
 
-    A campaign is a SPEC.toml with [grid], lists of which every combination is run, or
-    [random], of which a number is drawn. Interrupted, the same command completes it;
-    an experiment that fails is reported, and the others go on.
+    A campaign is a SPEC.toml with [grid], every combination of some lists, or [random],
+    a number of random draws. The same command completes an interrupted campaign. An
+    experiment that fails is reported and stops no other.
 
     Args:
         spec: The campaign file.
     """
     out = Outputs({"--json": json}, [Path(spec)])
     place, console = store_folder(request.store), out.console
-    where = chosen_runner(request.runner, request.trust_network)
     planned = steps.plan(load_campaign(spec), place, Path(spec).stem)
     refused = _list(planned, console, True) if dry_run else {}
     failing = len(refused)
     missing = sum(not p.stored for p in planned)
-    known = f"{missing} to run, {len(planned) - missing} in {shown(place)}"
-    say(console, f"{known}; {failing} will fail" if failing else known)
+    count_text = f"{missing} to run, {len(planned) - missing} in {shown(place)}"
+    say(console, f"{count_text}; {failing} will fail" if failing else count_text)
     if dry_run:
         summary = campaigns.Summary(tuple(planned), refused)
         out.write(document=lambda: campaigns.document(summary, done=False))
         out.finish()
         return
-    with executor_of(where, missing) as executor, progress_bar() as bar:
-        summary = campaigns.run_all(planned, place, bar, executor)
+    with progress_bar() as bar:
+        summary = campaigns.run_all(planned, place, bar)
     out.write(document=lambda: campaigns.document(summary))
     say(console, *(f"failed: {why}" for why in summary.failed.values()))
     failed = len(summary.failed)
@@ -147,80 +146,57 @@ def _list(
 
 def validate(
     *runs: Annotated[str, Parameter(name="RUN")],
-    request: Validate = _PLAIN,
+    request: Validate = _DEFAULT,
     where: Where = None,
-    model: Model = None,
-    calibration: Id = None,
-    seeds: Number = 1,
     report: File = None,
 ) -> None:
-    """Try a model on runs of the store, without fitting anything.
+    """Validate a model on stored runs, without a fit.
 
     ```
     modelgap validate 3f2a
     modelgap validate 3f2a --window 0.1
-    modelgap validate 3f2a 77c0 --model 8904 --seeds 5
-    modelgap validate 3f2a 77c0 --calibration tables/corrected.json
+    modelgap validate 3f2a 77c0 --model 8904
     ```
 
-    Open loop: under the logged torque alone, window by window, how far does the nominal
-    model stray from what was measured? Feed-forward, on simulated runs: driven by the
-    model's torque, how well does the arm track its reference, and how well when driven
-    by its own? Root mean square per joint; the store keeps it. And both ways, of every
-    model that is known (nominal, identified, augmented, adopted, true): torque from
-    motion, acceleration from torque, and a mass matrix that is positive everywhere.
+    Open loop: deviation of the nominal model from the measured motion under the logged
+    torque, per window. Feed-forward, on simulated runs: tracking error with the torque
+    of the model and with that of the arm itself. Of every model: torque from motion,
+    acceleration from torque, and a positive mass matrix. Errors are root mean squares
+    per joint, and are stored.
 
-    With a model that was adopted, with --model or with --calibration, the simulated arm
-    of the runs is then driven along unseen motions: of each family of the runs, with
-    seeds of their own. The nominal model, that one and the true one each drive it once,
-    the torque of the whole model fed forward: by how much, joint by joint, does the arm
-    miss its reference before and after?
+    With a model that was adopted, or with --model, the simulated arm of a run is also
+    driven along the reference of the run, once by the torque of each model: by how
+    much, joint by joint, does it miss the reference before and after? Take runs that no
+    model was fitted to.
 
     Args:
-        runs: Ids of runs; the beginning is enough. With a model, of one robot.
-        model: Id of a diagnosis, a model or a calibration (its look-up tables) to drive
-            with; "nominal" for none. Without it the one that the robot has
-            (modelgap models).
-        calibration: Id of a calibration, or corrected.json of calibrate --export: its
-            tables, on the model that they correct, drive too.
-        seeds: With a model: how many unseen motions of each family to drive.
+        runs: Ids of runs; the beginning is enough.
         report: HTML page to write.
     """
     out, place = Outputs({"--report": report}), store_folder(request.store)
-    console, found, done = out.console, {}, None
-    check_between("--seeds", seeds, 1, 1000)
+    console, found = out.console, {}
     runs = (*runs, *queried(request.store, where))
     if not runs:
         raise InputError("No run to validate on. Name it: modelgap validate RUN")
-    choice = chosen_to_drive(place, runs[0], model)
-    say(console, *choice.lines)
-    tables = None if calibration is None else calibration_of(place, calibration)
-    request = replace(request, store=place, model=choice.diagnosis, calibration=tables)
     for run in runs:
-        id, made = trial.validate(replace(request, run=run))
+        id, made = trial.validate(replace(request, run=run, store=place))
         found[run] = made
         stored = f"stored in {shown(place)}: modelgap show {id}"
         told = experiments.meaning(made)
         figures = experiments.validation(made), experiments.both_ways(made)
         show(console, *figures, told, *made.notes, stored)
-    if choice.diagnosis or tables:
-        with progress_bar() as bar:
-            id, done = trial.drive_unseen(request, runs, seeds, bar) or (None, None)
-    if done:
-        stored = f"stored in {shown(place)}: modelgap show {id}"
-        show(console, *experiments.tracking(done), stored)
-    out.write({"--report": lambda: experiments.validation_page(found, done)})
+    out.write({"--report": lambda: experiments.validation_page(found)})
     out.finish()
 
 
 @dataclass(frozen=True, slots=True)
 class Trajectory(OfRobot):
-    """Which motion is planned.
+    """Plan a motion.
 
     Attributes:
         duration: Length in seconds, up to 600.
-        periods: How often the motion is repeated within it.
-        seed: Seed of what is drawn: starts of the search, work piece, places.
+        periods: Number of repetitions within the duration.
+        seed: Seed of the motion.
         rate: Samples per second of the CSV.
     """
 
@@ -231,22 +207,23 @@ class Trajectory(OfRobot):
     rate: Hertz = 250.0
 
 
-_MOTION = Trajectory()
+_DEFAULT_MOTION = Trajectory()
 
 
 def trajectory(
     kind: str,
+    /,
     *,
-    request: Trajectory = _MOTION,
+    request: Trajectory = _DEFAULT_MOTION,
     csv: File = None,
     plot: File = None,
     gif: File = None,
 ) -> None:
     """Plan a motion within the limits of a robot.
 
-    Prints how much of each limit it uses and how well it excites the parameters of
-    the model. Range, speed, acceleration, torque of the nominal model, the floor and
-    the arm itself are respected between the samples too.
+    Prints the use of each limit and the excitation of the model parameters. The motion
+    respects range, speed, acceleration, torque of the nominal model, the floor and
+    self-collision, also between the samples.
 
     ```
     modelgap trajectory fourier --gif arm.gif
@@ -256,10 +233,10 @@ def trajectory(
     Args:
         kind: fourier (optimised excitation), cyclic (spray painting), welding (seams
             with air moves) or move_stop_move (pick and place with dwells).
-        csv: File for a controller: t (s), q1... (rad), qd1... (rad/s), qdd1...
+        csv: CSV file for a controller: t (s), q1... (rad), qd1... (rad/s), qdd1...
             (rad/s^2).
-        plot: PNG of the curves to write.
-        gif: GIF of the moving arm to write.
+        plot: PNG file for the curves.
+        gif: GIF file of the moving arm.
     """
     files, rate = {"--csv": csv, "--plot": plot, "--gif": gif}, request.rate
     out = Outputs(files, read_files([request.robot]))

@@ -57,55 +57,40 @@ class LogSets:
 
         Logs that were read alike are one line.
         """
-        use = [_use(self.fit, self.baseline, self.held_out)] if self.each else []
         notes = [f"{self.robot.name}: {note}" for note in self.robot.notes]
-        return (*use, *notes, *in_short(self.each))
+        if not self.each:
+            return tuple(notes)
+        sets = {"fit": self.fit, "baseline": self.baseline, "held out": self.held_out}
+        use = " | ".join(
+            f"{name}: {' '.join(log.id for log in logs) or '–'}"
+            for name, logs in sets.items()
+        )
+        return (use, *notes, *in_short(self.each))
 
 
 _NAMED = 8  # logs of a line; a campaign has thousands
 
 
 def in_short(lines: Sequence[str]) -> tuple[str, ...]:
-    """Return one line for logs that were read alike, of others what differs.
+    """Return one line for all logs that were read alike.
 
     Args:
         lines: Of each log: "id: size, size; what was read; what was done; ...".
     """
-    groups: dict[tuple[str, ...], list[str]] = {}
+    groups: dict[str, list[tuple[str, str]]] = {}
     for line in lines:
-        about, *parts = line.split("; ")
-        groups.setdefault(tuple(parts), []).append(about)
-    first, out = next(iter(groups), ()), []
-    for parts, abouts in groups.items():
-        new = [part for part in parts if part not in first]
-        # What is neither the same nor said in its place, such as another unit of q.
-        kinds = {part.partition(" ")[0] for part in new}
-        gone = [p for p in first if p not in parts and p.partition(" ")[0] not in kinds]
-        if out and len(new) + len(gone) < len(parts):
-            name = groups[first][0].partition(": ")[0]
-            new = [f"else as {name}", *new, *(f"without: {part}" for part in gone)]
-        else:
-            new = list(parts)
-        out.append("; ".join([_sizes(abouts), *new]))
+        about, _, rest = line.partition("; ")
+        name, _, size = about.partition(": ")
+        groups.setdefault(rest, []).append((name, size))
+    out = []
+    for rest, logs in groups.items():
+        same = len({size for _, size in logs}) == 1
+        names = [name if same else f"{name} ({size})" for name, size in logs]
+        text = ", ".join(names[:_NAMED])
+        text += f" and {len(names) - _NAMED} more" if len(names) > _NAMED else ""
+        text += f": {logs[0][1]}" if same else ""
+        out.append(f"{text}; {rest}" if rest else text)
     return tuple(out)
-
-
-def _sizes(abouts: Sequence[str]) -> str:
-    """Return names and sizes of logs; what all have in common once."""
-    named = [about.partition(": ") for about in abouts]
-    sizes = [size.split(", ") for _, _, size in named]
-    same = [set(column) for column in zip(*sizes, strict=False)]
-    common = [next(iter(each)) for each in same if len(each) == 1]
-    if len({len(size) for size in sizes}) > 1:
-        common = []
-    listed = []
-    for (name, _, _), size in zip(named[:_NAMED], sizes, strict=False):
-        own = ", ".join(part for part in size if part not in common)
-        listed.append(f"{name} ({own})" if own and len(named) > 1 else name)
-    more = len(named) - len(listed)
-    names = ", ".join(listed) + (f" and {more} more" if more else "")
-    shown = ", ".join(common)
-    return f"{names}: {shown}" if shown else names
 
 
 def read_sets(
@@ -134,8 +119,16 @@ def read_sets(
     lines, warnings, runs, doubts = [], [], {}, []
     for word in words:
         if is_run(word):
-            log, id, line = _read_run(word, robot, place)
-            runs[log.id] = id
+            run = read_run(place, word)
+            if run.dof != robot.dof:
+                raise InputError(
+                    f"Run {run.id} has {run.dof} joints, {robot.name} has {robot.dof}. "
+                    "Give the run's own robot with --robot."
+                )
+            log = replace(run, id=run.id[:8])
+            runs[log.id] = run.id
+            size = f"{len(log.t)} samples, {log.duration:.2f} s"
+            line = f"{run.id}: run of {log.robot}, {size}"
         else:
             with offer_map(word, called):
                 log, told = read(word, robot, known, next(labels))
@@ -147,8 +140,8 @@ def read_sets(
     check_distinct(logs)
     rest = iter(logs)
     parts = [tuple(next(rest) for _ in part) for part in sets]
-    told = (tuple(lines), tuple(warnings), runs)
-    return LogSets(robot, *parts, *told, known, tuple(doubts))
+    about = (tuple(lines), tuple(warnings), runs, known, tuple(doubts))
+    return LogSets(robot, *parts, *about)
 
 
 @contextmanager
@@ -171,8 +164,7 @@ def read_logs(request: Request, purpose: str, robot: Robot | None = None) -> Log
         robot: Their robot; None for the one that the request names.
     """
     held_out = getattr(request, "held_out", ())
-    words = (*request.logs, *held_out)
-    robot = robot or load_of(request.robot, words, request.store)
+    robot = robot or load_for(request)
     check_declared(getattr(request, "declared", None))
     need_logs(request.logs, purpose, request.command)
     sets = (request.logs, getattr(request, "baseline", ()), held_out)
@@ -223,24 +215,6 @@ def queried(store: str | Path | None, where: str | None) -> tuple[str, ...]:
 def is_run(word: str) -> bool:
     """Whether a word can only be the id of a run: no such file, and only hex digits."""
     return not Path(word).exists() and not set(word) - set("0123456789abcdef")
-
-
-def _use(*sets: tuple[Recording, ...]) -> str:
-    """Return one line that says which log is used as what."""
-    names = ("fit", "baseline", "held out")
-    parts = (" ".join(log.id for log in logs) or "–" for logs in sets)
-    return " | ".join(f"{n}: {p}" for n, p in zip(names, parts, strict=True))
-
-
-def _read_run(word: str, robot: Robot, store: Path) -> tuple[Recording, str, str]:
-    log = read_run(store, word)
-    if log.dof != robot.dof:
-        raise InputError(
-            f"Run {log.id} has {log.dof} joints, {robot.name} has {robot.dof}. Give "
-            "the run's own robot with --robot."
-        )
-    line = f"{log.id}: run of {log.robot}, {len(log.t)} samples, {log.duration:.2f} s"
-    return replace(log, id=log.id[:8]), log.id, line
 
 
 # Robots by name or file; a rerun may say that another file stands for one of them.
@@ -318,6 +292,12 @@ def robot_of(runs: Sequence[str], store: Path) -> str:
     return manifest.get("robot") or manifest["spec"]["robot"]["name"]
 
 
+def load_for(request: Request) -> Robot:
+    """Load the robot of a request with logs, as `load_of` does."""
+    logs = (*request.logs, *getattr(request, "held_out", ()))
+    return load_of(request.robot, logs, request.store)
+
+
 def load_of(word: str, runs: Sequence[str], store: str | Path | None) -> Robot:
     """Load the robot of some runs, with the serial number that they were stored with.
 
@@ -329,11 +309,22 @@ def load_of(word: str, runs: Sequence[str], store: str | Path | None) -> Robot:
         InputError: If the runs are of arms with different serial numbers, or of another
             one than robot.toml says; or there is no such run.
     """
-    ids, files = [r for r in runs if is_run(r)], [r for r in runs if not is_run(r)]
-    named = [*filter(None, map(_logged, files)), *_chains_of(ids, store)]
-    robot = _of_names(word, list(dict.fromkeys(named)))
-    for run in ids:
-        serial = serial_of(run, store)
+    place = store_folder(store)
+    manifests = {run: read_manifest(place, run) for run in runs if is_run(run)}
+    named = [names for run in runs if not is_run(run) and (names := _logged(run))]
+    hashes = {m.get("robot_hash") for m in manifests.values()} - {None}
+    robot = None
+    if not named:
+        # Where it may be of several chains, the robots of the runs say which.
+        with suppress(*([InputError] if hashes else [])):
+            robot = _of_names(word, ())
+    if robot is None or hashes - {robot.content_hash}:
+        for hash in hashes:
+            with suppress(InputError):  # of one that was not kept the word says all
+                named.append(load(robot_of_hash(place, hash)).joints)
+        robot = _of_names(word, list(dict.fromkeys(named)))
+    for run, manifest in manifests.items():
+        serial = manifest.get("serial")
         if serial is not None and robot.serial not in (None, serial):
             raise InputError(
                 f"Run {run} is of {robot.name} {serial}, expected one of {robot.name} "
@@ -341,15 +332,6 @@ def load_of(word: str, runs: Sequence[str], store: str | Path | None) -> Robot:
             )
         robot = with_serial(robot, serial)
     return robot
-
-
-def _chains_of(ids: Sequence[str], store: str | Path | None) -> list[tuple[str, ...]]:
-    """Names of the joints of the robots that runs were stored with."""
-    place, out = store_folder(store), []
-    for hash in {read_manifest(place, run).get("robot_hash") for run in ids} - {None}:
-        with suppress(InputError):  # of one that was not kept the word says all
-            out.append(load(robot_of_hash(place, hash)).joints)
-    return out
 
 
 def serial_of(run: str, store: str | Path | None) -> str | None:

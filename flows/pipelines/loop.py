@@ -16,7 +16,7 @@ from flows.report.index import write_index
 from flows.report.models import adoption_lines, proposal_markdown, proposal_page
 from flows.report.page import made_of
 from flows.settings import store_folder
-from flows.steps.adopt import Adopt, judge, keep_proposal, known_already, proposal_of
+from flows.steps.adopt import Adopt, Proposal, judge, keep_proposal, known_already
 from flows.steps.adopt import adopt as give
 from flows.steps.models import in_force
 from flows.storage.diagnosis import read_verdict
@@ -35,33 +35,36 @@ def model_in_force(runs: dict, store: str) -> str | None:
 def adopt_or_propose(diagnosis: str, store: str, auto: bool) -> str | None:
     """Adopt what a night found, or propose it; returns the adoption or the page."""
     place, log = Path(store), get_run_logger()
-    judged = judge(place, diagnosis)
-    if judged.doubts:
+    judgment = judge(place, diagnosis)
+    if judgment.doubts:
         # What was found and may not be adopted is to be seen in the morning.
         say = log.warning if read_verdict(place, diagnosis).effects else log.info
-        say(f"nothing to propose: {'; '.join(judged.doubts)}")
+        say(f"nothing to propose: {'; '.join(judgment.doubts)}")
         return None
     if auto:
         return _adopt(diagnosis, place, "found by a night, adopted by itself")
-    proposal = proposal_of(place, judged)
+    proposal = Proposal(judgment, read_verdict(place, judgment.diagnosis))
     before = known_already(place, proposal)
     if before:
         log.info(f"proposed already: modelgap show {before}")
         return None
-    made = made_of(place, diagnosis)
-    page = keep_proposal(place, proposal, proposal_page(proposal, made).encode())
+    sources = made_of(place, diagnosis)
+    page = keep_proposal(place, proposal, proposal_page(proposal, sources).encode())
     write_index(place)
     about = f"a new model waits for a decision: diagnosis {diagnosis}"
     text = proposal_markdown(proposal)
-    artifacts.linked("proposal", page, text, "Side by side", about)
-    artifacts.tell(PROPOSED, {"diagnosis": diagnosis})
+    artifacts.publish_link("proposal", page, text, "Side by side", about)
+    artifacts.send_event(PROPOSED, {"diagnosis": diagnosis})
     return str(page)
 
 
 def question(diagnosis: str, store: str) -> str:
     """Return a proposal as text, two models side by side; what the gate says now."""
     place = Path(store)
-    return proposal_markdown(proposal_of(place, judge(place, diagnosis)))
+    judgment = judge(place, diagnosis)
+    return proposal_markdown(
+        Proposal(judgment, read_verdict(place, judgment.diagnosis))
+    )
 
 
 @task(name="adopt", task_run_name="adopt {diagnosis}", tags=["analysis"])
@@ -71,16 +74,16 @@ def adopt(diagnosis: str, store: str, note: str) -> str | None:
         return _adopt(diagnosis, Path(store), note)
     except InputError as error:
         get_run_logger().warning(str(error))
-        artifacts.record("adoption", (), str(error))
+        artifacts.publish("adoption", (), [str(error)])
         return None
 
 
 def _adopt(diagnosis: str, store: Path, note: str) -> str:
-    number, judged = give(Adopt(diagnosis, note, store=store))
-    lines = adoption_lines(number, judged)
+    number, judgment = give(Adopt(diagnosis, note, store=store))
+    lines = adoption_lines(number, judgment)
     for line in lines:
         get_run_logger().info(line)
-    artifacts.record("adoption", (diagnosis,), "\n\n".join(lines))
+    artifacts.publish("adoption", (diagnosis,), lines)
     return number
 
 
@@ -100,16 +103,15 @@ def propose(diagnosis: str, store: str | None = None) -> str | None:
 
     Args:
         diagnosis: Its id.
-        store: Folder of the store; else $MODELGAP_STORE, else ./store.
 
     Returns:
         The number of the adoption, None where the answer was no.
     """
     place = str(store_folder(store))
-    asked = Answer.with_initial_data(
+    question_form = Answer.with_initial_data(
         description=question(diagnosis, place), adopt=False, note=""
     )
-    answer = suspend_flow_run(wait_for_input=asked, timeout=None, key="adopt")
+    answer = suspend_flow_run(wait_for_input=question_form, timeout=None, key="adopt")
     if not answer.adopt:
         get_run_logger().info("not adopted: that was the answer")
         return None

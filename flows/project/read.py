@@ -4,8 +4,6 @@ Paths stand beside it.
 """
 
 import re
-import shutil
-from collections.abc import Sequence
 from dataclasses import dataclass
 from datetime import datetime
 from functools import partial
@@ -26,12 +24,11 @@ from residual.robot.robot import Robot, built_in_robots, with_serial
 from residual.robot.word import split_word
 from warehouse.bucket import is_address
 from warehouse.logs import ColumnMap, load_columns
-from warehouse.toml import faults, read_toml
+from warehouse.toml import checked, read_toml
 
 _TABLE = ConfigDict(extra="forbid")
 _WORD = re.compile(r"[\w.-]+(=[^\x00-\x1f]{0,60})?")
 _ANY = datetime(2026, 1, 1)  # a start is needed to parse, and any will do
-NOTICES = ("alarm", "finding", "refused", "failed")
 
 
 def _cron(text: str) -> str:
@@ -106,18 +103,6 @@ class InboxTable:
 
 
 @tables.dataclass(frozen=True, slots=True, config=_TABLE)
-class NotifyTable:
-    """Who is told of what happens."""
-
-    # What is told.
-    on: tuple[Literal["alarm", "finding", "refused", "failed"], ...] = NOTICES
-    # A program and its arguments, each a text of its own; () for none.
-    command: tuple[str, ...] = ()
-    # How long the program may take [s].
-    timeout: Annotated[float, Field(gt=0, le=3600, allow_inf_nan=False)] = 30.0
-
-
-@tables.dataclass(frozen=True, slots=True, config=_TABLE)
 class ProjectTable:
     """The content of a modelgap.toml."""
 
@@ -129,7 +114,6 @@ class ProjectTable:
     poll: Cron = "*/5 * * * *"  # when the inboxes are looked into, in cron
     robot: tuple[RobotTable, ...] = ()
     inbox: tuple[InboxTable, ...] = ()
-    notify: NotifyTable = NotifyTable()  # who is told of what happens
 
     @model_validator(mode="after")
     def _check(self) -> "ProjectTable":
@@ -163,11 +147,6 @@ class Project:
         word = self.table.store
         return store_folder(word) if is_address(word) else self.path(word)
 
-    @property
-    def notify(self) -> NotifyTable:
-        """Who is told of what happens."""
-        return self.table.notify
-
     def path(self, name: str) -> Path:
         """Return what the file means by a path: one from its own folder."""
         return (self.folder / name).resolve()
@@ -182,8 +161,8 @@ class Project:
 
     def word(self, robot: RobotTable) -> str:
         """Return what --robot takes for a robot."""
-        known = robot.urdf in built_in_robots()
-        return robot.urdf if known else str(self.path(robot.urdf))
+        is_built_in = robot.urdf in built_in_robots()
+        return robot.urdf if is_built_in else str(self.path(robot.urdf))
 
     def arm(self, robot: RobotTable) -> Robot:
         """Load a robot, with its serial number."""
@@ -215,13 +194,7 @@ def read_project(folder: str | Path) -> Project:
         raise InputError(
             f"No {PROJECT} in {file.parent}. Write one with modelgap init."
         )
-    content = read_toml(file)
-    lines = file.read_text(encoding="utf-8").splitlines()
-    for words, place in faults(ProjectTable, content):
-        line = _line(lines, place)
-        where = f"{PROJECT}, line {line}" if line else PROJECT
-        raise InputError(f"{where}: {words}")
-    project = Project(file.parent, ProjectTable(**content))
+    project = Project(file.parent, checked(ProjectTable, read_toml(file), PROJECT))
     for robot in project.table.robot:
         project.arm(robot)
         if robot.simulated:
@@ -239,26 +212,6 @@ def project_here(store: Path) -> Project | None:
     return project if project.store == store else None
 
 
-def _line(lines: Sequence[str], place: Sequence[str | int]) -> int | None:
-    """Return the line, from 1, in which a key stands, or the head of its table."""
-    if not place:
-        return None
-    index = place[1] if len(place) > 1 and isinstance(place[1], int) else 0
-    key = next((word for word in reversed(place) if isinstance(word, str)), "")
-    head, count, found = "", -1, None
-    for number, line in enumerate(lines, 1):
-        if match := re.match(r"\s*\[\[?([\w.-]+)\]", line):
-            head = match[1]
-            count += head == place[0]
-            if (head, count) == (place[0], index):
-                found = number
-        elif re.match(rf"\s*{re.escape(key)}\s*=", line) and (
-            (head == "" and len(place) == 1) or (head, count) == (place[0], index)
-        ):
-            return number
-    return found
-
-
 # A new project: its modelgap.toml with every option, and its inbox.
 
 
@@ -274,8 +227,8 @@ def start(
 
     Args:
         folder: Where it is made.
-        robot: URDF file, folder or built-in name of its first robot, whose files are
-            copied into the folder; None for the built-in IRB140, simulated.
+        robot: File, folder or built-in name of its first robot; None for the built-in
+            IRB140, simulated.
     """
     folder = Path(folder).resolve()
     file = folder / PROJECT
@@ -287,8 +240,7 @@ def start(
     word = robot or "irb140"
     name = load(word).name
     folder.mkdir(parents=True, exist_ok=True)
-    urdf = _beside(folder, word, name)
-    text = _filled(name, urdf, simulated or robot is None)
+    text = _filled(name, _path_from(folder, word), simulated or robot is None)
     write_all({file: text})
     project = read_project(folder)
     for inbox in project.table.inbox:
@@ -296,24 +248,14 @@ def start(
     return project
 
 
-def _beside(folder: Path, word: str, name: str) -> str:
-    """Return what the file shall say of a robot, its description in the folder."""
+def _path_from(folder: Path, word: str) -> str:
+    """Return a robot word for the file: a path from its folder where it is inside."""
     if word in built_in_robots():
         return word
     place, _ = split_word(word)
-    path, how = Path(place).resolve(), word.removeprefix(place)
-    if path.is_relative_to(folder):
-        inside = path.relative_to(folder).as_posix() if path != folder else "."
-        return f"{inside}{how}"
-    if path.is_file():
-        shutil.copyfile(path, folder / path.name)
-        return f"{path.name}{how}"
-    kept = folder / name
-    kept.mkdir(exist_ok=True)
-    for file in (*path.glob("*.urdf"), path / "robot.toml"):
-        if file.is_file():
-            shutil.copyfile(file, kept / file.name)
-    return f"{name}{how}"
+    path, options = Path(place).resolve(), word.removeprefix(place)
+    inside = path.is_relative_to(folder)
+    return f"{path.relative_to(folder).as_posix() if inside else path}{options}"
 
 
 def _filled(name: str, urdf: str, simulated: bool) -> str:

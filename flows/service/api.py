@@ -72,13 +72,6 @@ def answers(url: str, wait: float = 10.0) -> bool:
         return False
 
 
-def opening_address(ui: str, key: str) -> str:
-    """Return the address at which a browser gets the key: once, and not for long."""
-    with Api(f"{ui}/open", key).client() as client:
-        ticket = client.request("POST", "/ticket", json={}).json()["ticket"]
-    return f"{ui}/open#{ticket}"
-
-
 def open_pool(client: SyncPrefectClient, most: int, paused: bool = False) -> None:
     """Make the work pool if it is not there, and let it give out work or not.
 
@@ -117,7 +110,7 @@ def deployments(client: SyncPrefectClient) -> list[Mapping]:
         limit=_AT_ONCE,
     ):
         due.setdefault(run.deployment_id, run.expected_start_time)
-    found = [
+    rows = [
         {
             "name": f"{flows.get(each.flow_id, '?')}/{each.name}",
             "paused": each.paused,
@@ -126,7 +119,7 @@ def deployments(client: SyncPrefectClient) -> list[Mapping]:
         }
         for each in client.read_deployments()
     ]
-    return sorted(found, key=lambda d: d["name"])
+    return sorted(rows, key=lambda d: d["name"])
 
 
 def keep_deployments(client: SyncPrefectClient, deployed: Sequence[Mapping]) -> None:
@@ -137,30 +130,20 @@ def keep_deployments(client: SyncPrefectClient, deployed: Sequence[Mapping]) -> 
             client.delete_deployment(each.id)
 
 
-def but_inbox(client: SyncPrefectClient) -> FlowFilter:
-    """Return a filter of flows: all but the one that looks into inboxes.
+def last_runs(client: SyncPrefectClient, most: int = 10) -> list[Mapping]:
+    """Return the latest flow runs that have begun, latest first.
 
-    It does so every few minutes; among its runs those of the night would not be seen.
+    Runs of the flow that looks into the inboxes are left out: there are too many.
     """
     names = {flow.name for flow in client.read_flows()}
-    return FlowFilter(name={"any_": sorted(names - {INBOX})})
-
-
-def last_runs(client: SyncPrefectClient, most: int = 10) -> list[Mapping]:
-    """Return the latest flow runs that have begun or ended, latest first.
-
-    Starts that were cancelled, as one that comes while another runs is, have no result:
-    they stand after all others, and only where there is room.
-    """
-    flows, found = but_inbox(client), []
-    for types in ({"not_any_": ["SCHEDULED", "CANCELLED"]}, {"any_": ["CANCELLED"]}):
-        if len(found) < most:
-            found += client.read_flow_runs(
-                flow_filter=flows,
-                flow_run_filter=FlowRunFilter(state={"type": types}),
-                sort=FlowRunSort.START_TIME_DESC,
-                limit=most - len(found),
-            )
+    runs = client.read_flow_runs(
+        flow_filter=FlowFilter(name={"any_": sorted(names - {INBOX})}),
+        flow_run_filter=FlowRunFilter(
+            state={"type": {"not_any_": ["SCHEDULED", "CANCELLED"]}}
+        ),
+        sort=FlowRunSort.START_TIME_DESC,
+        limit=most,
+    )
     return [
         {
             "id": str(run.id),
@@ -171,17 +154,8 @@ def last_runs(client: SyncPrefectClient, most: int = 10) -> list[Mapping]:
             "state": run.state_name,
             "message": run.state.message if run.state else None,
         }
-        for run in found
+        for run in runs
     ]
-
-
-def start_flow(client: SyncPrefectClient, deployment: str) -> None:
-    """Start a deployment now, beside its schedule; a worker takes it in its turn."""
-    known = client.read_deployment_by_name(deployment)
-    client.create_flow_run_from_deployment(known.id)
-
-
-# Whether what runs for a store is well.
 
 
 @dataclass(frozen=True, slots=True)

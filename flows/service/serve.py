@@ -5,7 +5,7 @@ from prefect.settings import get_current_settings
 from starlette.types import ASGIApp
 
 from flows.service.guard import Guard, rules_for
-from flows.service.pages import Tickets, with_entry, with_pages, with_policies
+from flows.service.pages import with_pages, with_policies
 from flows.settings import store_folder
 from residual.errors import RunError
 
@@ -23,6 +23,5 @@ def app() -> ASGIApp:
     if key is None or not key.get_secret_value():
         raise RunError("The server was given no key. Start it by modelgap up.")
     rules = rules_for(host, port, key.get_secret_value())
-    served = with_entry(create_app(final=True), rules, Tickets())
-    served = with_pages(served, rules, store_folder(), Tickets())
+    served = with_pages(create_app(final=True), rules, store_folder())
     return Guard(with_policies(served), rules)

@@ -46,13 +46,13 @@ class Judged:
     model: Model
     # The adoption that the robot has, with its number; None for none.
     parent: tuple[str, Adoption] | None
-    worth: AdoptionCheck | None  # on held-out motion; None where there is none
+    check: AdoptionCheck | None  # on held-out motion; None without held-out logs
     # Why it should not be adopted; empty for a model that may.
     doubts: tuple[str, ...] = ()
 
     def as_record(self) -> dict:
         """Return what the gate saw as JSON can hold it."""
-        seen = asdict(self.worth) if self.worth else {}
+        seen = asdict(self.check) if self.check else {}
         seen.pop("doubts", None)
         return {"held_out": seen, "doubts": list(self.doubts)}
 
@@ -70,19 +70,22 @@ def judge(store: Path, word: str) -> Judged:
     id = diagnosis_of(store, word)
     verdict, model = read_verdict(store, id), read_known(store, id)
     parent = adopted(store, model.robot.name, model.robot.serial)
-    doubts, seen = _of_verdict(verdict), None
-    runs = _held_out(store, id)
+    doubts, seen, record = _of_verdict(verdict), None, read_record(store, id)
+    runs = record["request"].get("held_out")
     if not runs:
         doubts.append("no run was held out; diagnose with --holdout RUN")
     else:
-        before = _before(store, id, parent[1] if parent else None)
+        if parent and parent[1].diagnosis_id:
+            before = read_known(store, parent[1].diagnosis_id)
+        else:
+            before = read_models(store, id)["nominal"]
         seen = check_adoption(model, before, [read_run(store, run) for run in runs])
         doubts += seen.doubts
-    record = read_record(store, id)
     return Judged(id, record["model_id"], model, parent, seen, tuple(doubts))
 
 
 def _of_verdict(verdict: Verdict) -> list[str]:
+    """What of a verdict speaks against its model."""
     out = []
     if not verdict.trusted:
         out.append("a fault of its logs is certain")
@@ -92,12 +95,7 @@ def _of_verdict(verdict: Verdict) -> list[str]:
         out.append("it names nothing that the model lacks")
     if verdict.error.same_run:
         out.append("its proof is the end of a log that was fitted")
-    return [*out, *_of_edit(verdict)]
-
-
-def _of_edit(verdict: Verdict) -> list[str]:
-    """What the edit test says: without its effects a model is that of the baseline."""
-    out = []
+    # The edit test: without its effects a model is that of the baseline.
     for one in verdict.edit or ():
         if None in (one.error, one.kept, one.reference):
             continue
@@ -108,16 +106,6 @@ def _of_edit(verdict: Verdict) -> list[str]:
                 f"model {one.reference:.3g} %: the edit test is not passed"
             )
     return out
-
-
-def _held_out(store: Path, diagnosis: str) -> tuple[str, ...]:
-    return tuple(read_record(store, diagnosis)["request"].get("held_out") or ())
-
-
-def _before(store: Path, diagnosis: str, known: Adoption | None) -> Model:
-    if known and known.diagnosis_id:
-        return read_known(store, known.diagnosis_id)
-    return read_models(store, diagnosis)["nominal"]
 
 
 @dataclass(frozen=True, slots=True)
@@ -168,8 +156,8 @@ def adopt(request: Adopt) -> tuple[str, Judged]:
         parent=parent[0] if parent else None,
         who=_user(),
         note=request.note,
-        before=judged.worth.before if judged.worth else None,
-        after=judged.worth.after if judged.worth else None,
+        before=judged.check.before if judged.check else None,
+        after=judged.check.after if judged.check else None,
         evidence=judged.as_record(),
     )
     return commit_adoption(store, made), judged
@@ -188,7 +176,16 @@ def roll_back(
     last = adopted(place, robot, serial)
     if last is None or last[1].model_id is None:
         raise InputError(f"{robot} has its nominal model: nothing to go back from.")
-    before = _gone_back_to(place, robot, serial)
+    # The version under the one in force: what was rolled back is off the pile.
+    pile: list[Adoption | None] = [None]
+    for _, each, _ in list_adoptions(place):
+        if (each.robot, each.serial) != (robot, serial):
+            continue
+        if each.action == ROLLED_BACK:
+            pile.pop()
+        else:
+            pile.append(each)
+    before = pile[-2]
     made = Adoption(
         robot=robot,
         serial=serial,
@@ -221,31 +218,25 @@ def list_adoptions(
         word: A robot, or its name, to list alone; None for all.
     """
     place = store_folder(store)
-    keys = None if word is None else _named(place, word)
+    keys = None if word is None else _robots(place, word)
     out = []
     for id in list_folders(place, ADOPTIONS):
         made = read_adoption(place, id)
         if keys is None or (made.robot, made.serial) in keys:
-            out.append(Listed(id, made, _created(place, id)))
+            path = record_folder(place, ADOPTIONS, id) / KINDS[ADOPTIONS].row
+            created = read_parquet(path, ["created"]).column("created")[0].as_py()
+            out.append(Listed(id, made, f"{created:%Y-%m-%d %H:%M}"))
     return out
 
 
-def _gone_back_to(store: Path, robot: str, serial: str | None) -> Adoption | None:
-    """The version under the one in force: what was rolled back is off the pile."""
-    pile: list[Adoption] = []
-    for _, made, _ in list_adoptions(store):
-        if (made.robot, made.serial) != (robot, serial):
-            continue
-        if made.action == ROLLED_BACK:
-            pile.pop()
-        else:
-            pile.append(made)
-    return pile[-2] if len(pile) > 1 else None
+def _robots(store: Path, word: str | None) -> set[tuple[str, str | None]]:
+    """Name and serial number of what a word may stand for: a name, or a robot.
 
-
-def _named(store: Path, word: str) -> set[tuple[str, str | None]]:
-    """Name and serial number that a word may stand for: a name, or a robot."""
+    Of None: of all robots with an adoption.
+    """
     keys = {(made.robot, made.serial) for _, made, _ in list_adoptions(store)}
+    if word is None:
+        return keys
     by_name = {key for key in keys if key[0] == word}
     if by_name:
         return by_name
@@ -254,10 +245,7 @@ def _named(store: Path, word: str) -> set[tuple[str, str | None]]:
 
 
 def _robot_of(store: Path, word: str | None) -> tuple[str, str | None]:
-    if word is not None:
-        keys = _named(store, word)
-    else:
-        keys = {(made.robot, made.serial) for _, made, _ in list_adoptions(store)}
+    keys = _robots(store, word)
     if len(keys) == 1:
         return keys.pop()
     if not keys:
@@ -268,20 +256,11 @@ def _robot_of(store: Path, word: str | None) -> tuple[str, str | None]:
     raise InputError(f"Several robots have adopted models: {names}. Say --robot R.")
 
 
-def _created(store: Path, id: str) -> str:
-    path = record_folder(store, ADOPTIONS, id) / KINDS[ADOPTIONS].row
-    created = read_parquet(path, ["created"]).column("created")[0].as_py()
-    return f"{created:%Y-%m-%d %H:%M}"
-
-
 def _user() -> str:
     try:
         return getuser()
     except (KeyError, OSError):  # a container may have no name for its user
         return "unknown"
-
-
-PROPOSAL = "proposal"
 
 
 @dataclass(frozen=True, eq=False, slots=True)
@@ -306,15 +285,10 @@ class Proposal:
         return {
             "robot": self.verdict.robot,
             "serial": self.judged.model.robot.serial,
-            "kind": PROPOSAL,
+            "kind": "proposal",
             "parent": parent and parent[0],
             "findings": [[e.name, *e.joints] for e in self.verdict.effects],
         }
-
-
-def proposal_of(store: Path, judged: Judged) -> Proposal:
-    """Return a model as a proposal."""
-    return Proposal(judged, read_verdict(store, judged.diagnosis))
 
 
 def known_already(store: Path, proposal: Proposal) -> str | None:

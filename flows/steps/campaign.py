@@ -13,11 +13,11 @@ from time import perf_counter
 
 from flows.outputs import Progress
 from flows.requests import Campaign
-from flows.settings import store_folder
+from flows.settings import cores, store_folder
 from flows.specs.campaign import load_campaign
 from flows.steps import experiment
 from flows.steps.experiment import Planned, plan
-from flows.workers.processes import executor_of, spread
+from flows.workers.processes import Processes, spread
 from residual.errors import InputError, RunError
 from warehouse.remote import shown
 
@@ -59,7 +59,7 @@ def run_all(
     missing = [p for p in planned if not p.stored]
     begun, failed = perf_counter(), {}
     if missing and executor is None:
-        with executor_of(None, len(missing)) as ours:
+        with Processes(min(cores(), len(missing))) as ours:
             return run_all(planned, store, tell, ours)
     # The store's name and not its folder: on another machine that is another one.
     work = partial(run_one, store=shown(store))

@@ -8,7 +8,7 @@ are stored, diagnosed from the store, and reported; only then is the seal opened
 import json
 from collections.abc import Iterator, Mapping
 from concurrent.futures import Executor
-from dataclasses import asdict, dataclass
+from dataclasses import dataclass
 from functools import cache
 from pathlib import Path
 from typing import Annotated
@@ -21,18 +21,15 @@ from flows.requests import Number, Request, Store
 from flows.settings import store_folder
 from flows.specs.experiment import ExperimentSpec, derived_seed
 from flows.steps.campaign import run_all
-from flows.steps.edit import sealed_edits
 from flows.steps.experiment import plan, plant_of
 from residual.effects import reported_joints
 from residual.errors import InputError, RunError, check_name
-from residual.quantity import plain
 from sim.draw import draw_hidden
 from sim.engine.records import (
     BACKGROUNDS,
     CLEAN,
     HIDDEN,
     BackgroundWord,
-    PlantEffect,
     stream,
 )
 from sim.plant.catalogue import kinds
@@ -107,27 +104,15 @@ def run_experiments(
     return {"fit": ids[: len(FIT)], "held_out": ids[len(FIT) :]}
 
 
-def open_seal(runs: Runs, diagnosis: str, store: Path) -> list[dict]:
-    """Return what the arm had and its model does not have.
-
-    Args:
-        diagnosis: Id of their diagnosis: the verdict is stored by now.
-
-    Returns:
-        Name, joints and parameters of each effect, as JSON can hold it; and the edit
-        test (`flows.steps.edit`) where it was named, else None.
-    """
+def open_seal(runs: Runs, store: Path) -> list[dict]:
+    """Return name, joints and parameters of each effect that the arm hid."""
     dof = load(ROBOT).dof
     plant = plant_of(stored.open_seal(store, runs["fit"][0]).spec)
-    edits = sealed_edits(runs, diagnosis, plant, store)
     return [
         {
             "name": effect.name,
             "joints": list(reported_joints(effect.name, effect.joints, dof)),
             "parameters": dict(effect.parameters),
-            "edit": next(
-                (plain(asdict(e)) for e in edits if e.name == effect.name), None
-            ),
         }
         for effect in plant.effects
     ]
@@ -136,39 +121,36 @@ def open_seal(runs: Runs, diagnosis: str, store: Path) -> list[dict]:
 def motions(seed: int, families: tuple[str, ...]) -> Iterator[tuple[str, float, dict]]:
     """Yield what each motion is called, when it begins [s], and its table."""
     for i, kind in enumerate(families):
-        own = derived_seed(seed, f"reference/{i}")
-        motion: dict = {"kind": kind, "duration": DURATION, "seed": own}
+        drawn = derived_seed(seed, f"reference/{i}")
+        motion: dict = {"kind": kind, "duration": DURATION, "seed": drawn}
         if kind == SLOW:
-            rng = stream(own, f"trajectory/{SLOW}")
+            rng = stream(drawn, f"trajectory/{SLOW}")
             slow = draw_slow(load(ROBOT), DURATION, CREEP, rng)
             motion |= {"kind": "fourier", "periods": 1, "coefficients": slow}
         yield kind, i * (DURATION + PAUSE), motion
 
 
 def _hidden_effect(request: Demo) -> list[dict]:
-    if request.effect == NOTHING:
-        return []
-    if request.effect is not None:
-        check_name(request.effect, kinds(), "effect of the plant")
-    effect = _drawn(request.seed, request.effect)
-    return [
-        {"name": effect.name, "joints": list(effect.joints), **dict(effect.parameters)}
-    ]
-
-
-def _drawn(seed: int, name: str | None) -> PlantEffect:
     """Draw what shows on the motions that are fitted.
 
     Of usual size, or where that would not show, as large as it must be. Behind the last
     seed of the table they begin again, unless the effect shows at every one.
     """
+    seed, name = request.seed, request.effect
+    if name == NOTHING:
+        return []
+    if name is not None:
+        check_name(name, kinds(), "effect of the plant")
     known = visible().get(name or "")
     if known and known["larger"]:
         seed %= known["seeds"]
         if larger := known["larger"].get(str(seed)):
             effect, joints, values = larger
-            return PlantEffect(effect, tuple(joints), tuple(sorted(values.items())))
-    return draw_hidden(load(ROBOT), stream(seed, HIDDEN), name)
+            return [{"name": effect, "joints": joints, **dict(sorted(values.items()))}]
+    effect = draw_hidden(load(ROBOT), stream(seed, HIDDEN), name)
+    return [
+        {"name": effect.name, "joints": list(effect.joints), **dict(effect.parameters)}
+    ]
 
 
 @cache

@@ -9,7 +9,7 @@ from flows.inputs.given import (
     LogSets,
     is_run,
     known_of,
-    load_of,
+    load_for,
     robot_of,
     serial_of,
 )
@@ -20,8 +20,8 @@ from flows.steps.check import as_mounted, checked
 from flows.storage import diagnosis as kept
 from residual.diagnosis import diagnose as method
 from residual.diagnosis.result import Diagnosis
-from residual.errors import InputError
-from residual.model.known import known_values
+from residual.errors import InputError, listed
+from residual.model.known_values import known_values
 from residual.recording import Recording
 from residual.robot.robot import Robot, with_known
 from residual.threads import one_blas_thread
@@ -30,16 +30,15 @@ from warehouse.runs import read_run
 _ROLES = {"fit": "logs", "held_out": "held_out", "baseline": "baseline"}
 
 
-def read_logs(request: Diagnose) -> LogSets:
-    """Read the robot and every log once."""
-    robot = _robot(request)
+def read_logs(request: Diagnose, robot: Robot | None = None) -> LogSets:
+    """Read every log once, and the robot where it is not loaded yet."""
+    robot = _robot(request, robot)
     read = given.read_logs(request, "to diagnose", robot)
     return replace(read, warnings=(*read.warnings, *_of_others(request, robot)))
 
 
-def _robot(request: Diagnose) -> Robot:
-    words = (*request.logs, *request.held_out)
-    robot = load_of(request.robot, words, request.store)
+def _robot(request: Diagnose, robot: Robot | None = None) -> Robot:
+    robot = robot or load_for(request)
     return known_robot(robot, known_of(request.known), request.baseline)
 
 
@@ -51,9 +50,9 @@ def known_robot(robot: Robot, known: Mapping[str, float], baseline: Sequence) ->
     """
     robot = with_known(robot, known)
     known_values(robot)
-    if robot.known and baseline:
+    if robot.known_values and baseline:
         raise InputError(
-            f"Known values ({', '.join(robot.known)}) are of one state of the arm, and "
+            f"Known values ({listed(robot.known_values)}) hold for one arm state; "
             "a baseline compares two. Leave out --known, and [known] of robot.toml, or "
             "the baseline."
         )

@@ -1,7 +1,7 @@
 """One experiment, step by step: spec -> reference -> plant -> store, id to id."""
 
 import io
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import asdict, dataclass, replace
 from functools import lru_cache
 from itertools import pairwise
@@ -37,9 +37,6 @@ from warehouse.layout import find
 from warehouse.provenance import plant_code_hash
 from warehouse.remote import is_there
 from warehouse.runs import keep_robot
-
-ADOPTED, FEED_FORWARD = "adopted", "feed_forward"
-Given = np.ndarray | Callable
 
 _LATER = ("background", "worked_before")
 _PLANT = TypeAdapter(PlantSpec)
@@ -79,7 +76,7 @@ def plan(
     """
     planned: dict[str, Planned] = {}
     for label, asked in specs:
-        spec = settled(asked, _robot(asked.robot), store)
+        spec = settled(asked, store)
         id = run_id_of(spec)
         if id not in planned:
             stored = is_stored(store, spec, id)
@@ -90,7 +87,7 @@ def plan(
 def run_id_of(spec: ExperimentSpec) -> str:
     """Return the id of an experiment, without running it."""
     robot = checked_robot(spec)
-    hidden = sealed_hash(sealed_half(spec))
+    hidden = sealed_hash(sealed_half(spec.plant_spec()))
     return ids.run_id(open_half(spec, robot), hidden, plant_code_hash())
 
 
@@ -106,7 +103,7 @@ def run(spec: ExperimentSpec, store: Path, campaign: str | None = None) -> str:
         InputError: If the motion breaks a limit of the arm (which joint, when, by how
             much) or the simulation diverges; nothing is stored then.
     """
-    spec = settled(spec, _robot(spec.robot), store)
+    spec = settled(spec, store)
     id = run_id_of(spec)
     if is_stored(store, spec, id):
         return id
@@ -134,7 +131,9 @@ def make(spec: ExperimentSpec, store: Path | None = None) -> Simulated:
         "timings": timings,
         "parents": {} if model == NOMINAL else {"controller": [model]},
     }
-    return Simulated(made.log, made.twin, made.truth, manifest, sealed_half(spec))
+    return Simulated(
+        made.log, made.twin, made.truth, manifest, sealed_half(spec.plant_spec())
+    )
 
 
 def keep(made: Simulated, store: Path, parents: Mapping | None = None) -> str:
@@ -176,13 +175,8 @@ def open_half(spec: ExperimentSpec, robot: Robot) -> dict:
     }
 
 
-def sealed_half(spec: ExperimentSpec) -> dict:
-    """Return what the diagnosis must find out by itself."""
-    return _sealed(spec.plant_spec())
-
-
-def _sealed(plant: PlantSpec) -> dict:
-    """Return the hidden half as it is sealed.
+def sealed_half(plant: PlantSpec) -> dict:
+    """Return what the diagnosis must find out by itself, as it is sealed.
 
     What came in later versions is left out where it says nothing, so that a seal of
     an earlier one is still the same.
@@ -204,7 +198,7 @@ def plant_of(sealed: Mapping) -> PlantSpec:
         plant = None
     # A key too many or too few would be another arm, and nobody would see it. What is
     # hidden stays hidden: the message has no values, and no error that has some.
-    whole = [] if plant is None else [plain(_sealed(plant)), plain(asdict(plant))]
+    whole = [] if plant is None else [plain(sealed_half(plant)), plain(asdict(plant))]
     if plain(sealed) not in whole:
         raise InputError(
             "The sealed half of the run has another form than expected: effects, "
@@ -230,14 +224,23 @@ def _robot(name: str) -> Robot:
 def _simulate(spec: ExperimentSpec, robot: Robot, store: Path | None) -> tuple:
     rates, clock = spec.log_rates(), [perf_counter()]
     reference = reference_of(robot, spec.reference(), rates.control)
-    given = given_by(spec.controller, robot, reference, store)
+    given, table = None, spec.controller
+    if table.model != NOMINAL:
+        if store is None:
+            raise InputError(f"Model {table.model} of the controller needs a store.")
+        law = feed_forward if table.kind == "feed_forward" else computed_torque
+        given = law(
+            model_to_drive(store, table.model, robot),
+            reference.t,
+            (reference.q, reference.qd, reference.qdd),
+            Turning(table.encoder_step, rise=table.rise),
+        )
     clock.append(perf_counter())
     plant = spec.plant_spec()
     made = run_experiment(robot, reference, plant, rates, spec.start, given)
     clock.append(perf_counter())
-    names = ("reference_s", "plant_s")
-    times = (round(b - a, 3) for a, b in pairwise(clock))
-    return made, dict(zip(names, times, strict=True))
+    seconds = (round(b - a, 3) for a, b in pairwise(clock))
+    return made, dict(zip(("reference_s", "plant_s"), seconds, strict=True))
 
 
 @lru_cache(maxsize=12)
@@ -292,7 +295,7 @@ def with_twins(robot: Robot, runs: Sequence[Run]) -> tuple[Run, ...]:
     )
 
 
-def settled(spec: ExperimentSpec, robot: Robot, store: Path) -> ExperimentSpec:
+def settled(spec: ExperimentSpec, store: Path) -> ExperimentSpec:
     """Return a spec whose controller names its model by a whole id.
 
     Args:
@@ -301,24 +304,9 @@ def settled(spec: ExperimentSpec, robot: Robot, store: Path) -> ExperimentSpec:
     word = spec.controller.model
     if word == NOMINAL:
         return spec
-    if word == ADOPTED:
-        word = choose(robot, store=store).diagnosis or NOMINAL
+    if word == "adopted":
+        word = choose(_robot(spec.robot), store=store).diagnosis or NOMINAL
     else:
         word = find(store, word).id
     table = spec.controller.model_copy(update={"model": word})
     return spec.model_copy(update={"controller": table})
-
-
-def given_by(
-    table: ControllerTable, robot: Robot, reference: Reference, store: Path | None
-) -> Given | None:
-    """Return what a spec's controller drives the arm by; None for the nominal one."""
-    if table.model == NOMINAL:
-        return None
-    if store is None:
-        raise InputError(f"Model {table.model} of the controller needs a store.")
-    model = model_to_drive(store, table.model, robot)
-    make = feed_forward if table.kind == FEED_FORWARD else computed_torque
-    motion = reference.q, reference.qd, reference.qdd
-    turning = Turning(table.encoder_step, rise=table.rise)
-    return make(model, reference.t, motion, turning)

@@ -6,6 +6,7 @@ import subprocess
 import tempfile
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import asdict
+from functools import partial
 from pathlib import Path
 
 from flows.inputs.given import read_sets
@@ -16,7 +17,7 @@ from flows.steps.rrd import make_rrd
 from residual.errors import InputError, RunError, check_name
 from residual.export.c99 import to_c99
 from residual.export.exported import Exported, Whole, body_of, to_json
-from residual.export.fmu import SOURCE, fmu_parts, to_fmu
+from residual.export.fmu import SOURCE, to_fmu
 from residual.export.mujoco import to_mujoco
 from residual.export.simulators import to_mjcf, to_urdf
 from residual.export.table import to_table
@@ -42,17 +43,15 @@ def build(place: Path, sources: Sequence[str], name: str, *flags: str) -> None:
         raise RunError(f"The C compiler refuses the export: {reason[:160]}")
 
 
-def make_fmu(whole: Whole) -> Exported:
-    """Return a model as an FMU, with a library where there is a C compiler."""
-    parts = fmu_parts(whole)
+def build_fmu(sources: Mapping[str, bytes]) -> bytes | None:
+    """Return the library of an FMU; None where there is no C compiler."""
     if compiler() is None:
-        return to_fmu(parts, None)
+        return None
     with tempfile.TemporaryDirectory() as folder:
-        place = Path(folder)
-        for name, text in parts.sources.items():
-            (place / name).write_bytes(text)
-        build(place, [SOURCE], "library.so", "-fvisibility=hidden")
-        return to_fmu(parts, (place / "library.so").read_bytes())
+        for name, text in sources.items():
+            (Path(folder) / name).write_bytes(text)
+        build(Path(folder), [SOURCE], "library.so", "-fvisibility=hidden")
+        return (Path(folder) / "library.so").read_bytes()
 
 
 Writer = Callable[[Whole], Exported]
@@ -62,7 +61,7 @@ TARGETS: Mapping[str, Writer] = {
     "mujoco": to_mujoco,
     "c99": to_c99,
     "table": to_table,
-    "fmu": make_fmu,
+    "fmu": partial(to_fmu, build=build_fmu),
     "rrd": make_rrd,
     "json": to_json,
 }

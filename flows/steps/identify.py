@@ -12,18 +12,21 @@ from flows.steps.check import as_mounted, checked
 from flows.storage.diagnosis import read_known
 from flows.storage.identification import store_identification
 from residual.identification.estimate import Options
-from residual.identification.prove import Identified, identify_and_prove
+from residual.identification.prove import ValidatedIdentification, identify_and_prove
 from residual.model.model import Model
+from residual.robot.robot import Robot
 from residual.threads import one_blas_thread
 
 
-def read_logs(request: Identify) -> LogSets:
-    """Read the robot and every log once."""
+def read_logs(request: Identify, robot: Robot | None = None) -> LogSets:
+    """Read every log once, and the robot where it is not loaded yet."""
     _options(request)
-    return given.read_logs(request, "to identify from")
+    return given.read_logs(request, "to identify from", robot)
 
 
-def identify(request: Identify, logs: LogSets) -> tuple[Identified, str | None]:
+def identify(
+    request: Identify, logs: LogSets
+) -> tuple[ValidatedIdentification, str | None]:
     """Identify, prove it, and keep the model if it is from runs or a store was named.
 
     Returns:
@@ -52,7 +55,7 @@ def identify_logs(
     options: Options | None = None,
     consistent: bool = False,
     trust_log: bool = False,
-) -> Identified:
+) -> ValidatedIdentification:
     """Identify and prove it.
 
     Args:
@@ -71,7 +74,9 @@ def _options(request: Identify) -> Options:
     return Options(request.method, "huber", request.prior, request.essential)
 
 
-def _keep(made: Identified, request: Identify, runs: Mapping[str, str]) -> str:
+def _keep(
+    made: ValidatedIdentification, request: Identify, runs: Mapping[str, str]
+) -> str:
     # A held-out part of a fitted run is no run of its own.
     roles = {"fit": made.fit, "held_out": () if made.same_run else made.held_out}
     by_role = {role: [runs[i] for i in ids if i in runs] for role, ids in roles.items()}

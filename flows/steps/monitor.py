@@ -4,20 +4,23 @@ from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass, field
 from pathlib import Path
 
-from flows.inputs.given import serial_of
+from flows.inputs.given import is_run, load_of, serial_of
 from flows.requests import Monitor as Request
 from flows.settings import HEALTHY, store_folder
-from flows.steps.models import Source, in_force, source_of
+from flows.steps.models import AUGMENTED, check_description, in_force
+from flows.storage.diagnosis import read_models, read_runs
 from residual.errors import InputError
+from residual.identification.identify import identify
 from residual.model.model import Model
 from residual.monitoring.monitor import LEAST_RUNS, Alarm, Monitor, calibrate
 from residual.recording import Recording
 from residual.threads import one_blas_thread
 from warehouse.commit import commit_record
-from warehouse.layout import find_run, read_record
+from warehouse.layout import find, find_run, list_folders, read_record
 from warehouse.quarantine import tombstone
 from warehouse.query.store import ask
-from warehouse.runs import read_run
+from warehouse.remote import shown
+from warehouse.runs import read_manifest, read_run
 from warehouse.schema import rows_table
 
 MOST_HEALTHY = 12  # of them are read
@@ -55,28 +58,39 @@ def monitor(request: Request) -> tuple[str, Watched, dict[str, Recording]]:
         The id of the record, what was found, and the watched runs by their id.
     """
     store = store_folder(request.store)
-    source = source_of(request.model, store)
-    healthy = usable_runs(store, request.good or source.good)
+    diagnosis = _diagnosis_in(request.model, store)
+    good = request.good or (diagnosis and _behind(diagnosis, store)) or ()
+    healthy = usable_runs(store, good)
     watched = usable_runs(store, request.runs)
-    _check(source, healthy, watched)
-    robot = source.robot_of(next(iter(healthy.values())), store)
+    _check(diagnosis, healthy, watched)
+    if diagnosis:
+        model = read_models(store, diagnosis)[AUGMENTED]
+        robot = model.robot
+    else:
+        robot = load_of(request.model, (*healthy, *watched), store)
     for run in (*healthy.values(), *watched.values()):
-        source.robot_of(run, store)
-    start = source.model_of(robot, list(healthy.values()))
-    found = watch(start, healthy, watched, request.per_hour)
+        if robot.name != run.robot:
+            raise InputError(
+                f"Run {run.id} is of {run.robot}, the model of {robot.name}. Give runs "
+                "of the robot, or its own model."
+            )
+        by = "the model" if diagnosis else request.model
+        check_description(robot, run, read_manifest(store, run.id), by)
+    if not diagnosis:
+        model = identify(robot, list(healthy.values())).model
+    found = watch(model, healthy, watched, request.per_hour)
     record = {
         "robot": robot.name,
         "kind": "monitor",
-        "model_id": source.diagnosis
-        and read_record(store, source.diagnosis)["model_id"],
+        "model_id": diagnosis and read_record(store, diagnosis)["model_id"],
         "alarms": {id: len(alarms) for id, alarms in found.alarms.items()},
         "watched_s": found.seconds,
         "request": request.to_record()
         | {
-            "model": source.diagnosis or request.model,
+            "model": diagnosis or request.model,
             "runs": list(watched),
             "good": list(healthy),
-            "robot": None if source.diagnosis else request.model,
+            "robot": None if diagnosis else request.model,
             "robot_hash": robot.content_hash,
         },
         "notes": found.notes,
@@ -88,8 +102,8 @@ def monitor(request: Request) -> tuple[str, Watched, dict[str, Recording]]:
         for alarm in alarms
     ]
     parents = {"calibration": list(healthy), "watched": list(watched)}
-    if source.diagnosis:
-        parents["diagnosis"] = [source.diagnosis]
+    if diagnosis:
+        parents["diagnosis"] = [diagnosis]
     tables = {"alarms": rows_table("alarms", rows)}
     return commit_record(store, "validations", record, tables, parents), found, watched
 
@@ -147,9 +161,10 @@ def watch_new(
     model = model or in_force(runs, store).diagnosis or latest_diagnosis(runs, store)
     if model is None:
         return NewRuns(why="No diagnosis of this arm yet: nothing to compare with.")
-    tagged = healthy_runs(runs, store, tag)
-    usual = tagged if len(tagged) >= LEAST_RUNS else source_of(model, store).good
-    healthy = tuple(good) or usual
+    healthy = tuple(good) or healthy_runs(runs, store, tag)
+    if not good and len(healthy) < LEAST_RUNS:
+        diagnosis = _diagnosis_in(model, store)
+        healthy = _behind(diagnosis, store) if diagnosis else ()
     new = tuple(run for run in runs if run not in healthy)
     if not new:
         return NewRuns(why="No run that is not one of the healthy ones.")
@@ -219,11 +234,29 @@ def usable_runs(store: Path, ids: Sequence[str]) -> dict[str, Recording]:
     return out
 
 
-def _check(source: Source, healthy: Mapping, watched: Mapping) -> None:
+def _diagnosis_in(word: str, store: Path) -> str | None:
+    """Return the id of the diagnosis that a word names; None where it is a robot."""
+    if not word or len(word) > 20 or not is_run(word):
+        return None
+    if not any(id.startswith(word) for id in list_folders(store, "diagnoses")):
+        raise InputError(
+            f"'{word}' is no diagnosis in {shown(store)}. Name a robot such as irb140, "
+            "or a diagnosis as in: modelgap sql 'SELECT diagnosis_id FROM diagnoses'."
+        )
+    return find(store, word).id
+
+
+def _behind(diagnosis: str, store: Path) -> tuple[str, ...]:
+    """Return the healthy runs behind a diagnosis: its baseline, else its fit."""
+    runs = read_runs(store, diagnosis, ("baseline",))
+    return tuple(sorted(runs or read_runs(store, diagnosis, ("fit",))))
+
+
+def _check(diagnosis: str | None, healthy: Mapping, watched: Mapping) -> None:
     if not watched:
         raise InputError("No run to watch. Name it: modelgap monitor MODEL RUN ...")
     if not healthy:
-        whose = f"diagnosis {source.diagnosis} has" if source.diagnosis else "there are"
+        whose = f"diagnosis {diagnosis} has" if diagnosis else "there are"
         raise InputError(
             f"Healthy runs to calibrate on: {whose} none, expected at least "
             f"{LEAST_RUNS}. Name them: --calibrate RUN ..."

@@ -1,8 +1,8 @@
 """A recording for the Rerun viewer: the arm moving, its torque, effect by effect."""
 
 import tempfile
-from collections.abc import Iterator, Mapping
-from dataclasses import dataclass
+from collections.abc import Mapping
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -19,24 +19,14 @@ from residual.export.exported import (
 )
 from residual.recording import Array, Recording
 from residual.robot.dynamics import chain_of
-from residual.signals.track import Track, prepare
+from residual.signals.track import prepare
 
 APP, CLOCK, ARM = "modelgap", "time", "arm"
 THICK = 0.02  # m, of the lines that stand for links
 
 
-@dataclass(frozen=True, eq=False, slots=True)
-class Shown:
-    """What is to be seen."""
-
-    t: Array  # Time [s]. Shape (n,).
-    q: Array  # Positions [rad]. Shape (n, dof).
-    # Torque of each joint by what it is of [N m]. Shapes (n, dof).
-    torque: Mapping[str, Array]
-
-
 def make_rrd(whole: Whole, log: Recording | None = None) -> Exported:
-    """Return a recording of a log, or of a usual motion where there is none."""
+    """Return a recording of a log, or of the exports' motion where there is none."""
     try:
         import rerun as rr
     except ImportError as error:
@@ -44,66 +34,57 @@ def make_rrd(whole: Whole, log: Recording | None = None) -> Exported:
             "This target needs Rerun, which is not installed. Install the extra: pip "
             "install '.[export]' in the checkout."
         ) from error
-    shown = _of_log(whole, log) if log else _of_motion(whole)
+    model = body_of(whole)
+    if log is None:
+        motion = exciting(model.robot)
+        t, q = motion.t, motion.q
+        torque = _torque(whole, model.state(1 / t[1], t, motion.parts))
+    else:
+        (track,), _ = prepare([log], model.filters, model.speed_floor, True)
+        t, q, torque = track.t, track.q, _torque(whole, model.observe(track))
+        measured = np.column_stack([np.interp(t, log.t, c) for c in log.tau.T])
+        torque |= {"measured": measured, "residual": measured - torque["model"]}
     with tempfile.TemporaryDirectory() as folder:
         path = Path(folder) / "arm.rrd"
         stream = rr.RecordingStream(APP, recording_id=file_stem(whole))
         stream.save(str(path))
-        _draw(rr, stream, whole, shown)
+        _draw(rr, stream, whole, t, q, torque)
         stream.flush()
         stream.disconnect()
         content = path.read_bytes()
-    name = f"{file_stem(whole)}.rrd"
-    return split(whole, lambda term: "").exported({name: content})
+    made = split(whole, lambda term: "")
+    return replace(made, files={f"{file_stem(whole)}.rrd": content})
 
 
-def _of_motion(whole: Whole) -> Shown:
-    model, motion = body_of(whole), exciting(body_of(whole).robot)
-    state = model.state(1 / motion.t[1], motion.t, motion.parts)
-    return Shown(motion.t, motion.q, dict(_parts(whole, state)))
-
-
-def _of_log(whole: Whole, log: Recording) -> Shown:
-    model = body_of(whole)
-    tracks, _ = prepare([log], model.filters, model.speed_floor, True)
-    track: Track = tracks[0]
-    parts = dict(_parts(whole, model.observe(track)))
-    measured = np.column_stack([np.interp(track.t, log.t, c) for c in log.tau.T])
-    beside = {"measured": measured, "residual": measured - parts["model"]}
-    return Shown(track.t, track.q, parts | beside)
-
-
-def _parts(whole: Whole, state) -> Iterator[tuple[str, Array]]:
-    """Torque of the model, and what it is the sum of."""
-    model = body_of(whole)
-    rigid = state.regressor @ model.inertial
-    parts = {"of/rigid_body": rigid}
+def _torque(whole: Whole, state) -> dict[str, Array]:
+    """Torque of the model [N m], and what it is the sum of. Shapes (n, dof)."""
+    model, total = body_of(whole), whole.torque_of_state(state)
+    parts = {"model": total, "of/rigid_body": state.regressor @ model.inertial}
     for term in model.terms:
         name = f"of/{term.effect.name}"
         parts[name] = parts.get(name, 0.0) + term.torque(state)
-    total = whole.torque_of_state(state)
     if whole is not model:
         parts["of/tables"] = total - model.torque_of_state(state)
-    yield "model", total
-    yield from parts.items()
+    return parts
 
 
-def _draw(rr, stream, whole: Whole, shown: Shown) -> None:
-    clock = [rr.TimeColumn(CLOCK, duration=shown.t)]
-    for name, torque in shown.torque.items():
-        for j, values in enumerate(torque.T):
+def _draw(
+    rr, stream, whole: Whole, t: Array, q: Array, torque: Mapping[str, Array]
+) -> None:
+    clock = [rr.TimeColumn(CLOCK, duration=t)]
+    for name, values in torque.items():
+        for j, column in enumerate(values.T):
             # What acts on other joints alone would be a flat line here.
-            if values.any() or not name.startswith("of/"):
+            if column.any() or not name.startswith("of/"):
                 path = f"torque/joint_{j + 1}/{name}"
-                stream.send_columns(path, clock, rr.Scalars.columns(scalars=values))
+                stream.send_columns(path, clock, rr.Scalars.columns(scalars=column))
     chain, path = chain_of(body_of(whole).robot.model), ARM
-    ends = [*chain.place[1:], chain.flange]
     _line(rr, stream, path, chain.place[0])
-    for j, end in enumerate(ends):
+    for j, end in enumerate([*chain.place[1:], chain.flange]):
         path = f"{path}/link_{j + 1}"
         turns = [
-            pin.Quaternion(chain.rotation[j] @ pin.AngleAxis(q, chain.axis[j]).matrix())
-            for q in shown.q[:, j]
+            pin.Quaternion(chain.rotation[j] @ pin.AngleAxis(x, chain.axis[j]).matrix())
+            for x in q[:, j]
         ]
         pose = rr.Transform3D.columns(
             translation=np.tile(chain.place[j], (len(turns), 1)),

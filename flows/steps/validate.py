@@ -1,4 +1,4 @@
-"""How far models get by themselves on runs of the store (G2017 section 1.3).
+"""Validate models on runs of the store, without a fit (G2017 section 1.3).
 
 Of the nominal model, as root mean square per joint:
 
@@ -6,50 +6,35 @@ Of the nominal model, as root mean square per joint:
 - feed-forward: how the arm tracks its reference when the model's torque drives it.
   It needs the arm, so only a simulated run whose sealed half is there has it.
 
-Of every model that is known (nominal, identified, augmented, tables of a
-calibration, adopted, and true where
-the sealed half is there) both ways: torque from motion, acceleration from torque, and
-whether its mass matrix is positive definite on the workspace.
-
-And where a model was asked for or adopted: how the simulated arm of the runs tracks
-motions that are not in the store, driven once by each model (`drive_unseen`).
+Of every model of the robot (nominal, identified, augmented, adopted) both ways: torque
+from motion, acceleration from torque, and whether its mass matrix is positive definite
+on the workspace. With an adopted or a named model also how the simulated arm tracks the
+reference of the run, driven once by the torque of each.
 """
 
-from collections.abc import Mapping, Sequence
-from dataclasses import asdict, dataclass, field, replace
+from collections.abc import Mapping
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 
 import numpy as np
-import pyarrow as pa
 from scipy.interpolate import CubicSpline
 
 from flows.inputs.given import load
-from flows.outputs import Progress
 from flows.requests import Validate as Request
 from flows.settings import store_folder
-from flows.specs.experiment import derived_seed
-from flows.steps.edit import truth_of
 from flows.steps.experiment import plant_of
-from flows.steps.models import (
-    NOMINAL,
-    TABLES,
-    as_described,
-    model_to_drive,
-    nominal_of,
-    tables_to_drive,
-)
+from flows.steps.models import NOMINAL, check_description, model_to_drive, nominal_of
 from flows.storage.diagnosis import read_models
 from residual.errors import InputError
 from residual.export.exported import Whole, body_of
 from residual.model.compare import compare, prepare_held_out
 from residual.model.control import feed_forward
 from residual.model.forward import POSES, acceleration_error, least_mass_matrix
-from residual.quantity import plain
 from residual.recording import Recording
 from residual.robot.robot import Robot
 from residual.signals.track import Filters, prepare
 from residual.threads import one_blas_thread
-from sim.engine.records import CLEAN, PlantSpec, Reference, TrajectorySpec
+from sim.engine.records import Reference, TrajectorySpec
 from sim.plant import tables as at
 from sim.plant.stepping import DivergedError, drive
 from sim.trajectories import make_reference
@@ -59,14 +44,13 @@ from warehouse.layout import find
 from warehouse.numbered import adopted
 from warehouse.provenance import plant_code_hash
 from warehouse.runs import has_seal, open_seal, read_manifest, read_run
-from warehouse.schema import VIEWS, arrow_schema
+from warehouse.schema import rows_table
 
 Array = np.ndarray
 
 OPEN_LOOP, FEED_FORWARD = "rms_open_loop_q", "rms_feed_forward_q"
 TORQUE, ACCELERATION = "percent_moving_tau", "percent_moving_qdd"
-TRACKING = "tracking"  # kind of the record of drives
-RMS, PEAK = "rms_tracking_q", "peak_tracking_q"
+TRACKING = "rms_tracking_q"
 _RATE = 1000.0  # Hz, about: the step of the engine, whatever the rate of the log
 _SHORTEST = 0.01  # s: a window must have time to stray in
 
@@ -80,11 +64,14 @@ class BothWays:
         acceleration: The same of qdd, from torque [%]; None where there is none.
             Shape (dof,).
         least_mass: Smallest eigenvalue of M(q) over random poses [kg m^2].
+        tracking: Root mean square of read minus wanted position, where the torque of
+            the model drives the arm [rad]; None where there is no arm. Shape (dof,).
     """
 
     torque: Array
     acceleration: Array | None
     least_mass: float
+    tracking: Array | None = None
 
 
 @dataclass(frozen=True, eq=False, slots=True)
@@ -127,29 +114,59 @@ def validate(request: Request) -> tuple[str, Validation]:
     store, window = store_folder(request.store), request.window
     log = read_run(store, request.run)
     manifest = read_manifest(store, log.id)
-    robot = robot_of(log, manifest)
+    word = manifest.get("robot", log.robot)
+    robot = load(word)
+    check_description(robot, log, manifest, word)
     strayed, used = open_loop_error(robot, log, window)
-    plant, tracked = hidden_plant(store, log.id, manifest), {}
-    if plant:
-        tracked = feed_forward_errors(robot, _reference(robot, manifest), plant)
-    notes = _notes(manifest, plant is not None)
+    request = _with_ids(request, store, robot)
+    models = _models(request, store, robot, log)
+    both = {name: both_ways(model, log) for name, model in models.items()}
+    tracked = {}
+    notes = ["No feed-forward: that needs the arm, and none is sealed with the run."]
+    # A seal that was taken out is no error, one that is broken is.
+    if manifest["sealed_sha256"] and has_seal(store, log.id):
+        notes = _notes(manifest)
+        # The arm's own torque is what the closed loop of the paper gave it on this
+        # motion: about the best that a model could compute. It is no bound, since it
+        # has feedback in it, which the drives then add once more.
+        plant = plant_of(open_seal(store, log.id).spec)
+        reference = _reference(robot, manifest)
+        sources = twin_of(robot, reference), drive(robot, reference, plant)
+        tracked = {
+            name: _rms(track(robot, reference, plant, trace.rows[:, at.DRIVE]))
+            for name, trace in zip((NOMINAL, "arm"), sources, strict=True)
+        }
+        motion = reference.q, reference.qd, reference.qdd
+        for name, model in models.items() if len(models) > 1 else ():
+            torque = feed_forward(model, reference.t, motion)
+            error = track(robot, reference, plant, torque)
+            both[name] = replace(both[name], tracking=_rms(error))
     if used < window:
         notes.insert(0, f"Windows of {window:g} s run away; {used:g} s were taken.")
-    given = _given(store, request, robot)
-    models = _models(store, *given, robot, log, manifest, plant)
-    both = {name: both_ways(model, log) for name, model in models.items()}
-    notes += _warnings(both, plant)
+    notes += [
+        f"M(q) of the {name} model is not positive definite: {each.least_mass:.3g} "
+        f"kg m^2 at some pose of {POSES}. It predicts torque, but cannot be simulated."
+        for name, each in both.items()
+        if each.least_mass <= 0
+    ]
     made = Validation(used, strayed, **tracked, notes=tuple(notes), models=both)
-    tables, *named = given
-    asked = request.to_record() | {
-        "run": log.id,
-        "model": named[0],
-        "calibration": tables,
-        "adopted": named[1] or NOMINAL,
-        "robot": manifest.get("robot", log.robot),
-        "robot_hash": robot.content_hash,
+    same = {"run_id": log.id, "trajectory": about_run(manifest)["trajectory"]}
+    record = {
+        "robot": log.robot,
+        "kind": made.kind,
+        "window_s": used,
+        "request": replace(request, run=log.id).to_record()
+        | {"robot": word, "robot_hash": robot.content_hash},
+        "unit": "rad",
+        "notes": made.notes,
+        "least_mass_matrix": {name: each.least_mass for name, each in both.items()},
     }
-    return _put(store, log, manifest, asked, given, made), made
+    named = (request.model, request.adopted)
+    ids = dict.fromkeys(id for id in named if id not in (None, NOMINAL))
+    parents = {"run": [log.id], **({"model": list(ids)} if ids else {})}
+    rows = [{**same, **row} for row in _error_rows(made)]
+    tables = {"errors": rows_table("errors", rows)}
+    return commit_record(store, "validations", record, tables, parents), made
 
 
 def both_ways(model: Whole, log: Recording) -> BothWays:
@@ -164,57 +181,34 @@ def both_ways(model: Whole, log: Recording) -> BothWays:
     return BothWays(torque, acceleration, least_mass_matrix(body))
 
 
-def _given(store: Path, request: Request, robot: Robot) -> tuple[str | None, ...]:
-    """Whole ids of the calibration and the model asked for, and of the robot's own."""
-    word, now, tables = request.model, request.adopted, request.calibration
+def _with_ids(request: Request, store: Path, robot: Robot) -> Request:
+    """Return a request with whole ids, and with the model that the robot has."""
+    if request.model == NOMINAL:
+        return replace(request, model=None, adopted=NOMINAL)
+    now = request.adopted
     if now is None:
         last = adopted(store, robot.name, robot.serial)
         now = (last and last[1].diagnosis_id) or NOMINAL
-    whole = None if word is None else find(store, word).id
-    calibration = None if tables is None else find(store, tables).id
-    return calibration, whole, None if now == NOMINAL else find(store, now).id
+    ids = [
+        word if word in (None, NOMINAL) else find(store, word).id
+        for word in (request.model, now)
+    ]
+    return replace(request, model=ids[0], adopted=ids[1])
 
 
 def _models(
-    store: Path,
-    tables: str | None,
-    word: str | None,
-    now: str | None,
-    robot: Robot,
-    log: Recording,
-    manifest: Mapping,
-    plant: PlantSpec | None,
+    request: Request, store: Path, robot: Robot, log: Recording
 ) -> dict[str, Whole]:
     """All models that are known of the arm of a run, the nominal one first."""
     nominal = nominal_of(robot, [log])
     out: dict[str, Whole] = {NOMINAL: nominal}
-    if word is not None:
-        if find(store, word).kind == "diagnoses":
-            known = read_models(store, word)
-            out |= {name: model for name, model in known.items() if name != NOMINAL}
+    if request.model is not None:
+        if find(store, request.model).kind == "diagnoses":
+            out |= read_models(store, request.model) | out
         else:
-            out["model"] = model_to_drive(store, word, robot)
-    if tables is not None:
-        out[TABLES] = tables_to_drive(store, tables, nominal)
-    if now is not None:
-        out["adopted"] = model_to_drive(store, now, robot)
-    if plant:
-        out["true"] = truth_of(manifest, plant, nominal)
-    return out
-
-
-def _warnings(both: Mapping[str, BothWays], plant: PlantSpec | None) -> list[str]:
-    """What is to be said of the models that were tried."""
-    out = [
-        f"M(q) of the {name} model is not positive definite: {each.least_mass:.3g} "
-        f"kg m^2 at some pose of {POSES}. It predicts torque, but cannot be simulated."
-        for name, each in both.items()
-        if each.least_mass <= 0
-    ]
-    if plant is not None and plant.background != CLEAN:
-        out.append(
-            "The true model is without what every arm in use has beside its effects."
-        )
+            out["model"] = model_to_drive(store, request.model, robot, nominal)
+    if request.adopted not in (NOMINAL, request.model):
+        out["adopted"] = model_to_drive(store, request.adopted, robot)
     return out
 
 
@@ -250,27 +244,6 @@ def open_loop_error(robot: Robot, log: Recording, window: float) -> tuple[Array,
     )
 
 
-def feed_forward_errors(
-    robot: Robot, reference: Reference, plant: PlantSpec
-) -> Mapping[str, Array]:
-    """Return how the arm tracks under torques of the model and under its own.
-
-    Its own torque is what the closed loop of the paper gave it on this motion: about
-    the best that a model could compute, so the first error is judged against it. It is
-    no bound, since it has feedback in it, which the drives then add once more.
-
-    Returns:
-        Root mean square of read minus wanted position: nominal, arm [rad]. (dof,) each.
-    """
-    # Under the label and at the start of `track`: chance and warmth are the same.
-    arm = drive(robot, reference, plant)
-    given = {"nominal": twin_of(robot, reference), "arm": arm}
-    return {
-        name: _rms(track(robot, reference, plant, trace.rows[:, at.DRIVE]))
-        for name, trace in given.items()
-    }
-
-
 def _measured(log: Recording) -> tuple[Reference, Array]:
     """Return the motion and torque of a log, at the step of the engine.
 
@@ -281,8 +254,7 @@ def _measured(log: Recording) -> tuple[Reference, Array]:
     rate = track.rate * max(1, round(_RATE / track.rate))
     since = np.arange(round((track.t[-1] - track.t[0]) * rate) + 1) / rate
     curve = CubicSpline(track.t - track.t[0], track.q)
-    q, qd, qdd = curve(since), curve(since, 1), curve(since, 2)
-    motion = Reference("measured", since, q, qd, qdd, None)
+    motion = Reference("measured", since, *(curve(since, d) for d in range(3)), None)
     now = track.t[0] + since
     return motion, np.column_stack([np.interp(now, log.t, c) for c in log.tau.T])
 
@@ -291,36 +263,12 @@ def _rms(error: Array) -> Array:
     return np.sqrt(np.mean(np.square(error), axis=0))
 
 
-def robot_of(log: Recording, manifest: Mapping) -> Robot:
-    """Return the robot of a run, which must be described as it was then.
-
-    Raises:
-        InputError: If it is described differently now.
-    """
-    name = manifest.get("robot", log.robot)
-    return as_described(load(name), log, manifest, name)
-
-
-def hidden_plant(store: Path, run_id: str, manifest: Mapping) -> PlantSpec | None:
-    """Return the arm of a simulated run; None where no sealed half lies."""
-    # A seal that was taken out is no error, one that is broken is.
-    if not manifest["sealed_sha256"]:
-        return None
-    if not has_seal(store, run_id):
-        return None
-    return plant_of(open_seal(store, run_id).spec)
-
-
 def _reference(robot: Robot, manifest: Mapping) -> Reference:
-    """Make the reference of a run once more, at the rate of the controller."""
-    return make_reference(robot, *_asked(manifest))
-
-
-def _asked(manifest: Mapping) -> tuple[TrajectorySpec, float]:
-    """Return which reference a run had, and the rate of its controller [Hz]."""
+    """Return the reference of a run once more, at the rate of its controller."""
     spec = manifest["spec"]
     try:
-        return TrajectorySpec.from_record(spec["trajectory"]), spec["rates"]["control"]
+        motion = TrajectorySpec.from_record(spec["trajectory"])
+        return make_reference(robot, motion, spec["rates"]["control"])
     except (KeyError, TypeError) as error:
         raise InputError(
             "The record of the run does not say which reference it had, expected "
@@ -328,9 +276,7 @@ def _asked(manifest: Mapping) -> tuple[TrajectorySpec, float]:
         ) from error
 
 
-def _notes(manifest: Mapping, with_arm: bool) -> list[str]:
-    if not with_arm:
-        return ["No feed-forward: that needs the arm, and none is sealed with the run."]
+def _notes(manifest: Mapping) -> list[str]:
     notes, start = [], manifest["spec"].get("start", 0.0)
     if manifest["provenance"]["code_hash"] != plant_code_hash():
         notes.append(
@@ -345,156 +291,21 @@ def _notes(manifest: Mapping, with_arm: bool) -> list[str]:
     return notes
 
 
-def _put(
-    store: Path,
-    log: Recording,
-    manifest: Mapping,
-    request: Mapping,
-    given: Sequence[str | None],
-    made: Validation,
-) -> str:
-    figures = (
-        ("nominal", OPEN_LOOP, made.open_loop),
-        ("nominal", FEED_FORWARD, made.nominal),
+def _error_rows(made: Validation) -> list[dict]:
+    figures = [
+        (NOMINAL, OPEN_LOOP, made.open_loop),
+        (NOMINAL, FEED_FORWARD, made.nominal),
         ("arm", FEED_FORWARD, made.arm),
-    )
-    same = {"run_id": log.id, "trajectory": about_run(manifest)["trajectory"]}
+    ]
     for name, each in made.models.items():
-        figures += (name, TORQUE, each.torque), (name, ACCELERATION, each.acceleration)
-    rows = [
-        {**same, "stage": stage, "metric": metric, "joint": joint, "value": float(rms)}
+        figures += [
+            (name, TORQUE, each.torque),
+            (name, ACCELERATION, each.acceleration),
+            (name, TRACKING, each.tracking),
+        ]
+    return [
+        {"stage": stage, "metric": metric, "joint": joint, "value": float(value)}
         for stage, metric, errors in figures
         if errors is not None
-        for joint, rms in enumerate(errors, 1)
+        for joint, value in enumerate(errors, 1)
     ]
-    record = {
-        "robot": log.robot,
-        "kind": made.kind,
-        "window_s": made.window,
-        "request": request,
-        "unit": "rad",
-        "notes": made.notes,
-        "least_mass_matrix": {k: each.least_mass for k, each in made.models.items()},
-    }
-    table = pa.Table.from_pylist(rows, schema=arrow_schema(VIEWS["errors"][1:]))
-    of_models = list(dict.fromkeys(id for id in given if id is not None))
-    parents = {"run": [log.id], **({"model": of_models} if of_models else {})}
-    return commit_record(store, "validations", record, {"errors": table}, parents)
-
-
-# How an arm tracks motions that nothing was fitted to, by one model and by another.
-
-
-@dataclass(frozen=True, eq=False, slots=True)
-class Tracking:
-    """How an arm tracked unseen motions, of read minus wanted position.
-
-    Attributes:
-        motions: Of each the run whose arm it was, and what was planned.
-        rms, peak: Of each model, the nominal one first [rad]. Shapes (motions, dof).
-    """
-
-    motions: tuple[tuple[str, TrajectorySpec], ...]
-    rms: Mapping[str, Array]
-    peak: Mapping[str, Array]
-
-    def by_joint(self, model: str) -> tuple[Array, Array]:
-        """Return rms and peak of all motions together [rad]. Shapes (dof,)."""
-        return _rms(self.rms[model]), self.peak[model].max(axis=0)
-
-
-@one_blas_thread
-def drive_unseen(
-    request: Request, runs: Sequence[str], seeds: int, progress: Progress | None = None
-) -> tuple[str, Tracking] | None:
-    """Drive the arm of simulated runs along unseen motions by each model, and keep it.
-
-    The torque of a model along the reference, with plain feedback that is the same for
-    all: the nominal one, those that the request names, and the true one.
-
-    Args:
-        request: Its model and calibration are whole ids, its run is not read.
-        runs: Ids of the runs; those without a sealed half are left out.
-        seeds: How many motions of each family of the runs, for the arm of its first.
-
-    Returns:
-        The id of the record, and how the arm tracked; None where no arm is sealed.
-
-    Raises:
-        InputError: If the runs are of several robots, or a model is of another one.
-    """
-    store = store_folder(request.store)
-    logs = [read_run(store, run) for run in runs]
-    manifests = [read_manifest(store, log.id) for log in logs]
-    robot = robot_of(logs[0], manifests[0])
-    families = _families(store, robot, logs, manifests)
-    if not families:
-        return None
-    nominal = nominal_of(robot, logs[:1])
-    models: dict[str, Whole] = {NOMINAL: nominal}
-    if request.model is not None:
-        models["model"] = model_to_drive(store, request.model, robot)
-    if request.calibration is not None:
-        models[TABLES] = tables_to_drive(store, request.calibration, nominal)
-    motions = []
-    missed: dict[str, list[Array]] = {}
-    for kind, (run, manifest, plant, asked, rate) in families.items():
-        models["true"] = truth_of(manifest, plant, nominal)
-        for i in range(seeds):
-            seed = derived_seed(asked.seed, f"track/{kind}/{i}")
-            motions.append((run, replace(asked, seed=seed, coefficients=())))
-            wanted = make_reference(robot, motions[-1][1], rate)
-            motion = wanted.q, wanted.qd, wanted.qdd
-            for name, model in models.items():
-                torque = feed_forward(model, wanted.t, motion)
-                missed.setdefault(name, []).append(track(robot, wanted, plant, torque))
-            if progress:
-                progress("drive", len(motions) / (len(families) * seeds))
-    rms = {k: np.array([_rms(e) for e in own]) for k, own in missed.items()}
-    sizes = {k: [np.abs(e) for e in own] for k, own in missed.items()}
-    peak = {k: np.array([e.max(axis=0) for e in own]) for k, own in sizes.items()}
-    made = Tracking(tuple(motions), rms, peak)
-    return _put_tracking(store, robot, request, made), made
-
-
-def _families(
-    store: Path, robot: Robot, logs: Sequence[Recording], manifests: Sequence[Mapping]
-) -> dict[str, tuple]:
-    """Return of each kind of motion the first run of a sealed arm, and what it was."""
-    out: dict[str, tuple] = {}
-    for log, manifest in zip(logs, manifests, strict=True):
-        if robot_of(log, manifest).content_hash != robot.content_hash:
-            raise InputError("The runs are of several robots; give those of one.")
-        if plant := hidden_plant(store, log.id, manifest):
-            asked, rate = _asked(manifest)
-            out.setdefault(asked.kind, (log.id, manifest, plant, asked, rate))
-    return out
-
-
-def _put_tracking(store: Path, robot: Robot, request: Request, made: Tracking) -> str:
-    """Keep a row for each motion, and one for all of them together."""
-    each = {model: made.by_joint(model) for model in made.rms}
-    places = [(run, motion.kind) for run, motion in made.motions]
-    rows = [
-        {"run_id": run, "trajectory": kind, "joint": joint, "stage": model}
-        | {"metric": metric, "value": float(value)}
-        for i, (metric, figures) in enumerate(((RMS, made.rms), (PEAK, made.peak)))
-        for model, values in figures.items()
-        for (run, kind), row in zip(
-            (*places, (None, None)), (*values, each[model][i]), strict=True
-        )
-        for joint, value in enumerate(row, 1)
-    ]
-    record = {
-        "robot": robot.name,
-        "kind": TRACKING,
-        "model_id": request.model or request.calibration,
-        "unit": "rad",
-        "rms": plain({model: rms for model, (rms, _) in each.items()}),
-        "peak": plain({model: peak for model, (_, peak) in each.items()}),
-        "motions": [{"run": run, **asdict(motion)} for run, motion in made.motions],
-    }
-    table = pa.Table.from_pylist(rows, schema=arrow_schema(VIEWS["errors"][1:]))
-    given = dict.fromkeys(id for id in (request.model, request.calibration) if id)
-    parents = {"run": list(dict(places)), "model": list(given)}
-    return commit_record(store, "validations", record, {"errors": table}, parents)

@@ -10,7 +10,7 @@ import numpy as np
 from residual.calibration.calibrate import Calibration, corrected_model
 from residual.calibration.crossval import relative_error
 from residual.calibration.scores import RUN, Score
-from residual.export.c99 import tables_header, to_c99
+from residual.export.c99 import to_c99
 from residual.export.exported import to_json
 from residual.model.lookup import export_lookup
 from residual.model.record import to_record
@@ -41,7 +41,18 @@ def document(
         "joints": list(rows.joints),
         "variables": list(made.lookup.names),
         "metric": "100*||tau-tau_hat||/||tau||",
-        "table": [_score(one) for one in made.scores],
+        "table": [
+            {
+                "scheme": score.scheme,
+                "model": score.model,
+                "components": score.components,
+                "rmsec": _numbers(score.rmsec),
+                "rmsev": _numbers(score.rmsev),
+                "rmsev_mean_of_subsets": _numbers(score.mean),
+                "overall": _numbers([score.overall])[0],
+            }
+            for score in made.scores
+        ],
         "default": {
             "proven": made.proven,
             "options": [{"joint": j, **asdict(o)} for j, o in options],
@@ -50,7 +61,17 @@ def document(
             "levels": dict(zip(rows.names, sizes, strict=True)),
             "components": made.components,
         },
-        "components": [_components(one) for one in made.blocks],
+        "components": [
+            {
+                "family": block.family,
+                "block": block.block,
+                "explained": _numbers(block.explained),
+                "surrogate_limit": _numbers(block.limit),
+                "real": block.pca.real,
+                "first": [[key, round(x, 4)] for key, x in block.pca.strongest(0)],
+            }
+            for block in made.blocks
+        ],
         "levels": sweep
         and {
             "levels": list(sweep.levels),
@@ -64,35 +85,11 @@ def document(
     }
 
 
-def _score(one: Score) -> dict:
-    return {
-        "scheme": one.scheme,
-        "model": one.model,
-        "components": one.components,
-        "rmsec": _numbers(one.rmsec),
-        "rmsev": _numbers(one.rmsev),
-        "rmsev_mean_of_subsets": _numbers(one.mean),
-        "overall": _number(one.overall),
-    }
-
-
-def _components(one) -> dict:
-    return {
-        "family": one.family,
-        "block": one.block,
-        "explained": _numbers(one.explained),
-        "surrogate_limit": _numbers(one.limit),
-        "real": one.pca.real,
-        "first": [[name, round(value, 4)] for name, value in one.pca.strongest(0)],
-    }
-
-
 def _numbers(values: Iterable[float]) -> list[float | None]:
-    return [_number(v) for v in np.asarray(values).tolist()]
-
-
-def _number(value: float) -> float | None:
-    return round(value, 6) if math.isfinite(value) else None
+    return [
+        round(value, 6) if math.isfinite(value) else None
+        for value in np.asarray(values, dtype=float).tolist()
+    ]
 
 
 def calibration_files(made: Calibration) -> dict[str, bytes]:
@@ -100,13 +97,12 @@ def calibration_files(made: Calibration) -> dict[str, bytes]:
 
     Returns:
         The tables and their evaluator (`export_lookup`); where they correct a model,
-        `corrected.json` with both, and both as a C header; a header of the tables alone
-        where they correct a simulation.
+        `corrected.json` with both, and both as a C header.
     """
     files = export_lookup(made.lookup)
     whole = corrected_model(made)
     if whole is None:
-        return files | tables_header(made.lookup, made.robot)
+        return files
     (record,) = to_json(whole).files.values()
     return {**files, CORRECTED: record, **to_c99(whole).files}
 

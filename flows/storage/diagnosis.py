@@ -11,7 +11,7 @@ from residual.diagnosis.result import Diagnosis, ErrorTables, Finding, Verdict
 from residual.diagnosis.verdict import from_json, to_json
 from residual.errors import InputError
 from residual.model.compare import Cloud, LogProof
-from residual.model.corrected import Corrected
+from residual.model.corrected import CorrectedModel
 from residual.model.model import Model
 from residual.model.record import from_record as read_model
 from residual.model.record import to_record as model_record
@@ -45,7 +45,8 @@ def to_record(found: Diagnosis) -> tuple[dict, dict[str, pa.Table]]:
         "clouds": [[c.name, c.joint, c.variable] for c in clouds],
     }
     tables = {PROOFS: _stacked(map(_proof_columns, found.proofs))}
-    tables[CLOUDS] = _stacked(map(_cloud_columns, clouds))
+    columns = ("x", "residual", "fitted", "log")
+    tables[CLOUDS] = _stacked({k: getattr(c, k) for k in columns} for c in clouds)
     return record, {name: t for name, t in tables.items() if t is not None}
 
 
@@ -111,6 +112,8 @@ def errors_by_run(found: Diagnosis) -> list[dict]:
     Filtered and moving errors [%], in the words of docs/method.md section 6.
     """
     rows = []
+    # Torques and forces have no sum.
+    units = {found.torque_unit(j) for j in range(1, found.verdict.dof + 1)}
     for proof in found.proofs:
         samples = {"filtered": np.ones_like(proof.moving), "moving": proof.moving}
         for (stage, tau_hat), (metric, taken) in product(
@@ -122,15 +125,9 @@ def errors_by_run(found: Diagnosis) -> list[dict]:
             for joint in range(proof.tau.shape[1]):
                 value = _relative(miss[:, joint], power[:, joint])
                 rows.append({**same, "joint": joint + 1, "value": value})
-            if _alike(found):
+            if len(units) == 1:
                 rows.append({**same, "joint": None, "value": _relative(miss, power)})
     return [row for row in rows if row["value"] is not None]
-
-
-def _alike(found: Diagnosis) -> bool:
-    """Whether all joints have one unit: torques and forces have no sum."""
-    units = {found.torque_unit(j) for j in range(1, found.verdict.dof + 1)}
-    return len(units) == 1
 
 
 def _relative(miss: np.ndarray, power: np.ndarray) -> float | None:
@@ -154,15 +151,6 @@ def _proof(id: str, models: list[str], part: Mapping) -> LogProof:
 
     tau_hat = {name: of(name) for name in models}
     return LogProof(id, part["t"], of("tau"), tau_hat, of("moving") > 0)
-
-
-def _cloud_columns(cloud: Cloud) -> dict[str, np.ndarray]:
-    return {
-        "x": cloud.x,
-        "residual": cloud.residual,
-        "fitted": cloud.fitted,
-        "log": cloud.log,
-    }
 
 
 def _stacked(parts) -> pa.Table | None:
@@ -307,7 +295,7 @@ def checked_verdict(document: object) -> Verdict:
     return verdict
 
 
-def read_models(store: Path, diagnosis_id: str) -> dict[str, Model | Corrected]:
+def read_models(store: Path, diagnosis_id: str) -> dict[str, Model | CorrectedModel]:
     """Return the models of a diagnosis, by name."""
     model_id = read_record(store, diagnosis_id)["model_id"]
     kept = read_record(store, model_id).get("models")
@@ -359,14 +347,14 @@ def read_runs(store: Path, diagnosis_id: str, roles: Sequence[str]) -> tuple[str
     return tuple(p["parent"] for role in roles for p in lineage if p["role"] == role)
 
 
-def models_record(found: Mapping[str, Model | Corrected]) -> dict:
+def models_record(found: Mapping[str, Model | CorrectedModel]) -> dict:
     """Return models as plain values; their robot, which is one, stands there once."""
     records = {name: model_record(model) for name, model in found.items()}
     robots = [record.pop("robot") for record in records.values()]
     return {"robot": robots[0], "models": records} if robots else {}
 
 
-def read_models_record(record: Mapping) -> dict[str, Model | Corrected]:
+def read_models_record(record: Mapping) -> dict[str, Model | CorrectedModel]:
     """The way back."""
     robot = record["robot"]
     return {

@@ -1,9 +1,9 @@
 """What was identified: a document that programs read, and a record of the store."""
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 
-from residual.identification.prove import Identified
+from residual.identification.prove import ValidatedIdentification
 from residual.model.record import to_record
 from residual.quantity import plain
 from warehouse.commit import commit_record
@@ -11,13 +11,12 @@ from warehouse.schema import rows_table
 
 SCHEMA, STAGE = 1, "identified"
 KINDS = ("raw", "filtered", "moving")
-# What the figures of the document are called in the view errors.
-_METRICS = {"raw": "held_out", "filtered": "filtered", "moving": "moving"}
 
 
-def document(outcome: Identified) -> dict:
+def document(outcome: ValidatedIdentification) -> dict:
     """Return an outcome as plain values: every key always there, null for none."""
-    found, estimate = outcome.found, outcome.found.estimate
+    found, estimate = outcome.free, outcome.free.estimate
+    essential, consistent = found.essential, outcome.consistent
     return plain(
         {
             "schema": SCHEMA,
@@ -34,35 +33,49 @@ def document(outcome: Identified) -> dict:
             "independent_rows": estimate.independent,
             "outliers": estimate.outliers,
             "parameters": parameters(outcome),
-            "essential": _essential(outcome),
+            "essential": essential
+            and {
+                "dropped": [found.base.leading[i].name for i in essential.dropped],
+                "f": essential.f_value,
+                "f_limit": essential.f_limit,
+            },
             "error": {
                 "metric": "100*||tau-tau_hat||/||tau||",
-                **{kind: _errors_of_kind(outcome, kind) for kind in KINDS},
+                **{
+                    kind: {
+                        name: {"joints": e.per_joint(kind), "overall": e.overall(kind)}
+                        for name, e in outcome.errors.items()
+                    }
+                    for kind in KINDS
+                },
             },
             "acceleration_error": {
                 name: made and {"joints": made.per_joint, "overall": made.overall}
                 for name, made in outcome.accelerations.items()
             },
             "least_mass_matrix": outcome.least_mass_matrix,
-            "consistent": _consistent(outcome),
+            "consistent": consistent
+            and {
+                "masses": consistent.model.inertial[::10],
+                "least_eigenvalue": consistent.least_eigenvalue,
+                "poses": consistent.poses,
+                "misfit": dict(
+                    zip(("identified", "consistent"), consistent.misfit, strict=True)
+                ),
+            },
             "warnings": outcome.warnings,
         }
     )
 
 
-def parameters(outcome: Identified) -> list[dict]:
+def parameters(outcome: ValidatedIdentification) -> list[dict]:
     """Return the base parameters: value, standard deviation, and what they are."""
-    return [plain(row) for row in _base_parameters(outcome)]
-
-
-def _base_parameters(outcome: Identified) -> Iterator[dict]:
-    found, estimate = outcome.found, outcome.found.estimate
-    consistent = None
-    if outcome.consistent is not None:
-        consistent = found.base.mapping @ outcome.consistent.model.coefficients()
+    found, estimate, other = outcome.free, outcome.free.estimate, outcome.consistent
+    consistent = other and found.base.mapping @ other.model.coefficients()
+    rows = []
     for i, lead in enumerate(found.base.leading):
         fitted = found.status[i] == "fitted"
-        yield {
+        row = {
             "name": lead.name,
             "joint": lead.joint,
             "unit": lead.unit,
@@ -74,39 +87,13 @@ def _base_parameters(outcome: Identified) -> Iterator[dict]:
             "status": found.status[i],
             "consistent": None if consistent is None else consistent[i],
         }
-
-
-def _errors_of_kind(outcome: Identified, kind: str) -> dict:
-    return {
-        name: {"joints": errors.per_joint(kind), "overall": errors.overall(kind)}
-        for name, errors in outcome.errors.items()
-    }
-
-
-def _essential(outcome: Identified) -> dict | None:
-    made, leading = outcome.found.essential, outcome.found.base.leading
-    if made is None:
-        return None
-    dropped = [leading[i].name for i in made.dropped]
-    return {"dropped": dropped, "f": made.f_value, "f_limit": made.f_limit}
-
-
-def _consistent(outcome: Identified) -> dict | None:
-    made = outcome.consistent
-    if made is None:
-        return None
-    identified, consistent = made.misfit
-    return {
-        "masses": made.model.inertial[::10],
-        "least_eigenvalue": made.least_eigenvalue,
-        "poses": made.poses,
-        "misfit": {"identified": identified, "consistent": consistent},
-    }
+        rows.append(plain(row))
+    return rows
 
 
 def store_identification(
     store: Path,
-    outcome: Identified,
+    outcome: ValidatedIdentification,
     request: Mapping,
     runs: Mapping[str, Sequence[str]],
 ) -> str:
@@ -121,27 +108,21 @@ def store_identification(
         "stage": STAGE,
         "request": request,
         "document": figures,
-        "model": to_record(outcome.found.model),
+        "model": to_record(outcome.free.model),
     }
     held_out = runs.get("held_out") or runs.get("fit") or ()
     one = held_out[0] if len(held_out) == 1 and not outcome.same_run else None
+    same = {"run_id": one, "trajectory": None}
+    errors = [
+        {**same, "stage": stage, "metric": metric, "joint": joint, "value": value}
+        for kind, metric in zip(KINDS, ("held_out", *KINDS[1:]), strict=True)
+        for stage, error in figures["error"][kind].items()
+        for joint, value in (*enumerate(error["joints"], 1), (None, error["overall"]))
+        if value is not None
+    ]
+    parameters = [{**row, "std": row["sd"]} for row in figures["parameters"]]
     tables = {
-        "parameters": rows_table("parameters", _parameters(figures)),
-        "errors": rows_table("errors", _errors(figures, one)),
+        "parameters": rows_table("parameters", parameters),
+        "errors": rows_table("errors", errors),
     }
     return commit_record(store, "models", record, tables, runs)
-
-
-def _parameters(figures: Mapping) -> list[dict]:
-    return [{**one, "std": one["sd"]} for one in figures["parameters"]]
-
-
-def _errors(figures: Mapping, run_id: str | None) -> Iterator[dict]:
-    same = {"run_id": run_id, "trajectory": None}
-    for kind in KINDS:
-        for stage, error in figures["error"][kind].items():
-            row = {**same, "stage": stage, "metric": _METRICS[kind]}
-            values = enumerate(error["joints"], 1)
-            for joint, value in (*values, (None, error["overall"])):
-                if value is not None:
-                    yield {**row, "joint": joint, "value": value}

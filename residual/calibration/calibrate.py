@@ -20,7 +20,7 @@ from residual.calibration.choice import (
     fit_forms,
 )
 from residual.calibration.effects import Tables, make_tables
-from residual.calibration.nominal import Prepared, identified_without, prepare_runs
+from residual.calibration.nominal import PreparedRuns, identified_without, prepare_runs
 from residual.calibration.nominal_pls import NominalForm, fit_nominal_pls
 from residual.calibration.rows import (
     FEW,
@@ -59,7 +59,7 @@ from residual.calibration.views import (
     unseen_run,
 )
 from residual.effects.base import Trait
-from residual.model.corrected import NEAREST, Column, Corrected
+from residual.model.corrected import NEAREST, Column, CorrectedModel
 from residual.model.corrected import Tables as JointTables
 from residual.model.lookup import Axis, Lookup, Table
 from residual.model.model import Model
@@ -142,7 +142,7 @@ class Source:
     """Rows, and what nominal models leave on them; each is identified once."""
 
     def __init__(self, robot: Robot, runs: Sequence[Run], settings: Settings) -> None:
-        self._prepared: Prepared | None = None
+        self._prepared: PreparedRuns | None = None
         self._known: dict[frozenset[int], Array] = {}
         self.nominal: Model | None = None
         self.declared: tuple[str, ...] = tuple(robot.declared)
@@ -158,7 +158,7 @@ class Source:
         self.rows = self._rows(self.nominal)
         self._known[frozenset()] = self.rows.Y
 
-    def left(self, left_out: Collection[int]) -> Array:
+    def residual(self, left_out: Collection[int]) -> Array:
         """What a nominal model leaves that has not seen some blocks. Shape (n, j)."""
         if self._prepared is None:
             return self.rows.Y
@@ -169,8 +169,10 @@ class Source:
 
     def _rows(self, model: Model) -> Rows:
         ready = self._prepared
-        left = ready.residuals(model)
-        return measured_rows(ready.runs, ready.tracks, left, self._joints, self._thin)
+        residual = ready.residuals(model)
+        return measured_rows(
+            ready.runs, ready.tracks, residual, self._joints, self._thin
+        )
 
 
 def calibrate(
@@ -199,7 +201,7 @@ def calibrate(
     names = (*rows.names, *(f"tau{j}" for j in rows.joints))
     tables = make_tables(rows.X, rows.tau - rows.Y, rows.velocities, names)
     table = _table(schemes, source, tables, settings, tell)
-    taught = training_of(rows, rows.Y, tables).taught()
+    taught = training_of(rows, rows.Y, tables).with_fitted_standstill()
     fitted = fit_nominal_pls(taught.X, taught.Y, settings.form, fewer=True)
     best = fitted.components if settings.exact else table.components
     components = min(best, fitted.components)
@@ -231,7 +233,7 @@ def calibrate(
 
 
 @dataclass(frozen=True, eq=False, slots=True)
-class _Tried:
+class _Evaluation:
     """The table, and what was chosen by its first scheme.
 
     Attributes:
@@ -252,7 +254,7 @@ def _table(
     tables: Tables,
     settings: Settings,
     tell: Progress,
-) -> _Tried:
+) -> _Evaluation:
     rows, shown = source.rows, middle_run(source.rows)
     options = candidates(len(rows.names))
     first = BLOCK if len(rows.labels) < FEW else RUN
@@ -261,7 +263,7 @@ def _table(
         tell(SCHEMES[scheme.name], 0.1 + 0.7 * schemes.index(scheme) / len(schemes))
         paper = scheme.unseen or len(rows.names) <= WIDE
         form, fold = settings.form if paper else None, scheme.name == RUN
-        args = (scheme, rows, source.left, tables, options, form)
+        args = (scheme, rows, source.residual, tables, options, form)
         return try_forms(*args, shown if fold else None)
 
     lead = tried(next(s for s in schemes if s.name == first), options)
@@ -284,26 +286,26 @@ def _table(
         if settings.schemes is None or scheme.name in settings.schemes:
             scores += cells
         if scheme.name == RUN:
-            left = source.left(scheme.left_out[shown])
-            unseen = unseen_run(rows, trial, shown, left, own[shown])
-    return _Tried(tuple(scores), chosen, components, unseen)
+            residual = source.residual(scheme.left_out[shown])
+            unseen = unseen_run(rows, trial, shown, residual, own[shown])
+    return _Evaluation(tuple(scores), chosen, components, unseen)
 
 
-def corrected_model(made: Calibration) -> Corrected | None:
+def corrected_model(calibration: Calibration) -> CorrectedModel | None:
     """Return model and tables as one model, which predicts a torque.
 
     The model that was identified from all logs with the tables on top; None where they
     correct a simulated twin, or torque as a sensor reports it.
     """
-    model, lookup = made.nominal, made.lookup
-    if made.rows.mode == PAPER or model is None:
+    model, lookup = calibration.nominal, calibration.lookup
+    if calibration.rows.mode == PAPER or model is None:
         return None
     if any(Trait.REPORT in term.effect.traits for term in model.terms):
         return None
-    return with_tables(model, lookup, made.rows.joints)
+    return with_tables(model, lookup, calibration.rows.joints)
 
 
-def with_tables(model: Model, lookup: Lookup, joints: Sequence[int]) -> Corrected:
+def with_tables(model: Model, lookup: Lookup, joints: Sequence[int]) -> CorrectedModel:
     """Put the tables of a calibration on a model; its joints are from 1."""
     columns = tuple(map(_column, lookup.names))
     each = [_of_joint(lookup, m) for m in range(len(joints))]
@@ -311,7 +313,7 @@ def with_tables(model: Model, lookup: Lookup, joints: Sequence[int]) -> Correcte
         JointTables(joint - 1, columns, own, _kind(own), NEAREST)
         for joint, own in zip(joints, each, strict=True)
     )
-    return Corrected(model, tuple(tables))
+    return CorrectedModel(model, tuple(tables))
 
 
 def _kind(lookup: Lookup) -> str:

@@ -89,7 +89,7 @@ class Training:
         squares = (self.Y - predicted) ** 2
         return squares if self.moving is None else squares * self.moving
 
-    def taught(self) -> "Training":
+    def with_fitted_standstill(self) -> "Training":
         """Return the same where a joint that stands says what it does in motion.
 
         Friction at standstill may take any value up to breakaway: from such rows a

@@ -77,7 +77,9 @@ def equal_levels(X: Array, count: Count, names: Sequence[str] | None = None) -> 
     """
     X, names, counts = _checked(X, count, names)
     spans = zip(X.min(axis=0), X.max(axis=0), counts, strict=True)
-    return _made(X, names, [a + (b - a) * np.arange(1, k) / k for a, b, k in spans])
+    return _levels_of(
+        X, names, [a + (b - a) * np.arange(1, k) / k for a, b, k in spans]
+    )
 
 
 def quantile_levels(
@@ -104,10 +106,10 @@ def quantile_levels(
         _around_zero(column, k) if i in velocities else _quantiles(column, k)
         for i, (column, k) in enumerate(zip(X.T, counts, strict=True))
     ]
-    return _made(X, names, edges)
+    return _levels_of(X, names, edges)
 
 
-def _made(X: Array, names: tuple[str, ...], edges: Sequence[Array]) -> Levels:
+def _levels_of(X: Array, names: tuple[str, ...], edges: Sequence[Array]) -> Levels:
     low, high = frozen(X.min(axis=0)), frozen(X.max(axis=0))
     return Levels(names, tuple(map(frozen, edges)), low, high)
 

@@ -36,7 +36,7 @@ from residual.signals.track import Filters, Track
 
 
 @dataclass(frozen=True, eq=False, slots=True)
-class Prepared:
+class PreparedRuns:
     """All logs, ready for as many identifications as there are folds.
 
     Attributes:
@@ -76,18 +76,18 @@ class Prepared:
 
 def prepare_runs(
     robot: Robot, runs: Sequence[Run], declared: Sequence[str] | None
-) -> Prepared:
+) -> PreparedRuns:
     """Filter all logs once; declared effects are the robot's own list for None."""
-    logs = prepare_logs(robot, [run.log for run in runs], None, Filters(), whole=True)
+    logs = prepare_logs(robot, [run.log for run in runs], None, Filters(), split=False)
     nominal = start_nominal(logs, declared_names(robot, declared))
     blocks = cut_blocks([track.t[chosen_rows(track)] for track in logs.tracks])
     numbered = enumerate(map(row_times, logs.tracks))
     places = tuple(blocks.places(run, t) for run, t in numbered)
     design = Design(logs.tracks, nominal.model, labels=list(places))
-    return Prepared(logs, tuple(runs), nominal, blocks, places, design)
+    return PreparedRuns(logs, tuple(runs), nominal, blocks, places, design)
 
 
-def identified_without(prepared: Prepared, left_out: Collection[int] = ()) -> Model:
+def identified_without(prepared: PreparedRuns, left_out: Collection[int] = ()) -> Model:
     """Identify the model from all blocks of the runs but some, by number."""
     design, nominal = prepared.design, prepared.nominal
     if left_out:
@@ -102,7 +102,7 @@ def identified_without(prepared: Prepared, left_out: Collection[int] = ()) -> Mo
     return with_standstill(best, [tracks[i] for i in shown])
 
 
-def _without(prepared: Prepared, left_out: Collection[int]) -> list[Track]:
+def _without(prepared: PreparedRuns, left_out: Collection[int]) -> list[Track]:
     """What is left of each log without some blocks."""
     out = []
     for track, places in zip(prepared.tracks, prepared.places, strict=True):

@@ -195,10 +195,10 @@ def measured_rows(
     joints = _joints(joints, runs[0].log.dof, runs[0].log.dof)
     own = [j - 1 for j in joints]
     parts, rates = [], []
-    for run, track, left in zip(runs, tracks, residuals, strict=True):
+    for run, track, residual in zip(runs, tracks, residuals, strict=True):
         chosen = chosen_rows(track, thin)
         X = state_block(*(x[:, own] for x in (track.q, track.qd, track.qdd)))[chosen]
-        Y, tau = left[:, own], torque_at(run.log, track)[:, own]
+        Y, tau = residual[:, own], torque_at(run.log, track)[:, own]
         moving = _moving(track)[chosen][:, own]
         parts.append((X, Y[chosen], tau[chosen], moving, track.t[chosen]))
         rates.append(track.rate / _step(track.rate, MEASURED_HZ) / thin)
@@ -237,13 +237,13 @@ def _check_paper(run: Run) -> None:
         )
 
 
-def _joints(wanted: Sequence[int] | None, dof: int, usual: int) -> tuple[int, ...]:
-    if wanted is None:
-        return tuple(range(1, min(usual, dof) + 1))
-    if not wanted or any(not 1 <= j <= dof for j in wanted):
-        told = ", ".join(map(str, wanted)) or "none"
-        raise InputError(f"joints {told}: expected some of 1 to {dof}, each once.")
-    return tuple(sorted(set(wanted)))
+def _joints(joints: Sequence[int] | None, dof: int, default: int) -> tuple[int, ...]:
+    if joints is None:
+        return tuple(range(1, min(default, dof) + 1))
+    if not joints or any(not 1 <= j <= dof for j in joints):
+        listed = ", ".join(map(str, joints)) or "none"
+        raise InputError(f"joints {listed}: expected some of 1 to {dof}, each once.")
+    return tuple(sorted(set(joints)))
 
 
 def _reference_state(log: Recording, joints: Sequence[int]) -> Array:
@@ -252,8 +252,8 @@ def _reference_state(log: Recording, joints: Sequence[int]) -> Array:
     return state_block(q, qd, np.gradient(qd, log.t, axis=0))
 
 
-def _step(rate: float, wanted: float) -> int:
-    return max(1, round(rate / wanted))
+def _step(rate: float, target: float) -> int:
+    return max(1, round(rate / target))
 
 
 def _stacked(

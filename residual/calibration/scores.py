@@ -2,7 +2,7 @@
 
 RMSEC and RMSEV are 100 ||Y* - Yhat|| / ||Y*|| on the rows that a fold fitted and on
 those that it held out (paper, eq. 29), Y* the measured torque. On measured motion a
-joint has rows only where it moves (`Training.taught` says why).
+joint has rows only where it moves (`Training.with_fitted_standstill` says why).
 """
 
 from collections.abc import Callable, Collection, Iterator, Sequence
@@ -140,9 +140,9 @@ class Trial:
     Attributes:
         scheme: The scheme.
         options: Options that were tried.
-        fitted, held: On rows fitted and held out, by option. (folds, options, j).
-        paper_fitted, paper_held: The same of the paper's form with 0 to A components;
-            None where it was not fitted.
+        fitted, held_out: On rows fitted and held out, by option. (folds, options, j).
+        paper_fitted, paper_held_out: The same of the paper's form with 0 to A
+            components; None where it was not fitted.
         power_fitted, power: Squared torque of the rows. (folds, j).
         seconds: On rows held out, per second. (options, seconds, j).
         forecasts: Corrections of the rows of one fold, by option, and by all
@@ -152,9 +152,9 @@ class Trial:
     scheme: Scheme
     options: tuple[Option, ...]
     fitted: Array
-    held: Array
+    held_out: Array
     paper_fitted: Array | None
-    paper_held: Array | None
+    paper_held_out: Array | None
     power_fitted: Array
     power: Array
     seconds: Array
@@ -178,7 +178,7 @@ def try_forms(
         form: The paper's form; None to leave it out.
         shown: A fold whose corrections are kept.
     """
-    fitted, held, power_fitted, paper, forecasts = [], [], [], [], None
+    fitted, held_out, power_fitted, paper, forecasts = [], [], [], [], None
     every = counts = once = None
     seconds = np.zeros((len(options), int(rows.second.max()) + 1, len(rows.joints)))
     for fold, (kept, out) in enumerate(scheme.split(rows)):
@@ -187,16 +187,20 @@ def try_forms(
             every = training_of(rows, Y, tables)
             counts = None if scheme.unseen else pair_counts(every.Z)
             # What stands says what all rows in motion say, where rows are held out.
-            once = None if scheme.unseen or form is not None else every.taught()
+            once = (
+                None
+                if scheme.unseen or form is not None
+                else every.with_fitted_standstill()
+            )
         known, new = every.rows(kept), every.rows(out)
-        taught = known.taught() if once is None else once.rows(kept)
+        taught = known.with_fitted_standstill() if once is None else once.rows(kept)
         own = None
         if counts is not None:  # of few rows less than of many
             own = partial(_less, counts, every.Z[out])
         fits = fit_forms(taught, tables, own)
         predicted = fits.forecasts(new, options)
         fitted.append(_squares(known, fits.forecasts(known, options)))
-        held.append(_squares(new, predicted))
+        held_out.append(_squares(new, predicted))
         power_fitted.append(known.misses(known.Y - known.tau).sum(axis=0))
         add_seconds(seconds, new, predicted)
         if form is not None:
@@ -212,7 +216,7 @@ def try_forms(
         scheme,
         tuple(options),
         np.array(fitted),
-        np.array(held),
+        np.array(held_out),
         *both,
         np.array(power_fitted),
         fold_sums(torque * torque, scheme.folds),
@@ -307,11 +311,11 @@ def scores_of(trial: Trial, chosen: Sequence[Sequence[Option]]) -> list[Score]:
     nothing, line = place[Option(NONE)], place[Option(LEAST_SQUARES)]
     # With all components PLSR is least squares.
     lines = [i for option, i in place.items() if option.kind == LINES] + [line]
-    both, out = (trial.fitted, trial.held), []
+    both, out = (trial.fitted, trial.held_out), []
     for name, at in ((NOTHING, [nothing]), (LS, [line]), (PLSR, lines)):
         out.append(_score(trial, name, *(part[:, at] for part in both)))
-    if trial.paper_held is not None:
-        out.append(_score(trial, PAPER_FORM, trial.paper_fitted, trial.paper_held))
+    if trial.paper_held_out is not None:
+        out.append(_score(trial, PAPER_FORM, trial.paper_fitted, trial.paper_held_out))
     numbers = np.array([[[place[o] for o in own]] for own in chosen])
     own = (np.take_along_axis(part, numbers, axis=1) for part in both)
     return [*out, _score(trial, DEFAULT, *own)]

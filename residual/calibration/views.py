@@ -73,13 +73,13 @@ class Unseen:
     Attributes:
         label: The run.
         t: Time from its first row [s]. Shape (n,).
-        left: What the nominal model leaves: the measured residual [N m]. Shape (n, j).
+        residual: Of a nominal model that has not seen the run [N m]. Shape (n, j).
         corrections: Torque of each model's correction [N m]. Shapes (n, j).
     """
 
     label: str
     t: Array
-    left: Array
+    residual: Array
     corrections: Mapping[str, Array]
 
 
@@ -91,13 +91,13 @@ def middle_run(rows: Rows) -> int:
 
 
 def unseen_run(
-    rows: Rows, trial: Trial, number: int, left: Array, chosen: Sequence[Option]
+    rows: Rows, trial: Trial, number: int, residual: Array, chosen: Sequence[Option]
 ) -> Unseen:
     """Return a run with its corrections by models that were fitted without it.
 
     Args:
         trial: By run; its forecasts are of this one.
-        left: What a nominal model leaves on all rows that has not seen it. (n, j).
+        residual: Of a nominal model that has not seen it, on all rows. (n, j).
         chosen: Option of each joint, chosen without it.
     """
     by_option, paper = trial.forecasts
@@ -111,7 +111,7 @@ def unseen_run(
     }
     t = np.arange(held.sum()) / rows.rates[number]
     thin = {name: values[::step] for name, values in corrections.items()}
-    return Unseen(rows.labels[number], t[::step], left[held][::step], thin)
+    return Unseen(rows.labels[number], t[::step], residual[held][::step], thin)
 
 
 def sweep_levels(
@@ -128,7 +128,9 @@ def sweep_levels(
             miss, power = 0.0, 0.0
             for kept, held in islice(scheme.split(rows), _FOLDS):
                 new = every.rows(held)
-                guesses = paper_forecast(every.rows(kept).taught(), form)(new)
+                guesses = paper_forecast(
+                    every.rows(kept).with_fitted_standstill(), form
+                )(new)
                 miss += np.stack([new.misses(g).sum(axis=0) for g in guesses[1:]])
                 power += torque[held].sum(axis=0)
             curve = relative_error(miss, power)
@@ -174,8 +176,8 @@ def _error_block(
     What a model leaves on these rows where there is no twin.
     """
     if not all(set(_TWIN_STATE) <= set(runs[i].twin) for i in taken):
-        left = rows.Y[np.concatenate([*taken.values()])]
-        return {LEFT: (left, tuple(f"residual{j}" for j in rows.joints))}
+        residual = rows.Y[np.concatenate([*taken.values()])]
+        return {LEFT: (residual, tuple(f"residual{j}" for j in rows.joints))}
     joints, errors = [j - 1 for j in rows.joints], []
     for i, part in taken.items():
         at = np.linspace(0, len(runs[i].log.t) - 1, len(part)).astype(int)

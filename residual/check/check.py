@@ -5,7 +5,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from residual.check.file_limits import doubted_limits, excursions
+from residual.check.commanded import commanded
 from residual.check.kinematics import (
     degrees,
     no_clock,
@@ -17,11 +17,9 @@ from residual.check.kinematics import (
 )
 from residual.check.motion import Motion, thin_rows
 from residual.check.mounting import REMOVED, mounting, nats_of
-from residual.check.physics import misread, other_time, wrong_robot
+from residual.check.physics import misread, wrong_robot
 from residual.check.reading import Reading, as_given, odds_of, read_by
 from residual.check.reported import (
-    common_factor,
-    joints_exchanged,
     shares_of,
     torque_factors,
     unit_fault,
@@ -37,11 +35,10 @@ from residual.check.samples import (
     wraps,
 )
 from residual.check.slips import Slips, slips
-from residual.check.torque_source import commanded, filtered
 from residual.errors import InputError, listed
 from residual.recording import Recording
 from residual.robot.dynamics import joints_length
-from residual.robot.limits import with_real_limits
+from residual.robot.limits import placeholders, with_real_limits
 from residual.robot.robot import Robot
 from residual.signals.splitting import sketch_of
 
@@ -57,7 +54,16 @@ def check_logs(robot: Robot, recordings: Sequence[Recording]) -> LogCheck:
     if not recordings:
         raise InputError("No log to check: expected at least one recording, got none.")
     with np.errstate(all="ignore"):
-        faults = doubted_limits(robot, recordings)
+        faults = [
+            Fault(
+                "robot_file",
+                (),
+                False,
+                f"A placeholder: {words}; the other joints' limits are like it. They "
+                "are not checked; give the real ones in robot.toml, [joints].",
+            )
+            for words in placeholders(robot, recordings).values()
+        ]
         robot = with_real_limits(robot, recordings)
         faults += _faults(robot, recordings)
     return LogCheck(tuple(sorted(faults, key=lambda fault: not fault.certain)))
@@ -100,8 +106,7 @@ def _of_the_arm(
 
     Physics is the same all along a log: of long ones seven minutes are looked at.
     """
-    body = (_units(robot), _gravity(robot), _inertias(robot))
-    faults, whole = [fault for fault in body if fault], logs
+    faults, whole = file_faults(robot), logs
     logs = sketch_of(logs)
     motion = thin_rows(logs)
     faults += enough(logs, motion)
@@ -109,6 +114,8 @@ def _of_the_arm(
         return [*faults, *speeds]
     columns, reading = misread(robot, motion)
     slipped, mounted = slips(robot, motion), None
+    if slipped and slipped.alone and any(fault.certain for fault in columns):
+        slipped = None
     given = as_given(robot.dof)
     # A reading that is not worth a word is none, and another arm's is no reading.
     counts = any(fault.kind != WRONG for fault in columns)
@@ -117,10 +124,8 @@ def _of_the_arm(
     if reading.angle_unit == 1.0:
         mounted = mounting(robot, motion)
     gone = mounted and mounted.fault.kind == REMOVED and not mounted.fault.certain
-    if gone and (
-        other_time(robot, motion) or zero_explains(robot, motion, logs, given)
-    ):
-        mounted = None  # another time or zero says more than a weight that may be gone
+    if gone and zero_explains(robot, motion, logs, given):
+        mounted = None  # another zero says more than a weight that may be gone
     if mounted:
         # The rest is asked of the arm as it is mounted.
         also, then = misread(mounted.robot, motion)
@@ -142,17 +147,11 @@ def _of_the_arm(
             columns, reading = also, then
         columns = _of_columns(robot, motion, columns)
     if columns and zero_explains(robot, motion, logs, reading):
-        return [*faults, *filtered(logs), *speeds, *out_of_range(robot, whole)]
-    computed = commanded(robot, logs)
-    fits = not columns
-    columns += computed or filtered(logs)
-    if fits:
-        columns += common_factor(robot, motion)
+        return [*faults, *speeds, *out_of_range(robot, whole)]
+    columns += commanded(robot, logs)
     mended = any(fault.certain for fault in (*columns, *speeds))
     faults += carried(columns, speeds, logs)
-    if mended:
-        return faults
-    return faults + excursions(robot, whole) + out_of_range(robot, whole)
+    return faults if mended else faults + out_of_range(robot, whole)
 
 
 def _beats(slipped: Slips, nats: float, faults: Sequence[Fault]) -> bool:
@@ -166,14 +165,12 @@ def _beats(slipped: Slips, nats: float, faults: Sequence[Fault]) -> bool:
 
 
 def _of_columns(robot: Robot, motion: Motion, columns: list[Fault]) -> list[Fault]:
-    """What single readings of the columns say, else the clock, else the arm."""
-    if not any(fault.certain for fault in columns):
-        columns = joints_exchanged(robot, motion) or columns
+    """What single readings of the columns say, else the arm."""
     if any(fault.kind == "gear_ratio" and not fault.repairs for fault in columns):
         shares = shares_of(robot, motion)
         factors = torque_factors(shares)
         columns = columns if factors is None else [unit_fault(robot, factors, shares)]
-    return columns or other_time(robot, motion) or wrong_robot(robot, motion)
+    return columns or wrong_robot(robot, motion)
 
 
 def _nats(robot: Robot, motion: Motion, reading: Reading) -> float:
@@ -193,44 +190,29 @@ def carried(
     angle that counts backwards.
     """
     with_speed = any(r.qd is not None for r in logs)
-    off = [(f, r) for f in speeds for r in f.repairs]
-    turned = {j for f, r in off if f.kind == _VELOCITY and r.sign for j in r.joints}
-    order = next((r.order for _, r in off if r.order is not None), None)
-    explained: set[Fault] = set()
-    out = []
+    of_speed = [(f, r) for f in speeds if f.kind == _VELOCITY for r in f.repairs]
+    by_nature = {(r.order is None, r.sign is None): (f, r) for f, r in of_speed}
+    explained, out = set(), []
     for fault in faults:
         more = []
         for repair in (r for r in fault.repairs if r.signal == "q" and with_speed):
-            own, settled = _for_velocity(repair, turned, order)
-            more += own
-            # Of the nature of a velocity's fault, the angle's repair settles it.
             nature = repair.order is None, repair.sign is None
-            if settled:
-                explained |= {
-                    f
-                    for f, r in off
-                    if f.kind == _VELOCITY
-                    and (r.order is None, r.sign is None) == nature
-                }
+            velocity, own = by_nature.get(nature, (None, Repair("qd")))
+            if repair.order is not None:
+                before = own.order or tuple(range(1, len(repair.order) + 1))
+                order = tuple(before[i - 1] for i in repair.order)
+                more += [Repair("qd", order=order)] * (order != tuple(sorted(order)))
+                explained.add(velocity)
+            elif repair.sign is not None:
+                joints = tuple(j for j in repair.joints if j not in own.joints)
+                sign = (-1,) * len(joints)
+                more += [Repair("qd", joints, sign=sign)] * bool(joints)
+                if set(own.joints) <= set(repair.joints):
+                    explained.add(velocity)
+            else:
+                more.append(replace(repair, signal="qd"))
         out.append(replace(fault, repairs=(*fault.repairs, *more)))
-    left = [fault for fault in speeds if fault not in explained]
-    return _with_references(out, logs) + left
-
-
-def _for_velocity(
-    repair: Repair, turned: set[int], order: tuple[int, ...] | None
-) -> tuple[list[Repair], bool]:
-    """Repairs of the velocity, and whether they replace those that were found."""
-    if repair.order is not None:
-        found = order or tuple(range(1, len(repair.order) + 1))
-        wanted = tuple(found[i - 1] for i in repair.order)
-        same = wanted == tuple(sorted(wanted))
-        return [] if same else [Repair("qd", order=wanted)], order is not None
-    if repair.sign is not None:
-        joints = tuple(j for j in repair.joints if j not in turned)
-        more = [Repair("qd", joints, sign=(-1,) * len(joints))] if joints else []
-        return more, turned <= set(repair.joints)
-    return [replace(repair, signal="qd")], False
+    return _with_references(out, logs) + [f for f in speeds if f not in explained]
 
 
 def _with_references(faults: Sequence[Fault], logs: Sequence[Recording]) -> list[Fault]:
@@ -240,7 +222,7 @@ def _with_references(faults: Sequence[Fault], logs: Sequence[Recording]) -> list
         return list(faults)
     away = np.max([np.median(np.abs(r.q - r.q_ref), axis=0) for r in both], axis=0)
     travel = np.max([np.ptp(r.q, axis=0) for r in both])
-    if np.any(away > CHECK.reference_same * travel):
+    if np.any(away > 0.1 * travel):
         return list(faults)
     out = []
     for fault in faults:
@@ -249,78 +231,54 @@ def _with_references(faults: Sequence[Fault], logs: Sequence[Recording]) -> list
     return out
 
 
-def _units(robot: Robot) -> Fault | None:
-    bodies = list(robot.model.inertias)[1:]
+def file_faults(robot: Robot) -> list[Fault]:
+    """Find masses, lengths, moments and gravity that no arm has."""
+    bodies, out = list(robot.model.inertias)[1:], []
     mass, reach = sum(b.mass for b in bodies), joints_length(robot.model)
-    density = mass / max(reach, 1e-6) ** 3
-    what = f"The arm weighs {mass:.4g} kg and reaches {reach:.4g} m"
-    units = (
-        (reach > CHECK.longest, "lengths", "millimetres", 1e-3),
-        (density > CHECK.densest and reach > 0.05, "masses", "grams", 1e-3),
+    density = mass / max(reach, 1e-6) ** 3  # kg/m^3 of the cube of the reach
+    for there, sizes, unit, scale in (
+        (reach > 50.0, "lengths", "millimetres", 1e-3),
+        (density > 1e3 and reach > 0.05, "masses", "grams", 1e-3),
         (reach < 0.01 and mass > 1, "lengths", "kilometres", 1e3),
-        (density < CHECK.thinnest, "masses", "tonnes", 1e3),
-    )
-    for there, sizes, unit, scale in units:
+        (density < 1e-2, "masses", "tonnes", 1e3),
+    ):
         if there:
-            words = f"{what}: its {sizes} look like {unit}."
+            words = (
+                f"The arm weighs {mass:.4g} kg and reaches {reach:.4g} m: its {sizes} "
+                f"look like {unit}."
+            )
             repairs = (Repair("robot", scale=scale),)
-            return Fault("robot_file", (), True, words, repairs)
-    return None
-
-
-def _gravity(robot: Robot) -> Fault | None:
+            out.append(Fault("robot_file", (), True, words, repairs))
+            break
     size = float(np.linalg.norm(robot.model.gravity.linear))
-    if size == 0 or CHECK.earth[0] < size < CHECK.earth[1]:
-        return None
-    certain = size > CHECK.largest_gravity
-    words = f"Gravity is {size:.4g} m/s^2 in the robot file, expected 9.81."
-    return Fault("robot_file", (), certain, words)
-
-
-def _inertias(robot: Robot) -> Fault | None:
-    """Bodies whose moments no mass can have; with none at all they are left alone."""
-    reach, impossible, doubtful, words = joints_length(robot.model), [], [], []
-    for joint, body in enumerate(list(robot.model.inertias)[1:], start=1):
-        moments = np.linalg.eigvalsh(body.inertia)
-        largest = float(np.abs(moments).max())
-        radius = np.sqrt(largest / max(body.mass, 1e-9))
-        if body.mass < 0 or moments[0] < -CHECK.negative * largest:
-            impossible.append(joint)
-            words.append(f"link {joint} has a moment of {moments[0]:.3g} kg m^2")
-        elif body.mass > 1e-3 and largest == 0:
-            doubtful.append(joint)
-            words.append(f"link {joint} has {body.mass:.3g} kg and no moment")
-        elif body.mass > 1e-3 and radius > CHECK.widest * max(reach, 0.1):
-            impossible.append(joint)
-            words.append(f"the mass of link {joint} is spread over {radius:.3g} m")
-        elif moments[2] - moments[0] - moments[1] > CHECK.triangle * largest:
-            doubtful.append(joint)
-            words.append(f"link {joint} has moments {listed(moments, '.3g')} kg m^2")
-    if not words:
-        return None
-    joints = tuple(sorted(impossible + doubtful))
-    evidence = f"No body is like that: {'; '.join(words)}."
-    return Fault("robot_file", joints, bool(impossible), evidence)
+    if size and not CHECK.earth[0] < size < CHECK.earth[1]:
+        words = f"Gravity is {size:.4g} m/s^2 in the robot file, expected 9.81."
+        out.append(Fault("robot_file", (), size > 3 * CHECK.earth[1], words))
+    wrong = []
+    for joint, body in enumerate(bodies, start=1):
+        least, *_, most = np.linalg.eigvalsh(body.inertia)
+        if body.mass < 0 or least < -1e-3 * most:
+            wrong.append((joint, f"link {joint} has a moment of {least:.3g} kg m^2"))
+        elif body.mass * most > (body.mass * CHECK.widest * max(reach, 0.1)) ** 2:
+            radius = np.sqrt(most / body.mass)
+            words = f"the mass of link {joint} is spread over {radius:.3g} m"
+            wrong.append((joint, words))
+    if wrong:
+        joints, words = zip(*wrong, strict=True)
+        evidence = f"No body is like that: {'; '.join(words)}."
+        out.append(Fault("robot_file", joints, True, evidence))
+    return out
 
 
 def enough(recordings: Sequence[Recording], motion: Motion | None) -> list[Fault]:
     """Find logs that are too short, and joints that do not move on their own."""
-    seconds = sum(r.duration for r in recordings)
-    out = []
+    seconds, out = sum(r.duration for r in recordings), []
     if seconds < CHECK.shortest:
         words = (
             f"The logs last {seconds:.3g} s together; below {CHECK.shortest:g} s the "
             "motion does not tell friction, weight and inertia apart."
         )
         out.append(Fault("too_short", (), False, words))
-    out += _one_way(recordings)
-    if motion is not None:
-        out += _lockstep(motion)
-    return out
-
-
-def _one_way(recordings: Sequence[Recording]) -> list[Fault]:
-    """Joints that go one way only, apart from what their noise does."""
     forth, back = np.zeros((2, recordings[0].dof))
     for recording in recordings:
         step = max(1, len(recording.t) // 200)
@@ -328,30 +286,25 @@ def _one_way(recordings: Sequence[Recording]) -> list[Fault]:
         forth += np.maximum(change, 0).sum(axis=0)
         back += np.maximum(-change, 0).sum(axis=0)
     path = forth + back
-    one_way = (np.minimum(forth, back) < CHECK.one_way * path) & (path > CHECK.travel)
-    joints = joints_of(one_way)
-    if not joints:
-        return []
-    words = (
-        f"Joints {listed(joints)} never reverse: dry friction and a constant torque "
-        "cannot be told apart there."
-    )
-    return [Fault("no_reversal", joints, False, words)]
-
-
-def _lockstep(motion: Motion) -> list[Fault]:
+    one_way = np.minimum(forth, back) < CHECK.one_way * path
+    if joints := joints_of(one_way & (path > CHECK.travel)):
+        words = (
+            f"Joints {listed(joints)} never reverse: dry friction and a constant "
+            "torque cannot be told apart there."
+        )
+        out.append(Fault("no_reversal", joints, False, words))
+    if motion is None:
+        return out
     qd = motion.qd[motion.moving.any(axis=1)]
-    moves = np.flatnonzero(np.ptp(motion.q, axis=0) > CHECK.travel)
-    if len(moves) < 2 or len(qd) < 10:
-        return []
-    unit = qd[:, moves] / np.maximum(np.linalg.norm(qd[:, moves], axis=0), 1e-12)
-    related = np.abs(unit.T @ unit) - np.eye(len(moves))
-    tied = (related > CHECK.together).any(axis=0)
-    if not tied.any():
-        return []
-    joints = tuple(int(j) + 1 for j in moves[tied])
-    words = (
-        f"The speeds of joints {listed(joints)} are proportional (correlation "
-        f"{related.max():.4f}): what belongs to which of them cannot be told."
-    )
-    return [Fault("lockstep", joints, False, words)]
+    moves = np.ptp(motion.q, axis=0) > CHECK.travel
+    if moves.sum() < 2 or len(qd) < 10:
+        return out
+    unit = np.where(moves, qd / np.maximum(np.linalg.norm(qd, axis=0), 1e-12), 0.0)
+    related = np.abs(unit.T @ unit) - np.diag(np.sum(unit**2, axis=0))
+    if tied := joints_of((related > CHECK.together).any(axis=0)):
+        words = (
+            f"The speeds of joints {listed(tied)} are proportional (correlation "
+            f"{related.max():.4f}): what belongs to which of them cannot be told."
+        )
+        out.append(Fault("lockstep", tied, False, words))
+    return out

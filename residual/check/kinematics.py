@@ -13,10 +13,15 @@ from residual.check.motion import Motion
 from residual.check.reading import Reading, as_given, best_order, judge
 from residual.check.result import Fault, Repair, joints_of
 from residual.check.rules import CHECK
+from residual.check.samples import running_median
 from residual.errors import listed
+from residual.quantity import along
 from residual.recording import Array, Recording, usual_speed
 from residual.robot.robot import Robot
 
+_VELOCITY = "velocity_mismatch"
+_SHARE, _USUAL = 0.99, 0.95  # of the samples, so that single ones do not count
+_WINDOW = 0.2  # s over which angles and velocities are compared
 _TIME_UNITS = {
     1e-3: "milliseconds",
     1e-6: "microseconds",
@@ -40,15 +45,13 @@ def time_unit(robot: Robot, recordings: Sequence[Recording]) -> Fault | None:
         return None
     rate = float(np.median([1 / np.median(np.diff(r.t)) for r in logs]))
     # In steps of twenty samples: seconds are not known yet.
-    fastest = [
-        usual_speed(r, max(1, min(20, len(r.t) // 10)), CHECK.clock_share) for r in logs
-    ]
+    fastest = [usual_speed(r, max(1, min(20, len(r.t) // 10)), _USUAL) for r in logs]
     speed = float(np.max(fastest / robot.velocity_limit))
     usual = CHECK.slowest_rate <= rate <= CHECK.fastest_rate
     if usual and speed < CHECK.clock_speed * 5:
         return None
     fits = {
-        f: abs(np.log(rate / f / CHECK.usual_rate))
+        f: abs(np.log(rate / f / 300.0))  # Hz, a usual rate
         for f in _TIME_UNITS
         if CHECK.slowest_rate <= rate / f <= CHECK.fastest_rate
         and speed / f < CHECK.clock_speed
@@ -69,12 +72,14 @@ def no_clock(recordings: Sequence[Recording]) -> list[Fault]:
     Nothing is computed of such logs: a filter of a tenth of a second would have more
     values than any memory.
     """
-    rates = [1 / np.median(np.diff(r.t)) for r in recordings if len(r.t) > 1]
-    if not rates or max(rates) <= CHECK.any_rate:
+    rate = max(
+        (1 / np.median(np.diff(r.t)) for r in recordings if len(r.t) > 1), default=0.0
+    )
+    if rate <= CHECK.any_rate:
         return []
     words = (
-        f"{max(rates):.3g} samples per second, expected at most "
-        f"{CHECK.any_rate:.3g} in any unit of time. Export the log again, with time."
+        f"{rate:.3g} samples per second, expected at most {CHECK.any_rate:.3g} in any "
+        "unit of time. Export the log again, with time."
     )
     return [Fault("time_unit", (), True, words)]
 
@@ -124,7 +129,7 @@ def _windows(recording: Recording) -> tuple[Array, Array]:
     """Change of the angle, and integral of the velocity, window by window."""
     t, q = recording.t, recording.q
     step = float(np.median(np.diff(t)))
-    stride = min(max(1, round(CHECK.velocity_window / step)), max(1, len(t) // 20))
+    stride = min(max(1, round(_WINDOW / step)), max(1, len(t) // 20))
     mean = (recording.qd[1:] + recording.qd[:-1]) / 2
     travelled = np.cumsum(mean * np.diff(t)[:, None], axis=0)
     travelled = np.concatenate([np.zeros((1, q.shape[1])), travelled])
@@ -135,57 +140,65 @@ def _windows(recording: Recording) -> tuple[Array, Array]:
 
 def _order(related: Array, moved: Array) -> tuple[Array, list[Fault]]:
     """Velocities of other joints: each angle finds its own among them."""
-    own = np.diag(related)
+    own, same = np.diag(related), np.arange(len(related))
     order = best_order(np.abs(related) + 0.2 * np.eye(len(own)))
-    other = order != np.arange(len(own))
-    joints = joints_of(other)
-    best = np.abs(related[np.arange(len(own)), order])
+    other = order != same
+    joints, best = joints_of(other), np.abs(related[same, order])
     if not joints or (best < CHECK.velocity_same)[other & moved].any():
-        return np.arange(len(own)), []
+        return same, []
     words = (
         f"The velocities of joints {listed(joints)} follow the angles of other joints "
         f"(correlation with their own at most {np.abs(own[other]).max():.2f}, in the "
         f"order {listed(order + 1)} at least {best[other].min():.2f})."
     )
     repair = Repair("qd", order=tuple(int(i) + 1 for i in order))
-    return order, [Fault("velocity_mismatch", joints, True, words, (repair,))]
+    return order, [Fault(_VELOCITY, joints, True, words, (repair,))]
 
 
 def _slopes(
     change: Array, integral: Array, related: Array, moved: Array
 ) -> list[Fault]:
+    """Velocities of another sign or size than the change of their angles."""
     own, power = np.diag(related), np.sum(change**2, axis=0)
     slope = np.sum(change * integral, axis=0) / np.maximum(power, 1e-300)
     good = moved & (np.abs(own) > CHECK.velocity_same)
-    off = good & (np.abs(slope - 1) > CHECK.velocity_off)
+    size = float(np.median(np.abs(slope[good]))) if good.any() else 1.0
+    alike = np.all(np.abs(np.abs(slope[good]) / size - 1) < CHECK.velocity_alike)
     out = []
-    if off.any() and good.sum() == off.sum() and good.sum() >= 2:
-        size = float(np.median(np.abs(slope[good])))
-        if np.all(np.abs(np.abs(slope[good]) / size - 1) < CHECK.velocity_alike):
-            out += _common(size)
-            slope = slope / (size if out else 1.0)
-            off = good & (np.abs(slope - 1) > CHECK.velocity_off)
-    out += _single(slope, off)
-    loose = joints_of(moved & ~good)
-    if loose:
+    if good.sum() >= 2 and alike and abs(size - 1) > CHECK.velocity_off:
+        out.append(_common(size))
+        slope = slope / size
+    off = good & (np.abs(slope - 1) > CHECK.velocity_off)
+    turned = off & (np.abs(slope + 1) < CHECK.velocity_off)
+    if negated := joints_of(turned):
+        words = f"The velocity of joints {listed(negated)} runs against the angle."
+        repair = Repair("qd", negated, sign=(-1,) * len(negated))
+        out.append(Fault(_VELOCITY, negated, True, words, (repair,)))
+    if scaled := joints_of(off & ~turned):
+        sizes = [float(slope[j - 1]) for j in scaled]
+        words = (
+            f"The velocity of joints {listed(scaled)} is {listed(sizes, '.4g')} times "
+            "what the angle does."
+        )
+        repair = Repair("qd", scaled, scale=tuple(1 / s for s in sizes))
+        out.append(Fault(_VELOCITY, scaled, True, words, (repair,)))
+    if loose := joints_of(moved & ~good):
         words = (
             f"The velocity of joints {listed(loose)} is not the derivative of the "
             f"angle (correlation {min(abs(own[j - 1]) for j in loose):.2f}): filtered, "
             "late, or of something else."
         )
-        out.append(Fault("velocity_mismatch", loose, False, words))
+        out.append(Fault(_VELOCITY, loose, False, words))
     return out
 
 
-def _common(size: float) -> list[Fault]:
+def _common(size: float) -> Fault:
     """One factor between all velocities and angles: a unit, else the clock."""
-    if abs(size - 1) < CHECK.velocity_off:
-        return []
     for unit, (signal, name) in _UNITS.items():
         if abs(size / unit - 1) < CHECK.velocity_alike:
             words = f"All velocities are {size:.4g} times what the angles do: {name}."
             repair = Repair(signal, scale=1 / unit if signal == "qd" else unit)
-            return [Fault("angle_unit", (), True, words, (repair,))]
+            return Fault("angle_unit", (), True, words, (repair,))
     scale = 1 / size
     near = float(f"{scale:.1g}")
     scale = near if abs(scale / near - 1) < CHECK.velocity_alike else scale
@@ -193,37 +206,18 @@ def _common(size: float) -> list[Fault]:
         f"All velocities are {size:.4g} times what the angles do in the time that is "
         f"given: time runs {size:.4g} times too slowly in this log."
     )
-    return [Fault("time_unit", (), True, words, (Repair("t", scale=scale),))]
-
-
-def _single(slope: Array, off: Array) -> list[Fault]:
-    out = []
-    turned = off & (abs(slope + 1) < CHECK.velocity_off)
-    negated, scaled = joints_of(turned), joints_of(off & ~turned)
-    if negated:
-        words = f"The velocity of joints {listed(negated)} runs against the angle."
-        repair = Repair("qd", negated, sign=(-1,) * len(negated))
-        out.append(Fault("velocity_mismatch", negated, True, words, (repair,)))
-    if scaled:
-        sizes = [float(slope[j - 1]) for j in scaled]
-        words = (
-            f"The velocity of joints {listed(scaled)} is {listed(sizes, '.4g')} times "
-            "what the angle does."
-        )
-        repair = Repair("qd", scaled, scale=tuple(1 / s for s in sizes))
-        out.append(Fault("velocity_mismatch", scaled, True, words, (repair,)))
-    return out
+    return Fault("time_unit", (), True, words, (Repair("t", scale=scale),))
 
 
 def out_of_range(robot: Robot, recordings: Sequence[Recording]) -> list[Fault]:
-    """Find joints that are beyond the limits of the robot file."""
-    share, words, joints = CHECK.range_share, [], set()
+    """Find joints beyond the limits of the robot file.
+
+    Several samples in a row at five times a limit of speed or torque are certain: no
+    arm makes them.
+    """
+    share, words, joints, certain = _SHARE, [], set(), False
     low = np.min([np.quantile(r.q, 1 - share, axis=0) for r in recordings], axis=0)
     high = np.max([np.quantile(r.q, share, axis=0) for r in recordings], axis=0)
-    torque = np.max(
-        [np.quantile(np.abs(r.tau), share, axis=0) for r in recordings], axis=0
-    )
-    speed = _speeds(recordings)
     for j in range(robot.dof):
         if max(robot.lower[j] - low[j], high[j] - robot.upper[j]) > CHECK.range_angle:
             joints.add(j + 1)
@@ -231,18 +225,38 @@ def out_of_range(robot: Robot, recordings: Sequence[Recording]) -> list[Fault]:
                 f"q{j + 1} runs from {low[j]:.3g} to {high[j]:.3g} rad, its range is "
                 f"{robot.lower[j]:.3g} to {robot.upper[j]:.3g} rad"
             )
-        for does, size, limit, unit in (
-            (f"joint {j + 1} moves at", speed, robot.velocity_limit, "rad/s"),
-            (f"tau{j + 1} reaches", torque, robot.torque_limit, "N m"),
-        ):
-            if size[j] > CHECK.range_limit * limit[j]:
-                joints.add(j + 1)
-                words.append(
-                    f"{does} {size[j]:.3g} {unit}, its limit is {limit[j]:.3g} {unit}"
-                )
+    tau = np.max([np.quantile(np.abs(r.tau), share, axis=0) for r in recordings], 0)
+    for does, usual, limit, unit in (
+        ("joint {} moves at", _speeds(recordings), robot.velocity_limit, "rad/s"),
+        ("tau{} reaches", tau, robot.torque_limit, "N m"),
+    ):
+        peak = np.max([_peaks(r, unit == "N m") for r in recordings], axis=0)
+        # Of what is large all along the unit is wrong, and other checks say so.
+        peak[usual > CHECK.range_limit * limit] = 0.0
+        most = np.where(peak > CHECK.excursion * limit, peak, usual)
+        for j in np.flatnonzero(most > CHECK.range_limit * limit):
+            joints.add(int(j) + 1)
+            certain |= bool(peak[j] > CHECK.excursion * limit[j])
+            unit_of = along(unit) if robot.prismatic[j] else unit
+            words.append(
+                f"{does.format(j + 1)} {most[j]:.3g} {unit_of}, its limit is "
+                f"{limit[j]:.3g} {unit_of}"
+            )
     if not joints:
         return []
-    return [Fault("out_of_range", tuple(sorted(joints)), False, f"{'; '.join(words)}.")]
+    where = tuple(sorted(joints))
+    return [Fault("out_of_range", where, certain, f"{'; '.join(words)}.")]
+
+
+def _peaks(log: Recording, torque: bool) -> Array:
+    """Largest torque, or speed, that outlives a running median. Shape (dof,)."""
+    if torque:
+        values = log.tau
+    elif log.qd is not None:
+        values = log.qd
+    else:
+        values = np.diff(log.q, axis=0) / np.diff(log.t)[:, None]
+    return running_median(np.abs(values)).max(axis=0)
 
 
 def degrees(robot: Robot, recordings: Sequence[Recording]) -> list[Fault]:
@@ -275,9 +289,9 @@ def _speeds(recordings: Sequence[Recording]) -> Array:
     """Usual largest speed of each joint in any log [rad/s]. Shape (dof,)."""
     speeds = []
     for r in recordings:
-        stride = round(CHECK.range_stride / float(np.median(np.diff(r.t))))
+        stride = round(0.1 / float(np.median(np.diff(r.t))))
         stride = max(1, min(stride, len(r.t) // 4))
-        speeds.append(usual_speed(r, stride, CHECK.range_share))
+        speeds.append(usual_speed(r, stride, _SHARE))
     return np.max(speeds, axis=0)
 
 
@@ -297,9 +311,9 @@ def zero_explains(
         return False
     j = joints[0] - 1
     first, last = robot.lower[j] - low[j], robot.upper[j] - high[j]
-    count = min(CHECK.most_zeros, 2 + int(abs(last - first) / CHECK.zero_step))
+    count = min(16, 2 + int(abs(last - first) / 0.3))
     given, other = as_given(robot.dof), judge(robot, motion, best).value
-    other += CHECK.zero_worth if best == given else 0.0
+    other += CHECK.doubt if best == given else 0.0
     for shift in np.linspace(first, last, count):
         q = motion.q.copy()
         q[:, j] += shift

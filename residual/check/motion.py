@@ -12,7 +12,6 @@ from functools import lru_cache
 import numpy as np
 from scipy.linalg import cholesky
 
-from residual.check.rules import CHECK
 from residual.evidence.priors import inertial_precision
 from residual.recording import Array, Recording
 from residual.robot.dynamics import (
@@ -24,9 +23,17 @@ from residual.robot.dynamics import (
     regressor,
 )
 from residual.robot.robot import Robot
-from residual.signals.track import Filters, Track, prepare
+from residual.signals.track import Filters, prepare
 
-_FILTERS = Filters(CHECK.row_filter, CHECK.row_filter, CHECK.row_rate)
+_FILTERS = Filters(5.0, 5.0, 60.0)  # Hz: on angles, on torque, of the rows
+_MOST_ROWS = 360
+_APART = 0.3  # s: rows nearer to each other count as one in evidence
+# What a torque may be made of before a log is believed: priors, one deviation each.
+BODY = 0.3  # relative, of the inertial parameters
+TILT = 0.1  # rad
+_LOAD, _STRANGE, _LEVER = 0.05, 0.005, 0.15  # of the arm's mass; of its reach
+_PULL = 0.05  # of the arm's weight, at the flange
+_LEAST_SIZE = 0.05  # of the strongest joint's torque
 _NOTHING = 1e-9
 OUTER = 5  # columns of the world around the arm: two tilts, a force in three axes
 _FRICTION = (1, 2, 7, 8)  # of the columns beside the body
@@ -48,22 +55,11 @@ class Motion:
     tau: Array  # torque behind the same filter [N m], (n, dof)
     moving: Array  # joint moves, beyond what its noise does. Shape (n, dof), bool
     spread: float  # independent rows for each row that is there
-    log: Array  # number of the log of each row, (n,)
 
     @property
     def dof(self) -> int:
         """Number of joints."""
         return self.q.shape[1]
-
-    def split(self, parts: int) -> list["Motion"]:
-        """Return the rows of each part of every log, in time."""
-        every = [np.flatnonzero(self.log == number) for number in np.unique(self.log)]
-        pieces = [np.array_split(rows, parts) for rows in every]
-        numbers = (np.concatenate(p) for p in zip(*pieces, strict=True))
-        names = ("q", "qd", "qdd", "tau", "moving", "log")
-        return [
-            replace(self, **{k: getattr(self, k)[n] for k in names}) for n in numbers
-        ]
 
     def with_angles(self, order: Sequence[int], scale: Array) -> "Motion":
         """Return the motion with other angles: channel ``order[j]``, times a factor.
@@ -77,31 +73,19 @@ class Motion:
 
 def thin_rows(recordings: Sequence[Recording]) -> Motion | None:
     """Filter and thin logs; None where nothing is left of them."""
-    chosen = _chosen(recordings)
-    if not chosen:
-        return None
-    parts = []
-    for number, (_, track, use) in enumerate(chosen):
-        motion = (x[:: track.step][use] for x in (track.q, track.qd, track.qdd))
-        own = track.tau[use], track.moving[use], np.full(len(use), number)
-        parts.append((*motion, *own))
-    *rows, log = (np.concatenate(own) for own in zip(*parts, strict=True))
-    seconds = sum(t.inner.sum() * t.step / t.rate for _, t, _ in chosen)
-    return Motion(*rows, spread=min(1.0, seconds / CHECK.apart / len(log)), log=log)
-
-
-def _chosen(recordings: Sequence[Recording]) -> list[tuple[Recording, Track, Array]]:
-    """Logs that are long enough, with the numbers of the rows that are looked at."""
     long = [r for r in recordings if len(r.t) > 20]
     tracks, _ = prepare(long, _FILTERS) if long else ((), None)
     total = sum(int(track.inner.sum()) for track in tracks)
     if total < 10:
-        return []
-    every = max(1, int(np.ceil(total / CHECK.most_rows)))
-    return [
-        (r, track, np.flatnonzero(track.inner)[::every])
-        for r, track in zip(long, tracks, strict=True)
-    ]
+        return None
+    every, parts = max(1, int(np.ceil(total / _MOST_ROWS))), []
+    for track in tracks:
+        use = np.flatnonzero(track.inner)[::every]
+        motion = (x[:: track.step][use] for x in (track.q, track.qd, track.qdd))
+        parts.append((*motion, track.tau[use], track.moving[use]))
+    rows = [np.concatenate(part) for part in zip(*parts, strict=True)]
+    seconds = sum(t.inner.sum() * t.step / t.rate for t in tracks)
+    return Motion(*rows, spread=min(1.0, seconds / _APART / len(rows[0])))
 
 
 @dataclass(frozen=True, eq=False, slots=True)
@@ -131,7 +115,7 @@ def columns(robot: Robot, motion: Motion) -> list[Columns]:
     """Return the columns of every joint."""
     y, nominal = torque_of_file(robot, motion)
     size = rms(nominal)
-    size = np.maximum(size, CHECK.least_size * max(size.max(), _NOTHING))
+    size = np.maximum(size, _LEAST_SIZE * max(size.max(), _NOTHING))
     root, outer, out = _inertial_root(robot), _outer(robot, motion), []
     for j in range(motion.dof):
         use, first = motion.moving[:, j], PER_LINK * j
@@ -152,11 +136,11 @@ def _inertial_root(robot: Robot) -> Array:
 
     The lower root of the covariance of its parameters; motions and readings share it.
     """
-    out = CHECK.body**2 * np.linalg.inv(inertial_precision(robot))
-    lever = CHECK.lever * joints_length(robot.model)
+    out = BODY**2 * np.linalg.inv(inertial_precision(robot))
+    lever = _LEVER * joints_length(robot.model)
     sizes = _mass(robot) * np.array([1.0] + 3 * [lever] + 6 * [lever**2])
-    out += np.diag(np.tile((CHECK.strange * sizes) ** 2, robot.dof))
-    out[-PER_LINK:, -PER_LINK:] += np.diag((CHECK.load * sizes) ** 2)
+    out += np.diag(np.tile((_STRANGE * sizes) ** 2, robot.dof))
+    out[-PER_LINK:, -PER_LINK:] += np.diag((_LOAD * sizes) ** 2)
     return cholesky(out, lower=True)
 
 
@@ -167,8 +151,8 @@ def _mass(robot: Robot) -> float:
 def _outer(robot: Robot, motion: Motion) -> Array:
     """Torques of a tilted base and of a force on the flange. Shape (n, dof, 5)."""
     down, across = gravity_of(robot)
-    tilts = [gravity_torque(robot.model, motion.q, CHECK.tilt * x) for x in across]
-    force = CHECK.pull * _mass(robot) * max(float(np.linalg.norm(down)), 1.0)
+    tilts = [gravity_torque(robot.model, motion.q, TILT * x) for x in across]
+    force = _PULL * _mass(robot) * max(float(np.linalg.norm(down)), 1.0)
     pulls = force * flange_jacobian(robot.model, motion.q)[:, :3]
     return np.concatenate([np.stack(tilts, axis=2), pulls.transpose(0, 2, 1)], axis=2)
 

@@ -9,13 +9,14 @@ direction.
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from functools import cached_property
 
 import numpy as np
 import pinocchio as pin
 
 from residual.check.motion import (
+    BODY,
     OUTER,
+    TILT,
     Motion,
     columns,
     gravity_of,
@@ -36,10 +37,11 @@ REMOVED_WORDS = (
     "driver took gravity out before it was logged. Log the torque as measured, or say "
     "so in robot.toml, [robot]: gravity = [0, 0, 0]"
 )
-_TILTS, _HELD, _NOTHING = 2, 1e-6, 1e-300
+_TILTS, _NOTHING = 2, 1e-300
+_SCALES = (0.1, 0.3, 1.0)  # of the body's prior, chosen by evidence
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, slots=True)
 class Stand:
     """An arm as it would stand under one direction of gravity."""
 
@@ -47,18 +49,7 @@ class Stand:
     parts: list[Part]
     nats: float  # log evidence of the torques
     scale: float  # of the body's prior by which it is so
-    steps: tuple[Array, ...]  # where the tilt that is left asks to turn it, (3,) each
-
-    @cached_property
-    def left(self) -> float:
-        """What the file as it is, a load and friction leave of the torques.
-
-        Share of their power, the mean of all joints.
-        """
-        prior = _prior(self.parts, _HELD, _HELD)
-        sigma = fit_body(self.parts, prior)[0]
-        power = [part.squares[0] / max(part.rows, 1e-9) for part in self.parts]
-        return float(np.mean(np.minimum(sigma**2 / np.maximum(power, _NOTHING), 1.0)))
+    steps: tuple[Array, ...]  # where the remaining tilt asks to turn it, (3,) each
 
 
 @dataclass(frozen=True, eq=False, slots=True)
@@ -78,7 +69,7 @@ def mounting(robot: Robot, motion: Motion) -> Mounted | None:
     was, best = _best(robot, motion)
     none = _weightless(robot, motion)
     angle, gain = _angle(best.gravity, given), best.nats - was.nats
-    otherwise = angle >= CHECK.tilted and gain >= CHECK.mounted
+    otherwise = angle >= CHECK.tilted and gain >= CHECK.doubt
     if none.nats > (best if otherwise else was).nats + CHECK.odds:
         return _removed(robot, was, none)
     if not otherwise:
@@ -91,10 +82,8 @@ def mounting(robot: Robot, motion: Motion) -> Mounted | None:
         f"{np.degrees(angle):.0f} degrees away, the torques fit better by {gain:.0f} "
         f"nats: the arm {_how(angle)}."
     )
-    certain = best.left < CHECK.mounted_explains * was.left
-    certain |= gain > CHECK.certain_angles
     repairs = (Repair("robot", gravity=tuple(map(float, best.gravity))),)
-    fault = Fault(MOUNTING, (), bool(certain), words, repairs)
+    fault = Fault(MOUNTING, (), gain > CHECK.certain, words, repairs)
     return Mounted(fault, turned(robot, best.gravity), best.nats)
 
 
@@ -107,14 +96,12 @@ def _seen(shares: Shares) -> bool:
 
 
 def _removed(robot: Robot, was: Stand, none: Stand) -> Mounted:
-    """The arm without its weight; certain where that explains most of what is off."""
-    explains = none.left < CHECK.removed_explains * was.left
-    certain = explains and none.nats > was.nats + CHECK.mounted
+    gain = none.nats - was.nats
     words = (
-        f"{REMOVED_WORDS}. It fits better by {none.nats - was.nats:.0f} nats; of a "
-        "load the weight may be there."
+        f"{REMOVED_WORDS}. It fits better by {gain:.0f} nats; of a load the weight "
+        "may be there."
     )
-    fault = Fault(REMOVED, (), bool(certain), words)
+    fault = Fault(REMOVED, (), gain > CHECK.certain, words)
     return Mounted(fault, turned(robot, np.zeros(3)), none.nats)
 
 
@@ -147,7 +134,7 @@ def _best(robot: Robot, motion: Motion) -> tuple[Stand, Stand]:
     was, *tried = (_stand(robot, motion, x) for x in (given, *axes))
     tried.sort(key=lambda stand: -stand.nats)
     # A good direction stands out: nothing more is asked of an upright arm.
-    clear = was.nats > tried[0].nats + CHECK.mounted
+    clear = was.nats > tried[0].nats + CHECK.doubt
     starts = [was] if clear else [was, *tried[:3]]
     best = max((_refined(robot, motion, s) for s in starts), key=lambda s: s.nats)
     axis = size * np.sign(best.gravity) * (np.abs(best.gravity) > 0.9 * size)
@@ -166,14 +153,14 @@ def _angle(one: Array, other: Array) -> float:
 
 def _refined(robot: Robot, motion: Motion, stand: Stand) -> Stand:
     """Turn gravity until no tilt is left that explains more."""
-    for _ in range(CHECK.turns_of_gravity):
+    for _ in range(12):
         tried = [_stand(robot, motion, step) for step in stand.steps]
         best = max(tried, key=lambda s: s.nats)
         # A turn that is within what arms stand off gains nothing, and is nearer.
-        if best.nats < stand.nats - CHECK.axis_worth:
+        if best.nats < stand.nats - 2.0:
             break
         turn, stand = _angle(best.gravity, stand.gravity), best
-        if turn < CHECK.still:
+        if turn < 2e-3:  # rad
             break
     return stand
 
@@ -188,7 +175,7 @@ def _weightless(robot: Robot, motion: Motion) -> Stand:
     for j, own in enumerate(columns(robot, motion)):
         nominal, values = inertia[own.rows, j], own.values.copy()
         tilts = values.shape[1] - PER_LINK * robot.dof - OUTER
-        values[:, tilts] = CHECK.body * (own.nominal - nominal)
+        values[:, tilts] = BODY * (own.nominal - nominal)
         values[:, tilts + 1] = 0.0
         joints.append(replace(own, nominal=nominal, values=values))
     return _fitted(parts_of(motion, joints), np.zeros(3), ())
@@ -201,16 +188,16 @@ def _stand(robot: Robot, motion: Motion, gravity: Array) -> Stand:
     stand = _fitted(parts, gravity, ())
     first = len(parts[0].gram) - OUTER - PER_LINK * robot.dof
     steps = []
-    for s in dict.fromkeys((CHECK.bodies[0], stand.scale)):
-        _, at, _ = fit_body(parts, _prior(parts, s, CHECK.free_tilt))
-        to = gravity + CHECK.tilt * at[first : first + _TILTS] @ across
+    for s in dict.fromkeys((_SCALES[0], stand.scale)):
+        _, at, _ = fit_body(parts, _prior(parts, s, 3.0))
+        to = gravity + TILT * at[first : first + _TILTS] @ across
         size = max(float(np.linalg.norm(to)), _NOTHING)
         steps.append(to * np.linalg.norm(gravity) / size)
     return replace(stand, steps=tuple(steps))
 
 
 def _fitted(parts: list[Part], gravity: Array, steps: tuple[Array, ...]) -> Stand:
-    fits = {s: fit_body(parts, _prior(parts, s)) for s in CHECK.bodies}
+    fits = {s: fit_body(parts, _prior(parts, s)) for s in _SCALES}
     scale = max(fits, key=lambda s: fits[s][2])
     return Stand(gravity, parts, fits[scale][2], scale, steps)
 
@@ -224,6 +211,6 @@ def _prior(parts: list[Part], scale: float, tilt: float | None = None) -> Array:
     body = count - PER_LINK * len(parts)
     out = np.ones(count)
     out[body:-PER_LINK] = scale**-2
-    out[-PER_LINK:] = CHECK.any_load**-2
-    out[body - OUTER : body - OUTER + _TILTS] = (tilt or CHECK.stands_off) ** -2
+    out[-PER_LINK:] = 3.0**-2
+    out[body - OUTER : body - OUTER + _TILTS] = (tilt or 0.3) ** -2
     return out

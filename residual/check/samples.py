@@ -10,7 +10,7 @@ from dataclasses import replace
 import numpy as np
 from scipy.ndimage import median_filter
 
-from residual.check.motion import Columns, Motion, columns, thin_rows
+from residual.check.motion import columns, thin_rows
 from residual.check.reported import shares_of, torque_factors
 from residual.check.result import Fault, Repair, joints_of
 from residual.check.rules import CHECK
@@ -19,6 +19,8 @@ from residual.recording import Array, Recording
 from residual.robot.robot import Robot
 
 _NOTHING = 1e-12
+_WINDOW = 7  # samples of the running median
+_TURN = 0.3  # rad off a whole turn: what the joint moved meanwhile
 
 
 def spikes(recording: Recording) -> list[Fault]:
@@ -28,14 +30,19 @@ def spikes(recording: Recording) -> list[Fault]:
         signal = getattr(recording, name)
         if signal is None or len(signal) < 10:
             continue
-        for j, column in enumerate(signal.T):
-            at, size, usual = _single(column)
-            if len(at):
+        for j, x in enumerate(signal.T / 4):  # the difference of two must not overflow
+            away = np.abs(x - running_median(x))
+            # Of what samples do but for one in a hundred: noise stays below.
+            usual = np.quantile(away, 0.99, method="lower")
+            usual = max(usual, np.quantile(np.abs(np.diff(x)), 0.99), 1e-12)
+            high = away > CHECK.spike * usual
+            if 0 < high.mean() <= CHECK.most_spikes + 3 / len(x):
+                at = np.flatnonzero(high)
                 near = recording.t[int(at[len(at) // 2])]
                 words = (
                     f"{name}{j + 1} leaves its neighbours for single samples, as near "
-                    f"t = {near:.6g} s, by {size / max(usual, 1e-12):.3g} times what "
-                    "its samples usually do."
+                    f"t = {near:.6g} s, by {away.max() / usual:.3g} times what its "
+                    "samples usually do."
                 )
                 out.append(_suspected("spike", recording, j, words))
     return out
@@ -51,10 +58,8 @@ def wraps(recording: Recording, robot: Robot) -> list[Fault]:
     No joint of the robot can go so far in a step.
     """
     leap = np.diff(recording.q, axis=0)
-    whole = np.abs(np.abs(leap) - 2 * np.pi) < CHECK.whole_turn
-    far = 2 * np.pi - CHECK.whole_turn > CHECK.too_far * np.outer(
-        np.diff(recording.t), robot.velocity_limit
-    )
+    whole = np.abs(np.abs(leap) - 2 * np.pi) < _TURN
+    far = 2 * np.pi - _TURN > 10 * np.outer(np.diff(recording.t), robot.velocity_limit)
     # Of an angle in other units many steps are large, and of any size.
     large = np.abs(leap) > np.pi
     joints = joints_of((whole & far).any(axis=0) & (whole == large).all(axis=0))
@@ -66,19 +71,6 @@ def wraps(recording: Recording, robot: Robot) -> list[Fault]:
     )
     repairs = (Repair("q", joints, unwrap=True),)
     return [Fault("out_of_range", joints, True, words, repairs, recording.id)]
-
-
-def _single(x: Array) -> tuple[Array, float, float]:
-    """Return the samples that stand out, by how much at most, and what is usual."""
-    # Quarters: the difference of two huge values must not overflow.
-    x = x / 4
-    away = np.abs(x - running_median(x))
-    steps = np.sort(np.abs(np.diff(x)))
-    usual = max(np.sort(away)[int(0.99 * len(away))], steps[int(0.99 * len(steps))])
-    high = away > CHECK.spike * max(usual, 1e-12)
-    if not 0 < high.mean() <= CHECK.most_spikes + 3 / len(x):
-        return np.array([], dtype=int), 0.0, float(usual)
-    return np.flatnonzero(high), float(away.max()), float(usual)
 
 
 def with_scale(recording: Recording, signal: str, scale: float) -> Recording:
@@ -98,7 +90,7 @@ def without_spikes(recording: Recording) -> Recording:
 
 def running_median(x: Array) -> Array:
     """Return the median over each sample and its neighbours. (n,) or (n, dof)."""
-    window = (CHECK.median_window,) + (1,) * (x.ndim - 1)
+    window = (_WINDOW,) + (1,) * (x.ndim - 1)
     return median_filter(x, window, mode="nearest")
 
 
@@ -106,18 +98,39 @@ def standing(recording: Recording) -> list[Fault]:
     """Find frozen, saturated and coarse signals of one log."""
     if len(recording.t) < 50:
         return []
-    out = []
+    out, wanted = [], recording.q_ref
     for j in range(recording.dof):
-        clipped = _clipped(recording.tau[:, j])
+        tau, q = recording.tau[:, j], recording.q[:, j]
+        clipped = _clipped(tau)
         if clipped:
             words = f"tau{j + 1} stands at {clipped} again and again: it is cut there."
             out.append(_suspected("saturated", recording, j, words))
         coarse = _coarse(recording, j)
+        out += coarse
+        run = _longest(recording, tau)
+        if np.ptp(tau) == 0 and np.ptp(q) > CHECK.moves:
+            run = slice(0, len(tau))
         # Coarse values stand by themselves.
-        if not clipped and not coarse:
-            out += _frozen(recording, "tau", j, *_while_torque(recording, j))
-        out += coarse or _frozen(recording, "q", j, *_while_angle(recording, j))
+        if run and not clipped and not coarse and np.ptp(q[run]) >= CHECK.moves:
+            out.append(_frozen(recording, "tau", j, run, "its joint moves"))
+        run = _longest(recording, q)
+        if run and not coarse:
+            usual = float(np.quantile(np.abs(np.diff(q)), 0.99))
+            jump = abs(q[min(run.stop, len(q) - 1)] - q[run.stop - 1])
+            if wanted is not None and np.ptp(wanted[run, j]) > CHECK.moves:
+                out.append(_frozen(recording, "q", j, run, "its reference moves"))
+            elif jump > max(CHECK.jump, 3 * usual):
+                out.append(_frozen(recording, "q", j, run, "it then jumps"))
     return out
+
+
+def _frozen(recording: Recording, name: str, j: int, run: slice, moves: str) -> Fault:
+    first, last = recording.t[run.start], recording.t[run.stop - 1]
+    words = (
+        f"{name}{j + 1} stands still from t = {first:.6g} to {last:.6g} s, while "
+        f"{moves}."
+    )
+    return _suspected("frozen", recording, j, words)
 
 
 def _runs(x: Array) -> tuple[Array, Array]:
@@ -135,45 +148,10 @@ def _longest(recording: Recording, x: Array) -> slice | None:
     k = int(np.argmax(lengths))
     step = float(np.median(np.diff(recording.t)))
     usual = float(np.quantile(np.delete(lengths, k), 0.95))
-    least = max(CHECK.frozen_time / step, CHECK.frozen_samples)
-    if lengths[k] < max(least, CHECK.usual_runs * usual):
+    least = max(CHECK.frozen_time / step, 15)
+    if lengths[k] < max(least, 5 * usual):
         return None
     return slice(int(starts[k]), int(starts[k] + lengths[k]))
-
-
-def _while_torque(recording: Recording, j: int) -> tuple[slice | None, str]:
-    """Samples in which the torque stands, and what moves meanwhile; "" for nothing."""
-    tau, q = recording.tau[:, j], recording.q[:, j]
-    found = _longest(recording, tau)
-    if np.ptp(tau) == 0 and np.ptp(q) > CHECK.moves:
-        found = slice(0, len(recording.t))
-    moves = found is not None and np.ptp(q[found]) >= CHECK.moves
-    return found, "its joint moves" if moves else ""
-
-
-def _while_angle(recording: Recording, j: int) -> tuple[slice | None, str]:
-    q, wanted = recording.q[:, j], recording.q_ref
-    found = _longest(recording, q)
-    if found is None:
-        return None, ""
-    usual = float(np.quantile(np.abs(np.diff(q)), 0.99))
-    jump = abs(q[min(found.stop, len(q) - 1)] - q[found.stop - 1])
-    if wanted is not None and np.ptp(wanted[found, j]) > CHECK.moves:
-        return found, "its reference moves"
-    return found, "it then jumps" if jump > max(CHECK.jump, 3 * usual) else ""
-
-
-def _frozen(
-    recording: Recording, name: str, j: int, found: slice | None, moves: str
-) -> list[Fault]:
-    if found is None or not moves:
-        return []
-    first, last = recording.t[found.start], recording.t[found.stop - 1]
-    words = (
-        f"{name}{j + 1} stands still from t = {first:.6g} to {last:.6g} s, while "
-        f"{moves}."
-    )
-    return [_suspected("frozen", recording, j, words)]
 
 
 def _clipped(x: Array) -> str:
@@ -185,8 +163,8 @@ def _clipped(x: Array) -> str:
     limits = []
     for end, below in ((values[-1], counts[-6:-1]), (values[0], counts[1:6])):
         runs = lengths[x[starts] == end]
-        often = np.sum(runs >= CHECK.clipped_run) >= CHECK.clipped_runs
-        if often and runs.sum() > CHECK.fuller * below.max():
+        often = np.sum(runs >= 4) >= 2
+        if often and runs.sum() > 4 * below.max():
             limits.append(f"{end:.4g} N m")
     return " and ".join(limits)
 
@@ -200,7 +178,7 @@ def _coarse(recording: Recording, j: int) -> list[Fault]:
             f"tau{j + 1} comes in steps of {step:.3g} N m, its rms is {size:.3g} N m."
         )
         out.append(_suspected("quantised", recording, j, words))
-    step, cutoff = _step(q), CHECK.coarse_cutoff
+    step, cutoff = _step(q), 12.0
     if step and np.ptp(q) > CHECK.moves:
         stride = max(1, round(rate / (2 * cutoff)))
         bend = np.diff(q[::stride], 2) * (rate / stride) ** 2
@@ -233,17 +211,32 @@ def constant(robot: Robot, recording: Recording) -> list[Fault]:
     still = np.flatnonzero(span == 0)
     if len(recording.t) < 50 or not len(still) or span.max() < CHECK.moves:
         return []
-    said = {int(j): _moves_elsewhere(recording, j) for j in still}
-    faults = [_unmoved(recording, j, why, True) for j, why in said.items() if why]
-    motion, rest = thin_rows([recording]), [j for j, why in said.items() if not why]
-    if motion is None or not rest:
-        return faults
-    if torque_factors(shares_of(robot, motion)) is not None:
-        return faults  # in another unit a held joint's torque is any joint's
+    out, silent = [], []
+    for j in map(int, still):
+        if why := _moves_elsewhere(recording, j):
+            out.append(_unmoved(recording, j, why, True))
+        else:
+            silent.append(j)
+    motion = thin_rows([recording]) if silent else None
+    if motion is None or torque_factors(shares_of(robot, motion)) is not None:
+        return out  # in another unit a held joint's torque is any joint's
     motion = replace(motion, moving=np.ones_like(motion.moving))
     every = columns(robot, motion)
-    parts = (_by_torque(recording, j, motion, every[j]) for j in rest)
-    return faults + [fault for fault in parts if fault]
+    for j in silent:
+        tau, nominal, values = motion.tau[:, j], every[j].nominal, every[j].values
+        size, left = float(np.std(tau)), _left(motion.spread, tau - nominal, values)
+        noise = float(np.median(np.abs(np.diff(recording.tau[:, j])))) / 0.95
+        feels = float(np.sqrt(np.var(nominal) + np.var(values, axis=0).sum()))
+        # Other friction and a load leave up to half of it; friction that holds, more.
+        if left < 5 * noise or not (left > 0.5 * size or left > 1.5 * feels):
+            continue
+        why = (
+            f"its torque moves by {np.ptp(tau):.3g} N m, {left:.3g} N m rms beside "
+            f"all that a held joint feels of the others' motion (about {feels:.3g} N m)"
+        )
+        certain = left > CHECK.held_left * size and left > CHECK.held_beyond * feels
+        out.append(_unmoved(recording, j, why, certain))
+    return out
 
 
 def _moves_elsewhere(recording: Recording, j: int) -> str:
@@ -261,34 +254,11 @@ def _moves_elsewhere(recording: Recording, j: int) -> str:
     return ""
 
 
-def _by_torque(
-    recording: Recording, j: int, motion: Motion, own: Columns
-) -> Fault | None:
-    tau = motion.tau[:, j]
-    size, left = float(np.std(tau)), _left(motion, tau, own)
-    steps = np.abs(np.diff(recording.tau[:, j]))
-    noise = float(np.median(steps)) / 0.6745 / np.sqrt(2)
-    feels = float(np.sqrt(np.var(own.nominal) + np.var(own.values, axis=0).sum()))
-    if left < max(CHECK.held_noise * noise, _NOTHING):
-        return None
-    if left < CHECK.held_left * size and left < CHECK.held_beyond * feels:
-        return None
-    why = (
-        f"its torque moves by {np.ptp(tau):.3g} N m, {left:.3g} N m rms beside "
-        f"all that a held joint feels of the others' motion (about {feels:.3g} N m)"
-    )
-    most, far = CHECK.held_most_left * size, CHECK.held_far_beyond * feels
-    certain = left > most and left > far
-    return _unmoved(recording, j, why, certain)
-
-
-def _left(motion: Motion, tau: Array, own: Columns) -> float:
-    """What a held joint's torque has beside a bent robot file."""
-    y, a = tau - own.nominal, own.values
-    sigma = max(CHECK.rough_start * float(np.std(tau)), _NOTHING)
-    left = y
-    for _ in range(CHECK.fit_rounds):
-        weight = motion.spread / sigma**2
+def _left(spread: float, y: Array, a: Array) -> float:
+    """What a held joint's torque has beside a bent robot file [N m rms]."""
+    left, sigma = y, max(0.05 * float(np.std(y)), _NOTHING)
+    for _ in range(4):
+        weight = spread / sigma**2
         at = np.linalg.solve(np.eye(a.shape[1]) + weight * a.T @ a, weight * a.T @ y)
         left = y - a @ at
         sigma = max(float(np.std(left)), _NOTHING)

@@ -21,7 +21,7 @@ from residual.evidence.columns import Group
 from residual.evidence.fit import Fit, Prior
 from residual.evidence.priors import HELD, with_held, without_slots
 from residual.evidence.rules import THRESHOLDS
-from residual.model.known import known_values
+from residual.model.known_values import known_values
 from residual.model.model import with_slots
 from residual.model.nominal import Logs, Nominal, start_nominal
 from residual.recording import Array

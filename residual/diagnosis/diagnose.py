@@ -70,10 +70,10 @@ def diagnose(
             "give its logs as the baseline."
         )
     if baseline and not alone:
-        if robot.known:
+        if robot.known_values:
             raise InputError(
-                f"Known values ({', '.join(robot.known)}) belong to one state of "
-                "the arm, but a baseline compares two. Remove one of them."
+                f"Known values ({', '.join(robot.known_values)}) belong to one "
+                "state of the arm; a baseline compares two. Leave out one of them."
             )
         epochs = robot, baseline, fit, held_out
         return compare_epochs(*epochs, declared, same_run, tell, check, warnings)

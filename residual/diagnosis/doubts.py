@@ -57,7 +57,7 @@ class LogisticCurve:
     gain: float  # of the part of the held-out error that it removes, over MOST_GAIN
 
 
-# 70 names of 8 measured arms, seed 1 of `benchmarks/measured_parts/known.py`.
+# 70 names of 8 measured arms, seed 1 of `benchmarks/measured_parts/added.py`.
 CURVE = LogisticCurve(level=-3.10, nats=0.41, parts=1.88, gain=2.59)
 # Of a constant, whose evidence is no measure (it is tested on left-out parts): 24 of
 # the same and of simulated arms; the level 0.2 under the fit, as few of them are false.

@@ -126,7 +126,7 @@ def three_models(
 ) -> tuple[dict[str, Model], PossibleModel]:
     """The three models, and the bodies of the last.
 
-    Identified and augmented differ by nothing but the effects.
+    ValidatedIdentification and augmented differ by nothing but the effects.
     """
     bodies = outcome.model(validation.fit if validation.kept else outcome.plain)
     identified = augmented = bodies.model

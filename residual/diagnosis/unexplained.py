@@ -34,7 +34,7 @@ from residual.evidence.design import Design
 from residual.evidence.fit import Fit
 from residual.evidence.rules import THRESHOLDS
 from residual.model.compare import Cloud
-from residual.model.corrected import DIFFERENCE, Column, Corrected, Tables, read
+from residual.model.corrected import DIFFERENCE, Column, CorrectedModel, Tables, read
 from residual.model.model import Model
 from residual.recording import Array
 from residual.signals.splitting import logs_of
@@ -195,7 +195,7 @@ MOST_ROWS = 12_000  # more of the same logs change nothing but the time
 
 def fit_correction(
     model: Model, tracks: Sequence[Track], leftovers: Sequence[JointLeftover]
-) -> Corrected | None:
+) -> CorrectedModel | None:
     """Fit the correction to what a model leaves on the fit logs.
 
     Returns:
@@ -208,7 +208,7 @@ def fit_correction(
     logs = list(zip(tracks, states, torque, strict=True))
     tables = [_tables(logs, one) for one in leftovers]
     kept = tuple(t for t in tables if t is not None)
-    return Corrected(model, kept) if kept else None
+    return CorrectedModel(model, kept) if kept else None
 
 
 def _tables(logs, leftover: JointLeftover) -> Tables | None:
@@ -273,7 +273,7 @@ class LeftoverAnalysis:
     joints: tuple[JointLeftover, ...]  # one entry per unexplained joint
     # The model with a statistical correction; None where nothing is left, or no joint
     # can be checked.
-    correction: Corrected | None
+    correction: CorrectedModel | None
     sentences: tuple[str, ...]  # sentences
 
 

@@ -27,7 +27,7 @@ from residual.evidence.columns import (
     squares_per_fold,
 )
 from residual.evidence.rules import THRESHOLDS
-from residual.model.known import held, of_effect
+from residual.model.known_values import known_prior, of_effect
 from residual.model.model import Model, Term
 from residual.recording import Array
 from residual.robot.dynamics import links_of
@@ -266,7 +266,9 @@ class Design:
             return None
         terms = [(t.effect.name, t.joints) for t in self.model.terms]
         declared = (group.effect.name, group.joints) in terms
-        return KnownPrior.of(group.precision, *held(known, group.precision, declared))
+        return KnownPrior.of(
+            group.precision, *known_prior(known, group.precision, declared)
+        )
 
     def unit_information(self, ids: Array, rows: Joints) -> Array:
         """Mean square of the columns in units of torque rms. Shape (k, k)."""

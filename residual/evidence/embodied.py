@@ -16,7 +16,7 @@ from residual.errors import listed
 from residual.evidence.design import Design
 from residual.evidence.fit import BODY, Fit, scaled_inverse
 from residual.evidence.rules import THRESHOLDS
-from residual.model.bodies import Moved, bodies_of, nearest
+from residual.model.bodies import BodyCorrection, bodies_of, nearest
 from residual.model.model import Model
 from residual.recording import Array
 
@@ -29,7 +29,7 @@ class PossibleModel:
 
     model: Model  # the model
     # What could not exist as fitted freely; None where every body can.
-    correction: Moved | None
+    correction: BodyCorrection | None
     # Whether the logs contradict every possible body: beyond chance, and on some joint
     # by as much as a name must explain.
     contradicted: bool = False
@@ -92,7 +92,7 @@ def with_possible_bodies(
     # Twice the fall of log likelihood is chi-square of what the bodies can be moved by.
     fall = float(fitted.weight(design.rows) @ (design.rows * (after - before)))
     chance = float(chdtrc(BODY * len(impossible), max(fall, 0.0)))
-    correction = Moved(impossible, tuple(float(p) for p in price), chance)
+    correction = BodyCorrection(impossible, tuple(float(p) for p in price), chance)
     # No arm has quite the form of its model: what is less than a name does not count.
     large = THRESHOLDS.lower(
         price, 1 - np.sqrt(before / np.maximum(after, 1e-300))

@@ -12,7 +12,7 @@ from residual.effects.base import Joints, Trait
 from residual.evidence.design import Design, Group
 from residual.evidence.fit import Fit, Prior, System, as_model, fit_nominal
 from residual.evidence.rules import THRESHOLDS
-from residual.model.known import EXACT, held, mass_of_links, of_effect
+from residual.model.known_values import EXACT, known_prior, mass_of_links, of_effect
 from residual.model.model import Model, with_slots
 from residual.model.nominal import ASSUMED, GIVEN, Logs, Nominal
 from residual.recording import Array
@@ -134,7 +134,7 @@ def relative_prior(
         at = PER_LINK * link
         precision[at, at] += 1 / (EXACT * mass) ** 2
     placed = with_slots(nominal.model.terms, size)
-    for (term, own), given in zip(placed, nominal.given, strict=True):
+    for (term, own), given in zip(placed, nominal.sd, strict=True):
         ids = design.nominal[own]
         rows = term.effect.rows(term.joints, design.dof)
         flat = _flat_precision(design, ids, rows)
@@ -145,7 +145,7 @@ def relative_prior(
             sd = width * np.abs(term.theta) + 1e-3 / np.sqrt(np.diag(flat))
             precision[own, own] = np.diag(1 / sd**2)
         known = of_effect(robot, term.effect, term.joints)
-        precision[own, own] += held(known, precision[own, own], True)[0]
+        precision[own, own] += known_prior(known, precision[own, own], True)[0]
     return _prior(precision, scale, dict(widths))
 
 

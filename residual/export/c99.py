@@ -1,27 +1,21 @@
 """A model as one C99 header without allocation: rigid body, named effects, tables."""
 
 import re
-from collections.abc import Collection, Iterable, Iterator
+from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
+from dataclasses import replace
+from importlib import resources
 
 import numpy as np
 
-from residual.export.exported import Exported, Left, Split, Whole, file_stem
-from residual.export.program import (
-    WORD,
-    Line,
-    Program,
-    Shift,
-    arrays_of,
-    filled,
-    program_of,
-    reads_of,
-    split_program,
-    template,
-)
-from residual.model.corrected import NOTHING, Tables
-from residual.model.lookup import Lookup
-from residual.signals.standstill import Standstill
+from residual.effects.base import BRISTLE, Trait
+from residual.export.exported import Exported, Left, Whole, body_of, file_stem, split
+from residual.model.corrected import DIFFERENCE, NONE, NOTHING, CorrectedModel, Tables
+from residual.model.model import LEAST_SPEED, Model, Term
+from residual.recording import Array
+from residual.robot.dynamics import chain_of
+from residual.signals.standstill import SMOOTH
 
+WORD = re.compile(r"[a-z]\w*")
 # What a formula or a table calls the motion, and what the function of the header does.
 _ARRAYS = {
     "q": "angle",
@@ -32,8 +26,7 @@ _ARRAYS = {
     "tau": "total",
     "tau_model": "total",
 }
-_OWN = ("sgn", "bristle", "earlier")  # functions that the header brings itself
-_STEP = "1e-100"  # of a complex step: what it squares to is nothing
+_STEP = "1e-100"  # of a complex step: its square underflows
 _HEAD = """\
 static inline void @P@_torque(
     @P@_memory *memory, double t, const double *angle,
@@ -43,58 +36,18 @@ static inline void @P@_torque(
 
 def to_c99(whole: Whole) -> Exported:
     """Return a model as a header; its functions begin with the robot's name."""
-    parts = split_program(whole)
-    found = parts.exported({})
-    name = f"{prefix_of(file_stem(whole))}.h"
-    return parts.exported({name: header(parts, found.left).encode()})
+    made = split(whole, refuse)
+    text, _ = header(made.carried, made.left)
+    return replace(made, files={f"{prefix_of(file_stem(whole))}.h": text.encode()})
 
 
-def tables_header(lookup: Lookup, robot: str) -> dict[str, bytes]:
-    """Return tables without a model as a header, by file name: x in, correction out.
-
-    Of the paper's tables, which correct the torque of a simulated twin.
-    """
-    prefix = f"{prefix_of(robot)}_tables"
-    start, end = "/* Place of x among", "static inline void @P@_cross"
-    level = template("helpers.h").split(start)[1].split(end)[0]
-    words = {
-        "P": prefix,
-        "GUARD": f"{prefix.upper()}_H",
-        "NAME": robot,
-        "X": _wrapped(f"{i} {name}" for i, name in enumerate(lookup.names)),
-        "OUT": _wrapped(f"{i} {name}" for i, name in enumerate(lookup.joints)),
-        "LEVEL": f"{start}{level.rstrip()}",
-        "BODY": "\n".join(f"    {line}" for line in _correction(lookup)),
-    }
-    # Names of variables and robots come from outside: they are filled in last.
-    order = ("LEVEL", "BODY", "P", "GUARD", "X", "OUT", "NAME")
-    text = filled(template("tables.h"), {name: words[name] for name in order})
-    return {f"{prefix}.h": (text.rstrip() + "\n").encode()}
-
-
-def _correction(lookup: Lookup) -> Iterator[str]:
-    """What a header of tables alone does, a line each."""
-    count = len(lookup.joints)
-    yield _constant("middle", lookup.offset)
-    yield f"for (int j = 0; j < {count}; j++) out[j] = middle[j];"
-    if lookup.slope.any():
-        yield _constant("slope", lookup.slope.ravel())
-        inner = f"for (int j = 0; j < {count}; j++) out[j] += slope[{count} * i + j]"
-        yield f"for (int i = 0; i < {len(lookup.names)}; i++)"
-        yield f"    {inner} * x[i];"
-    for k, axis in enumerate(lookup.axes):
-        yield _constant(f"edges_{k}", axis.edges if len(axis.edges) else [0.0])
-        call = f"@P@_level(edges_{k}, {len(axis.edges)}, x[{axis.variable}])"
-        yield f"const int level_{k} = {call};"
-        yield f"(void)level_{k};"
-    for k, table in enumerate(lookup.tables):
-        first, *rest = (f"level_{axis}" for axis in table.axes)
-        place = f"({first} * {table.values.shape[1]} + {rest[0]})" if rest else first
-        yield _constant(f"cells_{k}", table.values.ravel())
-        yield (
-            f"for (int j = 0; j < {count}; j++) "
-            f"out[j] += cells_{k}[{count} * {place} + j];"
-        )
+def refuse(term: Term) -> str:
+    """Return why a program cannot compute a term sample by sample; "" if it can."""
+    form = term.effect.portable
+    ways = (form.formula, form.shift, form.bodies, form.gravity, form.force)
+    if any(ways) and form.possible(term.theta, term.shape):
+        return ""
+    return form.why_not or "no formula says it"
 
 
 def prefix_of(name: str) -> str:
@@ -103,74 +56,141 @@ def prefix_of(name: str) -> str:
     return word if word[0].isalpha() else f"arm_{word}"
 
 
-def header(parts: Split, left: Iterable[Left] = ()) -> str:
-    """Return the text of the header."""
-    program = program_of(parts.carried)
+def header(carried: Whole, left: Iterable[Left] = ()) -> tuple[str, int]:
+    """Return the text of the header, and how many numbers its memory has."""
+    model, stem = body_of(carried), file_stem(carried)
+    tables = carried.tables if isinstance(carried, CorrectedModel) else ()
+    tables = tuple(t for t in tables if t.kind != NONE)
+    shifts = [t for t in model.terms if t.effect.portable.shift]
+    arrays = _arrays(model, bool(shifts))
+    torque, memory = _torque(model, arrays, shifts, tables)
+    titles = ["the rigid body", *dict.fromkeys(map(_title, model.terms))]
+    titles += [f"tables on joint {t.joint + 1}" for t in tables]
     words = {
-        "NAME": program.name,
-        "GUARD": f"{prefix_of(program.name).upper()}_H",
-        "HAS": _wrapped(program.titles),
-        "LEFT": _wrapped([str(each) for each in left] or ["nothing is left out"]),
-        "MEMORY": str(max(program.memory, 1)),
-        "COMPLEX": "#include <complex.h>\n" if program.shifts else "",
-        "P": prefix_of(program.name),
-        "DOF": str(program.dof),
+        "NAME": stem,
+        "GUARD": f"{prefix_of(stem).upper()}_H",
+        "HAS": _comment(titles),
+        "LEFT": _comment([str(each) for each in left] or ["nothing is left out"]),
+        "MEMORY": str(max(memory, 1)),
+        "COMPLEX": "#include <complex.h>\n" if shifts else "",
+        "P": prefix_of(stem),
+        "DOF": str(model.robot.dof),
     }
-    real = {"REAL": "double", "BODY": "body", "COS": "cos", "SIN": "sin"}
-    pieces = [
-        template("head.h"),
-        *_numbers(program),
-        template("helpers.h"),
-        filled(template("body.h"), real | {"CROSS": "@P@_cross"}),
-        *([_complex()] if program.shifts else ()),
-        *_torque(program),
-        "\n#endif",
-    ]
-    return filled("\n".join(pieces), words) + "\n"
-
-
-def _complex() -> str:
-    """The same for complex numbers: their imaginary part carries a derivative."""
-    real = "double complex"
-    named = {"REAL": real, "BODY": "change", "COS": "ccos", "SIN": "csin"}
-    cross = template("helpers.h").split("static inline void @P@_cross")[1]
-    cross = "static inline void @P@_ccross" + cross.replace("double", real)
-    return f"{cross}\n{filled(template('body.h'), named | {'CROSS': '@P@_ccross'})}"
-
-
-def _numbers(program: Program) -> Iterator[str]:
-    for name, values in arrays_of(program).items():
+    body = {"REAL": "double", "BODY": "body", "COS": "cos", "SIN": "sin"}
+    pieces = [template("head.h")]
+    for name, values in arrays.items():
         flat = values.reshape(-1, 9) if values.ndim == 3 else values
         size = "".join(f"[{n}]" for n in flat.shape)
-        yield f"static const double @P@_{name}{size} = {_list(flat)};"
-    yield ""
+        pieces.append(f"static const double @P@_{name}{size} = {_list(flat)};")
+    helpers = template("helpers.h")
+    pieces += ["", helpers, filled(template("body.h"), body | {"CROSS": "@P@_cross"})]
+    if shifts:
+        # The same for complex numbers: their imaginary part carries a derivative.
+        real, start = "double complex", "static inline void @P@_"
+        cross = helpers.split(f"{start}cross")[1].replace("double", real)
+        body = {"REAL": real, "BODY": "change", "COS": "ccos", "SIN": "csin"}
+        pieces.append(f"{start}ccross{cross}")
+        pieces.append(filled(template("body.h"), body | {"CROSS": "@P@_ccross"}))
+    text = "\n".join([*pieces, *torque, "\n#endif"])
+    return filled(text, words) + "\n", memory
 
 
-def _torque(program: Program) -> Iterator[str]:
-    p, dof = "@P@", program.dof
-    yield _HEAD
-    yield f"    double rigid_[{dof}], sign_[{dof}], total[{dof}], part[{dof}];"
-    yield "    (void)memory, (void)t, (void)part;"
-    motion = "angle, speed, acceleration"
-    yield f"    {p}_body({p}_rigid, {p}_gravity, 0, {motion}, rigid_);"
-    yield _each(dof, "total[i] = rigid_[i];")
-    yield from (_sign(program, j) for j in range(dof))
-    if program.added is not None:
-        yield _part(dof, f"{p}_added, {p}_gravity, 0, {motion}")
-    if program.tilt is not None:
-        yield f"    static const double at_rest[{dof}] = {{0.0}};"
-        yield _part(dof, f"{p}_loaded, {p}_tilt, 0, angle, at_rest, at_rest")
-    if program.force is not None:
-        yield f"    static const double no_body[{dof}][10] = {{{{0.0}}}};"
-        yield f"    static const double no_gravity[3], unmoved[{dof}] = {{0.0}};"
-        yield _part(dof, f"no_body, no_gravity, {p}_force, angle, unmoved, unmoved")
-    if program.shifts:
-        yield from _shifted(program)
-    yield from (_block(line) for line in program.lines if not line.of_report)
-    yield _each(dof, "out[i] = total[i];")
-    yield from (_block(line) for line in program.lines if line.of_report)
-    yield from _tables(program)
-    yield "}"
+def _title(term: Term) -> str:
+    on = " and ".join(str(j + 1) for j in term.joints)
+    return f"{term.effect.name} on joint {on}" if on else term.effect.name
+
+
+def _arrays(model: Model, shifted: bool) -> dict[str, Array]:
+    """The constants of a header: R(q) = still + cos(q) along + sin(q) across."""
+    chain, dof = chain_of(model.robot.model), model.robot.dof
+    turns = ~chain.slides[:, None, None]
+    onto = np.where(turns, np.einsum("ij,ik->ijk", chain.axis, chain.axis), np.eye(3))
+    skew = np.cross(np.eye(3)[None], chain.axis[:, None, :]) * turns
+    arrays = {
+        "place": chain.place,
+        "axis": chain.axis * turns[:, 0],
+        "slide": chain.axis * chain.slides[:, None],
+        "still": chain.rotation @ onto,
+        "along": chain.rotation @ (np.eye(3) - onto),
+        "across": chain.rotation @ skew,
+        "flange": chain.flange,
+        "gravity": np.array(model.robot.model.gravity.linear),
+        "rigid": model.inertial.reshape(dof, 10),
+    }
+    for term in model.terms:
+        form = term.effect.portable
+        if form.bodies:
+            bodies = form.bodies(term.theta, term.joints, model.robot)
+            arrays["added"] = arrays.get("added", 0.0) + bodies.reshape(-1, 10)
+        if form.gravity:
+            tilt = form.gravity(term.theta, model.robot)
+            arrays["tilt"] = arrays.get("tilt", 0.0) + tilt
+        if form.force:
+            arrays["force"] = arrays.get("force", 0.0) + form.force(term.theta)
+    if shifted or "tilt" in arrays:
+        state = model.state(1.0, np.zeros(1), np.zeros((3, 1, dof)))
+        arrays["loaded"] = np.asarray(state.inertial).reshape(dof, 10)
+        if shifted:
+            arrays["drive"] = np.asarray(state.drive)
+    return arrays
+
+
+def _torque(
+    model: Model,
+    arrays: Mapping[str, Array],
+    shifts: Sequence[Term],
+    tables: Sequence[Tables],
+) -> tuple[list[str], int]:
+    """The function that computes the torque, and the size of its memory."""
+    p, dof, motion = "@P@", model.robot.dof, "angle, speed, acceleration"
+    lines = [
+        _HEAD,
+        f"    double rigid_[{dof}], sign_[{dof}], total[{dof}], part[{dof}];",
+        "    (void)memory, (void)t, (void)part;",
+        f"    {p}_body({p}_rigid, {p}_gravity, 0, {motion}, rigid_);",
+        _each(dof, "total[i] = rigid_[i];"),
+    ]
+    memory = 0
+    floor = model.speed_floor
+    floor = np.full(dof, LEAST_SPEED) if floor is None else floor
+    for j, shape in enumerate(model.standstill or (SMOOTH,) * dof):
+        if shape.kind == "smooth":
+            text = f"tanh(speed[{j}] / {shape.size * float(floor[j])!r})"
+        elif shape.size == 0.0:
+            text = f"@P@_sgn(speed[{j}])"
+        else:
+            place = f"memory->number + {memory}"
+            text = f"@P@_bristle({place}, angle[{j}], {float(shape.size)!r})"
+            memory += BRISTLE
+        lines.append(f"    sign_[{j}] = {text};")
+        if shape.hold != 1.0:
+            slow = f"fabs(speed[{j}]) < {shape.reach * float(floor[j])!r}"
+            lines.append(f"    if ({slow}) sign_[{j}] *= {float(shape.hold)!r};")
+    if "added" in arrays:
+        lines.append(_part(dof, f"{p}_added, {p}_gravity, 0, {motion}"))
+    if "tilt" in arrays:
+        lines.append(f"    static const double at_rest[{dof}] = {{0.0}};")
+        lines.append(_part(dof, f"{p}_loaded, {p}_tilt, 0, angle, at_rest, at_rest"))
+    if "force" in arrays:
+        lines.append(f"    static const double no_body[{dof}][10] = {{{{0.0}}}};")
+        lines.append(
+            f"    static const double no_gravity[3], unmoved[{dof}] = {{0.0}};"
+        )
+        push = f"no_body, no_gravity, {p}_force, angle, unmoved, unmoved"
+        lines.append(_part(dof, push))
+    if shifts:
+        lines += _shifted(dof, shifts)
+    report = []  # what distorts the report of the torque comes last
+    for term in model.terms:
+        form = term.effect.portable
+        rows = term.effect.rows(term.joints, dof) if form.formula else ()
+        for k, row in enumerate(rows):
+            formula = form.formula[k if len(form.formula) > 1 else 0]
+            block = _block(term, row, formula, memory)
+            (report if Trait.REPORT in term.effect.traits else lines).append(block)
+            memory += form.memory
+    lines += [_each(dof, "out[i] = total[i];"), *report, *_tables(tables), "}"]
+    return lines, memory
 
 
 def _each(dof: int, text: str) -> str:
@@ -182,48 +202,20 @@ def _part(dof: int, arguments: str) -> str:
     return f"    @P@_body({arguments}, part);\n{total}"
 
 
-def _sign(program: Program, j: int) -> str:
-    """Direction of motion of one joint (``signals.direction``)."""
-    shape: Standstill = program.standstill[j]
-    floor = float(program.floor[j])
-    if shape.kind == "smooth":
-        text = f"tanh(speed[{j}] / {shape.size * floor!r})"
-    elif shape.size == 0.0:
-        text = f"@P@_sgn(speed[{j}])"
-    else:
-        place = f"memory->number + {program.bristles[j]}"
-        text = f"@P@_bristle({place}, angle[{j}], {float(shape.size)!r})"
-    out = f"    sign_[{j}] = {text};"
-    if shape.hold == 1.0:
-        return out
-    slow = f"fabs(speed[{j}]) < {shape.reach * floor!r}"
-    return f"{out}\n    if ({slow}) sign_[{j}] *= {float(shape.hold)!r};"
-
-
-def _block(line: Line) -> str:
-    """One formula, with the names that it uses and no other."""
-    own = []
-    if "a" in line.words:
-        own.append(f"static const double a[] = {_list(line.theta)};")
-    if "s" in line.words:
-        own.append(f"static const double s[] = {_list(line.shape)};")
-    if "m" in line.words:
-        own.append(f"double *m = memory->number + {line.memory};")
-    formula = re.sub(rf"\b({'|'.join(_OWN)})\(", r"@P@_\1(", line.formula)
-    target = "out" if line.of_report else "total"
-    own += [*_names(line.words, line.joints), f"{target}[{line.row}] += {formula};"]
-    return _braces(line.title, own)
-
-
-def _shift(shift: Shift) -> str:
-    words = set(WORD.findall(" ".join(shift.formulas)))
-    rows = enumerate(shift.formulas)
-    own = [
-        f"static const double a[] = {_list(shift.theta)};",
-        *_names(words & {"q", "qd", "qdd"}, (shift.joint,)),
-        *(f"shift[{k}][{shift.joint}] += {text};" for k, text in rows),
-    ]
-    return _braces(shift.title, own)
+def _block(term: Term, row: int, formula: str, memory: int) -> str:
+    """One formula on one joint, with the names that it uses and no other."""
+    words, lines = set(WORD.findall(formula)), []
+    if "a" in words:
+        lines.append(f"static const double a[] = {_list(term.theta)};")
+    if "s" in words:
+        lines.append(f"static const double s[] = {_list(term.shape)};")
+    if "m" in words:
+        lines.append(f"double *m = memory->number + {memory};")
+    joints = term.joints if term.effect.scope == "pair" else (row,)
+    formula = re.sub(r"\b(sgn|bristle|earlier)\(", r"@P@_\1(", formula)
+    target = "out" if Trait.REPORT in term.effect.traits else "total"
+    lines += [*_names(words, joints), f"{target}[{row}] += {formula};"]
+    return _braces(_title(term), lines)
 
 
 def _names(words: Collection[str], joints: Collection[int]) -> Iterator[str]:
@@ -238,11 +230,18 @@ def _braces(title: str, lines: Iterable[str]) -> str:
     return "\n".join([f"    {{ /* {title} */", *inner, "    }"])
 
 
-def _shifted(program: Program) -> Iterator[str]:
+def _shifted(dof: int, shifts: Sequence[Term]) -> Iterator[str]:
     """What lying encoders change: a step along the imaginary axis is a derivative."""
-    dof = program.dof
     yield f"    double shift[3][{dof}] = {{{{0.0}}}};"
-    yield from map(_shift, program.shifts)
+    for term in shifts:
+        formulas, (j,) = term.effect.portable.shift or (), term.joints
+        words = set(WORD.findall(" ".join(formulas)))
+        lines = [
+            f"static const double a[] = {_list(term.theta)};",
+            *_names(words & {"q", "qd", "qdd"}, (j,)),
+            *(f"shift[{k}][{j}] += {text};" for k, text in enumerate(formulas)),
+        ]
+        yield _braces(_title(term), lines)
     yield f"    double complex x[3][{dof}], change[{dof}];"
     rows = (
         f"x[{k}][i] = {name}[i] + {_STEP} * I * shift[{k}][i];"
@@ -254,49 +253,49 @@ def _shifted(program: Program) -> Iterator[str]:
     yield _each(dof, f"total[i] += cimag(change[i]) / {_STEP} + {drive};")
 
 
-def _tables(program: Program) -> Iterator[str]:
+def _tables(every: Sequence[Tables]) -> Iterator[str]:
     """The blocks that add the tables of each joint, in their order."""
-    known: dict[tuple, str] = {}
-    for number, tables in enumerate(program.tables):
-        reads = reads_of(tables, _ARRAYS, "out")
+    level_names: dict[tuple, str] = {}
+    for number, tables in enumerate(every):
+        lookup = tables.lookup
+        reads = [
+            (" - " if form == DIFFERENCE else " + ").join(
+                f"{_ARRAYS[on]}[{j}]" for j in of
+            )
+            for on, of, form in tables.columns
+        ]
+        reads = [*reads, f"out[{tables.joint}]"][: len(lookup.names)]
         levels = []
-        for k, axis in enumerate(tables.lookup.axes):
+        for k, axis in enumerate(lookup.axes):
             # Joints often share places among levels, and a search costs most.
             key = reads[axis.variable], axis.edges.tobytes()
-            if key not in known:
-                known[key] = f"level_{len(known)}"
+            if key not in level_names:
+                level_names[key] = f"level_{len(level_names)}"
                 edges = axis.edges if len(axis.edges) else [0.0]
                 yield f"    {_constant(f'edges_{number}_{k}', edges)}"
                 call = f"@P@_level(edges_{number}_{k}, {len(axis.edges)}, {key[0]})"
-                yield f"    const int {known[key]} = {call};"
-            levels.append(known[key])
-        block = _table_block(tables, number, reads, levels)
-        yield _braces(f"tables on joint {tables.joint + 1}", block)
-
-
-def _table_block(
-    tables: Tables, number: int, reads: list[str], levels: list[str]
-) -> Iterator[str]:
-    lookup = tables.lookup
-    yield f"double y = {float(lookup.offset[0])!r};"
-    for i in np.flatnonzero(lookup.slope[:, 0]):
-        yield f"y += {float(lookup.slope[i, 0])!r} * ({reads[i]});"
-    for k, table in enumerate(lookup.tables):
-        values = table.values[..., 0]
-        first, *rest = (levels[axis] for axis in table.axes)
-        at = f"{first} * {values.shape[1]} + {rest[0]}" if rest else first
-        yield _constant(f"cells_{number}_{k}", values.ravel())
-        yield f"y += cells_{number}_{k}[{at}];"
-    if tables.beyond == NOTHING:
-        # Beyond what it was drawn on such a table says nothing.
-        yield f"const double x[] = {{{', '.join(reads)}}};"
-        yield _constant("low", lookup.low)
-        yield _constant("high", lookup.high)
-        yield (
-            f"for (int i = 0; i < {len(reads)}; i++)"
-            " if (x[i] < low[i] || x[i] > high[i]) y = 0.0;"
-        )
-    yield f"out[{tables.joint}] += y;"
+                yield f"    const int {level_names[key]} = {call};"
+            levels.append(level_names[key])
+        lines = [f"double y = {float(lookup.offset[0])!r};"]
+        for i in np.flatnonzero(lookup.slope[:, 0]):
+            lines.append(f"y += {float(lookup.slope[i, 0])!r} * ({reads[i]});")
+        for k, table in enumerate(lookup.tables):
+            values = table.values[..., 0]
+            first, *more = (levels[axis] for axis in table.axes)
+            at = f"{first} * {values.shape[1]} + {more[0]}" if more else first
+            lines.append(_constant(f"cells_{number}_{k}", values.ravel()))
+            lines.append(f"y += cells_{number}_{k}[{at}];")
+        if tables.beyond == NOTHING:
+            # Outside the range of its data such a table adds nothing.
+            lines += [
+                f"const double x[] = {{{', '.join(reads)}}};",
+                _constant("low", lookup.low),
+                _constant("high", lookup.high),
+                f"for (int i = 0; i < {len(reads)}; i++)"
+                " if (x[i] < low[i] || x[i] > high[i]) y = 0.0;",
+            ]
+        lines.append(f"out[{tables.joint}] += y;")
+        yield _braces(f"tables on joint {tables.joint + 1}", lines)
 
 
 def _constant(name: str, values: Iterable) -> str:
@@ -310,5 +309,18 @@ def _list(values) -> str:
     return "{" + inner.join(_list(v) for v in values) + "}"
 
 
-def _wrapped(parts: Iterable[str]) -> str:
+def _comment(parts: Iterable[str]) -> str:
     return ",\n     ".join(parts).replace("*/", "")
+
+
+def filled(text: str, words: Mapping[str, str]) -> str:
+    """Return a text with @NAME@ replaced by what it stands for."""
+    for name, word in words.items():
+        text = text.replace(f"@{name}@", word)
+    return text
+
+
+def template(name: str) -> str:
+    """Return a text of the folder `templates`."""
+    folder = resources.files("residual") / "export" / "templates"
+    return folder.joinpath(name).read_text(encoding="utf-8")

@@ -1,28 +1,29 @@
-"""What an export is: files, what of the model is in them, and what is left out.
+"""The result of an export: files, what of the model they hold, and what they lack.
 
-What is left out is measured in torque, along a motion that is the same at every call.
+The lack is measured as torque, along one motion that is the same at every call.
 """
 
 import json
 import re
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, replace
 
 import numpy as np
 
 from residual.errors import InputError
-from residual.model.corrected import Corrected
+from residual.model.corrected import CorrectedModel
 from residual.model.model import Model, Term
 from residual.model.record import to_record
 from residual.recording import Array
 from residual.robot.robot import Robot
 
-USUAL_SPEED, USUAL_ACCELERATION = 2.0, 10.0  # rad/s, rad/s^2, where none is given
+DEFAULT_SPEED = 2.0  # rad/s, of a joint without a speed limit
 SECONDS, RATE = 10.0, 250.0
 TRAVEL = 0.4  # of a joint's range to each side of its middle
 WAVES = ((0.5, 1.0), (0.3, 2.7), (0.2, 5.3))  # share of the amplitude, times the lowest
 LOWEST = 0.1  # Hz
-TABLES, BODY = "tables", "rigid body"
+
+Whole = Model | CorrectedModel
 
 
 @dataclass(frozen=True, eq=False, slots=True)
@@ -63,28 +64,12 @@ def exciting(robot: Robot, seconds: float = SECONDS, rate: float = RATE) -> Moti
     return Motion(t, q + (lower + upper) / 2, qd, qdd)
 
 
-def random_states(robot: Robot, count: int) -> Motion:
-    """Return states that have nothing to do with each other."""
-    lower, upper, speed = limits(robot)
-    limit = robot.acceleration_limit
-    most = np.full(robot.dof, USUAL_ACCELERATION) if limit is None else limit
-    # The same states at every call, so that a figure can be had again.
-    rng = np.random.default_rng(0)
-    shape = (count, robot.dof)
-    qd = rng.uniform(0.0, speed, shape) * rng.choice([-1.0, 1.0], shape)
-    q, qdd = rng.uniform(lower, upper, shape), rng.uniform(-most, most, shape)
-    return Motion(np.arange(count) / RATE, q, qd, qdd)
-
-
 def limits(robot: Robot) -> tuple[Array, Array, Array]:
-    """Return range and speed of each joint, usual ones where there is none. (dof,)."""
+    """Return range and speed of each joint, defaults where it has none. (dof,) each."""
     lower = np.where(np.isfinite(robot.lower), robot.lower, -np.pi)
     upper = np.where(np.isfinite(robot.upper), robot.upper, np.pi)
-    known = np.isfinite(robot.velocity_limit)
-    return lower, upper, np.where(known, robot.velocity_limit, USUAL_SPEED)
-
-
-Whole = Model | Corrected
+    limited = np.isfinite(robot.velocity_limit)
+    return lower, upper, np.where(limited, robot.velocity_limit, DEFAULT_SPEED)
 
 
 @dataclass(frozen=True, slots=True)
@@ -126,59 +111,58 @@ class Exported:
     files: Mapping[str, bytes]
     whole: Whole
     carried: Whole
-    left: tuple[Left, ...]
-    rms: float
-    largest: float
+    left: tuple[Left, ...] = ()
+    rms: float = 0.0
+    largest: float = 0.0
 
 
-@dataclass(frozen=True, eq=False, slots=True)
-class Split:
-    """A model, what of it can be carried, and why the rest cannot."""
-
-    whole: Whole
-    carried: Whole
-    reasons: tuple[tuple[Term | None, str], ...]
-
-    def exported(self, files: Mapping[str, bytes]) -> Exported:
-        """Return the export with the torque of all that is left out."""
-        whole, motion = self.whole, exciting(body_of(self.whole).robot)
-        if not self.reasons:
-            return Exported(files, whole, self.carried, (), 0.0, 0.0)
-        full = whole.along(motion.t, motion.parts)
-        left = []
-        for term, why in self.reasons:
-            gap = full - _without(whole, term).along(motion.t, motion.parts)
-            left.append(Left(*_named(whole, term), why, *size_of(gap)))
-        gap = full - self.carried.along(motion.t, motion.parts)
-        return Exported(files, whole, self.carried, tuple(left), *size_of(gap))
-
-
-def split(whole: Whole, refuse: Callable[[Term], str], tables: str = "") -> Split:
+def split(whole: Whole, refuse: Callable[[Term], str], tables: str = "") -> Exported:
     """Part what a target can carry from what it cannot.
 
-    It refuses a term, or tables, by saying why; by "" it takes them.
+    Args:
+        refuse: Why the target has no place for a term; "" where it has.
+        tables: Why it has none for tables; "" where it has.
+
+    Returns:
+        The export, its files still missing.
     """
-    # What the model has without a name is among its terms, each to be told of.
+    # What the model has without a name is among its terms.
     model = body_of(whole)
-    whole = _with_terms(whole, (*model.terms, *model.tables))
-    reasons = [(t, why) for t in body_of(whole).terms if (why := refuse(t))]
-    gone = {term for term, _ in reasons}
-    kept = _with_terms(whole, (t for t in body_of(whole).terms if t not in gone))
-    if tables and isinstance(whole, Corrected):
-        reasons.append((None, tables))
+    whole = with_terms(whole, (*model.terms, *model.tables))
+    terms = body_of(whole).terms
+    reasons = {term: why for term in terms if (why := refuse(term))}
+    kept = with_terms(whole, (t for t in terms if t not in reasons))
+    corrected = whole if tables and isinstance(whole, CorrectedModel) else None
+    if corrected:
         kept = body_of(kept)
-    return Split(whole, kept, tuple(reasons))
+    elif not reasons:
+        return Exported({}, whole, kept)
+    motion = exciting(model.robot)
+    full = whole.along(motion.t, motion.parts)
+
+    def lack(without: Whole) -> tuple[float, float]:
+        return size_of(full - without.along(motion.t, motion.parts))
+
+    left = []
+    for term, why in reasons.items():
+        joints = tuple(j + 1 for j in term.joints)
+        rest = with_terms(whole, (t for t in terms if t is not term))
+        left.append(Left(term.effect.name, joints, why, *lack(rest)))
+    if corrected:
+        joints = tuple(t.joint + 1 for t in corrected.tables)
+        left.append(Left("tables", joints, tables, *lack(body_of(whole))))
+    return Exported({}, whole, kept, tuple(left), *lack(kept))
 
 
-def _with_terms(whole: Whole, terms: Iterable[Term]) -> Whole:
-    """A model with other terms, and nothing beside them but tables on top."""
+def with_terms(whole: Whole, terms: Iterable[Term]) -> Whole:
+    """Return a model with other terms, and nothing beside them but tables on top."""
     model = replace(body_of(whole), terms=tuple(terms), tables=())
-    return replace(whole, model=model) if isinstance(whole, Corrected) else model
+    return replace(whole, model=model) if isinstance(whole, CorrectedModel) else model
 
 
 def body_of(whole: Whole) -> Model:
     """Return the model without its tables."""
-    return whole.model if isinstance(whole, Corrected) else whole
+    return whole.model if isinstance(whole, CorrectedModel) else whole
 
 
 def file_stem(whole: Whole) -> str:
@@ -202,19 +186,6 @@ def with_bodies(model: Model) -> Array:
     return total
 
 
-def _without(whole: Whole, term: Term | None) -> Whole:
-    if term is None:
-        return body_of(whole)
-    return _with_terms(whole, (t for t in body_of(whole).terms if t is not term))
-
-
-def _named(whole: Whole, term: Term | None) -> tuple[str, tuple[int, ...]]:
-    if term is not None:
-        return term.effect.name, tuple(j + 1 for j in term.joints)
-    tables: Sequence = whole.tables if isinstance(whole, Corrected) else ()
-    return TABLES, tuple(t.joint + 1 for t in tables)
-
-
 def size_of(gap: Array) -> tuple[float, float]:
     """Return a torque's rms on the joint that has most, and its largest value [N m]."""
     return float(np.sqrt((gap**2).mean(axis=0)).max()), float(np.abs(gap).max())
@@ -223,5 +194,5 @@ def size_of(gap: Array) -> tuple[float, float]:
 def to_json(whole: Whole) -> Exported:
     """Return a model as the file that ``load_model`` reads."""
     text = json.dumps(to_record(whole), allow_nan=False, indent=1) + "\n"
-    name = f"{file_stem(whole)}.json"
-    return split(whole, lambda term: "").exported({name: text.encode()})
+    files = {f"{file_stem(whole)}.json": text.encode()}
+    return replace(split(whole, lambda term: ""), files=files)

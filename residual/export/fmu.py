@@ -1,122 +1,96 @@
-"""A model as an FMU, alone as the one format that is packed and compiled.
-
-FMI 2.0, both kinds, the C99 header inside.
-"""
+"""A model as an FMU (FMI 2.0, both kinds) around the C99 header."""
 
 import hashlib
 import io
-import xml.etree.ElementTree as ET
 import zipfile
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import replace
 
-from residual.export.c99 import to_c99
+from residual.export.c99 import filled, template, to_c99
 from residual.export.exported import Exported, Whole, body_of
-from residual.export.program import filled, template
 
-PLATFORM = "linux64"
 SOURCE = "fmu.c"
-_UNITS = {
-    "rad": {"rad": "1"},
-    "rad/s": {"rad": "1", "s": "-1"},
-    "rad/s2": {"rad": "1", "s": "-2"},
-    "N.m": {"kg": "1", "m": "2", "s": "-2"},
-    "m": {"m": "1"},
-    "m/s": {"m": "1", "s": "-1"},
-    "m/s2": {"m": "1", "s": "-2"},
-    "N": {"kg": "1", "m": "1", "s": "-2"},
+_BASE_UNITS = {
+    "rad": 'rad="1"',
+    "rad/s": 'rad="1" s="-1"',
+    "rad/s2": 'rad="1" s="-2"',
+    "N.m": 'kg="1" m="2" s="-2"',
+    "m": 'm="1"',
+    "m/s": 'm="1" s="-1"',
+    "m/s2": 'm="1" s="-2"',
+    "N": 'kg="1" m="1" s="-2"',
 }
-_SIGNALS = {"q": "rad", "qd": "rad/s", "qdd": "rad/s2", "tau": "N.m"}
-_SLIDING = {"rad": "m", "rad/s": "m/s", "rad/s2": "m/s2", "N.m": "N"}
+# Of each signal: its unit on a joint that turns, and on one that slides.
+_SIGNALS = {
+    "q": ("rad", "m"),
+    "qd": ("rad/s", "m/s"),
+    "qdd": ("rad/s2", "m/s2"),
+    "tau": ("N.m", "N"),
+}
 _DATE = (2000, 1, 1, 0, 0, 0)  # the same model makes the same bytes
 
-
-@dataclass(frozen=True, eq=False, slots=True)
-class Parts:
-    """What an FMU is made of.
-
-    Attributes:
-        name: Its name: that of the header and of the library.
-        header: The C99 export that is inside.
-        sources: Text of the C files by name.
-        description: modelDescription.xml.
-    """
-
-    name: str
-    header: Exported
-    sources: Mapping[str, bytes]
-    description: bytes
+Sources = Mapping[str, bytes]
 
 
-def fmu_parts(whole: Whole) -> Parts:
-    """Return what is to be compiled and packed."""
-    header = to_c99(whole)
-    ((file, text),) = header.files.items()
-    name, dof = file.removesuffix(".h"), body_of(whole).robot.dof
-    guid = f"{{{hashlib.sha256(text).hexdigest()[:32]}}}"
-    words = {"P": name, "DOF": str(dof), "GUID": guid}
-    source = filled(template(SOURCE), words).encode()
-    description = _description(name, guid, body_of(whole).robot.prismatic)
-    return Parts(name, header, {file: text, SOURCE: source}, description)
-
-
-def to_fmu(parts: Parts, library: bytes | None) -> Exported:
-    """Return the FMU.
+def to_fmu(whole: Whole, build: Callable[[Sources], bytes | None]) -> Exported:
+    """Return a model as an FMU.
 
     Args:
-        library: The sources compiled for this platform; None to leave that to whoever
-            imports it.
+        build: Compiles C files (text by name) into a library for this platform (64-bit
+            Linux); None leaves that to whoever imports the FMU.
     """
-    content = {"modelDescription.xml": parts.description}
-    content |= {f"sources/{name}": text for name, text in parts.sources.items()}
-    if library is not None:
-        content[f"binaries/{PLATFORM}/{parts.name}.so"] = library
+    made = to_c99(whole)
+    ((file, text),) = made.files.items()
+    name, robot = file.removesuffix(".h"), body_of(whole).robot
+    guid = f"{{{hashlib.sha256(text).hexdigest()[:32]}}}"
+    words = {"P": name, "DOF": str(robot.dof), "GUID": guid}
+    sources = {file: text, SOURCE: filled(template(SOURCE), words).encode()}
+    content = {"modelDescription.xml": _description(name, guid, robot.prismatic)}
+    content |= {f"sources/{name}": text for name, text in sources.items()}
+    if library := build(sources):
+        content[f"binaries/linux64/{name}.so"] = library
     buffer = io.BytesIO()
-    with zipfile.ZipFile(buffer, "w", zipfile.ZIP_DEFLATED) as packed:
-        for name, data in content.items():
-            packed.writestr(zipfile.ZipInfo(name, _DATE), data, zipfile.ZIP_DEFLATED)
-    return replace(parts.header, files={f"{parts.name}.fmu": buffer.getvalue()})
+    with zipfile.ZipFile(buffer, "w", zipfile.ZIP_DEFLATED) as archive:
+        for path, data in content.items():
+            archive.writestr(zipfile.ZipInfo(path, _DATE), data, zipfile.ZIP_DEFLATED)
+    return replace(made, files={f"{name}.fmu": buffer.getvalue()})
 
 
 def _description(name: str, guid: str, slides: Sequence[bool]) -> bytes:
-    about = {
-        "fmiVersion": "2.0",
-        "modelName": name,
-        "guid": guid,
-        "generationTool": "modelgap",
-        "variableNamingConvention": "flat",
-        "numberOfEventIndicators": "0",
-    }
-    root = ET.Element("fmiModelDescription", about)
-    variable_steps = {"canHandleVariableCommunicationStepSize": "true"}
-    rates = {"canInterpolateInputs": "true"}
-    for what, can in (("ModelExchange", {}), ("CoSimulation", variable_steps | rates)):
-        kind = ET.SubElement(root, what, {"modelIdentifier": name, **can})
-        ET.SubElement(ET.SubElement(kind, "SourceFiles"), "File", {"name": SOURCE})
-    units = ET.SubElement(root, "UnitDefinitions")
-    for unit, powers in _UNITS.items():
-        ET.SubElement(ET.SubElement(units, "Unit", {"name": unit}), "BaseUnit", powers)
-    variables = ET.SubElement(root, "ModelVariables")
-    outputs = []
-    for signal, unit in _SIGNALS.items():
-        out = signal == "tau"
-        for j, slide in enumerate(slides):
-            number = len(variables)
-            own = {
-                "name": f"{signal}{j + 1}",
-                "valueReference": str(number),
-                "causality": "output" if out else "input",
-                "variability": "continuous",
-            }
-            variable = ET.SubElement(variables, "ScalarVariable", own)
-            start = {} if out else {"start": "0"}
-            own_unit = _SLIDING[unit] if slide else unit
-            ET.SubElement(variable, "Real", {"unit": own_unit, **start})
-            outputs += [str(number + 1)] if out else []
-    structure = ET.SubElement(root, "ModelStructure")
-    for part in ("Outputs", "InitialUnknowns"):
-        listed = ET.SubElement(structure, part)
-        for index in outputs:
-            ET.SubElement(listed, "Unknown", {"index": index})
-    ET.indent(root)
-    return ET.tostring(root, encoding="UTF-8", xml_declaration=True)
+    """The text of modelDescription.xml; the name is one of C."""
+    variables = []
+    for signal, units in _SIGNALS.items():
+        output = signal == "tau"
+        cause = "output" if output else "input"
+        start = "" if output else ' start="0"'
+        for j, slide in enumerate(slides, start=1):
+            variables.append(
+                f'  <ScalarVariable name="{signal}{j}"'
+                f' valueReference="{len(variables)}" causality="{cause}"'
+                f' variability="continuous"><Real unit="{units[slide]}"{start}/>'
+                "</ScalarVariable>"
+            )
+    first = len(variables) - len(slides) + 1
+    outputs = [f'  <Unknown index="{i}"/>' for i in range(first, len(variables) + 1)]
+    kind = f' modelIdentifier="{name}"'
+    files = f'<SourceFiles><File name="{SOURCE}"/></SourceFiles>'
+    steps = ' canHandleVariableCommunicationStepSize="true" canInterpolateInputs="true"'
+    lines = [
+        '<?xml version="1.0" encoding="UTF-8"?>',
+        f'<fmiModelDescription fmiVersion="2.0" modelName="{name}" guid="{guid}"',
+        '  generationTool="modelgap" variableNamingConvention="flat"',
+        '  numberOfEventIndicators="0">',
+        f"<ModelExchange{kind}>{files}</ModelExchange>",
+        f"<CoSimulation{kind}{steps}>{files}</CoSimulation>",
+        "<UnitDefinitions>",
+        *(
+            f'  <Unit name="{unit}"><BaseUnit {base}/></Unit>'
+            for unit, base in _BASE_UNITS.items()
+        ),
+        "</UnitDefinitions>",
+        *("<ModelVariables>", *variables, "</ModelVariables>"),
+        *("<ModelStructure>", "<Outputs>", *outputs, "</Outputs>"),
+        *("<InitialUnknowns>", *outputs, "</InitialUnknowns>", "</ModelStructure>"),
+        "</fmiModelDescription>\n",
+    ]
+    return "\n".join(lines).encode()

@@ -7,6 +7,7 @@ value or less at 1e-3 rad/s; under those written here it reaches all of it.
 
 import xml.etree.ElementTree as ET
 from collections.abc import Collection
+from dataclasses import replace
 
 import numpy as np
 import pinocchio as pin
@@ -14,7 +15,6 @@ import pinocchio as pin
 from residual.errors import InputError
 from residual.export.exported import (
     Exported,
-    Split,
     Whole,
     body_of,
     file_stem,
@@ -42,7 +42,7 @@ THICK = 0.03  # m, of the lines that stand for links
 
 def split_passive(
     whole: Whole, target: str, can: Collection[str], gravity: bool = False
-) -> Split:
+) -> Exported:
     """Part what the joints and bodies of a target can have from the rest."""
     total = properties(body_of(whole))
 
@@ -82,8 +82,8 @@ def to_urdf(whole: Whole) -> Exported:
     Raises:
         InputError: If a link has no positive mass.
     """
-    parts = split_passive(whole, "URDF", URDF_CAN)
-    model = body_of(parts.carried)
+    made = split_passive(whole, "URDF", URDF_CAN)
+    model = body_of(made.carried)
     root = ET.fromstring(with_inertials(model.robot, with_bodies(model)))
     joints = {j.get("name"): j for j in root.findall("joint")}
     values = properties(model)
@@ -95,7 +95,7 @@ def to_urdf(whole: Whole) -> Exported:
         ET.SubElement(joint, "dynamics", own)
     ET.indent(root)
     text = ET.tostring(root, encoding="unicode") + "\n"
-    return parts.exported({f"{file_stem(whole)}.urdf": text.encode()})
+    return replace(made, files={f"{file_stem(whole)}.urdf": text.encode()})
 
 
 # Twice the time step is the fastest that MuJoCo lets a constraint be.
@@ -117,22 +117,31 @@ def to_mjcf(whole: Whole, can: Collection[str] = MJCF_CAN) -> Exported:
     Raises:
         InputError: If a link is none that MuJoCo takes.
     """
-    parts = split_passive(whole, "MJCF", can, gravity=True)
-    model = body_of(parts.carried)
+    made = split_passive(whole, "MJCF", can, gravity=True)
+    model = body_of(made.carried)
     root = ET.Element("mujoco", {"model": model.robot.name})
     ET.SubElement(root, "compiler", {"angle": "radian", "inertiafromgeom": "false"})
-    gravity = _words(_gravity(model))
-    options = {"timestep": repr(STEP), "gravity": gravity, "integrator": "implicitfast"}
-    ET.SubElement(root, "option", options)
+    gravity = np.array(model.robot.model.gravity.linear)
+    for term in model.terms:
+        if add := term.effect.portable.gravity:
+            gravity = gravity + add(term.theta, model.robot)
+    options = {"timestep": repr(STEP), "gravity": _words(gravity)}
+    ET.SubElement(root, "option", options | {"integrator": "implicitfast"})
     default = ET.SubElement(root, "default")
     ET.SubElement(default, "joint", FRICTION)
     seen = {"contype": "0", "conaffinity": "0", "mass": "0"}
     ET.SubElement(default, "geom", {"type": "capsule", **seen})
     _bodies(ET.SubElement(root, "worldbody"), model)
-    _motors(ET.SubElement(root, "actuator"), model)
+    motors = ET.SubElement(root, "actuator")
+    names = list(model.robot.model.names)[1:]
+    for name, most in zip(names, model.robot.torque_limit, strict=True):
+        motor = {"name": f"motor_{name}", "joint": name}
+        if np.isfinite(most):
+            motor |= {"ctrllimited": "true", "ctrlrange": _words([-most, most])}
+        ET.SubElement(motors, "motor", motor)
     ET.indent(root)
     text = ET.tostring(root, encoding="unicode") + "\n"
-    return parts.exported({f"{file_stem(whole)}.xml": text.encode()})
+    return replace(made, files={f"{file_stem(whole)}.xml": text.encode()})
 
 
 def _bodies(parent: ET.Element, model: Model) -> None:
@@ -146,27 +155,22 @@ def _bodies(parent: ET.Element, model: Model) -> None:
         parent = ET.SubElement(parent, "body", {"name": f"link_{i + 1}", **place})
         ET.SubElement(parent, "inertial", _inertial(bodies[i], i + 1))
         kind = "slide" if chain.slides[i] else "hinge"
-        own = {"name": name, "type": kind, "axis": _words(chain.axis[i])}
-        ET.SubElement(parent, "joint", own | _joint(model, values, i))
+        joint = {"name": name, "type": kind, "axis": _words(chain.axis[i])}
+        joint |= {
+            "armature": repr(float(values["armature"][i])),
+            "frictionloss": repr(float(values["friction"][i])),
+            "damping": _words([values["damping"][i], values["quadratic_damping"][i]]),
+        }
+        if stiffness := float(values["stiffness"][i]):
+            rest = -float(values["constant"][i]) / stiffness
+            joint |= {"stiffness": repr(stiffness), "springref": repr(rest)}
+        lower, upper = model.robot.lower[i], model.robot.upper[i]
+        if np.isfinite(lower):
+            joint |= {"limited": "true", "range": _words([lower, upper])}
+        ET.SubElement(parent, "joint", joint)
     place = {"pos": _words(chain.flange), "quat": _quaternion(chain.flange_rotation)}
     _line(parent, chain.flange)
     ET.SubElement(parent, "site", {"name": "flange", **place})
-
-
-def _joint(model: Model, values: dict[str, Array], i: int) -> dict[str, str]:
-    own = {key: float(each[i]) for key, each in values.items()}
-    out = {
-        "armature": repr(own["armature"]),
-        "frictionloss": repr(own["friction"]),
-        "damping": _words([own["damping"], own["quadratic_damping"]]),
-    }
-    if own["stiffness"]:
-        rest = -own["constant"] / own["stiffness"]
-        out |= {"stiffness": repr(own["stiffness"]), "springref": repr(rest)}
-    lower, upper = model.robot.lower[i], model.robot.upper[i]
-    if np.isfinite(lower):
-        out |= {"limited": "true", "range": _words([lower, upper])}
-    return out
 
 
 def _inertial(body: Array, number: int) -> dict[str, str]:
@@ -183,23 +187,6 @@ def _inertial(body: Array, number: int) -> dict[str, str]:
     places = ((0, 0), (1, 1), (2, 2), (0, 1), (0, 2), (1, 2))
     full = _words([tensor[at] for at in places])
     return {"pos": _words(centre), "mass": repr(float(mass)), "fullinertia": full}
-
-
-def _motors(parent: ET.Element, model: Model) -> None:
-    names = list(model.robot.model.names)[1:]
-    for name, most in zip(names, model.robot.torque_limit, strict=True):
-        own = {"name": f"motor_{name}", "joint": name}
-        if np.isfinite(most):
-            own |= {"ctrllimited": "true", "ctrlrange": _words([-most, most])}
-        ET.SubElement(parent, "motor", own)
-
-
-def _gravity(model: Model) -> Array:
-    total = np.array(model.robot.model.gravity.linear)
-    for term in model.terms:
-        if add := term.effect.portable.gravity:
-            total = total + add(term.theta, model.robot)
-    return total
 
 
 def _line(parent: ET.Element, end: Array) -> None:

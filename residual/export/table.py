@@ -13,8 +13,8 @@ from functools import partial
 
 import numpy as np
 
+from residual.export.c99 import WORD
 from residual.export.exported import (
-    BODY,
     Exported,
     Left,
     Whole,
@@ -24,8 +24,7 @@ from residual.export.exported import (
     size_of,
     split,
 )
-from residual.export.program import WORD
-from residual.model.corrected import NONE, Corrected
+from residual.model.corrected import NONE, CorrectedModel
 from residual.model.lookup import export_lookup
 from residual.model.model import Model, Term
 from residual.quantity import along
@@ -44,23 +43,22 @@ _FEW = (-1.0, -0.5, -0.1, 0.0, 0.1, 0.5, 1.0)  # of the range, where points begi
 
 def to_table(whole: Whole) -> Exported:
     """Return support points of each joint as CSV files; tables go along as they are."""
-    parts = split(whole, lambda t: "" if _file(t) else "it is no curve of one joint")
-    files = {file: _csv(body_of(parts.carried), file) for file in _OF}
+    made = split(whole, lambda t: "" if _file(t) else "it is no curve of one joint")
+    files = {file: _csv(body_of(made.carried), file) for file in _OF}
     files = {file: text for file, text in files.items() if text}
-    for own in parts.carried.tables if isinstance(parts.carried, Corrected) else ():
+    for own in made.carried.tables if isinstance(made.carried, CorrectedModel) else ():
         if own.kind != NONE:
             text = export_lookup(own.lookup)["tables.csv"]
             files[f"tables_{own.joint + 1}.csv"] = text
-    made = parts.exported(files)
     body = replace(body_of(whole), terms=())
     motion = exciting(body.robot)
     full, kept, rigid = (
-        m.along(motion.t, motion.parts) for m in (whole, parts.carried, body)
+        m.along(motion.t, motion.parts) for m in (whole, made.carried, body)
     )
     why = "it stays with the controller"
-    left = (Left(BODY, (), why, *size_of(rigid)), *made.left)
+    left = (Left("rigid body", (), why, *size_of(rigid)), *made.left)
     rms, largest = size_of(full - kept + rigid)
-    return replace(made, left=left, rms=rms, largest=largest)
+    return Exported(files, made.whole, made.carried, left, rms, largest)
 
 
 def _file(term: Term) -> str:

@@ -175,10 +175,10 @@ def residuals(rows: Rows, theta: Array) -> tuple[Array, ...]:
     return tuple(y - x @ theta for x, y in zip(rows.x, rows.y, strict=True))
 
 
-def autocorrelation(rows: Rows, left: tuple[Array, ...]) -> Array:
+def autocorrelation(rows: Rows, residual: tuple[Array, ...]) -> Array:
     """Return how many rows of residuals (m_j,) tell as much as one would. (dof,)."""
-    out = np.ones(len(left))
-    for j, (values, series) in enumerate(zip(left, rows.series, strict=True)):
+    out = np.ones(len(residual))
+    for j, (values, series) in enumerate(zip(residual, rows.series, strict=True)):
         lines = []
         for log in np.unique(series[:, 0]):
             own = series[:, 0] == log

@@ -127,7 +127,7 @@ class Identification:
     def status(self) -> tuple[str, ...]:
         """Of each parameter: "fitted", "nominal" or "dropped"."""
         out = ["fitted"] * len(self.base)
-        for one in self.preflight.held:
+        for one in self.preflight.fixed:
             out[one.index] = "nominal"
         for i in self.essential.dropped if self.essential else ():
             out[i] = "dropped"
@@ -187,7 +187,7 @@ def _fitted(
         # A prior speaks for what the motion does not show: nothing need be held.
         precision = _precision(nominal, base, spread, options)
         start = replace(start, free=np.arange(len(base)), precision=precision)
-        seen = replace(seen, held=())
+        seen = replace(seen, fixed=())
     estimate = estimated(rows, blocks, start, options)
     essential = None
     if options.essential:

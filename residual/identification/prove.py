@@ -47,7 +47,7 @@ class Consistent:
     misfit: Array
 
 
-def consistent(found: Identification, scale: float = LOOSE) -> Consistent:
+def consistent(free: Identification, scale: float = LOOSE) -> Consistent:
     """Find the physically consistent parameters that fit, nearest to the nominal.
 
     Raises:
@@ -58,27 +58,27 @@ def consistent(found: Identification, scale: float = LOOSE) -> Consistent:
             f"Scale {scale:g}: expected a positive number; 1 doubts nominal values by "
             "their own size."
         )
-    best, root = _unconstrained(found, scale)
-    bodies = bodies_of(found.nominal.with_coefficients(best), friction=True)
-    model = found.nominal.with_coefficients(nearest(bodies, best, root))
-    theta = found.base.mapping @ model.coefficients()
-    both = [squares(found.blocks, t) for t in (found.estimate.theta, theta)]
-    misfit = np.sqrt(np.array(both) / np.maximum(found.estimate.counts, 1))
+    best, root = _unconstrained(free, scale)
+    bodies = bodies_of(free.nominal.with_coefficients(best), friction=True)
+    model = free.nominal.with_coefficients(nearest(bodies, best, root))
+    theta = free.base.mapping @ model.coefficients()
+    both = [squares(free.blocks, t) for t in (free.estimate.theta, theta)]
+    misfit = np.sqrt(np.array(both) / np.maximum(free.estimate.counts, 1))
     least = least_eigenvalues(model), least_mass_matrix(model)
     return Consistent(model, *least, POSES, misfit)
 
 
-def _unconstrained(found: Identification, scale: float) -> tuple[Array, Array]:
+def _unconstrained(free: Identification, scale: float) -> tuple[Array, Array]:
     """Return the best parameters without the cone (s,), and U (s, s).
 
     With U'U the information of rows and nominal together, in SI units.
     """
-    estimate, start = found.estimate, found.nominal.coefficients()
-    unit = np.sqrt(np.diag(found.spread))
-    rows = stacked(found.blocks, estimate.weight)
-    left = rows[:, :-1] @ found.base.mapping * unit
-    right = rows[:, -1] - rows[:, :-1] @ found.nominal_theta
-    correlation = found.spread / np.outer(unit, unit)
+    estimate, start = free.estimate, free.nominal.coefficients()
+    unit = np.sqrt(np.diag(free.spread))
+    rows = stacked(free.blocks, estimate.weight)
+    left = rows[:, :-1] @ free.base.mapping * unit
+    right = rows[:, -1] - rows[:, :-1] @ free.nominal_theta
+    correlation = free.spread / np.outer(unit, unit)
     root = np.linalg.cholesky(np.linalg.inv(correlation)).T / scale
     both = np.concatenate([left, root])
     q, upper = np.linalg.qr(both)
@@ -111,12 +111,12 @@ def torque_errors(
 
 
 @dataclass(frozen=True, eq=False, slots=True)
-class Identified:
+class ValidatedIdentification:
     """What was identified, and how far it gets on held-out motion.
 
     Attributes:
         robot: The arm as described.
-        found: The free fit.
+        free: The unconstrained fit.
         consistent: Physically consistent parameters, or None.
         errors: Torque errors by model: "nominal", "identified", "consistent".
         accelerations: Errors of acceleration from torque by model; None where M(q)
@@ -128,7 +128,7 @@ class Identified:
     """
 
     robot: Robot
-    found: Identification
+    free: Identification
     consistent: Consistent | None
     errors: Mapping[str, Errors]
     accelerations: Mapping[str, AccelerationError | None]
@@ -141,7 +141,7 @@ class Identified:
     @property
     def best(self) -> Model:
         """The model to use elsewhere: the consistent one where there is one."""
-        return (self.consistent or self.found).model
+        return (self.consistent or self.free).model
 
 
 def identify_and_prove(
@@ -151,7 +151,7 @@ def identify_and_prove(
     declared: Sequence[str] | Model | None = None,
     options: Options | None = None,
     bodies: bool = False,
-) -> Identified:
+) -> ValidatedIdentification:
     """Fit the parameters of a model and compare it with the nominal one.
 
     Args:
@@ -163,16 +163,16 @@ def identify_and_prove(
     if same_run:
         fit, held_out = hold_out_end(fit)
     clock = session_clock([*fit, *held_out])
-    found = identify(robot, fit, declared, options or Options(), clock)
-    models = {"nominal": found.nominal, "identified": found.model}
-    made = consistent(found) if bodies else None
-    if made is not None:
-        models["consistent"] = made.model
+    free = identify(robot, fit, declared, options or Options(), clock)
+    models = {"nominal": free.nominal, "identified": free.model}
+    consistent_fit = consistent(free) if bodies else None
+    if consistent_fit is not None:
+        models["consistent"] = consistent_fit.model
     least = {name: least_mass_matrix(model) for name, model in models.items()}
-    return Identified(
+    return ValidatedIdentification(
         robot=robot,
-        found=found,
-        consistent=made,
+        free=free,
+        consistent=consistent_fit,
         errors=torque_errors(models, held_out),
         accelerations={k: _acceleration(m, held_out) for k, m in models.items()},
         least_mass_matrix=least,
@@ -181,7 +181,7 @@ def identify_and_prove(
         same_run=same_run,
         warnings=(
             *((SAME_RUN,) if same_run else ()),
-            *found.preflight.lines(found.base),
+            *free.preflight.lines(free.base),
             *_doubts(least),
         ),
     )

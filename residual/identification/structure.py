@@ -160,7 +160,7 @@ def load(model: Model) -> Array:
 
 
 @dataclass(frozen=True, eq=False, slots=True)
-class Unidentified:
+class UnobservedParameter:
     """A parameter that the motion does not show."""
 
     index: int  # which base parameter
@@ -174,7 +174,7 @@ class Preflight:
 
     free: Array  # parameters that the motion shows, (k,)
     # Parameters that are better left at their nominal value.
-    held: tuple[Unidentified, ...]
+    fixed: tuple[UnobservedParameter, ...]
     standing: tuple[int, ...]  # joints that never move, from 1
 
     def lines(self, base: BaseParameters) -> list[str]:
@@ -185,7 +185,7 @@ class Preflight:
             out.append(
                 f"joint {joints} never moves: nothing acts on it that can be told"
             )
-        for one in self.held:
+        for one in self.fixed:
             lead = base.leading[one.index]
             out.append(
                 f"{lead.name} cannot be told from this motion (at best to "
@@ -204,16 +204,17 @@ def preflight(
         rows: Weight w_j of one row of each joint, and how many there are. (2, dof).
     """
     scaled = information * np.outer(size, size)
-    free, held = list(range(len(size))), []
+    free, fixed = list(range(len(size))), []
     while free:
         doubts = _doubt(scaled[np.ix_(free, free)])
         worst = int(np.argmax(doubts))
         if doubts[worst] <= _LIMIT:
             break
-        held.append((free.pop(worst), float(doubts[worst])))
-    remedies = _remedies(model, base, scaled, size, rows, free, [i for i, _ in held])
+        fixed.append((free.pop(worst), float(doubts[worst])))
+    remedies = _remedies(model, base, scaled, size, rows, free, [i for i, _ in fixed])
     unseen = (
-        Unidentified(i, doubt * size[i], remedies[i]) for i, doubt in sorted(held)
+        UnobservedParameter(i, doubt * size[i], remedies[i])
+        for i, doubt in sorted(fixed)
     )
     standing = tuple(int(j) + 1 for j in np.flatnonzero(rows[1] == 0))
     return Preflight(np.array(free, dtype=int), tuple(unseen), standing)
@@ -233,11 +234,11 @@ def _remedies(
     size: Array,
     rows: Array,
     free: Sequence[int],
-    held: Sequence[int],
+    fixed: Sequence[int],
 ) -> dict[int, str]:
     """The least motion, beside what there is, that shows each held parameter."""
     out: dict[int, str] = {}
-    if not held:
+    if not fixed:
         return out
     # As many rows as the logs have, so that it is the motion that counts, not time.
     per_row = rows[0] * max(rows[1].max(), 1.0) / _STATES
@@ -246,16 +247,16 @@ def _remedies(
         columns = columns * size * np.sqrt(per_row)[None, :, None]
         flat = columns.reshape(-1, len(size))
         richer = scaled + flat.T @ flat
-        for i in held:
+        for i in fixed:
             if i in out:
                 continue
             ids = [*free, i]
             if _doubt(richer[np.ix_(ids, ids)])[-1] <= _LIMIT:
                 out[i] = f"it needs {words}"
-        if len(out) == len(held):
+        if len(out) == len(fixed):
             return out
     nothing = "no motion within the limits of the arm would show it at this noise"
-    return {i: out.get(i, nothing) for i in held}
+    return {i: out.get(i, nothing) for i in fixed}
 
 
 def _motions(model: Model):

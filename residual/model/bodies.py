@@ -64,7 +64,7 @@ class Bodies:
 
 
 @dataclass(frozen=True, slots=True)
-class Moved:
+class BodyCorrection:
     """What of a free fit could not exist, and what the nearest that can exist costs."""
 
     bodies: tuple[str, ...]  # in words, "link 5" or "the load"

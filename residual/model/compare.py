@@ -6,7 +6,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from scipy.special import stdtrit
 
-from residual.model.corrected import Corrected
+from residual.model.corrected import CorrectedModel
 from residual.model.model import Model
 from residual.recording import Array, Recording
 from residual.signals.splitting import are_long, in_pieces, logs_of, overlap, spread
@@ -167,7 +167,7 @@ class Errors:
 
 
 def compare(
-    models: Mapping[str, Model | Corrected],
+    models: Mapping[str, Model | CorrectedModel],
     held_out: Sequence[HeldOutLog],
     filters: Filters,
 ) -> tuple[dict[str, Errors], tuple[LogProof, ...]]:
@@ -197,7 +197,7 @@ def compare(
                 witness.track.moving[inner],
             )
         )
-    bodies = [m.model if isinstance(m, Corrected) else m for m in models.values()]
+    bodies = [m.model if isinstance(m, CorrectedModel) else m for m in models.values()]
     alike = all(len(set(body.robot.prismatic)) == 1 for body in bodies)
     errors = {name: Errors(s["miss"], s["power"], alike) for name, s in sums.items()}
     return errors, _joined(proofs)
@@ -238,7 +238,7 @@ def moving_error(model: Model, held_out: Sequence[HeldOutLog]) -> Array:
 
 
 def worse_joints(
-    models: Mapping[str, Model | Corrected], held_out: Sequence[HeldOutLog]
+    models: Mapping[str, Model | CorrectedModel], held_out: Sequence[HeldOutLog]
 ) -> tuple[int, ...]:
     """Joints (from 1) on which "augmented" is worse than "identified" beyond chance."""
     after, before = (
@@ -267,7 +267,7 @@ def _empty(held_out: Sequence[HeldOutLog]) -> dict:
 def _accumulate(sums: dict, witness: HeldOutLog, torque, filtered, edge: float) -> None:
     log, track = witness.recording, witness.track
     at = at_samples(torque, track, log)
-    if not track.whole:  # what its neighbours have too
+    if not track.entire:  # what its neighbours have too
         edge = overlap(track.cutoff, track.rate)
     inside = (log.t >= log.t[0] + edge) & (log.t <= log.t[-1] - edge)
     pairs = {
@@ -290,7 +290,7 @@ class Prediction:
     """What a model says of logs."""
 
     # "model", and "edited" where something was taken out of it.
-    models: Mapping[str, Model | Corrected]
+    models: Mapping[str, Model | CorrectedModel]
     logs: tuple[Recording, ...]  # the logs
     # Of each log, the torque of each model at its samples, not filtered [N m], (n,
     # dof).
@@ -301,7 +301,7 @@ class Prediction:
 
 
 def predict(
-    model: Model | Corrected, logs: Sequence[Recording], without: Edits = ()
+    model: Model | CorrectedModel, logs: Sequence[Recording], without: Edits = ()
 ) -> Prediction:
     """Compute the torque of a model on logs, and with effects taken out of it.
 
@@ -312,10 +312,10 @@ def predict(
     Raises:
         InputError: If the model does not have such an effect there.
     """
-    models: dict[str, Model | Corrected] = {WHOLE: model}
+    models: dict[str, Model | CorrectedModel] = {WHOLE: model}
     if without:
         models[EDITED] = taken_apart(model, without)
-    base = model.model if isinstance(model, Corrected) else model
+    base = model.model if isinstance(model, CorrectedModel) else model
     ready = prepare_held_out(logs, base)
     errors, _ = compare(models, ready, base.filters)
     torque = [{name: one.predict(log) for name, one in models.items()} for log in logs]
@@ -323,9 +323,11 @@ def predict(
     return Prediction(models, tuple(logs), tuple(torque), errors, cutoff)
 
 
-def taken_apart(model: Model | Corrected, without: Edits) -> Model | Corrected:
+def taken_apart(
+    model: Model | CorrectedModel, without: Edits
+) -> Model | CorrectedModel:
     """Return a model without some effects; tables on top of it stay as they are."""
-    if isinstance(model, Corrected):
+    if isinstance(model, CorrectedModel):
         edited = taken_apart(model.model, without)
         assert isinstance(edited, Model)
         return replace(model, model=edited)

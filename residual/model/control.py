@@ -15,7 +15,7 @@ import pinocchio as pin
 from scipy.ndimage import uniform_filter1d
 
 from residual.effects.base import State, Trait
-from residual.model.corrected import Corrected
+from residual.model.corrected import CorrectedModel
 from residual.model.model import Model
 from residual.recording import Array
 from residual.robot.dynamics import inverse_dynamics, with_inertial_parameters
@@ -62,7 +62,7 @@ AS_MEASURED = Turning()
 
 
 def feed_forward(
-    model: Model | Corrected,
+    model: Model | CorrectedModel,
     t: Array,
     motion: Sequence[Array],
     turning: Turning = AS_MEASURED,
@@ -76,21 +76,21 @@ def feed_forward(
     """
     rate = (len(t) - 1) / np.ptp(t)
     made = _used(model, turning.width(rate))
-    own: Model = getattr(made, "model", made)
+    base: Model = getattr(made, "model", made)
     # Of a log the session's clock is known, of a motion to come it is not.
-    since = t - t[0] if own.clock is None else t
-    state = own.state(rate, since, motion)
-    most = turning.torque_rate(own.robot) / rate
-    state = _ramped(own, state, most)
-    torque = own.torque_of_state(state)
-    if made is own:
+    since = t - t[0] if base.clock is None else t
+    state = base.state(rate, since, motion)
+    most = turning.torque_rate(base.robot) / rate
+    state = _ramped(base, state, most)
+    torque = base.torque_of_state(state)
+    if made is base:
         return torque
     # Tables step from level to level, at reversals and elsewhere.
     step = made.torque_of_state(state) - torque
-    return torque + _held(step, np.ptp(step, axis=0) / most)
+    return torque + _ramp(step, np.ptp(step, axis=0) / most)
 
 
-def _ramped(own: Model, state: State, most: Array) -> State:
+def _ramped(base: Model, state: State, most: Array) -> State:
     """The same with friction that turns at the stated torque rate at most.
 
     A reversal is known beforehand, so the ramp lies around it, half before.
@@ -98,12 +98,12 @@ def _ramped(own: Model, state: State, most: Array) -> State:
     Args:
         most: By how much torque may change from sample to sample [N m]. Shape (dof,).
     """
-    ends = [own.torque_of_state(_turned(own, state, d)) for d in (1.0, -1.0)]
+    ends = [base.torque_of_state(_turned(base, state, d)) for d in (1.0, -1.0)]
     swing = np.abs(ends[0] - ends[1]).max(axis=0)
-    return _turned(own, state, _held(state.sign, swing / most))
+    return _turned(base, state, _ramp(state.sign, swing / most))
 
 
-def _held(steps: Array, samples: Array) -> Array:
+def _ramp(steps: Array, samples: Array) -> Array:
     """Steps as ramps of so many samples, half of each before it. Shape (n, dof)."""
     out = steps.copy()
     for j in np.flatnonzero(samples > 1):
@@ -113,14 +113,14 @@ def _held(steps: Array, samples: Array) -> Array:
     return out
 
 
-def _turned(own: Model, state: State, sign: Array | float) -> State:
+def _turned(base: Model, state: State, sign: Array | float) -> State:
     """The same motion with another direction of friction."""
     state = replace(state, sign=np.broadcast_to(sign, state.q.shape))
-    return replace(state, tau_model=own.torque_seen(state, as_reported=False))
+    return replace(state, tau_model=base.torque_seen(state, as_reported=False))
 
 
 def computed_torque(
-    model: Model | Corrected,
+    model: Model | CorrectedModel,
     t: Array,
     motion: Sequence[Array],
     turning: Turning = AS_MEASURED,
@@ -136,9 +136,9 @@ def computed_torque(
         From step, position, speed and wanted acceleration to torque [N m]. (dof,).
     """
     made = _used(model, 1.0)
-    own: Model = getattr(made, "model", made)
-    rotor = own.drive()[1]
-    body = with_inertial_parameters(own.robot.model, own.loaded())
+    base: Model = getattr(made, "model", made)
+    rotor = base.drive()[1]
+    body = with_inertial_parameters(base.robot.model, base.loaded())
     data, along = body.createData(), feed_forward(model, t, motion, turning)
     q, qd, qdd = motion
     beside = along - inverse_dynamics(body, q, qd, qdd) - rotor * qdd
@@ -149,20 +149,20 @@ def computed_torque(
     return law
 
 
-def _used(model: Model | Corrected, width: float) -> Model | Corrected:
+def _used(model: Model | CorrectedModel, width: float) -> Model | CorrectedModel:
     """The model as a controller has it: friction turns over a width, logs are not late.
 
     Args:
         width: Speed over which friction turns [rad/s].
     """
-    own = getattr(model, "model", model)
-    dof = own.robot.dof
+    base = getattr(model, "model", model)
+    dof = base.robot.dof
     late_report = Trait.REPORT | Trait.MEMORY
-    late = [t for t in own.terms if late_report in t.effect.traits]
-    own = replace(
-        own,
-        terms=tuple(t for t in own.terms if t not in late),
+    late = [t for t in base.terms if late_report in t.effect.traits]
+    base = replace(
+        base,
+        terms=tuple(t for t in base.terms if t not in late),
         standstill=(_TURN,) * dof,
         speed_floor=np.full(dof, width),
     )
-    return replace(model, model=own) if isinstance(model, Corrected) else own
+    return replace(model, model=base) if isinstance(model, CorrectedModel) else base

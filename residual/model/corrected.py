@@ -51,7 +51,7 @@ class Tables:
 
 
 @dataclass(frozen=True, eq=False, slots=True, repr=False)
-class Corrected:
+class CorrectedModel:
     """A model with tables on top of it."""
 
     model: Model  # the model
@@ -119,7 +119,7 @@ class Corrected:
         Path(path).write_text(json.dumps(self.to_record(), allow_nan=False) + "\n")
 
     @classmethod
-    def from_record(cls, record: Mapping) -> "Corrected":
+    def from_record(cls, record: Mapping) -> "CorrectedModel":
         """The way back: it predicts the very bits."""
         tables = [
             Tables(

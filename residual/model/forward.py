@@ -12,7 +12,7 @@ import numpy as np
 
 from residual.effects.base import Trait
 from residual.errors import InputError
-from residual.model.corrected import Corrected
+from residual.model.corrected import CorrectedModel
 from residual.model.model import Model, Term
 from residual.recording import Array, Recording
 from residual.robot import dynamics
@@ -35,7 +35,7 @@ class AccelerationError:
 
 
 def acceleration_error(
-    model: Model | Corrected, recordings: Sequence[Recording]
+    model: Model | CorrectedModel, recordings: Sequence[Recording]
 ) -> AccelerationError:
     """Return the error of acceleration from torque (forward dynamics).
 
@@ -64,7 +64,7 @@ def acceleration_error(
     return AccelerationError(share, overall)
 
 
-def acceleration(model: Model | Corrected, track: Track, tau: Array) -> Array:
+def acceleration(model: Model | CorrectedModel, track: Track, tau: Array) -> Array:
     """Return the acceleration that a torque [N m] gives the model [rad/s^2]. (n, dof).
 
     What remembers, distorts a report, or is a table, is taken along the measured
@@ -96,9 +96,9 @@ def _of_now(term) -> bool:
 
 
 def _solved(
-    torque: Callable[[Array], Array], mass: Array, wanted: Array, start: Array
+    torque: Callable[[Array], Array], mass: Array, target: Array, start: Array
 ) -> Array:
-    """Return accelerations by which a torque is as wanted, by the bodies' own M.
+    """Return accelerations that give a target torque, by Newton steps with M(q).
 
     What else depends on acceleration (a load that rubs, a gain) is small beside M, so
     that each round leaves a small share.
@@ -109,7 +109,7 @@ def _solved(
     """
     qdd = start.copy()
     for _ in range(MOST):
-        step = np.linalg.solve(mass, (wanted - torque(qdd))[:, :, None])[:, :, 0]
+        step = np.linalg.solve(mass, (target - torque(qdd))[:, :, None])[:, :, 0]
         qdd = qdd + step
         if not np.isfinite(step).all():
             break

@@ -92,19 +92,19 @@ def find_triples(pairs: Sequence[tuple[int, int]], sizes: Sequence[int]) -> list
     best: list[tuple] = []
     tries = 0
 
-    def search(left: frozenset, chosen: list[tuple]) -> None:
+    def search(unused: frozenset, chosen: list[tuple]) -> None:
         nonlocal best, tries
         tries += 1
         if len(chosen) > len(best):
             best = chosen
-        if tries > TRIES or len(chosen) + len(left) // 3 <= len(best):
+        if tries > TRIES or len(chosen) + len(unused) // 3 <= len(best):
             return
-        a, b = min(left)
+        a, b = min(unused)
         for c in range(b + 1, len(sizes)):
             sides = {(a, b), (a, c), (b, c)}
-            if sides <= left and prod(sizes[i] for i in (a, b, c)) <= CUBE:
-                search(left - sides, [*chosen, (a, b, c)])
-        search(left - {(a, b)}, chosen)
+            if sides <= unused and prod(sizes[i] for i in (a, b, c)) <= CUBE:
+                search(unused - sides, [*chosen, (a, b, c)])
+        search(unused - {(a, b)}, chosen)
 
     search(frozenset(p for p in pairs if p[0] < p[1]), [])
     return best

@@ -8,7 +8,7 @@ import numpy as np
 from residual.effects import registry
 from residual.effects.base import Effect, Joints, Span, State
 from residual.errors import InputError, check_keys, check_name
-from residual.model.known import mass_of_links, of_effect
+from residual.model.known_values import mass_of_links, of_effect
 from residual.model.model import Model, Term
 from residual.recording import Array, Recording
 from residual.robot.dynamics import PER_LINK, inertial_parameters
@@ -34,7 +34,7 @@ class Nominal:
 
     model: Model  # the model
     # Relative sd of each term's coefficients; None where no value is given.
-    given: tuple[float | None, ...]
+    sd: tuple[float | None, ...]
     # Fixed relative scale of the rigid part, None to estimate it.
     scale: float | None = None
     # Fixed relative sd of each kind of value that is given, by the effect's name; None
@@ -46,14 +46,14 @@ class Nominal:
 
     def without_constants(self) -> "Nominal":
         """The model as it was declared."""
-        count = len(self.given) - self.constants
+        count = len(self.sd) - self.constants
         model = replace(self.model, terms=self.model.terms[:count])
-        return replace(self, model=model, given=self.given[:count], constants=0)
+        return replace(self, model=model, sd=self.sd[:count], constants=0)
 
     @property
     def declared(self) -> tuple[tuple[Term, float | None], ...]:
         """Terms that the model is said to have, each with what is given of it."""
-        return tuple(zip(self.model.terms, self.given, strict=True))
+        return tuple(zip(self.model.terms, self.sd, strict=True))
 
     @property
     def kinds(self) -> dict[str, float]:
@@ -90,33 +90,33 @@ def build_nominal(
     terms, widths = [], []
     for name in names:
         effect = registry()[name]
-        given = robot.declared.get(name)
+        declared = robot.declared.get(name)
         for joints in effect.candidates(robot.dof, robot.prismatic):
-            if given is None or not given.values:
-                own = _free(effect, joints, span, robot)
-                terms += own
-                widths += [None] * len(own)
+            if declared is None or not declared.values:
+                free = _free(effect, joints, span, robot)
+                terms += free
+                widths += [None] * len(free)
             else:
-                terms.append(_given(effect, joints, given.values, robot))
-                widths.append(ASSUMED if given.assumed else GIVEN)
+                terms.append(_declared_term(effect, joints, declared.values, robot))
+                widths.append(ASSUMED if declared.assumed else GIVEN)
     body = inertial_parameters(robot.model).reshape(-1, PER_LINK)
     for link, mass in mass_of_links(robot).items():
         body[link] *= mass / max(body[link, 0], 1e-9)
-    known = tuple(_with_known(term, robot) for term in terms)
-    model = Model(robot, body.ravel(), known, speed_floor, (), None)
+    with_values = tuple(_with_known(term, robot) for term in terms)
+    model = Model(robot, body.ravel(), with_values, speed_floor, (), None)
     return Nominal(model, tuple(widths), scale=robot.prior_scale)
 
 
 def _with_known(term: Term, robot: Robot) -> Term:
     """A declared term with the values that are known of it."""
     theta = term.theta.copy()
-    for one in of_effect(robot, term.effect, term.joints):
-        theta += one.row * (one.value - one.row @ theta) / (one.row @ one.row)
+    for known in of_effect(robot, term.effect, term.joints):
+        theta += known.row * (known.value - known.row @ theta) / (known.row @ known.row)
     same = np.array_equal(theta, term.theta)
     return term if same else replace(term, theta=theta).as_nominal()
 
 
-def _given(effect: Effect, joints: Joints, values, robot: Robot) -> Term:
+def _declared_term(effect: Effect, joints: Joints, values, robot: Robot) -> Term:
     check_keys(values, effect.parameters, f"[declared.{effect.name}] of robot.toml")
     missing = [k for k in effect.parameters if k not in values]
     # Of a load the mass alone may be given: what is not is zero.
@@ -184,10 +184,10 @@ def prepare_logs(
     recordings: Sequence[Recording],
     clock: float | None,
     filters: Filters,
-    whole: bool = False,
+    split: bool = True,
 ) -> Logs:
-    """Prepare the signals of the fit logs; long ones in pieces, unless whole."""
-    recordings = recordings if whole else in_pieces(recordings, filters.torque)
+    """Prepare the signals of the fit logs; long ones in pieces where split is true."""
+    recordings = in_pieces(recordings, filters.torque) if split else recordings
     tracks, floor = prepare(recordings, filters)
     shown = spread([t.seconds for t in tracks])
     small = too_small([recordings[i] for i in shown], [tracks[i] for i in shown])
@@ -247,25 +247,25 @@ def with_standstill(model: Model, tracks: Sequence[Track]) -> Model:
     The torque is linear in the share that is held at standstill, so that share has a
     closed form for each kind.
     """
-    seen = [(track, model.observe(track)) for track in tracks]
-    tried = [_held(model, seen, shape) for shape in CHOICES]
-    miss = np.array([m for m, _ in tried])
+    observed = [(track, model.observe(track)) for track in tracks]
+    candidates = [_standstill_error(model, observed, shape) for shape in CHOICES]
+    miss = np.array([m for m, _ in candidates])
     order = np.argmin(miss, axis=0)
-    usual = CHOICES.index(SMOOTH)
+    default = CHOICES.index(SMOOTH)
     chosen = []
     for j, i in enumerate(order):
-        pick = int(i) if miss[i, j] < WORTH * miss[usual, j] else usual
-        chosen.append(replace(CHOICES[pick], hold=float(tried[pick][1][j])))
+        pick = int(i) if miss[i, j] < WORTH * miss[default, j] else default
+        chosen.append(replace(CHOICES[pick], hold=float(candidates[pick][1][j])))
     return replace(model, standstill=tuple(chosen))
 
 
-def _held(
-    model: Model, seen: Sequence[tuple[Track, State]], shape: Standstill
+def _standstill_error(
+    model: Model, observed: Sequence[tuple[Track, State]], shape: Standstill
 ) -> tuple[Array, Array]:
     """Squared error at the best share held, and that share. Shapes (dof,), (dof,)."""
     dof = model.robot.dof
     own, mixed, power = np.zeros(dof), np.zeros(dof), np.zeros(dof)
-    for track, state in seen:
+    for track, state in observed:
         sides = [
             model.torque_seen(model.seen_by(state, (side,) * dof))
             for side in (replace(shape, hold=0.0), shape)

@@ -10,7 +10,7 @@ import tomli_w
 
 from residual.effects.base import Trait
 from residual.errors import InputError, check_nesting
-from residual.model.corrected import Corrected
+from residual.model.corrected import CorrectedModel
 from residual.model.model import Model, Term
 from residual.recording import Array
 from residual.robot.robot import with_inertials
@@ -90,7 +90,7 @@ def _is(values: Array, shape: tuple[int, ...]) -> bool:
 _DAMAGED = (AttributeError, IndexError, KeyError, OverflowError, TypeError, ValueError)
 
 
-def to_record(model: Model | Corrected) -> dict:
+def to_record(model: Model | CorrectedModel) -> dict:
     """Return a model whole: robot, inertial parameters, effects, signal path, tables.
 
     Returns:
@@ -99,26 +99,26 @@ def to_record(model: Model | Corrected) -> dict:
     return model.to_record()
 
 
-def to_text(model: Model | Corrected) -> str:
+def to_text(model: Model | CorrectedModel) -> str:
     """Return a model as the text of a file, which ``load_model`` reads."""
     return json.dumps(to_record(model), allow_nan=False) + "\n"
 
 
-def from_record(record: Mapping) -> Model | Corrected:
+def from_record(record: Mapping) -> Model | CorrectedModel:
     """Return the model of a record.
 
     Raises:
         InputError: If it is of another form, or damaged.
     """
     try:
-        made = (Corrected if "tables" in record else Model).from_record(record)
+        made = (CorrectedModel if "tables" in record else Model).from_record(record)
         check_whole(getattr(made, "model", made))
     except _DAMAGED as error:
         raise InputError(f"The record of a model is damaged: {error}.") from error
     return made
 
 
-def load_model(path: str | Path) -> Model | Corrected:
+def load_model(path: str | Path) -> Model | CorrectedModel:
     """Return the model that was saved into a file.
 
     Raises:

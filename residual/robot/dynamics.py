@@ -25,12 +25,14 @@ LARGEST = 1 << 26  # bytes of one that is remembered: 40 000 rows for six joints
 KEPT = 1 << 27  # bytes of all of them: thirteen minutes for six joints
 
 
-def _over(shape: tuple[int, ...], one: Callable, model: pin.Model, *motion) -> Array:
+def _over(
+    shape: tuple[int, ...], algorithm: Callable, model: pin.Model, *motion
+) -> Array:
     """Return what Pinocchio's algorithm of one sample gives on each. (n, *shape)."""
     rows = [np.ascontiguousarray(x, dtype=float) for x in motion]
     data, out = model.createData(), np.empty((len(rows[0]), *shape))
     for i, sample in enumerate(zip(*rows, strict=True)):
-        out[i] = one(model, data, *sample)
+        out[i] = algorithm(model, data, *sample)
     return out
 
 
@@ -75,11 +77,11 @@ def torque_by_angle(model: pin.Model, q: Array, qd: Array, qdd: Array) -> Array:
     In N m/rad, of the rigid body.
     """
 
-    def one(*sample) -> Array:
+    def gradient(*sample) -> Array:
         pin.computeRNEADerivatives(*sample)
         return sample[1].dtau_dq
 
-    return _over((model.nv, model.nv), one, model, q, qd, qdd)
+    return _over((model.nv, model.nv), gradient, model, q, qd, qdd)
 
 
 def flange_jacobian(model: pin.Model, q: Array) -> Array:
@@ -90,10 +92,10 @@ def flange_jacobian(model: pin.Model, q: Array) -> Array:
     """
     where = flange_frame(model), pin.ReferenceFrame.LOCAL_WORLD_ALIGNED
 
-    def one(*sample) -> Array:
+    def jacobian(*sample) -> Array:
         return pin.computeFrameJacobian(*sample, *where)
 
-    return _over((6, model.nv), one, model, q)
+    return _over((6, model.nv), jacobian, model, q)
 
 
 def flange_frame(model: pin.Model) -> int:

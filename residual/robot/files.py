@@ -99,7 +99,7 @@ _CHOICE = ("chain", "locked")  # read before, since sizes follow from them
 
 
 @dataclass(frozen=True, eq=False, slots=True)
-class Declared:
+class DeclaredEffect:
     """An effect that the nominal model has."""
 
     # Its parameters by key, SI units. Shapes (dof,). Empty where the effect is declared
@@ -171,7 +171,7 @@ def read_robot_toml(
         "declared": _all_declared(content.get("declared", {}), dof, where, effects),
         "motor_from_joint": _coupling(content.get("couplings", {}), dof, where),
         "prior_scale": _scale(content.get("prior", {}), where),
-        "known": _known(content.get("known", {}), f"[known] of {where}"),
+        "known_values": _known_values(content.get("known", {}), f"[known] of {where}"),
         "name": _text(about, "name", where),
         "serial": _text(about, "serial", where),
         "gravity": _array(about.get("gravity", GRAVITY), (3,), f"{where}: gravity"),
@@ -193,7 +193,7 @@ def _joints(table: dict, dof: int, where: str) -> Mapping[str, Array]:
 
 def _all_declared(
     tables: dict, dof: int, where: str, effects: Effects | None
-) -> Mapping[str, Declared]:
+) -> Mapping[str, DeclaredEffect]:
     out = {}
     for name, table in tables.items():
         if effects is not None:
@@ -207,7 +207,7 @@ def _all_declared(
     return out
 
 
-def _declared(table: dict, dof: int, place: str) -> Declared:
+def _declared(table: dict, dof: int, place: str) -> DeclaredEffect:
     table = dict(table)
     assumed, source = table.pop("assumed", False), table.pop("source", "")
     if not isinstance(assumed, bool) or not isinstance(source, str):
@@ -215,7 +215,7 @@ def _declared(table: dict, dof: int, place: str) -> Declared:
     if assumed and not source:
         raise RobotError(f"{place}: assumed values need a source = '...'.")
     values = {k: _array(v, (dof,), f"{place}: {k}") for k, v in table.items()}
-    return Declared(values, assumed, source)
+    return DeclaredEffect(values, assumed, source)
 
 
 def _coupling(table: dict, dof: int, where: str) -> Array | None:
@@ -241,7 +241,7 @@ def _scale(table: dict, where: str) -> float | None:
     return float(scale)
 
 
-def _known(table: dict, where: str) -> Mapping[str, float]:
+def _known_values(table: dict, where: str) -> Mapping[str, float]:
     for word, value in table.items():
         if not _is_number(value):
             raise RobotError(
@@ -252,28 +252,28 @@ def _known(table: dict, where: str) -> Mapping[str, float]:
 
 
 def _is_number(value: object) -> bool:
-    known = isinstance(value, int | float) and not isinstance(value, bool)
-    return known and abs(value) < LARGEST
+    numeric = isinstance(value, int | float) and not isinstance(value, bool)
+    return numeric and abs(value) < LARGEST
 
 
 def _text(table: dict, key: str, where: str) -> str | None:
     """Return a name or serial number, None where there is none."""
     text = table.get(key)
-    pattern, wanted = _TEXTS[key]
+    pattern, expected = _TEXTS[key]
     if text is not None and not (isinstance(text, str) and pattern.fullmatch(text)):
-        raise RobotError(f"{where}: {key} is {shown(text)}, expected {wanted}.")
+        raise RobotError(f"{where}: {key} is {shown(text)}, expected {expected}.")
     return text
 
 
-def _array(value: object, shape: tuple[int, ...], what: str) -> Array:
+def _array(value: object, shape: tuple[int, ...], name: str) -> Array:
     try:
         array = np.array(value, dtype=float)
     except (TypeError, ValueError, OverflowError):
         array = np.array(np.nan)
     if array.shape != shape:
         size, got = (" x ".join(map(str, s)) for s in (shape, array.shape))
-        raise RobotError(f"{what} needs {size} numbers, got {got or 'none'}.")
+        raise RobotError(f"{name} needs {size} numbers, got {got or 'none'}.")
     if not np.isfinite(array).all():
-        raise RobotError(f"{what} has a value that is not a finite number.")
+        raise RobotError(f"{name} has a value that is not a finite number.")
     array.setflags(write=False)
     return array

@@ -21,7 +21,7 @@ _KINDS = {2: "prismatic", 3: "revolute"}  # mjtJoint; 0 is free, 1 a ball
 _JOINT_EQUALITY = 2  # mjtEq
 
 
-class Compiled(NamedTuple):
+class CompiledFile(NamedTuple):
     """What MuJoCo makes of an MJCF."""
 
     urdf: str
@@ -31,7 +31,7 @@ class Compiled(NamedTuple):
     notes: tuple[str, ...] = ()
 
 
-def read_mjcf(path: Path) -> Compiled:
+def read_mjcf(path: Path) -> CompiledFile:
     """Compile an MJCF file and write it as a URDF.
 
     Raises:
@@ -61,7 +61,7 @@ class _Writer:
         # Of each body: its link, and where the body's frame is in that of the link.
         self.frames: list[tuple[str, pin.SE3]] = []
 
-    def compiled(self) -> Compiled:
+    def compiled(self) -> CompiledFile:
         ET.SubElement(self.root, "link", {"name": "world"})
         self.frames.append(("world", pin.SE3.Identity()))
         for b in range(1, self.m.nbody):
@@ -69,7 +69,7 @@ class _Writer:
         self._equalities()
         text = ET.tostring(self.root, encoding="unicode")
         gravity = tuple(float(g) for g in self.m.opt.gravity)
-        return Compiled(text, gravity, self.properties, tuple(self.notes))
+        return CompiledFile(text, gravity, self.properties, tuple(self.notes))
 
     def _body(self, b: int) -> None:
         m = self.m

@@ -18,7 +18,7 @@ from residual.errors import InputError, RobotError, check_name, shortened
 from residual.recording import Array, Recording
 from residual.robot.files import (
     GRAVITY,
-    Declared,
+    DeclaredEffect,
     Effects,
     build_model,
     parse_toml,
@@ -26,7 +26,7 @@ from residual.robot.files import (
     read_robot_toml,
     sliding,
 )
-from residual.robot.mjcf import Compiled, read_mjcf
+from residual.robot.mjcf import CompiledFile, read_mjcf
 from residual.robot.urdf import Arm, end, read_urdf
 from residual.robot.word import split_word
 from residual.robot.xacro import read_xacro
@@ -63,7 +63,7 @@ class Robot:
         serial: Serial number, None where its robot.toml gives none.
         columns: What its robot.toml says of the columns of its logs, unchecked: a fact
             of the logger, so no part of the robot's hash.
-        known: Values that are known for sure, such as "payload.mass" [SI].
+        known_values: Values that are known for sure, such as "payload.mass" [SI].
         locked: Joints of its file that are outside of the chain, and where they stand
             [rad or m].
         notes: What of its file was not taken as it stands, in words.
@@ -82,11 +82,11 @@ class Robot:
     gear_ratio: Array | None = None
     torque_per_unit: Array | None = None
     motor_from_joint: Array | None = None
-    declared: Mapping[str, Declared] = field(default_factory=dict)
+    declared: Mapping[str, DeclaredEffect] = field(default_factory=dict)
     prior_scale: float | None = None
     serial: str | None = None
     columns: Mapping = field(default_factory=dict)
-    known: Mapping[str, float] = field(default_factory=dict)
+    known_values: Mapping[str, float] = field(default_factory=dict)
     locked: Mapping[str, float] = field(default_factory=dict)
     notes: tuple[str, ...] = ()
 
@@ -184,7 +184,7 @@ def load_robot(
     return _assemble(arm, extra, file.name)
 
 
-def _compiled(file: Traversable, options: Mapping[str, Sequence[str]]) -> Compiled:
+def _compiled(file: Traversable, options: Mapping[str, Sequence[str]]) -> CompiledFile:
     """Return a robot file as URDF, with what else it says."""
     text, path = _read(file), Path(str(file))
     if path.suffix == ".xacro":
@@ -192,25 +192,25 @@ def _compiled(file: Traversable, options: Mapping[str, Sequence[str]]) -> Compil
     # A URDF may hold a <mujoco> of its own for MuJoCo: the root says what a file is.
     elif _MJCF.match(text):
         return read_mjcf(path)
-    return Compiled(text)
+    return CompiledFile(text)
 
 
 def _declare(
     content: dict,
-    made: Compiled,
+    file: CompiledFile,
     joints: Sequence[str],
     properties: Properties,
     where: str,
 ) -> None:
     """Put what a file says beside its bodies where a robot.toml would have it."""
-    if made.gravity not in (None, GRAVITY):
-        content.setdefault("robot", {}).setdefault("gravity", list(made.gravity))
+    if file.gravity not in (None, GRAVITY):
+        content.setdefault("robot", {}).setdefault("gravity", list(file.gravity))
     source = {"assumed": True, "source": f"joint properties of {where}"}
     for key, (effect, parameter) in properties.items():
-        values = [made.properties.get(key, {}).get(joint, 0.0) for joint in joints]
-        if made.properties:
-            given = {parameter: values} | source if any(values) else {}
-            content.setdefault("declared", {}).setdefault(effect, given)
+        values = [file.properties.get(key, {}).get(joint, 0.0) for joint in joints]
+        if file.properties:
+            values_of = {parameter: values} | source if any(values) else {}
+            content.setdefault("declared", {}).setdefault(effect, values_of)
 
 
 @lru_cache(maxsize=16)
@@ -237,34 +237,34 @@ def with_serial(robot: Robot, serial: str | None) -> Robot:
             f"The robot.toml of {robot.name} has serial = '{robot.serial}', expected "
             f"'{shortened(serial)}'. Correct one of them, or describe each arm apart."
         )
-    return _told(robot, "robot", {"serial": serial})
+    return _with_table(robot, "robot", {"serial": serial})
 
 
-def with_known(robot: Robot, known: Mapping[str, float]) -> Robot:
+def with_known(robot: Robot, values: Mapping[str, float]) -> Robot:
     """Return a robot of which values are known for sure, beside those of its file.
 
     Args:
-        known: By name, such as "payload.mass" or "coulomb.2.level" [SI].
+        values: By name, such as "payload.mass" or "coulomb.2.level" [SI].
     """
-    return _told(robot, "known", known) if known else robot
+    return _with_table(robot, "known", values) if values else robot
 
 
 def with_gravity(robot: Robot, gravity: Sequence[float]) -> Robot:
     """Return a robot that is mounted otherwise: gravity in the base frame [m/s^2]."""
-    return _told(robot, "robot", {"gravity": [float(g) for g in gravity]})
+    return _with_table(robot, "robot", {"gravity": [float(g) for g in gravity]})
 
 
-def _told(robot: Robot, table: str, more: Mapping) -> Robot:
+def _with_table(robot: Robot, table: str, more: Mapping) -> Robot:
     """The robot with more in a table of its robot.toml."""
     content = json.loads(robot.toml)
     content[table] = content.get(table, {}) | dict(more)
     text = json.dumps(content, sort_keys=True)
-    made = robot_from_texts(robot.name, robot.urdf, text)
+    robot_new = robot_from_texts(robot.name, robot.urdf, text)
     # In the order of its file, which is that of the columns of a fit: a rerun from the
     # file that is kept has the same bits.
-    declared = {name: made.declared[name] for name in robot.declared}
+    declared = {name: robot_new.declared[name] for name in robot.declared}
     return replace(
-        made,
+        robot_new,
         columns=robot.columns,
         declared=declared,
         locked=robot.locked,
@@ -283,8 +283,8 @@ def _assemble(arm: Arm, extra: dict, where: str) -> Robot:
         )
     model.gravity.linear = extra.pop("gravity")
     limits = {"velocity_limit": speed, "torque_limit": effort}
-    given = {"model": model, "urdf": arm.urdf, "lower": lower, "upper": upper}
-    return Robot(dof=dof, **given, **limits | extra)
+    parts = {"model": model, "urdf": arm.urdf, "lower": lower, "upper": upper}
+    return Robot(dof=dof, **parts, **limits | extra)
 
 
 def _robots_folder() -> Traversable:

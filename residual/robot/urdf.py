@@ -141,23 +141,25 @@ class _Tree:
             link = end(joint, "parent")
         return names
 
-    def vector(self, node: ET.Element | None, key: str, usual: str, what: str) -> Array:
+    def vector(
+        self, node: ET.Element | None, key: str, default: str, name: str
+    ) -> Array:
         """Three numbers of an attribute. Shape (3,)."""
-        text = usual if node is None else node.get(key, usual)
+        text = default if node is None else node.get(key, default)
         try:
             return np.array(text.split(), dtype=float).reshape(3)
         except ValueError:
-            self.faults.append(f"{what}: {key} is '{text}', expected three numbers")
+            self.faults.append(f"{name}: {key} is '{text}', expected three numbers")
             return np.zeros(3)
 
-    def number(self, node: ET.Element | None, key: str, what: str) -> float:
+    def number(self, node: ET.Element | None, key: str, name: str) -> float:
         text = "0" if node is None else node.get(key, "0")
         try:
             value = float(text)
         except ValueError:
             value = np.nan
         if np.isnan(value):
-            self.faults.append(f"{what}: {key} is '{text}', expected a finite number")
+            self.faults.append(f"{name}: {key} is '{text}', expected a finite number")
             return 0.0
         return value
 
@@ -202,7 +204,7 @@ def read_urdf(text: str, where: str, choice: Choice | None = None) -> Arm:
     if any(mended) or locked or stale or lost:
         text = ET.tostring(root, encoding="unicode")
     if locked:
-        tree.notes.insert(0, _said(tree, chain, locked))
+        tree.notes.insert(0, _locked_line(tree, chain, locked))
     notes = tuple(tree.notes)
     return Arm(root.get("name", ""), text, table, tuple(chain), locked, notes)
 
@@ -334,9 +336,9 @@ def _apart(chains: Sequence[list[str]]) -> list[list[str]]:
     return [c for c in once if not any(set(c) < set(other) for other in once)]
 
 
-def _spanned(chain: Sequence[str], seen: set[str]) -> list[str]:
+def _spanned(chain: Sequence[str], logged: set[str]) -> list[str]:
     """What of a chain lies between the first and the last joint that is logged."""
-    at = [i for i, name in enumerate(chain) if name in seen]
+    at = [i for i, name in enumerate(chain) if name in logged]
     return list(chain[at[0] : at[-1] + 1]) if at else []
 
 
@@ -380,17 +382,17 @@ def _locked(
     for name in choice.locked:
         check_name(name, tree.joints, f"joint in [locked] of {where}")
 
-    def value(name: str, seen: tuple[str, ...] = ()) -> float:
+    def value(name: str, visited: tuple[str, ...] = ()) -> float:
         joint, mimic = tree.joints[name], tree.joints[name].find("mimic")
         if name in choice.locked:
             return float(choice.locked[name])
         leader = None if mimic is None else mimic.get("joint")
-        if leader in tree.joints and leader not in (*seen, name):
+        if leader in tree.joints and leader not in (*visited, name):
             what = f"mimic of joint '{name}'"
             factor = tree.number(mimic, "multiplier", what)
             factor = factor if "multiplier" in mimic.attrib else 1.0
             offset = tree.number(mimic, "offset", what)
-            return factor * value(leader, (*seen, name)) + offset
+            return factor * value(leader, (*visited, name)) + offset
         node, what = joint.find("limit"), f"limit of joint '{name}'"
         low, high = (tree.number(node, k, what) for k in ("lower", "upper"))
         outside = joint.get("type") != "continuous" and (low > 0 or high < 0)
@@ -436,7 +438,7 @@ def _fix(joint: ET.Element) -> None:
             joint.remove(node)
 
 
-def _said(tree: _Tree, chain: Sequence[str], locked: Mapping[str, float]) -> str:
+def _locked_line(tree: _Tree, chain: Sequence[str], locked: Mapping[str, float]) -> str:
     """One line: what was locked, where, and what hangs on it."""
     holders: dict[str, list[str]] = {}
     for name in locked:

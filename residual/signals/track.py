@@ -55,7 +55,7 @@ class Track:
     inner: Array  # row lies outside the edges and gaps. Shape (m,), bool
     moving: Array  # row is used for that joint. Shape (m, dof), bool
     torque_noise: Array  # White-noise level of torque behind the filter [N m], (dof,)
-    whole: bool = True  # it is no piece of a longer log
+    entire: bool = True  # it is no piece of a longer log
 
     @property
     def seconds(self) -> float:
@@ -124,7 +124,7 @@ def _signals(
             room than all of it.
     """
 
-    def made() -> Iterable:
+    def resampled() -> Iterable:
         for recording in recordings:
             uniform = _resample(recording)
             step = 1 if full_rate else _thinning(uniform.rate, filters)
@@ -133,8 +133,8 @@ def _signals(
                 let_go(recording)
 
     if again:
-        return made
-    once = list(made())
+        return resampled
+    once = list(resampled())
     return lambda: once
 
 
@@ -179,9 +179,9 @@ def _resample(recording: Recording) -> _Uniform:
     return _Uniform(rate, t, q, tau, gap)
 
 
-def at_times(times: Array, known: Array, values: Array) -> Array:
+def at_times(times: Array, sampled: Array, values: Array) -> Array:
     """Read signals at other times [s], in straight lines between. Shape (m, k)."""
-    return np.column_stack([np.interp(times, known, column) for column in values.T])
+    return np.column_stack([np.interp(times, sampled, column) for column in values.T])
 
 
 def _kinematics(u: _Uniform, filters: Filters, step: int) -> tuple[Array, Array, Array]:
@@ -258,7 +258,7 @@ def _track(
         inner=inner,
         moving=~still[::step] & inner[:, None],
         torque_noise=_white_noise(u.tau, u.rate, cutoff),
-        whole=not piece,
+        entire=not piece,
     )
 
 
@@ -332,9 +332,9 @@ def shaken(
     return tuple(out)
 
 
-def on_rows_of(real: Sequence[Track], others: Sequence[Track]) -> tuple[Track, ...]:
+def on_rows_of(measured: Sequence[Track], shaken: Sequence[Track]) -> tuple[Track, ...]:
     """Other angles in the place of the measured ones, on the very same rows."""
     return tuple(
-        replace(t, tau=own.tau, inner=own.inner, moving=own.moving)
-        for own, t in zip(real, others, strict=True)
+        replace(t, tau=m.tau, inner=m.inner, moving=m.moving)
+        for m, t in zip(measured, shaken, strict=True)
     )

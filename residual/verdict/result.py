@@ -10,9 +10,9 @@ from residual.check.result import LogCheck
 from residual.effects import registry
 from residual.errors import joints_listed
 from residual.evidence.embodied import PossibleModel
-from residual.model.bodies import Moved
+from residual.model.bodies import BodyCorrection
 from residual.model.compare import Cloud, Errors, LogProof
-from residual.model.corrected import Corrected
+from residual.model.corrected import CorrectedModel
 from residual.model.model import Model
 from residual.quantity import measured, percent, plain
 from residual.robot.dynamics import flange_frame
@@ -393,7 +393,7 @@ class Verdict:
     changes: tuple[Change, ...] = ()
     alternatives: tuple[Alternative, ...] = ()
     edit: tuple[Edit, ...] | None = None
-    bodies: Moved | None = None
+    bodies: BodyCorrection | None = None
     frames: Frames = field(kw_only=True)
     suspected: tuple[Finding, ...] = ()
     too_small: tuple[int, ...] = ()
@@ -444,7 +444,7 @@ class Diagnosis:
     """
 
     verdict: Verdict
-    models: Mapping[str, Model | Corrected] = field(default_factory=dict)
+    models: Mapping[str, Model | CorrectedModel] = field(default_factory=dict)
     proofs: tuple[LogProof, ...] = ()
     clouds: tuple[Cloud, ...] = ()
     notes: tuple[str, ...] = ()
@@ -476,7 +476,7 @@ class Diagnosis:
     def torque_unit(self, joint: int) -> str:
         """Return the unit of what drives a joint (from 1), a torque or a force."""
         for model in self.models.values():
-            body = model.model if isinstance(model, Corrected) else model
+            body = model.model if isinstance(model, CorrectedModel) else model
             return "N" if body.robot.prismatic[joint - 1] else "N m"
         return "N m"
 

@@ -3,7 +3,7 @@
 import numpy as np
 from scipy.ndimage import uniform_filter1d
 
-from sim.effects.base import Effect, first_joints
+from sim.effects.base import Effect, Trait, first_joints
 
 CROSSING = 0.04  # s that a link takes from one side of its play to the other
 
@@ -20,9 +20,9 @@ EFFECT = Effect(
     parameters={"half_gap": "rad"},
     above={"half_gap": 0.0},
     amount=("half_gap",),
-    rare=True,
+    traits=frozenset({Trait.RARE}),
     where=first_joints,
     usual=lambda rng, here: {"half_gap": rng.uniform(5e-4, 3e-3)},
-    gap=lambda p: p["half_gap"],
+    transmission=lambda p: (0.0, p["half_gap"]),
     lead=_lead,
 )

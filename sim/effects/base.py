@@ -2,6 +2,7 @@
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
+from enum import Enum, auto
 from typing import Literal, NamedTuple
 
 import numpy as np
@@ -124,13 +125,24 @@ def _heaviest(rng: Rng, usual: Sizes) -> int:
     return int(rng.choice(most))
 
 
+class Trait(Enum):
+    """What sets an effect apart from the others."""
+
+    RARE = auto()  # drawn only where it is asked for
+    INVERSE = auto()  # the smaller its amount, the more of it there is (a stiffness)
+    SENSOR = auto()  # a broken sensor; its report comes after all others
+    FROZEN = auto()  # the encoder stands still
+
+
 @dataclass(frozen=True, eq=False, slots=True)
 class Effect:
     """One effect that an arm may hide.
 
-    An effect acts by some of the functions below, each of its values p with defaults
-    filled in; those of the plant in the physics engine and of the synthetic arm need
-    not be the same formula, and none is one of the diagnosis.
+    Most effects need `name`, `parameters`, `amount`, `usual`, one function of the plant
+    (`push` is the most general) and `law`; all other fields have defaults. Each
+    function takes the values p with defaults filled in. Those of the plant in the
+    physics engine and of the synthetic arm need not be the same formula, and none is
+    one of the diagnosis.
 
     Attributes:
         name: Its name in the vocabulary; ``x_...`` outside of it.
@@ -142,13 +154,11 @@ class Effect:
         together: Keys of which all are given or none.
         of_drive: Which number of the drives it changes, by its name in `Sizes`; its
             value adds to what the robot declares.
-        of_sensor: It is a broken sensor.
         amount: Parameters that its torque is in proportion to; the first is the one
             that its size is stated in, several are one vector.
-        inverse: The softer, the more of it there is.
         along: Parameters that grow along without being the size.
         also: Names in the vocabulary for a part of its torque, true beside its own.
-        rare: It is drawn only where it is asked for.
+        traits: What sets it apart (`Trait`).
         where: (rng, dof, usual sizes) -> a joint, from 1, of the usual ones.
         usual: (rng, here) -> usual values.
 
@@ -156,7 +166,6 @@ class Effect:
         encoder: p -> constant, cosine and sine of true minus reading [rad]. Both arms.
         gain: p -> how much more torque is reported than given, as a share. Both arms.
         report: (tau, t, onset, p) -> what is reported of a torque (n, k). Both arms.
-        stage: Reports of lower stages come first.
 
         friction: (p, Coulomb level) -> kind and numbers of a row of friction.
         gear: p -> inertia, sign, level and coefficient of a gear that a pair shares.
@@ -165,10 +174,9 @@ class Effect:
         series: (p, t, rng) -> torque over the whole motion on one joint. Shape (n,).
         push: (p, moving arm) -> torque that moves the joints, at every step [N m]; its
             own ones count, of a global effect all. Shape (dof,).
-        compliance: p -> of a spring between motor and link [rad/(N m)].
-        gap: p -> half of the play between them [rad].
+        transmission: p -> compliance of a spring between motor and link [rad/(N m)],
+            half of the play between them [rad]; 0 for none.
         begins: p -> share of the motion after which it acts.
-        frozen: The encoder stands still.
         drift: p -> rate at which an encoder wanders off [rad/s].
 
         law: (state, p) -> torque on the joints of a synthetic arm. Shape (n, k).
@@ -185,12 +193,10 @@ class Effect:
     signs: tuple[str, ...] = ()
     together: tuple[str, ...] = ()
     of_drive: OfDrive | None = None
-    of_sensor: bool = False
     amount: tuple[str, ...] = ()
-    inverse: bool = False
     along: tuple[str, ...] = ()
     also: tuple[str, ...] = ()
-    rare: bool = False
+    traits: frozenset[Trait] = frozenset()
     where: Callable[[Rng, int, Sizes], int] = anywhere
     usual: Callable[[Rng, Here], dict[str, float]] | None = None
 
@@ -198,17 +204,14 @@ class Effect:
     encoder: Callable[[Values], tuple[float, float, float]] | None = None
     gain: Callable[[Values], float] | None = None
     report: Callable[[Array, Array, float, Values], Array] | None = None
-    stage: int = 0
 
     friction: Callable[[Values, float], Sequence[float]] | None = None
     gear: Callable[[Values], tuple[float, float, float, float]] | None = None
     torque: Callable[[Values, Joints], Sequence[float]] | None = None
     series: Callable[[Values, Array, Rng], Array] | None = None
     push: Callable[[Values, Moving], Array] | None = None
-    compliance: Callable[[Values], float] | None = None
-    gap: Callable[[Values], float] | None = None
+    transmission: Callable[[Values], tuple[float, float]] | None = None
     begins: Callable[[Values], float] | None = None
-    frozen: bool = False
     drift: Callable[[Values], float] | None = None
 
     law: Callable[[State, Values], Array] | None = None
@@ -224,7 +227,7 @@ class Effect:
     def on_synthetic(self) -> bool:
         """Whether a synthetic arm can have it."""
         ways = (self.law, self.load, self.lead, self.body, self.encoder, self.gain)
-        return any(ways) or (self.report is not None and not self.of_sensor)
+        return any(ways) or (bool(self.report) and Trait.SENSOR not in self.traits)
 
     @property
     def has_channel(self) -> bool:

@@ -3,7 +3,7 @@
 import numpy as np
 import pinocchio as pin
 
-from sim.effects.base import Effect, split, turn
+from sim.effects.base import Effect, Trait, split, turn
 
 
 def _tilted(model, joints, p):
@@ -19,7 +19,7 @@ EFFECT = Effect(
     defaults={"tilt_x": 0.0, "tilt_y": 0.0},
     scope="global",
     amount=("tilt_x", "tilt_y"),
-    rare=True,
+    traits=frozenset({Trait.RARE}),
     usual=lambda rng, here: split(
         np.deg2rad(rng.uniform(1.0, 4.0)), turn(rng), ("tilt_x", "tilt_y")
     ),

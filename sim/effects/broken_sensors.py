@@ -6,7 +6,7 @@ itself works, and the controller reads the encoder but not the torque sensor.
 
 import numpy as np
 
-from sim.effects.base import Effect, any_joint, sign
+from sim.effects.base import Effect, Trait, any_joint, sign
 
 SLACK = 1e-9  # s: an onset on a step acts on that step
 
@@ -22,15 +22,14 @@ EFFECTS = (
     Effect(
         name="x_fault_frozen",
         parameters={},
-        of_sensor=True,
+        traits=frozenset({Trait.SENSOR, Trait.FROZEN}),
         where=any_joint,
         usual=lambda rng, here: {},
-        frozen=True,
     ),
     Effect(
         name="x_fault_drift",
         parameters={"rate": "rad/s"},
-        of_sensor=True,
+        traits=frozenset({Trait.SENSOR}),
         where=any_joint,
         usual=lambda rng, here: {
             "rate": sign(rng) * np.deg2rad(rng.uniform(0.02, 0.2))
@@ -40,23 +39,21 @@ EFFECTS = (
     Effect(
         name="x_fault_torque_bias",
         parameters={"torque": "N m"},
-        of_sensor=True,
+        traits=frozenset({Trait.SENSOR}),
         where=any_joint,
         usual=lambda rng, here: {
             "torque": sign(rng) * rng.uniform(0.1, 0.2) * here.torque
         },
         report=lambda tau, t, onset, p: tau + p["torque"],
-        stage=2,
     ),
     Effect(
         name="x_fault_torque_gain",
         parameters={"gain": "1"},
         above={"gain": -1.0},
-        of_sensor=True,
+        traits=frozenset({Trait.SENSOR}),
         where=any_joint,
         usual=lambda rng, here: {"gain": -rng.uniform(0.2, 0.4)},
         report=lambda tau, t, onset, p: tau * (1.0 + p["gain"]),
-        stage=2,
     ),
     Effect(
         name="x_fault_torque_spikes",
@@ -64,12 +61,11 @@ EFFECTS = (
         # A spike is one sample of 250 Hz.
         defaults={"interval": 0.5, "width": 0.004},
         above={"interval": 0.0, "width": 0.0},
-        of_sensor=True,
+        traits=frozenset({Trait.SENSOR}),
         where=any_joint,
         usual=lambda rng, here: {
             "size": sign(rng) * rng.uniform(0.5, 1.0) * here.torque
         },
         report=_spikes,
-        stage=2,
     ),
 )

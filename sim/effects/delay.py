@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from sim.effects.base import Effect
+from sim.effects.base import Effect, Trait
 
 
 def _late(tau, t, onset, p):
@@ -16,8 +16,7 @@ EFFECT = Effect(
     scope="global",
     above={"delay": 0.0},
     amount=("delay",),
-    rare=True,
+    traits=frozenset({Trait.RARE}),
     usual=lambda rng, here: {"delay": rng.uniform(0.004, 0.02)},
     report=_late,
-    stage=1,
 )

@@ -1,16 +1,15 @@
 """A soft gear: the motor, on which the encoder sits, leads by load / stiffness."""
 
-from sim.effects.base import Effect, first_joints
+from sim.effects.base import Effect, Trait, first_joints
 
 EFFECT = Effect(
     name="elasticity",
     parameters={"stiffness": "N m/rad"},
     above={"stiffness": 0.0},
     amount=("stiffness",),
-    inverse=True,
-    rare=True,
+    traits=frozenset({Trait.INVERSE, Trait.RARE}),
     where=first_joints,
     usual=lambda rng, here: {"stiffness": rng.uniform(3e3, 1.5e4)},
-    compliance=lambda p: 1.0 / p["stiffness"],
+    transmission=lambda p: (1.0 / p["stiffness"], 0.0),
     lead=lambda load, rate, p: load / p["stiffness"],
 )

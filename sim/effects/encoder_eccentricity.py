@@ -2,13 +2,13 @@
 
 import numpy as np
 
-from sim.effects.base import Effect, any_joint, split, turn
+from sim.effects.base import Effect, Trait, any_joint, split, turn
 
 EFFECT = Effect(
     name="encoder_eccentricity",
     parameters={"cos": "rad", "sin": "rad"},
     amount=("cos", "sin"),
-    rare=True,
+    traits=frozenset({Trait.RARE}),
     where=any_joint,
     usual=lambda rng, here: split(np.deg2rad(rng.uniform(0.3, 1.0)), turn(rng)),
     encoder=lambda p: (0.0, p["cos"], p["sin"]),

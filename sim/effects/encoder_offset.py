@@ -2,13 +2,13 @@
 
 import numpy as np
 
-from sim.effects.base import Effect, any_joint, sign
+from sim.effects.base import Effect, Trait, any_joint, sign
 
 EFFECT = Effect(
     name="encoder_offset",
     parameters={"angle": "rad"},
     amount=("angle",),
-    rare=True,
+    traits=frozenset({Trait.RARE}),
     where=any_joint,
     usual=lambda rng, here: {"angle": sign(rng) * np.deg2rad(rng.uniform(0.5, 2.0))},
     encoder=lambda p: (p["angle"], 0.0, 0.0),

@@ -5,7 +5,7 @@ import math
 import numpy as np
 
 from sim.effects._body import CENTRE, TENSOR, added, body_of
-from sim.effects.base import Effect, Here, Rng
+from sim.effects.base import Effect, Here, Rng, Trait
 
 
 def _with_body(model, joints, p):
@@ -32,7 +32,7 @@ EFFECT = Effect(
     above={"mass": 0.0},
     together=TENSOR,
     amount=("mass",),
-    rare=True,
+    traits=frozenset({Trait.RARE}),
     # The first turns about one axis alone, and on the wrist it is a load.
     where=lambda rng, dof, usual: int(rng.integers(2, max(3, dof - 1))),
     usual=_usual,

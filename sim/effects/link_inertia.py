@@ -2,7 +2,7 @@
 
 import pinocchio as pin
 
-from sim.effects.base import Effect, first_joints, sign
+from sim.effects.base import Effect, Trait, first_joints, sign
 
 
 def _denser(model, joints, p):
@@ -20,7 +20,7 @@ EFFECT = Effect(
     parameters={"scale": "1"},
     above={"scale": -1.0},
     amount=("scale",),
-    rare=True,
+    traits=frozenset({Trait.RARE}),
     where=first_joints,
     usual=lambda rng, here: {"scale": sign(rng) * rng.uniform(0.15, 0.3)},
     body=_denser,

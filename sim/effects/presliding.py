@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from sim.effects.base import Effect, any_joint, deflection, row
+from sim.effects.base import Effect, Trait, any_joint, deflection, row
 from sim.engine import laws
 
 
@@ -15,7 +15,7 @@ EFFECT = Effect(
     name="presliding",
     parameters={"level": "N m", "displacement": "rad"},
     above={"level": 0.0, "displacement": 0.0},
-    rare=True,
+    traits=frozenset({Trait.RARE}),
     # level z = level sgn(qd) + level (z - sgn(qd)), and the first is that friction.
     also=("coulomb",),
     where=any_joint,

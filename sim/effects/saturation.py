@@ -2,13 +2,13 @@
 
 import numpy as np
 
-from sim.effects.base import Effect, first_joints
+from sim.effects.base import Effect, Trait, first_joints
 
 EFFECT = Effect(
     name="saturation",
     parameters={"level": "N m"},
     above={"level": 0.0},
-    rare=True,
+    traits=frozenset({Trait.RARE}),
     where=first_joints,
     usual=lambda rng, here: {"level": rng.uniform(0.5, 0.75) * here.torque},
     report=lambda tau, t, onset, p: np.clip(tau, -p["level"], p["level"]),

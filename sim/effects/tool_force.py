@@ -4,7 +4,7 @@ import numpy as np
 import pinocchio as pin
 
 from residual.robot.dynamics import flange_frame, flange_placement
-from sim.effects.base import Array, Effect, Here, Moving, Rng, Values
+from sim.effects.base import Array, Effect, Here, Moving, Rng, Trait, Values
 
 
 def _force(p: Values) -> Array:
@@ -44,7 +44,7 @@ EFFECT = Effect(
     defaults=dict.fromkeys("xyz", 0.0),
     scope="global",
     amount=("x", "y", "z"),
-    rare=True,
+    traits=frozenset({Trait.RARE}),
     usual=_usual,
     push=_push,
     load=_load,

@@ -291,9 +291,13 @@ def _springs(effects: Sequence[Acting], rotor: Array, own: Background | None) ->
     """Return stiffness, damping and half gap of each joint; rigid ones 0. (3, dof)."""
     springs = np.zeros((3, len(rotor)))
     for j in range(len(rotor)):
-        here = [(e.what, e.p) for e in effects if j in e.joints]
-        compliances = [what.compliance(p) for what, p in here if what.compliance]
-        gaps = [what.gap(p) for what, p in here if what.gap]
+        soft = [
+            e.what.transmission(e.p)
+            for e in effects
+            if j in e.joints and e.what.transmission
+        ]
+        compliances = [compliance for compliance, _ in soft if compliance]
+        gaps = [gap for _, gap in soft if gap]
         if own is not None:
             compliances.append(own.twist[j] / own.span[j])
         if compliances or gaps:

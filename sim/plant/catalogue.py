@@ -10,7 +10,7 @@ import pinocchio as pin
 from residual.errors import InputError, check_keys, check_name
 from residual.robot.robot import Robot
 from sim.effects import effect_of, registry
-from sim.effects.base import Effect, Joints, OfDrive
+from sim.effects.base import Effect, Joints, OfDrive, Trait
 from sim.engine.records import Hidden, PlantEffect
 
 
@@ -35,7 +35,11 @@ def vocabulary() -> list[str]:
 
 def unnamed() -> list[str]:
     """Return the names of those that no vocabulary has, broken sensors apart."""
-    return [n for n, e in kinds().items() if not e.named and not e.of_sensor]
+    return [
+        name
+        for name, effect in kinds().items()
+        if not effect.named and Trait.SENSOR not in effect.traits
+    ]
 
 
 def of_drives() -> list[Effect]:
@@ -91,7 +95,7 @@ def amount(name: str, parameters: Mapping[str, float]) -> float | None:
 
 def stated(name: str, value: float) -> float:
     """Return an amount as the size that people state, or the other way round."""
-    return 1.0 / value if registry()[name].inverse else value
+    return 1.0 / value if Trait.INVERSE in registry()[name].traits else value
 
 
 def multiplied(
@@ -100,7 +104,7 @@ def multiplied(
     """Return the parameters of the same effect, larger by a factor."""
     effect = registry()[name]
     keys = (*effect.amount, *effect.along)
-    if effect.inverse:
+    if Trait.INVERSE in effect.traits:
         return {k: v / factor if k in keys else v for k, v in parameters.items()}
     return {k: v * factor if k in keys else v for k, v in parameters.items()}
 

@@ -10,6 +10,7 @@ from typing import NamedTuple
 import numpy as np
 
 from residual.recording import Array
+from sim.effects.base import Trait
 from sim.plant import tables as at
 from sim.plant.catalogue import Acting
 from sim.plant.tables import compiled
@@ -56,7 +57,12 @@ def reported(tau: Array, t: Array, effects: Sequence[Acting]) -> Array:
         effects: All effects; each acts from its onset on.
     """
     out = tau.copy()
-    for what, p, joints, onset in sorted(effects, key=lambda e: e.what.stage):
+
+    def order(effect: Acting) -> tuple[bool, bool]:
+        """Drives first, then what all joints have, then broken sensors."""
+        return Trait.SENSOR in effect.what.traits, effect.what.scope == "global"
+
+    for what, p, joints, onset in sorted(effects, key=order):
         if what.report:
             rows = list(joints) or list(range(out.shape[1]))
             acts = np.ix_(t >= onset - SLACK, rows)
@@ -149,7 +155,7 @@ def encoder_faults(effects: Sequence[Acting], dt: float) -> EncoderFaults | None
     frozen, drift = [], []
     for what, p, joints, onset in effects:
         first = int(np.ceil(onset / dt - 1e-6))
-        if what.frozen:
+        if Trait.FROZEN in what.traits:
             frozen += [(joint, first) for joint in joints]
         if what.drift:
             drift += [(joint, first, what.drift(p)) for joint in joints]
@@ -163,11 +169,11 @@ def hold_frozen(q: Array, t: Array, effects: Sequence[Acting]) -> Array:
 
     What is frozen is the number itself: the noise of the reading stands still too.
     """
-    if not any(effect.what.frozen for effect in effects):
+    if not any(Trait.FROZEN in effect.what.traits for effect in effects):
         return q
     out = q.copy()
     for what, _, joints, onset in effects:
-        if what.frozen:
+        if Trait.FROZEN in what.traits:
             first, rows = int(np.searchsorted(t, onset - SLACK)), list(joints)
             out[first:, rows] = out[max(first - 1, 0), rows]
     return out

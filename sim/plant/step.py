@@ -1,12 +1,23 @@
 """One step of the arm, compiled: from the torque of the drives to that of the joints.
 
 Unknowns x are the speeds of the links and of those motors that are not rigidly joined
-to them. With mass matrix A of both, friction contacts C and friction impulses p:
+to them. With their mass matrix A, explicit torques f, viscosity and springs D, speeds
+of the friction contacts u = C x and friction impulses p, the step is
 
-    A x_new = A x + dt (torques) + C' p
+    A x_new = A x + dt (f - D x_new) + C' p,    u_new = C x_new,
+    u_new > 0: p = -dt F+,    u_new < 0: p = dt F-,    u_new = 0: -dt F+ <= p <= dt F-
 
-is solved for x_new with p inside the friction levels, viscosity and springs implicit.
-What each joint then passes on to the rigid arm is sent to Bullet, and Bullet moves it.
+with F+ and F- the dry friction against forward and backward motion. Which branch holds
+is decided by the speed at the end of the step (Stewart and Trinkle 1996, Int. J. Numer.
+Methods Eng. 39:2673): a joint at rest stays at rest, nothing chatters, and friction
+takes energy at any step. Without x_new it reads
+
+    u_new = C (A + dt D)^-1 (A x + dt f) + C (A + dt D)^-1 C' p,
+
+a linear complementarity problem in a box, whose positive definite matrix makes the
+solution unique. Projected Gauss-Seidel finds it, from the impulses of the last step
+(`friction.slide`; Jourdan, Alart and Jean 1998, Comput. Methods Appl. Mech. Eng.
+155:31). Bullet then moves the rigid arm by the torque that each joint passes on.
 """
 
 import numpy as np

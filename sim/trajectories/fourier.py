@@ -113,20 +113,15 @@ def shrunk(series: Series, scale: Array | float) -> Series:
     return replace(series, sine=scale * series.sine, cosine=scale * series.cosine)
 
 
-def fit_in(place: Workspace, series: Series, roughly: bool = False) -> Series | None:
-    """Make a motion so much smaller that it keeps all limits, those of bodies too.
-
-    Args:
-        roughly: Look at torque and clearance at few times only: to compare motions.
-    """
+def fit_in(place: Workspace, series: Series) -> Series | None:
+    """Make a motion so much smaller that it keeps all limits, those of bodies too."""
     series = shrunk(series, np.minimum(room_left(place, series), 1.0))
     t, size = np.arange(_GRID) / _GRID * place.period, 1.0
     while size > _LEAST:
         smaller = shrunk(series, size)
         # Few samples tell most of what is wrong; all of them are needed for a yes.
-        if _free(place, smaller, t[::_FEW], False) and (
-            roughly or _free(place, smaller, t, True)
-        ):
+        few = _free(place, smaller, t[::_FEW], False)
+        if few and _free(place, smaller, t, True):
             return smaller
         size *= _SHRINK
     return None

@@ -62,27 +62,6 @@ def plan_move_stop_move(
     raise found or _nowhere(robot)
 
 
-def round_time(space: Workspace, places: Array) -> float | None:
-    """Return how long one round through some places takes [s]; None where it may not.
-
-    Args:
-        places: Postures [rad]; the last move goes back to the first. Shape (k, dof).
-    """
-    times = _round(space, places)
-    return None if times is None else sum(times)
-
-
-def _round(space: Workspace, places: Array) -> list[float] | None:
-    """Times of the moves from every place to the next, and back [s]."""
-    times = []
-    for start, end in zip(places, np.roll(places, -1, axis=0), strict=True):
-        time = _move_time(space, start, end)
-        if time is None:
-            return None
-        times.append(_SLOWER[0] * time)
-    return times
-
-
 def given_places(
     robot: Robot, duration: float, rounds: int, rows: Sequence[Sequence[float]]
 ) -> Plan:
@@ -100,9 +79,12 @@ def given_places(
     places = np.array(rows, dtype=float)
     if not np.isfinite(places).all():
         raise InputError("coefficients: expected finite numbers.")
-    times = _round(workspace(robot, duration), places)
-    if times is None:
-        raise _nowhere(robot)
+    space, times = workspace(robot, duration), []
+    for start, end in zip(places, np.roll(places, -1, axis=0), strict=True):
+        time = _move_time(space, start, end)
+        if time is None:
+            raise _nowhere(robot)
+        times.append(_SLOWER[0] * time)
     stand = duration - rounds * sum(times)
     if stand < 0:
         raise InputError(

@@ -13,13 +13,14 @@ import numpy as np
 
 from flows.steps.export import build
 from residual.export.c99 import prefix_of
-from residual.export.exported import Exported, Motion, body_of, exciting, random_states
+from residual.export.exported import RATE, Exported, Motion, body_of, exciting, limits
 from residual.export.table import POSITION, SPEED, curve_at
 from residual.model.model import LEAST_SPEED, Model
 from residual.model.record import from_record
 from residual.recording import Array
 from residual.robot.dynamics import inverse_dynamics
 from residual.robot.files import build_model
+from residual.robot.robot import Robot
 from residual.signals.standstill import SMOOTH
 
 STATES = 1000  # random ones, of one comparison
@@ -55,6 +56,15 @@ def unpacked(files: Mapping[str, bytes]) -> Iterator[Path]:
         for name, content in files.items():
             (Path(folder) / name).write_bytes(content)
         yield Path(folder)
+
+
+def random_states(robot: Robot, count: int) -> Motion:
+    """Return unrelated states, the same at every call."""
+    lower, upper, speed = limits(robot)
+    rng, shape = np.random.default_rng(0), (count, robot.dof)
+    qd = rng.uniform(0.0, speed, shape) * rng.choice([-1.0, 1.0], shape)
+    q, qdd = rng.uniform(lower, upper, shape), rng.uniform(-10.0, 10.0, shape)
+    return Motion(np.arange(count) / RATE, q, qd, qdd)
 
 
 def saturated_speed(model: Model) -> Array:

@@ -5,15 +5,13 @@ from types import SimpleNamespace
 import numpy as np
 
 from flows.report import stored
+from flows.report.document import Table
 from flows.steps import calibrate, campaign, diagnose, identify, validate
 from flows.steps.models import Choice
 from tests.verdict_documents import typed
 
 NAME = "irb140 #2: load friction on joint 2, 9.6 → 7.1 %"
-# What the pages of Prefect show of an identification and a calibration.
-NO_ERRORS = SimpleNamespace(errors={}, warnings=())
-SCORE = SimpleNamespace(scheme="run", model="ls", rmsev=np.array([1.0]), overall=2.0)
-SCORES = calibrate.Calibrated(SimpleNamespace(scores=[SCORE]), (), {"model": "aa"})
+SCORES = calibrate.Calibrated(SimpleNamespace(), (), {"model": "aa"})
 
 
 def faked(monkeypatch, tmp_path):
@@ -55,8 +53,10 @@ def faked(monkeypatch, tmp_path):
     monkeypatch.setattr(artifacts, "name_of", lambda *_: NAME)
     for module in (identify, calibrate):
         monkeypatch.setattr(module, "read_logs", lambda request: ((), ()))
-    monkeypatch.setattr(artifacts, "sentences", lambda made: ("calibrated",))
-    take(identify, "identify", (NO_ERRORS, "ff"))
+    table = Table(("model", "J1"), [("ls", "1.0")])
+    for name in ("identified_parts", "calibrated_parts", "validated_parts"):
+        monkeypatch.setattr(tasks, name, lambda made: ["All of it.", table])
+    take(identify, "identify", (SimpleNamespace(), "ff"))
     take(calibrate, "calibrate", SCORES)
     take(validate, "validate", ("ab", validate.Validation(0.25, np.array([0.001]))))
     return taken

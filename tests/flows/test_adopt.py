@@ -43,7 +43,7 @@ def test_after_adoption_the_next_diagnosis_finds_nothing(fresh, arm_nights):
     store, _first, second, id = fresh
     assert [e.name for e in read_verdict(store, id).effects] == ["spring"]
     number, judged = adopt(Adopt(id, "seen twice", store=store))
-    assert judged.worth.after < 0.2 * judged.worth.before
+    assert judged.check.after < 0.2 * judged.check.before
     again = arm_nights.again
     assert read_verdict(store, again).effects == ()
     assert "spring" in read_verdict(store, again).declared

@@ -33,7 +33,7 @@ def test_demo_finds_what_its_arm_hides_and_then_tells_what_that_was(
     # Nobody looks at a terminal: of slow work a line now and then, nothing else.
     assert all(re.match(r" *\d+% ", line) for line in done.err.splitlines())
     assert "The model lacks a payload at the flange" in done.out
-    assert "The first name is what was hidden." in done.out
+    assert "The first name is the hidden effect." in done.out
     assert "Take it out again: error" in done.out
     assert "prefect" not in done.out.lower()
     page = Path(done.out.splitlines()[-1].removeprefix("report: "))
@@ -114,7 +114,7 @@ def test_the_truth_stands_beside_the_verdict(capsys):
     rows = [" ".join(line.split()) for line in shown.splitlines()]
     assert "stiffness 4 N m/rad 4.12 ± 0.21 N m/rad" in rows
     assert "rest 0.1 rad –" in rows
-    assert "The first name is what was hidden." in shown
+    assert "The first name is the hidden effect." in shown
     assert "again" not in shown
 
 

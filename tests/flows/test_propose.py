@@ -6,11 +6,12 @@ import pytest
 
 from flows.report.models import proposal_markdown, proposal_page
 from flows.steps.adopt import (
+    Proposal,
     judge,
     list_adoptions,
-    proposal_of,
     roll_back,
 )
+from flows.storage.diagnosis import read_verdict
 from tests.flows.adopted_arm import ROBOT
 from warehouse.numbered import adopted
 
@@ -29,7 +30,9 @@ def nights(server, made, monkeypatch):
 
     told = []
     monkeypatch.setattr(
-        loop.artifacts, "tell", lambda event, about: told.append(about["diagnosis"])
+        loop.artifacts,
+        "send_event",
+        lambda event, about: told.append(about["diagnosis"]),
     )
     yield loop, made, told
     store = made[0]
@@ -46,7 +49,7 @@ def in_a_flow(task, *given):
 def test_what_passes_the_gate_is_proposed_once_and_nothing_is_adopted(nights):
     tasks, (store, _, id), told = nights
     page = in_a_flow(tasks.adopt_or_propose, id, str(store), False)
-    assert "Side by side" in Path(page).read_text(encoding="utf-8")
+    assert "Comparison" in Path(page).read_text(encoding="utf-8")
     assert told == [id]
     assert adopted(store, ROBOT) is None or adopted(store, ROBOT)[1].model_id is None
     # The same finding of another night, unanswered as yet, is no new proposal.
@@ -79,9 +82,9 @@ def test_an_answer_that_comes_too_late_is_told_and_is_no_failure(nights):
 
 def test_both_models_stand_side_by_side_on_the_page_and_in_the_question(made):
     store, _, id = made
-    proposal = proposal_of(store, judge(store, id))
+    proposal = Proposal(judge(store, id), read_verdict(store, id))
     for text in (proposal_page(proposal), proposal_markdown(proposal)):
         assert "nominal model" in text
         assert "spring on joint 2: stiffness" in text
-        assert "is there 1.0" in text or "is there 0.9" in text
+        assert "confirmed at 1.0" in text or "confirmed at 0.9" in text
     assert f"modelgap adopt {id}" in proposal_page(proposal)

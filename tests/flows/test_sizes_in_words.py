@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from flows.report.diagnosis import tiles_of
-from flows.report.tables import size_of
+from flows.report.tables import size_of, sizes
 from residual.diagnosis.result import Diagnosis
 from residual.effects import registry
 from tests.flows.report_outcomes import effect, given_value, parameter
@@ -31,7 +31,9 @@ def test_a_balancer_is_an_amplitude_and_where_it_is_largest():
     said = verdict("balancer", (2,), sin=(16.3, 0.4, "N m"), cos=(-5.0, 0.3, "N m"))
     label, value, note = tile(said)
     assert label == "Amplitude"
-    assert value == "17.05 ± 0.39 N m, largest at 107.1 ± 1.0 °"
+    assert value == "17.05 ± 0.39 N m"
+    texts = [size.text for size in sizes(said.effects[0], said)]
+    assert texts == [value, "107.1 ± 1.0 °"]
     assert note == "of a balancer on joint 2 (shoulder_lift)"
 
 

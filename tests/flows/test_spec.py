@@ -116,7 +116,9 @@ def test_the_open_half_tells_nothing_of_what_is_hidden():
         ("torque = 0.015", "torque = 0.03"),
     ):
         assert open_half(spec(old, new), robot) == plain
-        assert sealed_half(spec(old, new)) != sealed_half(spec())
+        assert sealed_half(spec(old, new).plant_spec()) != sealed_half(
+            spec().plant_spec()
+        )
         assert run_id_of(spec(old, new)) != run_id_of(spec())
 
 

@@ -113,11 +113,14 @@ def test_the_record_has_every_figure_in_rad_and_is_kept_once(made, loaded):
     assert parents.to_pylist() == [{"parent": run_id, "role": "run"}]
 
 
-def test_both_ways_the_true_model_is_near_and_the_nominal_one_is_not(made, loaded):
+def test_both_ways_a_right_model_is_near_and_one_without_the_load_is_not(made, loaded):
     store = made[0]
     id, found = loaded
-    assert list(found.models) == ["nominal", "true"]
-    nominal, true = found.models.values()
+    assert list(found.models) == ["nominal"]
+    nominal = found.models["nominal"]
+    true = validate.both_ways(
+        validate.nominal_of(ROBOT, [log := read_run(store, made[2])]), log
+    )
     # What noise and filters leave, and what the load makes of the joints that bear it.
     assert np.nanmax(true.torque) < 6.0
     assert np.nanmax(true.acceleration) < 25.0
@@ -126,23 +129,23 @@ def test_both_ways_the_true_model_is_near_and_the_nominal_one_is_not(made, loade
     assert true.least_mass > 0
     assert nominal.least_mass > 0
     record = read_record(store, id)
-    told = {k: m.least_mass for k, m in found.models.items()}
-    assert record["least_mass_matrix"] == told
+    assert record["least_mass_matrix"] == {"nominal": nominal.least_mass}
     kept = {(r["metric"], r["stage"], r["joint"]): r["value"] for r in rows(store, id)}
-    for name, each in found.models.items():
-        for j in range(6):
-            assert kept["percent_moving_tau", name, j + 1] == each.torque[j]
-            assert kept["percent_moving_qdd", name, j + 1] == each.acceleration[j]
+    for j in range(6):
+        assert kept["percent_moving_tau", "nominal", j + 1] == nominal.torque[j]
+        assert kept["percent_moving_qdd", "nominal", j + 1] == nominal.acceleration[j]
 
 
-def test_a_model_that_no_body_has_is_said_not_to_be_simulated(made):
+def test_a_model_that_no_body_has_is_said_not_to_be_simulated(made, monkeypatch):
     log = read_run(*made[:2])
     whole = validate.nominal_of(ROBOT, [log])
-    both = validate.both_ways(replace(whole, inertial=whole.inertial * 0 - 1e-3), log)
+    wrong = replace(whole, inertial=whole.inertial * 0 - 1e-3)
+    both = validate.both_ways(wrong, log)
     assert both.acceleration is None
     assert both.least_mass < 0
-    (told,) = validate._warnings({"identified": both}, None)
-    assert "M(q) of the identified model is not positive definite" in told
+    monkeypatch.setattr(validate, "nominal_of", lambda robot, logs: wrong)
+    _, found = validate.validate(Validate(made[1], 0.3, made[0]))
+    assert "M(q) of the nominal model is not positive definite" in found.notes[-1]
 
 
 def test_without_its_sealed_half_a_run_has_the_open_loop(made, loaded, tmp_path):

@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 from flows.storage.diagnosis import checked_verdict
 from residual.diagnosis.verdict import from_json, to_json
 from residual.errors import InputError
-from residual.model.corrected import Corrected
+from residual.model.corrected import CorrectedModel
 from residual.model.model import Model, Term
 from residual.model.record import from_record, load_model, to_record
 from residual.recording import Recording
@@ -52,7 +52,7 @@ def _read_model(data: bytes, place: Path) -> None:
     record = to_record(model)
     assert same_json(record, to_record(from_record(record)))
     assert repr(model)
-    robot = model.model.robot if isinstance(model, Corrected) else model.robot
+    robot = model.model.robot if isinstance(model, CorrectedModel) else model.robot
     if robot.dof == 2:
         assert model.predict(_log()).shape == (400, 2)
     model.save(place / "again.json")

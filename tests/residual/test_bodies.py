@@ -8,7 +8,7 @@ import pytest
 from residual.diagnosis.diagnose import diagnose
 from residual.effects import registry
 from residual.evidence.embodied import PossibleModel
-from residual.model.bodies import LEAST, Moved, bodies_of, nearest
+from residual.model.bodies import LEAST, BodyCorrection, bodies_of, nearest
 from residual.model.model import Model, Term
 from residual.robot.base_parameters import base_parameters
 from residual.robot.dynamics import inertial_parameters, with_inertial_parameters
@@ -130,7 +130,7 @@ def test_a_finding_of_a_body_says_what_the_model_has():
     model = bare(robot, load(robot, 2.0, (0.01, 0, 0, 0.01, 0, 0.01)))
     told = {"mass": Parameter(2.2, 0.1, "kg"), "com_z": Parameter(0.1, 0.02, "m")}
     one = Finding("payload", (6,), 1.0, 1, (), told, evidence=None)
-    made = PossibleModel(model, Moved(("the load",), (0.0,), 0.5))
+    made = PossibleModel(model, BodyCorrection(("the load",), (0.0,), 0.5))
     said = with_model_values(one, made).parameters
     assert said["mass"].value == pytest.approx(2.0)
     assert said["com_z"].value == pytest.approx(0.08)

@@ -187,9 +187,9 @@ def test_the_run_of_figure_9_is_corrected_by_fits_that_have_not_seen_it():
     number = rows.labels.index(unseen.label)
     out = rows.run == number
     step = round(unseen.t[1] * rows.rates[number])
-    np.testing.assert_array_equal(unseen.left, rows.Y[out][::step])
-    rest = unseen.left - unseen.corrections["default"]
-    assert np.linalg.norm(rest) < 0.5 * np.linalg.norm(unseen.left)
+    np.testing.assert_array_equal(unseen.residual, rows.Y[out][::step])
+    rest = unseen.residual - unseen.corrections["default"]
+    assert np.linalg.norm(rest) < 0.5 * np.linalg.norm(unseen.residual)
     # Least squares by hand on the other runs.
     one = np.c_[np.ones(len(rows.X)), rows.X]
     theta = [

@@ -199,9 +199,9 @@ def test_a_line_and_a_step_in_motion_are_taught_at_standstill_too(rng):
     X, Y, torque, _, moving = standing(rng)
     friction = X @ np.ones((9, 3)) + 2 * np.sign(X[:, 3:6])
     mixed, _ = training(X, np.where(moving, friction, Y), torque, moving)
-    taught = mixed.taught()
+    taught = mixed.with_fitted_standstill()
     np.testing.assert_allclose(taught.Y, friction, atol=1e-9)
-    np.testing.assert_allclose(taught.taught().Y, taught.Y, atol=1e-9)
+    np.testing.assert_allclose(taught.with_fitted_standstill().Y, taught.Y, atol=1e-9)
 
 
 def test_what_is_left_at_standstill_alone_is_no_table(rng):
@@ -209,7 +209,7 @@ def test_what_is_left_at_standstill_alone_is_no_table(rng):
     _, options = chosen(X, Y, torque, run)
     assert NONE not in {o.kind for o in options}
     data, tables = training(X, Y, torque, moving)
-    taught = replace(data.taught(), moving=moving)
+    taught = replace(data.with_fitted_standstill(), moving=moving)
     _, options = chosen_tables(taught, run, tables)
     assert [o.kind for o in options] == [NONE] * 3
 

@@ -15,15 +15,14 @@ from residual.export.c99 import prefix_of, to_c99
 from residual.export.exported import (
     body_of,
     exciting,
-    random_states,
     to_json,
     with_bodies,
 )
 from residual.export.simulators import to_mjcf, to_urdf
-from residual.model.corrected import NEAREST, NOTHING, Corrected, Tables
+from residual.model.corrected import NEAREST, NOTHING, CorrectedModel, Tables
 from residual.model.model import Model
 from residual.signals.standstill import CHOICES
-from tests.exports.back import c99_back, fast_states
+from tests.exports.back import c99_back, fast_states, random_states
 from tests.exports.models import (
     ARMS,
     NAMES,
@@ -114,11 +113,11 @@ def test_the_header_stands_still_as_the_model_does(choice):
     np.testing.assert_allclose(*c99_back(to_c99(whole)), rtol=0, atol=1e-10)
 
 
-def _corrected(robot) -> Corrected:
+def _corrected(robot) -> CorrectedModel:
     rng = np.random.default_rng(4)
     columns = (("qd", (0,), ""), ("q", (1,), ""))
     own = tuple(Tables(j, columns, lookup(rng), MAIN) for j in (1, 2))
-    return Corrected(model_with(robot, "viscous", "torque_gain"), own)
+    return CorrectedModel(model_with(robot, "viscous", "torque_gain"), own)
 
 
 @pytest.mark.parametrize("target", ["urdf", "mjcf"])

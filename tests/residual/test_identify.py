@@ -94,7 +94,7 @@ def test_outliers_move_least_squares_more_than_the_robust_fit(loss):
 def test_a_joint_that_stands_is_said_and_its_parameters_stay_nominal():
     found = identify(truth().robot, logs(noise=0.5, joints=(0, 1)))
     assert found.preflight.standing == (3,)
-    held = [one.index for one in found.preflight.held]
+    held = [one.index for one in found.preflight.fixed]
     names = [found.base.leading[i].name for i in held]
     assert "viscous coefficient of joint 3" in names
     np.testing.assert_array_equal(found.estimate.theta[held], found.nominal_theta[held])

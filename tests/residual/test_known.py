@@ -14,7 +14,7 @@ from residual.errors import InputError, RobotError
 from residual.evidence.design import Design
 from residual.evidence.fit import fit
 from residual.evidence.priors import relative_prior
-from residual.model.known import known_values
+from residual.model.known_values import known_values
 from residual.model.nominal import prepare_logs, start_nominal
 from residual.robot.dynamics import inverse_dynamics
 from residual.robot.robot import load_robot, with_known
@@ -52,7 +52,7 @@ def test_a_robot_has_them_by_its_file_and_by_word(tmp_path):
     (tmp_path / "robot.toml").write_text(text)
     robot = load_robot(tmp_path)
     more = with_known(robot, {"payload.mass": 3.0})
-    assert robot.known == {"payload.mass": 2.8, "coulomb.joint2.level": 8.0}
+    assert robot.known_values == {"payload.mass": 2.8, "coulomb.joint2.level": 8.0}
     assert more.known["payload.mass"] == 3.0
     assert {k.joints for k in known_values(more)} == {(), (1,)}
     (tmp_path / "robot.toml").write_text('[known]\n"payload.mass" = "2.8"\n')

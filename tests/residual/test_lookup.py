@@ -1,5 +1,4 @@
 import csv
-import ctypes
 import io
 import json
 import subprocess
@@ -10,11 +9,9 @@ from itertools import combinations
 import numpy as np
 import pytest
 
-from flows.steps.export import build, compiler
 from residual.calibration.choice import MAIN, PAIRS, Option
 from residual.calibration.nominal_pls import NominalForm, fit_nominal_pls
 from residual.errors import InputError
-from residual.export.c99 import tables_header
 from residual.model.evaluate import by_row, predict
 from residual.model.lookup import Axis, Lookup, Table, export_lookup, find_triples
 from tests.residual.motion_blocks import NAMES, motion
@@ -133,29 +130,6 @@ def test_an_exported_lookup_is_read_again_bit_for_bit(rng, block, model, tmp_pat
         again, own = Lookup.load(path), np.hstack([X, torque])[:, : len(lookup.names)]
         assert again.to_record() == lookup.to_record()
         np.testing.assert_array_equal(again.predict(own), lookup.predict(own))
-
-
-@pytest.mark.skipif(compiler() is None, reason="no C compiler here")
-def test_a_header_of_tables_alone_says_what_they_say(rng, block, model, tmp_path):
-    X = np.ascontiguousarray(block[0][:200])
-    pairs = model.lookup()
-    lookup = replace(pairs, names=NAMES, slope=rng.normal(size=pairs.slope.shape))
-    ((name, text),) = tables_header(lookup, "my-arm").items()
-    assert name == "my_arm_tables.h"
-    assert f"0 {NAMES[0]}" in text.decode()
-    (tmp_path / name).write_bytes(text)
-    (tmp_path / "one.c").write_text(
-        f'#include "{name}"\n'
-        "void one(const double *x, double *y) { my_arm_tables_correction(x, y); }\n"
-    )
-    build(tmp_path, ["one.c"], "one.so", "-Werror")
-    one, out = ctypes.CDLL(str(tmp_path / "one.so")).one, np.empty(len(lookup.joints))
-    at = out.ctypes.data_as(ctypes.c_void_p)
-    got = []
-    for x in X:
-        one(x.ctypes.data_as(ctypes.c_void_p), at)
-        got.append(out.copy())
-    np.testing.assert_allclose(got, lookup.predict(X), rtol=1e-12, atol=1e-12)
 
 
 def test_the_evaluator_is_short_and_flags_what_lies_outside(model):

@@ -181,7 +181,7 @@ def test_a_declared_effect_without_values_is_free_in_every_shape():
     found = nominal(arm(), DEFAULT_DECLARED)
     assert len(found.model.terms) == 6
     assert not any(t.theta.any() for t in found.model.terms)
-    assert found.given == (None,) * 6
+    assert found.sd == (None,) * 6
     assert found.names == DEFAULT_DECLARED
     found = nominal(arm(), ("power_viscous",))
     assert [t.shape for t in found.model.terms] == 2 * [(0.25,), (0.5,), (0.75,)]
@@ -200,7 +200,7 @@ def test_declared_values_become_coefficients_of_their_joint():
     found = nominal(arm(toml=toml), ("coulomb", "spring", "viscous", "ripple"))
     theta = [t.theta.tolist() for t in found.model.terms[:6]]
     assert theta == [[3], [4], [10, -5], [0, 0], [1], [2]]
-    assert found.given == (GIVEN,) * 4 + (ASSUMED,) * 2 + (GIVEN,) * 2
+    assert found.sd == (GIVEN,) * 4 + (ASSUMED,) * 2 + (GIVEN,) * 2
     assert [t.shape for t in found.model.terms[6:]] == [(8.0,), (9.0,)]
 
 

@@ -12,7 +12,7 @@ from residual.calibration.choice import MAIN
 from residual.effects import registry
 from residual.effects.base import Span
 from residual.errors import InputError, UnknownNameError
-from residual.model.corrected import NONE, Corrected, Tables
+from residual.model.corrected import NONE, CorrectedModel, Tables
 from residual.model.lookup import Axis, Lookup, Table
 from residual.model.model import Model, Term
 from residual.model.record import from_record, load_model, to_record
@@ -110,7 +110,7 @@ def test_tables_on_top_of_a_model_come_back_with_the_very_bits(tmp_path):
     columns = (("qd", (0,), ""), ("q", (0, 1), "difference"))
     model = model_of(["coulomb"], arm())
     tables = (Tables(0, columns, lookup(rng), MAIN), Tables(1, (), lookup(rng), NONE))
-    made = Corrected(model, tables)
+    made = CorrectedModel(model, tables)
     again = from_record(through_text(to_record(made)))
     made.save(tmp_path / "model.json")
     log = log_of(model.robot)

@@ -1,7 +1,9 @@
 """Joints that slide: their dynamics, their units, and what is named on them."""
 
 import csv
+import io
 import json
+import zipfile
 from dataclasses import replace
 
 import numpy as np
@@ -12,7 +14,7 @@ import modelgap as mg
 from residual.effects import registry
 from residual.effects.base import Trait
 from residual.export.c99 import to_c99
-from residual.export.fmu import fmu_parts
+from residual.export.fmu import to_fmu
 from residual.export.mujoco import to_mujoco
 from residual.export.simulators import to_mjcf, to_urdf
 from residual.export.table import to_table
@@ -79,7 +81,9 @@ def test_an_export_says_the_units_of_each_joint():
     model = model_with(arm("scara"), "viscous")
     head, *_ = csv.reader(to_table(model).files["friction.csv"].decode().splitlines())
     assert head == ["joint", "qd [rad/s] or qd [m/s]", "torque [N m] or torque [N]"]
-    text = fmu_parts(model).description.decode()
+    (content,) = to_fmu(model, lambda sources: None).files.values()
+    with zipfile.ZipFile(io.BytesIO(content)) as archive:
+        text = archive.read("modelDescription.xml").decode()
     after = [text.split(f'name="tau{j}"')[1].split('unit="')[1] for j in (1, 3)]
     assert [part.split('"')[0] for part in after] == ["N.m", "N"]
 

@@ -1,7 +1,5 @@
 """Bags and other log files, written as robots and their tools write them."""
 
-import json
-
 import numpy as np
 
 STATE = """std_msgs/Header header
@@ -61,14 +59,17 @@ def write_bag(path, topics, version=2, storage="sqlite3"):
     return str(path)
 
 
-def write_mcap(path, topics, encoding="cdr"):
-    """Write joint states by topic as an MCAP file, as ROS 2 or as JSON."""
+def write_mcap(path, topics):
+    """Write joint states by topic as an MCAP file, as ROS 2 does."""
+    from mcap_ros2.writer import Writer
+
     with path.open("wb") as file:
-        if encoding == "cdr":
-            _write_cdr(file, topics)
-        else:
-            told = {t: [(m["recorded"], _plain(m)) for m in topics[t]] for t in topics}
-            write_json(file, told)
+        writer = Writer(file)
+        schema = writer.register_msgdef("sensor_msgs/msg/JointState", STATE)
+        for topic, listed in topics.items():
+            for told in listed:
+                writer.write_message(topic, schema, _plain(told), told["recorded"])
+        writer.finish()
     return str(path)
 
 
@@ -86,28 +87,3 @@ def _plain(told):
     values = {k: list(map(float, told[k])) for k in ("position", "velocity", "effort")}
     stamp = {"sec": sec, "nanosec": nanosec}
     return {"header": {"stamp": stamp, "frame_id": ""}, "name": told["name"], **values}
-
-
-def _write_cdr(file, topics):
-    from mcap_ros2.writer import Writer
-
-    writer = Writer(file)
-    schema = writer.register_msgdef("sensor_msgs/msg/JointState", STATE)
-    for topic, listed in topics.items():
-        for told in listed:
-            writer.write_message(topic, schema, _plain(told), told["recorded"])
-    writer.finish()
-
-
-def write_json(file, topics, **how):
-    """Write documents as messages: pairs of the time of recording and one of them."""
-    from mcap.writer import Writer
-
-    writer = Writer(file, **how)
-    writer.start()
-    schema = writer.register_schema("sensor_msgs/msg/JointState", "jsonschema", b"{}")
-    for topic, listed in topics.items():
-        channel = writer.register_channel(topic, "json", schema)
-        for at, told in listed:
-            writer.add_message(channel, at, json.dumps(told).encode(), at)
-    writer.finish()

@@ -138,19 +138,6 @@ def test_the_unit_of_time_is_that_in_which_an_arm_is_logged(tmp_path, step, unit
     assert columns.time_unit_seconds == pytest.approx(seconds)
 
 
-def test_velocities_are_offered_in_the_unit_in_which_they_are_the_angles(
-    tmp_path, table
-):
-    own = np.gradient(table[:, 1:3], table[:, 0] / 1000, axis=0)
-    header = "t;q1;q2;tau1;tau2;speed1;speed2"
-    path = write(tmp_path / "a.csv", header, np.column_stack([table, own]))
-    assert draft(path, two(tmp_path)).optional["qd"].unit == "deg/s"
-    path = write(tmp_path / "a.csv", header, np.column_stack([table, own[:, ::-1]]))
-    found = draft(path, two(tmp_path))
-    assert "qd" not in found.optional
-    assert "in no unit" in found.doubts["qd"][0]
-
-
 def test_names_of_strangers_are_in_the_order_of_the_header_and_that_is_said(
     tmp_path, table
 ):
@@ -176,22 +163,6 @@ def test_seconds_and_nanoseconds_are_one_time(tmp_path, table):
     (tmp_path / "C.toml").write_text(text)
     log, _ = read_log(str(path), robot, load_columns(tmp_path / "C.toml"))
     np.testing.assert_allclose(log.t - 1.7e9, ns * 1e-9, atol=5e-7)
-
-
-@pytest.mark.parametrize("start", [0.0, 30.0])
-def test_angles_that_begin_again_go_on_within_the_limits(tmp_path, table, start):
-    robot = two(tmp_path)
-    q = table[:, 1:3]
-    wrapped = table.copy()
-    wrapped[:, 1:3] = (q - start) % 360 + start
-    path = write(tmp_path / "a.csv", "t_ms;q1_deg;q2_deg;tau1;tau2", wrapped)
-    found = draft(path, robot)
-    assert found.columns.signals["q"].unwrap
-    assert "whole turn" in found.doubts["q"][0]
-    text = drafted(found, str(path), robot)
-    (tmp_path / "C.toml").write_text(text)
-    log, _ = read_log(str(path), robot, load_columns(tmp_path / "C.toml"))
-    np.testing.assert_allclose(log.q, np.deg2rad(q), atol=1e-6)
 
 
 @pytest.mark.parametrize("effort", [True, False])

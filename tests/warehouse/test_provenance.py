@@ -1,20 +1,16 @@
 """Which code made a record: its hash, its uncommitted changes, its commit."""
 
-import gzip
-import hashlib
 import re
 import subprocess
 
 import pytest
 
 from flows.cli import main
-from residual.errors import InputError
 from tests.warehouse import store_samples as made
 from warehouse import provenance
 from warehouse.provenance import (
     ROOT,
     about_changes,
-    check_kept,
     plant_code_hash,
     plant_files,
 )
@@ -106,56 +102,33 @@ def root(tmp_path):
     return place
 
 
-def test_a_clean_checkout_has_no_changes(root):
+def test_uncommitted_changes_are_named_and_hashed(root, tmp_path):
     (root / "notes.txt").write_text("not code")
-    assert captured(root) == provenance.Changes((), b"", None)
-
-
-def test_without_a_checkout_the_changes_are_unknown(tmp_path):
+    assert captured(root) == {"sha256": None, "count": 0, "files": []}
+    assert "none" in about_changes({"uncommitted": captured(root)})
+    hashes = set()
+    for name, text in (
+        ("sim/plant.py", "a = 3\n"),
+        ("sim/new.py", "a"),
+        ("sim/new.py", "b"),
+    ):
+        (root / name).write_text(text)
+        found = captured(root)
+        hashes.add(found["sha256"])
+    assert len(hashes) == 3
+    assert (found["count"], found["files"]) == (2, ["sim/plant.py", "sim/new.py"])
+    assert "sim/plant.py, sim/new.py, on" in about_changes({"uncommitted": found})
     assert captured(tmp_path) is None
-    assert "unknown" in about_changes(tmp_path, {"uncommitted": None})
+    assert "unknown" in about_changes({"uncommitted": None})
 
 
-def test_the_patch_puts_every_change_back(root):
-    (root / "sim/plant.py").write_text("a = 1\nb = 3")
-    (root / "sim/new.py").write_bytes("ä = 'ü'\r\nlast line".encode())
-    (root / "sim/a shape.stl").write_bytes(bytes(range(256)))
-    (root / "flows").mkdir()
-    (root / "flows/__init__.py").write_text("")
-    found = captured(root)
-    new = {"sim/new.py", "sim/a shape.stl", "flows/__init__.py"}
-    assert set(found.files) == {"sim/plant.py", *new}
-    before = {name: (root / name).read_bytes() for name in found.files}
-    git(root, "stash", "-q", "-u")
-    assert not (root / "sim/new.py").exists()
-    (root / "p.patch").write_bytes(found.patch)
-    git(root, "apply", "p.patch")
-    assert {name: (root / name).read_bytes() for name in found.files} == before
-
-
-def test_the_change_is_kept_once_and_named_by_its_runs(tmp_path, monkeypatch):
-    patch = b"diff --git a/x b/x\n"
-    hash = hashlib.sha256(patch).hexdigest()
-    found = provenance.Changes(("x",), patch, hash)
-    monkeypatch.setattr(provenance, "uncommitted", lambda: found)
-    provenance._own.cache_clear()
-    for seed in range(3):
-        id = made.commit(tmp_path, seed)
-    provenance._own.cache_clear()
-    kept = [p for p in (tmp_path / "made_with").iterdir() if "changes" in p.name]
-    assert [p.name for p in kept] == [f"changes-{hash}.patch.gz"]
-    assert gzip.decompress(kept[0].read_bytes()) == patch
-    check_kept(kept[0].name, kept[0].read_bytes())
-    known = read_manifest(tmp_path, id)["provenance"]
+def test_the_packages_of_a_record_are_kept_once(tmp_path):
+    ids = [made.commit(tmp_path, seed) for seed in range(2)]
+    (kept,) = (tmp_path / "made_with").iterdir()
+    known = read_manifest(tmp_path, ids[0])["provenance"]
     assert provenance.read_packages(tmp_path, known)["numpy"]
-    known["uncommitted"] = found.as_record()
-    assert kept[0].name in about_changes(tmp_path, known)
-
-
-def test_a_kept_file_that_unfolds_without_end_is_refused():
-    bomb = gzip.compress(bytes(50_000_000))
-    with pytest.raises(InputError, match="unfolds to more than"):
-        check_kept(f"changes-{'0' * 64}.patch.gz", bomb)
+    kept.write_bytes(kept.read_bytes()[1:])
+    assert provenance.read_packages(tmp_path, known) is None
 
 
 def test_a_checkout_says_the_commit_of_git(capsys):

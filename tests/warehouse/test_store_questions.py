@@ -1,23 +1,17 @@
-"""What an engineer asks of months of runs, and the same from DuckDB alone."""
+"""What an engineer asks of months of runs."""
 
-import re
 from datetime import date
-from pathlib import Path
 
-import duckdb
 import pyarrow as pa
 import pytest
 
 import warehouse
-from flows.cli import main
 from tests.warehouse import store_samples as made
 from tests.warehouse.test_store_verdicts import MODEL
 from warehouse.commit import commit_record, commit_run
 from warehouse.quarantine import quarantine
-from warehouse.query.named import NAMED, TAKES
-from warehouse.schema import VIEWS, all_views, arrow_schema
-
-DOCS = Path(__file__).parents[2] / "docs" / "sql.md"
+from warehouse.query.named import NAMED
+from warehouse.schema import VIEWS, arrow_schema
 
 
 def measured(seed):
@@ -91,14 +85,12 @@ def test_a_verdict_has_a_row_for_each_finding_and_run(told, ask):
     assert len(rows) == 2
 
 
-def test_trend_and_findings_by_week(ask):
+def test_the_trend_by_week(ask):
     rows = named(ask, "error_by_week")
     figures = {(r["joint"], r["nominal"], r["augmented"]) for r in rows}
     assert figures == {(1, 21.0, 6.0), (2, 18.0, 5.0)}
     # One was recorded in March, whenever it was diagnosed; of the other nobody knows.
     assert date(2026, 3, 2) in {r["week"] for r in rows}
-    effects = {r["effect"]: r["diagnoses"] for r in named(ask, "findings_by_week")}
-    assert effects == {"payload": 1, "coulomb": 1, "delay": 1}
 
 
 def test_the_first_run_with_an_effect(told, ask):
@@ -108,12 +100,6 @@ def test_the_first_run_with_an_effect(told, ask):
     assert named(ask, "first_run_with", effect="spring") == []
 
 
-def test_before_and_after_by_version(ask):
-    (row,) = named(ask, "before_after_by_version")
-    assert (row["version"], row["diagnoses"]) == ("nominal", 2)
-    assert (row["before"], row["with_findings"]) == (20.0, 5.6)
-
-
 def test_what_is_open_and_what_is_latest(told, ask):
     (row,) = named(ask, "open_verdicts")
     assert (row["diagnosis_id"], row["verdict"]) == (told[3][1], "unknown")
@@ -121,18 +107,12 @@ def test_what_is_open_and_what_is_latest(told, ask):
     assert (latest["diagnosis_id"], latest["effect"]) == (told[3][1], None)
 
 
-def test_runs_by_robot_tag_code_and_campaign(told, ask):
+def test_runs_by_robot_and_motion(told, ask):
     rows = named(ask, "runs_per_robot")
     assert {(r["serial"], r["trajectory"], r["runs"]) for r in rows} == {
         (None, "fourier", 2),
         ("A7", "welding", 2),
     }
-    tags = {r["tag"]: r["runs"] for r in named(ask, "runs_by_tag")}
-    assert tags == {"cell=4": 2, "after service": 2}
-    assert sum(r["runs"] for r in named(ask, "runs_by_code")) == 5
-    (campaign,) = named(ask, "campaigns")
-    assert (campaign["campaign"], campaign["runs"]) == ("march", 3)
-    assert campaign["quarantined"] == 1
 
 
 def identified(store, serial, day, value):
@@ -211,54 +191,5 @@ def test_errors_of_identifications_are_told_by_motion_too(fleet):
     assert got >= {("A7", "identification"), ("B18", "identification")}
 
 
-def test_alarms_by_joint_and_runs_that_nobody_looked_at(told, ask):
-    (row,) = named(ask, "alarms_by_joint")
-    assert (row["joint"], row["fault"], row["first_run"]) == (
-        2,
-        "gain drop",
-        told[1][1],
-    )
+def test_runs_without_a_diagnosis(ask):
     assert named(ask, "never_diagnosed") == []  # the third is in quarantine
-
-
-def test_there_are_twenty_questions_and_the_page_has_them_all():
-    page = DOCS.read_text(encoding="utf-8")
-    listed = re.findall(r"^\| `(\w+)` \|", page, re.MULTILINE)
-    assert sorted(listed) == sorted(NAMED)
-    assert len(NAMED) >= 20
-    for name, values in TAKES.items():
-        assert all(f"--named {name} --with {key}=" in page for key in values)
-
-
-def test_duckdb_alone_gives_the_same_rows(told, tmp_path, capsys):
-    store, file = told[0], tmp_path / "views.duckdb"
-    assert main(["sql", "--attach", str(file), "--store", str(store)]) == 0
-    assert "not guarded" in capsys.readouterr().out
-    with (
-        duckdb.connect(str(file), read_only=True) as plain,
-        warehouse.open(store) as own,
-    ):
-        for view in all_views():
-            query = f"SELECT * FROM {view} ORDER BY ALL"
-            expected = own.sql(query)
-            got = plain.sql(query).to_arrow_table()
-            assert got.column_names == expected.column_names
-            assert got.to_pylist() == expected.to_pylist(), view
-
-
-def test_the_database_sees_later_runs(tmp_path):
-    store, file = tmp_path / "store", tmp_path / "views.duckdb"
-    made.commit(store, 0)
-    assert main(["sql", "--attach", str(file), "--store", str(store)]) == 0
-    made.commit(store, 1)
-    counted = "SELECT count(*) FROM runs", "SELECT count(DISTINCT run_id) FROM samples"
-    with duckdb.connect(str(file), read_only=True) as plain:
-        assert [plain.sql(query).fetchall() for query in counted] == [[(2,)], [(2,)]]
-
-
-def test_no_database_inside_of_the_store(told, capsys):
-    store = told[0]
-    inside = store / "views.duckdb"
-    assert main(["sql", "--attach", str(inside), "--store", str(store)]) == 2
-    assert "inside the store" in capsys.readouterr().err
-    assert not inside.exists()

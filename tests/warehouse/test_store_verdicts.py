@@ -116,10 +116,7 @@ def test_the_named_queries_answer(tmp_path, runs):
     assert [row[3:] for row in answers["before_after"]] == [
         (id, "effects", 20.0, 8.6, 5.6)
     ]
-    joints = [("two_link", None, 1, 6.0, 1), ("two_link", None, 2, 5.0, 1)]
-    assert answers["worst_joints"] == joints
     by_motion = [row[2:7] + row[-1:] for row in answers["error_by_trajectory"]]
     assert ("welding", 1, "held_out", "diagnosis", 1, 6.0) in by_motion
     assert answers["findings"][0][4:6] == (1, "payload")
     assert len(answers["twin_error"]) == 3 * 2
-    assert {row[3] for row in answers["runs_of_models"]} == {runs[0], *runs[2:]}

@@ -5,7 +5,7 @@ Nothing is converted by guess.
 
 import math
 import re
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field, replace
 from difflib import get_close_matches
 from pathlib import Path
@@ -38,7 +38,7 @@ UNITS: Mapping[str, Mapping[str, float]] = {
 _Numbers = tuple[Annotated[float, Field(strict=True, allow_inf_nan=False)], ...]
 _TABLE = ConfigDict(extra="forbid")
 
-MOST_FOUND = 8000  # letters: every column of an arm, not a million of a broken file
+MOST_FOUND = 4000  # letters: every column of an arm, not a million of a broken file
 _NEEDED = ("q", "tau")
 _JOINT_COLUMN = re.compile(r"(q|tau|qd|qdd|q_ref)(\d+)")
 Array = np.ndarray
@@ -206,26 +206,19 @@ def _in_unit(key: str, signal: SignalMap, where: str) -> SignalMap:
 def shorten(columns: Iterable[str]) -> str:
     """Return names in one line: q1 q2 q3 tau1 tau2 as "q1..3 tau1..2"."""
     words: list[str] = []
-    first, last = "", ("", None)  # of the word that the next number may go on from
+    first, last = "", ("", -1)  # of the word that the next number may go on from
     for name in columns:
-        stem, number = _split(name)
+        # A number with a leading zero would lose it: "J01" stays as it is.
+        match = re.fullmatch(r"(.*\D)(0|[1-9]\d{0,8})", name, re.DOTALL | re.ASCII)
+        stem, number = (match[1], int(match[2])) if match else (name, -1)
         # Goes on where the last word ended: q1..3 and q4 are q1..4.
-        if number is not None and last == (stem, number - 1):
+        if match and last == (stem, number - 1):
             words[-1] = f"{first}..{number}"
         else:
             words.append(name)
             first = name
         last = stem, number
     return " ".join(words)
-
-
-def _split(name: str) -> tuple[str, int | None]:
-    stem = name.rstrip("0123456789")
-    digits = name[len(stem) :]
-    # A leading zero would be lost: "J01" stays as it is.
-    if not 0 < len(digits) < 10 or not stem or digits != str(int(digits)):
-        return name, None
-    return stem, int(digits)
 
 
 @dataclass(frozen=True, slots=True)
@@ -264,12 +257,16 @@ def select(
                 continue
         signals[name] = signal
     chosen = Selection(column_map.time, signals, (), column_map.nanoseconds)
-    try:
-        _check_there(chosen.used, columns, where)
-    except MissingColumnsError as error:
-        raise MissingColumnsError(f"{error}{_one_fewer(columns, robot)}") from error
+    _check_there(chosen.used, columns, where)
     ignored = tuple(c for c in columns if c not in chosen.used and c)
-    _check_beyond(ignored, dof, where)
+    for column in sorted(ignored):
+        match = _JOINT_COLUMN.fullmatch(column)
+        # Python reads no number of thousands of digits.
+        if match and (len(match[2]) > 9 or not 1 <= int(match[2]) <= dof):
+            raise InputError(
+                f"{where}: column '{column}' is beyond the robot's joints 1 to {dof}. "
+                "Is --robot the right one? Else remove or rename the column."
+            )
     return replace(chosen, ignored=ignored)
 
 
@@ -314,34 +311,6 @@ def _check_there(used: tuple[str, ...], columns: tuple[str, ...], where: str) ->
             raise InputError(
                 f"{where}: column '{column}' stands twice, expected once. "
                 "Rename one of them."
-            )
-
-
-def _one_fewer(columns: Sequence[str], robot: Robot) -> str:
-    """What may be behind a log of one joint fewer than the robot file has."""
-    logged = {f"{name}{j}" for name in _NEEDED for j in range(1, robot.dof)}
-    beyond = {f"{name}{robot.dof}" for name in _NEEDED}
-    if robot.dof < 2 or not logged <= set(columns) or beyond & set(columns):
-        return ""
-    *arm, last = robot.joints
-    what = "a gripper"
-    if robot.prismatic[0]:
-        what = f"a gripper, or joint 1 '{robot.joints[0]}' a lift that is not logged"
-    return (
-        f"\nThe log has {robot.dof - 1} joints, the robot file {robot.dof}: joint "
-        f"{robot.dof} '{last}' may be {what}. Leave it out with --chain "
-        f"{','.join(arm)}."
-    )
-
-
-def _check_beyond(rest: Iterable[str], dof: int, where: str) -> None:
-    for column in sorted(rest):
-        match = _JOINT_COLUMN.fullmatch(column)
-        # Python reads no number of thousands of digits.
-        if match and (len(match[2]) > 9 or not 1 <= int(match[2]) <= dof):
-            raise InputError(
-                f"{where}: column '{column}' is beyond the robot's joints 1 to {dof}. "
-                "Is --robot the right one? Else remove or rename the column."
             )
 
 

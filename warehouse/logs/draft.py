@@ -49,9 +49,6 @@ NEEDED = ("time", "q", "tau")
 _SECONDS = {**TIME_UNITS, "ns": 1e-9}
 TURNS = 20 * np.pi  # rad: a joint without limits does not turn ten times in a log
 _SECONDS_OF = re.compile(r"secs?$")
-_TURN = {"rad": 2 * np.pi, "deg": 360.0}
-_OFF_TURN = 0.05  # of a turn, that a joint moves in a sample at most
-_BEST = 0.3  # relative: velocities that are the angles' own, whatever made them smooth
 
 
 @dataclass(frozen=True, slots=True)
@@ -112,13 +109,12 @@ def _of_bag(path: Path, bag: Mapping[str, tuple], joints: Sequence[str]) -> Draf
 def _in_order(names: Iterable[str], joints: Sequence[str]) -> tuple[str, ...]:
     """Return those of some names that are the URDF's joints; () unless all are."""
     plain = {name.casefold(): name for name in names}
-    own = [plain.get(j.casefold()) or _only(plain, stem_of(j)) for j in joints]
+    own = []
+    for joint in joints:
+        stem = stem_of(joint)
+        like = [name for low, name in plain.items() if stem and stem in low]
+        own.append(plain.get(joint.casefold()) or (like[0] if len(like) == 1 else None))
     return tuple(own) if all(own) and len({*own}) == len(own) else ()
-
-
-def _only(plain: Mapping[str, str], stem: str) -> str | None:
-    found = [name for low, name in plain.items() if stem and stem in low]
-    return found[0] if len(found) == 1 else None
 
 
 class _Drafter:
@@ -141,8 +137,6 @@ class _Drafter:
             self._doubt("csv", "numbers have a comma before the decimals")
         clock, unit = self._time()
         found = {name: self._signal(name) for name in ("q", "tau", "qd", "q_ref")}
-        if found["qd"] and found["q"] and clock:
-            found["qd"] = self._velocity(found["qd"], found["q"], clock, unit)
         some = {name: signal for name, signal in found.items() if signal}
         used = {*clock, *(c for s in some.values() for c in s.columns)}
         ns = unit == "ns"
@@ -244,27 +238,10 @@ class _Drafter:
         return self._mapped(name, family, self._unit(name, family))
 
     def _mapped(self, name: str, family: Family, unit: str) -> SignalMap:
-        """Return the line of a signal; of angles that begin again, unwrapped."""
         if unit == "A":
             words = "a motor current: robot.toml needs torque_per_unit, N m per A"
             self._doubt(name, words)
-        signal = SignalMap(columns=family.columns, unit=unit)
-        q = self._read(family.columns) if name in ("q", "q_ref") else None
-        if q is None:
-            return signal
-        leaps = np.abs(np.diff(q, axis=0)) / _TURN[unit]
-        large = leaps > 0.5
-        if not large.any() or (np.abs(leaps[large] - 1) > _OFF_TURN).any():
-            return signal
-        self._doubt(name, "readings leap by a whole turn; unwrapped they go on")
-        # Where they begin is any number of turns from where the limits are.
-        on = np.unwrap(q, axis=0, period=_TURN[unit]) * UNITS["q"][unit]
-        low, high = (edge(on, axis=0) for edge in (np.nanmin, np.nanmax))
-        middle = (self.robot.lower + self.robot.upper) / 2
-        out = (low < self.robot.lower) | (high > self.robot.upper)
-        turns = np.where(out, np.round(((low + high) / 2 - middle) / (2 * np.pi)), 0)
-        zero = tuple((_TURN[unit] * turns).tolist()) if turns.any() else ()
-        return replace(signal, unwrap=True, zero=zero)
+        return SignalMap(columns=family.columns, unit=unit)
 
     def _ranked(self, name: str) -> list[Family]:
         """Return the families that may be a signal, the likeliest first.
@@ -320,50 +297,29 @@ class _Drafter:
 
     def _angle(self, name: str, family: Family) -> str:
         """Return the unit of angles by what the joints of the robot can reach."""
-        usual, q = self.preset.angle or "rad", self._read(family.columns)
+        q = self._read(family.columns)
         if q is None:
             self._doubt(name, "no unit is stated, and its numbers cannot be read")
-            return usual
-        low, high = np.nanmin(q, axis=0), np.nanmax(q, axis=0)
-        if self._reach(low, high) > LIMIT_SLACK:
-            sure = self._reach(np.deg2rad(low), np.deg2rad(high)) <= LIMIT_SLACK
+        elif self._reach(q) > LIMIT_SLACK:
+            sure = self._reach(np.deg2rad(q)) <= LIMIT_SLACK
             self._doubt(
                 name,
-                f"no unit is stated; up to {max(-low.min(), high.max()):.4g} is beyond "
-                f"the joints' limits in rad, {'inside' if sure else 'still beyond'} "
-                "them in degrees",
+                f"no unit is stated; up to {np.nanmax(np.abs(q)):.4g} is beyond the "
+                f"joints' limits in rad, {'inside' if sure else 'still beyond'} them "
+                "in degrees",
             )
             return "deg"
-        if usual == "deg":
+        elif self.preset.angle == "deg":
             self._doubt(name, "degrees by the format; radians fit too")
-        elif (high - low).max() < LIMIT_SLACK:
-            self._doubt(name, "radians? It hardly moves, and degrees would fit too")
-        return usual
+        return self.preset.angle or "rad"
 
-    def _reach(self, low: Array, high: Array) -> float:
+    def _reach(self, q: Array) -> float:
         """How far angles lie beyond the limits of the joints, at the most [rad]."""
+        low, high = np.nanmin(q, axis=0), np.nanmax(q, axis=0)
         beyond = np.maximum(self.robot.lower - low, high - self.robot.upper)
         free = ~np.isfinite(self.robot.upper)
         turns = np.where(free, np.maximum(-low, high) - TURNS, 0)
         return float(max(beyond.max(), turns.max()))
-
-    def _velocity(
-        self, signal: SignalMap, angles: SignalMap, clock: tuple[str, ...], unit: str
-    ) -> SignalMap | None:
-        """Return velocities in the unit in which they are those of the angles."""
-        q, qd, t = (self._read(c) for c in (angles.columns, signal.columns, clock))
-        if q is None or qd is None or t is None:
-            return None
-        seconds = t @ [_SECONDS[unit], 1e-9][: len(clock)]
-        with np.errstate(divide="ignore", invalid="ignore"):
-            own = np.gradient(q * UNITS["q"][angles.unit], seconds, axis=0)
-        own[~np.isfinite(own)] = np.nan
-        size = np.nansum(own**2)
-        for unit in (signal.unit, *UNITS["qd"]):
-            if np.nansum((qd * UNITS["qd"][unit] - own) ** 2) <= _BEST**2 * size:
-                return replace(signal, unit=unit)
-        self._doubt("qd", "they are not the angles' own velocities, in no unit")
-        return None
 
     def _read(self, columns: tuple[str, ...]) -> Array | None:
         """Values of some columns; None where they are no numbers. Shape (n, k)."""

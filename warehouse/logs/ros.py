@@ -2,16 +2,13 @@
 
 A message has names, positions, velocities and efforts of joints in any order. Joints
 are found by their names in the URDF, or by those of the map. Bags are of ROS 1 or of
-ROS 2 with either storage; the messages of an MCAP file are encoded as in ROS 2 or as
-JSON.
+ROS 2 with either storage; an MCAP file is one of these.
 """
 
-import json
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
@@ -94,27 +91,18 @@ class JointStateLog(LogFile):
             self._table[column] = np.array(values, dtype=float)
 
 
-# The messages of each topic of a bag with joint states, not read yet.
-Opened = Mapping[str, Iterator[Message]]
-
-
 def open_bag(path: Path, joints: Sequence[str], form: BagFormat) -> JointStateLog:
-    """Open a bag: a .bag or .db3 file, or the folder of a ROS 2 bag."""
+    """Open a bag: a .bag, .db3 or .mcap file, or the folder of a ROS 2 bag."""
     with _bag(path) as opened:
-        return _log(path, opened, joints, form)
-
-
-def open_mcap(path: Path, joints: Sequence[str], form: BagFormat) -> JointStateLog:
-    """Open an MCAP file."""
-    with _mcap(path) as opened:
-        return _log(path, opened, joints, form)
+        topic = _choose_topic(tuple(opened), form, path.name)
+        return JointStateLog(path.name, topic, opened[topic], joints, form)
 
 
 def topics(path: Path) -> dict[str, tuple[str, ...]]:
     """Return the names of the joints in each topic of a bag; empty for another file."""
     if not (path.is_dir() or path.suffix in (".bag", ".db3", ".mcap")):
         return {}
-    with _mcap(path) if path.suffix == ".mcap" else _bag(path) as opened:
+    with _bag(path) as opened:
         first = {topic: next(messages, None) for topic, messages in opened.items()}
         found = {topic: message.names for topic, message in first.items() if message}
     if not found:
@@ -122,63 +110,44 @@ def topics(path: Path) -> dict[str, tuple[str, ...]]:
     return found
 
 
-def _log(
-    path: Path, opened: Opened, joints: Sequence[str], form: BagFormat
-) -> JointStateLog:
-    topic = _choose_topic(tuple(opened), form, path.name)
-    return JointStateLog(path.name, topic, opened[topic], joints, form)
-
-
 @contextmanager
-def _bag(path: Path) -> Iterator[Opened]:
+def _bag(path: Path) -> Iterator[Mapping[str, Iterator[Message]]]:
+    """Give the messages of each topic with joint states, not read yet."""
     try:
         from rosbags.highlevel import AnyReader
         from rosbags.typesys import Stores, get_typestore
     except ImportError as error:
-        raise _extra_needed(f"Reading {path.name}, a ROS bag,") from error
-    hint = (
-        " A file needs its own ending (.bag, .db3, .mcap), a ROS 2 bag may be its "
-        "folder."
-    )
-    with _readable(path, "ROS bag", hint):
+        raise InputError(
+            f"Reading {path.name}, a ROS bag, needs the extra [bags]: pip install "
+            "'.[bags]' in the checkout.\nOr export the log as CSV or Parquet."
+        ) from error
+    try:
         # Bags of before ROS 2 Iron do not say what a message looks like.
         usual = get_typestore(Stores.ROS2_HUMBLE)
         with AnyReader([path], default_typestore=usual) as reader:
             ours = [c for c in reader.connections if c.msgtype in TYPES]
 
             def messages(topic: str) -> Iterator[Message]:
-                wanted = [c for c in ours if c.topic == topic]
-                for each, recorded, data in reader.messages(connections=wanted):
-                    fields = _fields(reader.deserialize(data, each.msgtype))
-                    yield _message(fields, recorded)
+                connections = [c for c in ours if c.topic == topic]
+                for each, recorded, data in reader.messages(connections=connections):
+                    state = reader.deserialize(data, each.msgtype)
+                    stamp = state.header.stamp
+                    yield Message(
+                        stamp=stamp.sec * 1_000_000_000 + stamp.nanosec,
+                        recorded=recorded,
+                        names=tuple(state.name),
+                        values=tuple(getattr(state, field) for field, _ in _FIELDS),
+                    )
 
             yield {c.topic: messages(c.topic) for c in ours}
-
-
-@contextmanager
-def _mcap(path: Path) -> Iterator[Opened]:
-    try:
-        from mcap.reader import make_reader
-        from mcap_ros2.decoder import DecoderFactory
-    except ImportError as error:
-        raise _extra_needed(f"Reading {path.name}, an MCAP file,") from error
-    with _readable(path, "MCAP file"), path.open("rb") as file:
-        reader = make_reader(file)
-        named = _topics(reader, path.name)
-        yield {topic: _messages(reader, topic, DecoderFactory()) for topic in named}
-
-
-@contextmanager
-def _readable(path: Path, what: str, hint: str = "") -> Iterator[None]:
-    try:
-        yield
     except InputError:
         raise
     except Exception as error:
         # What a damaged file makes a parser raise is not on any list.
         why = " ".join(str(error).split())[:120] or type(error).__name__
         raise InputError(
-            f"{path.name} is not a readable {what} ({why}).{hint}"
+            f"{path.name} is not a readable ROS bag ({why}). A file needs its own "
+            "ending (.bag, .db3, .mcap), a ROS 2 bag may be its folder."
         ) from error
 
 
@@ -201,77 +170,6 @@ def _choose_topic(topics: Sequence[str], form: BagFormat, name: str) -> str:
             f"Say which in --map: bag = {{topic = '{found[0]}'}}."
         )
     return form.topic or found[0]
-
-
-def _extra_needed(what: str) -> InputError:
-    """Return the error for a library that is not installed."""
-    return InputError(
-        f"{what} needs the extra [bags]: pip install '.[bags]' in the checkout.\n"
-        "Or export the log as CSV or Parquet."
-    )
-
-
-def _topics(reader, name: str) -> list[str]:
-    summary = reader.get_summary()
-    if summary is None:
-        raise InputError(
-            f"{name} has no summary: its recording was cut off. Repair it with "
-            "mcap recover."
-        )
-    schemas = {id: schema.name for id, schema in summary.schemas.items()}
-    return [
-        channel.topic
-        for channel in summary.channels.values()
-        if schemas.get(channel.schema_id) in TYPES
-    ]
-
-
-def _messages(reader, topic: str, factory) -> Iterator[Message]:
-    for schema, channel, message in reader.iter_messages(topics=[topic]):
-        if schema is None or schema.name not in TYPES:
-            continue
-        if channel.message_encoding == "json":
-            told: Any = json.loads(message.data)
-        else:
-            told = _decoded(factory, schema, channel, message)
-        yield _message(told, message.log_time)
-
-
-def _decoded(factory, schema, channel, message) -> Mapping:
-    decode = factory.decoder_for(channel.message_encoding, schema)
-    if decode is not None:
-        return _fields(decode(message.data))
-    raise InputError(
-        f"Joint states on {channel.topic} are encoded as '{channel.message_encoding}', "
-        "expected cdr (ROS 2) or json. Convert the file to one of them."
-    )
-
-
-def _fields(told: Any) -> dict:
-    stamp = told.header.stamp
-    return {
-        "header": {"stamp": {"sec": stamp.sec, "nanosec": stamp.nanosec}},
-        "name": told.name,
-        "position": told.position,
-        "velocity": told.velocity,
-        "effort": told.effort,
-    }
-
-
-def _message(told: Mapping, recorded: int) -> Message:
-    stamp = told["header"]["stamp"]
-    # JSON of ROS 1 tools says nsec.
-    rest = stamp.get("nanosec", stamp.get("nsec", 0))
-    return Message(
-        stamp=int(stamp["sec"]) * 1_000_000_000 + int(rest),
-        recorded=recorded,
-        names=tuple(told["name"]),
-        values=tuple(_sent(told.get(field)) for field, _ in _FIELDS),
-    )
-
-
-def _sent(values: Sequence[float] | None) -> Sequence[float]:
-    return () if values is None else values
 
 
 def _complete(

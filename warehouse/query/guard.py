@@ -14,11 +14,10 @@ must be on a list.
 import json
 import os
 import threading
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator
 from contextlib import contextmanager
 from itertools import pairwise
 from pathlib import Path
-from typing import NamedTuple
 
 import duckdb
 import pyarrow as pa
@@ -67,16 +66,10 @@ READABLE = ("samples", "models", "diagnoses", "validations", INDEX)
 WORKING, LARGEST = 0.5, 0.25
 
 
-class Reading(NamedTuple):
-    """A query that can do nothing but read."""
-
-    text: str
-    tables: frozenset[str]  # and views that it names, in small letters
-    files: tuple[str, ...]  # that it reads by name, with * and ?
-
-
-def check_reads_only(connection: duckdb.DuckDBPyConnection, query: str) -> Reading:
-    """Return a query if all it can do is read."""
+def check_reads_only(
+    connection: duckdb.DuckDBPyConnection, query: str
+) -> frozenset[str]:
+    """Return the tables and views that a query names, if all it can do is read."""
     if len(query) > LONGEST:
         raise InputError(
             f"The query has {len(query)} characters, at most {LONGEST} are taken."
@@ -88,7 +81,7 @@ def check_reads_only(connection: duckdb.DuckDBPyConnection, query: str) -> Readi
         raise InputError(f"{_ONLY}, got {kind}{hint}. SQL reads the store, no more.")
     if kind == "EXPLAIN" and _one_statement(connection, select)[0] != "SELECT":
         raise InputError(f"{_ONLY}, got EXPLAIN of something else.")
-    return Reading(text, *_tables(connection, select))
+    return _tables(connection, select)
 
 
 def _one_statement(
@@ -122,12 +115,24 @@ def _explained(text: str) -> str:
     return data[starts[skip] :].decode() if skip < len(starts) else ""
 
 
-def _tables(
-    connection: duckdb.DuckDBPyConnection, text: str
-) -> tuple[frozenset[str], tuple[str, ...]]:
-    """Return tables, views and files of a SELECT in which nothing can write."""
-    named, files = set(), []
-    for node in _nodes(_tree(connection, text)):
+def _tables(connection: duckdb.DuckDBPyConnection, text: str) -> frozenset[str]:
+    """Return tables and views of a SELECT in which nothing can write."""
+    named = set()
+    # fetchall: DuckDB 2.0 takes no further work before a result is read to its end.
+    asked = connection.execute("SELECT json_serialize_sql(?)", [text])
+    try:
+        tree = json.loads(asked.fetchall()[0][0])
+    except RecursionError as error:
+        raise InputError(_DEEP) from error
+    if tree.get("error"):
+        raise InputError(f"{_ONLY}, got something that is neither.")
+    parts = [tree["statements"]]
+    while parts:
+        node = parts.pop()
+        if not isinstance(node, dict):
+            parts += node if isinstance(node, list) else ()
+            continue
+        parts += node.values()
         kind = str(node.get("type", ""))
         if kind == "BASE_TABLE":
             named.add(str(node.get("table_name")).lower())
@@ -141,45 +146,7 @@ def _tables(
                     f"SQL reads the views of the store, not '{name}()'. "
                     "See modelgap sql --schema."
                 )
-            if "parquet" in name:
-                files += _file_names(node["function"].get("arguments", ()))
-    return frozenset(named), tuple(files)
-
-
-def _file_names(arguments: Sequence[Mapping]) -> Iterator[str]:
-    """Give the files that a function reads: a text, or a list of texts."""
-    first = arguments[0]["expression"] if arguments else {}
-    nested = [each["expression"] for each in first.get("arguments", ())]
-    listed = nested if first.get("function_name") == "list_value" else [first]
-    for each in listed:
-        literal = each.get("literal", {})
-        if literal.get("kind") != "STRING":
-            raise InputError("SQL reads files of the store by names that are texts.")
-        yield literal["text"]
-
-
-def _tree(connection: duckdb.DuckDBPyConnection, text: str) -> list:
-    # fetchall: DuckDB 2.0 takes no further work before a result is read to its end.
-    asked = connection.execute("SELECT json_serialize_sql(?)", [text])
-    try:
-        tree = json.loads(asked.fetchall()[0][0])
-    except RecursionError as error:
-        raise InputError(_DEEP) from error
-    if tree.get("error"):
-        raise InputError(f"{_ONLY}, got something that is neither.")
-    return tree["statements"]
-
-
-def _nodes(tree: object) -> Iterator[dict]:
-    """Give every table of a tree of JSON, without a limit to its depth."""
-    todo = [tree]
-    while todo:
-        part = todo.pop()
-        if isinstance(part, dict):
-            yield part
-            todo += part.values()
-        elif isinstance(part, list):
-            todo += part
+    return frozenset(named)
 
 
 def first_line(error: Exception) -> str:
@@ -189,19 +156,12 @@ def first_line(error: Exception) -> str:
     return (line if len(line) <= _LINE else f"{line[: _LINE - 3]}...") + "."
 
 
-def reads_only(path: Path | None) -> duckdb.DuckDBPyConnection:
-    """Return a connection that reaches nothing but what may be read of a store.
-
-    Args:
-        path: The store; None where no file may be read by its name.
-
-    Returns:
-        The connection; `lock` is still to be called.
-    """
+def reads_only(path: Path) -> duckdb.DuckDBPyConnection:
+    """Return a connection that reaches nothing but what may be read of a store."""
     connection = duckdb.connect(":memory:")
     connection.execute("CREATE SCHEMA catalogue")
-    places = [f"{path}/{folder}" for folder in READABLE] if path else []
-    allowed = ", ".join(map(text, places))
+    connection.execute("CALL enable_logging('FileSystem')")
+    allowed = ", ".join(text(f"{path}/{folder}") for folder in READABLE)
     for setting in (
         "autoinstall_known_extensions = false",
         "autoload_known_extensions = false",
@@ -213,14 +173,10 @@ def reads_only(path: Path | None) -> duckdb.DuckDBPyConnection:
         f"memory_limit = '{int(WORKING * memory())}B'",
         f"allowed_directories = [{allowed}]",
         "enable_external_access = false",
+        "lock_configuration = true",
     ):
         connection.execute(f"SET {setting}")
     return connection
-
-
-def lock(connection: duckdb.DuckDBPyConnection) -> None:
-    """Let no query change a setting."""
-    connection.execute("SET lock_configuration = true")
 
 
 def memory() -> int:
@@ -264,8 +220,7 @@ def limited(
     timer.start()
     try:
         yield
-    except (duckdb.Error, pa.ArrowException, OSError) as error:
-        # Between two batches of an answer Arrow says OSError of it.
+    except (duckdb.Error, InputError) as error:
         if late.is_set():
             raise InputError(
                 f"The query was stopped after {seconds:g} s. Ask for less, or give it "
@@ -276,7 +231,7 @@ def limited(
         timer.cancel()
 
 
-def explain(error: duckdb.Error) -> str:
+def explain(error: Exception) -> str:
     """Return what an error means for who asked, in one line."""
     if isinstance(error, duckdb.PermissionException):
         what = first_line(error).removeprefix("Permission Error: ")
@@ -290,8 +245,3 @@ def explain(error: duckdb.Error) -> str:
     # What Python said to DuckDB, which hands on how it came to that.
     text = str(error).rstrip().splitlines()[-1] if "Traceback" in str(error) else ""
     return text or first_line(error)
-
-
-def is_of_samples(error: duckdb.Error) -> bool:
-    """Return whether an error is of the samples that were read, not of the query."""
-    return "registered as 'samples' failed" in str(error)

@@ -62,16 +62,6 @@ NAMED = {
         GROUP BY ALL ORDER BY robot, serial, recorded, diagnosis_id
         """,
     ),
-    "worst_joints": (
-        "joints of each arm by the error that is left after the diagnosis",
-        """
-        SELECT robot, serial, joint, round(avg(value), 2) AS mean, count(*) AS figures
-        FROM errors
-        WHERE source_id IN (SELECT diagnosis_id FROM diagnoses)
-              AND stage = 'augmented' AND metric = 'held_out' AND joint IS NOT NULL
-        GROUP BY ALL ORDER BY mean DESC
-        """,
-    ),
     "findings": (
         "effects that were named, by arm, latest recording first",
         f"""
@@ -99,14 +89,6 @@ NAMED = {
         LEFT JOIN lineage old ON old.child = validation_id AND old.role = 'rerun of'
         LEFT JOIN lineage new ON new.child = validation_id AND new.role = 'rerun'
         WHERE kind = 'rerun' ORDER BY v.created DESC, validation_id
-        """,
-    ),
-    "runs_of_models": (
-        "which runs went into which model",
-        """
-        SELECT model_id, stage, role, run_id, trajectory, source
-        FROM models JOIN lineage ON child = model_id JOIN runs ON run_id = parent
-        ORDER BY models.created DESC, model_id, role, run_id
         """,
     ),
     "runs_of_model": (
@@ -137,19 +119,6 @@ NAMED = {
                status
         FROM parameters JOIN models USING (model_id)
         ORDER BY robot, serial, recorded DESC, model_id, joint, name
-        """,
-    ),
-    "identified_error": (
-        "error before and after identification [%] by arm, all joints together",
-        """
-        SELECT m.robot, m.serial, coalesce(m.recorded_at, m.created) AS recorded,
-               model_id, metric, round(any_value(value) FILTER (e.stage = 'nominal'), 2)
-                   AS nominal,
-               round(any_value(value) FILTER (e.stage = 'identified'), 2)
-                   AS identified
-        FROM errors e JOIN models m ON model_id = source_id
-        WHERE joint IS NULL GROUP BY ALL
-        ORDER BY m.robot, m.serial, recorded, model_id, metric
         """,
     ),
     "parameter_drift": (
@@ -247,17 +216,6 @@ NAMED = {
         GROUP BY ALL ORDER BY d.robot, d.serial, joint, week
         """,
     ),
-    "findings_by_week": (
-        "how often each effect was named, by arm and week",
-        """
-        SELECT robot, serial,
-               date_trunc('week', coalesce(recorded_at, created))::DATE AS week,
-               name AS effect, joints, count(DISTINCT diagnosis_id) AS diagnoses,
-               round(max(probability), 3) AS surest
-        FROM effects JOIN diagnoses USING (diagnosis_id)
-        GROUP BY ALL ORDER BY robot, serial, week, diagnoses DESC, effect, joints
-        """,
-    ),
     "first_run_with": (
         "the first run in whose diagnosis an effect was named, by arm and joint",
         """
@@ -268,18 +226,6 @@ NAMED = {
                count(DISTINCT diagnosis_id) AS diagnoses
         FROM verdicts WHERE effect = $effect AND role = 'fit'
         GROUP BY ALL ORDER BY since, robot, joints
-        """,
-    ),
-    "before_after_by_version": (
-        "held-out error [%] before and with the findings, by arm and version of model",
-        f"""
-        {VERSIONS}
-        SELECT robot, serial, coalesce(adoption, 'nominal') AS version,
-               count(DISTINCT diagnosis_id) AS diagnoses,
-               round(avg(v) FILTER (stage = 'nominal'), 2) AS before,
-               round(avg(v) FILTER (stage = 'augmented'), 2) AS with_findings
-        {BY_VERSION}
-        GROUP BY ALL ORDER BY robot, serial, version
         """,
     ),
     "adoption_history": (
@@ -358,49 +304,6 @@ NAMED = {
         GROUP BY ALL ORDER BY robot, serial, runs DESC, trajectory
         """,
     ),
-    "runs_by_tag": (
-        "runs by the tags that they were given, and arm",
-        """
-        SELECT tag, robot, serial, count(*) AS runs,
-               min(coalesce(recorded_at, created)) AS first,
-               max(coalesce(recorded_at, created)) AS last
-        FROM (SELECT *, unnest(tags) AS tag FROM runs)
-        GROUP BY ALL ORDER BY tag, robot, serial
-        """,
-    ),
-    "runs_by_code": (
-        "which code on which machine made how many runs",
-        """
-        SELECT version, "commit", dirty, machine, count(*) AS runs,
-               min(created) AS first, max(created) AS last
-        FROM runs GROUP BY ALL ORDER BY last DESC, "commit"
-        """,
-    ),
-    "campaigns": (
-        "campaigns: how many runs, how much motion, how many in quarantine",
-        """
-        SELECT campaign, robot, serial, count(*) AS runs,
-               round(sum(duration_s), 1) AS seconds,
-               count(*) FILTER (quarantined) AS quarantined,
-               min(created) AS first, max(created) AS last
-        FROM runs WHERE campaign IS NOT NULL
-        GROUP BY ALL ORDER BY last DESC, campaign
-        """,
-    ),
-    "alarms_by_joint": (
-        "alarms by arm, joint and what was wrong, with the first and the last run",
-        """
-        SELECT robot, serial, joint, sensor, fault, count(*) AS alarms,
-               arg_min(run_id, recorded) AS first_run,
-               arg_max(run_id, recorded) AS last_run, max(recorded) AS last
-        FROM (
-            SELECT r.robot, r.serial, a.*,
-                   coalesce(r.recorded_at, r.created) AS recorded
-            FROM alarms a JOIN runs r USING (run_id)
-        )
-        GROUP BY ALL ORDER BY alarms DESC, robot, serial, joint, fault
-        """,
-    ),
     "never_diagnosed": (
         "runs that went into no diagnosis, oldest first",
         """
@@ -413,6 +316,25 @@ NAMED = {
         ORDER BY since, run_id
         """,
     ),
+    "old_runs": (
+        "folders of runs older than some days that no record needs, oldest first",
+        """
+        SELECT unnest([folder, concat('sealed/run_id=', run_id)][:kept]) AS folder,
+               run_id, robot, serial, since
+        FROM (
+            SELECT *, coalesce(recorded_at, created) AS since,
+                   concat('samples/robot=', robot, '/run_id=', run_id) AS folder,
+                   if(source = 'simulated', 2, 1) AS kept
+            FROM runs
+        )
+        WHERE since < make_timestamp(epoch_us(now())) - to_days(try_cast($days AS INT))
+              -- That a run was looked at binds nothing.
+              AND run_id NOT IN (
+                  SELECT parent FROM lineage WHERE role NOT IN ('batch', 'watched'))
+              AND run_id NOT IN (FROM (SELECT run_id FROM alarms) WHERE run_id NOT NULL)
+        ORDER BY since, run_id, folder
+        """,
+    ),
 }
 
 # Values that a query needs, by query.
@@ -422,4 +344,5 @@ TAKES: dict[str, dict[str, str]] = {
     "parameter_drift": {"name": "part of the parameter's name"},
     "first_run_with": {"effect": "name of the effect, such as payload"},
     "model_on": {"date": "a day or a time, such as 2026-03-01"},
+    "old_runs": {"days": "least age in days, by the recording, else by the commit"},
 }

@@ -1,9 +1,11 @@
 """The store as a database: open it and ask in SQL."""
 
-from collections.abc import Collection, Iterable, Mapping, Sequence
+import json
+import os
+from collections.abc import Collection, Iterable, Mapping
+from concurrent.futures import ThreadPoolExecutor
 from contextlib import suppress
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 import duckdb
 import pyarrow as pa
@@ -11,36 +13,41 @@ import pyarrow as pa
 from residual.errors import InputError
 from warehouse.bucket import is_address
 from warehouse.catalogue import Catalogue, read_catalogue
-from warehouse.files import check_file
+from warehouse.files import check_file, replace_file
 from warehouse.quarantine import quarantined
 from warehouse.query.guard import (
-    Reading,
     check_reads_only,
     collected,
     explain,
     first_line,
-    is_of_samples,
     limited,
-    lock,
     reads_only,
 )
-from warehouse.query.views import catalogue_views, signal_rows, view_samples
-from warehouse.remote import bucket_of, folder_of, shown
+from warehouse.query.views import catalogue_views, signal_rows
+from warehouse.remote import bring_file, bucket_of, folder_of, shown
 from warehouse.schema import (
     COMPUTED,
     DEFAULT_DOF,
+    INDEX,
     KINDS,
+    SAMPLES_FILE,
     TEXT,
     VIEWS,
     arrow_schema,
     sample_columns,
 )
-from warehouse.sums import SUMS
+from warehouse.sums import damaged
 
-if TYPE_CHECKING:
-    from warehouse.query.samples import Samples
-
+# What a damaged file may raise: also Arrow between two batches, and DuckDB where its
+# message quotes bytes that are no text.
+_FAILURES = (duckdb.Error, pa.ArrowException, OSError, UnicodeDecodeError)
 _BATCH = 100_000  # samples that are fetched at once
+_AT_ONCE = 2  # files that are hashed or fetched
+_HASHED = "hashed.json"
+_SPARE = 32  # files that are hashed again rather than listed
+_OPENED = """
+    SELECT DISTINCT path FROM duckdb_logs_parsed('FileSystem') WHERE op = 'OPEN'
+"""
 
 
 def _feeding(view: str) -> tuple[str, ...]:
@@ -60,23 +67,8 @@ def _feeding(view: str) -> tuple[str, ...]:
 FED_BY = {view: _feeding(view) for view in (*VIEWS, "samples", "channels")}
 
 
-def needs_damaged(lines: Iterable[str]) -> str:
-    """Return what to say of an answer that would need what is damaged."""
-    told = list(lines)
-    more = f" And {len(told) - 3} more." if len(told) > 3 else ""
-    return (
-        f"The answer needs what is damaged. {' '.join(told[:3])}{more} Or ask without "
-        "it: --without-damaged."
-    )
-
-
-def open_store(path: Path | str, check: bool = True) -> "Store":
-    """Open a store for reading.
-
-    Args:
-        check: Whether samples are checked as they are read; without it DuckDB's own
-            reader takes them, which is faster and sees no flipped bit.
-    """
+def open_store(path: Path | str) -> "Store":
+    """Open a store for reading."""
     word = str(path)
     folder = folder_of(word) if is_address(word) else Path(path).resolve()
     if not folder.is_dir():
@@ -86,7 +78,7 @@ def open_store(path: Path | str, check: bool = True) -> "Store":
         )
     if set(str(folder)) & set("*?[]{}"):
         raise InputError(f"{path}: the path of a store must not contain * ? [ ] {{ }}.")
-    return Store(folder, check)
+    return Store(folder)
 
 
 def ask(path: Path, query: str, **values: object) -> list[dict]:
@@ -126,34 +118,31 @@ def runs_where(path: Path, clause: str) -> tuple[str, ...]:
     return found
 
 
-def _unchecked(patterns: Sequence[str], store: Path) -> list[Path]:
-    """Return the files of records that a query reads by name, to be checked before.
-
-    Args:
-        patterns: Names as DuckDB takes them, with * and ?.
-    """
-    found = []
-    for pattern in patterns:
-        within = Path(pattern)
-        if within.is_absolute() and within.is_relative_to(store):
-            found += store.glob(str(within.relative_to(store)))
-    return [path for path in found if (path.parent / SUMS).is_file()]
+def _read_hashed(store: Path) -> dict[str, list[int]]:
+    with suppress(OSError, ValueError):
+        content = json.loads((store / INDEX / _HASHED).read_bytes())
+        return content if isinstance(content, dict) else {}
+    return {}
 
 
 class Store:
-    """An opened store; it sees what others commit meanwhile."""
+    """An opened store; it sees what others commit meanwhile.
 
-    def __init__(self, path: Path, check: bool = True) -> None:
-        if not check and bucket_of(path):
-            raise InputError(f"--no-check reads files, and {shown(path)} has none.")
-        self.path, self._check = path, check
-        # Of one in a bucket the folder holds copies only.
-        self._connection = reads_only(None if bucket_of(path) else path)
-        lock(self._connection)
-        self._left_out: dict[str, str] = {}
-        self._samples: Samples | None = None
+    DuckDB reads the files itself and logs which of them it opens. After every query
+    these are hashed and compared with the sums of their records, so that no answer
+    comes from a damaged file. ``_index/hashed.json`` lists the files that were found
+    whole: one is hashed again only if its inode, size or time of change is another one.
+    """
+
+    def __init__(self, path: Path) -> None:
+        self.path = path
+        self._connection = reads_only(path)
+        self._left_out: dict[str, str] = {}  # messages about damaged samples, by file
+        self._hashed = _read_hashed(path)
+        self._newly_hashed = 0
+        self._viewed = False  # whether the view samples has all files that it should
         self._quarantined: frozenset[str] = frozenset()
-        self._catalogue: Catalogue | None = None  # until somebody asks
+        self._catalogue: Catalogue | None = None  # until the first query
 
     @property
     def damaged(self) -> tuple[str, ...]:
@@ -184,21 +173,34 @@ class Store:
             InputError: If the query is refused or fails, takes too long, or needs what
                 is damaged; it says why.
         """
-        reading = check_reads_only(self._connection, query)
+        names = check_reads_only(self._connection, query)
         self.refresh()
-        if self._check and "samples" in query.lower():
-            self._drop(self._make_samples().footers())
-        if not without_damaged:
-            self._need_whole(reading.tables)
-        for path in _unchecked(reading.files, self.path):
-            check_file(path)
+        samples = "samples" in query.lower()
         with limited(self._connection, timeout):
             while True:
-                answer = self._tried(reading, values)
-                if answer is not None:
-                    return answer
+                if samples:
+                    self._view_samples()
                 if not without_damaged:
-                    raise InputError(needs_damaged(self._left_out.values()))
+                    self._need_whole(names)
+                answer = error = None
+                self._connection.execute("CALL truncate_duckdb_logs()")
+                try:
+                    answer = self._read(query, values)
+                except duckdb.InterruptException:
+                    raise
+                except _FAILURES as failure:
+                    error = failure
+                files = set(self._files())
+                opened = [path for (path,) in self._connection.sql(_OPENED).fetchall()]
+                gone = [f for f in files if samples and error and not os.path.exists(f)]
+                broken = self._faults([*opened, *gone])
+                if other := broken.keys() - files:
+                    raise InputError(broken[min(other)])
+                if not broken and error:
+                    raise InputError(explain(error)) from error
+                if not broken:
+                    return answer
+                self._leave_out(broken)  # and ask again
 
     def refresh(self) -> None:
         """See what is committed or quarantined by now."""
@@ -209,16 +211,26 @@ class Store:
             self._table("quarantine", pa.table({"run_id": ids}))
         catalogue = read_catalogue(self.path, self._catalogue)
         if catalogue is not self._catalogue:
-            self._catalogue = catalogue
-            self._load_catalogue()
+            self._catalogue, self._viewed = catalogue, False
+            for kind, rows in catalogue.rows.items():
+                self._table(kind, rows)
+            dofs = catalogue.rows["runs"].column("dof").to_pylist()
+            columns = arrow_schema(sample_columns(max([DEFAULT_DOF, *dofs])))
+            self._table("no_samples", columns.empty_table())
+            self._view("samples", "FROM catalogue.no_samples")
         if first:
             self._table("signals", signal_rows())
             for name, query in catalogue_views().items():
-                self._connection.execute(f"CREATE VIEW {name} AS {query}")
+                self._view(name, query)
 
     def close(self) -> None:
         """Let go of the connection."""
         self._connection.close()
+        if self._newly_hashed > _SPARE:
+            # A store that may only be read is hashed again by the next one.
+            with suppress(OSError, InputError):
+                content = json.dumps(self._hashed).encode()
+                replace_file(self.path, self.path / INDEX / _HASHED, content)
 
     def __enter__(self) -> "Store":
         return self
@@ -226,17 +238,15 @@ class Store:
     def __exit__(self, *_: object) -> None:
         self.close()
 
-    def _tried(self, reading: Reading, values: Mapping | None) -> pa.Table | None:
-        """Return an answer; None where something it needs was damaged, now left out."""
-        try:
-            return self._read(reading.text, values)
-        except duckdb.InterruptException:
-            raise
-        except duckdb.Error as error:
-            # Ask again without the files that cannot be read, if that was it.
-            if is_of_samples(error) and self._drop(self._samples.broken()):
-                return None
-            raise InputError(explain(error)) from error
+    def _table(self, name: str, rows: pa.Table) -> None:
+        self._connection.register("_rows", rows)
+        self._connection.execute(
+            f"CREATE OR REPLACE TABLE catalogue.{name} AS FROM _rows"
+        )
+        self._connection.unregister("_rows")
+
+    def _view(self, name: str, query: str) -> None:
+        self._connection.execute(f"CREATE OR REPLACE VIEW {name} AS {query}")
 
     def _read(self, query: str, values: Mapping | None) -> pa.Table:
         # The second lock: what slips past the guard cannot write tables either.
@@ -251,49 +261,85 @@ class Store:
     def _need_whole(self, names: Collection[str]) -> None:
         """Refuse a query over views from which something damaged is missing."""
         kinds = {kind for name in names for kind in FED_BY.get(name, ())}
-        told = [line for k in sorted(kinds) for line in self._catalogue.damaged[k]]
-        told += self._left_out.values() if "samples" in names else ()
-        if told:
-            raise InputError(needs_damaged(told))
+        lines = [line for k in sorted(kinds) for line in self._catalogue.damaged[k]]
+        lines += self._left_out.values() if "samples" in names else ()
+        if lines:
+            more = f" And {len(lines) - 3} more." if len(lines) > 3 else ""
+            raise InputError(
+                f"The answer needs what is damaged. {' '.join(lines[:3])}{more} Or ask "
+                "without it: --without-damaged."
+            )
 
-    def _drop(self, broken: Mapping[str, str]) -> bool:
-        """Read no more of the samples of some runs; whether any of them is new."""
-        new = broken.keys() - self._left_out.keys()
+    def _files(self) -> list[str]:
+        """Return the files that the view samples should have."""
+        folders = self._catalogue.folders["runs"]
+        ids = self._catalogue.rows["runs"].column("run_id").to_pylist()
+        paths = (f"{folders[id]}/{SAMPLES_FILE}" for id in ids)
+        return [path for path in paths if path not in self._left_out]
+
+    def _view_samples(self) -> None:
+        """Make the view of all samples where it is not as it should be.
+
+        Runs with the same channels are read together: DuckDB opens the first of their
+        files to learn the columns, then those that a query needs. Of a store in a
+        bucket all samples are fetched that are not here yet.
+        """
+        while not self._viewed:
+            if bucket_of(self.path):
+                self._leave_out(self._faults(self._files()))
+            rows = self._catalogue.rows["runs"].select(["dof", "signals", "run_id"])
+            folders = self._catalogue.folders["runs"]
+            forms: dict[tuple, list[str]] = {}
+            for dof, signals, id in zip(*rows.to_pydict().values(), strict=True):
+                path = f"{folders[id]}/{SAMPLES_FILE}"
+                if path not in self._left_out:
+                    forms.setdefault((dof, *signals), []).append(path)
+            parts = ["FROM catalogue.no_samples"]
+            for number, each in enumerate(forms.values()):
+                self._connection.execute(f"SET VARIABLE files_{number} = $1", [each])
+                parts.append(
+                    f"FROM read_parquet(getvariable('files_{number}'), "
+                    "hive_partitioning = true, hive_types_autocast = false)"
+                )
+            try:
+                self._view("samples", " UNION ALL BY NAME ".join(parts))
+                self._viewed = True
+            except _FAILURES as error:
+                gone = [path for path in self._files() if not os.path.exists(path)]
+                broken = self._faults([*gone, *(each[0] for each in forms.values())])
+                if not broken:
+                    raise InputError(explain(error)) from error
+                self._leave_out(broken)
+
+    def _faults(self, paths: Iterable[str]) -> dict[str, str]:
+        """Return what is wrong with files of records, by path; a bucket's are fetched.
+
+        Those without sums beside them, as in ``_index``, are copies of records.
+        """
+
+        def fault(path: str) -> str | None:
+            try:
+                bring_file(Path(path))
+                state = os.stat(path)
+                key = [state.st_ino, state.st_size, state.st_ctime_ns]
+                if self._hashed.get(path) != key:
+                    check_file(Path(path))
+                    self._hashed[path] = key
+                    self._newly_hashed += 1
+            except InputError as error:
+                return str(error)
+            except OSError as error:
+                return str(damaged(Path(path), error.strerror))
+            return None
+
+        index = f"{self.path}/{INDEX}/"
+        of_records = {path for path in paths if not path.startswith(index)}
+        with ThreadPoolExecutor(_AT_ONCE) as pool:
+            found = zip(of_records, pool.map(fault, of_records), strict=True)
+            return {path: text for path, text in found if text}
+
+    def _leave_out(self, broken: Mapping[str, str]) -> None:
+        """Read these files no more."""
         self._left_out |= broken
-        if new and self._check:
-            self._make_samples()
-        return bool(new)
-
-    def _table(self, name: str, rows: pa.Table) -> None:
-        self._connection.register("_rows", rows)
-        self._connection.execute(
-            f"CREATE OR REPLACE TABLE catalogue.{name} AS FROM _rows"
-        )
-        self._connection.unregister("_rows")
-
-    def _load_catalogue(self) -> None:
-        for kind, rows in self._catalogue.rows.items():
-            self._table(kind, rows)
-        most, runs = self._most_joints(), self._catalogue.folders["runs"]
-        if self._check:
-            # Until a query is about them: most are not.
-            columns = arrow_schema(sample_columns(most))
-            self._connection.register("samples", columns.empty_table())
-        else:
-            view_samples(self._connection, self.path, runs, most)
-
-    def _most_joints(self) -> int:
-        known = self._catalogue.rows["runs"].column("dof").to_pylist()
-        return max([DEFAULT_DOF, *known])
-
-    def _make_samples(self) -> "Samples":
-        # Late, as Arrow's datasets are a slow import.
-        from warehouse.query.samples import Samples
-
-        self._samples = self._samples or Samples(self.path)
-        found = self._catalogue.folders["runs"]
-        known = self._catalogue.rows["runs"].column("run_id").to_pylist()
-        folders = {id: found[id] for id in known if id not in self._left_out}
-        whole = self._samples.dataset(folders, self._most_joints())
-        self._connection.register("samples", whole)
-        return self._samples
+        if broken:
+            self._viewed = False

@@ -1,26 +1,14 @@
 """The pages over a store as its server gives them: to whom, and what they may do."""
 
-import json
 from html.parser import HTMLParser
 
 import pytest
 
 from flows.report.page import hash_of, script
 from flows.service.guard import Guard
-from flows.service.pages import (
-    DOOR,
-    LIFE,
-    MADE,
-    STORED,
-    Tickets,
-    with_pages,
-    with_policies,
-)
+from flows.service.pages import MADE, STORED, with_pages, with_policies
 from tests.flows.asgi import (
-    BODY,
-    JSON,
     OURS,
-    OWN,
     SECRET,
     answer,
     origin,
@@ -47,77 +35,35 @@ class Attributes(HTMLParser):
         self.names |= {name for name, _ in attrs}
 
 
-class Clock:
-    now = 0.0
-
-    def __call__(self) -> float:
-        return self.now
-
-
 @pytest.fixture
-def clock():
-    return Clock()
+def app(nights):
+    return Guard(with_policies(with_pages(prefect, OURS, nights.store)), OURS)
 
 
-@pytest.fixture
-def app(nights, clock):
-    served = with_pages(prefect, OURS, nights.store, Tickets(clock))
-    return Guard(with_policies(served), OURS)
-
-
-def get(app, path: str, *given, query: str = "", **more):
-    asked = scope(path=path, given=given, **more) | {"query_string": query.encode()}
-    asked |= {"raw_path": path.encode()}
+def get(app, path: str, *given, **more):
+    asked = scope(path=path, given=given, **more) | {"raw_path": path.encode()}
     start, *rest = answer(app, asked)
     headers = {k.decode(): v.decode() for k, v in start["headers"]}
     return start["status"], headers, b"".join(part["body"] for part in rest)
 
 
-def ticket(app) -> str:
-    asked = scope("POST", "/pages/ticket", given=[signed(), JSON, BODY])
-    _, body = answer(app, asked)
-    return json.loads(body["body"])["ticket"]
-
-
-def test_who_has_no_key_gets_a_page_with_nothing_in_it(app, nights):
-    shown = {get(app, path)[2] for path in (INDEX, "/pages/none")}
-    assert len(shown) == 1  # not even whether there is such a page
-    (door,) = shown
-    status, headers, _ = get(app, INDEX)
-    assert (status, headers["content-security-policy"]) == (200, DOOR)
+@pytest.mark.parametrize("given", [[], [signed("modelgap:guessed")]])
+def test_who_has_no_key_is_asked_for_it_and_sees_nothing(app, nights, given):
+    told = {get(app, path, *given)[2] for path in (INDEX, "/pages/none")}
+    assert len(told) == 1  # not even whether there is such a page
+    status, headers, body = get(app, INDEX, *given)
+    assert (status, headers["content-security-policy"]) == (401, MADE)
+    assert headers["www-authenticate"].startswith("Basic realm=")
     for secret in (SECRET, "two_link", nights.missing):
-        assert secret.encode() not in door
+        assert secret.encode() not in body
 
 
-def test_a_program_with_the_key_gets_the_page(app):
+def test_who_has_the_key_gets_the_page(app):
     status, headers, body = get(app, INDEX, signed())
     assert (status, headers["content-security-policy"]) == (200, MADE)
     assert b"two_link #1" in body
     assert headers["cache-control"] == "no-store"
     assert headers["x-frame-options"] == "DENY"
-    assert get(app, INDEX, signed("modelgap:guessed"))[1][
-        "content-security-policy"
-    ] == (DOOR)
-
-
-def test_a_ticket_opens_one_page_once_and_not_for_long(app, clock):
-    given = f"ticket={ticket(app)}"
-    assert b"two_link #1" in get(app, INDEX, query=given)[2]
-    assert b"two_link" not in get(app, INDEX, query=given)[2]
-    late = f"ticket={ticket(app)}"
-    clock.now = LIFE + 1
-    assert b"two_link" not in get(app, INDEX, query=late)[2]
-    assert b"two_link" not in get(app, INDEX, query="ticket=")[2]
-
-
-def test_a_ticket_is_for_who_has_the_key(app):
-    for given in ([JSON, BODY], [signed("modelgap:guessed"), JSON, BODY]):
-        own = [origin(OWN), *given]
-        start, body = answer(app, scope("POST", "/pages/ticket", given=own))
-        assert start["status"] == 401
-        assert b"ticket" not in body["body"]
-    evil = scope("POST", "/pages/ticket", given=[EVIL, signed(), JSON, BODY])
-    assert answer(app, evil)[0]["status"] == 403
 
 
 def test_pages_of_others_and_other_names_get_none(app):
@@ -195,7 +141,7 @@ def test_other_files_of_a_report_are_no_pages(tmp_path):
     nights = fill(
         tmp_path, files={"truth.json": b'{"a": "<script>"}', "a.svg": b"<svg>"}
     )
-    app = with_pages(prefect, OURS, nights.store, Tickets())
+    app = with_pages(prefect, OURS, nights.store)
     place = f"/pages/report_id={nights.report}"
     told = get(app, f"{place}/truth.json", signed())
     assert told[1]["content-type"] == "application/json"

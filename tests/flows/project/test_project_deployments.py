@@ -72,17 +72,6 @@ def test_the_night_of_the_built_in_arm_is_not_that_of_a_project(project):
     assert inbox_of(None) is None
 
 
-def test_each_thing_that_happens_starts_the_program_of_the_file_once(project):
-    assert "notify" not in by_name(project)
-    file = project.folder / "modelgap.toml"
-    file.write_text(TEXT + "[notify]\ncommand = ['mail']\non = ['finding', 'failed']\n")
-    found = by_name(read_project(project.folder))
-    (trigger,) = found["notify"]["triggers"]
-    assert trigger["expect"] == ["modelgap.notice.finding", "modelgap.notice.failed"]
-    others = (t for name, d in found.items() for t in d.get("triggers", ()))
-    assert sum("modelgap.notice.finding" in t["expect"] for t in others) == 1
-
-
 def test_every_entrypoint_of_a_project_is_a_flow(project):
     for each in deployments(project)["deployments"]:
         module, _, name = each["entrypoint"].rpartition(".")

@@ -1,8 +1,6 @@
-"""modelgap init and modelgap.toml: every option is there, every fault has its line."""
+"""modelgap init and modelgap.toml: every option is there, every fault is named."""
 
 import re
-import sys
-from subprocess import CalledProcessError
 
 import pytest
 
@@ -40,9 +38,9 @@ def test_init_writes_a_project_that_is_usable_at_once(place, capsys):
     assert (place / "modelgap.toml").read_bytes() == before
 
 
-def test_a_robot_from_elsewhere_is_copied_beside_the_file(place):
+def test_a_robot_from_elsewhere_stays_where_it_is(place):
     project = start(place / "cell", str(place / "arm.urdf"))
-    assert (place / "cell/arm.urdf").is_file()
+    assert project.table.robot[0].urdf == str(place / "arm.urdf")
     assert project.arm(project.table.robot[0]).name == "small_arm"
 
 
@@ -62,9 +60,8 @@ def test_every_option_stands_in_the_file_with_its_default(tmp_path):
         "": tables.ProjectTable,
         "robot": tables.RobotTable,
         "inbox": tables.InboxTable,
-        "notify": tables.NotifyTable,
     }
-    own = {"robot", "inbox", "notify"}
+    own = {"robot", "inbox"}
     for name, kind in kinds.items():
         said = dict(
             re.findall(r"^(?:# )?(\w+) = (.*?)(?:\s{2,}#.*)?$", sections[name], re.M)
@@ -84,23 +81,20 @@ def test_every_option_stands_in_the_file_with_its_default(tmp_path):
     ("text", "message"),
     [
         ("", "modelgap.toml: the file's head needs the key 'schema'."),
-        ("schema = 2\n", "modelgap.toml, line 1: schema is 2"),
-        (HEAD + "serail = 'x'\n", "line 5: .*'serail'.*'serial'"),
-        (HEAD + "tags = ['a', 'b c']\n", "line 5: .*expected a word or KEY=VALUE"),
-        (HEAD + "nightly = '2 o'\n", "line 5: .*expected five fields of cron"),
-        (HEAD + "timezone = 'Mars'\n", "line 5: .*such as 'Europe/Zurich'"),
-        (HEAD + "most = 1\n", r"line 5: \[\[robot\]\] 1 most is 1"),
+        ("schema = 2\n", "modelgap.toml: schema is 2"),
+        (HEAD + "serail = 'x'\n", ".*'serail'.*'serial'"),
+        (HEAD + "tags = ['a', 'b c']\n", ".*expected a word or KEY=VALUE"),
+        (HEAD + "nightly = '2 o'\n", ".*expected five fields of cron"),
+        (HEAD + "timezone = 'Mars'\n", ".*such as 'Europe/Zurich'"),
+        (HEAD + "most = 1\n", r"\[\[robot\]\] 1 most is 1"),
         (HEAD + HEAD.partition("\n")[2] + "\n", "two robots of the name 'a'"),
         (HEAD + "[[inbox]]\nrobot = 'b'\nfolder = 'i'\n", "one of the robots that"),
-        (HEAD + "[notify]\ncommand = 'mail me'\n", "line 6: .*command is 'mail me'"),
-        (HEAD + "[notify]\non = ['alarms']\n", "line 6: .*alarm"),
         (HEAD.replace("arm.urdf", "gone.urdf"), "robot 'a': No file or folder"),
-        (HEAD + "serial = 'a b'\n", "line 5: .*serial"),
-        # The second of two tables has its own line.
-        (f"{HEAD}{SECOND}most = 0\n", r"line 8: \[\[robot\]\] 2 most is 0"),
+        (HEAD + "serial = 'a b'\n", ".*serial"),
+        (f"{HEAD}{SECOND}most = 0\n", r"\[\[robot\]\] 2 most is 0"),
     ],
 )
-def test_a_fault_has_its_line_and_what_was_expected(place, text, message):
+def test_a_fault_is_named_with_what_was_expected(place, text, message):
     (place / "modelgap.toml").write_text(text)
     with pytest.raises(InputError, match=message):
         read_project(place)
@@ -112,30 +106,3 @@ def test_commands_in_a_project_use_its_store(place, monkeypatch):
     assert store_folder("other") == place / "other"
     monkeypatch.setenv("MODELGAP_STORE", str(place / "set"))
     assert store_folder(None) == place / "set"
-
-
-@pytest.mark.prefect
-def test_a_notice_is_a_list_of_arguments_and_never_a_line_for_a_shell(place, server):
-    from flows.pipelines.project import notify
-
-    program = (
-        "import sys; open('told','w').write(repr(sys.argv[1:]) + sys.stdin.read())"
-    )
-    (place / "modelgap.toml").write_text(
-        f"{HEAD}[notify]\non = ['finding']\n"
-        f"command = ['{sys.executable}', '-c', \"{program}\", '{{title}}', '{{x}}']\n"
-    )
-    bad = "$(touch hacked); `x` {text}"
-    notify(str(place), "finding", "a", bad, "all of it", ["12"])
-    assert (place / "told").read_text() == f"{[bad, '{x}']!r}{bad}\n\nall of it\n"
-    assert not (place / "hacked").exists()
-
-
-@pytest.mark.prefect
-@pytest.mark.parametrize("command", [f"'{sys.executable}', '-c', 'exit(3)'", "'none'"])
-def test_a_notice_that_does_not_arrive_fails_its_flow(place, server, command):
-    from flows.pipelines.project import notify
-
-    (place / "modelgap.toml").write_text(f"{HEAD}[notify]\ncommand = [{command}]\n")
-    with pytest.raises((OSError, CalledProcessError)):
-        notify(str(place), "alarm", "a", "t")

@@ -30,13 +30,10 @@ def test_what_a_store_asks_of_it(bucket_store):
     bucket.put("a/y/2", b"")
     bucket.put("ab/3", b"")
     assert bucket.keys("a") == ["a/x/1", "a/y/2"]
-    assert bucket.get_range("a/x/1", 2, 5) == b"234"
     assert bucket.names("a") == ["x", "y"]
     assert bucket.names("a/x") == ["1"]
     bucket.delete(["a/y/2", "a/none"])
     assert bucket.get("a/y/2") is None
-    with pytest.raises(InputError, match="does not let us read"):
-        bucket.get_range("a/none", 0, 1)
 
 
 def test_a_bucket_that_is_not_there_and_a_server_that_is_gone_are_told(

@@ -10,7 +10,7 @@ import warehouse
 from residual.errors import InputError
 from tests.warehouse import store_samples as made
 from tests.warehouse.objects.buckets import Breaking, Careless, KilledError, folder_for
-from warehouse import catalogue, remote
+from warehouse import remote
 from warehouse.commit import commit_run
 from warehouse.layout import find, list_folders
 from warehouse.numbered import ADOPTED, Adoption, MeanwhileError, commit_adoption
@@ -80,7 +80,6 @@ def test_sql_answers_as_from_a_folder_and_reaches_nothing_else(store, memory, tm
             f"modelgap://samples/../{IDENTITY}",
             "s3://memory/store/x.parquet",
             str(other / seal),
-            str(next((other / "samples").rglob("_run.parquet"))),
         ):
             with pytest.raises(InputError):
                 two.sql(f"FROM read_parquet('{path}')")
@@ -92,7 +91,6 @@ def every_commit(store):
     run = made.commit(store, 5)
     made.store_verdict(store, made.verdict([run]), {"stage": "augmented"}, [run])
     quarantine(store, run, "for a test")
-    catalogue.flush()
     return run
 
 
@@ -104,7 +102,6 @@ def test_killed_at_any_change_nothing_partial_is_visible(memory, tmp_path):
         place = folder_for(Breaking(bucket, at), tmp_path / "cache" / f"killed-{at}")
         with contextlib.suppress(KilledError):
             run = every_commit(place)
-        catalogue.forget_waiting()
         other = forget_copies(place, bucket, tmp_path, f"later-{at}")
         seen.add(check(other))
         last = every_commit(other)
