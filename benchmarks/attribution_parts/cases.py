@@ -13,9 +13,9 @@ from benchmarks.hidden.draw import smallest
 from benchmarks.hidden.score import Name, members, paired
 from flows.specs.experiment import derived_seed
 from residual.diagnosis.diagnose import diagnose
-from residual.diagnosis.result import Detectable, Verdict
 from residual.effects import reported_joints
 from residual.verdict.document import to_json
+from residual.verdict.result import Detectable, Verdict
 from sim.engine.records import PlantEffect, stream
 
 _MOVED = 0.05  # of what is given: less is not called a change

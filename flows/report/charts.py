@@ -8,9 +8,9 @@ from flows.report import look
 from flows.report.document import Chart
 from flows.report.tables import METRICS, ErrorRow, error_rows, has
 from flows.report.words.phrases import effect_named, listing, noun
-from residual.diagnosis.result import STAGES, Diagnosis
 from residual.model.compare import Cloud, LogProof
 from residual.quantity import bare_percent, fraction, known, percent
+from residual.verdict.result import STAGES, Diagnosis
 
 # A point of a curve is eleven bytes of the page, which stays within two megabytes.
 _POINTS = 80_000

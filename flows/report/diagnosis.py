@@ -41,8 +41,8 @@ from flows.report.words.phrases import (
     texts,
     truth_rows,
 )
-from residual.diagnosis.result import Change, Diagnosis, Verdict
 from residual.quantity import MISSING, fraction, known, number, probability
+from residual.verdict.result import Change, Diagnosis, Verdict
 
 _TEXT = texts()["diagnosis"]
 _MANY = 3  # findings from which tables and curves are folded

@@ -9,11 +9,11 @@ from flows.report.page import Pairs, render
 from flows.report.words.phrases import texts
 from flows.report.words.verdict import sentences
 from flows.steps.adopt import Judged, Listed, Proposal
-from residual.diagnosis.result import ErrorTables
 from residual.errors import joints_listed
 from residual.identification.prove import ValidatedIdentification
 from residual.model.compare import EDITED, WHOLE
 from residual.quantity import bare_percent, number, percent, unit_text
+from residual.verdict.result import ErrorTables
 
 _TEXT = texts()["proposal"]
 

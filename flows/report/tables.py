@@ -17,15 +17,6 @@ from flows.report.words.phrases import (
     sentence_case,
 )
 from flows.report.words.verdict import is_wrong_value
-from residual.diagnosis.result import (
-    PLAIN,
-    STAGES,
-    Diagnosis,
-    Finding,
-    Frames,
-    Number,
-    Verdict,
-)
 from residual.quantity import (
     MISSING,
     bare_percent,
@@ -35,6 +26,15 @@ from residual.quantity import (
     number,
     probability,
     unit_text,
+)
+from residual.verdict.result import (
+    PLAIN,
+    STAGES,
+    Diagnosis,
+    Finding,
+    Frames,
+    Number,
+    Verdict,
 )
 
 METRICS = {"moving": "moving", "filtered": "filtered", "held_out": "as logged"}

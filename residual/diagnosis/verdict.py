@@ -31,7 +31,6 @@ from residual.planning.question import Question
 from residual.quantity import plain
 from residual.recording import Array
 from residual.robot.dynamics import inertial_parameters, regressor
-from residual.verdict.document import from_json, to_json  # noqa: F401
 from residual.verdict.result import (
     LOAD,
     MOTION,

@@ -3,7 +3,7 @@
 from dataclasses import dataclass
 
 from benchmarks.attribution_parts import bars, cases
-from residual.diagnosis.result import Detectable
+from residual.verdict.result import Detectable
 
 ROW = {
     "arm": "six",

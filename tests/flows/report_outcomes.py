@@ -5,9 +5,9 @@ from dataclasses import replace
 
 import numpy as np
 
-from residual.diagnosis.result import Diagnosis
-from residual.diagnosis.verdict import from_json, to_json
 from residual.model.compare import Cloud, LogProof
+from residual.verdict.document import from_json, to_json
+from residual.verdict.result import Diagnosis
 from tests.verdict_documents import MODELS, typed, unexplained, whole
 
 DOF = 6

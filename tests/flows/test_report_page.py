@@ -13,9 +13,9 @@ from rich.console import Console
 from flows.report import charts
 from flows.report import page as base
 from flows.report.diagnosis import print_diagnosis, render
-from residual.diagnosis.result import Diagnosis
-from residual.diagnosis.verdict import from_json, to_json
 from residual.model.compare import Cloud, LogProof
+from residual.verdict.document import from_json, to_json
+from residual.verdict.result import Diagnosis
 from tests.flows import report_outcomes as made
 from tests.flows.report_pages import Page
 from tests.verdict_documents import typed

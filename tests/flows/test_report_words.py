@@ -14,8 +14,8 @@ from flows.report.words.phrases import joint_words, noun, phrase
 from flows.report.words.verdict import brief, headline
 from residual import quantity
 from residual.check.result import Fault, LogCheck
-from residual.diagnosis.result import Place, Verdict
 from residual.effects import registry, vocabulary
+from residual.verdict.result import Place, Verdict
 from tests.flows import report_outcomes as made
 from tests.flows.report_outcomes import given_value, parameter
 from tests.verdict_documents import typed

@@ -12,7 +12,11 @@ from flows.report.words.phrases import (
     place_key,
     sentence_case,
 )
-from residual.diagnosis.result import (
+from residual.errors import joints_listed
+from residual.planning.promise import sure_words
+from residual.planning.question import NOTHING, TOGETHER
+from residual.quantity import MISSING, fraction, known, measured, number, unit_text
+from residual.verdict.result import (
     LOAD,
     MOTION,
     Change,
@@ -20,10 +24,6 @@ from residual.diagnosis.result import (
     Place,
     Verdict,
 )
-from residual.errors import joints_listed
-from residual.planning.promise import sure_words
-from residual.planning.question import NOTHING, TOGETHER
-from residual.quantity import MISSING, fraction, known, measured, number, unit_text
 
 NEVER = "n.d."  # not detectable here: it would take more than an arm can have
 _WHOLE_ARM = 10**6  # column of what does not sit on one joint: after every joint

@@ -9,10 +9,10 @@ from pathlib import Path
 import numpy as np
 from markupsafe import Markup
 
-from residual.diagnosis.result import Detectable, Edit, Finding, Place, Verdict
 from residual.effects import registry
 from residual.effects.base import Effect
 from residual.quantity import MISSING, known, measured, percent
+from residual.verdict.result import Detectable, Edit, Finding, Place, Verdict
 
 # Effects, joints and lists in words, for sentences and tables.
 

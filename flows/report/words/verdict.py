@@ -14,9 +14,9 @@ from flows.report.words.phrases import (
     texts,
 )
 from residual.check.result import Fault, LogCheck
-from residual.diagnosis.result import STAGES, ErrorTables, Finding, Verdict
 from residual.effects.base import Trait
 from residual.quantity import bare_percent, known, percent, probability
+from residual.verdict.result import STAGES, ErrorTables, Finding, Verdict
 
 CLEAN = "No problems found: units, signs, joint order and timing are consistent."
 
