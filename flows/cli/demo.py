@@ -9,8 +9,8 @@ from rich.console import Console
 from flows.cli.app import SEEDS, check_between
 from flows.outputs import progress_bar, say
 from flows.report.diagnosis import print_diagnosis, print_truth
-from flows.report.stored import as_hidden, demo_page
-from flows.report.words.phrases import Staged
+from flows.report.stored import demo_page, hidden_effects
+from flows.report.words.phrases import Demonstration
 from flows.requests import Flag
 from flows.settings import store_folder
 from flows.steps import demo as steps
@@ -50,5 +50,7 @@ def demo(*, request: steps.Demo = _DEFAULT, plain: Plain = False) -> None:
         page = demo_page(ids, runs["fit"][0], hidden, place)
     outcome = read_outcome(place, ids[1])
     print_diagnosis(outcome, console)
-    print_truth(Staged(b"", "", as_hidden(hidden), outcome.verdict), console)
+    print_truth(
+        Demonstration(b"", "", hidden_effects(hidden), outcome.verdict), console
+    )
     say(console, f"\nreport: {page}")

@@ -6,7 +6,7 @@ from typing import Literal
 
 from rich.console import Console
 
-from flows.report.console import show, wide
+from flows.report.console import show, wide_console
 from flows.report.records import (
     as_record,
     comparison,
@@ -47,7 +47,7 @@ def diff(
     if format == "json":
         print(json.dumps(as_record(difference), indent=2, ensure_ascii=False))
     else:
-        show(wide(Console(), 1000), *comparison(difference))
+        show(wide_console(Console(), 1000), *comparison(difference))
 
 
 def lineage(
@@ -84,7 +84,7 @@ def lineage(
         print(json.dumps(document, indent=2))
         return
     for words, root in trees.items():
-        print_tree(root, words, wide(Console(), 1000))
+        print_tree(root, words, wide_console(Console(), 1000))
 
 
 def rerun(

@@ -15,7 +15,7 @@ from flows.inbox.take import inboxes
 from flows.outputs import json_text, say
 from flows.project.deployments import deployments
 from flows.project.read import project_here
-from flows.report.console import show, wide
+from flows.report.console import show, wide_console
 from flows.report.document import Table, words_table
 from flows.requests import Flag, Seconds, Store
 from flows.service.request import DATABASE, ServiceRequest, check_request
@@ -153,7 +153,7 @@ def _say(text: str) -> None:
 
 
 def _print_status(state: "Status", store: Path) -> None:
-    console = wide(Console())
+    console = wide_console(Console())
     running = state.running
     if running is None or running.stopped:
         say(console, f"{shown(store)}: {NOTHING}")
@@ -170,7 +170,7 @@ def _print_status(state: "Status", store: Path) -> None:
     if state.runs:
         rows = [_run(run) for run in state.runs]
         heads = ("flow run", "state", "begun (UTC)", "time [s]")
-        show(console, Table(heads, rows, left=range(3)))
+        show(console, Table(heads, rows, text_columns=range(3)))
 
 
 def _due(deployment: Mapping) -> str:
