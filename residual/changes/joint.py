@@ -53,7 +53,7 @@ class JointRows:
         shared: Array,
         y: Array,
         layout: Layout,
-        held: Array | None = None,
+        precisions: Array | None = None,
         light: bool = False,
     ) -> None:
         """Project the nuisance out.
@@ -61,7 +61,7 @@ class JointRows:
         Args:
             shared: Its columns. Shape (rows, p).
             y: Torque less that of the nominal model [N m]. Shape (rows,).
-            held: Precision with which each is held, times the variance of independent
+            precisions: Prior precision of each, times the variance of independent
                 rows. Shape (p,).
             light: Whether it is there to project only.
         """
@@ -69,8 +69,8 @@ class JointRows:
         real = size > 1e-9 * size.max(initial=1e-30)
         x = shared[:, real] / size[real]
         precision = np.full(x.shape[1], RIDGE * len(y))
-        if held is not None:
-            precision = precision + held[real] / size[real] ** 2
+        if precisions is not None:
+            precision = precision + precisions[real] / size[real] ** 2
         self.layout = layout
         self._x = x
         self._inverse = np.linalg.inv(x.T @ x + np.diag(precision))

@@ -139,7 +139,7 @@ def search_changes(both: EpochRows, clocked: bool) -> ChangeSearch:
             every,
             ContrastTable(nuisance.joints, both.blocks, noise),
         )
-        named = look.same(named)
+        named = look.same_keys(named)
     named = look.search(named, both.rules.max_changes)
     changes = [look.conclude(c, named) for c in named]
     changes.sort(key=lambda c: -c.share)
@@ -208,7 +208,7 @@ class _Searcher:
             self.settle(named)
         return named
 
-    def same(self, named: Sequence[Candidate]) -> list[Candidate]:
+    def same_keys(self, named: Sequence[Candidate]) -> list[Candidate]:
         """The candidates of the same keys, with the likeliest shape."""
         out: list[Candidate] = []
         for candidate in named:
@@ -399,26 +399,34 @@ class _Searcher:
         """Largest torque of a change, as a share of the joint's."""
         return share_of(self.both, self.joints, candidate, theta)[0]
 
-    def conclude(self, own: Candidate, named: Sequence[Candidate]) -> NamedChange:
+    def conclude(
+        self, change_candidate: Candidate, named: Sequence[Candidate]
+    ) -> NamedChange:
         """What is to be said of one name, beside the others."""
-        others = [c for c in named if c is not own]
-        mine = self.table.contrast(own, others)
-        best = {own.key: mine}
+        others = [c for c in named if c is not change_candidate]
+        mine = self.table.contrast(change_candidate, others)
+        best = {change_candidate.key: mine}
         for x in self.looks(others):
             old = best.get(x.candidate.key)
-            if old is None or (x.fit > old.fit and x.candidate.key != own.key):
+            if old is None or (
+                x.fit > old.fit and x.candidate.key != change_candidate.key
+            ):
                 best[x.candidate.key] = x
         near = self.both.rules.equivalent_nats
         members = {
-            k for k, x in best.items() if k == own.key or mine.fit - x.fit < near
+            k
+            for k, x in best.items()
+            if k == change_candidate.key or mine.fit - x.fit < near
         }
         top = max(x.fit for x in best.values())
         odds = {k: float(np.exp(x.fit - top)) for k, x in best.items()}
-        share, joint = share_of(self.both, self.joints, own, mine.theta)
+        share, joint = share_of(self.both, self.joints, change_candidate, mine.theta)
         return NamedChange(
             contrast=mine,
             share=share,
             joint=joint,
-            equivalent=tuple(best[k].candidate for k in members if k != own.key),
+            equivalent=tuple(
+                best[k].candidate for k in members if k != change_candidate.key
+            ),
             probability=sum(odds[k] for k in members) / sum(odds.values()),
         )

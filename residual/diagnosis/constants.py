@@ -230,7 +230,7 @@ def _simplify(now: _FreeConstants) -> _FreeConstants:
 
 
 @dataclass(frozen=True, eq=False, slots=True)
-class NamedEffect:
+class NamedConstants:
     """The same logs with the constants among the effects, not in the model."""
 
     task: Task
@@ -241,7 +241,7 @@ class NamedEffect:
 
 def as_effects(
     task: Task, nominal: Nominal, wide: Prior, paying: Sequence[int]
-) -> NamedEffect:
+) -> NamedConstants:
     """Take the constants out of the nominal model; nothing is computed anew.
 
     Args:
@@ -254,7 +254,7 @@ def as_effects(
     design = task.design.without_terms(count)
     groups = [design.grouped(t, ids[t.joints[0]]) for t in terms]
     gone = np.array(sorted(slots.values()))
-    return NamedEffect(
+    return NamedConstants(
         replace(
             task,
             design=design,

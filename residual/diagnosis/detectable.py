@@ -232,7 +232,7 @@ def _blocks(bench: DetectionModel, group: Group) -> tuple[Array, Array]:
 
 
 def _added_error(
-    gram: Array, group_gram: Array, cross_gram: Array, moved: Array
+    gram: Array, group_gram: Array, cross_gram: Array, shift: Array
 ) -> Array:
     """Squared error of a group less what the moved fit imitates. Shape (..., k, k).
 
@@ -240,11 +240,11 @@ def _added_error(
         gram: Of the fit. Shape (..., m, m).
         group_gram: Of the group. Shape (..., k, k).
         cross_gram: Of the fit with the group. Shape (..., m, k).
-        moved: What the fit moves by. Shape (..., m, k).
+        shift: What the fit moves by. Shape (..., m, k).
     """
-    turned = np.swapaxes(moved, -1, -2)
+    turned = np.swapaxes(shift, -1, -2)
     across = turned @ cross_gram
-    return group_gram - across - np.swapaxes(across, -1, -2) + turned @ (gram @ moved)
+    return group_gram - across - np.swapaxes(across, -1, -2) + turned @ (gram @ shift)
 
 
 def _quadratic_form(form: Array, u: Array) -> Array:

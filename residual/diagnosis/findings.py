@@ -368,7 +368,9 @@ def split_background(
     if not named:
         return tuple(named), ()
     largest = max(f.torque.max() for f in named)
-    small = [f for f in named if _is_usual(f, THRESHOLDS.background_share * largest)]
+    small = [
+        f for f in named if _is_background(f, THRESHOLDS.background_share * largest)
+    ]
     if len({j for f in small for j in f.joints}) < max(
         THRESHOLDS.usual_joint_share * dof, THRESHOLDS.usual_min_joints
     ):
@@ -376,7 +378,7 @@ def split_background(
     return tuple(f for f in named if f not in small), tuple(small)
 
 
-def _is_usual(finding: NamedEffect, least: float) -> bool:
+def _is_background(finding: NamedEffect, least: float) -> bool:
     effect = finding.effect
     small = effect.traits & (Trait.FRICTION | Trait.PERIODIC)
     if not small or effect.scope != "local":

@@ -278,10 +278,12 @@ def _wins_again(task: Task, fitted: Fit, group: Group) -> bool:
     return max(others_nats, default=-np.inf) < net + THRESHOLDS.class_nats
 
 
-def _has_share(whole: Design, part: Design, fitted: Fit, group: Group) -> bool:
+def _has_share(
+    full_design: Design, part_design: Design, fitted: Fit, group: Group
+) -> bool:
     part_power, whole_power = (
         np.sum(torque_share(design, fitted, group) ** 2 * design.rows)
-        for design in (part, whole)
+        for design in (part_design, full_design)
     )
     return bool(part_power > THRESHOLDS.part_power_share * whole_power)
 

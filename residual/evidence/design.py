@@ -152,12 +152,15 @@ class Design:
             return
         gaps = []
         for i in chunk:
-            track, torque = self._tracks[i], self.model.torque_of_state(self._seen(i))
+            track, torque = (
+                self._tracks[i],
+                self.model.torque_of_state(self._state_of(i)),
+            )
             gaps.append(track.tau - track.filter(torque))
         for j in self._js:
             self._targets[j].append(self._stacked(gaps, j, chunk))
 
-    def _seen(self, i: int) -> State:
+    def _state_of(self, i: int) -> State:
         if self._states[i] is None:
             self._states[i] = self._seen_with.observe(self._tracks[i])
         return self._states[i]
@@ -176,7 +179,7 @@ class Design:
             fresh: list[list[Array]] = [[] for _ in self._js]
             self._take_target(c, chunk)
             for i in chunk:
-                state = self._seen(i)
+                state = self._state_of(i)
                 if bodies:  # read for every body, and of a long log not kept
                     state = replace(state, regressor=np.asarray(state.regressor))
                 parts = columns_of(state)
@@ -474,7 +477,7 @@ class Design:
     @property
     def states(self) -> list[State]:
         """What the effects see of each log of the sketch."""
-        return [self._seen(i) for i in self._shown]
+        return [self._state_of(i) for i in self._shown]
 
     @property
     def tracks(self) -> list[Track]:

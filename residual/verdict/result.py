@@ -512,13 +512,13 @@ def with_model_values(finding: Finding, possible: PossibleModel) -> Finding:
         sums = effect.combined(term.theta, robot)
         values |= {key: value for key, (value, _) in sums.items()}
 
-    def moved(told: Mapping[str, Parameter]) -> dict[str, Parameter]:
-        return {k: replace(p, value=plain(values[k])) for k, p in told.items()}
+    def with_values(parameters: Mapping[str, Parameter]) -> dict[str, Parameter]:
+        return {k: replace(p, value=plain(values[k])) for k, p in parameters.items()}
 
     return replace(
         finding,
-        parameters=moved(finding.parameters),
-        combinations=moved(finding.combinations),
+        parameters=with_values(finding.parameters),
+        combinations=with_values(finding.combinations),
     )
 
 
