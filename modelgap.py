@@ -36,13 +36,13 @@ if TYPE_CHECKING:  # for editors
     )
     from flows.api.store import Store, Table, open_store
     from residual.check.result import LogCheck
-    from residual.diagnosis.result import ErrorTables, Finding, Parameter, Verdict
     from residual.errors import InputError
     from residual.identification.estimate import Options
     from residual.model.model import Model
     from residual.model.record import load_model
     from residual.recording import Recording
     from residual.robot.robot import Robot
+    from residual.verdict.result import ErrorTables, Finding, Parameter, Verdict
 
 _NAMES = {
     "flows.api.logs": "check compare export load_robot read_logs recording",
@@ -51,7 +51,7 @@ _NAMES = {
     "identify",
     "flows.api.store": "Store Table open_store",
     "residual.check.result": "LogCheck",
-    "residual.diagnosis.result": "ErrorTables Finding Parameter Verdict",
+    "residual.verdict.result": "ErrorTables Finding Parameter Verdict",
     "residual.errors": "InputError",
     "residual.identification.estimate": "Options",
     "residual.model.model": "Model",

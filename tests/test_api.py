@@ -15,7 +15,9 @@ import pytest
 import modelgap as mg
 from flows.api.results import Diagnosis
 from flows.api.store import Table
-from residual.diagnosis.result import (
+from residual.errors import InputError
+from residual.verdict.document import from_json
+from residual.verdict.result import (
     ErrorTables,
     Evidence,
     Finding,
@@ -25,8 +27,6 @@ from residual.diagnosis.result import (
     Unexplained,
     Verdict,
 )
-from residual.diagnosis.verdict import from_json
-from residual.errors import InputError
 from tests.residual.test_model_record import model_of
 from warehouse.commit import commit_run
 

@@ -9,9 +9,9 @@ from benchmarks.harness.cases import guarded
 from benchmarks.hidden.score import Name, members, paired
 from flows.specs.experiment import derived_seed
 from residual.diagnosis.diagnose import diagnose
-from residual.diagnosis.result import Verdict
 from residual.effects import reported_joints
 from residual.verdict.document import to_json
+from residual.verdict.result import Verdict
 from sim.engine.records import PlantEffect, stream
 
 

@@ -35,9 +35,9 @@ from benchmarks.synthetic.other_forms import FORMS
 from benchmarks.synthetic.quasi_static import Plant, true_friction, true_torque
 from flows.specs.experiment import derived_seed
 from residual.diagnosis.diagnose import diagnose
-from residual.diagnosis.result import Detectable, Verdict
 from residual.recording import Recording
 from residual.robot.robot import Robot, load_robot
+from residual.verdict.result import Detectable, Verdict
 from sim.engine.records import (
     Hidden,
     Noise,

@@ -6,9 +6,9 @@ from functools import cache
 
 import numpy as np
 
-from residual.diagnosis.result import Detectable
 from residual.effects import registry, reported_joints
 from residual.robot.robot import Robot
+from residual.verdict.result import Detectable
 from sim.draw import draw_hidden
 from sim.engine.records import PlantEffect, PlantSpec
 from sim.plant.arm import build_arm

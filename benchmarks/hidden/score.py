@@ -4,7 +4,7 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 
 from benchmarks.hidden.draw import Hidden
-from residual.diagnosis.result import Finding, Place, Verdict
+from residual.verdict.result import Finding, Place, Verdict
 from sim.plant.catalogue import kinds, main_parameter
 
 SINGLE, PAIR, NOTHING, UNKNOWN = "single", "pair", "none", "unknown"

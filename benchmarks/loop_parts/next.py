@@ -20,7 +20,6 @@ from benchmarks.harness.rates import at_least, rate
 from flows.specs.experiment import derived_seed
 from flows.steps.next import Ranking, rank_motions
 from residual.diagnosis.diagnose import diagnose
-from residual.diagnosis.result import Diagnosis, Place
 from residual.effects import reported_joints
 from residual.planning.outlook import Pair, Refit, log_evidence
 from residual.planning.promise import every_column, promised, structural_twins
@@ -29,6 +28,7 @@ from residual.recording import Array, Recording
 from residual.robot.dynamics import inverse_dynamics
 from residual.robot.robot import Robot, load_robot
 from residual.signals.track import prepare
+from residual.verdict.result import Diagnosis, Place
 from sim.draw import draw_hidden, usual_effects
 from sim.engine.geometry import MARGIN, body, clearances
 from sim.engine.records import PlantEffect, PlantSpec, TrajectorySpec, stream

@@ -16,8 +16,8 @@ from benchmarks.changes_parts.sizes import Body, shares, size_of, solved
 from benchmarks.harness.figures import NO_BAR, Figures, figure
 from benchmarks.measured_parts import arms, greedy
 from residual.diagnosis.diagnose import diagnose
-from residual.diagnosis.result import Finding
 from residual.recording import Recording
+from residual.verdict.result import Finding
 
 Array = np.ndarray
 Values = Mapping[str, float]

@@ -22,10 +22,10 @@ from benchmarks.peers_parts import judge, sparse, squares
 from benchmarks.peers_parts.linear_model import Answer, Case
 from flows.specs.experiment import derived_seed
 from residual.diagnosis.diagnose import diagnose
-from residual.diagnosis.result import Detectable
 from residual.effects import registry, reported_joints
 from residual.recording import Recording
 from residual.robot.robot import Robot, load_robot
+from residual.verdict.result import Detectable
 from sim.draw import light_arm
 from sim.engine.records import (
     Noise,

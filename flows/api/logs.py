@@ -13,7 +13,6 @@ from flows.outputs import check_new_folder, write_all
 from flows.steps.check import check as check_sets
 from flows.steps.export import export_model, in_place
 from residual.check.result import LogCheck
-from residual.diagnosis.result import ErrorTables
 from residual.errors import InputError, shortened
 from residual.export.export import AnyModel, ModelExport
 from residual.model.compare import compare as core_compare
@@ -22,7 +21,7 @@ from residual.model.corrected import CorrectedModel
 from residual.model.model import Model
 from residual.recording import Recording
 from residual.robot.robot import Robot
-from residual.verdict.result import error_tables
+from residual.verdict.result import ErrorTables, error_tables
 from warehouse.logs import ColumnMap, check_distinct, columns_of, read_table
 
 __all__ = ["check", "compare", "export", "load_robot", "read_logs", "recording"]

@@ -21,7 +21,6 @@ from flows.storage import identification as identified
 from residual.calibration import calibrate as core
 from residual.calibration.rows import Run
 from residual.calibration.scores import DEFAULT, NOTHING, RUN, find
-from residual.diagnosis import result
 from residual.errors import InputError
 from residual.identification.estimate import Options
 from residual.identification.prove import ValidatedIdentification
@@ -29,6 +28,7 @@ from residual.model.corrected import CorrectedModel
 from residual.model.model import Model
 from residual.recording import Recording
 from residual.robot.robot import Robot
+from residual.verdict import result
 from residual.verdict.document import to_json
 from warehouse.logs import check_distinct
 

@@ -18,8 +18,8 @@ from flows.settings import prefect_home
 from flows.steps.diagnose import diagnose_runs, request_of
 from flows.steps.models import in_force
 from flows.storage.diagnosis import read_verdict
-from residual.diagnosis.result import Verdict
 from residual.robot.robot import Robot
+from residual.verdict.result import Verdict
 from warehouse.commit import commit_record
 from warehouse.query.store import query_store
 

@@ -19,12 +19,12 @@ from flows.settings import store_folder
 from flows.steps.check import as_mounted, checked
 from flows.storage import diagnosis as kept
 from residual.diagnosis import diagnose as method
-from residual.diagnosis.result import Diagnosis
 from residual.errors import InputError, listed
 from residual.model.known_values import known_values
 from residual.recording import Recording
 from residual.robot.robot import Robot, with_known
 from residual.threads import one_blas_thread
+from residual.verdict.result import Diagnosis
 from warehouse.runs import read_run
 
 _ROLES = {"fit": "logs", "held_out": "held_out", "baseline": "baseline"}

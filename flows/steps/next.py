@@ -14,7 +14,6 @@ from flows.settings import store_folder
 from flows.steps.diagnose import diagnose, read_logs, runs_of
 from flows.steps.models import diagnosis_of
 from flows.storage.diagnosis import checked_verdict, read_verdict
-from residual.diagnosis.result import Diagnosis, Verdict
 from residual.errors import InputError, check_nesting
 from residual.model.record import held_in
 from residual.planning.outlook import Outlook, Pair, Prospect, outlook
@@ -27,6 +26,7 @@ from residual.planning.promise import (
 from residual.planning.question import Question
 from residual.robot.robot import Robot
 from residual.threads import one_blas_thread
+from residual.verdict.result import Diagnosis, Verdict
 from sim.engine.records import TrajectorySpec, stream
 from sim.trajectories.fourier import draw, written
 from sim.trajectories.limits import workspace

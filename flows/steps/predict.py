@@ -14,14 +14,13 @@ from flows.inputs.given import LogSets, need_logs, read_sets
 from flows.requests import Predict
 from flows.settings import store_folder
 from flows.steps.models import read_model
-from residual.diagnosis.result import ErrorTables
 from residual.errors import InputError
 from residual.export.export import AnyModel, without_tables
 from residual.model.compare import EDITED, WHOLE, Edits, Prediction
 from residual.model.compare import predict as core_predict
 from residual.quantity import plain
 from residual.threads import one_blas_thread
-from residual.verdict.result import error_tables
+from residual.verdict.result import ErrorTables, error_tables
 
 _NAMES = {WHOLE: "tau_model", EDITED: "tau_edited"}
 FORMS = (".csv", ".parquet")

@@ -7,8 +7,6 @@ from pathlib import Path
 import numpy as np
 import pyarrow as pa
 
-from residual.diagnosis.result import Diagnosis, ErrorTables, Finding, Verdict
-from residual.diagnosis.verdict import from_json, to_json
 from residual.errors import InputError
 from residual.model.compare import Cloud, LogProof
 from residual.model.corrected import CorrectedModel
@@ -18,6 +16,8 @@ from residual.model.record import to_record as model_record
 from residual.recording import Recording
 from residual.signals.splitting import sketch_of
 from residual.signals.track import Filters, thinned
+from residual.verdict.document import from_json, to_json
+from residual.verdict.result import Diagnosis, ErrorTables, Finding, Verdict
 from warehouse.commit import DiagnosisRows, commit_record, store_rows
 from warehouse.files import read_parquet
 from warehouse.ids import record_folder

@@ -72,29 +72,29 @@ def compare_epochs(
     # The model that the arm is said to have; its values are what the logs show.
     model = begin(logs, declared)
     nominal = Nominal(model, (None,) * len(model.terms))
-    found = search_changes(both_epochs(logs, count, nominal, rules), clocked)
+    search = search_changes(both_epochs(logs, count, nominal, rules), clocked)
     tell("what remains", 0.0)
-    rest = analyze_residuals(found)
+    residuals = analyze_residuals(search)
     tell("proof", 0.0)
     before = _fit(robot, first, nominal)
     after = _fit(robot, second, nominal, before.model)
     proof = prepare_held_out(held_out, before.model)
-    found, judged, now = _judge_changes(
-        found, proof, lambda own: augmented_model(own, nominal, before.model)
+    search, judgements, augmented = _judge_changes(
+        search, proof, lambda own: augmented_model(own, nominal, before.model)
     )
     if check is not None and check.certain:  # what was found may be the fault
-        found = replace(found, changes=())
+        search = replace(search, changes=())
     models = {"nominal": before.model, "identified": after.model}
     # Where nothing changed the contract of the verdict has both alike.
-    models["augmented"] = now.model if found.changes else after.model
+    models["augmented"] = augmented.model if search.changes else after.model
     errors, proofs = compare(models, proof, logs.filters)
     verdict = conclude(
-        found,
-        rest,
-        judged,
+        search,
+        residuals,
+        judgements,
         error=error_tables(
             {name: errors.get(name) for name in (*STAGES, PLAIN)},
-            min(t.cutoff for t in found.both.logs.tracks),
+            min(t.cutoff for t in search.both.logs.tracks),
             [r.id for r in held_out],
             same_run,
             worse_joints(models, proof),
@@ -102,11 +102,12 @@ def compare_epochs(
         edit=baseline_edits(
             models,
             dense_fit(Design(after.logs.tracks, nominal.model)),
-            ([c.place for c in found.changes], ()),
+            [c.place for c in search.changes],
+            (),
             first,
         ),
-        unproven=_unexplained(errors, found) if found.changes else None,
-        made=now,
+        unproven=_unexplained(errors, search) if search.changes else None,
+        augmented=augmented,
         epochs=(before, after),
         declared=nominal.names,
         check=check,
@@ -117,23 +118,23 @@ def compare_epochs(
         verdict=verdict,
         models=models,
         proofs=proofs,
-        clouds=clouds(found, rest),
-        notes=(*_notes(found), *now.notes),
+        clouds=clouds(search, residuals),
+        notes=(*_notes(search), *augmented.notes),
         sentences=tuple(
-            c.contrast.candidate.group.effect.sentence for c in found.changes
+            c.contrast.candidate.group.effect.sentence for c in search.changes
         ),
-        known=now.model,
+        known=augmented.model,
     )
 
 
-def _unexplained(errors: Mapping[str, Errors], found: ChangeSearch) -> str | None:
+def _unexplained(errors: Mapping[str, Errors], search: ChangeSearch) -> str | None:
     """Say so where what changed leaves far more on a joint than a refit.
 
     A name that is confirmed against the first epoch's model may still be the wrong
     one: then the model with it is worse than a refit without any name.
     """
     after, refit = (errors[k].per_joint("moving") for k in ("augmented", "identified"))
-    over = np.flatnonzero(after > found.both.rules.max_error_ratio * refit)
+    over = np.flatnonzero(after > search.both.rules.max_error_ratio * refit)
     if not len(over):
         return None
     j = max(over, key=lambda j: after[j] / refit[j])
@@ -150,7 +151,7 @@ def _prepare(
     second: Sequence[Recording],
     rules: ChangeThresholds,
 ) -> tuple[Logs, int, bool]:
-    """Logs of both epochs on one clock that begins anew with the second."""
+    """Logs of both epochs; the clock of the second begins with the first's."""
     sketches = [
         sketch_of(e, rules.long_seconds, rules.kept_seconds) for e in (first, second)
     ]
@@ -176,14 +177,14 @@ def _fit(
     nominal: Nominal,
     like: Model | None = None,
 ) -> Epoch:
-    """One epoch's own fit, begun with an earlier one's where there is."""
+    """Fit one epoch, beginning with the model of an earlier one."""
     clock = session_clock(recordings)
     logs = prepare_logs(robot, sketch_of(recordings), clock, Filters())
     return fit_epoch(logs, nominal, like)
 
 
 def _judge_changes(
-    found: ChangeSearch,
+    search: ChangeSearch,
     proof: Sequence[HeldOutLog],
     model_of: Callable[[ChangeSearch], PossibleModel],
 ) -> tuple[ChangeSearch, Mapping[NamedChange, Judgement], PossibleModel]:
@@ -196,28 +197,30 @@ def _judge_changes(
     """
     refuted: list[NamedChange] = []
     while True:
-        made = model_of(found)
-        whole = moving_error(made.model, proof)
-        judged = {}
-        for change in found.changes:
-            less = model_of(found.without([change])).model
-            judged[change] = _judge_change(change, whole, moving_error(less, proof))
-        worst = [c for c in found.changes if judged[c].word == "refuted"]
-        if made.contradicted and not worst:
+        augmented = model_of(search)
+        errors = moving_error(augmented.model, proof)
+        judgements = {}
+        for change in search.changes:
+            model_without = model_of(search.without([change])).model
+            judgements[change] = _judge_change(
+                change, errors, moving_error(model_without, proof)
+            )
+        refuted_now = [c for c in search.changes if judgements[c].word == "refuted"]
+        if augmented.contradicted and not refuted_now:
             # Not of a body what no body can be.
             bodies = [
                 c
-                for c in found.changes
+                for c in search.changes
                 if Trait.BODY in c.contrast.candidate.group.effect.traits
             ]
-            found = replace(found.without(bodies), bodiless=tuple(bodies))
+            search = replace(search.without(bodies), bodiless=tuple(bodies))
             if bodies:
                 continue
-        if not worst:
-            return replace(found, refuted=tuple(refuted)), judged, made
-        gone = min(worst, key=lambda c: judged[c].gain)
-        refuted.append(gone)
-        found = found.without([gone])
+        if not refuted_now:
+            return replace(search, refuted=tuple(refuted)), judgements, augmented
+        worst = min(refuted_now, key=lambda c: judgements[c].gain)
+        refuted.append(worst)
+        search = search.without([worst])
 
 
 def _judge_change(change: NamedChange, with_it: Array, without: Array) -> Judgement:
@@ -227,17 +230,23 @@ def _judge_change(change: NamedChange, with_it: Array, without: Array) -> Judgem
     """
     on = list(change.contrast.candidate.pieces)
     least = np.minimum(with_it.sum(axis=0), without.sum(axis=0))[on]
-    a, b = (x[:, on] / np.maximum(least, 1e-300) for x in (with_it, without))
-    a, b = a.sum(axis=1), b.sum(axis=1)
-    ratio = float(np.sqrt(a.sum() / b.sum()))
-    if rise(a, b, WORSE):
+    with_change, without_change = (
+        x[:, on] / np.maximum(least, 1e-300) for x in (with_it, without)
+    )
+    with_change, without_change = with_change.sum(axis=1), without_change.sum(axis=1)
+    ratio = float(np.sqrt(with_change.sum() / without_change.sum()))
+    if rise(with_change, without_change, WORSE):
         return Judgement("refuted", 1 - ratio)
-    word = "confirmed" if ratio < BETTER and is_sure(b, a) else "neutral"
+    word = (
+        "confirmed"
+        if ratio < BETTER and is_sure(without_change, with_change)
+        else "neutral"
+    )
     return Judgement(word, 1 - ratio)
 
 
-def _notes(found: ChangeSearch) -> tuple[str, ...]:
-    noise, both = found.table.noise, found.both
+def _notes(search: ChangeSearch) -> tuple[str, ...]:
+    noise, both = search.table.noise, search.both
     few = "; fewer than three baseline logs: differences between days are not known"
     seconds = both.rules.block_seconds * noise.blocks
     return (

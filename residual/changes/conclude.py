@@ -37,7 +37,7 @@ from residual.verdict.result import (
 LADDER = np.geomspace(1.0, 1e4, 400)  # deviations at which to look
 
 
-def minimum_detectable(found: ChangeSearch) -> list[Detectable]:
+def minimum_detectable(search: ChangeSearch) -> list[Detectable]:
     """Smallest size of every effect and joint at which the evidence is expected.
 
     By the very information of the logs and the unrest of the first epoch by which a
@@ -45,68 +45,70 @@ def minimum_detectable(found: ChangeSearch) -> list[Detectable]:
     shape the usual one counts.
     """
     keys: dict[tuple, list[Candidate]] = {}
-    for c in found.every:
+    for c in search.every:
         keys.setdefault((c.group.effect.name, c.group.joints), []).append(c)
-    named = {(c.group.effect.name, c.group.joints) for c in found.named}
+    named_keys = {(c.group.effect.name, c.group.joints) for c in search.named}
     out = []
-    for key, some in keys.items():
-        if key in named:
+    for key, shapes in keys.items():
+        if key in named_keys:
             continue
-        size = _least(found, some[len(some) // 2])
+        size = _least(search, shapes[len(shapes) // 2])
         if size is not None:
             name, joints = key
-            robot, effect = found.both.design.states[0].robot, some[0].group.effect
+            robot, effect = search.both.design.states[0].robot, shapes[0].group.effect
             unit = next(iter(effect.units(joints, robot).values()))
             public = tuple(j + 1 for j in joints)
             out.append(Detectable(name, public, size, unit))
-    return [*out, Detectable("drift", (), 2 * found.warmth.std, "1")]
+    return [*out, Detectable("drift", (), 2 * search.warmth.std, "1")]
 
 
-def _least(found: ChangeSearch, one: Candidate) -> float | None:
-    look = found.table.contrast(one, found.named)
-    effect, robot = one.group.effect, found.both.design.model.robot
+def _least(search: ChangeSearch, candidate: Candidate) -> float | None:
+    look = search.table.contrast(candidate, search.named)
+    effect, robot = candidate.group.effect, search.both.design.model.robot
     sizes = []
-    for way in _directions(effect, found, one):
-        known = float(way @ look.information @ way)
-        if known <= 0:
+    for direction in _directions(effect, search, candidate):
+        information = float(direction @ look.information @ direction)
+        if information <= 0:
             continue
-        per_unit, _ = found.share(one, way)
+        per_unit, _ = search.share(candidate, direction)
         if per_unit <= 0:
             continue
-        scale = _smallest(found, one, way, look.information)
+        scale = _smallest(search, candidate, direction, look.information)
         if scale is not None:
-            sizes.append(max(scale, found.both.rules.min_torque_share / per_unit))
+            sizes.append(max(scale, search.both.rules.min_torque_share / per_unit))
     if not sizes:
         return None
     size = float(np.median(sizes))
-    if len(one.group.ids) > 1:
+    if len(candidate.group.ids) > 1:
         return size
-    return float(abs(effect.values(np.array([size]), one.group.shape, robot)[0]))
+    return float(abs(effect.values(np.array([size]), candidate.group.shape, robot)[0]))
 
 
 def _smallest(
-    found: ChangeSearch, one: Candidate, way: Array, information: Array
+    search: ChangeSearch, candidate: Candidate, direction: Array, information: Array
 ) -> float | None:
-    """Size along a direction at which the expected evidence is the threshold."""
-    unit = 1 / np.sqrt(float(way @ information @ way))
+    unit = 1 / np.sqrt(float(direction @ information @ direction))
     sizes = unit * LADDER
-    prior, nu = one.group.precision, found.table.degrees
-    worth = expected_evidence(information, way, prior, nu, sizes) - one.price
-    seen = worth > found.both.rules.min_nats
-    return float(sizes[int(np.argmax(seen))]) if seen.any() else None
+    prior, nu = candidate.group.precision, search.table.degrees
+    worth = (
+        expected_evidence(information, direction, prior, nu, sizes) - candidate.price
+    )
+    detected = worth > search.both.rules.min_nats
+    return float(sizes[int(np.argmax(detected))]) if detected.any() else None
 
 
-def _directions(effect: Effect, found: ChangeSearch, one: Candidate) -> Sequence[Array]:
-    """Coefficients of an effect of size one, in the ways that it usually comes."""
-    count = len(one.group.ids)
+def _directions(
+    effect: Effect, search: ChangeSearch, candidate: Candidate
+) -> Sequence[Array]:
+    count = len(candidate.group.ids)
     if effect.unit_directions is not None:
-        return effect.unit_directions(found.both.design.states, one.group.joints)
+        return effect.unit_directions(search.both.design.states, candidate.group.joints)
     units = list(effect.parameters.values())[:count]
     alike = len(units) == count and len(set(units)) == 1
     if count == 1 or not (Trait.PERIODIC in effect.traits or alike):
         return [np.eye(count)[0]]
-    every = [np.array(u, dtype=float) for u in product((-1, 0, 1), repeat=count)]
-    half = every[len(every) // 2 + 1 :]  # the others point the other way
+    signs = [np.array(u, dtype=float) for u in product((-1, 0, 1), repeat=count)]
+    half = signs[len(signs) // 2 + 1 :]  # the others point the other way
     return [u / np.linalg.norm(u) for u in half]
 
 
@@ -123,13 +125,13 @@ class Judgement:
 
 
 def conclude(
-    found: ChangeSearch,
-    rest: Residuals,
-    judged: Mapping[NamedChange, Judgement],
+    search: ChangeSearch,
+    residuals: Residuals,
+    judgements: Mapping[NamedChange, Judgement],
     error: ErrorTables,
     edit: tuple[Edit, ...],
     unproven: str | None,
-    made: PossibleModel,
+    augmented: PossibleModel,
     epochs: tuple[Epoch, Epoch],
     declared: Sequence[str],
     check: LogCheck | None,
@@ -138,47 +140,47 @@ def conclude(
     """Return the verdict, of plain values.
 
     Args:
-        found: What stands on the held-out logs; its changes with most torque first.
+        search: What stands on the held-out logs; its changes with most torque first.
         unproven: Why the named changes do not explain the second epoch, in a sentence.
-        made: The augmented model.
+        augmented: The augmented model.
     """
     robot = epochs[0].model.robot
     faulty = check is not None and bool(check.certain)
     still = not any(t.moving.any() for t in epochs[1].logs.tracks)
-    contradictions = (STILL,) if still else made.doubts
-    doubtful = rest.flagged or found.bodiless or contradictions or faulty
+    contradictions = (STILL,) if still else augmented.doubts
+    doubtful = residuals.flagged or search.bodiless or contradictions or faulty
     effects = (
-        _finding(c, i, judged[c], robot, unproven is not None)
-        for i, c in enumerate(found.changes, 1)
+        _finding(c, i, judgements[c], robot, unproven is not None)
+        for i, c in enumerate(search.changes, 1)
     )
     return Verdict(
         robot=robot.name,
         declared=tuple(declared),
-        verdict="effects" if found.changes else "unknown" if doubtful else "none",
-        effects=tuple(with_model_values(f, made) for f in effects),
-        minimum_detectable=() if faulty else tuple(minimum_detectable(found)),
-        unexplained=_unexplained(found, rest),
+        verdict="effects" if search.changes else "unknown" if doubtful else "none",
+        effects=tuple(with_model_values(f, augmented) for f in effects),
+        minimum_detectable=() if faulty else tuple(minimum_detectable(search)),
+        unexplained=_unexplained(search, residuals),
         error=error,
         nominal_scale=None,
         next_experiment=None,
         warnings=(
             *warnings,
             *(check.sentences if check else ()),
-            *_warnings(found, error.same_run),
+            *_warnings(search, error.same_run),
             *([unproven] if unproven else ()),
         ),
         log_check=check,
         contradictions=contradictions,
-        drift=_drift(found),
+        drift=_drift(search),
         edit=None if faulty else edit,
-        bodies=made.correction,
+        bodies=augmented.correction,
         frames=Frames.of(robot),
-        changes=tuple(values_that_changed(*epochs, found)),
+        changes=tuple(values_that_changed(*epochs, search)),
     )
 
 
 def _finding(
-    change: NamedChange, order: int, judged: Judgement, robot: Robot, unproven: bool
+    change: NamedChange, order: int, judgement: Judgement, robot: Robot, unproven: bool
 ) -> Finding:
     return Finding(
         name=change.place.name,
@@ -190,8 +192,8 @@ def _finding(
         evidence=Evidence(
             nats=plain(float(change.contrast.nats)),
             by="fit",
-            held_out="neutral" if unproven else judged.word,
-            held_out_gain=plain(judged.gain),
+            held_out="neutral" if unproven else judgement.word,
+            held_out_gain=plain(judgement.gain),
             splits=None,
         ),
     )
@@ -218,52 +220,52 @@ def _parameters(change: NamedChange, robot: Robot) -> dict[str, Parameter]:
 
 
 def _deviations(change: NamedChange, robot: Robot, covariance: Array) -> Array:
-    """Deviations of the parameters by those of the coefficients. (parameters,)."""
+    """Standard deviations of the parameters. Shape (parameters,)."""
     group, theta = change.contrast.candidate.group, change.contrast.theta
-    at = np.asarray(group.effect.values(theta, group.shape, robot), dtype=float)
+    values = np.asarray(group.effect.values(theta, group.shape, robot), dtype=float)
     sizes = np.sqrt(np.maximum(np.diag(change.contrast.covariance), 1e-24))
-    slope = np.empty((len(at), len(theta)))
+    slope = np.empty((len(values), len(theta)))
     for i, size in enumerate(sizes):
-        moved = theta.copy()
-        moved[i] += 1e-3 * size
-        slope[:, i] = (group.effect.values(moved, group.shape, robot) - at) / (
+        shifted = theta.copy()
+        shifted[i] += 1e-3 * size
+        slope[:, i] = (group.effect.values(shifted, group.shape, robot) - values) / (
             1e-3 * size
         )
-    inexact = group.effect.inexact * np.abs(at)
+    inexact = group.effect.inexact * np.abs(values)
     return np.sqrt(np.diag(slope @ covariance @ slope.T) + inexact**2)
 
 
-def _unexplained(found: ChangeSearch, rest: Residuals) -> Unexplained:
-    design = found.both.design
+def _unexplained(search: ChangeSearch, residuals: Residuals) -> Unexplained:
+    design = search.both.design
     power = design.rows * design.rms**2
     weight = power / power.sum()
     depends = []
-    for j in rest.flagged:
-        known = strongest_variable(found, rest, j)
-        if known is not None:
-            on, of, share = known
+    for j in residuals.flagged:
+        variable = strongest_variable(search, residuals, j)
+        if variable is not None:
+            on, of, share = variable
             name = "tau" if on == "tau_model" else on
             depends.append(
                 Dependence(j + 1, name, (of + 1,), "curve", plain(share), None)
             )
     return Unexplained(
-        joints=tuple(j + 1 for j in rest.flagged),
-        fraction=plain(float(np.sqrt(weight @ rest.share**2))),
-        noise_floor=plain(float(np.sqrt(weight @ rest.floor**2))),
+        joints=tuple(j + 1 for j in residuals.flagged),
+        fraction=plain(float(np.sqrt(weight @ residuals.share**2))),
+        noise_floor=plain(float(np.sqrt(weight @ residuals.floor**2))),
         depends_on=tuple(depends),
         kind=None,
-        per_joint=tuple(plain(rest.share)),
+        per_joint=tuple(plain(residuals.share)),
         noise_model="first epoch",
     )
 
 
-def _drift(found: ChangeSearch) -> Drift | None:
-    warm = found.warmth
+def _drift(search: ChangeSearch) -> Drift | None:
+    warm = search.warmth
     if not warm.significant:
         return None
     moved = np.nan_to_num(warm.each) * np.sign(warm.factor)
     joints = np.flatnonzero(moved > MOVED * abs(warm.factor))
-    clock = "order" if found.both.logs.clock is None else "recording time"
+    clock = "order" if search.both.logs.clock is None else "recording time"
     return Drift(
         factor=plain(1 + warm.factor),
         std=plain(warm.std),
@@ -272,14 +274,14 @@ def _drift(found: ChangeSearch) -> Drift | None:
     )
 
 
-def _warnings(found: ChangeSearch, same_run: bool) -> tuple[str, ...]:
+def _warnings(search: ChangeSearch, same_run: bool) -> tuple[str, ...]:
     out = []
     if same_run:
         out.append(
             "the held-out samples are the last quarter of a fit log: a weak proof; "
             "give a separate run with --holdout"
         )
-    for change in found.refuted:
+    for change in search.refuted:
         group = change.contrast.candidate.group
         where = "".join(f" J{j + 1}" for j in group.joints)
         out.append(
@@ -289,9 +291,9 @@ def _warnings(found: ChangeSearch, same_run: bool) -> tuple[str, ...]:
     out += [
         f"{change.contrast.candidate.group.effect.name} is not named: the logs "
         "give a physically impossible body for it"
-        for change in found.bodiless
+        for change in search.bodiless
     ]
-    dead = [j for j in range(found.both.design.dof) if j not in found.both.live]
+    dead = [j for j in range(search.both.design.dof) if j not in search.both.live]
     out += [
         f"joint {j + 1} hardly moves in one of the epochs and is not compared"
         for j in dead
@@ -299,12 +301,12 @@ def _warnings(found: ChangeSearch, same_run: bool) -> tuple[str, ...]:
     return tuple(out)
 
 
-def clouds(found: ChangeSearch, rest: Residuals) -> tuple[Cloud, ...]:
+def clouds(search: ChangeSearch, residuals: Residuals) -> tuple[Cloud, ...]:
     """What each change explains on the joint where it is largest, over its variable."""
     out = []
-    for change in found.changes:
+    for change in search.changes:
         group, j = change.contrast.candidate.group, change.joint
-        joint, design = found.table.joints[j], found.both.design
+        joint, design = search.table.joints[j], search.both.design
         second = joint.layout.second
         columns = design.columns(j, design.present(j, group.ids)[0])
         torque = (columns @ change.contrast.theta)[second]
@@ -312,15 +314,15 @@ def clouds(found: ChangeSearch, rest: Residuals) -> tuple[Cloud, ...]:
         x, label = torque, along(EXPLAINED) if slides else EXPLAINED
         if group.effect.variable is not None:
             anchor = group.joints[0] if group.effect.scope == "local" else j
-            seen = [group.effect.variable(s, anchor) for s in design.states]
-            label = seen[0][1]
+            variables = [group.effect.variable(s, anchor) for s in design.states]
+            label = variables[0][1]
             per_log = [
                 np.repeat(values[:: t.step, None], design.dof, axis=1)
-                for (values, _), t in zip(seen, design.tracks, strict=True)
+                for (values, _), t in zip(variables, design.tracks, strict=True)
             ]
             x = design.stacked(per_log)[j][second]
         ids = np.array([t.id.split("/", 1)[-1] for t in design.tracks])
         log = ids[joint.layout.log[second].astype(int)]
-        left = rest.residuals[j][second] + torque
-        out.append(Cloud(group.effect.name, j + 1, label, x, left, torque, log))
+        residual = residuals.residuals[j][second] + torque
+        out.append(Cloud(group.effect.name, j + 1, label, x, residual, torque, log))
     return tuple(out)

@@ -1,8 +1,16 @@
-"""How likely it is that something changed, beside what is named already.
+"""Evidence that an effect changed between two epochs, given the changes named already.
 
-All that is known of one more candidate, given others, from sums over blocks: its size,
-how sure that is where errors are as they are seen to be, and the evidence (Zellner's
-g-prior, a t statistic for few blocks).
+The rows of joint j are y = X beta + N eta + 1[second] Z theta + e: model and nuisance
+are shared by both epochs, only theta is a change. With the nuisance projected out, the
+sums over blocks b of 2 s give A = sum_b Z_b' W Z_b, the scores s_b of the blocks as a
+fit without each block predicts them (CR2, Bell and McCaffrey 2002), and the robust
+covariance V = A^-1 (sum_b s_b s_b') A^-1 (Liang and Zeger 1986), shrunk towards the
+model-based one. The evidence is a mixture of g-priors over four sizes of the effect,
+
+    ln BF = (nu + 1) / 2 ln(1 + W / nu) - 1/2 ln det(I + g V^-1 P^-1) - price,
+
+with W the Wald statistic under the prior and nu = blocks + `MODEL` degrees of freedom:
+a t statistic, since few blocks leave the covariance uncertain.
 """
 
 from collections import Counter
@@ -127,24 +135,24 @@ class ContrastTable:
         out._products, out._leverage = self._products, self._leverage
         return out
 
-    def sums(self, some: Sequence[Candidate]) -> NormalEquations:
+    def sums(self, candidates: Sequence[Candidate]) -> NormalEquations:
         """Normal equations of some candidates at once."""
-        ends = np.cumsum([0, *(len(c.group.ids) for c in some)])
+        ends = np.cumsum([0, *(len(c.group.ids) for c in candidates)])
         out = NormalEquations.empty(int(ends[-1]), self.blocks)
-        for a, one in enumerate(some):
+        for a, first in enumerate(candidates):
             at = slice(ends[a], ends[a + 1])
-            out.precision[at, at] = WIDE * one.group.precision
-            for j, piece in one.pieces.items():
+            out.precision[at, at] = WIDE * first.group.precision
+            for j, piece in first.pieces.items():
                 self._add(out, j, (at, at), piece.gram, piece.plain, piece.lever)
                 out.cross[at] += self.noise.weight[j] * piece.cross
                 where = self.joints[j].layout.blocks
                 for i, factor in enumerate((1.0, self.noise.unrest[j])):
                     pull = self.noise.weight[j] * factor * piece.pull
                     out.pull[i, where, at] += pull
-                for b, other in enumerate(some[:a]):
-                    if j in other.pieces:
+                for b, second in enumerate(candidates[:a]):
+                    if j in second.pieces:
                         to = slice(ends[b], ends[b + 1])
-                        self._add_mixed(out, j, one, other, at, to)
+                        self._add_mixed(out, j, first, second, at, to)
         return out
 
     def _add(
@@ -156,7 +164,6 @@ class ContrastTable:
         plain: Array,
         lever: Array,
     ) -> None:
-        """Add a joint's products of two candidates to where they belong."""
         weight, where = self.noise.weight[j], self.joints[j].layout.blocks
         out.gram[at] += weight * gram
         out.plain[at] += weight * plain
@@ -168,67 +175,69 @@ class ContrastTable:
         self,
         out: NormalEquations,
         j: int,
-        one: Candidate,
-        other: Candidate,
+        first: Candidate,
+        second: Candidate,
         at: slice,
         to: slice,
     ) -> None:
-        gram, lever = self._product(one, other, j), self._levers(one, other, j)
-        plain = one.pieces[j].columns.T @ other.pieces[j].columns
+        gram, lever = self._product(first, second, j), self._levers(first, second, j)
+        plain = first.pieces[j].columns.T @ second.pieces[j].columns
         self._add(out, j, (at, to), gram, plain, lever)
         self._add(out, j, (to, at), gram.T, plain.T, lever.transpose(0, 2, 1))
 
-    def _product(self, one: Candidate, other: Candidate, j: int) -> Array:
-        key = one, other, j
+    def _product(self, first: Candidate, second: Candidate, j: int) -> Array:
+        key = first, second, j
         if key not in self._products:
-            self._products[key] = one.pieces[j].columns.T @ other.pieces[j].raw
+            self._products[key] = first.pieces[j].columns.T @ second.pieces[j].raw
         return self._products[key]
 
-    def _levers(self, one: Candidate, other: Candidate, j: int) -> Array:
-        key = one, other, j
+    def _levers(self, first: Candidate, second: Candidate, j: int) -> Array:
+        key = first, second, j
         if key not in self._leverage:
-            pieces = one.pieces[j], other.pieces[j]
+            pieces = first.pieces[j], second.pieces[j]
             self._leverage[key] = self.joints[j].levers(*pieces)
         return self._leverage[key]
 
-    def fits(self, every: Sequence[Candidate], given: Sequence[Candidate]) -> Array:
+    def fits(self, every: Sequence[Candidate], named: Sequence[Candidate]) -> Array:
         """Evidence of each candidate by the fall of the squared error. Shape (c,).
 
         As `Contrast.fit`, without a look at single blocks.
         """
-        known = self.sums(given) if given else None
-        alike: dict[tuple, list[int]] = {}
+        named_sums = self.sums(named) if named else None
+        by_size: dict[tuple, list[int]] = {}
         for i, c in enumerate(every):
-            alike.setdefault((len(c.group.ids), *c.pieces), []).append(i)
+            by_size.setdefault((len(c.group.ids), *c.pieces), []).append(i)
         out = np.empty(len(every))
-        for (_, *on), numbers in alike.items():
-            some = [every[i] for i in numbers]
-            own, cross = self._stacked(some, on)
-            if known is not None:
-                mixed = np.stack([self._mixed(c, given) for c in some])
-                turn = np.linalg.solve(known.gram + known.precision, mixed)
-                own = own - mixed.transpose(0, 2, 1) @ turn
-                cross = cross - np.einsum("gnk,n->gk", turn, known.cross)
-            prior = np.stack([c.group.precision for c in some])
-            price = np.array([c.price for c in some])
-            out[numbers] = log_evidence(own, cross, prior, None) - price
+        for (_, *on), numbers in by_size.items():
+            members = [every[i] for i in numbers]
+            gram, cross = self._stacked(members, on)
+            if named_sums is not None:
+                mixed = np.stack([self._mixed(c, named) for c in members])
+                turn = np.linalg.solve(named_sums.gram + named_sums.precision, mixed)
+                gram = gram - mixed.transpose(0, 2, 1) @ turn
+                cross = cross - np.einsum("gnk,n->gk", turn, named_sums.cross)
+            prior = np.stack([c.group.precision for c in members])
+            price = np.array([c.price for c in members])
+            out[numbers] = log_evidence(gram, cross, prior, None) - price
         return out
 
     def _stacked(self, some: Sequence[Candidate], on) -> tuple[Array, Array]:
         weight = self.noise.weight
-        own = sum(weight[j] * np.stack([c.pieces[j].gram for c in some]) for j in on)
+        gram = sum(weight[j] * np.stack([c.pieces[j].gram for c in some]) for j in on)
         cross = sum(weight[j] * np.stack([c.pieces[j].cross for c in some]) for j in on)
-        return own, cross
+        return gram, cross
 
-    def _mixed(self, one: Candidate, given: Sequence[Candidate]) -> Array:
-        """Products of those that are given with one more candidate. Shape (n, k)."""
+    def _mixed(self, candidate: Candidate, named: Sequence[Candidate]) -> Array:
+        """Products of the given candidates with one more. Shape (n, k)."""
         parts = []
-        for other in given:
-            shape = len(other.group.ids), len(one.group.ids)
-            own = np.zeros(shape)
-            for j in one.pieces.keys() & other.pieces.keys():
-                own += self.noise.weight[j] * self._product(other, one, j)
-            parts.append(own)
+        for named_candidate in named:
+            shape = len(named_candidate.group.ids), len(candidate.group.ids)
+            products = np.zeros(shape)
+            for j in candidate.pieces.keys() & named_candidate.pieces.keys():
+                products += self.noise.weight[j] * self._product(
+                    named_candidate, candidate, j
+                )
+            parts.append(products)
         return np.concatenate(parts)
 
     def theta(self, some: Sequence[Candidate]) -> list[Array]:
@@ -239,55 +248,59 @@ class ContrastTable:
         theta = np.linalg.solve(sums.gram + sums.precision, sums.cross)
         return np.split(theta, np.cumsum([len(c.group.ids) for c in some])[:-1])
 
-    def contrast(self, one: Candidate, given: Sequence[Candidate] = ()) -> Contrast:
+    def contrast(
+        self, candidate: Candidate, named: Sequence[Candidate] = ()
+    ) -> Contrast:
         """What is known of one candidate beside others."""
-        sums = self.sums([*given, one])
-        k = len(one.group.ids)
+        sums = self.sums([*named, candidate])
+        k = len(candidate.group.ids)
         n = len(sums.cross) - k
         gram = sums.gram + sums.precision
-        old, new = slice(0, n), slice(n, n + k)
-        turn = np.linalg.solve(gram[old, old], gram[old, new])  # (n, k)
-        cross = sums.cross[new] - turn.T @ sums.cross[old]
-        own = sums.gram[new, new] - turn.T @ gram[old, new]
-        own = 0.5 * (own + own.T)
+        named_slots, slots = slice(0, n), slice(n, n + k)
+        named_gram = gram[named_slots, named_slots]
+        turn = np.linalg.solve(named_gram, gram[named_slots, slots])  # (n, k)
+        cross = sums.cross[slots] - turn.T @ sums.cross[named_slots]
+        beyond = sums.gram[slots, slots] - turn.T @ gram[named_slots, slots]
+        beyond = 0.5 * (beyond + beyond.T)
         inverse = np.linalg.inv(gram)
         score = sums.pull - sums.lever @ (inverse @ sums.cross)
         # What a fit without the block would have said of it.
         kept = np.eye(n + k) - sums.lever[0] @ inverse
         score = np.linalg.solve(kept, score[..., None])[..., 0]
-        score = score[..., new] - score[..., old] @ turn
+        score = score[..., slots] - score[..., named_slots] @ turn
         meat = score[1].T @ score[1]
         spread, seen = MODEL + k, float((np.abs(score[0]).sum(axis=1) > 0).sum())
-        mixed = sums.plain[old, new]
-        errors = sums.plain[new, new] - turn.T @ mixed - mixed.T @ turn
-        errors = errors + turn.T @ sums.plain[old, old] @ turn
+        mixed = sums.plain[named_slots, slots]
+        errors = sums.plain[slots, slots] - turn.T @ mixed - mixed.T @ turn
+        errors = errors + turn.T @ sums.plain[named_slots, named_slots] @ turn
         # What logs may differ by comes on top of what rows scatter by.
-        meat = (seen * meat + spread * errors) / (seen + spread) + (own - errors)
-        information, pulled = _information(own, meat, cross)
-        found = self._concluded(one, information, pulled, cross, own)
-        return replace(found, apart=_share_apart(sums.gram, n))
+        meat = (seen * meat + spread * errors) / (seen + spread) + (beyond - errors)
+        information, pulled = _information(beyond, meat, cross)
+        contrast = self._concluded(candidate, information, pulled, cross, beyond)
+        return replace(contrast, apart=_share_apart(sums.gram, n))
 
-    def _concluded(self, one, information, pulled, cross, own) -> Contrast:
-        prior = one.group.precision
+    def _concluded(self, candidate, information, pulled, cross, gram) -> Contrast:
+        prior = candidate.group.precision
         covariance = np.linalg.inv(information + WIDE * prior)
         return Contrast(
-            candidate=one,
+            candidate=candidate,
             theta=covariance @ pulled,
             covariance=covariance,
             information=information,
-            nats=log_evidence(information, pulled, prior, self.degrees) - one.price,
-            fit=log_evidence(own, cross, prior, None) - one.price,
+            nats=log_evidence(information, pulled, prior, self.degrees)
+            - candidate.price,
+            fit=log_evidence(gram, cross, prior, None) - candidate.price,
             apart=1.0,
         )
 
 
 def _share_apart(gram: Array, n: int) -> float:
-    """Share of the last columns that the first n do not have, whatever their prior."""
+    """Share of the last columns outside the span of the first n."""
     size = np.sqrt(np.maximum(np.diag(gram), 1e-300))
     gram = gram / np.outer(size, size)
-    old = gram[:n, :n] + FLAT * np.eye(n)
-    own = gram[n:, n:] - gram[n:, :n] @ np.linalg.solve(old, gram[:n, n:])
-    return float(np.diag(own).mean())
+    first_gram = gram[:n, :n] + FLAT * np.eye(n)
+    remaining = gram[n:, n:] - gram[n:, :n] @ np.linalg.solve(first_gram, gram[:n, n:])
+    return float(np.diag(remaining).mean())
 
 
 def log_evidence(
@@ -311,30 +324,30 @@ def expected_evidence(
 
 
 def _modes(information: Array, pull: Array, prior: Array) -> tuple[Array, Array]:
-    """Information along the principal axes under a prior, and the pull there."""
+    """Information and pull along the principal axes under a prior."""
     if prior.shape[-1] == 1:
-        own = prior[..., 0]
-        return np.maximum(information[..., 0] / own, 0.0), pull / np.sqrt(own)
+        scale = prior[..., 0]
+        return np.maximum(information[..., 0] / scale, 0.0), pull / np.sqrt(scale)
     scale = 1 / np.sqrt(np.diagonal(prior, axis1=-2, axis2=-1))
     lower = np.linalg.cholesky(prior * scale[..., :, None] * scale[..., None, :])
     half = np.linalg.inv(lower) * scale[..., None, :]
-    known, turn = np.linalg.eigh(half @ information @ np.swapaxes(half, -1, -2))
+    information, turn = np.linalg.eigh(half @ information @ np.swapaxes(half, -1, -2))
     pulled = np.swapaxes(turn, -1, -2) @ (half @ pull[..., None])
-    return np.maximum(known, 0.0), pulled[..., 0]
+    return np.maximum(information, 0.0), pulled[..., 0]
 
 
-def _mixture_evidence(known: Array, squares: Array, nu: float | None) -> Array:
-    known, squares = known[..., None], squares[..., None]
-    wald = (squares / (known + 1 / SQUARES)).sum(axis=-2)
+def _mixture_evidence(information: Array, squares: Array, nu: float | None) -> Array:
+    information, squares = information[..., None], squares[..., None]
+    wald = (squares / (information + 1 / SQUARES)).sum(axis=-2)
     worth = 0.5 * wald if nu is None else 0.5 * (nu + 1) * np.log1p(wald / nu)
-    worth = worth - 0.5 * np.log1p(known * SQUARES).sum(axis=-2)
+    worth = worth - 0.5 * np.log1p(information * SQUARES).sum(axis=-2)
     return worth.max(axis=-1) - np.log(len(SQUARES))
 
 
-def _information(own: Array, meat: Array, cross: Array) -> tuple[Array, Array]:
-    """Information A B^-1 A and pull A B^-1 b of a robust estimate, as A may be flat."""
-    size = np.sqrt(np.maximum(np.diag(own), 1e-300))
-    a, b, c = own / np.outer(size, size), meat / np.outer(size, size), cross / size
+def _information(gram: Array, meat: Array, cross: Array) -> tuple[Array, Array]:
+    """Information A B^-1 A and pull A B^-1 b of a robust fit; A may be singular."""
+    size = np.sqrt(np.maximum(np.diag(gram), 1e-300))
+    a, b, c = gram / np.outer(size, size), meat / np.outer(size, size), cross / size
     values, vectors = np.linalg.eigh(0.5 * (b + b.T))
     real = values > 1e-10 * max(values[-1], 1e-300)
     half = vectors[:, real] / np.sqrt(values[real])
@@ -388,33 +401,37 @@ def _extend_shapes(effect: Effect, shapes: Sequence[Shape]) -> list[Shape]:
     return out
 
 
-def recompute_groups(both: EpochRows, known: Sequence[Candidate]) -> list[Group]:
+def recompute_groups(both: EpochRows, candidates: Sequence[Candidate]) -> list[Group]:
     """The same groups, those that go by the model's torque seen anew."""
-    old = [c.group for c in known]
-    fresh = [g for g in old if Trait.USES_MODEL in g.effect.traits]
-    made = iter(both.design.add([g.placed for g in fresh]))
-    return [next(made) if Trait.USES_MODEL in g.effect.traits else g for g in old]
+    groups = [c.group for c in candidates]
+    reading = [g for g in groups if Trait.USES_MODEL in g.effect.traits]
+    recomputed = iter(both.design.add([g.placed for g in reading]))
+    return [
+        next(recomputed) if Trait.USES_MODEL in g.effect.traits else g for g in groups
+    ]
 
 
 def refine_shape(
-    both: EpochRows, joints: Mapping[int, JointRows], one: Candidate, width: float
+    both: EpochRows, joints: Mapping[int, JointRows], candidate: Candidate, width: float
 ) -> list[Candidate]:
     """The same candidate with shapes about its own.
 
     Args:
         width: How far to look, as a part of the reach of its effect.
     """
-    group = one.group
+    group = candidate.group
     how = group.effect.refine
     reach = how.half_width(group.joints, both.design.states[0].robot)
     steps = width * reach * np.array([-1.0, -0.5, 0.5, 1.0])
-    own = group.shape[0]
-    first = own * np.exp(steps) if how.step == "ratio" else own + steps
-    first = first[(first > how.lower) & (first < how.upper)]
-    shapes = [(float(x), *group.shape[1:]) for x in first]
-    made = both.design.add([group.placed._replace(shape=s) for s in shapes])
-    before = [one.before if one.before is not group else g for g in made]
-    return as_candidates(both.design, joints, made, [one.price] * len(made), before)
+    value = group.shape[0]
+    values = value * np.exp(steps) if how.step == "ratio" else value + steps
+    values = values[(values > how.lower) & (values < how.upper)]
+    shapes = [(float(x), *group.shape[1:]) for x in values]
+    groups = both.design.add([group.placed._replace(shape=s) for s in shapes])
+    before = [candidate.before if candidate.before is not group else g for g in groups]
+    return as_candidates(
+        both.design, joints, groups, [candidate.price] * len(groups), before
+    )
 
 
 def as_candidates(
@@ -437,15 +454,23 @@ def as_candidates(
         if not on:
             continue
         ids = np.concatenate([groups[i].ids for i in on])
-        was = np.concatenate([before[i].ids for i in on])
-        own = _columns(design, j, ids)
-        old = own if np.array_equal(ids, was) else _columns(design, j, was)
+        before_ids = np.concatenate([before[i].ids for i in on])
+        columns = _columns(design, j, ids)
+        before_columns = (
+            columns
+            if np.array_equal(ids, before_ids)
+            else _columns(design, j, before_ids)
+        )
         sizes = [len(groups[i].ids) for i in on]
-        made = joint.pieces(own, joint.layout.second, sizes, old)
-        for i, piece in zip(on, made, strict=True):
+        pieces_made = joint.pieces(columns, joint.layout.second, sizes, before_columns)
+        for i, piece in zip(on, pieces_made, strict=True):
             pieces[i][j] = piece
     every = zip(groups, pieces, prices, before, strict=True)
-    return [Candidate(g, own, price, old) for g, own, price, old in every if own]
+    return [
+        Candidate(g, columns, price, before_columns)
+        for g, columns, price, before_columns in every
+        if columns
+    ]
 
 
 def _columns(design: Design, j: int, ids: Array) -> Array:

@@ -53,7 +53,7 @@ class JointRows:
         shared: Array,
         y: Array,
         layout: Layout,
-        held: Array | None = None,
+        precisions: Array | None = None,
         light: bool = False,
     ) -> None:
         """Project the nuisance out.
@@ -61,7 +61,7 @@ class JointRows:
         Args:
             shared: Its columns. Shape (rows, p).
             y: Torque less that of the nominal model [N m]. Shape (rows,).
-            held: Precision with which each is held, times the variance of independent
+            precisions: Prior precision of each, times the variance of independent
                 rows. Shape (p,).
             light: Whether it is there to project only.
         """
@@ -69,8 +69,8 @@ class JointRows:
         real = size > 1e-9 * size.max(initial=1e-30)
         x = shared[:, real] / size[real]
         precision = np.full(x.shape[1], RIDGE * len(y))
-        if held is not None:
-            precision = precision + held[real] / size[real] ** 2
+        if precisions is not None:
+            precision = precision + precisions[real] / size[real] ** 2
         self.layout = layout
         self._x = x
         self._inverse = np.linalg.inv(x.T @ x + np.diag(precision))
@@ -84,22 +84,22 @@ class JointRows:
         """What the nuisance leaves of columns. Shape as given."""
         return columns - self._x @ (self._inverse @ (self._x.T @ columns))
 
-    def _out_of(self, own: slice) -> Array:
+    def _out_of(self, block: slice) -> Array:
         """What makes errors of a block as large as they are without its own pull.
 
         The square root of the leave-one-out factor: unbiased where rows are alike
         (CR2; Bell & McCaffrey 2002), where the factor itself is twice too much of a
         nuisance that few blocks determine.
         """
-        x = self._x[own]
+        x = self._x[block]
         values, vectors = np.linalg.eigh(np.eye(len(x)) - x @ self._inverse @ x.T)
         return (vectors / np.sqrt(np.maximum(values, LEAST))) @ vectors.T
 
     def lift(self, columns: Array) -> Array:
         """Projected columns as each block is seen by a fit without it. As given."""
         out = np.empty_like(columns)
-        for own, keep in zip(self._blocks, self._keep, strict=True):
-            out[own] = keep @ columns[own]
+        for block, keep in zip(self._blocks, self._keep, strict=True):
+            out[block] = keep @ columns[block]
         return out
 
     def pieces(
@@ -117,42 +117,46 @@ class JointRows:
             before: What of them may have been there before; the same where None.
         """
         raw = columns * mask[:, None]
-        own = self.project(raw)
+        projected = self.project(raw)
         before = columns if before is None else before
         power = (before**2).sum(axis=0)
-        left = self.project(before)
+        before_projected = self.project(before)
         ends = np.cumsum([0, *sizes])
         places = [slice(a, b) for a, b in pairwise(ends)]
-        rest = []
+        remaining = []
         for at in places:
-            b, c = left[:, at], before[:, at]
+            b, c = before_projected[:, at], before[:, at]
             gram = b.T @ c + np.diag(OWN * power[at] + 1e-300)
-            known = np.linalg.solve(gram, c.T @ np.column_stack([own[:, at], self.y]))
-            own[:, at] -= b @ known[:, :-1]
-            raw[:, at] -= c @ known[:, :-1]
-            rest.append(self.y - b @ known[:, -1])
-        lifted = self.lift(own)
+            coefficients = np.linalg.solve(
+                gram, c.T @ np.column_stack([projected[:, at], self.y])
+            )
+            projected[:, at] -= b @ coefficients[:, :-1]
+            raw[:, at] -= c @ coefficients[:, :-1]
+            remaining.append(self.y - b @ coefficients[:, -1])
+        lifted = self.lift(projected)
         return [
-            self._piece(own[:, at], lifted[:, at], raw[:, at], y)
-            for at, y in zip(places, rest, strict=True)
+            self._piece(projected[:, at], lifted[:, at], raw[:, at], y)
+            for at, y in zip(places, remaining, strict=True)
         ]
 
-    def _piece(self, own: Array, lifted: Array, raw: Array, y: Array) -> JointColumns:
-        gram = raw.T @ own
+    def _piece(
+        self, projected: Array, lifted: Array, raw: Array, y: Array
+    ) -> JointColumns:
+        gram = raw.T @ projected
         return JointColumns(
-            columns=own,
+            columns=projected,
             lifted=lifted,
             raw=raw,
-            plain=own.T @ own,
+            plain=projected.T @ projected,
             gram=0.5 * (gram + gram.T),
             cross=raw.T @ y,
-            lever=self._sums(own[:, :, None] * lifted[:, None, :]),
+            lever=self._sums(projected[:, :, None] * lifted[:, None, :]),
             pull=self._sums(lifted * y[:, None]),
         )
 
     def _sums(self, values: Array) -> Array:
         return np.add.reduceat(values, self.layout.starts, axis=0)
 
-    def levers(self, one: JointColumns, other: JointColumns) -> Array:
+    def levers(self, first: JointColumns, second: JointColumns) -> Array:
         """Products of two candidates by block. Shape (blocks, k, l)."""
-        return self._sums(one.columns[:, :, None] * other.lifted[:, None, :])
+        return self._sums(first.columns[:, :, None] * second.lifted[:, None, :])

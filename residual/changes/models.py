@@ -60,46 +60,50 @@ def _brakes(term: Term) -> bool:
 
 
 def _merge_terms(terms: Sequence[Term]) -> tuple[Term, ...]:
-    """Terms of one effect, place and shape as one."""
+    """Add up terms of one effect, place and shape."""
     out: dict[tuple, Term] = {}
     for term in terms:
         key = term.effect.name, term.joints, term.shape
-        old = out.get(key)
-        out[key] = term if old is None else replace(old, theta=old.theta + term.theta)
+        known_term = out.get(key)
+        out[key] = (
+            term
+            if known_term is None
+            else replace(known_term, theta=known_term.theta + term.theta)
+        )
     return tuple(out.values())
 
 
 def augmented_model(
-    found: ChangeSearch, nominal: Nominal, like: Model
+    search: ChangeSearch, nominal: Nominal, like: Model
 ) -> PossibleModel:
     """The arm of both epochs, with what changed: warmth of all joints included.
 
     What did not change is fitted to both epochs, the second less what did: either
     epoch alone knows less of it.
     """
-    both, changed = found.both, changed_terms(found)
-    groups = [(c.contrast.candidate.group, c.contrast.theta) for c in found.changes]
-    left, fitted, there = fit_without(both, groups)
+    both, changed = search.both, changed_terms(search)
+    groups = [(c.contrast.candidate.group, c.contrast.theta) for c in search.changes]
+    design, fitted, changed_torque = fit_without(both, groups)
     rough = as_model(nominal, fitted)
-    whole = replace(rough, terms=(*rough.terms, *changed))
-    made = with_possible_bodies(
-        left, fitted, whole, [_separate_term(both, c) for c in found.changes]
+    full_model = replace(rough, terms=(*rough.terms, *changed))
+    possible = with_possible_bodies(
+        design, fitted, full_model, [_separate_term(both, c) for c in search.changes]
     )
-    terms, count = made.model.terms, len(rough.terms)
-    rough, changed = replace(made.model, terms=terms[:count]), terms[count:]
+    terms, count = possible.model.terms, len(rough.terms)
+    rough, changed = replace(possible.model, terms=terms[:count]), terms[count:]
     model = replace(_with_tables(rough, nominal), standstill=like.standstill)
-    if found.warmth.significant:
-        factor = 1.0 + _friction_factors(found, fitted, there)
+    if search.warmth.significant:
+        factor = 1.0 + _friction_factors(search, fitted, changed_torque)
         model = replace(
             model,
             terms=_scale_friction(model.terms, factor),
             tables=_scale_friction(model.tables, factor),
         )
-    return replace(made, model=replace(model, terms=(*model.terms, *changed)))
+    return replace(possible, model=replace(model, terms=(*model.terms, *changed)))
 
 
 def _separate_term(both: EpochRows, change: NamedChange) -> SeparateTerm:
-    """A change as what it adds to the rows of the second epoch."""
+    """A change as a term on the rows of the second epoch."""
     group, design = change.contrast.candidate.group, both.design
     columns = []
     for j, layout in enumerate(both.layout):
@@ -111,7 +115,6 @@ def _separate_term(both: EpochRows, change: NamedChange) -> SeparateTerm:
 
 
 def _scale_friction(terms: Sequence[Term], factor: Array) -> tuple[Term, ...]:
-    """Friction of every joint times a factor of its own."""
     return tuple(
         replace(t, theta=factor[t.joints[0]] * t.theta) if _brakes(t) else t
         for t in terms
@@ -119,29 +122,34 @@ def _scale_friction(terms: Sequence[Term], factor: Array) -> tuple[Term, ...]:
 
 
 def _friction_factors(
-    found: ChangeSearch, fitted: Fit, there: Sequence[Array]
+    search: ChangeSearch, fitted: Fit, changed_torque: Sequence[Array]
 ) -> Array:
     """Friction of the second epoch over the joint fit's, less one. Shape (dof,).
 
     The joint fit lies between the epochs, by how much of each there is; from what all
     joints have in common each differs as much as its rows say.
     """
-    both, warm, design = found.both, found.warmth, found.both.design
+    both, warm, design = search.both, search.warmth, search.both.design
     rows = np.concatenate([own.second for own in both.layout])
     common = warm.factor * float(1 - rows.mean())
     out = np.full(design.dof, common)
-    for j in found.table.joints:
+    for j in search.table.joints:
         second = both.layout[j].second
-        left = design.residual(j, fitted.ids, fitted.theta)[second] - there[j][second]
+        residual = (
+            design.residual(j, fitted.ids, fitted.theta)[second]
+            - changed_torque[j][second]
+        )
         f = both.friction[j][second]
-        weight = found.table.noise.weight[j]
-        before = 1 / warm.per_joint[j] ** 2
-        out[j] = (before * common + weight * (f @ left)) / (before + weight * (f @ f))
+        weight = search.table.noise.weight[j]
+        prior_weight = 1 / warm.per_joint[j] ** 2
+        out[j] = (prior_weight * common + weight * (f @ residual)) / (
+            prior_weight + weight * (f @ f)
+        )
     return out
 
 
 def _with_tables(rough: Model, nominal: Nominal) -> Model:
-    """What any arm has a little of is a part of its model, and has no name there."""
+    """Move the effects that any arm has into the model's tables, without names."""
     start = nominal.model
     count = len(start.terms)
     terms = tuple(term.as_nominal() for term in rough.terms[:count])
@@ -149,36 +157,36 @@ def _with_tables(rough: Model, nominal: Nominal) -> Model:
     return replace(rough, terms=terms, tables=tables)
 
 
-def changed_terms(found: ChangeSearch) -> tuple[Term, ...]:
+def changed_terms(search: ChangeSearch) -> tuple[Term, ...]:
     """What changed, as terms of a model."""
     out = []
-    for change in found.changes:
+    for change in search.changes:
         group, theta = change.contrast.candidate.group, change.contrast.theta
         out.append(Term(group.effect, group.joints, group.shape, theta))
     return tuple(out)
 
 
 def values_that_changed(
-    first: Epoch, second: Epoch, found: ChangeSearch
+    first: Epoch, second: Epoch, search: ChangeSearch
 ) -> Iterator[Change]:
     """Declared values of separate fits of both epochs, with both deviations.
 
     Two fits may share out the same friction otherwise. So a value is off only where the
     comparison of both epochs says so too.
     """
-    named = {(c.group.effect.name, c.group.joints) for c in found.named}
+    named = {(c.group.effect.name, c.group.joints) for c in search.named}
     size = len(first.model.inertial)
     placed = list(with_slots(first.model.terms, size))
     before, after = _covariance(first), _covariance(second)
     for (term, own), now in zip(placed, second.model.terms, strict=True):
         effect, robot = term.effect, first.model.robot
-        old = effect.values(term.theta, term.shape, robot)
-        new = effect.values(now.theta, now.shape, robot)
+        old_values = effect.values(term.theta, term.shape, robot)
+        new_values = effect.values(now.theta, now.shape, robot)
         slope = _slope(term, robot)
         spread = before[own, own] + after[own, own]
         sd = np.sqrt(np.diag(slope @ spread @ slope.T))
         for i, (key, unit) in enumerate(effect.units(term.joints, robot).items()):
-            gap = float(new[i] - old[i])
+            gap = float(new_values[i] - old_values[i])
             sigma = abs(gap) / sd[i] if sd[i] > 0 else None
             beyond = (effect.name, term.joints) in named
             beyond = beyond and sigma is not None and sigma > SURE
@@ -186,12 +194,12 @@ def values_that_changed(
                 name=effect.name,
                 joints=tuple(j + 1 for j in term.joints),
                 parameter=key,
-                nominal=plain(float(old[i])),
-                identified=plain(float(new[i])),
+                nominal=plain(float(old_values[i])),
+                identified=plain(float(new_values[i])),
                 std=plain(float(sd[i])),
                 unit=unit,
                 sigma=plain(sigma),
-                beyond=bool(beyond and abs(gap) > LEAST * abs(old[i])),
+                beyond=bool(beyond and abs(gap) > LEAST * abs(old_values[i])),
             )
 
 

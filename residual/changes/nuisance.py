@@ -50,44 +50,46 @@ def join_columns(
     Returns:
         As the design has them. Shape (rows, k).
     """
-    some = [g for g in groups if len(g.ids) <= WIDEST]
-    some = [g for g in some if design.acts(j, g)]
-    if not some:
+    candidates = [g for g in groups if len(g.ids) <= WIDEST]
+    candidates = [g for g in candidates if design.acts(j, g)]
+    if not candidates:
         return np.zeros((len(first), 0))
-    ids = np.concatenate([g.ids for g in some])
+    ids = np.concatenate([g.ids for g in candidates])
     raw = design.columns(j, design.present(j, ids)[0])
     y, power = alone.y, (raw[first] ** 2).sum(axis=0)
-    left = alone.project(raw[first])
-    ends = np.cumsum([0, *(len(g.ids) for g in some)])
-    counted, found = len(y) / rules.rows_per_independent, []
-    while len(found) < rules.max_joined:
-        gains = _gains(left, y, power, ends)
+    remaining = alone.project(raw[first])
+    ends = np.cumsum([0, *(len(g.ids) for g in candidates)])
+    counted, chosen = len(y) / rules.rows_per_independent, []
+    while len(chosen) < rules.max_joined:
+        gains = _gains(remaining, y, power, ends)
         i = int(np.argmax(gains))
         worth = -0.5 * counted * np.log1p(-gains[i])
-        price = 0.5 * (ends[i + 1] - ends[i]) * np.log(counted) + np.log(len(some))
+        price = 0.5 * (ends[i + 1] - ends[i]) * np.log(counted) + np.log(
+            len(candidates)
+        )
         if worth - price < rules.joined_nats:
             break
-        found.append(some[i].ids)
-        basis, _ = np.linalg.qr(left[:, ends[i] : ends[i + 1]])
-        left = left - basis @ (basis.T @ left)
+        chosen.append(candidates[i].ids)
+        basis, _ = np.linalg.qr(remaining[:, ends[i] : ends[i + 1]])
+        remaining = remaining - basis @ (basis.T @ remaining)
         y = y - basis @ (basis.T @ y)
-    if not found:
+    if not chosen:
         return np.zeros((len(first), 0))
-    return design.columns(j, design.present(j, np.concatenate(found))[0])
+    return design.columns(j, design.present(j, np.concatenate(chosen))[0])
 
 
-def _gains(left: Array, y: Array, power: Array, ends: Array) -> Array:
-    """Share of the squared rest that each group takes. Shape (groups,)."""
-    cross, out = left.T @ y, np.zeros(len(ends) - 1)
+def _gains(columns: Array, y: Array, power: Array, ends: Array) -> Array:
+    """Share of the squared residual that each group explains. Shape (groups,)."""
+    cross, out = columns.T @ y, np.zeros(len(ends) - 1)
     sizes = np.diff(ends)
     for k in np.unique(sizes):
-        on = np.flatnonzero(sizes == k)
-        at = ends[on][:, None] + np.arange(k)
-        own = left[:, at.ravel()].reshape(len(y), len(on), k)
-        gram = np.einsum("ngi,ngj->gij", own, own)
+        members = np.flatnonzero(sizes == k)
+        at = ends[members][:, None] + np.arange(k)
+        group_columns = columns[:, at.ravel()].reshape(len(y), len(members), k)
+        gram = np.einsum("ngi,ngj->gij", group_columns, group_columns)
         gram = gram + FLAT * np.einsum("gi,ij->gij", power[at], np.eye(k)) + 1e-300
         solved = np.linalg.solve(gram, cross[at][..., None])[..., 0]
-        out[on] = (solved * cross[at]).sum(axis=1)
+        out[members] = (solved * cross[at]).sum(axis=1)
     return np.clip(out / max(float(y @ y), 1e-300), 0.0, 1 - 1e-9)
 
 
@@ -134,19 +136,19 @@ def fit_warmth(
     """
     each, sd = np.full(both.design.dof, np.nan), np.full(both.design.dof, np.nan)
     for j, joint in plain.items():
-        told = _factor(joint, both.friction[j], joint.layout.second)
-        if told is not None:
-            each[j], sd[j] = told
-    known = np.isfinite(each) & (sd < 0.2)
+        factor = _factor(joint, both.friction[j], joint.layout.second)
+        if factor is not None:
+            each[j], sd[j] = factor
+    usable = np.isfinite(each) & (sd < 0.2)
     least = both.rules.friction_spread
     within, logs = _spread_within(both, shared)
-    if known.sum() < 3:
+    if usable.sum() < 3:
         return Warmth(0.0, least, each, least, _shrink_spread(least, within, logs))
-    value, spread = _weighted_median(each[known], sd[known])
+    value, spread = _weighted_median(each[usable], sd[usable])
     # Joints warm by different amounts, and few of them say by how different.
-    some = known.sum()
-    spread = np.sqrt((JOINTS * least**2 + some * spread**2) / (JOINTS + some))
-    std = 1.25 * float(np.sqrt(1 / (1 / (sd[known] ** 2 + spread**2)).sum()))
+    count = usable.sum()
+    spread = np.sqrt((JOINTS * least**2 + count * spread**2) / (JOINTS + count))
+    std = 1.25 * float(np.sqrt(1 / (1 / (sd[usable] ** 2 + spread**2)).sum()))
     spread = max(float(spread), both.rules.warmth_spread_share * abs(value))
     return Warmth(value, std, each, spread, _shrink_spread(spread, within, logs))
 
@@ -169,7 +171,7 @@ def _factor(
 
 
 def _shrink_spread(spread: float, within: Array, logs: int) -> Array:
-    """What friction of each joint differs by: what all do, and its own first logs."""
+    """Spread of each joint's friction, shrunk towards that of all joints."""
     return np.sqrt((JOINTS * spread**2 + logs * within) / (JOINTS + logs))
 
 
@@ -187,20 +189,20 @@ def _spread_within(both: EpochRows, shared: Mapping[int, Array]) -> tuple[Array,
         friction = both.friction[j][rows]
         nothing = np.zeros((len(friction), 1))  # of a single log's was there before
         for i in range(both.first):
-            told = _factor(joint, friction, joint.layout.log == i, nothing)
-            if told is not None:
-                value[i, j], noise[i, j] = told[0], told[1] ** 2
+            factor = _factor(joint, friction, joint.layout.log == i, nothing)
+            if factor is not None:
+                value[i, j], noise[i, j] = factor[0], factor[1] ** 2
     out = np.zeros(both.design.dof)
     for j in shared:
-        seen = np.isfinite(value[:, j])
-        if seen.sum() > 1:
-            beyond = value[seen, j].var(ddof=1) - noise[seen, j].mean()
+        known = np.isfinite(value[:, j])
+        if known.sum() > 1:
+            beyond = value[known, j].var(ddof=1) - noise[known, j].mean()
             out[j] = max(float(beyond), 0.0)
     return out, both.first - 1
 
 
 def _weighted_median(values: Array, sd: Array) -> tuple[float, float]:
-    """A median, weighed by how sure each is, and the spread beyond that."""
+    """Weighted median, and the spread beyond the deviations."""
     order = np.argsort(values)
     share = np.cumsum(1 / (sd[order] + 0.01)) * (0.01 + sd.min())
     middle = values[order][int(np.searchsorted(share, 0.5 * share[-1]))]
@@ -213,13 +215,16 @@ def project_joints(both: EpochRows, groups: Sequence[Group]) -> "NuisanceFit":
     design, rules = both.design, both.rules
     plain, shared, held, noise = {}, {}, {}, {}
     for j in both.live:
-        usual = design.columns(j, design.present(j, both.shared)[0])
+        common_columns = design.columns(j, design.present(j, both.shared)[0])
         # By the first epoch: nothing that changed may look like a trait of the arm.
         first = ~both.layout[j].second
-        own, layout = design.target[j][first], _first_layout(both.layout[j])
-        alone = JointRows(usual[first], own, layout, light=True)
-        own = join_columns(design, j, groups, first, alone, rules)
-        shared[j], noise[j] = np.hstack([usual, own]), _noise_variance(both, alone, j)
+        joined, layout = design.target[j][first], _first_layout(both.layout[j])
+        alone = JointRows(common_columns[first], joined, layout, light=True)
+        joined = join_columns(design, j, groups, first, alone, rules)
+        shared[j], noise[j] = (
+            np.hstack([common_columns, joined]),
+            _noise_variance(both, alone, j),
+        )
         # The same freedom of torque for every column.
         firm = noise[j] / (rules.nuisance_torque_share * design.rms[j]) ** 2
         held[j] = firm * (shared[j] ** 2).mean(axis=0)
@@ -229,8 +234,8 @@ def project_joints(both: EpochRows, groups: Sequence[Group]) -> "NuisanceFit":
     for j in plain:
         layout, f = both.layout[j], both.friction[j]
         y = both.residuals[j] - warm.factor * f * layout.second
-        own, firm = _friction_by_log(both, j, noise[j], warm)
-        columns, firm = np.hstack([shared[j], own]), np.concatenate([held[j], firm])
+        joined, firm = _friction_by_log(both, j, noise[j], warm)
+        columns, firm = np.hstack([shared[j], joined]), np.concatenate([held[j], firm])
         joints[j] = JointRows(columns, y, layout, firm)
         rows = ~layout.second
         first[j] = JointRows(columns[rows], y[rows], _first_layout(layout), firm)
@@ -289,19 +294,19 @@ def _first_layout(layout: Layout) -> Layout:
 
 
 def measure_noise(
-    both: EpochRows, rest: "NuisanceFit", groups: Sequence[Group]
+    both: EpochRows, nuisance_fit: "NuisanceFit", groups: Sequence[Group]
 ) -> Noise:
     """What errors are, as the first epoch shows them: nothing changed within it."""
     dof = both.design.dof
     variance, slow = np.ones(dof), np.full(dof, both.rules.rows_per_independent)
     restless, fewest = np.ones(dof), []
-    for j, joint in rest.first.items():
+    for j, joint in nuisance_fit.first.items():
         blocks = both.layout[j].second[both.layout[j].starts]
         fewest.append(min(blocks.sum(), (~blocks).sum()))
         variance[j] = joint.y @ joint.y / max(joint.degrees, 1.0)
         variance[j] += (FLOOR * both.design.rms[j]) ** 2
-        own = [g for g in groups if g.joints == (j,)]
-        slow[j], restless[j] = _compare_logs(both, joint, own, float(variance[j]))
+        basic = [g for g in groups if g.joints == (j,)]
+        slow[j], restless[j] = _compare_logs(both, joint, basic, float(variance[j]))
     return Noise(variance, slow, restless, float(np.median(fewest or [1.0])))
 
 
@@ -347,7 +352,7 @@ def _compare_logs(
 
 
 def _ratio(piece: JointColumns, variance: float) -> tuple[float, float]:
-    """Rows as good as one, and the square of a normal value, of one contrast."""
+    """Rows per independent row, and a squared normal score, of one contrast."""
     gram, plain = float(piece.gram[0, 0]), float(piece.plain[0, 0])
     lever, theta = piece.lever[:, 0, 0], float(piece.cross[0]) / gram
     score = (piece.pull[:, 0] - lever * theta) / np.maximum(1 - lever / gram, 0.1)
@@ -361,7 +366,7 @@ def _ratio(piece: JointColumns, variance: float) -> tuple[float, float]:
 
 
 def _parts(layout: Layout, parts: int) -> tuple[list[Array], bool]:
-    """Rows of each log, or of parts of it where there are few; whether they are few."""
+    """Rows of each log, or of parts where logs are few; whether they are few."""
     logs = [layout.log == i for i in np.unique(layout.log)]
     logs = [x for x in logs if x.sum() >= FEWEST]
     if len(logs) >= 3:

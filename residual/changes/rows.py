@@ -101,17 +101,19 @@ def joint_fit(logs: Logs, nominal: Nominal, scales: Sequence[float]) -> JointFit
     evidence chooses: a short log must not fill what it did not see.
     """
     design = Design(logs.tracks, nominal.model)
-    plain, loaded = _common_effects(logs, nominal.model)
+    own_features, loaded = _common_effects(logs, nominal.model)
     prior = relative_prior(design, nominal, LOOSE)
-    known = design.add(plain)
-    design.show_torque(as_model(nominal, _fit(design, prior, known)))
-    known = (*known, *design.add(loaded))
-    tried = [
-        JointFit(design, _fit(design, prior, held), tuple(held), prior)
+    groups = design.add(own_features)
+    design.show_torque(as_model(nominal, _fit(design, prior, groups)))
+    groups = (*groups, *design.add(loaded))
+    fits = [
+        JointFit(design, _fit(design, prior, firm_groups), tuple(firm_groups), prior)
         for prior in (relative_prior(design, nominal, scale) for scale in scales)
-        for held in ([g.times_as_precise(times) for g in known] for times in FIRM)
+        for firm_groups in (
+            [g.times_as_precise(times) for g in groups] for times in FIRM
+        )
     ]
-    return max(tried, key=lambda own: own.fitted.score)
+    return max(fits, key=lambda own: own.fitted.score)
 
 
 def both_epochs(
@@ -124,25 +126,25 @@ def both_epochs(
         nominal: The model that the arm is said to have, adopted effects included.
     """
     joint = joint_fit(logs, nominal, (LOOSE,))
-    design, fitted, known = joint.design, joint.fitted, joint.common
-    seen = as_model(nominal, fitted)
-    design.show_torque(seen)
+    design, fitted, common = joint.design, joint.fitted, joint.common
+    model = as_model(nominal, fitted)
+    design.show_torque(model)
     layout, blocks = _layout(logs, first, design, rules.block_seconds)
-    ids = [design.nominal, *(g.ids for g in known)]
+    ids = [design.nominal, *(g.ids for g in common)]
     return EpochRows(
         design=design,
         logs=logs,
         first=first,
         shared=np.concatenate(ids),
-        common=tuple(known),
-        loaded=tuple(g for g in known if Trait.USES_MODEL in g.effect.traits),
+        common=tuple(common),
+        loaded=tuple(g for g in common if Trait.USES_MODEL in g.effect.traits),
         residuals=_residuals(design, fitted),
-        friction=_friction(design, fitted, nominal, known),
+        friction=_friction(design, fitted, nominal, common),
         layout=layout,
         blocks=blocks,
         rules=rules,
         fitted=fitted,
-        model=seen,
+        model=model,
         prior=joint.prior,
     )
 
@@ -163,9 +165,13 @@ def after_change(
     design = both.design
     _, fitted, _ = fit_without(both, changed)
     wide = [(g, theta) for g, theta in changed if g.effect.scope != "local"]
-    every = [own.second * _torque(design, j, wide) for j, own in enumerate(both.layout)]
+    torques = [
+        own.second * _torque(design, j, wide) for j, own in enumerate(both.layout)
+    ]
     return replace(
-        both, residuals=_residuals(design, fitted), changed=tuple(every) if wide else ()
+        both,
+        residuals=_residuals(design, fitted),
+        changed=tuple(torques) if wide else (),
     )
 
 
@@ -179,16 +185,16 @@ def fit_without(
         each joint, (rows,).
     """
     design = both.design
-    there = tuple(
+    torques = tuple(
         own.second * _torque(design, j, changed) for j, own in enumerate(both.layout)
     )
-    target = [y - x for y, x in zip(design.target, there, strict=True)]
-    left = design.with_target(target)
-    return left, _fit(left, both.prior, both.common), there
+    target = [y - x for y, x in zip(design.target, torques, strict=True)]
+    remaining = design.with_target(target)
+    return remaining, _fit(remaining, both.prior, both.common), torques
 
 
 def _torque(design: Design, j: int, changed: Sequence[tuple[Group, Array]]) -> Array:
-    """Torque of changes on the rows of a joint, as if of both epochs. (rows,)."""
+    """Torque of changes on the rows of a joint, in both epochs. Shape (rows,)."""
     out = np.zeros(len(design.target[j]))
     for group, theta in changed:
         place, have = design.present(j, group.ids)
@@ -200,7 +206,7 @@ def _torque(design: Design, j: int, changed: Sequence[tuple[Group, Array]]) -> A
 def _with_changed_loads(
     both: EpochRows, changed: Sequence[tuple[Group, Array]]
 ) -> EpochRows:
-    """The same, the second epoch's logs seen with what changed of the arm."""
+    """Rows with the second epoch seen by the changed model."""
     terms = [
         Term(g.effect, g.joints, g.shape, theta)
         for g, theta in changed
@@ -221,10 +227,7 @@ def _with_changed_loads(
     loaded = both.design.add([g.placed for g in both.loaded])
     ids = [both.design.nominal, *(g.ids for g in (*plain, *loaded))]
     return replace(
-        both,
-        shared=np.concatenate(ids),
-        common=(*plain, *loaded),
-        loaded=tuple(loaded),
+        both, shared=np.concatenate(ids), common=(*plain, *loaded), loaded=tuple(loaded)
     )
 
 
@@ -236,7 +239,7 @@ def _residuals(design: Design, fitted: Fit) -> tuple[Array, ...]:
 def _common_effects(
     logs: Logs, model: Model
 ) -> tuple[list[PlacedEffect], list[PlacedEffect]]:
-    """What any arm has a little of: without and with a use of the model's torque."""
+    """Effects that any arm has: those without and with the model's torque."""
     has = {(t.effect.name, t.joints, t.shape) for t in model.terms}
     out: tuple[list[PlacedEffect], list[PlacedEffect]] = ([], [])
     for effect in registry().values():
@@ -248,14 +251,14 @@ def _common_effects(
     return out
 
 
-def _fit(design: Design, prior: Prior, known: Sequence[Group]) -> Fit:
-    return settle(design, prior, fit(design, prior, known, design.rows / 5, rounds=4))
+def _fit(design: Design, prior: Prior, groups: Sequence[Group]) -> Fit:
+    return settle(design, prior, fit(design, prior, groups, design.rows / 5, rounds=4))
 
 
 def _friction(
-    design: Design, fitted: Fit, nominal: Nominal, known: Sequence[Group]
+    design: Design, fitted: Fit, nominal: Nominal, groups: Sequence[Group]
 ) -> tuple[Array, ...]:
-    """Torque of all that brakes, in the joint fit. One array per joint, (rows,)."""
+    """Friction torque of the joint fit, per joint. Shapes (rows,)."""
     values = fitted.theta.copy()
     size = len(nominal.model.coefficients())
     values[:size] += nominal.model.coefficients()
@@ -263,7 +266,7 @@ def _friction(
     start = len(nominal.model.inertial)
     for effect, count in [
         *((t.effect, len(t.theta)) for t in nominal.model.terms),
-        *((g.effect, len(g.ids)) for g in known),
+        *((g.effect, len(g.ids)) for g in groups),
     ]:
         if Trait.FRICTION in effect.traits:
             braking += range(start, start + count)
@@ -279,7 +282,6 @@ def _friction(
 def _layout(
     logs: Logs, first: int, design: Design, block: float
 ) -> tuple[tuple[Layout, ...], int]:
-    """Epoch, log and block of every row of every joint."""
     labels, second, number, total = [], [], [], 0
     for i, track in enumerate(logs.tracks):
         t = np.arange(len(track.tau)) * track.step / track.rate

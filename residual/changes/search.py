@@ -82,28 +82,28 @@ class ChangeSearch:
         """The same without some of the named changes."""
         return replace(self, changes=tuple(c for c in self.changes if c not in gone))
 
-    def share(self, one: Candidate, theta: Array) -> tuple[float, int]:
+    def share(self, candidate: Candidate, theta: Array) -> tuple[float, int]:
         """As `share_of`."""
-        return share_of(self.both, self.table.joints, one, theta)
+        return share_of(self.both, self.table.joints, candidate, theta)
 
 
 def share_of(
-    both: EpochRows, joints: Mapping[int, JointRows], one: Candidate, theta: Array
+    both: EpochRows, joints: Mapping[int, JointRows], candidate: Candidate, theta: Array
 ) -> tuple[float, int]:
     """Largest torque of a change on the second epoch's rows, of the joint's rms.
 
     And the joint, from 0.
     """
-    out, at = 0.0, 0
+    largest, at = 0.0, 0
     design = both.design
-    for j in one.pieces:
+    for j in candidate.pieces:
         second = joints[j].layout.second
-        columns = design.columns(j, design.present(j, one.group.ids)[0])[second]
+        columns = design.columns(j, design.present(j, candidate.group.ids)[0])[second]
         rms = np.sqrt((design.tau[j][second] ** 2).mean())
-        own = float(np.sqrt(((columns @ theta) ** 2).mean())) / max(rms, 1e-9)
-        if own > out:
-            out, at = own, j
-    return out, at
+        share = float(np.sqrt(((columns @ theta) ** 2).mean())) / max(rms, 1e-9)
+        if share > largest:
+            largest, at = share, j
+    return largest, at
 
 
 def search_changes(both: EpochRows, clocked: bool) -> ChangeSearch:
@@ -113,11 +113,11 @@ def search_changes(both: EpochRows, clocked: bool) -> ChangeSearch:
         clocked: Whether the order of each epoch's logs in time is known.
     """
     groups, prices = vocabulary(both, clocked)
-    rest = project_joints(both, groups)
-    noise = measure_noise(both, rest, basic_groups(groups))
-    every = as_candidates(both.design, rest.joints, groups, prices)
+    nuisance = project_joints(both, groups)
+    noise = measure_noise(both, nuisance, basic_groups(groups))
+    every = as_candidates(both.design, nuisance.joints, groups, prices)
     look = _Searcher(
-        both, rest.joints, every, ContrastTable(rest.joints, both.blocks, noise)
+        both, nuisance.joints, every, ContrastTable(nuisance.joints, both.blocks, noise)
     )
     # What presses on the gears comes before anything that goes by that.
     named = look.search([], most=1)
@@ -125,24 +125,31 @@ def search_changes(both: EpochRows, clocked: bool) -> ChangeSearch:
     if changed:
         # The joint fit, and columns that depend on the torque, see it from here on.
         both = after_change(both, changed, press)
-        old = [c.group for c in look.every]
-        groups = recompute_groups(both, look.every) if press else old
+        groups_before = [c.group for c in look.every]
+        groups = recompute_groups(both, look.every) if press else groups_before
         prices = [c.price for c in look.every]
-        rest = project_joints(both, old)
-        noise = measure_noise(both, rest, basic_groups(old))
-        every = as_candidates(both.design, rest.joints, groups, prices, old)
-        look = _Searcher(
-            both, rest.joints, every, ContrastTable(rest.joints, both.blocks, noise)
+        nuisance = project_joints(both, groups_before)
+        noise = measure_noise(both, nuisance, basic_groups(groups_before))
+        every = as_candidates(
+            both.design, nuisance.joints, groups, prices, groups_before
         )
-        named = look.same(named)
+        look = _Searcher(
+            both,
+            nuisance.joints,
+            every,
+            ContrastTable(nuisance.joints, both.blocks, noise),
+        )
+        named = look.same_keys(named)
     named = look.search(named, both.rules.max_changes)
-    found = [look.conclude(c, named) for c in named]
-    found.sort(key=lambda c: -c.share)
-    return ChangeSearch(both, look.table, tuple(look.every), tuple(found), rest.warmth)
+    changes = [look.conclude(c, named) for c in named]
+    changes.sort(key=lambda c: -c.share)
+    return ChangeSearch(
+        both, look.table, tuple(look.every), tuple(changes), nuisance.warmth
+    )
 
 
 def _large_changes(look: "_Searcher", named: Sequence[Candidate]) -> tuple[list, bool]:
-    """Named changes that shift the joint fit, or what goes by the torque of a gear."""
+    """Changes that shift the joint fit or the load of the gears."""
     thetas = look.table.theta(named)
     every = [(c.group, theta) for c, theta in zip(named, thetas, strict=True)]
     shares = [
@@ -201,12 +208,12 @@ class _Searcher:
             self.settle(named)
         return named
 
-    def same(self, named: Sequence[Candidate]) -> list[Candidate]:
+    def same_keys(self, named: Sequence[Candidate]) -> list[Candidate]:
         """The candidates of the same keys, with the likeliest shape."""
         out: list[Candidate] = []
-        for own in named:
-            alike = [c for c in self.every if c.key == own.key]
-            out += [alike[int(np.argmax(self.table.fits(alike, out)))]]
+        for candidate in named:
+            shapes = [c for c in self.every if c.key == candidate.key]
+            out += [shapes[int(np.argmax(self.table.fits(shapes, out)))]]
         return out
 
     def settle(self, named: Sequence[Candidate]) -> None:
@@ -225,51 +232,50 @@ class _Searcher:
             variance[j] = max(variance[j], own)
         self.table = self.table.with_noise(replace(self._start, variance=variance))
 
-    def looks(self, given: Sequence[Candidate]) -> list[Contrast]:
+    def looks(self, named: Sequence[Candidate]) -> list[Contrast]:
         """What is known of the likeliest candidates beside others, one of each key."""
-        keys = {c.key for c in given}
+        keys = {c.key for c in named}
         others = [c for c in self.every if c.key not in keys]
-        fits = self.table.fits(others, given)
+        fits = self.table.fits(others, named)
         best: dict[tuple, int] = {}
         for i in np.argsort(-fits):
             best.setdefault(others[i].key, int(i))
-        wanted = [i for i in best.values() if fits[i] > LEAST]
-        known = [self.table.contrast(others[i], given) for i in wanted[:MANY]]
-        return [x for x in known if self._possible(x)]
+        indices = [i for i in best.values() if fits[i] > LEAST]
+        contrasts = [self.table.contrast(others[i], named) for i in indices[:MANY]]
+        return [x for x in contrasts if self._possible(x)]
 
     def _next(self, named: list[Candidate]) -> Candidate | None:
-        """The best candidate beside those that are named, None where none is needed."""
+        """The best further candidate; None where no one passes."""
         rules = self.both.rules
         looks = self._with_refined(self.looks(named), named)
-        good = [x for x in looks if x.nats > rules.min_nats]
-        if not good:
+        significant = [x for x in looks if x.nats > rules.min_nats]
+        if not significant:
             return None
         # Errors are judged beside the likeliest name, then names by the error they
         # leave.
         before = self.table
-        first = max(good, key=lambda x: x.nats)
+        first = max(significant, key=lambda x: x.nats)
         self.settle([*named, first.candidate])
-        again = [self.table.contrast(x.candidate, named) for x in good]
+        contrasts = [self.table.contrast(x.candidate, named) for x in significant]
         least = self._least(named)
-        again = [x for x in again if self.share(x.candidate, x.theta) >= least]
-        if not again:
+        contrasts = [x for x in contrasts if self.share(x.candidate, x.theta) >= least]
+        if not contrasts:
             self.table = before
             return None
-        best = self._simplest(again)
+        best = self._simplest(contrasts)
         self.settle([*named, best])
         return best
 
     def _least(self, named: Sequence[Candidate]) -> float:
-        """Least torque of a change beside these, as a share of the joint's."""
+        """Least torque share of a further change."""
         pairs = zip(named, self.table.theta(named), strict=True)
-        largest = max((self.share(c, theta) for c, theta in pairs), default=0.0)
+        top = max((self.share(c, theta) for c, theta in pairs), default=0.0)
         return max(
-            self.both.rules.min_torque_share,
-            self.both.rules.min_share_of_largest * largest,
+            self.both.rules.min_torque_share, self.both.rules.min_share_of_largest * top
         )
 
     def _simplest(self, looks: Sequence[Contrast]) -> Candidate:
-        """The likeliest; of names that are as good, the simplest."""
+        """The simplest of the candidates within the tie of the best."""
         rules, top = self.both.rules, max(x.fit for x in looks)
         # No column is quite what an arm does: the more evidence, the more that counts.
         near = [
@@ -289,7 +295,7 @@ class _Searcher:
     def _with_refined(
         self, looks: list[Contrast], named: Sequence[Candidate]
     ) -> list[Contrast]:
-        """The same and the likeliest shapes of those that may be the answer."""
+        """Add refined shapes of the best candidates."""
         best: dict[tuple, Contrast] = {}
         for x in looks:
             if x.candidate.group.effect.refine:
@@ -321,17 +327,17 @@ class _Searcher:
 
         More friction is a level and a slope; between the two lies many a curve.
         """
-        *others, own = named
-        curved = own.group.effect.scope == "local" and own.group.shape
+        *others, last = named
+        curved = last.group.effect.scope == "local" and last.group.shape
         if len(named) == self.both.rules.max_changes or not curved:
             return named
         plain = [
             c
             for c in self.every
-            if c.group.joints == own.group.joints and is_basic(c.group)
+            if c.group.joints == last.group.joints and is_basic(c.group)
         ]
         pair: list[Candidate] = []
-        worth = -float(self.table.fits([own], others)[0])
+        worth = -float(self.table.fits([last], others)[0])
         for _ in range(2):
             fits = self.table.fits(plain, [*others, *pair])
             pair.append(plain[int(np.argmax(fits))])
@@ -342,11 +348,10 @@ class _Searcher:
         return [*others, *pair]
 
     def _improve(self, named: list[Candidate]) -> list[Candidate]:
-        """Swap each name for a better one, given the others."""
         for _ in range(3):
             before = list(named)
-            for i, own in enumerate(named):
-                others = [c for c in named if c is not own]
+            for i, candidate in enumerate(named):
+                others = [c for c in named if c is not candidate]
                 looks = self._with_refined(self.looks(others), others)
                 if looks:
                     named[i] = self._simplest(looks)
@@ -356,7 +361,6 @@ class _Searcher:
         return named
 
     def _prune(self, named: list[Candidate]) -> list[Candidate]:
-        """Without what the others make needless."""
         rules = self.both.rules
         while named:
             looks = [
@@ -382,39 +386,47 @@ class _Searcher:
         if look.apart < APART:
             return False
         limits = limits_of(both.design, both.fitted, group)
-        ways = [look.theta]
+        thetas = [look.theta]
         if group.effect.scope == "flange":  # a load may go as well as come
-            ways.append(-look.theta)
+            thetas.append(-look.theta)
         anchor = group.joints[0] if group.joints else 0
         if group.effect.in_any_arm(both.logs.span, anchor):
             limits = replace(limits, had=np.zeros_like(limits.had))
-            ways.append(-look.theta)
-        return any(group.effect.possible(x, group.shape, limits) for x in ways)
+            thetas.append(-look.theta)
+        return any(group.effect.possible(x, group.shape, limits) for x in thetas)
 
-    def share(self, one: Candidate, theta: Array) -> float:
+    def share(self, candidate: Candidate, theta: Array) -> float:
         """Largest torque of a change, as a share of the joint's."""
-        return share_of(self.both, self.joints, one, theta)[0]
+        return share_of(self.both, self.joints, candidate, theta)[0]
 
-    def conclude(self, own: Candidate, named: Sequence[Candidate]) -> NamedChange:
+    def conclude(
+        self, change_candidate: Candidate, named: Sequence[Candidate]
+    ) -> NamedChange:
         """What is to be said of one name, beside the others."""
-        others = [c for c in named if c is not own]
-        mine = self.table.contrast(own, others)
-        best = {own.key: mine}
+        others = [c for c in named if c is not change_candidate]
+        mine = self.table.contrast(change_candidate, others)
+        best = {change_candidate.key: mine}
         for x in self.looks(others):
             old = best.get(x.candidate.key)
-            if old is None or (x.fit > old.fit and x.candidate.key != own.key):
+            if old is None or (
+                x.fit > old.fit and x.candidate.key != change_candidate.key
+            ):
                 best[x.candidate.key] = x
         near = self.both.rules.equivalent_nats
         members = {
-            k for k, x in best.items() if k == own.key or mine.fit - x.fit < near
+            k
+            for k, x in best.items()
+            if k == change_candidate.key or mine.fit - x.fit < near
         }
         top = max(x.fit for x in best.values())
         odds = {k: float(np.exp(x.fit - top)) for k, x in best.items()}
-        share, joint = share_of(self.both, self.joints, own, mine.theta)
+        share, joint = share_of(self.both, self.joints, change_candidate, mine.theta)
         return NamedChange(
             contrast=mine,
             share=share,
             joint=joint,
-            equivalent=tuple(best[k].candidate for k in members if k != own.key),
+            equivalent=tuple(
+                best[k].candidate for k in members if k != change_candidate.key
+            ),
             probability=sum(odds[k] for k in members) / sum(odds.values()),
         )

@@ -44,35 +44,35 @@ class Residuals:
     flagged: tuple[int, ...]
 
 
-def analyze_residuals(found: ChangeSearch) -> Residuals:
+def analyze_residuals(search: ChangeSearch) -> Residuals:
     """Look for a change that no name explains."""
-    both, table = found.both, found.table
+    both, table = search.both, search.table
     dof, rules = both.design.dof, both.rules
     share, floor = np.zeros(dof), np.zeros(dof)
-    left: list[Array | None] = [None] * dof
+    residuals: list[Array | None] = [None] * dof
     flagged = []
-    thetas = table.theta(found.named)
+    thetas = table.theta(search.named)
     for j, joint in table.joints.items():
-        rest = joint.y
-        for c, theta in zip(found.named, thetas, strict=True):
+        residual = joint.y
+        for c, theta in zip(search.named, thetas, strict=True):
             if j in c.pieces:
-                rest = rest - c.pieces[j].columns @ theta
-        left[j] = rest
-        power, second, log = _blocks(joint, rest)
+                residual = residual - c.pieces[j].columns @ theta
+        residuals[j] = residual
+        power, second, log = _blocks(joint, residual)
         rms = both.design.rms[j]
         before, after = power[~second], power[second]
         floor[j] = np.sqrt(before.mean()) / rms
         share[j] = np.sqrt(max(after.mean() - before.mean(), 0.0)) / rms
         sure = _excess_chance(before, after, log[~second], log[second])
-        more = share[j] > rules.unknown_torque_share and sure < CHANCE
-        if more or _has_curve(found, j):
+        grew = share[j] > rules.unknown_torque_share and sure < CHANCE
+        if grew or _has_curve(search, j):
             flagged.append(j)
-    return Residuals(tuple(left), share, floor, tuple(flagged))
+    return Residuals(tuple(residuals), share, floor, tuple(flagged))
 
 
-def _has_curve(found: ChangeSearch, j: int) -> bool:
-    """Whether a free curve over the joint's motion is there in the second epoch."""
-    joint, design, rules = found.table.joints[j], found.both.design, found.both.rules
+def _has_curve(search: ChangeSearch, j: int) -> bool:
+    """Whether the second epoch has a free curve over the joint's motion."""
+    joint, design, rules = search.table.joints[j], search.both.design, search.both.rules
     second = joint.layout.second
     q, qd, way = (
         _signal_rows(design.states, design.tracks, name, j, j, design)
@@ -82,8 +82,8 @@ def _has_curve(found: ChangeSearch, j: int) -> bool:
     for columns in (place, place * way[:, None], _hat_functions(qd)):
         shown = (columns[second] ** 2).sum(axis=0) > 1e-3 * second.sum()
         columns = columns[:, shown]
-        one = _curve_candidate(found, j, columns)
-        look = found.table.contrast(one, found.named)
+        curve = _curve_candidate(search, j, columns)
+        look = search.table.contrast(curve, search.named)
         torque = columns[second] @ look.theta
         share = np.sqrt((torque**2).mean()) / design.rms[j]
         if look.nats > rules.unknown_nats and share > rules.unknown_torque_share:
@@ -97,22 +97,21 @@ def _hat_functions(x: Array) -> Array:
     return np.column_stack([np.interp(x, knots, unit) for unit in np.eye(len(knots))])
 
 
-def _curve_candidate(found: ChangeSearch, j: int, columns: Array) -> Candidate:
-    """Columns of one joint as a candidate."""
-    joint, k = found.table.joints[j], columns.shape[1]
-    size = USUAL * found.both.design.rms[j]
+def _curve_candidate(search: ChangeSearch, j: int, columns: Array) -> Candidate:
+    joint, k = search.table.joints[j], columns.shape[1]
+    size = USUAL * search.both.design.rms[j]
     precision, log_det = regularize(np.eye(k) / size**2)
     group = Group(CURVE, (j,), (), np.full(k, -1), precision, log_det)
     piece = joint.pieces(columns, joint.layout.second, [k])[0]
-    return Candidate(group, {j: piece}, np.log(len(found.table.joints)), group)
+    return Candidate(group, {j: piece}, np.log(len(search.table.joints)), group)
 
 
-def _blocks(joint: JointRows, rest: Array) -> tuple[Array, Array, Array]:
-    """Mean square of every block as a fit without it leaves it; its epoch and log."""
-    missed = joint.lift(rest[:, None])[:, 0]
+def _blocks(joint: JointRows, residual: Array) -> tuple[Array, Array, Array]:
+    """Left-out mean square of every block; its epoch and log."""
+    left_out = joint.lift(residual[:, None])[:, 0]
     starts = joint.layout.starts
-    counts = np.diff([*starts, len(rest)])
-    power = np.add.reduceat(missed**2, starts) / counts
+    counts = np.diff([*starts, len(residual)])
+    power = np.add.reduceat(left_out**2, starts) / counts
     enough = counts >= 8
     return (
         power[enough],
@@ -135,8 +134,8 @@ def _excess_chance(before: Array, after: Array, logs: Array, fresh: Array) -> fl
     means = np.array([a[logs == i].mean() for i in np.unique(logs)])
     # Few logs say little of how logs differ: drawn towards what is usual.
     free = len(means) - 1
-    own = float(((means - means.mean()) ** 2).sum())
-    between = (own + FEW_LOGS * USUAL**2) / (free + FEW_LOGS)
+    spread = float(((means - means.mean()) ** 2).sum())
+    between = (spread + FEW_LOGS * USUAL**2) / (free + FEW_LOGS)
     sd = np.sqrt(
         within * (1 / len(a) + 1 / len(b))
         + between * (1 / len(means) + 1 / len(np.unique(fresh)))
@@ -147,15 +146,15 @@ def _excess_chance(before: Array, after: Array, logs: Array, fresh: Array) -> fl
 
 
 def strongest_variable(
-    found: ChangeSearch, rest: Residuals, j: int
+    search: ChangeSearch, residuals: Residuals, j: int
 ) -> tuple[str, int, float] | None:
     """The variable that the rest of a joint goes by most: what, of which joint, share.
 
     None where it goes by none of them.
     """
-    joint, design = found.table.joints[j], found.both.design
+    joint, design = search.table.joints[j], search.both.design
     second = joint.layout.second
-    y = rest.residuals[j][second]
+    y = residuals.residuals[j][second]
     best: tuple[str, int, float] | None = None
     for name in ("q", "qd", "qdd", "tau_model"):
         for of in range(design.dof):
@@ -177,7 +176,7 @@ def _signal_rows(
 
 
 def _explained(x: Array, y: Array, block: Array) -> float:
-    """Share of the squares of y that a step function of x takes of left-out blocks."""
+    """Share of y^2 in left-out blocks that a step function of x explains."""
     edges = np.quantile(x, np.linspace(0, 1, BINS + 1)[1:-1])
     code = np.searchsorted(edges, x)
     half = block % 2 == 0

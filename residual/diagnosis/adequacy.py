@@ -75,21 +75,21 @@ def _structured(design: Design, fitted: Fit, noise: Array) -> Array:
 def _residual_kind(
     design: Design, periods: list[int | None], fitted: Fit, noise: Array, j: int
 ) -> str | None:
-    """Where a log repeats itself: does the residual repeat with it?"""
-    lines = design.series(j, design.residual(j, fitted.ids, fitted.theta))
+    """Whether the residual of a log that repeats itself repeats with it."""
+    residuals = design.series(j, design.residual(j, fitted.ids, fitted.theta))
     same = other = count = 0.0
-    for period, line in zip(periods, lines, strict=True):
+    for period, residual in zip(periods, residuals, strict=True):
         if period is None:
             continue
-        a, b = line[:-period], line[period:]
+        a, b = residual[:-period], residual[period:]
         both = (a != 0) & (b != 0)
         same += float((a * b)[both].sum())
         other += float(((a - b) ** 2)[both].sum() / 2)
         count += float(both.sum())
     if not count:
         return None
-    own = other / count - (noise[j] * design.rms[j]) ** 2
-    return "repeatable" if same / count >= own else "time-driven"
+    random = other / count - (noise[j] * design.rms[j]) ** 2
+    return "repeatable" if same / count >= random else "time-driven"
 
 
 def find_period(track: Track) -> int | None:
@@ -107,7 +107,7 @@ def find_period(track: Track) -> int | None:
 
 
 def angle_noise_torque(
-    model: Model, tracks: Sequence[Track], moved: Sequence[Track]
+    model: Model, tracks: Sequence[Track], redrawn: Sequence[Track]
 ) -> Array:
     """Torque noise that the angles' noise makes of a model, on moving rows.
 
@@ -115,15 +115,15 @@ def angle_noise_torque(
     measured and that of what it is held against.
 
     Args:
-        moved: The same, ``shaken``.
+        redrawn: The same, ``shaken``.
 
     Returns:
         Root mean square behind the identification filter [N m]. Shape (dof,).
     """
     squares, rows = np.zeros(model.robot.dof), np.zeros(model.robot.dof)
-    for own, other in zip(tracks, moved, strict=True):
-        torque = [model.torque_on(t) for t in (own, other)]
-        gap = own.filter(torque[1] - torque[0]) * own.moving
+    for track, redrawn_track in zip(tracks, redrawn, strict=True):
+        torque = [model.torque_on(t) for t in (track, redrawn_track)]
+        gap = track.filter(torque[1] - torque[0]) * track.moving
         squares += (gap**2).sum(axis=0)
-        rows += own.moving.sum(axis=0)
+        rows += track.moving.sum(axis=0)
     return np.sqrt(squares / np.maximum(rows, 1))

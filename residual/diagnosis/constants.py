@@ -134,37 +134,37 @@ def _release(
         free: The task in which none is held.
     """
     held = [j for j in slots if j not in now.free]
-    every = _FreeConstants(free, now.fit, slots)
-    left = now.left_out()
+    all_free = _FreeConstants(free, now.fit, slots)
+    errors = now.left_out()
     for j in held:
-        more = every.holding([i for i in held if i != j])
-        if _pays(more, j, more.left_out()[:, j], left[:, j]):
-            return _prune(replace(more, free={**now.free, j: slots[j]}))
+        freed = all_free.holding([i for i in held if i != j])
+        if _pays(freed, j, freed.left_out()[:, j], errors[:, j]):
+            return _prune(replace(freed, free={**now.free, j: slots[j]}))
     return now
 
 
 def _prune(now: _FreeConstants) -> _FreeConstants:
-    """Hold the constants that do not pay, the one that is missed least first."""
+    """Hold the constants that do not pay at zero, the least missed first."""
     while now.free:
-        full, power = now.left_out(), now.task.design.tau_power.sum(axis=0)
+        with_all, power = now.left_out(), now.task.design.tau_power.sum(axis=0)
         missed = {}
         for j in now.free:
-            less = now.holding([j])
-            left = less.left_out()
-            if not _pays(now, j, full[:, j], left[:, j]):
-                missed[j] = (left - full)[:, j].sum() / max(power[j], 1e-30), less
+            held = now.holding([j])
+            errors = held.left_out()
+            if not _pays(now, j, with_all[:, j], errors[:, j]):
+                missed[j] = (errors - with_all)[:, j].sum() / max(power[j], 1e-30), held
         if not missed:
             break
         now = min(missed.values(), key=lambda one: one[0])[1]
     return now
 
 
-def _pays(now: _FreeConstants, j: int, full: Array, left: Array) -> bool:
-    """Whether a joint's constant lowers its left-out error, and is not nothing."""
+def _pays(now: _FreeConstants, j: int, with_constant: Array, without: Array) -> bool:
+    """Whether a constant lowers its joint's left-out error and is significant."""
     power = max(now.task.design.tau_power.sum(axis=0)[j], 1e-30)
-    fall = np.sqrt(max((left - full).sum() / power, 0.0))
-    share = 1 - full.sum() / max(left.sum(), 1e-30)
-    often = np.mean(left > full) >= THRESHOLDS.min_improved_folds
+    fall = np.sqrt(max((without - with_constant).sum() / power, 0.0))
+    share = 1 - with_constant.sum() / max(without.sum(), 1e-30)
+    often = np.mean(without > with_constant) >= THRESHOLDS.min_improved_folds
     clear = bool(now.task.rules.lower(fall, share)) and often
     return clear and now.deviations(j) >= SURE
 
@@ -179,9 +179,11 @@ def _replace_by_name(now: _FreeConstants) -> _FreeConstants:
     """
     if not now.free:
         return now
-    bare = now.holding(list(now.free))
+    without_constants = now.holding(list(now.free))
     tried = 0
-    for value, group, _ in rank_additions(bare.task, bare.fit, looks=2 * SWAPS):
+    for value, group, _ in rank_additions(
+        without_constants.task, without_constants.fit, looks=2 * SWAPS
+    ):
         if group.effect.family == STATIC and len(group.ids) == max(len(group.parts), 1):
             continue  # no more than a constant where its joints move
         if value < now.task.rules.min_nats or tried == SWAPS:
@@ -190,12 +192,12 @@ def _replace_by_name(now: _FreeConstants) -> _FreeConstants:
         members = (*now.fit.members, *(group.parts or (group,)))
         task = now.task
         fitted = task.fit(refine_shape(task, members, now.fit), now.fit, rounds=4)
-        other = _prune(_FreeConstants(task, task.settle(fitted), now.free))
-        if len(other.free) + 1 < len(now.free):
-            weight = other.fit.weight(task.design.rows)
-            fall = (now.left_out() - other.left_out()).sum(axis=0) @ weight
+        candidate_set = _prune(_FreeConstants(task, task.settle(fitted), now.free))
+        if len(candidate_set.free) + 1 < len(now.free):
+            weight = candidate_set.fit.weight(task.design.rows)
+            fall = (now.left_out() - candidate_set.left_out()).sum(axis=0) @ weight
             if fall > 2 * THRESHOLDS.class_nats:
-                return other
+                return candidate_set
     return now
 
 
@@ -208,15 +210,19 @@ def _simplify(now: _FreeConstants) -> _FreeConstants:
         j = group.joints[0] if group.effect.family == STATIC else -1
         if j not in now.free:
             continue
-        bare = now.holding([j])
-        rest = tuple(g for g in now.fit.members if g is not group)
-        without = bare.task.fit(rest, now.fit)
-        for _, other, _ in rank_additions(bare.task, without, instead=group):
-            if other.effect.family != STATIC or other.joints != group.joints:
+        without_constant = now.holding([j])
+        others = tuple(g for g in now.fit.members if g is not group)
+        without = without_constant.task.fit(others, now.fit)
+        for _, candidate, _ in rank_additions(
+            without_constant.task, without, instead=group
+        ):
+            if candidate.effect.family != STATIC or candidate.joints != group.joints:
                 continue
-            fitted = bare.task.settle(bare.task.fit((*rest, other), without))
+            fitted = without_constant.task.settle(
+                without_constant.task.fit((*others, candidate), without)
+            )
             if now.fit.score - fitted.score - HELD_NATS < THRESHOLDS.simpler_nats:
-                return replace(bare, fit=fitted)
+                return replace(without_constant, fit=fitted)
     return now
 
 
@@ -224,7 +230,7 @@ def _simplify(now: _FreeConstants) -> _FreeConstants:
 
 
 @dataclass(frozen=True, eq=False, slots=True)
-class NamedEffect:
+class NamedConstants:
     """The same logs with the constants among the effects, not in the model."""
 
     task: Task
@@ -235,7 +241,7 @@ class NamedEffect:
 
 def as_effects(
     task: Task, nominal: Nominal, wide: Prior, paying: Sequence[int]
-) -> NamedEffect:
+) -> NamedConstants:
     """Take the constants out of the nominal model; nothing is computed anew.
 
     Args:
@@ -248,7 +254,7 @@ def as_effects(
     design = task.design.without_terms(count)
     groups = [design.grouped(t, ids[t.joints[0]]) for t in terms]
     gone = np.array(sorted(slots.values()))
-    return NamedEffect(
+    return NamedConstants(
         replace(
             task,
             design=design,

@@ -92,18 +92,18 @@ def expect_effect(
 ) -> list[ExpectedEffect]:
     """What a group does in each of some directions."""
     task, design, weight = bench.task, bench.task.design, bench.weight
-    own, mixed = _blocks(bench, group)
-    every, across = own.sum(axis=0), mixed.sum(axis=0)  # over folds
+    group_gram, cross_gram = _blocks(bench, group)
+    every, across = group_gram.sum(axis=0), cross_gram.sum(axis=0)  # over folds
     pull = np.tensordot(weight, across, 1)
     moved = bench.inverses @ pull
     # A prior bends the fit; what it leaves is the data's own affair.
     falls = _added_error(bench.systems[0].gram, every, across, moved[:, None])
     precisions = np.stack([system.precision for system in bench.systems])
     bends = moved.transpose(0, 2, 1) @ precisions @ moved
-    known = np.tensordot(falls, weight, (1, 0)) + bends
-    log_det = np.linalg.slogdet(known + group.precision)[1]
-    without = bench.fold_covariances @ (pull - np.tensordot(mixed, weight, (1, 0)))
-    outs = _added_error(bench.grams, own, mixed, without[:, None])
+    information = np.tensordot(falls, weight, (1, 0)) + bends
+    log_det = np.linalg.slogdet(information + group.precision)[1]
+    without = bench.fold_covariances @ (pull - np.tensordot(cross_gram, weight, (1, 0)))
+    outs = _added_error(bench.grams, group_gram, cross_gram, without[:, None])
     occam = 0.5 * np.maximum(log_det - group.log_det, 0.0)
     return [
         ExpectedEffect(
@@ -120,7 +120,7 @@ def expect_effect(
     ]
 
 
-def is_detected(bench: DetectionModel, one: ExpectedEffect, sizes: Array) -> Array:
+def is_detected(bench: DetectionModel, effect: ExpectedEffect, sizes: Array) -> Array:
     """Whether effects of some sizes are found, if the noise does as on average.
 
     The estimate of the size is the one thing that chance moves; every rule below rises
@@ -134,21 +134,23 @@ def is_detected(bench: DetectionModel, one: ExpectedEffect, sizes: Array) -> Arr
     """
     fitted, rules = bench.fitted, bench.task.rules
     square = np.asarray(sizes)[:, None] ** 2
-    fall = square[..., None] * one.fall
+    fall = square[..., None] * effect.fall
     rise = np.log1p(fall / np.maximum(fitted.sse, 1e-300))
-    spared = 0.5 * square * one.bent
+    spared = 0.5 * square * effect.bent
     lost = 0.5 * rise @ fitted.counted + spared  # by the fit without it
-    paid = one.occam + 0.5 * square * one.prior_energy - 0.5 * one.count
-    net = lost - paid - one.cost
+    paid = effect.occam + 0.5 * square * effect.prior_energy - 0.5 * effect.count
+    net = lost - paid - effect.cost
     scores = np.array(bench.scores)
-    named = scores - paid - one.cost - THRESHOLDS.nats_per_name
+    named = scores - paid - effect.cost - THRESHOLDS.nats_per_name
     others = np.max(scores - lost, axis=1, keepdims=True)
     wins = (net >= rules.min_nats) & (named >= others)
     relative = np.sqrt(fall / bench.task.design.rows) / bench.task.design.rms
     share = fall / np.maximum(fitted.sse + fall, 1e-300)
-    by_fit = rules.lower(relative, share).any(axis=2) & _confirmed(bench, one, square)
+    by_fit = rules.lower(relative, share).any(axis=2) & _confirmed(
+        bench, effect, square
+    )
     big = (
-        np.sqrt(square * one.torque).max(axis=1, keepdims=True)
+        np.sqrt(square * effect.torque).max(axis=1, keepdims=True)
         >= rules.min_plausible_torque
     )
     spares = (
@@ -159,7 +161,7 @@ def is_detected(bench: DetectionModel, one: ExpectedEffect, sizes: Array) -> Arr
     return np.any(wins & (by_fit | spares), axis=1)
 
 
-def _confirmed(bench: DetectionModel, one: ExpectedEffect, square: Array) -> Array:
+def _confirmed(bench: DetectionModel, effect: ExpectedEffect, square: Array) -> Array:
     """Whether logs left out are predicted better by enough, and enough of them.
 
     Args:
@@ -169,16 +171,18 @@ def _confirmed(bench: DetectionModel, one: ExpectedEffect, square: Array) -> Arr
         Shape (sizes, 1).
     """
     fitted, design, rules = bench.fitted, bench.task.design, bench.task.rules
-    acts = one.torque > 0
+    acts = effect.torque > 0
     # What its coefficients catch of the noise makes it predict worse.
-    caught = one.count / max(acts.sum(), 1) * fitted.sse / fitted.counted
-    fall = np.maximum(square * one.fold_errors.sum(axis=0) - acts * caught, 0)
+    caught = effect.count / max(acts.sum(), 1) * fitted.sse / fitted.counted
+    fall = np.maximum(square * effect.fold_errors.sum(axis=0) - acts * caught, 0)
     power = np.maximum(design.tau_power.sum(axis=0), 1e-30)
     share = fall / np.maximum(bench.left_out + fall, 1e-300)
     enough = rules.lower(np.sqrt(fall / power), share)
     # A fold is better with it by a normal chance of this many standard deviations.
-    sure = np.sqrt(square[..., None] * np.maximum(one.fold_errors, 0) * bench.weight)
-    folds = one.fold_errors > 1e-3 * np.maximum(one.fold_errors.max(axis=0), 1e-300)
+    sure = np.sqrt(square[..., None] * np.maximum(effect.fold_errors, 0) * bench.weight)
+    folds = effect.fold_errors > 1e-3 * np.maximum(
+        effect.fold_errors.max(axis=0), 1e-300
+    )
     better = np.where(folds, ndtr(0.5 * sure), 0).sum(axis=1)
     better = better / np.maximum(folds.sum(axis=0), 1)
     return np.any(
@@ -187,7 +191,7 @@ def _confirmed(bench: DetectionModel, one: ExpectedEffect, square: Array) -> Arr
 
 
 def _near_priors(task: Task, fitted: Fit, priors: Sequence[Prior]) -> tuple[list, list]:
-    """The chosen prior and those that the search could turn to, with their evidence."""
+    """The chosen prior and its competitors, with the evidence of each."""
     design, every = task.design, [task.prior, *priors]
     scores = [
         fit(design, p, fitted.members, fitted.counted, rounds=4).score for p in every
@@ -214,29 +218,33 @@ def _blocks(bench: DetectionModel, group: Group) -> tuple[Array, Array]:
     """
     design, ids = bench.task.design, bench.systems[0].ids
     shape, k = (design.folds, design.dof), len(group.ids)
-    own, mixed = np.zeros((*shape, k, k)), np.zeros((*shape, len(ids), k))
+    group_gram, cross_gram = np.zeros((*shape, k, k)), np.zeros((*shape, len(ids), k))
     for j in range(design.dof):
-        place, mine = design.present(j, group.ids)
+        place, columns = design.present(j, group.ids)
         if len(place):
-            theirs, have = design.present(j, ids)
+            fit_places, have = design.present(j, ids)
             gram = design.gram[j]
-            own[:, j, mine[:, None], mine] = gram[:, place[:, None], place]
-            mixed[:, j, have[:, None], mine] = gram[:, theirs[:, None], place]
-    return own, mixed
+            group_gram[:, j, columns[:, None], columns] = gram[:, place[:, None], place]
+            cross_gram[:, j, have[:, None], columns] = gram[
+                :, fit_places[:, None], place
+            ]
+    return group_gram, cross_gram
 
 
-def _added_error(gram: Array, own: Array, mixed: Array, moved: Array) -> Array:
+def _added_error(
+    gram: Array, group_gram: Array, cross_gram: Array, shift: Array
+) -> Array:
     """Squared error of a group less what the moved fit imitates. Shape (..., k, k).
 
     Args:
         gram: Of the fit. Shape (..., m, m).
-        own: Of the group. Shape (..., k, k).
-        mixed: Of the fit with the group. Shape (..., m, k).
-        moved: What the fit moves by. Shape (..., m, k).
+        group_gram: Of the group. Shape (..., k, k).
+        cross_gram: Of the fit with the group. Shape (..., m, k).
+        shift: What the fit moves by. Shape (..., m, k).
     """
-    turned = np.swapaxes(moved, -1, -2)
-    across = turned @ mixed
-    return own - across - np.swapaxes(across, -1, -2) + turned @ (gram @ moved)
+    turned = np.swapaxes(shift, -1, -2)
+    across = turned @ cross_gram
+    return group_gram - across - np.swapaxes(across, -1, -2) + turned @ (gram @ shift)
 
 
 def _quadratic_form(form: Array, u: Array) -> Array:
@@ -284,13 +292,13 @@ def lookalikes(
             for other, part in zip(members, caught, strict=True):
                 key = (other.effect.name, other.joints)
                 lost[key] = min(lost.get(key, np.inf), 0.5 * float(every - part))
-        own = (group.effect.name, group.joints)
+        place = (group.effect.name, group.joints)
         # To a hundredth of a nat: what is lost to twins is rounding, and would order
         # them otherwise on another processor.
         near = sorted(
             (round(x, 2), key)
             for key, x in lost.items()
-            if x < THRESHOLDS.class_nats and key != own
+            if x < THRESHOLDS.class_nats and key != place
         )
         out.append(tuple(Place(n, tuple(j + 1 for j in js)) for _, (n, js) in near))
     return out
@@ -348,9 +356,9 @@ def minimum_detectable(
             continue
         if len({robot.prismatic[j] for j in first.joints}) > 1 and first.parts:
             continue  # of several units
-        least = _smallest_effect(bench, groups)
-        if least is not None:
-            sizes.append(least)
+        smallest = _smallest_effect(bench, groups)
+        if smallest is not None:
+            sizes.append(smallest)
     alike = lookalikes(
         task,
         fitted,
@@ -378,13 +386,13 @@ class _SmallestEffect:
 
 
 def _possible_size(bench: DetectionModel, least: _SmallestEffect) -> float | None:
-    """The size; None where no arm has an effect as large."""
+    """The size; None where no arm has an effect that large."""
     design, group = bench.task.design, least.group
     limits = limits_of(design, bench.fitted, group)
-    shape, either = group.shape, (least.theta, -least.theta)
+    shape, signs = group.shape, (least.theta, -least.theta)
     if _of_its_own_shape(group.effect, group):
         shape = (least.value, *shape[1:])
-    if any(group.effect.possible(theta, shape, limits) for theta in either):
+    if any(group.effect.possible(theta, shape, limits) for theta in signs):
         return float(least.value)
     return None
 
@@ -392,7 +400,6 @@ def _possible_size(bench: DetectionModel, least: _SmallestEffect) -> float | Non
 def _smallest_effect(
     bench: DetectionModel, groups: Sequence[Group]
 ) -> _SmallestEffect | None:
-    """The size as its first parameter tells it; None where no size is found."""
     effect, middle = groups[0].effect, groups[len(groups) // 2]
     if _by_shape_alone(effect, middle):
         # The highest plateau of those tried at which a clip to its level is found.
@@ -442,29 +449,31 @@ def _with_direction(
 
 
 def _smallest(bench: DetectionModel, group: Group) -> float:
-    """Smallest coefficient that is found; of several directions the median."""
+    """Smallest detectable coefficient; the median over directions."""
     sizes = []
     for one in expect_effect(bench, group, directions(bench, group)):
-        known = bench.weight @ one.fall[0] + one.bent[0]
-        if known <= 0:
+        information = bench.weight @ one.fall[0] + one.bent[0]
+        if information <= 0:
             sizes.append(np.inf)
             continue
-        sizes.append(_first_detected(bench, one, np.sqrt(2 / known)))
+        sizes.append(_first_detected(bench, one, np.sqrt(2 / information)))
     return float(np.median(sizes))
 
 
-def _first_detected(bench: DetectionModel, one: ExpectedEffect, unit: float) -> float:
+def _first_detected(
+    bench: DetectionModel, effect: ExpectedEffect, unit: float
+) -> float:
     """First size that is found, climbing from what is worth a nat.
 
     Far above it an effect may be lost again, since its own prior does not believe it.
     """
     ladder = unit * np.geomspace(1, WIDEST, STEPS)
-    seen = is_detected(bench, one, ladder)
-    if seen[0] or not seen.any():
-        return float(ladder[0]) if seen[0] else np.inf
-    step = int(np.argmax(seen))
+    detected = is_detected(bench, effect, ladder)
+    if detected[0] or not detected.any():
+        return float(ladder[0]) if detected[0] else np.inf
+    step = int(np.argmax(detected))
     between = np.geomspace(ladder[step - 1], ladder[step], FINER + 1)[1:]
-    return float(between[int(np.argmax(is_detected(bench, one, between)))])
+    return float(between[int(np.argmax(is_detected(bench, effect, between)))])
 
 
 def directions(bench: DetectionModel, group: Group) -> list[Array]:
@@ -491,14 +500,14 @@ def _one_vector(effect: Effect, group: Group) -> bool:
 
 
 def _of_its_own_shape(effect: Effect, group: Group) -> bool:
-    """Whether the size is the searched shape as well (the half gap of a backlash)."""
+    """Whether the shape is the size (the half gap of a backlash)."""
     if effect.refine is None or len(group.ids) > 1 or len(effect.parameters) > 1:
         return False
     return not _by_shape_alone(effect, group)
 
 
 def _by_shape_alone(effect: Effect, group: Group) -> bool:
-    """Whether the size does not depend on the coefficient (the level of a plateau)."""
+    """Whether the shape alone is the size (the level of a plateau)."""
     if effect.refine is None or len(effect.parameters) > 1:
         return False
     values = [effect.values(c * np.ones(1), group.shape, None)[0] for c in (1.0, 2.0)]

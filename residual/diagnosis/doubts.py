@@ -99,42 +99,42 @@ def substitutes(
         fallen: What fell although it explained much.
     """
     out = []
-    for one in late:
-        if not _is_more(outcome, validation, one, fallen):
-            out.append((one, "withdrawn: it only repeats a withdrawn effect"))
-        elif not _is_proven(outcome, validation, held_out, one):
+    for member in late:
+        if not _is_more(outcome, validation, member, fallen):
+            out.append((member, "withdrawn: it only repeats a withdrawn effect"))
+        elif not _is_proven(outcome, validation, held_out, member):
             why = "it replaces a withdrawn effect without a clear held-out gain"
-            out.append((one, f"withdrawn: {why}"))
+            out.append((member, f"withdrawn: {why}"))
     return out
 
 
 def _is_more(
     outcome: SearchOutcome,
     validation: HeldOutResult,
-    one: GateResult,
+    member: GateResult,
     fallen: Sequence[Group],
 ) -> bool:
-    """Whether a name would carry its weight with the fallen ones beside it, too."""
+    """Whether a name passes the threshold with the withdrawn names in the fit."""
     task = outcome.task
-    names = [t.group for t, _ in validation.kept if t is not one]
+    names = [t.group for t, _ in validation.kept if t is not member]
     without = task.settle(task.fit((*names, *fallen), validation.fit))
-    with_it = task.settle(task.fit((*names, *fallen, one.group), validation.fit))
-    return task.net_gain(with_it, without, one.group) >= task.rules.min_nats
+    with_it = task.settle(task.fit((*names, *fallen, member.group), validation.fit))
+    return task.net_gain(with_it, without, member.group) >= task.rules.min_nats
 
 
 def _is_proven(
     outcome: SearchOutcome,
     validation: HeldOutResult,
     held_out: Sequence[HeldOutLog],
-    one: GateResult,
+    member: GateResult,
 ) -> bool:
-    """Whether a name lowers the held-out error beyond chance where it acts."""
-    rest = refit(outcome, [t for t, _ in validation.kept if t is not one])
+    """Whether a name lowers the held-out error significantly where it acts."""
+    rest = refit(outcome, [t for t, _ in validation.kept if t is not member])
     after = outcome.error(validation.fit, held_out)
     before = outcome.error(rest, held_out)
     rms = outcome.task.design.rms
     joints = sorted(
-        {*one.group.effect.rows(one.group.joints, len(rms)), one.shown_joint}
+        {*member.group.effect.rows(member.group.joints, len(rms)), member.shown_joint}
     )
     fall = ((before - after) / rms**2)[:, joints].sum(axis=1)
     scatter = np.sqrt(((fall - fall.mean()) ** 2).sum())
@@ -210,17 +210,17 @@ def doubt_names(
 def _split_suspected(
     now: DoubtResult, proof: Sequence[HeldOutLog], recordings: Sequence[Recording]
 ) -> DoubtResult:
-    """What is sure, and apart from it what is only suspected: that is in no model."""
-    sure = _confidences(now)
+    """Part the sure names from the suspected ones, which are in no model."""
+    probabilities = _confidences(now)
     gains = dict(now.validation.kept)
-    every = [_with_confidence(f, sure, gains) for f in now.named]
+    every = [_with_confidence(f, probabilities, gains) for f in now.named]
     weak = {
         t
         for f in every
         for t, s in zip(f.tested, f.sureness, strict=True)
         if s.probability < SURE
     }
-    some = [part for f in every if (part := f.only(weak))]
+    suspected = [part for f in every if (part := f.only(weak))]
     validation = (
         drop_names(now.outcome, now.validation, list(weak)) if weak else now.validation
     )
@@ -228,43 +228,45 @@ def _split_suspected(
     outcome = predictive(first)
     if outcome is not first:
         tested = tuple(t for t, _ in validation.kept)
-        again = validate_names(replace(outcome, tested=tested), proof)
+        revalidated = validate_names(replace(outcome, tested=tested), proof)
         # A scale that a name does not stand at is none to take.
-        stand_all = len(again.kept) == len(tested)
-        validation, outcome = (again, outcome) if stand_all else (validation, first)
+        stand_all = len(revalidated.kept) == len(tested)
+        validation, outcome = (
+            (revalidated, outcome) if stand_all else (validation, first)
+        )
     if outcome is first and not weak:
         return replace(now, outcome=first, named=tuple(every))
-    left = [t for t, _ in validation.kept]
-    checks = check_noise(outcome, validation.fit, recordings) if left else None
-    named = findings(outcome, validation.fit, left, checks)
+    remaining = [t for t, _ in validation.kept]
+    checks = check_noise(outcome, validation.fit, recordings) if remaining else None
+    named = findings(outcome, validation.fit, remaining, checks)
     return replace(
         now,
         outcome=outcome,
         validation=validation,
         checks=checks,
-        named=tuple(_with_confidence(f, sure, gains) for f in named),
-        suspected=tuple(some),
+        named=tuple(_with_confidence(f, probabilities, gains) for f in named),
+        suspected=tuple(suspected),
         gains=gains,
     )
 
 
 def _confidences(now: DoubtResult) -> dict[GateResult, float]:
-    """Of each name that stands; what every drive has stands or falls together."""
+    """Confidence of each name; common names of all drives share one."""
     doubted = now.outcome.adequacy.doubted
-    alone = {
+    probability = {
         t: confidence(t, gain, now.splits[t]) if t.joint in doubted else 1.0
         for t, gain in now.validation.kept
     }
     company = _common_names(now.outcome, now.validation)
     for name in {t.group.effect.name for t in company}:
-        own = [t for t in company if t.group.effect.name == name]
-        alone |= dict.fromkeys(own, max(alone[t] for t in own))
-    return alone
+        members = [t for t in company if t.group.effect.name == name]
+        probability |= dict.fromkeys(members, max(probability[t] for t in members))
+    return probability
 
 
 def _with_confidence(
-    found: NamedEffect,
-    sure: Mapping[GateResult, float],
+    finding: NamedEffect,
+    probabilities: Mapping[GateResult, float],
     gains: Mapping[GateResult, float],
 ) -> NamedEffect:
     """A finding with the probability of each member: right, and not another name.
@@ -272,20 +274,23 @@ def _with_confidence(
     It is half of that where every size may be nothing and held-out motion gains little.
     """
     sureness = []
-    for t, s, clear in zip(found.tested, found.sureness, found.sized, strict=True):
+    for t, s, clear in zip(
+        finding.tested, finding.sureness, finding.sized, strict=True
+    ):
         # Of a constant evidence is no measure, and what could stand in its place is
         # said beside it.
         constant = Trait.CONSTANT in t.group.effect.traits
-        right = sure[t] * (1.0 if constant else s.probability)
-        shown = clear or gains[t] >= PROVEN
-        sureness.append(replace(s, probability=right if shown else right / 2))
-    return replace(found, sureness=tuple(sureness))
+        probability = probabilities[t] * (1.0 if constant else s.probability)
+        significant = clear or gains[t] >= PROVEN
+        sureness.append(
+            replace(s, probability=probability if significant else probability / 2)
+        )
+    return replace(finding, sureness=tuple(sureness))
 
 
 def _with_constants(
     now: DoubtResult, proof: Sequence[HeldOutLog], recordings: Sequence[Recording]
 ) -> DoubtResult:
-    """What stands, with the constants that pay among the names."""
     outcome, own = with_constants(now.outcome, now.validation.fit)
     if not own:
         validation = replace(now.validation, fit=outcome.fit)
@@ -373,7 +378,7 @@ def _common_names(
 def _find_weak(
     named: Sequence[NamedEffect], company: Sequence[GateResult]
 ) -> list[tuple[GateResult, str]]:
-    """Names that are less likely than not, or may as well be nothing."""
+    """Names that are improbable, or not significantly different from zero."""
     out = []
     for finding in named:
         for tested, sure in zip(finding.tested, finding.sureness, strict=True):
@@ -394,7 +399,7 @@ def _find_weak(
 def _find_bodiless(
     outcome: SearchOutcome, validation: HeldOutResult
 ) -> list[tuple[GateResult, str]]:
-    """Names of bodies, where the logs contradict every possible body beyond chance."""
+    """Names of bodies, where the logs exclude every possible body."""
     named = [t for t, _ in validation.kept if Trait.BODY in t.group.effect.traits]
     if not named:
         return []

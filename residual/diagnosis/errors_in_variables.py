@@ -111,15 +111,15 @@ def drop_noise(
         The names that stand, how their fit was checked (None where there are none), and
         the names that are noise.
     """
-    gone: list[GateResult] = []
+    dropped: list[GateResult] = []
     while validation.kept:
         checks = check_noise(outcome, validation.fit, recordings)
         noise = [t for t, _ in validation.kept if checks.is_noise(t)]
         if not noise:
-            return validation, checks, tuple(gone)
-        gone += noise
+            return validation, checks, tuple(dropped)
+        dropped += noise
         validation = drop_names(outcome, validation, noise)
-    return validation, None, tuple(gone)
+    return validation, None, tuple(dropped)
 
 
 def noise_notes(
@@ -128,26 +128,29 @@ def noise_notes(
     """What noise of the angles did to the named effects: one sentence, or none."""
     if checks is None:
         return ()
-    off = ", ".join(sorted({t.group.effect.name for t in tested if checks.differs(t)}))
+    corrected = ", ".join(
+        sorted({t.group.effect.name for t in tested if checks.differs(t)})
+    )
     if checks.how == EFFECTIVE:
         share = 100 * np.nanmax(checks.share)
-        moved = f"parameters of {off} are corrected for it; " if off else ""
-        said = (
+        moved = f"parameters of {corrected} are corrected for it; " if corrected else ""
+        note = (
             "no reference (q_ref) in every log: noise of the angles, redrawn as it was "
             f"measured, makes {share:.1f} % of a joint's residual variance at most; "
             f"{moved}standard deviations allow for it (effective variance)"
         )
-    elif off:
-        said = (
-            f"errors in variables: the reference contradicts least squares on {off} "
-            "(Durbin-Wu-Hausman, 0.1 %); parameters there are those by instruments"
+    elif corrected:
+        note = (
+            "errors in variables: the reference contradicts least squares on "
+            f"{corrected} (Durbin-Wu-Hausman, 0.1 %); its parameters are those by "
+            "instruments"
         )
     else:
-        said = (
+        note = (
             "errors in variables: instruments made of the reference agree with least "
             "squares on every named effect (Durbin-Wu-Hausman)"
         )
-    return (said,)
+    return (note,)
 
 
 def check_noise(
@@ -234,7 +237,7 @@ def _by_redrawing(outcome: SearchOutcome, fitted: Fit, tracks) -> NoiseCheck:
 
 
 def _design_with(outcome: SearchOutcome, fitted: Fit, tracks) -> tuple[Design, Array]:
-    """The fit's columns as other angles give them, on the very same rows."""
+    """The fit's columns computed from other angles, on the same rows."""
     nominal = outcome.nominal
     other = replace(outcome.logs, tracks=tracks)
     design = first_design(other, nominal, physical(as_model(nominal, fitted)))
@@ -256,10 +259,12 @@ def _project(real: Iterable, instruments: Iterable) -> tuple[Array, Array]:
     for (x, y), (z, _) in zip(real, instruments, strict=True):
         zz, zx, zy = zz + z.T @ z, zx + z.T @ x, zy + z.T @ y
     size = np.sqrt(np.diag(zz))
-    some = np.flatnonzero(size > 0)
-    unit = 1 / size[some]
-    values, vectors = np.linalg.eigh(zz[np.ix_(some, some)] * np.outer(unit, unit))
-    sound = values > FLAT * values.max(initial=0.0)
-    basis = (vectors[:, sound] / np.sqrt(values[sound])) * unit[:, None]
-    seen = basis.T @ zx[some]
-    return seen.T @ seen, seen.T @ (basis.T @ zy[some])
+    nonzero = np.flatnonzero(size > 0)
+    unit = 1 / size[nonzero]
+    values, vectors = np.linalg.eigh(
+        zz[np.ix_(nonzero, nonzero)] * np.outer(unit, unit)
+    )
+    kept = values > FLAT * values.max(initial=0.0)
+    basis = (vectors[:, kept] / np.sqrt(values[kept])) * unit[:, None]
+    projected = basis.T @ zx[nonzero]
+    return projected.T @ projected, projected.T @ (basis.T @ zy[nonzero])

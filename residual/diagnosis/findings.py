@@ -148,44 +148,44 @@ def findings(
     return _order_riding(sorted(out, key=lambda f: (-f.torque.max(), -f.nats)))
 
 
-def _order_riding(found: Sequence[NamedEffect]) -> list[NamedEffect]:
+def _order_riding(findings: Sequence[NamedEffect]) -> list[NamedEffect]:
     """The same, but what rides on another of its size comes before it.
 
     Friction that yields is told on top of a constant level: a contact that the model
     lacks is both, and only the one name says what it is.
     """
-    out = list(found)
-    for one in found:
-        for other in found:
-            if one.effect.rides_on == other.effect.name and _rides_on(one, other):
-                place = min(out.index(one), out.index(other))
-                out.remove(one)
-                out.insert(place, one)
+    out = list(findings)
+    for rider in findings:
+        for base in findings:
+            if rider.effect.rides_on == base.effect.name and _rides_on(rider, base):
+                place = min(out.index(rider), out.index(base))
+                out.remove(rider)
+                out.insert(place, rider)
     return out
 
 
-def _rides_on(one: NamedEffect, other: NamedEffect) -> bool:
-    """Whether a finding has half of the size of another on a joint of both."""
+def _rides_on(rider: NamedEffect, base: NamedEffect) -> bool:
+    """Whether a finding has half the size of another on a shared joint."""
     sizes = [
         dict(zip(f.joints, np.abs(next(iter(f.parameters.values()))[0]), strict=True))
-        for f in (one, other)
+        for f in (rider, base)
     ]
     shared = sizes[0].keys() & sizes[1].keys()
     return any(sizes[0][j] >= THRESHOLDS.rides_share * sizes[1][j] for j in shared)
 
 
 def _torque(outcome: SearchOutcome, fitted: Fit, group: Group) -> float:
-    """Largest torque of a member on any joint, as a share of the joint's own rms."""
+    """Largest rms torque of a member on any joint, as a share of the joint's rms."""
     design, out = outcome.task.design, 0.0
     for j in range(design.dof):
         if len(design.present(j, group.ids)[0]):
-            own = _torque_on(design, fitted, group, j)
-            out = max(out, float(np.sqrt(np.mean(own**2))) / design.rms[j])
+            torque = _torque_on(design, fitted, group, j)
+            out = max(out, float(np.sqrt(np.mean(torque**2))) / design.rms[j])
     return out
 
 
 def _torque_on(design: Design, fitted: Fit, group: Group, j: int) -> Array:
-    """Torque of a member on the rows of a joint, as logged [N m]. Shape (rows,)."""
+    """Torque of a member on the rows of a joint [N m]. Shape (rows,)."""
     place, have = design.present(j, group.ids)
     return design.columns(j, place) @ fitted.of(group)[have]
 
@@ -193,7 +193,7 @@ def _torque_on(design: Design, fitted: Fit, group: Group, j: int) -> Array:
 def _size(
     fitted: Fit, tested: GateResult, checks: NoiseCheck | None
 ) -> tuple[Array, Array]:
-    """Coefficients of a member as they are told, and what is doubtful of them."""
+    """Reported coefficients of a member, and the covariance of their doubt."""
     if checks:
         return checks.estimate(tested)
     theta = fitted.of(tested.group)
@@ -206,17 +206,17 @@ def public_joints(group: Group) -> tuple[int, ...]:
 
 
 def _merge_joints(tested: Sequence[GateResult], robot: Robot) -> list[list[GateResult]]:
-    """Members of one local name on different joints of one unit belong together."""
+    """Group members of one local effect on joints of one unit."""
     out: list[list[GateResult]] = []
     for t in sorted(tested, key=lambda t: (t.group.effect.name, t.group.joints)):
-        mine = t.group
+        group = t.group
         for members in out:
-            other = members[-1].group
-            same = other.effect.name == mine.effect.name and (
-                mine.effect.units(other.joints, robot)
-                == mine.effect.units(mine.joints, robot)
+            merged = members[-1].group
+            same = merged.effect.name == group.effect.name and (
+                group.effect.units(merged.joints, robot)
+                == group.effect.units(group.joints, robot)
             )
-            if same and mine.effect.scope == "local" and other.joints != mine.joints:
+            if same and group.effect.scope == "local" and merged.joints != group.joints:
                 members.append(t)
                 break
         else:
@@ -233,11 +233,11 @@ def _equivalents(members, near) -> tuple:
         return tuple((g.effect.name, public_joints(g)) for g in near[0])
     name, on = members[0].group.effect.name, {}
     for member, groups in zip(members, near, strict=True):
-        mine = member.group.joints
+        joints = member.group.joints
         for g in dict.fromkeys(g for g in groups if g.effect.name != name):
-            place = None if g.joints == mine else public_joints(g)
-            own = on.setdefault((g.effect.name, place), list(place or ()))
-            own += public_joints(member.group) if place is None else ()
+            place = None if g.joints == joints else public_joints(g)
+            on_joints = on.setdefault((g.effect.name, place), list(place or ()))
+            on_joints += public_joints(member.group) if place is None else ()
     ranked = sorted(on.items(), key=lambda item: -len(item[1]))
     return tuple((other, tuple(sorted({*joints}))) for (other, _), joints in ranked)
 
@@ -261,7 +261,9 @@ def _parameters(outcome: SearchOutcome, members, sizes, sure) -> dict:
     }
 
 
-def _combined(outcome: SearchOutcome, member: GateResult, sizes, sure, known) -> dict:
+def _combined(
+    outcome: SearchOutcome, member: GateResult, sizes, sure, parameters
+) -> dict:
     """What the motion determines of a member whose parameters it does not. By formula.
 
     Returns:
@@ -269,7 +271,7 @@ def _combined(outcome: SearchOutcome, member: GateResult, sizes, sure, known) ->
     """
     effect, robot = member.group.effect, outcome.logs.robot
     theta, _ = sizes[member.group]
-    if effect.combined is None or all(clear for *_, clear in known.values()):
+    if effect.combined is None or all(clear for *_, clear in parameters.values()):
         return {}
     units = [effect.combined(one, robot) for one in np.eye(len(theta))]
     out = {}
@@ -282,7 +284,7 @@ def _combined(outcome: SearchOutcome, member: GateResult, sizes, sure, known) ->
 
 
 def clouds(
-    outcome: SearchOutcome, fitted: Fit, found: Sequence[NamedEffect]
+    outcome: SearchOutcome, fitted: Fit, findings: Sequence[NamedEffect]
 ) -> tuple[Cloud, ...]:
     """One cloud per finding and joint on which it acts most.
 
@@ -291,14 +293,14 @@ def clouds(
     """
     return tuple(
         _cloud(outcome, fitted, tested, j)
-        for finding in found
+        for finding in findings
         for tested in finding.tested
         for j in _drawn_on(outcome.task.design, fitted, tested)
     )
 
 
 def _drawn_on(design: Design, fitted: Fit, tested: GateResult) -> Sequence[int]:
-    """Joints from 0 on which a member is drawn."""
+    """Joints (from 0) on which a member is plotted."""
     group = tested.group
     if group.effect.scope == "local":
         return group.joints
@@ -334,8 +336,8 @@ def _variable(
 
     None where that is the torque that it explains.
     """
-    slides = outcome.logs.robot.prismatic[j]
-    values, labels, label = [], [], along(EXPLAINED) if slides else EXPLAINED
+    prismatic = outcome.logs.robot.prismatic[j]
+    values, labels, label = [], [], along(EXPLAINED) if prismatic else EXPLAINED
     states = outcome.task.design.states
     for track, state in zip(outcome.logs.sketch, states, strict=True):
         rows = track.moving[:, j]
@@ -366,7 +368,9 @@ def split_background(
     if not named:
         return tuple(named), ()
     largest = max(f.torque.max() for f in named)
-    small = [f for f in named if _is_usual(f, THRESHOLDS.background_share * largest)]
+    small = [
+        f for f in named if _is_background(f, THRESHOLDS.background_share * largest)
+    ]
     if len({j for f in small for j in f.joints}) < max(
         THRESHOLDS.usual_joint_share * dof, THRESHOLDS.usual_min_joints
     ):
@@ -374,9 +378,9 @@ def split_background(
     return tuple(f for f in named if f not in small), tuple(small)
 
 
-def _is_usual(found: NamedEffect, least: float) -> bool:
-    effect = found.effect
+def _is_background(finding: NamedEffect, least: float) -> bool:
+    effect = finding.effect
     small = effect.traits & (Trait.FRICTION | Trait.PERIODIC)
     if not small or effect.scope != "local":
         return False
-    return bool(np.all(found.torque < min(THRESHOLDS.usual_torque_share, least)))
+    return bool(np.all(finding.torque < min(THRESHOLDS.usual_torque_share, least)))

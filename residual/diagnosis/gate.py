@@ -37,44 +37,48 @@ def left_out_errors(task: Task, fitted: Fit) -> Array:
     return left_out_of(task, fitted, System.of(task.design, task.prior, fitted.members))
 
 
-def left_out_of(task: Task, fitted: Fit, whole: System) -> Array:
+def left_out_of(task: Task, fitted: Fit, system: System) -> Array:
     """The same, of the normal equations of a fit. Shape (folds, dof)."""
     design, out = task.design, []
     weight = fitted.weight(design.rows)
-    for own in whole.folds(design):
+    for fold in system.folds(design):
         theta, _ = replace(
-            whole, gram=whole.gram - own.gram, cross=whole.cross - own.cross
+            system, gram=system.gram - fold.gram, cross=system.cross - fold.cross
         ).solve(weight)
-        out.append(own.squared_error(theta))
+        out.append(fold.squared_error(theta))
     return np.array(out)
 
 
-def test_members(task: Task, fitted: Fit) -> list[GateResult]:
+def gate_members(task: Task, fitted: Fit) -> list[GateResult]:
     """Test every member of a set: left-out error, else plausibility."""
     full = left_out_errors(task, fitted)
-    return [_test_member(task, fitted, group, full) for group in fitted.members]
+    return [_gate_member(task, fitted, group, full) for group in fitted.members]
 
 
 def passes_gate(task: Task, fitted: Fit, group: Group) -> bool:
     """Whether one member of a set passes."""
     return (
-        _test_member(task, fitted, group, left_out_errors(task, fitted)).by is not None
+        _gate_member(task, fitted, group, left_out_errors(task, fitted)).by is not None
     )
 
 
-def _test_member(task: Task, fitted: Fit, group: Group, full: Array) -> GateResult:
+def _gate_member(
+    task: Task, fitted: Fit, group: Group, with_errors: Array
+) -> GateResult:
     design, rules = task.design, task.rules
     rest = [g for g in fitted.members if g is not group]
     # Settled on its own noise, as a user would refit without the name: held to the
     # larger model's noise it would bend its parameters beyond belief instead.
     without = task.settle(task.fit(rest, fitted, rounds=4))
     nats, big, small = evidence_gain(design, task.prior, fitted, without)
-    left = left_out_errors(task, without)
+    without_errors = left_out_errors(task, without)
     power = np.maximum(design.tau_power.sum(axis=0), 1e-30)
-    fall = (left - full).sum(axis=0) / power
+    fall = (without_errors - with_errors).sum(axis=0) / power
     relative = np.sign(fall) * np.sqrt(abs(fall))
-    share = 1 - full.sum(axis=0) / np.maximum(left.sum(axis=0), 1e-30)
-    improved = np.mean((left > full)[_acting(design, fitted, group)], axis=0)
+    share = 1 - with_errors.sum(axis=0) / np.maximum(without_errors.sum(axis=0), 1e-30)
+    improved = np.mean(
+        (without_errors > with_errors)[_acting(design, fitted, group)], axis=0
+    )
     acts = [j for j in range(design.dof) if len(design.present(j, group.ids)[0])]
     joint = acts[int(np.argmax(fall[acts]))]
     by = None
@@ -108,7 +112,7 @@ def _acting(design: Design, fitted: Fit, group: Group) -> Array:
 def drop_failed(task: Task, fitted: Fit) -> tuple[Fit, list[GateResult]]:
     """Drop the members that fail, weakest first, until all pass."""
     while True:
-        tested = test_members(task, fitted)
+        tested = gate_members(task, fitted)
         failed = [t for t in tested if t.by is None]
         if not failed:
             return fitted, tested
@@ -140,12 +144,12 @@ def _is_wrong(
         return False
     (j,) = group.joints
     place, have = design.present(j, group.ids)
-    drawn = design.columns(j, place) @ fitted.of(group)[have]
-    left = design.residual(j, fitted.ids, fitted.theta)
+    torque = design.columns(j, place) @ fitted.of(group)[have]
+    residual = design.residual(j, fitted.ids, fitted.theta)
     x, log = _variable(design, tracks, tested, j)
-    curve = _repeated(x, left, log)
+    curve = _repeated(x, residual, log)
     return curve > max(
-        THRESHOLDS.own_curve_share * np.std(drawn),
+        THRESHOLDS.own_curve_share * np.std(torque),
         THRESHOLDS.own_curve_torque_share * design.rms[j],
     )
 
@@ -153,7 +157,7 @@ def _is_wrong(
 def _variable(
     design: Design, tracks: Sequence[Track], tested: GateResult, j: int
 ) -> tuple[Array, Array]:
-    """What the name is drawn against on the rows of a joint, and each row's log."""
+    """Explaining variable of an effect on the rows of a joint, and each row's log."""
     values, logs = [], []
     for i, (track, state) in enumerate(zip(tracks, design.states, strict=True)):
         x, _ = tested.group.effect.variable(state, j)
@@ -173,16 +177,16 @@ def _repeated(x: Array, y: Array, log: Array) -> float:
     place = np.searchsorted(edges, x)
     total, weight = 0.0, 0.0
     for b in range(BINS):
-        mine = place == b
-        counts = np.bincount(log[mine])
-        sums = np.bincount(log[mine], y[mine], minlength=len(counts))
+        in_bin = place == b
+        counts = np.bincount(log[in_bin])
+        sums = np.bincount(log[in_bin], y[in_bin], minlength=len(counts))
         enough = counts >= FEWEST
         means = sums[enough] / counts[enough]
         if len(means) > 1:
             pairs = len(means) * (len(means) - 1)
             product = (means.sum() ** 2 - (means**2).sum()) / pairs
-            total += mine.sum() * product
-            weight += mine.sum()
+            total += in_bin.sum() * product
+            weight += in_bin.sum()
     return float(np.sqrt(max(total / weight, 0.0))) if weight else 0.0
 
 
@@ -194,10 +198,7 @@ def _repeated(x: Array, y: Array, log: Array) -> float:
 
 
 def only_curves(
-    design: Design,
-    tracks: Sequence[Track],
-    fitted: Fit,
-    tested: Sequence[GateResult],
+    design: Design, tracks: Sequence[Track], fitted: Fit, tested: Sequence[GateResult]
 ) -> list[GateResult]:
     """Return the names that a free curve of as many numbers could stand for.
 
@@ -206,29 +207,31 @@ def only_curves(
     """
     out = []
     for j in range(design.dof):
-        mine = [t for t in tested if t.group.joints == (j,) and _of_position(t)]
-        if len(mine) > 1 and any(map(_is_wave, mine)):
-            left = design.residual(j, fitted.ids, fitted.theta)
-            drawn = sum(_torque(design, fitted, t, j) for t in mine)
-            numbers = sum(len(t.group.ids) + len(t.group.shape) for t in mine)
+        members = [t for t in tested if t.group.joints == (j,) and _of_position(t)]
+        if len(members) > 1 and any(map(_is_wave, members)):
+            residual = design.residual(j, fitted.ids, fitted.theta)
+            torque = sum(_torque(design, fitted, t, j) for t in members)
+            numbers = sum(len(t.group.ids) + len(t.group.shape) for t in members)
             lines = [x.q[:: x.step, j][x.moving[:, j]] for x in tracks]
-            rest = _without_curve(np.concatenate(lines), left + drawn, numbers)
-            power = (left**2).sum()
-            explained = ((left + drawn) ** 2).sum() - power
-            waves = sum(_torque(design, fitted, t, j) for t in mine if _is_wave(t))
+            curve_residual = _without_curve(
+                np.concatenate(lines), residual + torque, numbers
+            )
+            power = (residual**2).sum()
+            explained = ((residual + torque) ** 2).sum() - power
+            waves = sum(_torque(design, fitted, t, j) for t in members if _is_wave(t))
             # What the waves add must be drawn, not what a name beside them explains.
-            added = ((left + waves) ** 2).sum() - power
-            if (rest**2).sum() - power < (1 - THRESHOLDS.curve_share) * added:
-                out += _waves(design, fitted, mine, j, left + drawn, explained)
+            added = ((residual + waves) ** 2).sum() - power
+            if (curve_residual**2).sum() - power < (1 - THRESHOLDS.curve_share) * added:
+                out += _waves(design, fitted, members, j, residual + torque, explained)
     return out
 
 
 def _waves(
     design: Design,
     fitted: Fit,
-    mine: list[GateResult],
+    members: list[GateResult],
     j: int,
-    whole: Array,
+    torque: Array,
     explained: float,
 ) -> list[GateResult]:
     """Those of the names on a joint that draw the curve: all, or what rides on one.
@@ -236,12 +239,12 @@ def _waves(
     Where one name that is no wave explains nearly all of it, it is no drawing: the
     waves are what its textbook form leaves.
     """
-    for t in mine:
-        left = ((whole - _torque(design, fitted, t, j)) ** 2).sum()
-        alone = (whole**2).sum() - left
-        if not _is_wave(t) and alone > THRESHOLDS.curve_share * explained:
-            return [other for other in mine if other is not t]
-    return mine
+    for t in members:
+        residual = ((torque - _torque(design, fitted, t, j)) ** 2).sum()
+        explained_alone = (torque**2).sum() - residual
+        if not _is_wave(t) and explained_alone > THRESHOLDS.curve_share * explained:
+            return [member for member in members if member is not t]
+    return members
 
 
 def _is_wave(tested: GateResult) -> bool:
@@ -258,7 +261,7 @@ def _torque(design: Design, fitted: Fit, tested: GateResult, j: int) -> Array:
 
 
 def _without_curve(x: Array, y: Array, numbers: int) -> Array:
-    """What straight lines between so many knots, evenly spaced, leave of y."""
+    """Residual of y about a piecewise linear curve with evenly spaced knots."""
     knots = np.linspace(x.min(), x.max(), max(numbers, 2))
     width = max(knots[1] - knots[0], 1e-12)
     hats = np.maximum(1 - abs(x[:, None] - knots) / width, 0)

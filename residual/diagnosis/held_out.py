@@ -105,11 +105,13 @@ def find_harmful(
     if not larger:
         return []
 
-    def left(one: GateResult) -> float:
-        return outcome.error(drop_names(outcome, validation, [one]).fit, held_out).sum()
+    def error_without(member: GateResult) -> float:
+        return outcome.error(
+            drop_names(outcome, validation, [member]).fit, held_out
+        ).sum()
 
     why = f"it raises the held-out error over all joints by {100 * larger:.0f} %"
-    return [(min(alone, key=left), f"withdrawn: {why}")]
+    return [(min(alone, key=error_without), f"withdrawn: {why}")]
 
 
 def describe_gain(gain: float) -> str:
@@ -138,26 +140,28 @@ def describe_unproven(outcome: SearchOutcome, augmented: Errors) -> list[str]:
     """Sentences on joints of which the logs prove nothing, or less than it seems."""
     out = []
     design, tracks = outcome.task.design, outcome.logs.tracks
-    every = sum(int(t.inner.sum()) for t in tracks)
-    fit = np.sqrt(outcome.fit.sse / design.rows) / design.rms
-    held = augmented.per_joint("moving") / 100
+    samples = sum(int(t.inner.sum()) for t in tracks)
+    fit_errors = np.sqrt(outcome.fit.sse / design.rows) / design.rms
+    held_out_errors = augmented.per_joint("moving") / 100
     for j in range(design.dof):
         if j in outcome.logs.too_small:
             out.append(
                 f"joint {j + 1}: its torque is close to its resolution or noise, too "
                 "small to diagnose"
             )
-        elif design.rows[j] < THRESHOLDS.standing_row_share * every:
+        elif design.rows[j] < THRESHOLDS.standing_row_share * samples:
             out.append(
                 f"joint {j + 1} hardly moves in the fit logs and is not diagnosed"
             )
-        elif held[j] > max(
-            THRESHOLDS.held_out_error_ratio * fit[j], THRESHOLDS.held_out_error_share
+        elif held_out_errors[j] > max(
+            THRESHOLDS.held_out_error_ratio * fit_errors[j],
+            THRESHOLDS.held_out_error_share,
         ):
+            times = held_out_errors[j] / max(fit_errors[j], 1e-6)
             out.append(
                 f"joint {j + 1}: the error on held-out moving samples "
-                f"({100 * held[j]:.1f} %) is {held[j] / max(fit[j], 1e-6):.0f} times "
-                "that of the fit logs; the held-out motion holds something that the "
+                f"({100 * held_out_errors[j]:.1f} %) is {times:.0f} times that of the "
+                "fit logs; the held-out motion holds something that the "
                 "fit motion does not determine"
             )
     return out
@@ -175,55 +179,57 @@ def _held_out_gains(
     """
     with_all = outcome.error(fitted, held_out)
     rms, out = outcome.task.design.rms, []
-    for one in tested:
-        rest = refit(outcome, [t for t in tested if t is not one])
-        less = outcome.error(rest, held_out)
-        fall = _error_fall(one, with_all, less, rms)
+    for member in tested:
+        others = refit(outcome, [t for t in tested if t is not member])
+        without = outcome.error(others, held_out)
+        fall = _error_fall(member, with_all, without, rms)
         if fall < THRESHOLDS.confirmed_gain and (
-            stiff := _at_nominal(outcome, tested, one)
+            held_fit := _at_nominal(outcome, tested, member)
         ):
             # The refit imitates it: then it is held against the value as given.
-            fall = _error_fall(one, with_all, outcome.error(stiff, held_out), rms)
+            fall = _error_fall(member, with_all, outcome.error(held_fit, held_out), rms)
         out.append(round(fall, ROUND))
     return out
 
 
 def _at_nominal(
-    outcome: SearchOutcome, tested: Sequence[GateResult], one: GateResult
+    outcome: SearchOutcome, tested: Sequence[GateResult], member: GateResult
 ) -> Fit | None:
     """The fit without a wrong value, that value and no other held as it was given.
 
     Of a body all bodies are held: its neighbours would say what it may not. None where
     the name is no value that the model has.
     """
-    held = given_slots(outcome.nominal.model, one.group)
-    if not len(held):
+    slots = given_slots(outcome.nominal.model, member.group)
+    if not len(slots):
         return None
     task = outcome.task
-    members = [t.group for t in tested if t is not one]
-    stiff = replace(task, prior=with_held(task.prior, held))
-    return stiff.settle(stiff.fit(members, outcome.fit, rounds=4))
+    members = [t.group for t in tested if t is not member]
+    held_task = replace(task, prior=with_held(task.prior, slots))
+    return held_task.settle(held_task.fit(members, outcome.fit, rounds=4))
 
 
-def _error_fall(one: GateResult, with_it: Array, without: Array, rms: Array) -> float:
+def _error_fall(
+    member: GateResult, with_it: Array, without: Array, rms: Array
+) -> float:
     """1 - error with over error without, where the effect acts and where it shows.
 
     Parameters that bend without the name may predict the same. So a rise by chance is
     none, and neither is a fall where the name only spares the parameters.
     """
-    effect, dof = one.group.effect, len(rms)
-    joints = sorted({*effect.rows(one.group.joints, dof), one.shown_joint})
-    a, b = ((e / rms**2)[:, joints].sum(axis=1) for e in (with_it, without))
-    change = b - a
+    effect, dof = member.group.effect, len(rms)
+    joints = sorted({*effect.rows(member.group.joints, dof), member.shown_joint})
+    after, before = ((e / rms**2)[:, joints].sum(axis=1) for e in (with_it, without))
+    change = before - after
     if change.sum() < 0:
-        return -rise(a, b)
+        return -rise(after, before)
     scatter = np.sqrt(((change - change.mean()) ** 2).sum())
     if (
-        one.by == "plausibility"
+        member.by == "plausibility"
         and change.sum() < THRESHOLDS.spared_deviations * scatter
     ):
         return 0.0
-    return float(1 - np.sqrt(a.sum() / b.sum())) if b.sum() > 0 else 0.0
+    return float(1 - np.sqrt(after.sum() / before.sum())) if before.sum() > 0 else 0.0
 
 
 PARTS = 3
@@ -238,42 +244,48 @@ def count_splits(task: Task, fitted: Fit, tested: Sequence[GateResult]) -> list[
     """
     if not tested:
         return []
-    found, of = np.zeros(len(tested), dtype=int), np.zeros(len(tested), dtype=int)
-    for out in np.array_split(np.arange(task.design.folds), PARTS):
-        part = task.design.part(np.setdiff1d(np.arange(task.design.folds), out))
+    hits, shown_parts = (
+        np.zeros(len(tested), dtype=int),
+        np.zeros(len(tested), dtype=int),
+    )
+    for left_out_folds in np.array_split(np.arange(task.design.folds), PARTS):
+        part = task.design.part(
+            np.setdiff1d(np.arange(task.design.folds), left_out_folds)
+        )
         rules = replace(task.rules, min_nats=SHARE * task.rules.min_nats)
-        one = replace(task, design=part, rules=rules)
-        again = one.settle(one.fit(fitted.members, fitted, rounds=4))
+        part_task = replace(task, design=part, rules=rules)
+        refitted = part_task.settle(part_task.fit(fitted.members, fitted, rounds=4))
         for i, t in enumerate(tested):
             shown = _has_share(task.design, part, fitted, t.group)
-            of[i] += shown
-            found[i] += shown and _wins_again(one, again, t.group)
-    return [Splits(int(k), int(n)) for k, n in zip(found, of, strict=True)]
+            shown_parts[i] += shown
+            hits[i] += shown and _wins_again(part_task, refitted, t.group)
+    return [Splits(int(k), int(n)) for k, n in zip(hits, shown_parts, strict=True)]
 
 
 def _wins_again(task: Task, fitted: Fit, group: Group) -> bool:
-    """Whether a member would be named on these logs, beside the others."""
+    """Whether these logs alone would name a member, given the others."""
     if Trait.CONSTANT in group.effect.traits:
         return passes_gate(task, fitted, group)
-    rest = [g for g in fitted.members if g is not group]
-    without = task.settle(task.fit(rest, fitted))
+    others = [g for g in fitted.members if g is not group]
+    without = task.settle(task.fit(others, fitted))
     value, big, small = evidence_gain(task.design, task.prior, fitted, without)
-    own = value - task.candidates.cost(group)
-    if own < task.rules.min_nats or not admissible(task, group, value, big, small):
+    net = value - task.candidates.cost(group)
+    if net < task.rules.min_nats or not admissible(task, group, value, big, small):
         return False
     rivals = rank_additions(task, without, instead=group)
     family = group.effect.family
-    other = [v for v, g, _ in rivals if not family or g.effect.family != family]
-    return max(other, default=-np.inf) < own + THRESHOLDS.class_nats
+    others_nats = [v for v, g, _ in rivals if not family or g.effect.family != family]
+    return max(others_nats, default=-np.inf) < net + THRESHOLDS.class_nats
 
 
-def _has_share(whole: Design, part: Design, fitted: Fit, group: Group) -> bool:
-    """Whether a part of the logs has a fair share of an effect."""
-    own, every = (
+def _has_share(
+    full_design: Design, part_design: Design, fitted: Fit, group: Group
+) -> bool:
+    part_power, whole_power = (
         np.sum(torque_share(design, fitted, group) ** 2 * design.rows)
-        for design in (part, whole)
+        for design in (part_design, full_design)
     )
-    return bool(own > THRESHOLDS.part_power_share * every)
+    return bool(part_power > THRESHOLDS.part_power_share * whole_power)
 
 
 # What a model is worth on motion that it was not fitted to: may it be adopted?
@@ -360,7 +372,6 @@ def check_adoption(
 
 
 def _no_better(after: Array, before: Array) -> list[str]:
-    """Whether the error falls by more than chance, over the seconds of the logs."""
     change = (before - after).sum(axis=1)
     scatter = float(np.sqrt(((change - change.mean()) ** 2).sum()))
     if change.sum() > THRESHOLDS.spared_deviations * scatter:
@@ -375,23 +386,25 @@ def _no_better(after: Array, before: Array) -> list[str]:
 def _visible_share(
     model: Model, term: Term, logs: Sequence[HeldOutLog]
 ) -> VisibleShare:
-    """Weighted least squares of what is left without an effect on the effect itself."""
-    rest = replace(model, terms=tuple(t for t in model.terms if t is not term))
-    own, left = [], []
+    """Weighted least squares of the residual without an effect on its torque."""
+    without_term = replace(model, terms=tuple(t for t in model.terms if t is not term))
+    torques, residuals = [], []
     for log in logs:
         track = log.track
-        whole, without = (track.filter(m.torque_on(track)) for m in (model, rest))
-        own.append((whole - without) * track.moving)
-        left.append((track.tau - without) * track.moving)
-    effect, gap = np.concatenate(own), np.concatenate(left)
+        with_term, without = (
+            track.filter(m.torque_on(track)) for m in (model, without_term)
+        )
+        torques.append((with_term - without) * track.moving)
+        residuals.append((track.tau - without) * track.moving)
+    effect, gap = np.concatenate(torques), np.concatenate(residuals)
     # Each joint counts by how well the model knows it.
     weight = 1 / np.maximum(np.mean((gap - effect) ** 2, axis=0), 1e-12)
     torque = np.sqrt(moving_power(logs) / len(effect))
-    seen = np.sqrt(
+    visible = np.sqrt(
         np.mean(effect**2, axis=0)
     ) > THRESHOLDS.silent_torque_share * np.maximum(torque, 1e-12)
     joints = tuple(j + 1 for j in term.joints)
-    if not seen.any():
+    if not visible.any():
         return VisibleShare(term.effect.name, joints, None)
     part = (weight * effect * gap).sum() / (weight * effect**2).sum()
     return VisibleShare(term.effect.name, joints, float(part))

@@ -49,23 +49,27 @@ def alternatives(task: Task, fitted: Fit, group: Group) -> tuple[list[Group], fl
 
 
 def _alternatives(task: Task, fitted: Fit, group: Group) -> tuple[list[Group], float]:
-    rest = [g for g in fitted.members if g is not group]
-    without = task.fit(rest, fitted)
-    own = task.net_gain(fitted, without, group)
+    others = [g for g in fitted.members if g is not group]
+    without = task.fit(others, fitted)
+    member_nats = task.net_gain(fitted, without, group)
     ranked = rank_additions(task, without, instead=group)
-    had = np.maximum(without.sse, 1e-30)
-    removed = np.maximum(without.sse - fitted.sse, 0) / had
+    residual_power = np.maximum(without.sse, 1e-30)
+    removed = np.maximum(without.sse - fitted.sse, 0) / residual_power
     joint = int(np.argmax(removed))
 
     def stands_in(value: float, big: Fit) -> bool:
         """It explains what the member explains, and not something else beside it."""
-        fall = (without.sse[joint] - big.sse[joint]) / had[joint]
-        return own - value < THRESHOLDS.class_nats and fall > 0.5 * removed[joint]
+        fall = (without.sse[joint] - big.sse[joint]) / residual_power[joint]
+        return (
+            member_nats - value < THRESHOLDS.class_nats and fall > 0.5 * removed[joint]
+        )
 
     near = [g for value, g, big in ranked if stands_in(value, big)]
     far = [value for value, g, _ in ranked if g not in near]
-    inside = np.exp([0.0, *(min(v - own, 50) for v, g, _ in ranked if g in near)]).sum()
-    outside = np.exp([min(v - own, 50) for v in [0.0, *far]]).sum()
+    inside = np.exp(
+        [0.0, *(min(v - member_nats, 50) for v, g, _ in ranked if g in near)]
+    ).sum()
+    outside = np.exp([min(v - member_nats, 50) for v in [0.0, *far]]).sum()
     return near, float(inside / (inside + outside))
 
 
@@ -76,20 +80,22 @@ def prefer_simpler(task: Task, fitted: Fit) -> Fit:
     that explains the same within 3 nats (odds of 20 to 1).
     """
     for group in fitted.members:
-        rest = [g for g in fitted.members if g is not group]
-        without = task.fit(rest, fitted)
+        others = [g for g in fitted.members if g is not group]
+        without = task.fit(others, fitted)
         # Priced as if alone: one of several joints has no lead over its alternative.
-        own = task.net_gain(fitted, without, replace(group, fellows=1))
-        for value, other, _ in rank_additions(task, without, instead=group):
-            if own - value < THRESHOLDS.simpler_nats and _size(other) < _size(group):
-                stand_in = replace(other, fellows=group.fellows)
-                fitted = task.settle(task.fit((*rest, stand_in), without))
+        member_nats = task.net_gain(fitted, without, replace(group, fellows=1))
+        for value, candidate, _ in rank_additions(task, without, instead=group):
+            if member_nats - value < THRESHOLDS.simpler_nats and _size(
+                candidate
+            ) < _size(group):
+                stand_in = replace(candidate, fellows=group.fellows)
+                fitted = task.settle(task.fit((*others, stand_in), without))
                 break
     return fitted
 
 
 def _size(group: Group) -> float:
-    """Number of free numbers of a group, and how far-fetched it is beside others."""
+    """Number of free parameters of a group, and how far-fetched it is."""
     shape = group.effect.refine is not None
     return len(group.ids) + shape + group.effect.far_fetched
 
@@ -108,17 +114,17 @@ def best_set(task: Task, fitted: Fit) -> Fit:
     if any(g.fellows > 1 for g in fitted.members):
         return fitted
     for _ in range(THRESHOLDS.set_rounds if fitted.members else 0):
-        own = _set_score(task, fitted)
-        top = max(
+        score = _set_score(task, fitted)
+        best = max(
             _neighboring_fits(task, fitted),
             key=lambda f: _set_score(task, f),
             default=fitted,
         )
-        if _set_score(task, top) < own + THRESHOLDS.better_set_nats or not all(
-            possible(task.design, top, g) for g in top.members
+        if _set_score(task, best) < score + THRESHOLDS.better_set_nats or not all(
+            possible(task.design, best, g) for g in best.members
         ):
             break
-        fitted = task.settle(task.fit(top.members, top))
+        fitted = task.settle(task.fit(best.members, best))
     return fitted
 
 
@@ -141,47 +147,49 @@ def near_sets(task: Task, fitted: Fit) -> list[Rival]:
 
 
 def _near_sets(task: Task, fitted: Fit) -> list[Rival]:
-    own, found = _set_score(task, fitted), {}
-    for other in _neighboring_fits(task, fitted):
-        gap = _set_score(task, other) - own
-        key = _places_of(other.members)
+    score, rivals = _set_score(task, fitted), {}
+    for neighbor in _neighboring_fits(task, fitted):
+        gap = _set_score(task, neighbor) - score
+        key = _places_of(neighbor.members)
         if gap > -THRESHOLDS.class_nats and key != _places_of(fitted.members):
-            known = found.get(key)
-            if known is None or gap > known.nats:
-                found[key] = Rival(other.members, gap)
-    return sorted(found.values(), key=lambda r: -r.nats)
+            rival = rivals.get(key)
+            if rival is None or gap > rival.nats:
+                rivals[key] = Rival(neighbor.members, gap)
+    return sorted(rivals.values(), key=lambda r: -r.nats)
 
 
 def _neighboring_fits(task: Task, fitted: Fit) -> Iterator[Fit]:
     """Sets one move away: another for one, two for one, one for two, one less."""
     members = fitted.members
     for group in members:
-        rest = tuple(g for g in members if g is not group)
-        without = task.fit(rest, fitted)
+        others = tuple(g for g in members if g is not group)
+        without = task.fit(others, fitted)
         yield without
         ranked = rank_additions(task, without, instead=group, looks=FIRST_LOOKS)
-        for _, other, _ in ranked[:FIRST]:
-            swapped = _fit_with(task, rest, other, without)
+        for _, candidate, _ in ranked[:FIRST]:
+            swapped = _fit_with(task, others, candidate, without)
             yield swapped
             for _, second, _ in _other_additions(task, swapped, (group,))[:SECOND]:
                 yield _fit_with(task, swapped.members, second, swapped)
-    for one, two in combinations(members, 2):
-        if joints_acted_on(task, one) & joints_acted_on(task, two):
-            rest = tuple(g for g in members if g is not one and g is not two)
-            without = task.fit(rest, fitted)
-            for _, other, _ in _other_additions(task, without, (one, two))[:FIRST]:
-                yield _fit_with(task, rest, other, without)
+    for first, second in combinations(members, 2):
+        if joints_acted_on(task, first) & joints_acted_on(task, second):
+            others = tuple(g for g in members if g is not first and g is not second)
+            without = task.fit(others, fitted)
+            for _, candidate, _ in _other_additions(task, without, (first, second))[
+                :FIRST
+            ]:
+                yield _fit_with(task, others, candidate, without)
 
 
 def _other_additions(task: Task, base: Fit, gone: Sequence[Group]) -> list:
-    """Candidates on top of a fit that are none of those taken out."""
+    """Additions to a fit that are not among the removed candidates."""
     keys = {g.key for g in gone}
     ranked = rank_additions(task, base, looks=FIRST_LOOKS)
     return [one for one in ranked if not one[1].parts and one[1].key not in keys]
 
 
-def _fit_with(task: Task, rest: Sequence[Group], other: Group, like: Fit) -> Fit:
-    return task.fit(refine_shape(task, (*rest, other), like), like)
+def _fit_with(task: Task, others: Sequence[Group], candidate: Group, like: Fit) -> Fit:
+    return task.fit(refine_shape(task, (*others, candidate), like), like)
 
 
 def _set_score(task: Task, fitted: Fit) -> float:
@@ -199,9 +207,9 @@ def _body_twins(task: Task, fitted: Fit, least: Sequence[Detectable]) -> list[Ri
     A smaller load and a heavier link do what a load does; no evidence chooses, only
     the price of one more name.
     """
-    heavy = [g for g in fitted.members if g.effect.portable.bodies is not None]
+    bodies = [g for g in fitted.members if g.effect.portable.bodies is not None]
     taken = _places_of(fitted.members)
-    others = [
+    candidates = [
         g
         for g in task.candidates.groups
         if g.effect.portable.bodies is not None
@@ -209,27 +217,29 @@ def _body_twins(task: Task, fitted: Fit, least: Sequence[Detectable]) -> list[Ri
         and (g.effect.name, g.joints) not in taken
         and len(g.ids) == 1
     ]
-    if not heavy or not others:
+    if not bodies or not candidates:
         return []
-    rest = [g for g in fitted.members if g not in heavy]
-    alone = _information(task, fitted, rest, others)
-    beside = _information(task, fitted, fitted.members, others)
+    non_bodies = [g for g in fitted.members if g not in bodies]
+    without_bodies = _information(task, fitted, non_bodies, candidates)
+    with_bodies = _information(task, fitted, fitted.members, candidates)
     out = []
-    for other, before, after in zip(others, alone, beside, strict=True):
-        cost = task.candidates.cost(other) + task.rules.min_nats
+    for candidate, before, after in zip(
+        candidates, without_bodies, with_bodies, strict=True
+    ):
+        cost = task.candidates.cost(candidate) + task.rules.min_nats
         # Clear without the named bodies, which take it up: not to be found beside them.
         clear, taken_up = (
             0.5 * THRESHOLDS.body_change_share**2 * before > cost,
             after < THRESHOLDS.absorbed_share * before,
         )
-        if clear and taken_up and _is_hidden(other, least):
-            out.append(Rival((*fitted.members, other), -cost, twin=True))
+        if clear and taken_up and _is_hidden(candidate, least):
+            out.append(Rival((*fitted.members, candidate), -cost, twin=True))
     return out
 
 
-def _is_hidden(other: Group, least: Sequence[Detectable]) -> bool:
-    """Whether a usual change of a body would not be found."""
-    place = other.effect.name, tuple(j + 1 for j in other.joints)
+def _is_hidden(candidate: Group, least: Sequence[Detectable]) -> bool:
+    """Whether the usual change of a body is below the detectable size."""
+    place = candidate.effect.name, tuple(j + 1 for j in candidate.joints)
     sizes = [d.value for d in least if (d.name, d.joints) == place]
     return not any(
         size is not None and size < THRESHOLDS.body_change_share for size in sizes
@@ -237,14 +247,14 @@ def _is_hidden(other: Group, least: Sequence[Detectable]) -> bool:
 
 
 def _information(
-    task: Task, fitted: Fit, members: Sequence[Group], others: Sequence[Group]
+    task: Task, fitted: Fit, members: Sequence[Group], candidates: Sequence[Group]
 ) -> Array:
-    """What logs hold of each candidate that a set cannot take up. Shape (g,)."""
+    """Information on each candidate beyond a set. Shape (g,)."""
     weight = fitted.weight(task.design.rows)
     system = System.of(task.design, task.prior, members)
     shared = overlap(task.design, system, weight)
     half = solve_triangular(system.solve(weight)[1], shared, lower=True)
-    out = np.empty(len(others))
-    for stack in stacks(task.design, others):
+    out = np.empty(len(candidates))
+    for stack in stacks(task.design, candidates):
         out[stack.members] = stack.beyond(weight, half)[:, 0, 0]
     return out

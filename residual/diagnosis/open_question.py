@@ -14,13 +14,7 @@ from residual.evidence.design import Group
 from residual.evidence.fit import Fit, System, as_model, physical
 from residual.evidence.priors import screen
 from residual.evidence.rules import THRESHOLDS
-from residual.planning.question import (
-    Contest,
-    Question,
-    Rival,
-    Signals,
-    together,
-)
+from residual.planning.question import Contest, Question, Rival, Signals, together
 from residual.recording import Array
 from residual.verdict.result import Place
 
@@ -64,8 +58,8 @@ def swaps(
     return [Swap(gone, tuple(instead)) for gone, instead in found.values()]
 
 
-def _without(members: Sequence[Group], others: Sequence[Group]) -> Groups:
-    keys = {g.key for g in others}
+def _without(members: Sequence[Group], removed: Sequence[Group]) -> Groups:
+    keys = {g.key for g in removed}
     return tuple(g for g in members if g.key not in keys)
 
 
@@ -106,26 +100,26 @@ class Basis:
         return self.fitted.weight(self.task.design.rows)
 
     def rival(
-        self, members: Sequence[Group], own: Sequence[Group], without: Fit
+        self, members: Sequence[Group], deciding: Sequence[Group], without: Fit
     ) -> Rival:
         """Return what is known of one set of effects.
 
         Args:
-            own: Those that make the difference; empty for none.
+            deciding: Those that make the difference; empty for none.
             without: The fit without them.
         """
         system = System.of(self.task.design, self.task.prior, members)
         theta, _ = system.solve(self.weight)
         nats, at = 0.0, np.zeros(0, dtype=int)
-        if own:
+        if deciding:
             big = self.task.fit(members, self.fitted)
             # Every name after the first has to pass the threshold of a name, too.
-            more = (len(own) - 1) * self.task.rules.min_nats
-            cost = sum(self.task.candidates.cost(g) for g in own[1:]) + more
-            nats = self.task.net_gain(big, without, own[0]) - cost
-            at = np.array([self.place[int(c)] for g in own for c in g.ids])
+            more = (len(deciding) - 1) * self.task.rules.min_nats
+            cost = sum(self.task.candidates.cost(g) for g in deciding[1:]) + more
+            nats = self.task.net_gain(big, without, deciding[0]) - cost
+            at = np.array([self.place[int(c)] for g in deciding for c in g.ids])
         return Rival(
-            together(places_of(own)),
+            together(places_of(deciding)),
             np.array([self.place[int(c)] for c in system.ids]),
             at,
             theta,
@@ -134,7 +128,7 @@ class Basis:
         )
 
     def contest(
-        self, rest: Sequence[Group], options: Sequence[Groups], enough: float
+        self, shared: Sequence[Group], options: Sequence[Groups], enough: float
     ) -> Contest:
         """Return the contest of some sets beside a set of other effects.
 
@@ -142,8 +136,8 @@ class Basis:
             options: The sets; an empty one for nothing.
             enough: Nats by which one must lead.
         """
-        without = self.task.fit(rest, self.fitted)
-        found = [self.rival((*rest, *own), own, without) for own in options]
+        without = self.task.fit(shared, self.fitted)
+        found = [self.rival((*shared, *own), own, without) for own in options]
         return Contest(tuple(found), enough)
 
 

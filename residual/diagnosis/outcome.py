@@ -10,9 +10,9 @@ from residual.diagnosis.adequacy import Adequacy, adequacy, angle_noise_torque
 from residual.diagnosis.gate import (
     GateResult,
     drop_failed,
+    gate_members,
     left_out_errors,
     only_curves,
-    test_members,
     wrong_forms,
 )
 from residual.diagnosis.neighbours import best_set, prefer_simpler
@@ -78,10 +78,7 @@ class SearchOutcome:
 
 
 def examine(
-    logs: Logs,
-    nominal: Nominal,
-    rules: EvidenceThresholds,
-    progress: Progress,
+    logs: Logs, nominal: Nominal, rules: EvidenceThresholds, progress: Progress
 ) -> SearchOutcome:
     """Search, test and flag."""
 
@@ -130,10 +127,7 @@ def search_again(
 
 
 def _tested(
-    logs: Logs,
-    nominal: Nominal,
-    start: Selection,
-    paid: tuple[int, ...] | None = None,
+    logs: Logs, nominal: Nominal, start: Selection, paid: tuple[int, ...] | None = None
 ) -> SearchOutcome:
     """Put what a search found through the gate, and measure what remains.
 
@@ -198,7 +192,7 @@ def with_constants(
     # On noise that is noise evidence counts, of constants too.
     own = [
         t
-        for t in test_members(task, full)
+        for t in gate_members(task, full)
         if t.group in groups
         and t.by
         and (t.nats >= task.rules.min_nats or t.joint in enough.doubted)
@@ -259,13 +253,12 @@ def predictive(outcome: SearchOutcome) -> SearchOutcome:
 def _adequacy(
     logs: Logs, nominal: Nominal, design: Design, fits: tuple[Fit, Fit]
 ) -> Adequacy:
-    """What is left of the logs, beside the noise of torque and angles."""
     angles = angle_noise_torque(as_model(nominal, fits[1]), logs.sketch, logs.shaken)
     return adequacy(design, logs.sketch, *fits, angles)
 
 
 def _needs_second_search(selection: Selection) -> bool:
-    """Did a large effect, or one that reads the model's torque, get accepted?"""
+    """Whether a large effect, or one that reads the model's torque, was accepted."""
     fitted, task = selection.fit, selection.task
     if not fitted.members:
         return False

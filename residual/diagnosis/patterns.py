@@ -85,43 +85,47 @@ def curves(
     Returns:
         The curves, and what they leave [N m]. Shape (n,).
     """
-    left, found = rows.residual, []
+    residual, found_curves = rows.residual, []
     tables = [_CellTable.of(rows, v, bins) for v in variables for bins in BINS]
-    while tables and len(found) < THRESHOLDS.max_curves:
+    while tables and len(found_curves) < THRESHOLDS.max_curves:
         # A mean is no dependence: what it explains is no curve's merit.
         mean = _CellTable.of(rows, None, 1)
-        falls = np.array([t.fall(left[:, None]) for t in tables])[:, :, 0]
-        falls -= mean.fall(left[:, None])[:, 0]
+        falls = np.array([t.fall(residual[:, None]) for t in tables])[:, :, 0]
+        falls -= mean.fall(residual[:, None])[:, 0]
         gains = falls.sum(axis=1)
         best = int(np.argmax(gains))
         share = gains[best] / max(rows.power, 1e-300)
         if share < THRESHOLDS.min_curve_share or np.mean(falls[best] > 0) < MOST_FOLDS:
             break
-        block = surrogates(rows, left)
+        block = surrogates(rows, residual)
         most = np.max([t.fall(block).sum(axis=0) for t in tables], axis=0)
         most -= mean.fall(block).sum(axis=0)
         if (1 + np.sum(most >= gains[best])) / (1 + DRAWS) > THRESHOLDS.curve_chance:
             break
-        fitted = tables[best].curve(left)
-        found.append(Curve(tables[best].variable, min(float(share), 1.0), fitted))
-        left = left - fitted
+        fitted = tables[best].curve(residual)
+        found_curves.append(
+            Curve(tables[best].variable, min(float(share), 1.0), fitted)
+        )
+        residual = residual - fitted
         tables = [t for t in tables if t.variable is not tables[best].variable]
-    return found, left
+    return found_curves, residual
 
 
-def surrogates(rows: JointResidual, left: Array) -> Array:
+def surrogates(rows: JointResidual, residual: Array) -> Array:
     """Leftovers of the same spectrum in every log that know nothing of the motion.
 
     Returns:
         Shape (n, DRAWS); the same for the same leftover.
     """
     rng = np.random.default_rng(0)
-    out = np.empty((len(left), DRAWS))
+    out = np.empty((len(residual), DRAWS))
     for log in np.unique(rows.log):
-        own = rows.log == log
-        line = left[own] - left[own].mean()
+        rows_of_log = rows.log == log
+        line = residual[rows_of_log] - residual[rows_of_log].mean()
         spectrum = np.repeat(np.fft.rfft(line)[:, None], DRAWS, axis=1)
-        out[own] = left[own].mean() + randomise_phases(spectrum, len(line), rng)
+        out[rows_of_log] = residual[rows_of_log].mean() + randomise_phases(
+            spectrum, len(line), rng
+        )
     return out
 
 
@@ -165,9 +169,9 @@ class _CellTable:
         mean = others / rows[:, :, None]
         return (2 * mean * sums - mean**2 * self.counts[:, :, None]).sum(axis=1)
 
-    def curve(self, left: Array) -> Array:
+    def curve(self, residual: Array) -> Array:
         """The curve of all folds on the rows [N m]. Shape (n,)."""
-        sums = np.bincount(self.codes, left, minlength=self.counts.shape[1])
+        sums = np.bincount(self.codes, residual, minlength=self.counts.shape[1])
         return (sums / (self.counts.sum(axis=0) + self.memory))[self.codes]
 
 
@@ -220,7 +224,7 @@ def wave_of(line: TimeLine) -> Wave | None:
 
 
 def _pieces(line: TimeLine) -> list[Array]:
-    """Rows of each log, cut into stretches of 20 s or less."""
+    """Rows of each log, in stretches of 20 s or less."""
     out = []
     for log in np.unique(line.log):
         rows = np.flatnonzero(line.log == log)
@@ -287,7 +291,7 @@ def _amplitudes(gram: Array, cross: Array) -> Array:
 
 
 def _red_noise(line: TimeLine) -> Array:
-    """Noise of the leftover's size and lag-1 correlation, row after row. (n, DRAWS)."""
+    """Noise with the residual's variance and lag-1 correlation. (n, DRAWS)."""
     rng = np.random.default_rng(0)
     left = line.residual - line.residual.mean()
     near = (np.diff(line.log) == 0) & (np.diff(line.t) < 2 * np.median(np.diff(line.t)))

@@ -1,4 +1,17 @@
-"""Search for the set of effects with the most evidence: add, refine, swap, delete."""
+"""Search for the set of effects with the most evidence: add, refine, swap, delete.
+
+A greedy search in the model space of `evidence.fit` (stepwise Bayesian selection, as in
+orthogonal least squares; Chen, Billings and Luo 1989). A candidate c joins the set S if
+
+    ln p(S + c) - ln p(S) - ln K - ln V_c >= min_nats
+
+with K the number of candidates and V_c the number of shapes of c: the price of choosing
+the best of many (a uniform prior over them). It must also lower the error of a joint,
+or spare the nominal parameters (`admissible`). Quadratic forms on Gram matrices screen
+all candidates at once (`evidence.priors.screen`); only the best few are fitted, and
+only the winner's shape is refined. After each addition a member gives way to a better
+candidate, and members that lost their evidence are deleted.
+"""
 
 from collections import Counter
 from collections.abc import Collection, Mapping, Sequence
@@ -108,13 +121,13 @@ def collect(
     A key costs the logarithm of the number of keys, and its shapes that of their
     number: the evidence of the best of many is worth so much less.
     """
-    wanted = []
+    placed = []
     for effect in effects:
         for joints in effect.candidates(dof, span.prismatic):
             anchor = joints[0] if joints else 0
             shapes = effect.shapes(span, anchor)
-            wanted += [PlacedEffect(effect, joints, shape) for shape in shapes]
-    groups = design.add(wanted)
+            placed += [PlacedEffect(effect, joints, shape) for shape in shapes]
+    groups = design.add(placed)
     # Linear local effects that usually sit on every joint, as one candidate.
     single: dict[str, list[Group]] = {}
     for g in groups:
@@ -126,9 +139,9 @@ def collect(
     price = {k: float(np.log(len(variants)) + np.log(n)) for k, n in variants.items()}
     # A model that lacks all that every drive has must gain it in one step, since each
     # alone leaves a residual in which the others cannot be seen.
-    usual = [g for g in together if g.effect.drive_order]
-    for count in range(2, len(usual) + 1):
-        for some in combinations(usual, count):
+    drive_groups = [g for g in together if g.effect.drive_order]
+    for count in range(2, len(drive_groups) + 1):
+        for some in combinations(drive_groups, count):
             parts = [part for g in some for part in g.parts]
             label = " + ".join(g.effect.name for g in some)
             groups.append(union(parts, label))
@@ -136,16 +149,18 @@ def collect(
     return Candidates(tuple(groups), price)
 
 
-def recompute_candidates(design: Design, known: Candidates) -> Candidates:
+def recompute_candidates(design: Design, candidates: Candidates) -> Candidates:
     """The same candidates, seen with the model that the design looks with now.
 
     Only columns that read the model's torque are made anew.
     """
-    old = [
-        g for g in known.groups if Trait.USES_MODEL in g.effect.traits and not g.parts
+    reading = [
+        g
+        for g in candidates.groups
+        if Trait.USES_MODEL in g.effect.traits and not g.parts
     ]
-    fresh = design.add([g.placed for g in old])
-    new = {_place(g): made for g, made in zip(old, fresh, strict=True)}
+    recomputed = design.add([g.placed for g in reading])
+    new = {_place(g): group for g, group in zip(reading, recomputed, strict=True)}
 
     def of(group: Group) -> Group:
         if not any(_place(p) in new for p in group.parts):
@@ -153,7 +168,7 @@ def recompute_candidates(design: Design, known: Candidates) -> Candidates:
         parts = [new.get(_place(p), p) for p in group.parts]
         return union(parts, group.label)
 
-    return replace(known, groups=tuple(of(g) for g in known.groups))
+    return replace(candidates, groups=tuple(of(g) for g in candidates.groups))
 
 
 def _place(group: Group) -> tuple:
@@ -171,14 +186,16 @@ def every_candidate(
     absent = Trait.NONE if clocked else Trait.NEEDS_CLOCK
     effects = [e for e in registry().values() if not e.traits & absent]
     barred = [forbidden(p, nominal) for p in priors(design, nominal)]
-    wanted = [e for e in effects if not all(e.name in b for b in barred)]
-    every = collect(design, wanted, span, design.dof)
+    allowed = [e for e in effects if not all(e.name in b for b in barred)]
+    candidates = collect(design, allowed, span, design.dof)
     # Where all values of a kind are off, that is how good they are, and no effect.
-    given = nominal.kinds
-    kept = [g for g in every.groups if not any(p.effect.name in given for p in g.parts)]
-    every = replace(every, groups=tuple(kept))
+    kinds = nominal.kinds
+    groups = [
+        g for g in candidates.groups if not any(p.effect.name in kinds for p in g.parts)
+    ]
+    candidates = replace(candidates, groups=tuple(groups))
     # Of joints that hardly move the logs say nothing.
-    return every.closing(
+    return candidates.closing(
         np.flatnonzero(design.rows < THRESHOLDS.min_rows), bodies=False
     )
 
@@ -244,10 +261,7 @@ def search(task: Task, members: Sequence[Group] = ()) -> Fit:
 
 
 def rank_additions(
-    task: Task,
-    base: Fit,
-    instead: Group | None = None,
-    looks: int | None = None,
+    task: Task, base: Fit, instead: Group | None = None, looks: int | None = None
 ) -> list[tuple[float, Group, Fit]]:
     """Admissible additions to a fit, most evidence first: (net gain, group, fit).
 
@@ -257,39 +271,44 @@ def rank_additions(
         looks: Of how many admissible ones the rows are counted anew, where the first
             is all that is wanted.
     """
-    found = []
-    own = System.of(task.design, task.prior, base.members)
+    ranked = []
+    base_system = System.of(task.design, task.prior, base.members)
     tried = [
-        _try_candidate(task, base, g, own) for g in _shortlist(task, base, instead, own)
+        _try_candidate(task, base, g, base_system)
+        for g in _shortlist(task, base, instead, base_system)
     ]
     tried.sort(key=lambda one: task.candidates.cost(one[0]) - one[1].score)
     for group, trial, system in tried:
         trial = replace(trial, counted=base.counted)
         value, big, small = evidence_gain(
-            task.design, task.prior, trial, base, (system, own)
+            task.design, task.prior, trial, base, (system, base_system)
         )
         value -= task.candidates.cost(group)
         if admissible(task, group, value, big, small):
-            found.append((value, group, big))
-        if len(found) == looks:
+            ranked.append((value, group, big))
+        if len(ranked) == looks:
             break
-    return sorted(found, key=lambda item: -item[0])
+    return sorted(ranked, key=lambda item: -item[0])
 
 
 def _try_candidate(
-    task: Task, base: Fit, group: Group, own: System
+    task: Task, base: Fit, group: Group, base_system: System
 ) -> tuple[Group, Fit, System]:
-    """A fit with a candidate, on its own scale where it is far beyond the usual."""
+    """Fit with a candidate, under a wide prior where it is far beyond the usual."""
 
     def trial(group: Group) -> tuple[Group, Fit, System]:
-        system, members = own.beside(task.design, group), (*base.members, group)
+        system, members = base_system.beside(task.design, group), (*base.members, group)
         counted = task.design.rows / 4
         fitted = fit(task.design, task.prior, members, counted, system=system)
         return group, fitted, system
 
-    usual = trial(group)
-    wide = with_wide_prior(usual[1], group)
-    return usual if wide is None else max(usual, trial(wide), key=lambda t: t[1].score)
+    standard = trial(group)
+    wide = with_wide_prior(standard[1], group)
+    return (
+        standard
+        if wide is None
+        else max(standard, trial(wide), key=lambda t: t[1].score)
+    )
 
 
 def joints_acted_on(task: Task, group: Group) -> set[int]:
@@ -298,14 +317,17 @@ def joints_acted_on(task: Task, group: Group) -> set[int]:
 
 
 def _shortlist(
-    task: Task, base: Fit, instead: Group | None, own: System
+    task: Task, base: Fit, instead: Group | None, base_system: System
 ) -> list[Group]:
     """The best shape of the most promising keys, at most a third of them per joint."""
     groups = task.candidates.groups
-    values, floor = screen(task.design, base, groups, own), task.rules.min_nats / 4
+    values, floor = (
+        screen(task.design, base, groups, base_system),
+        task.rules.min_nats / 4,
+    )
     if instead is not None:
-        beside = acting(task.design, groups, joints_acted_on(task, instead))
-        values = np.where(beside & ~task.candidates.unions, values, -np.inf)
+        acting_too = acting(task.design, groups, joints_acted_on(task, instead))
+        values = np.where(acting_too & ~task.candidates.unions, values, -np.inf)
         alike = values[[key == instead.key for key in task.candidates.keys]]
         floor = max(floor, THRESHOLDS.rival_share * alike.max(initial=0.0))
     values = values - task.candidates.costs
@@ -336,11 +358,15 @@ def _shortlist(
     return list(chosen.values())
 
 
-def _neighbours(one: Group, other: Group) -> bool:
-    """Two ripples of near order on one joint are a pair that cancels, not two."""
-    if one.effect is not other.effect or one.joints != other.joints or not one.shape:
+def _neighbours(first: Group, second: Group) -> bool:
+    """Whether two ripples of one joint have nearly the same order: they cancel."""
+    if (
+        first.effect is not second.effect
+        or first.joints != second.joints
+        or not first.shape
+    ):
         return False
-    ratio = one.shape[0] / other.shape[0]
+    ratio = first.shape[0] / second.shape[0]
     return 1 / THRESHOLDS.ripple_order_ratio < ratio < THRESHOLDS.ripple_order_ratio
 
 
@@ -396,7 +422,7 @@ def refine_shape(task: Task, members: Sequence[Group], like: Fit) -> tuple[Group
     ratio = how.step == "ratio"
     reach = how.half_width(last.joints, task.design.states[0].robot)
     offsets = np.linspace(-reach, reach, 7)
-    own, size = System.of(task.design, task.prior, others), task.design.size
+    base_system, size = System.of(task.design, task.prior, others), task.design.size
     counted = task.design.rows / 4
     centre, winner, top = last.shape[0], last, -np.inf
     for _ in range(3):
@@ -412,7 +438,7 @@ def refine_shape(task: Task, members: Sequence[Group], like: Fit) -> tuple[Group
                 (*others, group),
                 counted,
                 like.variance,
-                system=own.beside(task.design, group),
+                system=base_system.beside(task.design, group),
             )
             if trial.score > top and possible(task.design, trial, group):
                 top, winner = trial.score, group
@@ -421,7 +447,9 @@ def refine_shape(task: Task, members: Sequence[Group], like: Fit) -> tuple[Group
     task.design.take_back(size)  # of all that was tried one shape is kept
     if winner is not last:
         (winner,) = task.design.add([winner.placed])
-    winner, *_ = _try_candidate(task, replace(like, members=tuple(others)), winner, own)
+    winner, *_ = _try_candidate(
+        task, replace(like, members=tuple(others)), winner, base_system
+    )
     return (*others, winner)
 
 
@@ -436,13 +464,13 @@ def _swap(task: Task, current: Fit, where: set[int]) -> Fit:
         for group in current.members:
             if not where & joints_acted_on(task, group):
                 continue
-            rest = tuple(g for g in current.members if g is not group)
-            without = task.fit(rest, current)
-            own = task.net_gain(current, without, group)
+            others = tuple(g for g in current.members if g is not group)
+            without = task.fit(others, current)
+            member_nats = task.net_gain(current, without, group)
             ranked = rank_additions(task, without, instead=group, looks=FIRST_LOOKS)
             margin = 1.0 if group.fellows == 1 else task.rules.min_nats
-            if ranked and ranked[0][0] > own + margin:
-                members = refine_shape(task, (*rest, ranked[0][1]), without)
+            if ranked and ranked[0][0] > member_nats + margin:
+                members = refine_shape(task, (*others, ranked[0][1]), without)
                 current = task.settle(task.fit(members, without))
                 break
         else:
@@ -457,8 +485,8 @@ def _delete(task: Task, current: Fit) -> Fit:
     already, and what a joint still lacks makes its rows count for little.
     """
     for group in current.members:
-        rest = tuple(g for g in current.members if g is not group)
-        without = task.fit(rest, current)
+        others = tuple(g for g in current.members if g is not group)
+        without = task.fit(others, current)
         value, _, _ = evidence_gain(task.design, task.prior, current, without)
         if value < needed_nats(task, current.members, group):
             current = task.settle(without)

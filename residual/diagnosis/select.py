@@ -1,4 +1,16 @@
-"""Choose the set of effects, the scale of the rigid prior and that of given values."""
+"""Choose the set of effects, the scale of the rigid prior and that of given values.
+
+The inertial parameters have the prior N(given, (scale * size)^2), declared values
+N(given, (width * value)^2); neither is known. Empirical Bayes takes the pair of prior
+and set with the most evidence (type-II maximum likelihood; MacKay 1992),
+
+    max over scale, widths, S of  ln p(y | S, scale, widths) - sum over S of prices.
+
+Prior and set are chosen together, after a search under each prior: a scale that is
+chosen first widens until the parameters absorb the effect. The grid is not searched in
+full: all scales with the values as given, all widths at each local maximum, then the
+width of each kind of value by itself, then the neighbors of the best scale.
+"""
 
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass, field, replace
@@ -119,7 +131,6 @@ def _even_widths(runs: _SearchRuns) -> Iterable[Prior]:
 
 
 def _by_kind(runs: _SearchRuns) -> Iterable[Prior]:
-    """Widths of single kinds, by the evidence with the best run's names held."""
     for _ in range(THRESHOLDS.width_rounds):
         best = runs.best
         if not runs.space.free or len(best.wide.widths) < 2:
@@ -131,7 +142,7 @@ def _by_kind(runs: _SearchRuns) -> Iterable[Prior]:
 
 
 def _best_widths(runs: _SearchRuns, best: Selection) -> Prior:
-    """The prior with each kind's width at its best, one after the other."""
+    """The prior with the best width of each kind, one after the other."""
     prior = best.wide
     for kind in best.wide.widths:
         trials = [
@@ -144,8 +155,10 @@ def _best_widths(runs: _SearchRuns, best: Selection) -> Prior:
 
 def _adjacent_scales(runs: _SearchRuns) -> Iterable[Prior]:
     best, scales = runs.best.wide, runs.space.scales
-    at = scales.index(best.scale)
-    return [runs.space.at(s, best.widths) for s in scales[max(at - 1, 0) : at + 2]]
+    index = scales.index(best.scale)
+    return [
+        runs.space.at(s, best.widths) for s in scales[max(index - 1, 0) : index + 2]
+    ]
 
 
 def _widest_prior(runs: _SearchRuns, run: Selection) -> Prior:
@@ -158,34 +171,34 @@ def _widest_prior(runs: _SearchRuns, run: Selection) -> Prior:
     prior, scales = run.task.prior, runs.space.scales
     if len(scales) == 1:
         return prior
-    alike = [runs.space.at(s, prior.widths) for s in scales]
-    scores = [runs.score(p, run) for p in alike]
-    near = [
+    priors = [runs.space.at(s, prior.widths) for s in scales]
+    scores = [runs.score(p, run) for p in priors]
+    allowed = [
         p
-        for p, score in zip(alike, scores, strict=True)
+        for p, score in zip(priors, scores, strict=True)
         if score > max(scores) - THRESHOLDS.alike_scale_nats
         or p.scale == THRESHOLDS.min_wide_scale
     ]
-    return max(near, key=lambda p: p.scale)
+    return max(allowed, key=lambda p: p.scale)
 
 
 def neighbor_priors(space: PriorSpace, prior: Prior) -> tuple[Prior, ...]:
     """Priors that a search might have turned to, beside the one that it chose."""
-    wanted = [(s, widths) for widths in space.even for s in space.scales]
-    wanted += [(s, prior.widths) for s in space.scales]
+    pairs = [(s, widths) for widths in space.even for s in space.scales]
+    pairs += [(s, prior.widths) for s in space.scales]
     if space.free and len(prior.widths) > 1:
-        wanted += [
+        pairs += [
             (prior.scale, {**prior.widths, kind: width})
             for kind in prior.widths
             for width in WIDTHS
         ]
-    made = {_key(p): p for p in (space.at(*one) for one in wanted)}
-    made.pop(_key(prior), None)
-    return tuple(made.values())
+    priors = {_key(p): p for p in (space.at(*one) for one in pairs)}
+    priors.pop(_key(prior), None)
+    return tuple(priors.values())
 
 
 def _comparable_score(run: Selection, counted: Array) -> float:
-    """Evidence of a run with rows counted alike for all, less the price of names."""
+    """Evidence with equal row counts for all runs, less the price of names."""
     task, members = run.task, run.fit.members
     common = fit(task.design, task.prior, members, counted, rounds=4)
     # What a name costs beside its choice: a link's, all that a name must win.

@@ -11,13 +11,7 @@ from residual.diagnosis.outcome import SearchOutcome
 from residual.diagnosis.search import refine_shape
 from residual.effects.base import Effect, PlacedEffect, Shape, Trait
 from residual.evidence.design import Design, Group
-from residual.evidence.fit import (
-    Fit,
-    Prior,
-    chance_of,
-    fit,
-    scaled_inverse,
-)
+from residual.evidence.fit import Fit, Prior, chance_of, fit, scaled_inverse
 from residual.evidence.priors import OF_NAMES, PriorSpace
 from residual.recording import Array
 from residual.robot.robot import Robot
@@ -71,12 +65,12 @@ def standard_deviations(
             slots = np.concatenate([slots, full.slots(slope)])
         searched = slope is not None
         jacobian = values_jacobian(g.effect, theta, g.shape, robot, searched)
-        own = [c[np.ix_(slots, slots)] for c in (covariance, between, sharp)]
-        for c in own:
+        covariances = [c[np.ix_(slots, slots)] for c in (covariance, between, sharp)]
+        for c in covariances:
             c[: len(theta), : len(theta)] += doubt
         form = _form_doubt(outcome, fitted, g)
         prior = _prior_std(g, slope, jacobian)
-        out[g] = _doubt(g, theta, own, jacobian, form, prior)
+        out[g] = _doubt(g, theta, covariances, jacobian, form, prior)
     return out
 
 
@@ -96,22 +90,22 @@ def doubtful(outcome: SearchOutcome) -> Prior:
 def _doubt(
     group: Group,
     theta: Array,
-    own: Sequence[Array],
+    covariances: Sequence[Array],
     jacobian: Array,
     form: Array,
     prior: Array,
 ) -> Uncertainty:
-    """Sum up the covariances of one member: by noise, between logs, and at best."""
-    by_noise, between, best = own
+    """Combine the covariances of one member: noise, between logs, and sharp."""
+    by_noise, between, sharp = covariances
     wide = (by_noise, between)
     variance = [np.einsum("ij,jk,ik->i", jacobian, c, jacobian) for c in wide]
     std = np.sqrt(np.maximum.reduce([*variance, form**2]))
     k = len(theta)
     # A structure must stand out though bodies may be off by as much as logs allow;
     # that a value is wrong is asked of this value, the others as good as they are.
-    least = best if Trait.PARAMETER in group.effect.traits else by_noise
-    told = (least, least + between)
-    chance = max(chance_of(theta, c[:k, :k], FLAT) for c in told)
+    covariance = sharp if Trait.PARAMETER in group.effect.traits else by_noise
+    spreads = (covariance, covariance + between)
+    chance = max(chance_of(theta, c[:k, :k], FLAT) for c in spreads)
     before = np.diag(scaled_inverse(group.precision))
     after = np.maximum.reduce([np.diag(c)[:k] for c in wide])
     deviations = np.sqrt(np.maximum([after, before], 0.0))
@@ -138,8 +132,8 @@ def between_logs(design: Design, full: Fit) -> Array:
     for j in range(design.dof):
         place, have = design.present(j, full.ids)
         gram, cross = design.fold_sums(j, place)
-        left = cross - gram @ full.theta[have]
-        pulls[:, have] += weight[j] * left
+        scores = cross - gram @ full.theta[have]
+        pulls[:, have] += weight[j] * scores
     pulls -= pulls.mean(axis=0)  # the prior's own pull is shared by all
     moved = pulls @ full.covariance()
     free = max(design.folds - 1, 1)
@@ -155,26 +149,28 @@ def _form_doubt(outcome: SearchOutcome, fitted: Fit, group: Group) -> Array:
     """
     task, effect = outcome.task, group.effect
     robot = outcome.logs.robot
-    own = np.asarray(effect.values(fitted.of(group), group.shape, robot), dtype=float)
+    values = np.asarray(
+        effect.values(fitted.of(group), group.shape, robot), dtype=float
+    )
     anchor = group.joints[0] if group.joints else 0
     forms = {shape[1:] for shape in effect.shapes(outcome.logs.span, anchor)}
     units = np.array(list(effect.parameters.values()))
-    sizes = [np.linalg.norm(own[units == unit]) for unit in units]
+    sizes = [np.linalg.norm(values[units == unit]) for unit in units]
     doubt = effect.inexact * np.array(sizes)
     for form in sorted(forms - {group.shape[1:]}):
         shape = (group.shape[0], *form)
-        made = task.design.add([group.placed._replace(shape=shape)])
-        rest = [g for g in fitted.members if g is not group]
-        *_, best = refine_shape(task, (*rest, *made), fitted)
-        theta = task.fit((*rest, best), fitted).of(best)
+        groups = task.design.add([group.placed._replace(shape=shape)])
+        others = [g for g in fitted.members if g is not group]
+        *_, best = refine_shape(task, (*others, *groups), fitted)
+        theta = task.fit((*others, best), fitted).of(best)
         doubt = np.maximum(
-            doubt, abs(effect.values(theta, best.shape, robot) - own) / 2
+            doubt, abs(effect.values(theta, best.shape, robot) - values) / 2
         )
     return doubt
 
 
 def _slope(design: Design, group: Group, theta: Array) -> Group | None:
-    """Column of the derivative to the searched shape, as a group of its own."""
+    """Column of the derivative with respect to the searched shape, as a group."""
     effect = group.effect
     if effect.refine is None:
         return None

@@ -63,16 +63,16 @@ class JointLeftover:
     cloud: Cloud  # leftover over the variable that it depends on most
 
 
-def depends_on(found: Sequence[JointLeftover]) -> tuple[Dependence, ...]:
+def depends_on(leftovers: Sequence[JointLeftover]) -> tuple[Dependence, ...]:
     """What each joint's leftover varies with, the largest share of a joint first."""
     out = []
-    for one in found:
-        joint, entries = one.joint + 1, []
-        for c in one.curves:
+    for leftover in leftovers:
+        joint, entries = leftover.joint + 1, []
+        for c in leftover.curves:
             v = c.variable
             of = tuple(k + 1 for k in v.of)
             entries.append(Dependence(joint, v.on, of, v.form, c.share, None))
-        if (wave := one.wave) is not None:
+        if (wave := leftover.wave) is not None:
             entries.append(
                 Dependence(joint, "frequency", (), PLAIN, wave.share, wave.frequency)
             )
@@ -86,39 +86,39 @@ def joint_leftovers(
     """Look at every joint on which more than noise remains."""
     out = []
     for j in adequacy.doubted:
-        left = design.residual(j, fitted.ids, fitted.theta)
-        power = (adequacy.structured[j] * design.rms[j]) ** 2 * len(left)
+        residual = design.residual(j, fitted.ids, fitted.theta)
+        power = (adequacy.structured[j] * design.rms[j]) ** 2 * len(residual)
         log = _stack(tracks, j, [np.full(len(t.tau), k) for k, t in enumerate(tracks)])
         rows = JointResidual(
-            left,
+            residual,
             np.unique(design.folds_of(j), return_inverse=True)[1],
             log,
             design.rows[j] / fitted.counted[j],
             power,
         )
-        found, rest = curves(rows, _variables(design, tracks, j))
+        found_curves, remaining = curves(rows, _variables(design, tracks, j))
         times = [s.t[:: t.step] for s, t in zip(design.states, tracks, strict=True)]
         cutoff = min(t.cutoff for t in tracks)
-        line = TimeLine(_stack(tracks, j, times), rest, log, power, cutoff)
+        line = TimeLine(_stack(tracks, j, times), remaining, log, power, cutoff)
         wave = wave_of(line)
-        kind = _kind(adequacy.kind[j], found, wave, tracks)
+        kind = _kind(adequacy.kind[j], found_curves, wave, tracks)
         # Over the variable that it depends on most; over time where there is none.
-        x, y, drawn, label = line.t, left, np.zeros(len(line.t)), "t [s]"
-        if found and (wave is None or found[0].share >= wave.share):
-            x, drawn = found[0].variable.values, found[0].fitted
-            label = found[0].variable.label
+        x, y, drawn, label = line.t, residual, np.zeros(len(line.t)), "t [s]"
+        if found_curves and (wave is None or found_curves[0].share >= wave.share):
+            x, drawn = found_curves[0].variable.values, found_curves[0].fitted
+            label = found_curves[0].variable.label
         elif wave is not None:
             y = line.residual
             x, drawn = _folded(line, wave.frequency)
             label = f"turns of {wave.frequency:.3g} Hz"
         names = np.array([t.id for t in tracks])
         cloud = Cloud("", j + 1, label, x, y, drawn, names[log])
-        out.append(JointLeftover(j, tuple(found), wave, kind, cloud))
+        out.append(JointLeftover(j, tuple(found_curves), wave, kind, cloud))
     return tuple(out)
 
 
 def _variables(design: Design, tracks: Sequence[Track], j: int) -> list[Variable]:
-    """What the leftover of a joint may depend on: its own state, load, other joints."""
+    """Variables of a joint's residual: its state, its load, other joints."""
 
     def read(name: str) -> list[Array]:
         """Values of every joint on the rows of this one."""
@@ -151,7 +151,7 @@ def _variables(design: Design, tracks: Sequence[Track], j: int) -> list[Variable
 
 def _kind(
     repeats: str | None,
-    found: Sequence[Curve],
+    curves_found: Sequence[Curve],
     wave: Wave | None,
     tracks: Sequence[Track],
 ) -> str | None:
@@ -161,8 +161,8 @@ def _kind(
     of different motion share follows time, whatever period it happens to fit: it is
     none of the motion's own harmonics in some of several logs.
     """
-    if wave is None or sum(c.share for c in found) >= wave.share:
-        return repeats or (REPEATABLE if found else None)
+    if wave is None or sum(c.share for c in curves_found) >= wave.share:
+        return repeats or (REPEATABLE if curves_found else None)
     turns = [
         wave.frequency * period * track.step / track.rate
         for track in tracks
@@ -186,7 +186,6 @@ def _folded(line: TimeLine, frequency: float) -> tuple[Array, Array]:
 
 
 def _stack(tracks: Sequence[Track], j: int, lines: Sequence[Array]) -> Array:
-    """Values of all logs on the rows on which a joint moves."""
     pairs = zip(tracks, lines, strict=True)
     return np.concatenate([x[t.moving[:, j]] for t, x in pairs])
 
@@ -195,26 +194,26 @@ MOST_ROWS = 12_000  # more of the same logs change nothing but the time
 
 
 def fit_correction(
-    model: Model, tracks: Sequence[Track], left: Sequence[JointLeftover]
+    model: Model, tracks: Sequence[Track], leftovers: Sequence[JointLeftover]
 ) -> CorrectedModel | None:
     """Fit the correction to what a model leaves on the fit logs.
 
     Returns:
         None where no joint moves enough for one log, or block, to check another.
     """
-    if not left:
+    if not leftovers:
         return None
     states = [model.observe(t) for t in tracks]
     torque = [model.torque_of_state(s) for s in states]
     logs = list(zip(tracks, states, torque, strict=True))
-    tables = [_tables(logs, one) for one in left]
+    tables = [_tables(logs, one) for one in leftovers]
     kept = tuple(t for t in tables if t is not None)
     return CorrectedModel(model, kept) if kept else None
 
 
-def _tables(logs, left: JointLeftover) -> Tables | None:
-    j = left.joint
-    columns = _columns(left)
+def _tables(logs, leftover: JointLeftover) -> Tables | None:
+    j = leftover.joint
+    columns = _columns(leftover)
     X, Y, tau, second, seconds = [], [], [], [], 0
     for track, state, torque in logs:
         rows = slice(None, None, track.step)
@@ -258,13 +257,13 @@ def _folds(tracks: Sequence[Track]) -> Array:
     return np.concatenate([f[t.inner] for f, t in zip(labels, tracks, strict=True)])
 
 
-def _columns(left: JointLeftover) -> tuple[Column, ...]:
-    """Own speed first, own position and acceleration, then what was found."""
-    own = [(on, (left.joint,), "") for on in ("qd", "q", "qdd")]
-    known = {(on, of) for on, of, _ in own}
-    found = [c.variable for c in left.curves if c.variable.on != "tau"]
-    more = [(v.on, v.of, v.form) for v in found if (v.on, v.of) not in known]
-    return tuple(own + more)
+def _columns(leftover: JointLeftover) -> tuple[Column, ...]:
+    """Own speed, position and acceleration, then the variables of the curves."""
+    state_columns = [(on, (leftover.joint,), "") for on in ("qd", "q", "qdd")]
+    used = {(on, of) for on, of, _ in state_columns}
+    variables = [c.variable for c in leftover.curves if c.variable.on != "tau"]
+    more = [(v.on, v.of, v.form) for v in variables if (v.on, v.of) not in used]
+    return tuple(state_columns + more)
 
 
 @dataclass(frozen=True, eq=False, slots=True)

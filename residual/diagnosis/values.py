@@ -44,13 +44,13 @@ class _Values:
 
 def compare_values(outcome: SearchOutcome, fitted: Fit) -> tuple[Change, ...]:
     """Return every value that the model was given, and what the logs make of it."""
-    asked = [*_drive_values(outcome, fitted), *_body_values(outcome, fitted)]
-    every = sum(len(a.names) for a in asked)
-    if not every:
+    groups = [*_drive_values(outcome, fitted), *_body_values(outcome, fitted)]
+    count = sum(len(a.names) for a in groups)
+    if not count:
         return ()
-    sure = -float(ndtri(THRESHOLDS.value_change_chance / every / 2))
+    sure = -float(ndtri(THRESHOLDS.value_change_chance / count / 2))
     state = _Covariances.of(outcome, fitted)
-    return tuple(c for a in asked for c in _value_changes(state, a, sure))
+    return tuple(c for a in groups for c in _value_changes(state, a, sure))
 
 
 @dataclass(frozen=True, eq=False, slots=True)
@@ -72,17 +72,14 @@ class _Covariances:
             at = fitted.slots(g)
             before[np.ix_(at, at)] = scaled_inverse(g.precision)
         return cls(
-            fitted.theta,
-            before,
-            fitted.covariance(),
-            between_logs(task.design, fitted),
+            fitted.theta, before, fitted.covariance(), between_logs(task.design, fitted)
         )
 
 
 def _value_changes(
-    state: _Covariances, asked: _Values, sure: float
+    state: _Covariances, values: _Values, sure: float
 ) -> Iterator[Change]:
-    a, p = asked.added, asked.slope.shape[1]
+    a, p = values.added, values.slope.shape[1]
     after = scaled_inverse(a @ state.after @ a.T)
     prior = a @ state.before @ a.T
     information = _positive_information(after - scaled_inverse(prior), prior)
@@ -91,26 +88,26 @@ def _value_changes(
     # Logs that disagree pull a value that its prior holds by less than a free one.
     freed = covariance @ after
     variance = np.diag(covariance + freed @ (a @ state.between @ a.T) @ freed.T)
-    own = asked.slope @ state.theta[:p]  # of the gap what no finding says
-    for i, (name, joints, parameter, unit) in enumerate(asked.names):
+    refit_gap = values.slope @ state.theta[:p]  # of the gap what no finding says
+    for i, (name, joints, parameter, unit) in enumerate(values.names):
         sd = float(np.sqrt(variance[i]))
-        least = max(THRESHOLDS.min_value_change * asked.size[i], sure * sd)
+        least = max(THRESHOLDS.min_value_change * values.size[i], sure * sd)
         yield Change(
             name=name,
             joints=joints,
             parameter=parameter,
-            nominal=plain(asked.nominal[i]),
-            identified=plain(asked.nominal[i] + gap[i]),
+            nominal=plain(values.nominal[i]),
+            identified=plain(values.nominal[i] + gap[i]),
             std=plain(sd),
             unit=unit,
             sigma=plain(gap[i] / sd),
             beyond=bool(abs(gap[i]) > least),
-            explained=bool(a[i, p:].any() and abs(own[i]) < least),
+            explained=bool(a[i, p:].any() and abs(refit_gap[i]) < least),
         )
 
 
 def _drive_values(outcome: SearchOutcome, fitted: Fit) -> list[_Values]:
-    """Declared values, those of the same joints together."""
+    """Declared values, grouped by joints."""
     nominal = outcome.nominal
     terms, given = zip(*nominal.declared, strict=True) if nominal.declared else ((), ())
     placed = with_slots(terms, len(nominal.model.inertial))
@@ -124,18 +121,18 @@ def _drive_values(outcome: SearchOutcome, fitted: Fit) -> list[_Values]:
 
 def _joint_values(robot, fitted: Fit, terms: list[tuple[Term, slice]]) -> _Values:
     names, nominal, rows, count = [], [], [], len(fitted.ids)
-    for term, own in terms:
+    for term, slots in terms:
         effect = term.effect
         values = np.asarray(effect.values(term.theta, term.shape, robot), dtype=float)
         jacobian = values_jacobian(effect, term.theta, term.shape, robot)
-        same = _findings_of(fitted, effect, term)
+        finding_slots = _findings_of(fitted, effect, term)
         for i, (key, unit) in enumerate(effect.units(term.joints, robot).items()):
             if not jacobian[i].any():
                 continue  # of the shape, which is not refitted
             row = np.zeros(count)
-            row[own] = jacobian[i]
-            for slots in same:
-                row[slots] = jacobian[i]
+            row[slots] = jacobian[i]
+            for more in finding_slots:
+                row[more] = jacobian[i]
             joints = tuple(j + 1 for j in term.joints)
             names.append((effect.name, joints, key, unit))
             nominal.append(values[i])
@@ -157,7 +154,7 @@ def _findings_of(fitted: Fit, effect: Effect, term: Term) -> list[Array]:
 
 
 def _body_values(outcome: SearchOutcome, fitted: Fit) -> list[_Values]:
-    """What the motion of the arm can tell of its body at all, sum by sum."""
+    """Identifiable base parameters of the arm's bodies, one by one."""
     robot = outcome.logs.robot
     base = base_parameters(robot.model)
     inertial = outcome.nominal.model.inertial
@@ -188,7 +185,7 @@ def _without_findings(added: Array, fitted: Fit) -> Array:
 
 
 def _positive_information(information: Array, prior: Array) -> Array:
-    """What the logs know, and a ten thousandth of the prior where they know nothing."""
+    """Information of the logs, floored at a ten thousandth of the prior's."""
     size = np.sqrt(np.diag(prior))
     values, vectors = np.linalg.eigh(information * np.outer(size, size))
     kept = (vectors * np.maximum(values, LOOSE)) @ vectors.T

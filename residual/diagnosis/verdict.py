@@ -31,7 +31,6 @@ from residual.planning.question import Question
 from residual.quantity import plain
 from residual.recording import Array
 from residual.robot.dynamics import inertial_parameters, regressor
-from residual.verdict.document import from_json, to_json  # noqa: F401
 from residual.verdict.result import (
     LOAD,
     MOTION,
@@ -123,7 +122,7 @@ def conclude(
 
 
 def _clear_links(outcome: SearchOutcome, least: list[Detectable]) -> list[Detectable]:
-    """Of a link at least what its description may be off by, four times."""
+    """Raise the detectable size of a link to four deviations of the URDF's error."""
     prior, model = doubtful(outcome), outcome.logs.robot.model
     bodies = inertial_parameters(model)
     pull = inertial_precision(outcome.logs.robot) @ np.diag(bodies)
@@ -169,11 +168,13 @@ def _finding(named: NamedEffect, order: int, standing: DoubtResult) -> Finding:
     )
 
 
-def _unexplained(outcome: SearchOutcome, left: Sequence[JointLeftover]) -> Unexplained:
+def _unexplained(
+    outcome: SearchOutcome, leftovers: Sequence[JointLeftover]
+) -> Unexplained:
     a, design, logs = outcome.adequacy, outcome.task.design, outcome.logs
     power = design.rows * design.rms**2
     weight = power / power.sum()
-    kinds = [one.kind for one in left if one.kind]
+    kinds = [one.kind for one in leftovers if one.kind]
     alike = len(set(logs.robot.prismatic)) == 1
     per_joint = a.structured.copy()
     per_joint[list(logs.too_small)] = np.nan
@@ -181,7 +182,7 @@ def _unexplained(outcome: SearchOutcome, left: Sequence[JointLeftover]) -> Unexp
         joints=tuple(int(j) + 1 for j in a.doubted),
         fraction=plain(np.sqrt(weight @ a.structured**2)) if alike else None,
         noise_floor=plain(np.sqrt(weight @ a.noise**2)) if alike else None,
-        depends_on=depends_on(left),
+        depends_on=depends_on(leftovers),
         kind=max(sorted(set(kinds)), key=kinds.count) if kinds else None,
         per_joint=tuple(plain(per_joint)),
         noise_model="autocorrelation",
@@ -229,16 +230,16 @@ def contradictions(
 
 
 def _driving_friction(outcome: SearchOutcome, fitted: Fit) -> list[int]:
-    """Joints (from 1) on which the fitted friction feeds the motion."""
+    """Joints (from 1) on which the fitted friction drives the motion."""
     design, covariance = outcome.task.design, fitted.covariance()
     theta, out = _absolute_coefficients(outcome, fitted), []
     brakes = _select_slots(outcome, fitted, lambda e, on: Trait.FRICTION in e.traits)
     speeds = design.stacked([t.qd[:: t.step] for t in outcome.logs.sketch])
     for j, speed in enumerate(speeds):
         place, have = design.present(j, fitted.ids)
-        mine = brakes[have]
+        friction = brakes[have]
         along = np.zeros(len(theta))
-        along[have[mine]] = design.columns(j, place[mine]).T @ speed
+        along[have[friction]] = design.columns(j, place[friction]).T @ speed
         power, sd = along @ theta, np.sqrt(max(along @ covariance @ along, 0.0))
         moved = np.abs(speed) @ np.abs(design.tau[j])
         if (
@@ -250,17 +251,17 @@ def _driving_friction(outcome: SearchOutcome, fitted: Fit) -> list[int]:
 
 
 def _negative_inertia(outcome: SearchOutcome, fitted: Fit) -> list[int]:
-    """Joints (from 1) whose own inertia came out negative over the logged places."""
+    """Joints (from 1) whose fitted inertia is negative on average."""
     design, covariance = outcome.task.design, fitted.covariance()
     theta, model = _absolute_coefficients(outcome, fitted), outcome.logs.robot.model
     q = np.concatenate([t.q for t in outcome.logs.tracks])
     q = q[:: max(1, len(q) // PLACES)]
-    still, out = np.zeros_like(q), []
-    resting = regressor(model, q, still, still)
+    zero, out = np.zeros_like(q), []
+    resting = regressor(model, q, zero, zero)
     for j in range(design.dof):
-        push = still.copy()
+        push = zero.copy()
         push[:, j] = 1.0
-        rows = regressor(model, q, still, push)[:, j] - resting[:, j]
+        rows = regressor(model, q, zero, push)[:, j] - resting[:, j]
         rotors = _select_slots(
             outcome,
             fitted,
@@ -268,27 +269,27 @@ def _negative_inertia(outcome: SearchOutcome, fitted: Fit) -> list[int]:
         )
         along = rotors.astype(float)
         along[: rows.shape[1]] = rows.mean(axis=0)
-        own, sd = along @ theta, np.sqrt(max(along @ covariance @ along, 0.0))
-        if own < -THRESHOLDS.impossible_deviations * sd and own < 0:
+        inertia, sd = along @ theta, np.sqrt(max(along @ covariance @ along, 0.0))
+        if inertia < -THRESHOLDS.impossible_deviations * sd and inertia < 0:
             out.append(j + 1)
     return out
 
 
 def _absolute_coefficients(outcome: SearchOutcome, fitted: Fit) -> Array:
-    """Coefficients themselves, where a fit has their distance from the nominal."""
+    """The fit's coefficients, nominal values added. Shape (m,)."""
     theta = fitted.theta.copy()
     base = outcome.nominal.model.coefficients()
     theta[: len(base)] += base
     return theta
 
 
-def _select_slots(outcome: SearchOutcome, fitted: Fit, wanted: Callable) -> Array:
-    """Which of a fit's coefficients belong to effects that are wanted. (m,), bool."""
+def _select_slots(outcome: SearchOutcome, fitted: Fit, selects: Callable) -> Array:
+    """Mask of the coefficients of the selected effects. Shape (m,)."""
     model = outcome.nominal.model
     marks = [np.zeros(len(model.inertial), dtype=bool)]
     for part in (*model.terms, *fitted.members):
         count = len(part.theta) if hasattr(part, "theta") else len(part.ids)
-        marks.append(np.full(count, bool(wanted(part.effect, part.joints))))
+        marks.append(np.full(count, bool(selects(part.effect, part.joints))))
     return np.concatenate(marks)
 
 

@@ -56,7 +56,7 @@ def _flight(push: Array, gap: float, dt: float) -> Array:
 
 
 def _fall(push: Array, start: float, gap: float, dt: float) -> Array:
-    """The way from one tooth to a tooth, the first sample on it included."""
+    """Motion between the teeth, up to the first sample on a tooth."""
     some = AT_ONCE
     while True:
         way = start + dt * np.cumsum(dt * np.cumsum(push[:some]))
@@ -69,7 +69,7 @@ def _fall(push: Array, start: float, gap: float, dt: float) -> Array:
 
 
 def _possible(theta, shape, limits):
-    """A flight is drawn for its gap; a crossing at once has any that a gear has."""
+    """A flight is drawn for its gap; a crossing at once has any gap of a gear."""
     if len(shape) > 1:
         return bool(TINY < theta[0] < WIDEST)
     return bool(LEAST < theta[0] / shape[0] < MOST)

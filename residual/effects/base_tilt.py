@@ -22,7 +22,7 @@ def _columns(state, joints, shape):
 
 
 def _angles(theta, shape, robot):
-    """Angles of rotation about the axes, of the tangents that are fitted."""
+    """Angles of rotation about the axes, from the fitted tangents."""
     size = np.hypot(*theta)
     return theta * (np.arctan(size) / size if size else 1.0)
 

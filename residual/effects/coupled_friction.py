@@ -29,7 +29,7 @@ def _shapes(span, j):
 
 
 def _possible(theta, shape, limits):
-    """A gear takes power and has inertia; small ones may be lost in the noise."""
+    """A gear takes power and has inertia; small values may drown in noise."""
     drag = theta[:2] * (1.0, limits.speed)
     return bool(drag.sum() > 0 and np.all(np.abs(drag) < limits.torque))
 

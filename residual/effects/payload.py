@@ -6,7 +6,7 @@ from residual.robot.dynamics import flange_placement
 
 
 def _combined(theta, robot):
-    """Mass times centre, about the last joint: what gravity on slow motion shows."""
+    """First moments about the last joint, which gravity on slow motion shows."""
     return {
         f"mass * centre_{axis} about the last joint": (float(theta[1 + i]), "kg m")
         for i, axis in enumerate("xyz")

@@ -18,7 +18,7 @@ from residual.signals.standstill import bristle
 
 
 def _shapes(span, j):
-    """Ways that are longer than what the mask around a reversal hides."""
+    """Displacements beyond the mask around a reversal."""
     ways = (0.003, 0.006, 0.012, 0.025, 0.05)
     return tuple((w,) for w in ways if w < 0.1 * span.travel[j])
 

@@ -16,7 +16,7 @@ LEAST, MOST = 0.5, 2.0
 
 
 def _shapes(span, j):
-    """The plateau lies where the log's largest torques lie, if there is one."""
+    """The plateau is near the largest torques of the log."""
     top = 0.0 if span.torque is None else float(span.torque[j])
     return ((0.9 * top,), (top,)) if top > 0 else ()
 

@@ -14,7 +14,7 @@ def _values(theta, shape, robot):
 
 
 def _unit_directions(states, joints):
-    """At rest in the middle of the motion, where it shows least."""
+    """At rest in the middle of the motion, where it is least visible."""
     q = np.concatenate([s.q[:, joints[0]] for s in states])
     return [np.array([1.0, -q.mean()])]
 

@@ -7,7 +7,7 @@ from residual.robot.dynamics import flange_jacobian
 
 
 def _columns(state, joints, shape):
-    """The drives hold against what the force does: -J' f."""
+    """The drives hold against the force: -J' f."""
     linear = flange_jacobian(state.robot.model, state.q)[:, :3]
     return -linear.transpose(0, 2, 1)
 

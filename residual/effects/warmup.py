@@ -7,7 +7,6 @@ from residual.effects.limits import dissipates
 
 
 def _shapes(span, j):
-    """Time constants that the session can tell from constant friction."""
     taus = (15.0, 30.0, 60.0, 120.0, 240.0, 900.0, 3600.0)
     return tuple((c,) for c in taus if span.duration / 6 <= c <= 2.5 * span.duration)
 

@@ -102,7 +102,6 @@ class Design:
     # -- building -----------------------------------------------------------------
 
     def _measure_torque(self) -> None:
-        """Sizes of the torque, of all rows."""
         every = range(len(self._tracks))
         tau = [self._stacked([t.tau for t in self._tracks], j, every) for j in self._js]
         labels = [self._rows_labels(j, every) for j in self._js]
@@ -134,7 +133,7 @@ class Design:
         """Columns of the nominal model, and what it leaves of the torque."""
         dof, model = self.dof, self.model
 
-        def made(state: State) -> list[tuple[Joints, Array]]:
+        def columns_of(state: State) -> list[tuple[Joints, Array]]:
             links = links_of(state.regressor, dof)
             out = [(tuple(range(x.shape[1])), x) for x in links]
             for t in model.terms:
@@ -142,47 +141,48 @@ class Design:
                 out.append((t.effect.rows(t.joints, dof), columns))
             return out
 
-        ids = self._append(made, bodies=False)
+        ids = self._append(columns_of, bodies=False)
         self._show_target()
         self.nominal = np.concatenate(ids)
         self.inertial = self.nominal[: len(model.inertial)]
 
     def _take_target(self, c: int, chunk: Sequence[int]) -> None:
-        """What the nominal model leaves of the torque of a chunk, at the first look."""
+        """Residual torque of the nominal model on a chunk, computed once."""
         if len(self._targets[0]) > c:
             return
         gaps = []
         for i in chunk:
-            track, torque = self._tracks[i], self.model.torque_of_state(self._seen(i))
+            track, torque = (
+                self._tracks[i],
+                self.model.torque_of_state(self._state_of(i)),
+            )
             gaps.append(track.tau - track.filter(torque))
         for j in self._js:
             self._targets[j].append(self._stacked(gaps, j, chunk))
 
-    def _seen(self, i: int) -> State:
-        """What effects see of a log, when it is looked at first."""
+    def _state_of(self, i: int) -> State:
         if self._states[i] is None:
             self._states[i] = self._seen_with.observe(self._tracks[i])
         return self._states[i]
 
     def _show_target(self) -> None:
-        """Sums of the target, and the target of the sketch."""
         labels = [self._rows_labels(j, range(len(self._tracks))) for j in self._js]
         whole = [np.concatenate(own) for own in self._targets]
         self.power = squares_per_fold(whole, labels, self.folds)
         chunks = [0] if len(self._chunks) == 1 else self._shown
         self.target = [np.concatenate([x[c] for c in chunks]) for x in self._targets]
 
-    def _append(self, made: Made, bodies: bool) -> list[Array]:
-        """Append columns of all logs, and return their numbers, part by part."""
+    def _append(self, columns_of: Made, bodies: bool) -> list[Array]:
+        """Append columns of all logs, and return their numbers part by part."""
         ids: list[Array] = []
         for c, chunk in enumerate(self._chunks):
             fresh: list[list[Array]] = [[] for _ in self._js]
             self._take_target(c, chunk)
             for i in chunk:
-                state = self._seen(i)
+                state = self._state_of(i)
                 if bodies:  # read for every body, and of a long log not kept
                     state = replace(state, regressor=np.asarray(state.regressor))
-                parts = made(state)
+                parts = columns_of(state)
                 if not ids:
                     ids = self._sums.reserve([(on, x.shape[2]) for on, x in parts])
                 for j, columns in self._filtered(i, parts):
@@ -207,7 +207,6 @@ class Design:
                 yield j, np.concatenate(own)
 
     def _extend(self, c: int, j: int, new: Array) -> None:
-        """Keep new columns of a joint on one chunk's rows, and add up their sums."""
         y = self._targets[j][c]
         first = self._columns.count((j, c))
         self._columns.write((j, c), new)
@@ -230,12 +229,12 @@ class Design:
             sizes.update(zip(members, (c.shape[1] for c in own), strict=True))
             return np.concatenate(own, axis=1).transpose(2, 0, 1)
 
-        def made(state: State) -> list[tuple[Joints, Array]]:
+        def columns_of(state: State) -> list[tuple[Joints, Array]]:
             return [(rows, of_rows(state, own)) for rows, own in by_rows.items()]
 
         bodies = any(e.scope in ("link", "flange") for e, _, _ in candidates)
         groups: dict[int, Group] = {}
-        ids = self._append(made, bodies)
+        ids = self._append(columns_of, bodies)
         for own, (rows, members) in zip(ids, by_rows.items(), strict=True):
             parts = np.split(own, np.cumsum([sizes[i] for i in members])[:-1])
             for i, columns in zip(members, parts, strict=True):
@@ -264,7 +263,7 @@ class Design:
         return replace(group, known_prior=self._known_prior(group))
 
     def _known_prior(self, group: Group) -> KnownPrior | None:
-        """What is known of an effect for sure; of a change of the model's, nothing."""
+        """Known values of an effect; none where the model has the effect already."""
         known = of_effect(self.model.robot, group.effect, group.joints)
         if not known:
             return None
@@ -414,7 +413,6 @@ class Design:
         return self._of_sketch(j, lambda x: x[place]).T
 
     def _of_sketch(self, j: int, of: Callable[[Array], Array]) -> Array:
-        """What is made of columns (p, rows), on the rows of the sketch."""
         chunks, rows = [0] if len(self._chunks) == 1 else self._shown, self._targets[j]
         parts = [of(self._columns.read((j, c), len(rows[c]))) for c in chunks]
         return parts[0] if len(parts) == 1 else np.concatenate(parts, axis=-1)
@@ -479,7 +477,7 @@ class Design:
     @property
     def states(self) -> list[State]:
         """What the effects see of each log of the sketch."""
-        return [self._seen(i) for i in self._shown]
+        return [self._state_of(i) for i in self._shown]
 
     @property
     def tracks(self) -> list[Track]:

@@ -79,33 +79,35 @@ def with_possible_bodies(
     """
     best = model.coefficients()
     bodies = bodies_of(model)
-    moved = bodies.impossible(best)
-    if not moved:
+    impossible = bodies.impossible(best)
+    if not impossible:
         return PossibleModel(model, None)
     apart = [np.linalg.cholesky(scaled_inverse(b.covariance)).T for b in beside]
-    found = nearest(bodies, best, block_diag(fitted.cholesky.T, *apart))
+    nearest_theta = nearest(bodies, best, block_diag(fitted.cholesky.T, *apart))
     before, after = (
         _mean_squares(design, fitted, beside, gap)
-        for gap in (np.zeros(len(best)), found - best)
+        for gap in (np.zeros(len(best)), nearest_theta - best)
     )
     price = (np.sqrt(after) - np.sqrt(before)) / design.rms
     # Twice the fall of log likelihood is chi-square of what the bodies can be moved by.
     fall = float(fitted.weight(design.rows) @ (design.rows * (after - before)))
-    chance = float(chdtrc(BODY * len(moved), max(fall, 0.0)))
-    told = BodyCorrection(moved, tuple(float(p) for p in price), chance)
+    chance = float(chdtrc(BODY * len(impossible), max(fall, 0.0)))
+    correction = BodyCorrection(impossible, tuple(float(p) for p in price), chance)
     # No arm has quite the form of its model: what is less than a name does not count.
     large = THRESHOLDS.lower(
         price, 1 - np.sqrt(before / np.maximum(after, 1e-300))
     ).any()
     # Of so many bodies one is always the worst, as of links.
     sure = chance < THRESHOLDS.link_zero_chance
-    return PossibleModel(model.with_coefficients(found), told, bool(large and sure))
+    return PossibleModel(
+        model.with_coefficients(nearest_theta), correction, bool(large and sure)
+    )
 
 
 def _mean_squares(
     design: Design, fitted: Fit, beside: Sequence[SeparateTerm], gap: Array
 ) -> Array:
-    """What is left of each joint with coefficients moved [N^2 m^2]. Shape (dof,)."""
+    """Mean square residual of each joint after a move [N^2 m^2]. (dof,)."""
     ends = np.cumsum([0, *(len(b.covariance) for b in beside)])[: len(beside)]
     own, *others = np.split(gap, len(fitted.ids) + ends)
     out = np.zeros(design.dof)

@@ -1,7 +1,16 @@
-"""Fit and evidence of a set of effects, noise profiled per joint.
+"""Fit and evidence of a set of effects, with the noise profiled per joint.
 
-Rows are autocorrelated, so each joint's rows count as n_eff = n / tau, with tau the
-integrated autocorrelation time of the residual (initial positive pairs, Geyer 1992).
+The torque of joint j is y_j = X_j theta + e_j with theta ~ N(mu, P^-1): nominal
+coefficients about their given values, effects under Zellner's g-prior (Zellner 1986).
+With w_j = n_j / (N_j s_j), where N_j rows of variance s_j count as n_j, the posterior
+precision is A = P + sum_j w_j X_j' X_j, and the evidence of a set, up to a constant, is
+
+    ln p = -1/2 sum_j n_j ln s_j - 1/2 (theta - mu)' P (theta - mu)
+           - 1/2 ln det A + 1/2 ln det P
+
+(MacKay 1992; s_j = SSE_j / N_j and theta are iterated). Rows are autocorrelated, so
+n_j = N_j / tau_j, with tau_j the integrated autocorrelation time of the residual
+(initial positive pairs, Geyer 1992).
 """
 
 from collections.abc import Mapping, Sequence
@@ -368,7 +377,7 @@ def limits_of(design: Design, fitted: Fit, group: Group) -> Limits:
 
 
 def _model_coefficients(design: Design, fitted: Fit, group: Group) -> Array:
-    """What the model has of the effect, as the fit moved it. Shape (k,)."""
+    """The model's coefficients of the effect, refitted. Shape (k,)."""
     model, count = design.model, len(design.nominal)
     now = model.coefficients() + fitted.theta[:count]
     if group.effect.carries == "body":

@@ -45,13 +45,12 @@ def dense_fit(design: Design) -> Model:
     weight = design.rows / np.maximum(design.power.sum(axis=0), 1e-300)
     for _ in range(ROUNDS):
         theta = _solve(design, weight)
-        left = [_squared_error(design, j, theta) for j in range(design.dof)]
-        weight = design.rows / np.maximum(left, 1e-12 * design.rms**2 * design.rows)
+        errors = [_squared_error(design, j, theta) for j in range(design.dof)]
+        weight = design.rows / np.maximum(errors, 1e-12 * design.rms**2 * design.rows)
     return design.model.with_coefficients(design.model.coefficients() + theta)
 
 
 def _solve(design: Design, weight: Array) -> Array:
-    """Smallest change of the coefficients that leaves least. Shape (p,)."""
     size = len(design.nominal)
     gram, cross = np.zeros((size, size)), np.zeros(size)
     for j in range(design.dof):
@@ -62,7 +61,7 @@ def _solve(design: Design, weight: Array) -> Array:
 
 
 def _sums(design: Design, j: int) -> tuple[Array, Array, Array]:
-    """Gram and cross product of the nominal columns on joint j, and which they are."""
+    """Gram and cross product of the nominal columns on joint j, and their indices."""
     place, have = design.present(j, design.nominal)
     gram, cross = design.total(j)
     return gram[np.ix_(place, place)], cross[place], have
@@ -83,11 +82,11 @@ def set_back(model: Model, nominal: Model, effect) -> Model | None:
     Returns:
         The edited model; None where no parameter of it stands for the effect.
     """
-    known, joints = registry()[effect.name], tuple(effect.joints)
+    effect_type, joints = registry()[effect.name], tuple(effect.joints)
     bodies: tuple[int, ...] = ()
-    if known.carries == "body":
+    if effect_type.carries == "body":
         bodies = (model.robot.dof - 1,)
-    elif known.scope == "link":
+    elif effect_type.scope == "link":
         bodies = tuple(j - 1 for j in joints)
     if bodies:
         inertial = model.inertial.copy()
@@ -98,10 +97,10 @@ def set_back(model: Model, nominal: Model, effect) -> Model | None:
             np.concatenate([inertial, model.coefficients()[len(inertial) :]])
         )
     places = {(t.effect.name, j + 1) for t in model.terms for j in t.joints}
-    had = [j for j in joints if (effect.name, j) in places]
-    if not had and not bodies:
+    declared_joints = [j for j in joints if (effect.name, j) in places]
+    if not declared_joints and not bodies:
         return None
-    return model.without(effect.name, had) if had else model
+    return model.without(effect.name, declared_joints) if declared_joints else model
 
 
 FILTERED, MOVING = "filtered", "moving"
@@ -141,9 +140,7 @@ def edited(model: Model, effects: Sequence[EffectPlace]) -> Model:
 
 
 def errors_on(
-    models: Mapping[str, Model | None],
-    logs: Sequence[Recording],
-    kind: str = FILTERED,
+    models: Mapping[str, Model | None], logs: Sequence[Recording], kind: str = FILTERED
 ) -> dict[str, Number]:
     """Return the error of each model on logs [%], None for one that there is not.
 
@@ -163,7 +160,8 @@ def errors_on(
 def baseline_edits(
     models: Mapping[str, Model],
     dense: Model,
-    found: tuple[Sequence[EffectPlace], Sequence[EffectPlace]],
+    effects: Sequence[EffectPlace],
+    background: Sequence[EffectPlace],
     baseline: Sequence[Recording],
 ) -> tuple[Edit, ...]:
     """Take what was found out of the augmented model, and predict the baseline.
@@ -173,9 +171,10 @@ def baseline_edits(
     Args:
         models: "nominal" and "augmented" of a diagnosis with a baseline.
         dense: Dense least squares on the same logs.
-        found: Effects that are named, and those that are folded into the background.
+        effects: The named effects.
+        background: Effects that any used arm has.
     """
-    effects, every = found[0], [*found[0], *found[1]]
+    every = [*effects, *background]
     nominal, augmented = models["nominal"], models["augmented"]
     bare, back = edited(augmented, every), dense
     for effect in every:

@@ -489,36 +489,36 @@ def _joints_phrase(joints: tuple[int, ...]) -> str:
 
 
 def _odds(value: float) -> str:
-    """A probability as '> 0.99' or '= 0.97'; never one, since no data give that."""
+    """A probability as '> 0.99' or '= 0.97': no data give certainty."""
     return "> 0.99" if value > 0.99 else f"= {value:.2f}"
 
 
-def with_model_values(found: Finding, made: PossibleModel) -> Finding:
+def with_model_values(finding: Finding, possible: PossibleModel) -> Finding:
     """A finding with the values of the model, where no body could be as fitted freely.
 
     The deviations stay: the true body is one that can be, and the nearest of those is
     no farther from it than the fit was.
     """
-    effect, joints = registry()[found.name], tuple(j - 1 for j in found.joints)
-    if made.correction is None or effect.portable.bodies is None:
-        return found
-    terms = made.model.terms  # what was found stands behind what the model had
-    place = found.name, joints
-    (*_, own) = (t for t in terms if (t.effect.name, t.joints) == place)
-    robot = made.model.robot
-    values = effect.values(own.theta, own.shape, robot)
-    known = dict(zip(effect.parameters, values, strict=True))
+    effect, joints = registry()[finding.name], tuple(j - 1 for j in finding.joints)
+    if possible.correction is None or effect.portable.bodies is None:
+        return finding
+    terms = possible.model.terms  # what was found stands behind what the model had
+    place = finding.name, joints
+    (*_, term) = (t for t in terms if (t.effect.name, t.joints) == place)
+    robot = possible.model.robot
+    values = effect.values(term.theta, term.shape, robot)
+    values = dict(zip(effect.parameters, values, strict=True))
     if effect.combined is not None:
-        sums = effect.combined(own.theta, robot)
-        known |= {key: value for key, (value, _) in sums.items()}
+        sums = effect.combined(term.theta, robot)
+        values |= {key: value for key, (value, _) in sums.items()}
 
-    def moved(told: Mapping[str, Parameter]) -> dict[str, Parameter]:
-        return {k: replace(p, value=plain(known[k])) for k, p in told.items()}
+    def with_values(parameters: Mapping[str, Parameter]) -> dict[str, Parameter]:
+        return {k: replace(p, value=plain(values[k])) for k, p in parameters.items()}
 
     return replace(
-        found,
-        parameters=moved(found.parameters),
-        combinations=moved(found.combinations),
+        finding,
+        parameters=with_values(finding.parameters),
+        combinations=with_values(finding.combinations),
     )
 
 
@@ -562,7 +562,6 @@ def error_tables(
 
 
 def _per_joint(errors: Errors | None, kind: str) -> tuple[Number, ...] | None:
-    """Errors of every joint; None where there are none, or no such model."""
     values = None if errors is None else errors.per_joint(kind)
     return None if values is None or np.isnan(values).all() else _row(values)
 

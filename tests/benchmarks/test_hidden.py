@@ -12,9 +12,9 @@ from benchmarks.hidden.score import (
     members,
     score,
 )
-from residual.diagnosis.result import Detectable
 from residual.effects import registry
 from residual.robot.robot import load_robot
+from residual.verdict.result import Detectable
 from sim.engine.records import PlantEffect, stream
 from tests.verdict_documents import typed
 

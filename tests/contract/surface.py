@@ -20,8 +20,8 @@ from flows.cli.app import app
 from flows.report.answers import values_of
 from flows.steps.export import TARGETS
 from residual.check.result import Fault, LogCheck
-from residual.diagnosis.result import Verdict
-from residual.diagnosis.verdict import from_json, to_json
+from residual.verdict.document import from_json, to_json
+from residual.verdict.result import Verdict
 from tests.checkout import ROOT
 from warehouse.query.named import NAMED
 from warehouse.schema import all_views

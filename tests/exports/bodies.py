@@ -12,10 +12,10 @@ import numpy as np
 from benchmarks.attribution_parts.arms import SEVEN, SIX, Arm, make
 from flows.steps.export import TARGETS
 from residual.diagnosis.diagnose import diagnose
-from residual.diagnosis.result import Diagnosis
 from residual.errors import InputError
 from residual.model.bodies import bodies_of
 from residual.model.model import Model
+from residual.verdict.result import Diagnosis
 from sim.draw import draw_hidden
 from sim.engine.records import PlantEffect, stream
 from tests.exports.back import BACK

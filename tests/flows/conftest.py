@@ -15,8 +15,8 @@ from flows.report.diagnosis import render
 from residual.calibration import calibrate as core
 from residual.calibration.nominal_pls import NominalForm
 from residual.check.result import LogCheck
-from residual.diagnosis.result import Diagnosis
 from residual.recording import Recording
+from residual.verdict.result import Diagnosis
 from sim.engine.records import PlantRun
 from tests.flows import report_outcomes
 from tests.flows.adopted_arm import make_nights

@@ -111,8 +111,8 @@ def test_a_divergence_crosses_to_the_parent_process_as_words(tmp_path, monkeypat
 
 def test_curves_come_back_from_the_store_as_they_were():
     from flows.storage.diagnosis import from_record, to_record
-    from residual.diagnosis.result import Diagnosis
     from residual.model.compare import Cloud, LogProof
+    from residual.verdict.result import Diagnosis
 
     rng = np.random.default_rng(0)
     t, tau, moving = np.arange(4.0), rng.normal(size=(4, 2)), np.ones((4, 2), bool)

@@ -5,7 +5,7 @@ from dataclasses import replace
 import pytest
 
 from flows.steps.adopt import _of_verdict
-from residual.diagnosis.result import Edit
+from residual.verdict.result import Edit
 from tests.verdict_documents import typed
 
 GOOD = Edit("payload", (6,), error=1.2, kept=9.0, least_squares=4.0, reference=1.0)

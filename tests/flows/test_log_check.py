@@ -12,8 +12,8 @@ from flows.requests import Diagnose
 from flows.steps import check as steps
 from flows.steps.diagnose import diagnose_runs
 from residual.check.result import Fault, LogCheck, Repair
-from residual.diagnosis.result import Diagnosis
 from residual.errors import InputError
+from residual.verdict.result import Diagnosis
 from tests.residual.identified import workplace
 from tests.verdict_documents import typed
 from warehouse.layout import read_record

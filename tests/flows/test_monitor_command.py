@@ -12,12 +12,12 @@ from flows.requests import Monitor
 from flows.specs.experiment import experiment_of
 from flows.steps import experiment, monitor
 from flows.storage.diagnosis import store_outcome
-from residual.diagnosis.result import Diagnosis
 from residual.effects import registry
 from residual.model.model import Model, Term
 from residual.model.nominal import prepare_logs, start_nominal
 from residual.robot.robot import load_robot
 from residual.signals.track import Filters
+from residual.verdict.result import Diagnosis
 from tests.verdict_documents import typed
 from warehouse.layout import read_record
 from warehouse.query.store import open_store

@@ -8,13 +8,13 @@ import numpy as np
 from hypothesis import strategies as st
 
 from flows.storage.diagnosis import checked_verdict
-from residual.diagnosis.verdict import from_json, to_json
 from residual.errors import InputError
 from residual.model.corrected import CorrectedModel
 from residual.model.model import Model, Term
 from residual.model.record import from_record, load_model, to_record
 from residual.recording import Recording
 from residual.robot.dynamics import inertial_parameters
+from residual.verdict.document import from_json, to_json
 from tests.fuzz.arm import arm, as_csv, samples
 from tests.fuzz.mutation import mutated, mutated_json
 from tests.fuzz.reader import ROOT, Reader, same_json

@@ -79,5 +79,5 @@ def test_since_a_model_was_adopted_only_what_is_new_is_named(adopted, since):
 
 def test_an_adopted_model_comes_with_its_logs(adopted):
     model, _, now = adopted
-    with pytest.raises(InputError, match="without the logs behind it"):
+    with pytest.raises(InputError, match="adopted model has no logs"):
         diagnose_case(now, declared=model)

@@ -78,10 +78,9 @@ def test_against_a_baseline_all_that_was_found_goes(world):
     models, _, bare = world
     spring = Term(registry()["spring"], (1,), (), np.array([30.0, 0.0]))
     wrong = replace(models["augmented"], terms=(*models["augmented"].terms, spring))
-    found = ([Place("payload", (6,))], [Place("spring", (2,))])
-    (edit,) = baseline_edits(
-        {"nominal": models["nominal"], "augmented": wrong}, models["dense"], found, bare
-    )
+    named, background = [Place("payload", (6,))], [Place("spring", (2,))]
+    pair = {"nominal": models["nominal"], "augmented": wrong}
+    (edit,) = baseline_edits(pair, models["dense"], named, background, bare)
     assert edit.error == pytest.approx(edit.reference, rel=0.01)
     assert edit.least_squares > 3 * edit.error
     assert edit.kept > 3 * edit.error

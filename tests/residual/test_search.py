@@ -10,7 +10,7 @@ import pytest
 
 from residual.diagnosis.detectable import minimum_detectable
 from residual.diagnosis.findings import findings
-from residual.diagnosis.gate import drop_failed, left_out_errors, test_members
+from residual.diagnosis.gate import drop_failed, gate_members, left_out_errors
 from residual.diagnosis.neighbours import alternatives, prefer_simpler
 from residual.diagnosis.search import (
     admissible,
@@ -149,7 +149,7 @@ def test_an_effect_that_a_refit_imitates_is_named_by_plausibility(imitated):
     fitted = search(task)
     assert keys(fitted) == [("twin", (1,))]
     np.testing.assert_allclose(fitted.of(fitted.members[0]), size, rtol=0.1)
-    (tested,) = test_members(task, fitted)
+    (tested,) = gate_members(task, fitted)
     assert tested.by == "plausibility"
     assert tested.nats > task.rules.min_plausible_nats
 
@@ -217,7 +217,7 @@ def test_the_gate_stops_what_is_there_in_one_log_of_four_only(rng):
     (group,) = problem.design.add([(LINE, (0,), ())])
     task = problem.task([group])
     fitted = task.settle(task.fit([group], task.start()))
-    assert test_members(task, fitted)[0].by is None
+    assert gate_members(task, fitted)[0].by is None
     after, tested = drop_failed(task, fitted)
     assert (after.members, tested) == ((), [])
 
@@ -392,7 +392,7 @@ def test_findings_of_one_name_are_merged_and_the_largest_comes_first(rng):
     problem = Problem.draw(rng, truth, rows=200)
     task, fitted = found(problem)
     diagnosis = judged_by(task)
-    first, second = findings(diagnosis, fitted, test_members(task, fitted))
+    first, second = findings(diagnosis, fitted, gate_members(task, fitted))
     assert (first.effect.name, first.joints) == ("plane", (1,))
     assert (second.effect.name, second.joints) == ("line", (1, 2))
     values, sds, unit, _ = second.parameters["a"]
@@ -413,7 +413,7 @@ def test_what_rides_on_another_of_its_size_is_named_before_it(rng, yields, first
         replace(t, group=replace(t.group, effect=riding))
         if t.group.effect is PLANE
         else t
-        for t in test_members(task, fitted)
+        for t in gate_members(task, fitted)
     ]
     groups = {t.group.key: t.group for t in tested}
     fitted = replace(fitted, members=tuple(groups[g.key] for g in fitted.members))

@@ -4,8 +4,8 @@ import numpy as np
 
 import warehouse
 from flows.storage.diagnosis import effect_rows, error_rows
-from residual.diagnosis.verdict import from_json
 from residual.recording import Recording
+from residual.verdict.document import from_json
 from tests.verdict_documents import whole
 from warehouse.commit import DiagnosisRows, Seal, commit_run, store_rows
 
