@@ -42,10 +42,8 @@ PENDING = {
     "Scores.own",
     "Shares.whole",
     "Sight.whole",
-    "Table.left",
     "given",
     "known",
-    "told",
 }
 PENDING_CLASSES = {
     "Motion",
