@@ -29,7 +29,6 @@ PENDING = {
     "Effect.usual",
     "Exported.left",
     "Exported.whole",
-    "Found",
     "Here",
     "Left",
     "Log.known",
