@@ -29,7 +29,6 @@ PENDING = {
     "Effect.usual",
     "Exported.left",
     "Exported.whole",
-    "Found",
     "Here",
     "Left",
     "Log.known",
@@ -42,10 +41,8 @@ PENDING = {
     "Scores.own",
     "Shares.whole",
     "Sight.whole",
-    "Table.left",
     "given",
     "known",
-    "told",
 }
 PENDING_CLASSES = {
     "Motion",
