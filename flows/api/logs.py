@@ -15,7 +15,7 @@ from flows.steps.export import export_model, in_place
 from residual.check.result import LogCheck
 from residual.diagnosis.result import ErrorTables
 from residual.errors import InputError, shortened
-from residual.export.exported import Exported, Whole
+from residual.export.export import AnyModel, ModelExport
 from residual.model.compare import compare as core_compare
 from residual.model.compare import prepare_held_out
 from residual.model.corrected import CorrectedModel
@@ -160,8 +160,8 @@ def compare(
 
 
 def export(
-    model: Whole, to: str, folder: str | Path, log: Recording | None = None
-) -> Exported:
+    model: AnyModel, to: str, folder: str | Path, log: Recording | None = None
+) -> ModelExport:
     """Write a model in the form of another program.
 
     Args:

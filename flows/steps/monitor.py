@@ -27,8 +27,8 @@ MOST_HEALTHY = 12  # of them are read
 
 
 @dataclass(frozen=True, eq=False, slots=True)
-class Watched:
-    """What was found."""
+class MonitoringResult:
+    """A calibrated monitor, and the alarms of the runs that it watched."""
 
     monitor: Monitor  # the monitor, calibrated
     calibration: tuple[str, ...]  # ids of the healthy runs
@@ -37,25 +37,25 @@ class Watched:
 
     @property
     def notes(self) -> tuple[str, ...]:
-        """What to know about it, a line each."""
+        """Limits of the result, a line each."""
         out, hours = [], self.monitor.hours
         if self.monitor.per_hour * hours < 1:
             out.append(
-                f"The healthy runs last {60 * hours:.3g} min in all: that alarms are "
-                f"false at most {self.monitor.per_hour:g} times an hour is "
+                f"The healthy runs last {60 * hours:.3g} min in all: the rate of at "
+                f"most {self.monitor.per_hour:g} false alarms per hour is "
                 "extrapolated."
             )
         if not self.monitor.referenced:
-            out.append("q_ref is not logged: no errors of tracking.")
+            out.append("q_ref is not logged: tracking errors are not monitored.")
         return tuple(out)
 
 
 @one_blas_thread
-def monitor(request: Request) -> tuple[str, Watched, dict[str, Recording]]:
-    """Calibrate a monitor, watch runs, and store what was found.
+def monitor(request: Request) -> tuple[str, MonitoringResult, dict[str, Recording]]:
+    """Calibrate a monitor, watch runs, and store the alarms.
 
     Returns:
-        The id of the record, what was found, and the watched runs by their id.
+        The id of the record, the result, and the watched runs by their id.
     """
     store = store_folder(request.store)
     diagnosis = _diagnosis_in(request.model, store)
@@ -114,10 +114,10 @@ def watch(
     healthy: Mapping[str, Recording],
     watched: Mapping[str, Recording],
     per_hour: float,
-) -> Watched:
+) -> MonitoringResult:
     """Calibrate a monitor and watch runs, each by its id; nothing is stored."""
     made = calibrate(model, list(healthy.values()), per_hour)
-    return Watched(
+    return MonitoringResult(
         monitor=made,
         calibration=tuple(healthy),
         alarms={id: made.watch(run) for id, run in watched.items()},
@@ -127,19 +127,17 @@ def watch(
 
 @dataclass(frozen=True, slots=True)
 class NewRuns:
-    """What the monitoring of new runs said."""
+    """The result of monitoring new runs."""
 
-    # Id of its record, None where there was nothing to compare with.
-    record: str | None = None
-    found: Watched | None = None  # what was found; None where nothing was watched
-    # The runs that were watched, by their id.
-    watched: Mapping[str, Recording] = field(default_factory=dict)
+    record: str | None = None  # its id; None where no run was watched
+    result: MonitoringResult | None = None  # None where no run was watched
+    watched: Mapping[str, Recording] = field(default_factory=dict)  # by their id
     why: str = ""  # why nothing was watched, "" where it was
 
     @property
     def alarmed(self) -> tuple[str, ...]:
         """Runs with an alarm."""
-        alarms = self.found.alarms if self.found else {}
+        alarms = self.result.alarms if self.result else {}
         return tuple(run for run, own in alarms.items() if own)
 
 
@@ -147,22 +145,22 @@ def watch_new(
     runs: Sequence[str],
     store: Path,
     model: str | None = None,
-    good: Sequence[str] = (),
+    healthy_ids: Sequence[str] = (),
     tag: str = HEALTHY,
 ) -> NewRuns:
     """Watch new runs of one robot, against its adopted model or its last diagnosis.
 
     Args:
-        model: Id of a diagnosis, or a robot; None for what the robot has, else what was
-            found of it last.
-        good: Ids of the healthy runs; empty for those with the tag, and where these are
-            too few for those of the diagnosis.
+        model: Id of a diagnosis, or a robot; None for the adopted model, else that of
+            the last diagnosis.
+        healthy_ids: Empty for the runs with the tag, and where these are too few for
+            those of the diagnosis.
     """
     model = model or in_force(runs, store).diagnosis or latest_diagnosis(runs, store)
     if model is None:
         return NewRuns(why="No diagnosis of this arm yet: nothing to compare with.")
-    healthy = tuple(good) or healthy_runs(runs, store, tag)
-    if not good and len(healthy) < LEAST_RUNS:
+    healthy = tuple(healthy_ids) or healthy_runs(runs, store, tag)
+    if not healthy_ids and len(healthy) < LEAST_RUNS:
         diagnosis = _diagnosis_in(model, store)
         healthy = _behind(diagnosis, store) if diagnosis else ()
     new = tuple(run for run in runs if run not in healthy)
@@ -241,8 +239,7 @@ def _diagnosis_in(word: str, store: Path) -> str | None:
     if not any(id.startswith(word) for id in list_folders(store, "diagnoses")):
         raise InputError(
             f"'{word}' is no diagnosis in {store_name(store)}. Name a robot such as "
-            "irb140, or a diagnosis as in: modelgap sql 'SELECT diagnosis_id FROM "
-            "diagnoses'."
+            "irb140, or a diagnosis: modelgap sql 'SELECT diagnosis_id FROM diagnoses'."
         )
     return find(store, word).id
 

@@ -62,7 +62,7 @@ class Draft:
     doubts: Mapping[str, tuple[str, ...]]
     optional: Mapping[str, SignalMap]  # signals that were found and are not needed
     missing: tuple[str, ...]  # of time, q and tau those that were not found
-    unread: tuple[str, ...]  # columns in no line of the map
+    unused: tuple[str, ...]  # columns in no line of the map
 
 
 def draft(path: Path, robot: Robot, format: str | None = None) -> Draft:
@@ -159,7 +159,7 @@ class _Drafter:
             missing=tuple(
                 n for n in NEEDED if n not in some and not (n == "time" and clock)
             ),
-            unread=tuple(c for c in self.log.columns if c and c not in used),
+            unused=tuple(c for c in self.log.columns if c and c not in used),
         )
 
     def _doubt(self, line: str, words: str) -> None:
