@@ -11,7 +11,7 @@ from unittest.mock import patch
 from flows.requests import Campaign
 from flows.settings import prefect_home, quiet_prefect
 from flows.steps import campaign as steps
-from flows.steps.experiment import Planned
+from flows.steps.experiment import PlannedExperiment
 from warehouse.ids import record_folder
 
 _NAP = 1.0  # s that an experiment takes here
@@ -37,7 +37,7 @@ def main(folder: Path, count: int) -> None:
     print(json.dumps({"bare": plain, "flow": coated}))
 
 
-def nap(planned: Planned, store: str) -> str:
+def nap(planned: PlannedExperiment, store: str) -> str:
     """Take a second, and leave only the folder of a run."""
     sleep(_NAP)
     record_folder(Path(store), "runs", planned.run_id, "irb140").mkdir(parents=True)

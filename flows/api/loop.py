@@ -11,7 +11,7 @@ from flows.outputs import Progress, write_all
 from flows.specs.experiment import experiment_of
 from flows.steps.diagnose import diagnose_logs
 from flows.steps.experiment import as_csv, make, run_id_of
-from flows.steps.monitor import Watched, watch
+from flows.steps.monitor import MonitoringResult, watch
 from flows.steps.next import check_length, rank_motions
 from residual.errors import InputError
 from residual.model.model import Model
@@ -67,7 +67,7 @@ def monitor(
     healthy: Sequence[Recording],
     watched: Sequence[Recording],
     per_hour: float = 1.0,
-) -> Watched:
+) -> MonitoringResult:
     """Set the limits of a monitor by healthy logs, and check other logs against them.
 
     Args:

@@ -53,7 +53,7 @@ def diagnose(
         save_model: File for the model with what was found, which predict and
             export take.
     """
-    from flows.inputs.given import chosen, load_for
+    from flows.inputs.read import chosen, load_for
     from flows.report.diagnosis import print_diagnosis, render
     from flows.report.page import of_request
     from flows.steps import diagnose as steps

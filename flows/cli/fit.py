@@ -4,7 +4,7 @@ from dataclasses import replace
 from pathlib import Path
 
 from flows.cli.app import Outputs
-from flows.inputs.given import chosen, load_for
+from flows.inputs.read import chosen, load_for
 from flows.outputs import check_new_folder, in_folder, progress_bar, read_files
 from flows.report.console import show, wide
 from flows.report.models import identification as identified
@@ -117,20 +117,20 @@ def calibrate(
     out.say(*read.lines)
     with progress_bar() as progress:
         done = calibration.calibrate(request, read, runs, progress)
-    made = done.made
+    made = done.calibration
     out.write(
         {"--report": lambda: render(made, done.warnings)},
-        lambda: calibration_document(made, sentences(made), done.warnings, done.kept),
+        lambda: calibration_document(made, sentences(made), done.warnings, done.stored),
         in_folder(export, calibration_files(made)) if export is not None else {},
     )
     show(wide(out.console), *told(done))
     out.finish(*_kept(done))
 
 
-def _kept(done: calibration.Calibrated) -> list[str]:
-    if not done.kept:
+def _kept(done: calibration.StoredCalibration) -> list[str]:
+    if not done.stored:
         return []
-    model, validation = done.kept["model"], done.kept["validation"]
+    model, validation = done.stored["model"], done.stored["validation"]
     return [
         f"stored: model {model}, validation {validation}: modelgap show "
         f"{validation[:8]}"

@@ -35,15 +35,15 @@ def model_in_force(runs: dict, store: str) -> str | None:
 def adopt_or_propose(diagnosis: str, store: str, auto: bool) -> str | None:
     """Adopt what a night found, or propose it; returns the adoption or the page."""
     place, log = Path(store), get_run_logger()
-    judged = judge(place, diagnosis)
-    if judged.doubts:
+    judgment = judge(place, diagnosis)
+    if judgment.doubts:
         # What was found and may not be adopted is to be seen in the morning.
         say = log.warning if read_verdict(place, diagnosis).effects else log.info
-        say(f"nothing to propose: {'; '.join(judged.doubts)}")
+        say(f"nothing to propose: {'; '.join(judgment.doubts)}")
         return None
     if auto:
         return _adopt(diagnosis, place, "found by a night, adopted by itself")
-    proposal = Proposal(judged, read_verdict(place, judged.diagnosis))
+    proposal = Proposal(judgment, read_verdict(place, judgment.diagnosis))
     before = known_already(place, proposal)
     if before:
         log.info(f"proposed already: modelgap show {before}")
@@ -61,8 +61,10 @@ def adopt_or_propose(diagnosis: str, store: str, auto: bool) -> str | None:
 def question(diagnosis: str, store: str) -> str:
     """Return a proposal as text, two models side by side; what the gate says now."""
     place = Path(store)
-    judged = judge(place, diagnosis)
-    return proposal_markdown(Proposal(judged, read_verdict(place, judged.diagnosis)))
+    judgment = judge(place, diagnosis)
+    return proposal_markdown(
+        Proposal(judgment, read_verdict(place, judgment.diagnosis))
+    )
 
 
 @task(name="adopt", task_run_name="adopt {diagnosis}", tags=["analysis"])
@@ -77,8 +79,8 @@ def adopt(diagnosis: str, store: str, note: str) -> str | None:
 
 
 def _adopt(diagnosis: str, store: Path, note: str) -> str:
-    number, judged = give(Adopt(diagnosis, note, store=store))
-    lines = adoption_lines(number, judged)
+    number, judgment = give(Adopt(diagnosis, note, store=store))
+    lines = adoption_lines(number, judgment)
     for line in lines:
         get_run_logger().info(line)
     artifacts.record("adoption", (diagnosis,), lines)

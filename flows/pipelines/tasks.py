@@ -16,7 +16,7 @@ from prefect.cache_policies import NO_CACHE
 from prefect.task_runners import TaskRunner, ThreadPoolTaskRunner
 
 from flows import requests
-from flows.inputs.given import robot_of
+from flows.inputs.read import robot_of
 from flows.pipelines import artifacts
 from flows.project.deployments import ALARM
 from flows.report import experiments, stored
@@ -30,7 +30,7 @@ from flows.steps import diagnose as diagnosis
 from flows.steps import identify as identification
 from flows.steps import monitor as monitoring
 from flows.steps import validate as validation
-from flows.steps.experiment import Planned
+from flows.steps.experiment import PlannedExperiment
 from flows.workers.processes import DASK, Here, chosen_runner, plainly
 from residual.errors import RunError
 
@@ -69,7 +69,10 @@ again = partial(
 
 @again(name="experiment", task_run_name="{label}", tags=["simulation"])
 def experiment(
-    label: str, batch: list[Planned], store: str, executor: Executor | None = None
+    label: str,
+    batch: list[PlannedExperiment],
+    store: str,
+    executor: Executor | None = None,
 ) -> list[str]:
     """Run an experiment of a campaign, or some of a large one; returns ids of runs.
 
@@ -119,8 +122,8 @@ def calibrate(runs: list[str], store: str | None = None) -> list[str]:
     robot = robot_of(runs, place)
     request = requests.Calibrate(tuple(runs), robot=robot, store=place)
     done = calibration.calibrate(request, *calibration.read_logs(request))
-    artifacts.record("calibrate", list(done.kept.values()), calibrated_parts(done))
-    return list(done.kept.values())
+    artifacts.record("calibrate", list(done.stored.values()), calibrated_parts(done))
+    return list(done.stored.values())
 
 
 def validate(
@@ -182,23 +185,27 @@ def watch(
 ) -> list[str]:
     """Watch the sensors of runs; an alarm is told as an event."""
     new = monitoring.watch_new(ids, Path(store), model, good, tag)
-    if new.record is None or new.found is None:
+    if new.record is None or new.result is None:
         get_run_logger().info(new.why)
         artifacts.record("monitor", (), [f"{new.why} Nothing was watched."])
         artifacts.rename(f"monitor: nothing watched. {new.why}")
         return []
-    parts = [meaning(new.found), *new.found.notes, alarm_table(new.found, new.watched)]
+    parts = [
+        meaning(new.result),
+        *new.result.notes,
+        alarm_table(new.result, new.watched),
+    ]
     artifacts.record("monitor", [new.record], parts)
     alarmed, count = new.alarmed, len(new.watched)
     many = f"alarms in {len(alarmed)} of" if alarmed else "no alarm in"
-    robot = new.found.monitor.model.robot.name
+    robot = new.result.monitor.model.robot.name
     artifacts.rename(f"{robot}: {many} {count} new runs")
     if alarmed:
         # With the runs that they were judged by.
-        good = {"good_ids": list(new.found.calibration)}
+        good = {"good_ids": list(new.result.calibration)}
         artifacts.tell(ALARM, {"record": new.record, "run_ids": list(alarmed)} | good)
         title = f"{robot}: {many} {count} new runs"
-        artifacts.notice("alarm", robot, title, meaning(new.found), list(alarmed))
+        artifacts.notice("alarm", robot, title, meaning(new.result), list(alarmed))
     return [new.record]
 
 

@@ -12,7 +12,7 @@ from flows.report.document import Callout, Chart, Document, Section, Strong, Tab
 from flows.report.page import render as render_page
 from flows.report.words.calibration import sentences
 from flows.report.words.phrases import sentence_case, texts
-from flows.steps.calibrate import Calibrated
+from flows.steps.calibrate import StoredCalibration
 from residual.calibration.calibrate import Calibration
 from residual.calibration.choice import PLSR as LINES
 from residual.calibration.rows import PAPER
@@ -39,9 +39,9 @@ _TILES = (
 )
 
 
-def told(outcome: Calibrated) -> list[str | Table]:
+def told(outcome: StoredCalibration) -> list[str | Table]:
     """Return a calibration for the terminal: the table, and what it shows."""
-    result = outcome.made
+    result = outcome.calibration
     return [
         _errors(result),
         about_rows(result),

@@ -8,7 +8,7 @@ from flows.report.document import Document, Section, Table, words_table
 from flows.report.page import Pairs, render
 from flows.report.words.phrases import texts
 from flows.report.words.verdict import sentences
-from flows.steps.adopt import Judged, Listed, Proposal
+from flows.steps.adopt import AdoptionEntry, Judgment, Proposal
 from residual.diagnosis.result import ErrorTables
 from residual.errors import joints_listed
 from residual.identification.prove import ValidatedIdentification
@@ -148,7 +148,7 @@ def _known(value: float | None) -> str:
     return bare_percent(value) if known(value) else "–"
 
 
-def adoptions(listed: Sequence[Listed]) -> Table:
+def adoptions(listed: Sequence[AdoptionEntry]) -> Table:
     """Return the models that robots had, the first one first."""
     last = {(made.robot, made.serial): id for id, made, _ in listed}
     rows = [
@@ -168,23 +168,23 @@ def adoptions(listed: Sequence[Listed]) -> Table:
     return words_table(heads, rows)
 
 
-def adoption_lines(number: str, judged: Judged) -> list[str]:
+def adoption_lines(number: str, judgment: Judgment) -> list[str]:
     """Return what was adopted, and what the gate saw, a line each."""
     return [
-        f"adoption {int(number)}: {judged.model.robot.name} has the model of diagnosis "
-        f"{judged.diagnosis[:8]} from now on; modelgap rollback takes it back",
-        *seen_lines(judged),
+        f"adoption {int(number)}: {judgment.model.robot.name} now has the model of "
+        f"diagnosis {judgment.diagnosis[:8]}; modelgap rollback takes it back",
+        *seen_lines(judgment),
     ]
 
 
-def seen_lines(judged: Judged) -> list[str]:
+def seen_lines(judgment: Judgment) -> list[str]:
     """Return what the gate saw of a model, a line each."""
-    lines = [f"against the gate: {doubt}" for doubt in judged.doubts]
-    if judged.worth is None:
+    lines = [f"against the gate: {doubt}" for doubt in judgment.doubts]
+    if judgment.worth is None:
         return lines
-    errors = _fall(judged.worth.before, judged.worth.after)
+    errors = _fall(judgment.worth.before, judgment.worth.after)
     lines.append(f"error on held-out motion: {errors}")
-    for one in judged.worth.effects:
+    for one in judgment.worth.effects:
         where = f" on {joints_listed(one.joints)}" if one.joints else ""
         shown = "is not shown by it"
         if one.part is not None:
@@ -201,7 +201,7 @@ def _fall(before: float | None, after: float | None) -> str:
 
 def proposal_page(proposal: Proposal, made: Pairs = ()) -> str:
     """Return the page of a proposal: one HTML document that needs nothing else."""
-    diagnosis, errors = proposal.judged.diagnosis, _joint_errors(proposal)
+    diagnosis, errors = proposal.judgment.diagnosis, _joint_errors(proposal)
     rows = _compared(proposal)
     rows += [
         (f"error of joint {joint} on held-out motion, filtered, %", before, after)
@@ -216,7 +216,7 @@ def proposal_page(proposal: Proposal, made: Pairs = ()) -> str:
         lead=sentences(proposal.verdict)[:1],
         sections=(
             Section("two", "Side by side", [words_table(heads, rows)]),
-            Section("gate", "What the gate saw", [seen_lines(proposal.judged)]),
+            Section("gate", "What the gate saw", [seen_lines(proposal.judgment)]),
             Section(
                 "answer",
                 "How to answer",
@@ -241,14 +241,14 @@ def proposal_markdown(proposal: Proposal) -> str:
             "| --- | --- | --- |",
             *lines[1:],
             "",
-            *(f"- {line}" for line in seen_lines(proposal.judged)),
+            *(f"- {line}" for line in seen_lines(proposal.judgment)),
         ]
     )
 
 
 def _compared(proposal: Proposal) -> list[tuple[str, str, str]]:
     """What, now, proposed."""
-    worth = proposal.judged.worth
+    worth = proposal.judgment.worth
     rows = []
     if worth:
         errors = bare_percent(worth.before), bare_percent(worth.after)

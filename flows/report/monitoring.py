@@ -8,14 +8,14 @@ from matplotlib.figure import Figure
 from flows.report.document import Table
 from flows.report.figures.look import JOINTS
 from flows.report.words.phrases import many
-from flows.steps.monitor import Watched
+from flows.steps.monitor import MonitoringResult
 from residual.recording import Recording
 
 _MOST = 6  # runs in one picture
 _LEAST = 0.02  # score that is drawn
 
 
-def meaning(found: Watched) -> str:
+def meaning(found: MonitoringResult) -> str:
     """Return what was found in watched runs, in one sentence."""
     alarms = [alarm for each in found.alarms.values() for alarm in each]
     where = f"{found.seconds:.4g} s of {many(len(found.alarms), 'run')}"
@@ -31,7 +31,7 @@ def meaning(found: Watched) -> str:
     return f"{many(len(alarms), 'alarm')} in {where}: {which} ({basis})."
 
 
-def alarm_table(found: Watched, watched: Mapping[str, Recording]) -> Table:
+def alarm_table(found: MonitoringResult, watched: Mapping[str, Recording]) -> Table:
     """Return the alarms, one a row."""
     rows = [
         (
@@ -49,7 +49,7 @@ def alarm_table(found: Watched, watched: Mapping[str, Recording]) -> Table:
     return Table(heads, rows, left=(0, 3, 4))
 
 
-def plot(found: Watched, runs: Mapping[str, Recording]) -> bytes:
+def plot(found: MonitoringResult, runs: Mapping[str, Recording]) -> bytes:
     """Draw the score of each joint and the alarms, as a PNG.
 
     Args:

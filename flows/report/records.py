@@ -139,15 +139,15 @@ def rerun_lines(made) -> list[str]:
         out = [f"{about}: same, bit for bit{code}"]
     else:
         out = [f"{about}: not the same"]
-        out += [f"  {channel.words}" for channel in made.apart[:_LISTED]]
-        if len(made.apart) > _LISTED:
-            out.append(f"  and {len(made.apart) - _LISTED} more")
+        out += [f"  {channel.words}" for channel in made.differences[:_LISTED]]
+        if len(made.differences) > _LISTED:
+            out.append(f"  and {len(made.differences) - _LISTED} more")
         out.append(f"cause, most probably: {made.cause.kind}: {made.cause.why}")
     out.append(made.changes)
-    if made.made:
-        out.append(f"stored, a rerun of it: modelgap show {made.made}")
-    if made.noted:
-        out.append(f"kept on record: modelgap show {made.noted}")
+    if made.new_id:
+        out.append(f"stored, a rerun of it: modelgap show {made.new_id}")
+    if made.note_id:
+        out.append(f"kept on record: modelgap show {made.note_id}")
     return out
 
 
@@ -159,11 +159,11 @@ def rerun_record(made) -> Mapping:
         "reproduced": made.reproduced,
         "same_code": made.same_code,
         "imported": made.imported,
-        "differences": [asdict(channel) for channel in made.apart],
+        "differences": [asdict(channel) for channel in made.differences],
         "cause": made.cause and asdict(made.cause),
         "changes": made.changes,
-        "made": made.made,
-        "noted": made.noted,
+        "made": made.new_id,
+        "noted": made.note_id,
     }
 
 
