@@ -1,33 +1,28 @@
-"""Is the right effect named, at its joint, and nothing where nothing is?
+"""Is the right effect named, at its joint, and nothing where nothing is missing?
 
     python benchmarks/diagnosis.py --quick                     under 50 s on two cores
     python benchmarks/diagnosis.py --seeds 1:2 --groups singles      to look at
     python benchmarks/diagnosis.py --full-json benchmarks/results/diagnosis.json
 
-Seeds 148401:148404 decide and are used for nothing else; 1 to 99 are for development.
-Sizes are in minimum detectable ones, as the diagnosis says them of an arm with nothing
-hidden in the same motions; those of constants, couplings and loads are physical.
-Finished cases are kept in store/benchmarks, by a hash of the code: an interrupted run
-goes on where it was. What is taken for what is printed, and with a results file stands
-beside it, as FILE_confusion.parquet. The last line is
-one JSON object; exit code 1 for a missed bar.
+Seeds 154101:154104 decide and are used for nothing else; 1 to 99 are for development.
+Sizes are in minimum detectable ones, as the diagnosis states them for an arm with
+nothing hidden in the same motions.
+Finished cases are kept in store/benchmarks by a hash of the code: an interrupted run
+continues. The last line is one JSON object; exit code 1 for a missed bar.
 """
 
 import argparse
 import sys
 import tempfile
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from functools import partial
-from itertools import groupby
 from pathlib import Path
 
 sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
 
 import numpy as np
-import pyarrow as pa
-import pyarrow.parquet as pq
 
-from benchmarks.diagnosis_parts import bars, cases, measured
+from benchmarks.diagnosis_parts import bars, cases
 from benchmarks.harness.cases import (
     kept_file,
     read_options,
@@ -36,88 +31,51 @@ from benchmarks.harness.cases import (
     seed_range,
 )
 from benchmarks.harness.figures import (
+    FULL,
     Figures,
     all_missing,
     figure,
     finish,
     missing,
-    one_blas_thread,
 )
 from benchmarks.harness.logs import write_csv
-from benchmarks.harness.shell import run_shell
-from benchmarks.hidden.score import confusion
+from benchmarks.harness.shell import run_command
 from benchmarks.synthetic.logs import standard_case
-from flows.workers.processes import Processes
 from residual.robot.robot import load_robot
 
-_SEEDS = "148401:148404"
-_STRANGERS = ("constants", "couplings", "loads")
-_CASES = (
-    *("singles", "nulls", "unknown", "pairs", "forms", "detection", "known"),
-    *_STRANGERS,
-)
-_GROUPS = (*_CASES, "cost", "measured")
-_CONFUSED = ("singles", "nulls", "unknown")  # one thing is hidden, or nothing
+_SEEDS = "154101:154104"
+_CASES = ("singles", "nulls", "unknown", "pairs", "forms", "detection")
 _COSTS = {"seconds": 10.0, "peak_gb": 1.0}
 
 
 def main() -> int:
     """Run the groups and return the exit code."""
-    args = read_options(__doc__, _SEEDS, _GROUPS)
-    figures: Figures = {}
-    if "cost" in args.groups:
-        figures |= _cost(args.quick)
-    # For the pool: its processes load NumPy after this.
-    one_blas_thread()
-    wanted = [g for g in _CASES if g in args.groups]
-    place = kept_file("diagnosis", "benchmarks/diagnosis_parts")
-    with Processes(2) as pool:
-        run_all = partial(run_kept, place, cases.words, pool)
-        rows = _run_cases(args, wanted, partial(run_all, cases.run))
-        jobs = measured.jobs(args.quick) if "measured" in args.groups else []
-        named = {f"measured {' '.join(job)}": job for job in jobs}
-        results = list(run_all(measured.run, named).values())
-    if wanted:
-        figures |= bars.case_figures(rows, args.deciding)
-    if "measured" in args.groups:
-        figures |= measured.measured_figures(results)
-    save_rows(args, figures, cases=rows, measured=results)
-    show_confusion(rows, args.full_json)
+    args = read_options(__doc__, _SEEDS, (*_CASES, "cost"))
+    figures: Figures = _cost(args.quick) if "cost" in args.groups else {}
+    groups = [group for group in _CASES if group in args.groups]
+    rows = _run_cases(args, groups)
+    figures |= bars.case_figures(rows, args.deciding) if groups else {}
+    save_rows(args, figures, cases=rows)
     return finish(figures)
 
 
-def show_confusion(rows: Mapping[str, Sequence[Mapping]], beside: Path | None) -> None:
-    """Print what each hidden effect is taken for; write it beside a results file."""
-    told = [r for g in _CONFUSED for r in rows.get(g, ()) if "outcome" in r]
-    cells = confusion(told)
-    if not cells:
-        return
-    print(f"\n{'hidden':22} {'cases':>5}  said")
-    for hidden, own in groupby(cells, lambda cell: cell["hidden"]):
-        said = {cell["said"]: cell["cases"] for cell in own}
-        words = ", ".join(f"{name} {count}" for name, count in said.items())
-        print(f"{hidden:22} {sum(said.values()):5}  {words}")
-    if beside:
-        path = beside.with_name(f"{beside.stem}_confusion.parquet")
-        pq.write_table(pa.Table.from_pylist(cells), path)
-
-
-def _run_cases(
-    args: argparse.Namespace, groups: Sequence[str], run_all: Callable
-) -> Mapping[str, list]:
-    """Run the cases of all groups, those that say sizes first."""
+def _run_cases(args: argparse.Namespace, groups: Sequence[str]) -> Mapping[str, list]:
+    """Run the cases of all groups after those that state the detectable sizes."""
+    path = kept_file("diagnosis", "benchmarks/diagnosis_parts")
+    run_all = partial(run_kept, path, cases.summary, cases.run)
     seeds = seed_range(args.seeds)
-    wanted = {group: cases.tasks(group, seeds, args.quick) for group in groups}
-    every = [task for tasks in wanted.values() for task in tasks]
+    tasks = {group: cases.tasks(group, seeds, args.quick) for group in groups}
+    every = [task for of_group in tasks.values() for task in of_group]
     benches, sizes = cases.benches(every), {}
-    still = run_all({task.name: (task, ()) for task in benches})
+    rows = run_all({task.name: (task, ()) for task in benches})
     for task in benches:
-        if "error" in still[task.name]:
-            why = still[task.name]["error"]
-            raise SystemExit(f"{task.name} failed: no sizes known. {why}")
-        sizes[task.data, task.motion] = still[task.name]["minimum"]
+        if "error" in rows[task.name]:
+            raise SystemExit(f"{task.name} failed: {rows[task.name]['error']}")
+        sizes[task.data, task.motion] = rows[task.name]["minimum"]
     rows = run_all({t.name: (t, sizes.get((t.data, t.motion), ())) for t in every})
-    return {group: [rows[t.name] for t in tasks] for group, tasks in wanted.items()}
+    return {
+        group: [rows[t.name] for t in of_group] for group, of_group in tasks.items()
+    }
 
 
 def _cost(quick: bool) -> Figures:
@@ -127,12 +85,12 @@ def _cost(quick: bool) -> Figures:
     process and of what it starts.
     """
     if quick:
-        return all_missing(_COSTS, "the full run decides")
+        return all_missing(_COSTS, FULL)
     with tempfile.TemporaryDirectory() as folder:
         *fit, held_out = _write_logs(Path(folder))
         words = ["diagnose", *fit, "--holdout", held_out, "--robot", "irb140"]
         words += ["--json", str(Path(folder) / "verdict.json")]
-        done = [run_shell(words, folder) for _ in range(3)]
+        done = [run_command(words, folder) for _ in range(3)]
         ok = (Path(folder) / "verdict.json").exists()
     failed = next((each for each in done if each.code != 0 or not ok), None)
     if failed is not None:

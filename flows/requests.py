@@ -1,9 +1,8 @@
-"""What a user wants of each verb: one frozen record per verb, its fields the options.
+"""What a command is to do: one frozen record per command, its fields are the options.
 
-The command line takes a record as its options, with the meanings that stand here; words
-that stand on the line by their place are handed over by the command. Of what is stored,
-the record of its request says how to make it again; where things are (store, map of
-columns) is no part of that.
+The command line takes a record as its options, with the help texts below; positional
+arguments are set by the command. The record of a stored result holds its request, which
+says how to repeat it; store and column map are not part of that.
 """
 
 from collections.abc import Mapping, Sequence
@@ -17,8 +16,7 @@ from residual.errors import InputError
 from residual.robot.word import word_of
 
 _PLACES = ("columns", "store")
-# Options that go into the word for the robot (`residual.robot.robot.word_of`).
-_OF_ROBOT = ("chain", "tip", "xacro_args", "package_dirs")
+_OF_ROBOT = ("chain", "tip", "xacro_args", "package_dirs")  # go into the robot word
 
 
 # A switch without a value; there is no --no-switch.
@@ -28,11 +26,11 @@ Words = Annotated[
     tuple[str, ...],
     Parameter(consume_multiple=(1, None), negative="", metavar="LOG..."),
 ]
-# One word at a time; the option may be given again.
+# One word at a time; the option may be repeated.
 Tags = Annotated[tuple[str, ...], Parameter(negative="", metavar="TAG")]
-# What stands on the line by its place.
+# A positional argument.
 Log = Annotated[str, Parameter(name="LOG")]
-# What the word behind an option is, as help shows it.
+# The name of a value in the help.
 File = Annotated[str | None, Parameter(metavar="FILE")]
 Folder = Annotated[str | None, Parameter(metavar="FOLDER")]
 Id = Annotated[str | None, Parameter(metavar="ID")]
@@ -44,10 +42,10 @@ Seconds = Annotated[float, Parameter(metavar="SECONDS")]
 Hertz = Annotated[float, Parameter(metavar="HERTZ")]
 Number = Annotated[int, Parameter(metavar="NUMBER")]
 Count = Annotated[int | None, Parameter(metavar="COUNT")]
-# How an answer of the store is printed.
 Format = Annotated[
     Literal["table", "csv", "json", "parquet"], Parameter(metavar="NAME")
 ]
+# Set by the command, no option.
 GivenWord = Annotated[str, Parameter(parse=False)]
 GivenWords = Annotated[tuple[str, ...], Parameter(parse=False)]
 
@@ -61,26 +59,22 @@ def parse_declared(_: Any, tokens: Sequence[Token]) -> tuple[str, ...]:
 
 
 def parse_numbers(_: Any, tokens: Sequence[Token]) -> tuple[int, ...]:
-    """Return the whole numbers in "1,2,3".
-
-    Raises:
-        InputError: If one is no whole number.
-    """
+    """Return the whole numbers in "1,2,3"; InputError for anything else."""
     text = tokens[0].value
     try:
         return tuple(int(word) for word in text.split(","))
     except ValueError as error:
         raise InputError(
-            f"{tokens[0].keyword} {text}: expected whole numbers, as 1,2,3."
+            f"{tokens[0].keyword} {text}: expected whole numbers, such as 1,2,3."
         ) from error
 
 
-# Options that many commands have, each explained here and nowhere else.
+# Options of several commands.
 Store = Annotated[
     str | Path | None,
     Parameter(
         metavar="FOLDER",
-        help="Folder of the store; else $MODELGAP_STORE, else ./store.",
+        help="Folder of the store; default $MODELGAP_STORE, else ./store.",
     ),
 ]
 RobotWord = Annotated[
@@ -96,7 +90,7 @@ Columns = Annotated[
     Parameter(
         name="--map",
         metavar="FILE",
-        help="TOML file that says which column is what, in which unit.",
+        help="TOML file with the meaning and the unit of each column (COLUMNS.toml).",
     ),
 ]
 Declared = Annotated[
@@ -106,8 +100,8 @@ Declared = Annotated[
         n_tokens=1,
         negative="",
         metavar="EFFECT",
-        help='Effects that the model has, as a,b; "none" for a bare rigid body. '
-        "Without it the robot's own list, or viscous,coulomb,rotor_inertia.",
+        help='Effects of the nominal model, as a,b; "none" for rigid bodies only. '
+        "Default: the list of the robot, else viscous,coulomb,rotor_inertia.",
     ),
 ]
 Numbers = Annotated[
@@ -116,38 +110,37 @@ Numbers = Annotated[
 ]
 TrustLog = Annotated[
     Flag,
-    Parameter(help="Go on although a fault of the logs is certain (modelgap check)."),
+    Parameter(help="Continue although a fault of the logs is certain."),
 ]
 Which = Annotated[
     str | None,
     Parameter(
         metavar="NAME",
-        help="Which model of a diagnosis: nominal, identified or augmented, which is "
-        "the usual one.",
+        help="Model of a diagnosis: nominal, identified or augmented (default).",
     ),
 ]
 ModelWord = Annotated[
     str,
     Parameter(
         metavar="MODEL",
-        help="Id of a diagnosis or model of the store, or a file that a model was "
-        "saved into.",
+        help="Id of a stored diagnosis or model, or a saved model file.",
     ),
 ]
 HeldOut = Annotated[
     Words,
     Parameter(
         name="--holdout",
-        help="Logs for the proof. Without them the last quarter of the longest log.",
+        help="Held-out logs, which are not fitted. Default: the last quarter of the "
+        "longest log.",
     ),
 ]
 Where = Annotated[
     str | None,
     Parameter(
         metavar="CONDITION",
-        help="Also the runs of the store that fulfil a condition over the view runs, "
-        "such as \"campaign = 'night' AND trajectory = 'fourier'\" (modelgap sql "
-        "--schema); not those in quarantine.",
+        help="Also the stored runs that meet a SQL condition on the view runs, such as "
+        "\"campaign = 'night' AND trajectory = 'fourier'\"; without those in "
+        "quarantine.",
     ),
 ]
 HeldOutWhere = Annotated[
@@ -155,26 +148,26 @@ HeldOutWhere = Annotated[
     Parameter(
         name="--holdout-where",
         metavar="CONDITION",
-        help="The same for --holdout.",
+        help="Held-out runs by a SQL condition, as --where.",
     ),
 ]
 Json = Annotated[
     str | None,
     Parameter(
         metavar="FILE",
-        help='File for the outcome as JSON; "-" prints it and nothing else.',
+        help='File for the result as JSON; "-" prints it alone.',
     ),
 ]
 
 
 @Parameter(name="*")
 class Request:
-    """A verb and what it is to be done with."""
+    """Base class of requests."""
 
     __slots__ = ()
 
     def to_record(self) -> dict:
-        """Return the request as JSON can hold it: the verb as `step`, no places."""
+        """Return the request as JSON values, its name as `step`, without places."""
         left_out = (*_PLACES, *_OF_ROBOT)
         names = [f.name for f in fields(self) if f.name not in left_out]
         step = type(self).__name__.lower()
@@ -182,17 +175,12 @@ class Request:
 
     @property
     def command(self) -> str:
-        """The command that takes it."""
+        """Name of the command."""
         return type(self).__name__.lower()
 
     @classmethod
     def from_record(cls, record: Mapping, store: Path) -> Self:
-        """Return the request that `to_record` was called on, for another store.
-
-        Args:
-            record: The record; what is no part of the request is left alone.
-            store: Where its runs are, and where what is made is kept.
-        """
+        """Return a request of `to_record`, for the runs of another store."""
         known = {f.name for f in fields(cls)} & set(record)
         values = {name: record[name] for name in known}
         lists = {k: tuple(v) for k, v in values.items() if isinstance(v, list)}
@@ -200,7 +188,7 @@ class Request:
 
     @property
     def instead(self) -> str | None:
-        """The option that says by itself what the nominal model is, None for none."""
+        """The option that replaces the adopted model, None for none."""
         for name in ("baseline", "paper"):
             if getattr(self, name, None):
                 return f"--{name}"
@@ -209,7 +197,7 @@ class Request:
 
 @dataclass(frozen=True, slots=True)
 class OfRobot(Request):
-    """What names a robot; how its file is read goes into the word for it."""
+    """A request about one robot; the options of its file go into the robot word."""
 
     _: KW_ONLY
     robot: RobotWord
@@ -221,15 +209,13 @@ class OfRobot(Request):
             negative="",
             show_default=False,
             metavar="A,B,C",
-            help="Joints of the arm by their names in the file, a,b,c; all others are "
-            "locked. Without it those that the log has by name, else the only chain.",
+            help="Joints of the arm by name, a,b,c; all others are locked. Default: "
+            "the joints that the log names, else the only chain.",
         ),
     ] = ()
     tip: Annotated[
         str | None,
-        Parameter(
-            metavar="LINK", help="Link that the arm ends with, in place of --chain."
-        ),
+        Parameter(metavar="LINK", help="Last link of the arm, instead of --chain."),
     ] = None
     xacro_args: Annotated[
         Tags,
@@ -237,7 +223,7 @@ class OfRobot(Request):
             name="--xacro-arg",
             metavar="NAME:=VALUE",
             show_default=False,
-            help="Argument of a xacro, name:=value.",
+            help="Argument of a xacro file; may be repeated.",
         ),
     ] = ()
     package_dirs: Annotated[
@@ -246,7 +232,7 @@ class OfRobot(Request):
             name="--package-dir",
             metavar="FOLDER",
             show_default=False,
-            help="Folder of packages that a xacro finds.",
+            help="Folder with ROS packages for a xacro file; may be repeated.",
         ),
     ] = ()
 
@@ -260,7 +246,7 @@ class OfRobot(Request):
 
 @dataclass(frozen=True, slots=True)
 class Check(OfRobot):
-    """Which logs are checked."""
+    """Check logs."""
 
     logs: GivenWords = ()
     _: KW_ONLY
@@ -270,11 +256,11 @@ class Check(OfRobot):
 
 @dataclass(frozen=True, slots=True)
 class Map(OfRobot):
-    """Which log a map of columns is drafted for.
+    """Draft the column map of a log.
 
     Attributes:
-        format: The log's format, where it is not found out: ur-rtde, franka, kuka-fri,
-            robotstudio or ros.
+        format: Format of the log, where it is not recognized: ur-rtde, franka,
+            kuka-fri, robotstudio or ros.
     """
 
     log: GivenWord = ""
@@ -284,17 +270,17 @@ class Map(OfRobot):
 
 @dataclass(frozen=True, slots=True)
 class Diagnose(OfRobot):
-    """Which logs are diagnosed, and against which.
+    """Diagnose logs.
 
     Attributes:
-        baseline: Logs of healthy runs of the robot; then what has changed is named.
-        trust_log: Go on although a fault of the logs is certain (modelgap check); the
-            answer is then "unknown", and names nothing.
-        known: A value that is known for sure, such as payload.mass=2.8 (kg) of a load
-            that was weighed, coulomb.2.level=8 or link.3.mass=4.1; may be given again.
-        model: "nominal", or the id of a diagnosis whose model is to be doubted; without
-            it the model that the robot has in the store (modelgap models), where the
-            logs are runs of it or --store is given.
+        baseline: Logs of healthy runs of the robot; then only changes are named.
+        trust_log: Continue although a fault of the logs is certain (modelgap check);
+            the verdict is then "unknown", and no effect is named.
+        known: A value that is known for sure, such as payload.mass=2.8 (kg) of a
+            weighed load, coulomb.2.level=8 or link.3.mass=4.1; may be repeated.
+        model: "nominal", or the id of the diagnosis whose model is tested. Default: the
+            adopted model of the robot (modelgap models), for stored runs or with
+            --store.
     """
 
     logs: GivenWords = ()
@@ -311,19 +297,18 @@ class Diagnose(OfRobot):
 
 @dataclass(frozen=True, slots=True)
 class Identify(OfRobot):
-    """Which logs a model is identified from, and how.
+    """Identify a model from logs.
 
     Attributes:
-        method: ols (all rows alike), wls (each joint by its noise), irls (outliers
-            count less).
-        prior: How far nominal values may be off, such as 0.03; without it the fit is
-            free.
-        essential: Drop parameters that the logs do not need.
-        consistent: Also find parameters that bodies can have: positive masses and
+        method: Weights of the rows: ols (equal), wls (by the noise of the joint), irls
+            (less for outliers).
+        prior: Relative standard deviation of the nominal values, such as 0.03; without
+            it the fit is free.
+        essential: Drop parameters that the logs do not determine.
+        consistent: Also find physically consistent parameters: positive masses and
             pseudo-inertias, nearest to the nominal.
-        model: Model to start from: the id of a diagnosis or an adoption, or nominal.
-            Without it, on runs of the store, the one that the robot has (modelgap
-            models), its named effects among what is fitted.
+        model: Start model: nominal, or the id of a diagnosis or an adoption. Default on
+            stored runs: the adopted model of the robot, its effects fitted too.
     """
 
     logs: GivenWords = ()
@@ -342,19 +327,18 @@ class Identify(OfRobot):
 
 @dataclass(frozen=True, slots=True)
 class Calibrate(OfRobot):
-    """Which logs look-up tables are fitted to.
+    """Fit look-up tables to logs.
 
     Attributes:
-        paper: As the paper does it: states of the reference of joints 1 to 3, errors
-            against the simulated twin; only for logs with a reference (q_ref), on which
-            the twin of a measured log is simulated.
-        levels: Levels of the paper form: a number for every variable, or one for each,
-            as 8,8,8,22,22,22,2,2,2. Without it 22.
-        components: Components of the paper form: so many are exported, and no more are
-            tried. Without it 30 are tried, and as many exported as do best on runs left
-            out.
-        joints: Joints of states and torques, as 1,2,3. Without it all; with --paper
-            the first three, as in the paper.
+        paper: As in the paper: states of the reference of joints 1 to 3, errors against
+            the simulated twin. Needs logs with a reference (q_ref), on which the twin
+            of a measured log is simulated.
+        levels: Levels of the paper form: one number, or one per variable, such as
+            8,8,8,22,22,22,2,2,2. Default: 22.
+        components: Components of the paper form. Default: the number, up to 30, with
+            the smallest error on runs left out.
+        joints: Joints of states and torques, such as 1,2,3. Default: all; with --paper
+            the first three.
     """
 
     logs: GivenWords = ()
@@ -371,19 +355,19 @@ class Calibrate(OfRobot):
 
 @dataclass(frozen=True, slots=True)
 class Import(OfRobot):
-    """Which logs become runs of the store.
+    """Import logs as runs of the store.
 
     Attributes:
-        columns: TOML file that says which column is what, in which unit; for bags which
-            topic, and which joint has which name.
-        trajectory: A word for the kind of motion, by which queries can group.
-        kind: A word for what it was recorded for.
-        serial: Serial number of the arm, as in its robot.toml: what is known of one arm
-            is then kept apart from others of its kind.
-        tags: A word, or KEY=VALUE, such as cell=4; may be given several times.
-        recorded_at: When the first sample was taken, as 2026-11-20T14:03:00+01:00;
-            without it what the log says: the clock of a bag or MCAP, a line above the
-            table, recorded_at in the metadata of Parquet, a column of time since 1970.
+        columns: TOML file with the meaning and the unit of each column; for bags also
+            the topic and the joint names.
+        trajectory: Name of the kind of motion, for queries.
+        kind: Name of the purpose of the log, for queries.
+        serial: Serial number of the arm, as in its robot.toml; runs of arms with other
+            serial numbers are kept apart.
+        tags: A word, or KEY=VALUE, such as cell=4; may be repeated.
+        recorded_at: Time of the first sample, such as 2026-11-20T14:03:00+01:00.
+            Default: the clock of a bag or MCAP, a line above the table, recorded_at in
+            the metadata of Parquet, or a column of time since 1970.
     """
 
     logs: GivenWords = ()
@@ -400,7 +384,7 @@ class Import(OfRobot):
 
 @dataclass(frozen=True, slots=True)
 class Validate(Request):
-    """Which run a model is tried on.
+    """Validate models on a run.
 
     Attributes:
         run: Id of the run, or its beginning.
@@ -421,14 +405,13 @@ class Validate(Request):
 
 @dataclass(frozen=True, slots=True)
 class Monitor(Request):
-    """Which runs are watched, and by which.
+    """Monitor the sensors of runs.
 
     Attributes:
         model: Id of a diagnosis, or a robot for its nominal model.
-        runs: Ids of the runs to watch.
-        good: Ids of healthy runs, three or more; without it those that the
-            diagnosis was made from.
-        per_hour: False alarms wanted at most in an hour.
+        runs: Ids of the runs.
+        good: Ids of healthy runs, three or more. Default: the runs of the diagnosis.
+        per_hour: Largest rate of false alarms per hour.
     """
 
     model: GivenWord = ""
@@ -440,13 +423,13 @@ class Monitor(Request):
 
 @dataclass(frozen=True, slots=True)
 class Next(OfRobot):
-    """For which verdict a motion is chosen.
+    """Choose the next motion for a verdict.
 
     Attributes:
-        verdict: Id of a diagnosis in the store, or a JSON file with a verdict.
-        baseline: Their logs of healthy runs.
-        held_out: Their logs for the proof.
-        seconds: Length of the motion, 4 to 600.
+        verdict: Id of a stored diagnosis, or a JSON file with a verdict.
+        baseline: Logs of healthy runs of that diagnosis.
+        held_out: Held-out logs of that diagnosis.
+        seconds: Length of the motion in seconds, 4 to 600.
         seed: Seed of the motions.
     """
 
@@ -464,12 +447,12 @@ class Next(OfRobot):
 
 @dataclass(frozen=True, slots=True)
 class Campaign(Request):
-    """Many experiments of one file.
+    """Run the experiments of a campaign file.
 
     Attributes:
         path: The campaign file.
-        held_out: Kind of motion of the runs that are held out; "" for none.
-        seed: Replaces the seed of the file; None for that one.
+        held_out: Kind of motion of the held-out runs; "" for none.
+        seed: Seed instead of that of the file; None for none.
     """
 
     path: GivenWord = ""
@@ -480,13 +463,13 @@ class Campaign(Request):
 
 @dataclass(frozen=True, slots=True)
 class Export(Request):
-    """Which model is written in the form of which program.
+    """Export a model.
 
     Attributes:
-        to: The target.
-        log: With rrd: a log of the robot (FILE, FILE@0:16.5, or the id of a run), to
-            see its torque and what the model leaves of it.
-        columns: TOML file that says which column of the log is what, in which unit.
+        to: The target: urdf, mjcf, mujoco, c99, table, fmu, rrd or json.
+        log: With rrd: a log of the robot (FILE, FILE@0:16.5, or the id of a run), for
+            its torque and its residual.
+        columns: Column map of that log (COLUMNS.toml).
     """
 
     model: GivenWord = ""
@@ -500,11 +483,11 @@ class Export(Request):
 
 @dataclass(frozen=True, slots=True)
 class Predict(Request):
-    """Which model is asked for its torque, and on which logs.
+    """Predict the torque of logs with a model.
 
     Attributes:
-        without: Effects to take out, as NAME or NAME@JOINT; without a joint all of
-            that name.
+        without: Effects to remove, as NAME or NAME@JOINT; without a joint all of that
+            name.
     """
 
     logs: GivenWords = ()

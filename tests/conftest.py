@@ -12,7 +12,7 @@ from hypothesis.configuration import set_hypothesis_home_dir
 
 from tests import s3
 from tests.checkout import changed, listing
-from warehouse import catalogue, remote
+from warehouse import remote
 
 # Before numpy is loaded, so that a bare `pytest` runs as `make test` does: two test
 # processes with two BLAS threads each fight over two cores.
@@ -102,5 +102,4 @@ def bucket_store(s3_server, tmp_path, monkeypatch):
         monkeypatch.setenv(name, value)
     remote.forget()
     yield s3.new_bucket(s3_server)
-    catalogue.forget_waiting()
     remote.forget()

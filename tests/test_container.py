@@ -77,7 +77,7 @@ def _block(page: str, language: str) -> str:
 
 
 def test_the_compose_file_builds_ours_and_shows_nothing_to_the_network():
-    services = yaml.safe_load(_block("container.md", "yaml"))["services"]
+    services = yaml.safe_load(_block("project.md", "yaml"))["services"]
     own, database = services["modelgap"], services["database"]
     assert (ROOT / own["build"]["dockerfile"]).is_file()
     assert database_url(own["environment"][DATABASE]).startswith(
@@ -91,7 +91,7 @@ def test_the_compose_file_builds_ours_and_shows_nothing_to_the_network():
 def test_the_unit_starts_a_command_that_stays_and_is_started_again():
     unit = ConfigParser()
     unit.optionxform = str
-    unit.read_string(_block("scheduling.md", "ini"))
+    unit.read_string(_block("project.md", "ini"))
     service = unit["Service"]
     program, *words = service["ExecStart"].split()
     assert Path(program).name == "modelgap"

@@ -9,10 +9,12 @@ from flows.cli.app import app
 from residual.effects import vocabulary
 from residual.model.nominal import DEFAULT_DECLARED
 from residual.robot.files import parse_toml, read_robot_toml
+from scripts.docs_site import pages
 from warehouse.logs.columns import load_columns
+from warehouse.query.named import NAMED, TAKES
 
 ROOT = Path(__file__).parents[1]
-MADE = {"commands.md"}  # when the site is built
+GENERATED = {"commands.md", "glossary.md", "python.md"}  # when the site is built
 PAGES = [*ROOT.glob("*.md"), *(ROOT / "docs").rglob("*.md")]
 
 
@@ -29,12 +31,12 @@ def _toml(page: str, heading: str) -> str:
 def test_a_page_links_only_to_pages_that_exist(page):
     links = re.findall(r"\]\(([^)#:]+)(?:#[^)]*)?\)", page.read_text(encoding="utf-8"))
     pages = [link for link in links if not link.endswith(".png")]  # made by a run
-    pages = [link for link in pages if Path(link).name not in MADE]
+    pages = [link for link in pages if Path(link).name not in GENERATED]
     assert [link for link in pages if not (page.parent / link).exists()] == []
 
 
 def _described_effects() -> dict[str, dict[str, str]]:
-    rows = re.findall(r"^\| `(\w+)` \|.*\| ([^|]+) \|$", _text("docs/effects.md"), re.M)
+    rows = re.findall(r"^\| `(\w+)` \|.*\| ([^|]+) \|$", pages.effects_table(), re.M)
     group = re.compile(r"((?:`\w+`(?:, )?)+) \[([^\]]+)\]")  # `cos`, `sin` [N m]
     return {
         name: {
@@ -46,24 +48,37 @@ def _described_effects() -> dict[str, dict[str, str]]:
     }
 
 
-def test_the_effects_page_has_every_name_parameter_and_unit():
+def test_the_effects_table_has_every_name_parameter_and_unit():
     assert _described_effects() == vocabulary()
 
 
-def test_the_effects_page_reserves_what_no_file_implements():
-    folder = {path.stem for path in (ROOT / "residual" / "effects").glob("*.py")}
-    reserved = re.search(r"## Reserved(.*?)##", _text("docs/effects.md"), re.S)[1]
-    named = set(re.findall(r"`(\w+)`", reserved))
-    assert named == set(vocabulary()) - folder
+def test_the_table_of_named_queries_has_all_of_them_and_their_values():
+    table = pages.named_queries_table()
+    assert sorted(re.findall(r"^\| `(\w+)` \|", table, re.M)) == sorted(NAMED)
+    keys = [key for values in TAKES.values() for key in values]
+    assert sorted(re.findall(r"--with (\w+)=", table)) == sorted(keys)
 
 
-def test_the_glossary_has_every_word_once_and_no_effect():
-    _, verdicts, others = re.split(r"^## .*", _text("docs/glossary.md"), flags=re.M)
-    words = re.findall(r"^### (.+)$", others, re.M)
-    assert words == sorted(words)
-    every = [*re.findall(r"^### (.+)$", verdicts, re.M), *words]
-    assert len(set(every)) == len(every) > 40
-    assert not set(every) & set(vocabulary())
+@pytest.mark.parametrize("page", PAGES, ids=lambda page: page.name)
+def test_a_page_asks_only_for_tables_that_are_generated(page):
+    named = re.findall(r"<!-- generated: (\w+) -->", page.read_text(encoding="utf-8"))
+    assert set(named) <= set(pages.TABLES)
+
+
+def test_the_pages_stay_at_half_of_their_words():
+    """At most 30 000 words with the measured pages, 700 of them in the README."""
+    words = {page: len(page.read_text(encoding="utf-8").split()) for page in PAGES}
+    measured = sum(n for p, n in words.items() if p.stem.startswith("benchmarks"))
+    assert words[ROOT / "README.md"] <= 700
+    assert sum(words.values()) - measured <= 24_500
+
+
+def test_the_glossary_has_every_noun_once():
+    table = pages.glossary_page().partition("Arrays have")[0]
+    nouns = re.findall(r"^\| ([a-z][\w ,-]*) \| ", table, re.M)[1:]
+    single = [word for noun in nouns for word in noun.split(", ")]
+    assert len(set(single)) == len(single) > 40
+    assert nouns == sorted(nouns)
 
 
 def test_the_example_of_a_map_is_read(tmp_path):

@@ -77,5 +77,5 @@ def test_every_key_of_a_real_verdict_is_explained(name):
     explained = set(re.findall(r"`([\w.]+)`", page))
     explained |= {part for name in explained for part in name.split(".")}
     parameters = {key for effect in registry().values() for key in effect.parameters}
-    motion = set(re.findall(r"`(\w+)`", TEXT[ROOT / "docs" / "next_experiment.md"]))
+    motion = set(re.findall(r"`(\w+)`", TEXT[ROOT / "docs" / "experiments.md"]))
     assert _keys(verdict) - explained - parameters - motion == set()

@@ -1,6 +1,5 @@
 """The set-up says what it does, and does what the README says."""
 
-import os
 import re
 import shutil
 import subprocess
@@ -84,12 +83,6 @@ def test_every_make_command_that_a_page_names_exists(page):
     named |= set(re.findall(r"`make ([a-z-]+)`", _text(page)))
     assert named
     assert named <= _targets()
-
-
-def test_ci_runs_the_tests_as_the_readme_says():
-    assert os.access(ROOT / ".ci" / "run", os.X_OK)
-    assert "\nmake test\n" in _text(".ci/run")
-    assert re.search(r"^make test\b", _text("README.md"), re.M)
 
 
 def test_the_changelog_knows_the_version_of_pyproject():

@@ -14,7 +14,6 @@ import pyarrow as pa
 from residual.errors import InputError, check_keys, check_name
 from residual.recording import Recording
 from warehouse import ids
-from warehouse.catalogue import remember
 from warehouse.files import (
     publish,
     read_cell,
@@ -105,8 +104,7 @@ def commit_run(
                 commit_seal(store, id, sealed)
             write_parquet(folder / KINDS["runs"].row, row)
             writing.result()
-            if publish(folder, target):
-                remember(store, KINDS["runs"], row)
+            publish(folder, target)
     return id
 
 
@@ -191,11 +189,7 @@ def commit_row(
             else:
                 (folder / name).write_bytes(content)
         write_parquet(folder / known.row, table)
-        # Of two with one id the second is told no.
-        if not publish(folder, record_folder(store, kind, id)):
-            return False
-        remember(store, known, table)
-    return True
+        return publish(folder, record_folder(store, kind, id))
 
 
 def lineage_rows(parents: Parents, role: str = "input") -> list[dict]:

@@ -43,15 +43,12 @@ _WIDTHS = b"modelgap.widths"
 
 def write_sums(folder: Path) -> None:
     """Write the sums of all files of a folder into it."""
-    paths = sorted(p for p in folder.iterdir() if p.is_file() and p.name != SUMS)
-    text = sums_text({path.name: sums_of(path) for path in paths})
-    (folder / SUMS).write_bytes(text)
-
-
-def sums_of(path: Path) -> dict:
-    """Return size and SHA-256 of a file."""
-    data = path.read_bytes()
-    return {"bytes": len(data), "sha256": hashlib.sha256(data).hexdigest()}
+    sums = {}
+    for path in sorted(p for p in folder.iterdir() if p.is_file() and p.name != SUMS):
+        data = path.read_bytes()
+        sha256 = hashlib.sha256(data).hexdigest()
+        sums[path.name] = {"bytes": len(data), "sha256": sha256}
+    (folder / SUMS).write_bytes(sums_text(sums))
 
 
 def read_sums(folder: Path) -> Mapping[str, Mapping]:
@@ -76,6 +73,8 @@ def check_file(path: Path) -> None:
                 raise damaged(path, f"it had {size} bytes when it was written")
             if hashlib.file_digest(file, "sha256").hexdigest() != expected:
                 raise damaged(path, "its bytes are not those that were written")
+    except FileNotFoundError as error:
+        raise damaged(path, "it is missing") from error
     except OSError as error:
         raise damaged(path, error.strerror or str(error)) from error
 
@@ -87,18 +86,13 @@ def file_faults(folder: Path) -> tuple[str, ...]:
         sums = read_sums(folder)
     except InputError as error:
         return (str(error),)
-    there = {p.name for p in folder.iterdir()} - {SUMS}
-    told = [f"{name} is missing" for name in sorted(set(sums) - there)]
-    told += [f"{name} is not in {SUMS}" for name in sorted(there - set(sums))]
-    for name in sorted(there & set(sums)):
-        if not (folder / name).is_file() or not _same(folder / name, sums[name]):
-            told.append(f"{name}: its bytes are not those that were written")
-    return tuple(told)
-
-
-def _same(path: Path, known: Mapping) -> bool:
-    now = sums_of(path)
-    return all(now[key] == known[key] for key in ("bytes", "sha256"))
+    faults = []
+    for name in sorted({*sums, *(p.name for p in folder.iterdir())} - {SUMS}):
+        try:
+            check_file(folder / name)
+        except InputError as error:
+            faults.append(str(error))
+    return tuple(faults)
 
 
 def write_parquet(path: Path, table: pa.Table) -> None:

@@ -71,11 +71,6 @@ def run_id(open_half: object, sealed_sha256: str | None, code_hash: str) -> str:
     return digest(open_half, sealed_sha256, code_hash)[:ID_DIGITS]
 
 
-def decision_id(loop: str, number: int) -> str:
-    """Return the id of a decision of a loop: there is one of each number, from 1."""
-    return digest("decisions", loop, number)[:ID_DIGITS]
-
-
 def imported_id(data_sha256: str, robot_sha256: str) -> str:
     """Return the id of a measured run: of its values and its robot."""
     return digest("imported", data_sha256, robot_sha256)[:ID_DIGITS]

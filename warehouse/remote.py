@@ -18,7 +18,7 @@ import os
 import re
 import shutil
 import uuid
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import contextmanager, suppress
 from functools import lru_cache
@@ -98,7 +98,7 @@ def writable(store: Path) -> Bucket:
             raise InputError(
                 f"The server of {bucket.url} ignores the condition of a put "
                 "(If-None-Match): every writer of a record would be the first. Use one "
-                "that keeps it: AWS S3, SeaweedFS, MinIO (docs/object_storage.md)."
+                "that keeps it: AWS S3, SeaweedFS, MinIO (docs/store.md)."
             )
         _note(store, bucket, identity_of(bucket))
         _writable.add(str(store))
@@ -234,11 +234,10 @@ def bring_index(path: Path) -> None:
             keep(path, data)
 
 
-def put_index(path: Path, instead: Sequence[Path] = ()) -> None:
-    """Put a file of the catalogue into the bucket, if any, in place of others."""
+def put_index(path: Path) -> None:
+    """Put a file of the catalogue into the bucket, if any."""
     if bucket := bucket_of(path.parent.parent):
         bucket.put(f"{INDEX}/{path.name}", path.read_bytes())
-        bucket.delete([f"{INDEX}/{each.name}" for each in instead])
 
 
 @contextmanager

@@ -1,10 +1,7 @@
 """What must be reached where several things changed, as figures of the rows."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 
-import numpy as np
-
-from benchmarks.attribution_parts.arms import BODIES
 from benchmarks.harness.cases import crash_figures, group_figures
 from benchmarks.harness.figures import NO_BAR, Figures, figure, missing, undecided
 from benchmarks.harness.rates import Line, Rows, at_least, counted, lines, share
@@ -13,10 +10,10 @@ _NO_LIST = "the verdict has no list of changed values"
 
 
 def case_figures(rows: Mapping[str, Rows], deciding: bool) -> Figures:
-    makers = {"unchanged": _unchanged, "changed": _changed, "sets": _sets}
+    makers = {"unchanged": _unchanged, "sets": _changed}
     figures = group_figures(rows, makers)
     every = [r for group in rows.values() for r in group if "outcome" in r]
-    figures |= _moved(every) | edit_figures(every) | crash_figures(rows)
+    figures |= _moved(every) | crash_figures(rows)
     return figures if deciding else undecided(figures)
 
 
@@ -46,34 +43,32 @@ def _missed(rows: Rows) -> dict:
     return {"per_name_missed": counted(lost)}
 
 
-_OF_CHANGED = (
-    Line("set_exact_or_listed", _told, 0.90, beside=_missed),
-    Line("set_exact", _exact),
-    Line("set_exact_by_name", lambda r: r["exact_by_name"]),
-)
-
-
 def _changed(rows: Rows) -> Figures:
-    names, true, due = _counts(rows)
-    # Where the set that changed is listed beside the first one, the first is no claim.
-    fair = sum(len(r["said"]) if r["listed"] else r["true"] for r in rows)
-    false = counted(f for r in rows if not r["listed"] for f in _false(r))
-    short = sum(len(r["planted"]) < r["count"] for r in rows)
-    return lines(_OF_CHANGED, rows) | {
-        "precision": at_least(share(fair, names), 0.98) | {"false": false},
-        "precision_first_set": at_least(share(true, names), None),
-        "changes_named": at_least(share(true, due), None),
-        "fewer_than_asked": figure(short, None, len(rows), why=NO_BAR),
-    }
-
-
-def _sets(rows: Rows) -> Figures:
-    names, true, due = _counts(rows)
-    false = {"false": counted(f for r in rows for f in _false(r))}
-    return lines([Line("exact_values_set_exact", _exact, 0.95)], rows) | {
-        "exact_values_names_true": at_least(share(true, names), 0.99) | false,
-        "exact_values_changes_named": at_least(share(true, due), None),
-    }
+    """Return figures of arms with changes; those with exact given values apart."""
+    out: Figures = {}
+    exact, rough = ([r for r in rows if bool(r["off"]) is off] for off in (False, True))
+    if exact:
+        names, true, due = _counts(exact)
+        false = {"false": counted(f for r in exact for f in _false(r))}
+        out |= lines([Line("exact_values_set_exact", _exact, 0.95)], exact) | {
+            "exact_values_names_true": at_least(share(true, names), 0.99) | false,
+            "exact_values_changes_named": at_least(share(true, due), None),
+        }
+    if rough:
+        names, true, due = _counts(rough)
+        # If the true set is listed beside the first one, the first is no claim.
+        fair = sum(len(r["said"]) if r["listed"] else r["true"] for r in rough)
+        false = counted(f for r in rough if not r["listed"] for f in _false(r))
+        table = (
+            Line("rough_values_exact_or_listed", _told, 0.90, beside=_missed),
+            Line("rough_values_set_exact", _exact),
+        )
+        out |= lines(table, rough) | {
+            "rough_values_names_true": at_least(share(fair, names), 0.98)
+            | {"false": false},
+            "rough_values_changes_named": at_least(share(true, due), None),
+        }
+    return out
 
 
 def _counts(rows: Rows) -> tuple[int, int, int]:
@@ -101,38 +96,3 @@ def _moved(rows: Rows) -> Figures:
         "moved_told": at_least(share(told, due), 0.98) | {"missed": counted(lost)},
         "moved_told_within_5_percent": figure(false, None, len(known), why=NO_BAR),
     }
-
-
-def edit_figures(rows: Rows) -> Figures:
-    """Return what is left of changes that were named and taken out again.
-
-    Of changes under their very name: what has another cannot be taken out by it.
-    """
-    edits = [e for r in rows for e in r["edits"]]
-    if not edits:
-        return {}
-    bodies = [e for e in edits if e["name"] in BODIES and e["least_squares"]]
-    sparse = [e["error"] / e["reference"] for e in edits if e["reference"]]
-    dense = [e["error"] / e["least_squares"] for e in bodies]
-    moving = [e["moving"][0] / e["moving"][1] for e in edits if e["moving"][1]]
-    others = [e["moving"][0] / e["moving"][2] for e in bodies]
-    left, theirs = ([e[k] for e in bodies] for k in ("error", "least_squares"))
-    each: dict[str, list[float]] = {}
-    for one in edits:
-        each.setdefault(one["name"], []).append(one["error"] / one["reference"])
-    per_name = {k: [len(v), float(np.median(v))] for k, v in sorted(each.items())}
-    return {
-        "edit_over_oracle": _quantile(sparse, 0.5, 1.1) | {"per_name": per_name},
-        "edit_over_oracle_90": _quantile(sparse, 0.9, 1.5),
-        "edit_over_least_squares": _quantile(dense, 0.5, 0.2),
-        "edit_error": _quantile(left, 0.5, None),
-        "edit_error_of_least_squares": _quantile(theirs, 0.5, None),
-        "edit_over_oracle_moving": _quantile(moving, 0.5, None),
-        "edit_over_least_squares_moving": _quantile(others, 0.5, None),
-    }
-
-
-def _quantile(values: Sequence[float], share: float, bar: float | None) -> dict:
-    value = float(np.quantile(values, share)) if len(values) else None
-    entry = figure(value, bar, len(values))
-    return entry | ({"why": NO_BAR} if bar is None else {})

@@ -1,21 +1,17 @@
-"""What must be reached, as figures of the rows of all groups.
+"""Figures and bars of the rows of all groups.
 
-A row is one case by one method (`ask.run`). A case that ended in an error or was
-refused said nothing, and counts as such.
+A row is one case by one method (`answers.run`). A refused case has no name.
 """
 
-from collections.abc import Mapping, Sequence
-from functools import partial
+from collections.abc import Callable, Mapping, Sequence
 from statistics import median
 
 from scipy.stats import binomtest
 
-from benchmarks.changes_parts import case, peer
-from benchmarks.changes_parts.ask import PEER, PRODUCT, joints_of
-from benchmarks.changes_parts.case import SIZES
-from benchmarks.changes_parts.real import UR10E
+from benchmarks.changes_parts import draw
+from benchmarks.changes_parts.answers import PEER, PROGRAM
 from benchmarks.harness.cases import crash_figures
-from benchmarks.harness.figures import NO_BAR, Figures, figure, missing, undecided
+from benchmarks.harness.figures import Figures, figure, missing, undecided
 from benchmarks.harness.rates import (
     Line,
     Rows,
@@ -25,52 +21,43 @@ from benchmarks.harness.rates import (
     per,
     within_two_deviations,
 )
+from benchmarks.measured_parts.arms import UR10E
 
 _RIGHT = {0.10: 0.95, 0.05: 0.85, 0.025: 0.50}
-_RIGHT_UR10E = {0.10: 0.90, 0.05: 0.80}
-_NOTHING_ELSE = 0.90
-_WITHIN = (0.90, 0.99)
+_NOTHING_ELSE, _WITHIN = 0.90, (0.90, 0.99)
 _LOAD_ERROR, _LOAD = 0.05, (2.7, 3.1)  # share; kg
-_LOADS = ("load_feb19", "load_feb12_feb19")  # in the order of `real.load_epochs`
-_SECONDS = {"six": 5.0, "seven": 8.0}
-_DRIFTED = 0.03  # from which a factor of friction ought to be told
+_LOADS = ("load_feb19", "load_feb12_feb19")  # in the order of `real.epochs`
+_SECONDS = {6: ("seconds_six", 5.0), 7: ("seconds_seven", 8.0)}
+_DRIFTED = 0.03  # a smaller change of friction need not be found
 
 
 def all_figures(rows: Sequence[Mapping], deciding: bool) -> Figures:
-    ours, theirs = (_by_group(rows, method) for method in (PRODUCT, PEER))
+    good = [row for row in rows if "error" not in row]
+    ours, peers = (
+        {
+            group: [r for r in good if r["method"] == method and r["group"] == group]
+            for group in draw.GROUPS
+        }
+        for method in (PROGRAM, PEER)
+    )
     figures: Figures = {}
-    for group, own in ours.items():
-        figures |= lines(_TABLES.get(group, ()), own, "arm")
-        figures |= _MORE[group](own) if group in _MORE else {}
-    change, real = (ours.get(g, ()) for g in (case.CHANGE, case.REAL_CHANGE))
-    figures |= _load_error([*change, *real])
-    figures |= _seconds([*ours.get(case.UNCHANGED, ()), *change])
-    figures |= _of_peer(theirs)
-    figures |= _against(ours, theirs)
+    for group, of_group in ours.items():
+        if of_group:
+            figures |= lines(_TABLES.get(group, ()), of_group)
+            figures |= _MORE[group](of_group) if group in _MORE else {}
+    figures |= _load_error(ours[draw.CHANGE])
+    figures |= _seconds([*ours[draw.UNCHANGED], *ours[draw.CHANGE]])
+    for group in (draw.UNCHANGED, draw.DRIFT, draw.UNNAMED, draw.REAL_UNCHANGED):
+        if peers[group]:
+            figures |= lines([Line(f"peer_{group}_named", _names)], peers[group])
+    figures |= _against_peer(ours[draw.CHANGE], peers[draw.CHANGE])
     figures |= crash_figures({"all": rows})
     return figures if deciding else undecided(figures)
 
 
-def absent(arms: int, of: int, why: str) -> dict:
-    """Return how many measured arms have no logs on this machine."""
-    return figure(arms, None, of, why=why if arms else NO_BAR)
-
-
 def token(size: float) -> str:
-    """Return a size as names of figures have it, in per cent: 2.5 % is 2_5."""
+    """Return a size in names of figures, in per cent: 2.5 % is 2_5."""
     return f"{100 * size:g}".replace(".", "_")
-
-
-def of_size(rows: Rows, size: float) -> Rows:
-    return [r for r in rows if abs(r["target"] - size) < 1e-9]
-
-
-def _by_group(rows: Sequence[Mapping], method: str) -> dict[str, list[Mapping]]:
-    out: dict[str, list[Mapping]] = {}
-    for row in rows:
-        if row["method"] == method:
-            out.setdefault(row["group"], []).append(row)
-    return out
 
 
 def _names(row: Mapping) -> bool:
@@ -78,79 +65,48 @@ def _names(row: Mapping) -> bool:
 
 
 def _right(row: Mapping) -> bool:
-    return bool(row["right_first"])
+    return row["right_first"]
 
 
-def _flagged_right(row: Mapping) -> bool:
+def _flagged(row: Mapping) -> bool:
     return row["flagged_right"]
 
 
-def _is_ur10e(row: Mapping) -> bool:
-    return row["arm"] == UR10E
-
-
-def _is_other(row: Mapping) -> bool:
-    return row["arm"] != UR10E
-
-
-def _which(rows: Rows) -> dict:
+def _list_names(rows: Rows) -> dict:
     return {"names": counted(name for r in rows for name, _ in r["names"])}
 
 
-def _extra(rows: Rows) -> dict:
-    return {"names": counted(e for r in rows for e in r["extra"])}
-
-
-def _drifted(row: Mapping) -> bool:
-    factor = row.get("true_factor")
-    return factor is not None and abs(factor - 1) >= _DRIFTED
-
-
-def _way(row: Mapping) -> bool:
-    said = row["told_factor"]
-    return said is not None and (said[0] - 1) * (row["true_factor"] - 1) > 0
+def _same_direction(row: Mapping) -> bool:
+    factor = row["factor"]
+    return factor is not None and (factor[0] - 1) * (row["true_factor"] - 1) > 0
 
 
 def _near(row: Mapping) -> bool:
-    factor, std = row["told_factor"]
-    return abs(factor - row["true_factor"]) <= 2 * std
+    return abs(row["factor"][0] - row["true_factor"]) <= 2 * row["factor"][1]
 
 
-def _told(row: Mapping) -> bool:
-    return row.get("true_factor") is not None and row["told_factor"] is not None
-
-
-_PER_EFFECT = per(_right)
 _TABLES: Mapping[str, tuple[Line, ...]] = {
-    case.UNCHANGED: (
-        Line("unchanged_named", _names, 0.02, most=True, beside=_which),
+    draw.UNCHANGED: (
+        Line("unchanged_named", _names, 0.02, most=True, beside=_list_names),
         Line("unchanged_flagged", lambda r: bool(r["flagged"])),
     ),
-    case.DRIFT: (
-        Line("drift_named", _names, 0.02, most=True, beside=_which),
-        Line("drift_told", _way, of=_drifted),
-        Line("drift_within_two_deviations", _near, of=_told),
-    ),
-    case.UNNAMED: (
-        Line("unnamed_flagged", _flagged_right, 0.90, beside=per(_flagged_right)),
-        Line("unnamed_named", _names, 0.02, most=True, beside=_which),
-    ),
-    case.EDGE: (
+    draw.DRIFT: (
+        Line("drift_named", _names, 0.02, most=True, beside=_list_names),
         Line(
-            "edge",
-            _right,
-            0.65,
-            lambda r: not r.get("unsized"),
-            low=0.35,
-            beside=_PER_EFFECT,
+            "drift_told",
+            _same_direction,
+            of=lambda r: abs(r["true_factor"] - 1) >= _DRIFTED,
         ),
-        Line("edge_no_size_said", lambda r: r.get("unsized"), count=True),
+        Line("drift_within_two_deviations", _near, of=lambda r: r["factor"]),
     ),
-    case.PAIRS: (Line("pairs_both", lambda r: r["found"] == 2),),
-    case.REAL_UNCHANGED: (
-        Line("measured_ur10e_named", _names, of=_is_ur10e, beside=_which),
-        Line("measured_others_named", _names, of=_is_other, beside=_which),
-        Line("measured_refused", lambda r: "refused" in r, count=True),
+    draw.UNNAMED: (
+        Line("unnamed_flagged", _flagged, 0.90, beside=per(_flagged)),
+        Line("unnamed_named", _names, 0.02, most=True, beside=_list_names),
+    ),
+    draw.REAL_UNCHANGED: (
+        Line("measured_ur10e_named", _names, of=lambda r: r["arm"] == UR10E),
+        Line("measured_others_named", _names, of=lambda r: r["arm"] != UR10E),
+        Line("measured_refused", lambda r: bool(r["refused"]), count=True),
     ),
 }
 
@@ -158,145 +114,82 @@ _TABLES: Mapping[str, tuple[Line, ...]] = {
 def _change(rows: Rows) -> Figures:
     out: Figures = {}
     for size, bar in _RIGHT.items():
-        out |= _first(f"change_{token(size)}", of_size(rows, size), bar)
-    return out | {"change_within_two_deviations": _within(rows)}
+        name = f"change_{token(size)}"
+        table = (
+            Line(f"{name}_right_first", _right, bar, beside=per(_right)),
+            Line(
+                f"{name}_nothing_else",
+                lambda r: not r["extra"],
+                _NOTHING_ELSE,
+                _names,
+                beside=lambda rows: {
+                    "names": counted(e for r in rows for e in r["extra"])
+                },
+            ),
+        )
+        out |= lines(table, _of_size(rows, size))
+    within = within_two_deviations(rows, "arm", *_WITHIN)
+    return out | {"change_within_two_deviations": within}
 
 
-def _real_change(rows: Rows) -> Figures:
-    ur10e = [r for r in rows if _is_ur10e(r)]
-    out = {"measured_ur10e_within_two_deviations": _within(ur10e)}
-    for size, bar in _RIGHT_UR10E.items():
-        name = token(size)
-        out |= _first(f"measured_ur10e_{name}", of_size(ur10e, size), bar)
-        line = Line(f"measured_others_{name}_right_first", _right, beside=_PER_EFFECT)
-        others = [r for r in of_size(rows, size) if _is_other(r)]
-        out |= lines([line] if others else [], others, "arm")
-    return out
+def _of_size(rows: Rows, size: float) -> Rows:
+    return [r for r in rows if r["target"] == size]
 
 
 def _load(rows: Rows) -> Figures:
     out: Figures = {}
     for row in rows:
-        name = _LOADS[row["index"]]
-        known = row.get("value") is not None and row.get("key") == "mass"
-        out[name] = between(figure(row["value"] if known else None, None, 1), *_LOAD)
-        if not known:
-            # A load that nobody names is missed, not unmeasured.
+        value, name = row["value"], _LOADS[row["index"]]
+        out[name] = between(figure(value, None, 1), *_LOAD)
+        if value is None:
             out[name] |= {"ok": False, "why": "no load named"}
     return out
 
 
 def _load_error(rows: Rows) -> Figures:
-    loads = [r for r in of_size(rows, SIZES[0]) if r["effect"] == "payload"]
-    if not rows:
-        return {}
+    """Median error of the mass of loads of 10 %; without a name it is 100 %."""
+    loads = [r for r in _of_size(rows, 0.10) if r["effect"] == "payload"]
     if not loads:
-        return {"load_mass_error": missing(_LOAD_ERROR, "no load among these cases")}
-
-    def miss(row: Mapping) -> float:
-        # Nothing said of a load is all of it missed.
-        known = row.get("value") is not None
-        return abs(row["value"] / row["true"] - 1) if known else 1.0
-
-    errors = sorted(miss(row) for row in loads)
+        why = "no load among these cases"
+        return {"load_mass_error": missing(_LOAD_ERROR, why)} if rows else {}
+    errors = sorted(
+        1.0 if r["value"] is None else abs(r["value"] / r["true"] - 1) for r in loads
+    )
     entry = figure(median(errors), _LOAD_ERROR, len(errors), errors=errors)
     return {"load_mass_error": entry}
 
 
 def _seconds(rows: Rows) -> Figures:
     out: Figures = {}
-    for kind, bar in _SECONDS.items():
-        of = 7 if kind == "seven" else 6
-        own = [r["seconds"] for r in rows if r["seconds"] and joints_of(r["arm"]) == of]
-        if own:
-            most = round(max(own), 1)
-            entry = figure(round(median(own), 2), bar, len(own), most=most)
-            out[f"seconds_{kind}"] = entry
+    for dof, (name, bar) in _SECONDS.items():
+        times = [r["seconds"] for r in rows if r["dof"] == dof and not r["refused"]]
+        if times:
+            entry = figure(round(median(times), 2), bar, len(times))
+            out[name] = entry | {"most": round(max(times), 1)}
     return out
 
 
-def _of_peer(theirs: Mapping[str, Rows]) -> Figures:
-    """Return what the peer reaches: of all cases, and of those that it can name."""
+def _against_peer(ours: Rows, peers: Rows) -> Figures:
+    """Return the peer's shares, and by how much the program is better."""
     out: Figures = {}
-    for group in (case.UNCHANGED, case.DRIFT, case.REAL_UNCHANGED, case.UNNAMED):
-        line = Line(f"peer_{group}_named", _names, beside=_which)
-        out |= lines([line] if group in theirs else [], theirs.get(group, ()), "arm")
-    for name, rows in _sized(theirs).items():
-        table = [
-            Line(f"peer_{name}_right_first", _right),
-            Line(
-                f"peer_{name}_own_right_first",
-                _right,
-                of=lambda r: r["effect"] in peer.EFFECTS,
-            ),
-        ]
-        out |= lines(table, rows, "arm")
-    for row in theirs.get(case.LOAD, ()):
-        name = f"peer_{_LOADS[row['index']]}"
-        out[name] = figure(row.get("value"), None, 1, why=NO_BAR)
-    return out
-
-
-def _against(ours: Mapping[str, Rows], theirs: Mapping[str, Rows]) -> Figures:
-    """Return by how much this program is above the peer on the very same cases."""
-    out: Figures = {}
-    others = _sized(theirs)
-    for name, rows in _sized(ours).items():
-        known = {_key(r): r for r in others.get(name, ())}
-        pairs = [(_right(r), _right(known[_key(r)])) for r in rows if _key(r) in known]
-        if not pairs:
+    for size in _RIGHT:
+        mine, its = (list(map(_right, _of_size(x, size))) for x in (ours, peers))
+        if not mine or len(mine) != len(its):
             continue
-        mine = sum(a and not b for a, b in pairs)
-        its = sum(b and not a for a, b in pairs)
-        # McNemar, exact: of those where one alone is right, as often as a coin.
-        p = binomtest(mine, mine + its).pvalue if mine + its else 1.0
-        value = (mine - its) / len(pairs)
-        out[f"{name}_over_peer"] = figure(
-            value,
-            0.0,
-            len(pairs),
-            ok=bool(value >= 0),
-            at_least=True,
-            alone=[mine, its],
-            p=round(float(p), 4),
-        )
+        name = token(size)
+        line = Line(f"peer_change_{name}_right_first", _right)
+        out |= lines([line], _of_size(peers, size))
+        wins = sum(a and not b for a, b in zip(mine, its, strict=True))
+        losses = sum(b and not a for a, b in zip(mine, its, strict=True))
+        # McNemar's exact test on the cases where one method alone is right.
+        p = binomtest(wins, wins + losses).pvalue if wins + losses else 1.0
+        value = (wins - losses) / len(mine)
+        entry = figure(value, 0.0, len(mine), ok=value >= 0, at_least=True)
+        out[f"change_{name}_over_peer"] = entry | {"p": round(float(p), 4)}
     return out
 
 
-def _sized(groups: Mapping[str, Rows]) -> dict[str, Rows]:
-    out = {f"change_{token(s)}": of_size(groups.get(case.CHANGE, ()), s) for s in SIZES}
-    real = [r for r in groups.get(case.REAL_CHANGE, ()) if r["arm"] == UR10E]
-    for size in _RIGHT_UR10E:
-        out[f"measured_ur10e_{token(size)}"] = of_size(real, size)
-    return {name: rows for name, rows in out.items() if rows}
-
-
-def _key(row: Mapping) -> tuple:
-    return tuple(row[k] for k in ("group", "seed", "index", "target", "arm"))
-
-
-def _first(name: str, rows: Rows, bar: float | None) -> Figures:
-    """Return how often a change is right first, and alone where anything is named."""
-    table = (
-        Line(f"{name}_right_first", _right, bar, beside=_PER_EFFECT),
-        Line(
-            f"{name}_nothing_else",
-            lambda r: not r["extra"],
-            bar and _NOTHING_ELSE,
-            _names,
-            beside=_extra,
-        ),
-    )
-    return lines(table, rows, "arm") if rows else {}
-
-
-def _within(rows: Rows) -> dict:
-    return within_two_deviations(rows, "arm", *_WITHIN)
-
-
-_MORE = {
-    case.CHANGE: _change,
-    case.PAIRS: partial(_first, "pairs", bar=None),
-    case.REAL_CHANGE: _real_change,
-    case.LOAD: _load,
+_MORE: Mapping[str, Callable[[Rows], Figures]] = {
+    draw.CHANGE: _change,
+    draw.LOAD: _load,
 }

@@ -28,7 +28,6 @@ _ORDERS = np.arange(6.0, 42.0, 0.5)  # waves per turn that are tried
 _LOCAL = ("offset", "coulomb", "viscous", "spring", "load_friction", "torque_gain")
 _GAIN = _LOCAL.index("torque_gain")
 _SHARED = ("payload", "base_tilt", "delay")
-EFFECTS = frozenset({*_LOCAL, "ripple", *_SHARED})
 # What single logs differ by where there are too few to tell.
 _UNTESTED = 4.0
 
@@ -41,7 +40,6 @@ class Change:
     name: str
     joint: int  # its joint from 1; 0 for one of the whole arm
     estimate: Array  # its coefficients. Shape (k,).
-    deviation: Array  # their standard deviations. Shape (k,), of a load fewer.
     share: float  # RMS of its torque over that of the joint, where it is largest
 
     @property
@@ -101,19 +99,10 @@ class _Joint:
         return float(np.sqrt(((columns @ theta) ** 2).mean() / there)) / self.rms
 
 
-@dataclass(frozen=True, eq=False, slots=True)
-class _Test:
-    """What a regression says of one candidate: statistic, values, covariance."""
-
-    wald: float
-    theta: Array
-    covariance: Array
-
-
 def changes(
     model: pin.Model, first: Sequence[Recording], second: Sequence[Recording]
-) -> tuple[tuple[Change, ...], Array]:
-    """Return all candidates, best first, and the factor of each joint's variance."""
+) -> list[Change]:
+    """Return all candidates, best first."""
     logs = [_log(model, log) for log in (*first, *second)]
     later = np.arange(len(logs)) >= len(first)
     joints = [_joint(logs, later, j) for j in range(model.nv)]
@@ -126,7 +115,7 @@ def changes(
     ]
     typical = float(np.median(restless))
     found += [_shared_change(name, joints, typical, blocks) for name in _SHARED]
-    return tuple(sorted(found, key=lambda c: -c.evidence)), restless
+    return sorted(found, key=lambda c: -c.evidence)
 
 
 def _own_changes(
@@ -144,13 +133,12 @@ def _own_changes(
             # A wave that both epochs have is not among the common columns.
             both = joint.in_both[:, place]
             columns = columns - both @ np.linalg.lstsq(both, columns, rcond=1e-8)[0]
-        test = _tested([(joint, columns)])
+        wald, theta, _ = _tested([(joint, columns)])
         size = len(place)
-        evidence = test.wald / restless / 2 - size / 2 * np.log(blocks)
+        evidence = wald / restless / 2 - size / 2 * np.log(blocks)
         evidence -= np.log(len(_ORDERS)) if name == "ripple" else 0.0
-        share = joint.share(joint.local[:, place] * joint.second[:, None], test.theta)
-        deviation = np.sqrt(np.diag(test.covariance) * restless)
-        out.append(Change(evidence, name, number, test.theta, deviation, share))
+        share = joint.share(joint.local[:, place] * joint.second[:, None], theta)
+        out.append(Change(evidence, name, number, theta, share))
     return out
 
 
@@ -163,14 +151,11 @@ def _shared_change(
         basis = _told(joints, columns)
         columns = [each @ basis for each in columns]
     each = zip(joints, columns, strict=True)
-    test = _tested([(joint, joint.without_common(c)) for joint, c in each])
+    wald, theta, _ = _tested([(joint, joint.without_common(c)) for joint, c in each])
     size = columns[0].shape[1]
-    evidence = test.wald / restless / 2 - size / 2 * np.log(blocks)
-    share = max(
-        joint.share(c, test.theta) for joint, c in zip(joints, columns, strict=True)
-    )
-    deviation = np.sqrt(np.abs(np.diag(test.covariance)) * restless)
-    return Change(evidence, name, 0, basis @ test.theta, deviation, share)
+    evidence = wald / restless / 2 - size / 2 * np.log(blocks)
+    share = max(joint.share(c, theta) for joint, c in zip(joints, columns, strict=True))
+    return Change(evidence, name, 0, basis @ theta, share)
 
 
 def _told(joints: Sequence[_Joint], columns: Sequence[Array]) -> Array:
@@ -184,11 +169,10 @@ def _told(joints: Sequence[_Joint], columns: Sequence[Array]) -> Array:
     return vectors[:, values > 1e-4 * values[-1]] / size[:, None]
 
 
-def _tested(parts: Sequence[tuple[_Joint, Array]]) -> _Test:
-    """Regress what is left of some joints' torques on what is left of columns.
+def _tested(parts: Sequence[tuple[_Joint, Array]]) -> tuple[float, Array, Array]:
+    """Return Wald statistic, coefficients and covariance of some columns.
 
-    The covariance sums the scores of a block before it squares them, so that errors
-    that last for some of a block's rows count as one.
+    The covariance sums the scores of a block before it squares them (clustered errors).
 
     Args:
         parts: Joints, and columns less the common ones. Shapes (m, k).
@@ -212,7 +196,7 @@ def _tested(parts: Sequence[tuple[_Joint, Array]]) -> _Test:
     few = len(block) / max(1, len(block) - size)
     covariance = inverse @ (sums.T @ sums) @ inverse * few
     weight = np.linalg.pinv(covariance, rcond=1e-6, hermitian=True)
-    return _Test(float(theta @ weight @ theta), theta, covariance)
+    return float(theta @ weight @ theta), theta, covariance
 
 
 def _restless(joint: _Joint) -> float:
@@ -235,8 +219,8 @@ def _restless(joint: _Joint) -> float:
         alone = joint.without_common(joint.local[:, : len(_LOCAL)] * there[:, None])
         for c in range(len(_LOCAL)):
             columns = np.column_stack([alone[:, c], joint.in_second[:, c]])
-            test = _tested([(joint, columns)])
-            found.append(test.theta[0] ** 2 / test.covariance[0, 0])
+            _, theta, covariance = _tested([(joint, columns)])
+            found.append(theta[0] ** 2 / covariance[0, 0])
     if not found:
         return _UNTESTED
     kept = sorted(found)[: max(1, int(0.9 * len(found)))]

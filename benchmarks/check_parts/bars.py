@@ -1,13 +1,12 @@
 """What must be reached, as figures of the rows of all groups."""
 
 from collections import defaultdict
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 
 import numpy as np
 
 from benchmarks.check_parts.arms import MEASURED
 from benchmarks.harness.figures import (
-    FEW,
     NO_BAR,
     NO_LOGS,
     Figures,
@@ -31,7 +30,7 @@ SHOWS_AS = {
 }
 
 
-def figures(rows: Rows, absent: Sequence[str], deciding: bool) -> Figures:
+def figures(rows: Rows, deciding: bool) -> Figures:
     by_group = defaultdict(list)
     for row in rows:
         by_group["crashes" if "error" in row else row["group"]].append(row)
@@ -46,12 +45,11 @@ def figures(rows: Rows, absent: Sequence[str], deciding: bool) -> Figures:
         **lines([_EXACT], mended),
         **lines([_FALSE], sound),
         "false_certain": figure(len(certain), 0, len(sound), which=which),
-        **lines([_TRUSTED], by_group["trusted"]),
         "seconds": figure(value, None, len(own), why=NO_BAR),
         "crashes": figure(len(by_group["crashes"]), 0, len(rows)),
     }
     if not out["faults_found_measured"]["n"]:
-        out["faults_found_measured"] = missing(None, NO_LOGS if absent else FEW)
+        out["faults_found_measured"] = missing(None, NO_LOGS)
     return out if deciding else undecided(out)
 
 
@@ -90,9 +88,4 @@ _OF_FAULTS = (
 _EXACT = Line("repairs_exact", _is_exact, 0.90, beside=per(_is_exact, "kind"))
 _FALSE = Line(
     "false_faults", lambda r: bool(false_of(r)), 0.02, most=True, beside=_which
-)
-_TRUSTED = Line(
-    "certain_unnamed",
-    lambda r: r["answer"] in ("unknown", "refused") and not r["named"],
-    1.0,
 )

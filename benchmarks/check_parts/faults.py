@@ -3,14 +3,12 @@
 import xml.etree.ElementTree as ET
 
 import numpy as np
-from scipy.signal import butter, sosfiltfilt
 
 from benchmarks.check_parts.arms import (
     DURATION,
     RATE,
     Host,
     Spoiled,
-    Table,
     others,
     recorded,
     some,
@@ -79,20 +77,6 @@ def saturated(host: Host, size: int, rng: Rng) -> Spoiled:
         np.clip(x, -level, level, out=x)
 
     return _of_one(host, rng, "saturated", "tau", spoil, whole=True)
-
-
-def filtered(host: Host, size: int, rng: Rng) -> Spoiled | None:
-    """Torque was low-passed at 20, 10 or 5 Hz before it was logged."""
-    if host.name in ("ur10", "lwr4"):
-        return None  # theirs was already
-    corner = (20.0, 10.0, 5.0)[size]
-
-    def change(table: Table) -> Table:
-        rate = 1 / np.median(np.diff(table["t"]))
-        sos = butter(4, corner, fs=rate, output="sos")
-        return table | {"tau": sosfiltfilt(sos, table["tau"], axis=0)}
-
-    return Spoiled("filtered", (), [change(table) for table in tables_of(host)])
 
 
 def out_of_range(host: Host, size: int, rng: Rng) -> Spoiled | None:

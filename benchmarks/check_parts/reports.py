@@ -1,9 +1,4 @@
-"""Faults of reading (signs, order, units, gears, scales, speeds) and of reports.
-
-Reports: currents, torque with a part gone, commands, dead angles. What a driver takes
-out is the arm's own weight and friction, by the clean log, not what the robot file says
-of them.
-"""
+"""Faults of the map (signs, order, units, gears, speeds) and of what is logged."""
 
 from collections.abc import Sequence
 from dataclasses import replace
@@ -19,16 +14,16 @@ from benchmarks.check_parts.arms import (
     changed,
     recorded,
     some,
+    table_of,
     tables_of,
     told_apart,
     turned,
 )
 from benchmarks.synthetic.motions import make_motion
-from residual.check.motion import Motion, thin_rows
 from residual.recording import Recording
 from residual.robot.dynamics import gravity_torque, inverse_dynamics
 from residual.signals.filters import low_pass
-from sim.plant.sizes import usual_limits
+from sim.plant.sizes import sizes, usual_limits
 
 Array = np.ndarray
 Rng = np.random.Generator
@@ -38,113 +33,57 @@ _PLANNED = 20.0  # Hz
 _LAG = 0.01  # s by which an arm follows its reference
 _SHOWS = 0.25  # of the logged torque of some joint: a rough file misses as much
 _KGF_CM = 10.1972
-_NOISE = 5e-5  # rad
-
-
-def motor_current(host: Host, size: int, rng: Rng) -> Spoiled:
-    """Torque is divided by 8 to 15 per joint, by one such factor, or in kgf cm."""
-    dof = host.robot.dof
-    each = rng.uniform(8, 15, dof)
-    factor = (1 / each, 1 / each[0], _KGF_CM)[size]
-    tables = changed(tables_of(host), ("tau",), lambda x: x * factor)
-    return Spoiled("torque_unit", (), tables)
-
-
-def joints_swapped(host: Host, size: int, rng: Rng) -> Spoiled | None:
-    """Exchange neighbours, any two joints, or two in two logs, where that shows."""
-    dof, right = host.robot.dof, tables_of(host)
-    for _ in range(40):
-        a = int(rng.integers(1, dof))
-        joints = some(rng, dof, 2) if size == 1 else (a, a + 1)
-        order = np.arange(dof)
-        order[[j - 1 for j in joints]] = [j - 1 for j in reversed(joints)]
-        if told_apart(host, lambda q: q[:, order], lambda x: x[:, order], _SHOWS):  # noqa: B023
-            break
-    else:
-        return None
-    right = right[:2] if size == 2 else right
-    tables = changed(right, _ALL, lambda x: x[:, order])
-    return Spoiled("joint_order", joints, tables, right)
 
 
 def gravity_removed(host: Host, size: int, rng: Rng) -> Spoiled:
-    """Weight is taken out: as it is, or by a model that is 5 or 10 % off."""
-    share = (1.0, 1.05, 0.9)[size] * _own(host)[0]
-    model = host.robot.model
+    """The driver subtracts the weight: by the robot file, or 5 or 10 % off."""
+    model, share = host.robot.model, (1.0, 1.05, 0.9)[size]
 
     def change(table: Table) -> Table:
         weight = gravity_torque(model, table["q"], model.gravity.linear)
         return table | {"tau": table["tau"] - share * weight}
 
-    tables = [change(table) for table in tables_of(host)]
-    return Spoiled("gravity_removed", (), tables)
+    return Spoiled("gravity_removed", (), [change(t) for t in tables_of(host)])
 
 
-def _own(host: Host) -> tuple[Array, Array, Array]:
-    """Share of the nominal weight, dry and viscous friction of the arm. (dof,)."""
-    motion = thin_rows(host.logs)
-    robot = host.robot
-    whole = inverse_dynamics(robot.model, motion.q, motion.qd, motion.qdd)
-    weight = gravity_torque(robot.model, motion.q, robot.model.gravity.linear)
-    rows = [_of_joint(motion, j, weight[:, j], whole[:, j]) for j in range(robot.dof)]
-    return tuple(np.array(x) for x in zip(*rows, strict=True))
+def mounting(host: Host, size: int, rng: Rng) -> Spoiled:
+    """The robot file has another direction of gravity, 20, 90 or 180 degrees off."""
+    angle, around = np.deg2rad((20, 90, 180)[size]), rng.uniform(0, 2 * np.pi)
+    level = np.sin(angle) * np.array([np.cos(around), np.sin(around)])
+    gravity = (9.81 * np.array([*level, -np.cos(angle)])).tolist()
+    tables, toml = tables_of(host), f"[robot]\ngravity = {gravity}\n"
+    return Spoiled("mounting", (), tables, tables, toml=toml)
 
 
-def _of_joint(motion: Motion, j: int, weight: Array, whole: Array) -> Array:
-    use = motion.moving[:, j]
-    if use.sum() < 30:
-        return np.array([1.0, 0.0, 0.0])
-    qd = motion.qd[use, j]
-    x = np.column_stack(
-        [
-            weight[use],
-            np.sign(qd),
-            qd,
-            (whole - weight)[use],
-            motion.qdd[use, j],
-            np.ones_like(qd),
-        ]
-    )
-    size = np.sqrt(np.mean(x**2, axis=0)) + 1e-9
-    x = x / size
-    # What the log does not show is as the robot file says, and without friction.
-    tau = motion.tau[use, j]
-    ridge = 1e-3 * len(x) * np.eye(6)
-    known = np.array([1.0, 0, 0, 1.0, 0, 0]) * size
-    at = known + np.linalg.solve(x.T @ x + ridge, x.T @ (tau - x @ known))
-    return (at / size)[:3]
-
-
-def commanded(host: Host, size: int, rng: Rng) -> Spoiled:
-    """Torque is the model's for the reference; with friction; or equal in a repeat."""
-    _, dry, wet = _own(host)
-    tables = []
-    for log, table in zip(host.logs, tables_of(host), strict=True):
+def commanded(host: Host, size: int, rng: Rng) -> Spoiled | None:
+    """Torque is the model's for the reference, without or with friction."""
+    if size == 2:
+        return None
+    tables, friction = [], sizes(host.robot)
+    for log in host.logs:
         rate, even, q = _planned(log)
         qd, qdd = (low_pass(q, 0.2 * rate, rate, order=k) for k in (1, 2))
         tau = inverse_dynamics(host.robot.model, q, qd, qdd)
-        slow = 0.02 * np.sqrt(np.mean(qd**2, axis=0)) + 1e-9
         if size:
-            tau = tau + dry * np.tanh(qd / slow) + wet * qd
-        own = _referred(log, table)
-        tables.append(own | {"tau": _at(table["t"], even, tau)})
-    return Spoiled("commanded", (), _twice(tables[0], rng) if size == 2 else tables)
+            slow = 0.02 * np.sqrt(np.mean(qd**2, axis=0)) + 1e-9
+            tau = tau + friction.coulomb * np.tanh(qd / slow) + friction.viscous * qd
+        tables.append(_referred(log) | {"tau": _at(log.t, even, tau)})
+    return Spoiled("commanded", (), tables)
 
 
-def _referred(log: Recording, table: Table) -> Table:
-    """The log with a reference."""
+def _referred(log: Recording) -> Table:
+    """Return the signals of a log with a reference."""
     q = log.q_ref
     if q is None:
         _, even, planned = _planned(log)
         q = _at(log.t, even, planned)
-    return table | {"q_ref": np.array(q)}
+    return table_of(log) | {"q_ref": np.array(q)}
 
 
 def _planned(log: Recording) -> tuple[float, Array, Array]:
-    """The reference as its planner has it: its rate [Hz], times and angles, even.
+    """Return rate [Hz], even times and the reference as the planner has it.
 
-    Where none is logged it is the angle, smooth and ahead. What is logged of one is
-    rounded, what the driver computes with is not.
+    Without a logged reference it is the angle, smooth and ahead.
     """
     rate = 1 / float(np.median(np.diff(log.t)))
     even = np.arange(log.t[0], log.t[-1], 1 / rate)
@@ -158,14 +97,6 @@ def _at(t: Array, times: Array, x: Array) -> Array:
     return np.column_stack([np.interp(t, times, column) for column in x.T])
 
 
-def _twice(table: Table, rng: Rng) -> list[Table]:
-    """One motion twice, each time with noise of its own; no reference is logged."""
-    t, q = table["t"], table["q"]
-    one = {k: v for k, v in table.items() if k != "q_ref"}
-    noise = _NOISE * rng.normal(size=q.shape)
-    return [one, one | {"t": t + t[-1] - t[0] + 10.0, "q": q + noise}]
-
-
 def constant(host: Host, size: int, rng: Rng) -> Spoiled | None:
     """An angle keeps one value: in all logs, in one, or beside its reference."""
     dof, tables = host.robot.dof, tables_of(host)
@@ -175,8 +106,7 @@ def constant(host: Host, size: int, rng: Rng) -> Spoiled | None:
         return None
     joint = int(rng.choice(free))
     if size == 2:
-        pairs = zip(host.logs, tables, strict=True)
-        tables = [_referred(log, table) for log, table in pairs]
+        tables = [_referred(log) for log in host.logs]
     out = []
     for i, table in enumerate(tables):
         dead = {k: table[k].copy() for k in ("q", "qd") if k in table}
@@ -243,28 +173,26 @@ def _turnable(
 
 
 def joint_order(host: Host, size: int, rng: Rng) -> Spoiled | None:
-    """Two torques, two joints (as in 3 to 5, too), or three in a ring are exchanged."""
-    if size > 2:
-        return joints_swapped(host, size - 3, rng)
+    """Two torques, or all signals of two joints or three, are exchanged."""
     dof, right = host.robot.dof, tables_of(host)
+    names = ("tau",) if size == 0 else _ALL
     for _ in range(_TRIES):
-        joints = some(rng, dof, (2, 2, 3)[size])
+        joints = some(rng, dof, 3 if size == 2 else 2)
         order = np.arange(dof)
         order[[j - 1 for j in joints]] = np.roll([j - 1 for j in joints], 1)
-        names = _ALL if size == 1 else ("tau",)
-        if size != 1 or told_apart(host, lambda q: q[:, order], lambda x: x[:, order]):  # noqa: B023
-            break
-    else:
-        return None
-    tables = changed(right, names, lambda x: x[:, order])
-    return Spoiled("joint_order", joints, tables, right)
+        if told_apart(host, lambda q: q[:, order], lambda x: x[:, order], _SHOWS):  # noqa: B023
+            tables = changed(right, names, lambda x: x[:, order])  # noqa: B023
+            return Spoiled("joint_order", joints, tables, right)
+    return None
 
 
 def torque_unit(host: Host, size: int, rng: Rng) -> Spoiled:
-    """Torque in N mm, kN m or N cm; sizes 3 to 5 are currents, or in other units."""
-    if size > 2:
-        return motor_current(host, size - 3, rng)
-    return _scaled(host, "torque_unit", {"tau": (1e3, 1e-3, 1e2)[size]})
+    """Torque in N mm or kgf cm, or divided by a factor for each joint (currents)."""
+    if size < 2:
+        return _scaled(host, "torque_unit", {"tau": (1e3, _KGF_CM)[size]})
+    each = rng.uniform(8, 15, host.robot.dof)
+    tables = changed(tables_of(host), ("tau",), lambda x: x / each)
+    return Spoiled("torque_unit", (), tables)
 
 
 def angle_unit(host: Host, size: int, rng: Rng) -> Spoiled:

@@ -6,7 +6,7 @@ from functools import partial
 import numpy as np
 
 from benchmarks.harness.cases import crash_figures, group_figures
-from benchmarks.harness.figures import NO_BAR, Figures, figure, missing, undecided
+from benchmarks.harness.figures import Figures, figure, missing, undecided
 from benchmarks.harness.rates import (
     Line,
     Rows,
@@ -17,7 +17,7 @@ from benchmarks.harness.rates import (
     rounded,
     within_two_deviations,
 )
-from benchmarks.hidden.drawn import both_clear, is_clear
+from benchmarks.hidden.draw import both_clear, is_clear
 from benchmarks.hidden.score import WRONG, is_right
 
 # Families that detection is pooled over; a new effect is in "other" until it is here.
@@ -36,7 +36,7 @@ _FAMILY = {name: family for family, names in _NAMES.items() for name in names.sp
 
 def case_figures(rows: Mapping[str, Rows], deciding: bool) -> Figures:
     makers = {group: partial(lines, own, by="data") for group, own in _TABLES.items()}
-    makers |= {"detection": _detection, "known": _known}
+    makers["detection"] = _detection
     figures = group_figures(rows, makers)
     figures |= _across(rows) | crash_figures(rows)
     return figures if deciding else undecided(figures)
@@ -57,21 +57,6 @@ def _both(row: Mapping) -> bool:
 def _is_usual(row: Mapping) -> bool:
     """Whether its torque is in proportion to no parameter: then none is three times."""
     return row["multiple"] is None
-
-
-def _other_right(row: Mapping) -> bool:
-    """Whether the effect beside the constants is named, by its name or its class."""
-    return row["found"] == 1
-
-
-def _on_every_joint(row: Mapping) -> bool:
-    return row["constants_named"] == row["constants"]
-
-
-def _with_constants(row: Mapping) -> bool:
-    """Whether both are right: the effect, and the constant of all joints but one."""
-    enough = row["constants_named"] >= row["constants"] - 1
-    return _other_right(row) and enough and len(row["others"]) <= 1
 
 
 def _per_form(rows: Rows) -> dict:
@@ -116,27 +101,6 @@ _TABLES: Mapping[str, tuple[Line, ...]] = {
         Line("pairs_with_a_small_one", lambda r: not both_clear(r), count=True),
     ),
     "forms": (Line("forms_right", is_right, 0.90, beside=_per_form),),
-    "constants": (
-        Line(
-            "constants_both_right", _with_constants, 0.90, beside=per(_with_constants)
-        ),
-        Line("constants_other_right", _other_right),
-        Line("constants_on_every_joint", _on_every_joint),
-    ),
-    "couplings": (
-        Line("couplings_named", is_right, 0.90, lambda r: bool(r["what"])),
-        Line("couplings_none_named", _named, 0.0, lambda r: not r["what"], most=True),
-    ),
-    "loads": (
-        Line("loads_right_alone", lambda r: r["right"] and r["alone"], 0.90),
-        Line(
-            "loads_confirmed_beyond_twice_the_refit",
-            lambda r: r["worst_over_refit"] > 2,
-            0.0,
-            lambda r: r["confirmed"],
-            most=True,
-        ),
-    ),
 }
 
 
@@ -156,16 +120,6 @@ def _detection(rows: Rows) -> Figures:
     return out
 
 
-def _known(rows: Rows) -> Figures:
-    """What a load's known mass makes of the deviation of its centre."""
-    if not rows:
-        return {"known_over_unknown": missing(0.5, "the full run decides")}
-    # A load that is named in one of the two only is no narrower.
-    parts = [1.0 if r["narrowed"] is None else r["narrowed"] for r in rows]
-    entry = figure(max(parts), 0.5, len(rows), all=rounded(parts))
-    return {"known_over_unknown": entry}
-
-
 def _across(rows: Mapping[str, Rows]) -> Figures:
     groups = ("singles", "detection", "pairs")
     some = [r for g in groups for r in rows.get(g, ()) if "outcome" in r]
@@ -182,10 +136,6 @@ def _across(rows: Mapping[str, Rows]) -> Figures:
         out["error_over_oracle"] |= {
             "quantiles": rounded(np.quantile(ratios, (0.1, 0.5, 0.9)), 4)
         }
-    gaps = [r["gap_closed"] for r in some if r["gap_closed"] is not None]
-    if gaps:
-        value = float(np.median(gaps))
-        out["gap_closed"] = figure(value, None, len(gaps), why=NO_BAR)
     own = [r for r in rows.get("singles", ()) if r.get("z") is not None]
     if own:
         out["coverage_2_sigma"] = within_two_deviations(own, "data", 0.90, 0.99)

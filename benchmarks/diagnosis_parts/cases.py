@@ -10,11 +10,9 @@ from dataclasses import asdict, dataclass
 from functools import lru_cache
 from time import perf_counter
 
-import numpy as np
-
 from benchmarks.harness.cases import guarded
 from benchmarks.harness.logs import PAUSE, RATE, in_engine, sensed
-from benchmarks.hidden.drawn import (
+from benchmarks.hidden.draw import (
     CLEAR,
     MULTIPLES,
     OF_A_PAIR,
@@ -28,13 +26,9 @@ from benchmarks.hidden.oracle import oracle
 from benchmarks.hidden.score import (
     NOTHING,
     PAIR,
-    RIGHT,
-    SILENT,
     SINGLE,
     UNKNOWN,
-    WRONG,
     case_row,
-    members,
 )
 from benchmarks.synthetic.motions import make_motion
 from benchmarks.synthetic.other_forms import FORMS
@@ -43,8 +37,7 @@ from flows.specs.experiment import derived_seed
 from residual.diagnosis.diagnose import diagnose
 from residual.diagnosis.result import Detectable, Verdict
 from residual.recording import Recording
-from residual.robot.robot import Robot, load_robot, with_known
-from sim.draw import draw_hidden
+from residual.robot.robot import Robot, load_robot
 from sim.engine.records import (
     Hidden,
     Noise,
@@ -53,7 +46,7 @@ from sim.engine.records import (
     TrajectorySpec,
     stream,
 )
-from sim.plant.catalogue import amount, kinds, multiplied, unnamed
+from sim.plant.catalogue import kinds, unnamed
 from sim.plant.sizes import sizes, usual_limits
 
 SYNTHETIC, PYBULLET = "synthetic", "pybullet"
@@ -78,7 +71,6 @@ PLANS = {
         ("welding", "fourier"),
     ),
     "quick": Plan(("fourier", "cyclic", "move_stop_move"), ("fourier",), 12.0),
-    "short": Plan(("fourier",), ("fourier",), 5.0),
 }
 
 
@@ -158,24 +150,13 @@ BENCHES = 10  # excitations that all cases of one run share
 _IN_ENGINE = 5
 _TRIES = 20
 _WITH_ORACLE = ("singles", "pairs")  # clear effects of the diagnosis' own forms
-KNOWN = "known"  # loads whose mass is told
-# Arms of strangers, with sizes in physical units: a constant of 1 to 3 % of a joint's
-# usual torque on every joint beside another effect of 2.5 usual sizes; friction of a
-# gear that two joints of the wrist share, one to three times a joint's own, in 5 s of
-# log; a load that came, or went.
-CONSTANTS, COUPLINGS, LOADS = "constants", "couplings", "loads"
-OFFSET, COUPLED, LOAD = "offset", "coupled_friction", "payload"
-_SHARES, _TIMES, _OF_USUAL = (0.01, 0.03), (1.0, 3.0), 2.5
-_WRIST = (4, 5, 6)
 
 
 @dataclass(frozen=True, slots=True)
 class Task:
     """One case to do."""
 
-    # "bench", "singles", "detection", "nulls", "unknown", "pairs", "forms", "known",
-    # "constants", "couplings" or "loads"
-    group: str
+    group: str  # "bench" or a group of the benchmark
     what: str  # effect, form, or "" where it is drawn or nothing
     data: str  # "synthetic", "pybullet" or "quick"
     motion: int  # seed of the motions
@@ -201,25 +182,13 @@ def tasks(group: str, seeds: range, quick: bool) -> list[Task]:
         "pairs": [("", first + i) for i in range(10 * len(seeds))],
         "forms": [(form, s) for s in seeds for form in FORMS],
         "unknown": [(e, s) for s in seeds for e in strange],
-        KNOWN: [(LOAD, s) for s in seeds],
-        CONSTANTS: [
-            ([n for n in named if n != OFFSET][i % (len(named) - 1)], first + i)
-            for i in range(10 * len(seeds))
-        ],
-        COUPLINGS: [
-            (what, first + i) for what in (COUPLED, "") for i in range(5 * len(seeds))
-        ],
-        LOADS: [
-            (way, first + i) for way in ("came", "went") for i in range(5 * len(seeds))
-        ],
     }
     return [_task(group, what, first, seed) for what, seed in many[group]]
 
 
 def benches(wanted: Sequence[Task]) -> list[Task]:
     """Return the null cases that say the minimum detectable sizes of their motions."""
-    without = ("nulls", CONSTANTS, COUPLINGS, LOADS)
-    unique = {(t.data, t.motion) for t in wanted if t.group not in without}
+    unique = {(t.data, t.motion) for t in wanted if t.group != "nulls"}
     return [
         # An arm and noise of its own, not those of a case.
         Task("bench", "", data, motion, derived_seed(motion, "bench"))
@@ -239,8 +208,6 @@ def run(job: tuple[Task, Sequence[Detectable]]) -> dict:
 def _done(task: Task, minimum: Sequence[Mapping]) -> dict:
     # Kept as plain values between two parts of the benchmark.
     minimum = [Detectable(**entry) for entry in minimum]
-    if task.group == LOADS:
-        return _load_changed(task)
     drawn, meant = _hidden(task, minimum)
     effects = [as_form(e, task.what) for e in meant] if task.group == "forms" else meant
     made = make(task.data, effects, task.motion, task.arm)
@@ -255,9 +222,6 @@ def _done(task: Task, minimum: Sequence[Mapping]) -> dict:
         meant = _as_taken(task.what, meant, verdict)
         truths = tuple(dict(e.parameters) for e in meant)
     hidden = [measured(e, minimum, made.robot) for e in meant]
-    if task.group == CONSTANTS:
-        about |= _constants_named(hidden[1:], verdict)
-        hidden, truths = hidden[:1], truths[:1]
     told = [(h.effect.name, h.joints) for h in hidden]
     best = None
     if task.group in _WITH_ORACLE:
@@ -266,67 +230,8 @@ def _done(task: Task, minimum: Sequence[Mapping]) -> dict:
     row = case_row(drawn, hidden, truths, verdict, best)
     if task.group not in _WITH_ORACLE:
         del row["deviations"]
-    if task.group == KNOWN:
-        about["narrowed"] = _narrowed(made, verdict)
     names = [[e.name, list(e.joints), e.evidence.nats] for e in verdict.effects]
     return {**about, **row, "names": names}
-
-
-def _constants_named(hidden: Sequence, verdict: Verdict) -> dict:
-    """Say on how many joints the constant is named, of those that are free for it."""
-    said, places = [s.name for s in members(verdict)], {h.joints for h in hidden}
-    return {
-        "constants": len(places),
-        "constants_named": sum(n.effect == OFFSET and n.joints in places for n in said),
-        "others": [n.effect for n in said if n.effect != OFFSET],
-    }
-
-
-def _load_changed(task: Task) -> dict:
-    """A load that came to the flange, or went, between two sets of logs of one arm."""
-    rng = stream(task.arm, task.group)
-    load = draw_hidden(the_arm(), rng, LOAD)
-    with_it, without = (
-        make(task.data, effects, task.motion + i, task.arm)
-        for i, effects in enumerate(([load], []))
-    )
-    after, before = (with_it, without) if task.what == "came" else (without, with_it)
-    begun = perf_counter()
-    verdict = diagnose(the_arm(), after.fit, before.fit, after.held_out).verdict
-    seconds = round(perf_counter() - begun, 2)
-    true = dict(load.parameters)["mass"] * (1.0 if task.what == "came" else -1.0)
-    mass = [e.parameters["mass"] for e in verdict.effects if e.name == LOAD]
-    gap = abs(mass[0].value - true) if mass else np.inf
-    refit, augmented = (
-        np.array(verdict.error.filtered[k] or [np.nan], dtype=float)
-        for k in ("identified", "augmented")
-    )
-    held = [e.evidence.held_out for e in verdict.effects]
-    return {
-        **asdict(task),
-        "seconds": seconds,
-        "outcome": RIGHT if mass else WRONG if verdict.effects else SILENT,
-        "mass": [true, mass[0].value, mass[0].std] if mass else [true, None, None],
-        "right": bool(mass and gap <= max(2 * mass[0].std, 0.1 * abs(true))),
-        "alone": len(members(verdict)) == 1,
-        "confirmed": "confirmed" in held,
-        "worst_over_refit": float(np.nanmax(augmented / refit)),
-        "names": [[e.name, list(e.joints), e.evidence.nats] for e in verdict.effects],
-    }
-
-
-def _narrowed(made: Made, verdict: Verdict) -> float | None:
-    """Return a load's deviation of the centre with mass known, over that without."""
-    robot = with_known(made.robot, {"payload.mass": made.truths[0]["mass"]})
-    told = diagnose(robot, made.fit, (), made.held_out).verdict
-    before, after = (_centre_deviation(one) for one in (verdict, told))
-    return after / before if before and after else None
-
-
-def _centre_deviation(verdict: Verdict) -> float | None:
-    loads = [e.parameters for e in verdict.effects if e.name == "payload"]
-    axes = [loads[0][f"com_{axis}"].std for axis in "xyz"] if loads else [None]
-    return None if None in axes else float(np.linalg.norm(axes))
 
 
 def _hidden(task: Task, minimum: Sequence[Detectable]) -> tuple[str, list[PlantEffect]]:
@@ -337,11 +242,6 @@ def _hidden(task: Task, minimum: Sequence[Detectable]) -> tuple[str, list[PlantE
         return UNKNOWN, [draw_sized(robot, rng, task.what, None, minimum)]
     if task.group == "pairs":
         return PAIR, _pair(rng, minimum)
-    if task.group == CONSTANTS:
-        one = _large(rng, task.what)
-        return SINGLE, [one, *_constants(rng, one)]
-    if task.group == COUPLINGS:
-        return (SINGLE, [_coupling(rng)]) if task.what else (NOTHING, [])
     name = FORMS[task.what][0] if task.group == "forms" else task.what
     if task.group == "detection":
         return SINGLE, [draw_sized(robot, rng, name, 1.0, minimum)]
@@ -377,38 +277,6 @@ def _pair(rng, minimum: Sequence[Detectable]) -> list[PlantEffect]:
     return made
 
 
-def _large(rng, name: str) -> PlantEffect:
-    """Draw an effect of a usual place, so many times the usual size."""
-    one = draw_hidden(the_arm(), rng, name)
-    values = dict(one.parameters)
-    if amount(name, values):
-        values = multiplied(name, values, _OF_USUAL)
-    return PlantEffect(name, one.joints, tuple(sorted(values.items())))
-
-
-def _constants(rng, beside: PlantEffect) -> list[PlantEffect]:
-    """Draw a constant for every joint but those of another effect."""
-    usual = sizes(the_arm()).torque
-    out = []
-    for joint in range(1, the_arm().dof + 1):
-        value = float(rng.choice([-1, 1]) * rng.uniform(*_SHARES) * usual[joint - 1])
-        if joint not in beside.joints:
-            out.append(PlantEffect(OFFSET, (joint,), (("torque", value),)))
-    return out
-
-
-def _coupling(rng) -> PlantEffect:
-    """Draw friction of a gear that two joints of the wrist share."""
-    one = draw_hidden(the_arm(), rng, COUPLED)
-    while not set(one.joints) <= set(_WRIST):
-        one = draw_hidden(the_arm(), rng, COUPLED)
-    values = dict(one.parameters)
-    usual = sizes(the_arm()).coulomb[one.joints[0] - 1]
-    factor = float(rng.uniform(*_TIMES)) * usual / values["level"]
-    values |= {key: factor * values[key] for key in ("level", "coefficient")}
-    return PlantEffect(one.name, one.joints, tuple(sorted(values.items())))
-
-
 def _as_taken(form: str, meant: list[PlantEffect], verdict: Verdict) -> list:
     """Return the effect that a form was taken for, if it may be taken for it."""
     said = {e.name for e in verdict.effects}
@@ -423,9 +291,8 @@ def _task(group: str, what: str, first: int, seed: int) -> Task:
         fifth and group in ("singles", "unknown")
     )
     # Nulls are cheap to vary: each has motions of its own.
-    of_its_own = group in ("nulls", COUPLINGS, LOADS)
-    motion = seed if of_its_own else first + (seed - first) % BENCHES
-    data = "short" if group == COUPLINGS else PYBULLET if engine else SYNTHETIC
+    motion = seed if group == "nulls" else first + (seed - first) % BENCHES
+    data = PYBULLET if engine else SYNTHETIC
     return Task(group, what, data, motion, seed)
 
 
@@ -437,20 +304,13 @@ def _quick(group: str, seed: int) -> list[Task]:
         "pairs": ("",),
         "forms": ("one_way_viscous",),
         "detection": ("offset",),
-        KNOWN: (),
-        CONSTANTS: (),
-        COUPLINGS: (COUPLED,),
-        LOADS: (),
     }
     return [
         Task(group, what, "quick", seed, seed + i) for i, what in enumerate(few[group])
     ]
 
 
-def words(row: Mapping) -> str:
-    if "right" in row:
-        names = "; ".join(f"{n[0]} {n[1]}" for n in row["names"]) or "nothing"
-        return f"load {row['what']} {row['mass']} -> {names} ({row['seconds']} s)"
+def summary(row: Mapping) -> str:
     if "outcome" not in row:
         return "done"
     names = "; ".join(f"{n[0]} {n[1]}" for n in row["names"]) or "nothing"

@@ -1,22 +1,26 @@
-"""Figures of a benchmark: value, bar, verdict; their groups, table and last line.
+"""Figures of a benchmark (value, bar, result), their table, and runs by groups.
 
-Loads no NumPy, so that a run may still choose its threads.
+Loads no NumPy, so that a run can still choose its number of threads.
 """
 
 import argparse
 import json
 import os
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Mapping
 from importlib import import_module
 from pathlib import Path
 from time import perf_counter
 
-from benchmarks.harness.origin import circumstances, is_current, save
+from rich.console import Console
+from rich.table import Table
+
+from benchmarks.harness.origin import STORE, circumstances, code_hash, save
 
 Figures = dict[str, dict]
 
-NO_BAR = "for information, no bar of its own"
-FEW = "not the deciding draws; the full run decides"
+NO_BAR = "for information, no bar"
+FEW = "not the deciding seeds; the full run decides"
+FULL = "the full run measures it"
 NO_LOGS = "no measured logs: neither ../shared/data nor $MODELGAP_DATA"
 CRASHES = "crashes"
 
@@ -30,8 +34,8 @@ def one_blas_thread() -> None:
 def figure(value: float | None, bar: float | None, n: int, **extra: object) -> dict:
     """Return a figure of n cases that must not exceed its bar, if it has one.
 
-    Anything else is recorded too: `ok` overrides the comparison, and a `why` explains
-    an `ok` of None.
+    Extra entries are recorded too: `ok` overrides the comparison, `why` explains an
+    `ok` of None.
     """
     ok = None if value is None or bar is None else bool(value <= bar)
     return {"value": value, "bar": bar, "ok": ok, "n": n, **extra}
@@ -42,23 +46,22 @@ def missing(bar: float | None, why: str) -> dict:
     return figure(None, bar, 0, why=why)
 
 
-def partial(entry: dict, why: str) -> dict:
-    """Return the figure of a run that is too small to confirm it, only to refute."""
-    return {**entry, "ok": False if entry["ok"] is False else None, "why": why}
-
-
 def all_missing(bars: Mapping[str, float | None], why: str) -> Figures:
-    """Return figures that this run cannot measure, from their bars."""
     return {name: missing(bar, why) for name, bar in bars.items()}
 
 
+def partial(entry: dict, why: str) -> dict:
+    """Return a figure of a run that is too small to confirm it; it can only refute."""
+    return {**entry, "ok": False if entry["ok"] is False else None, "why": why}
+
+
 def all_partial(figures: Figures, why: str) -> Figures:
-    """Return figures of a run that is too small to confirm any; "" where it is not."""
+    """Apply `partial` to all figures; an empty `why` leaves them as they are."""
     return {k: partial(f, why) for k, f in figures.items()} if why else figures
 
 
 def undecided(figures: Figures) -> Figures:
-    """Return figures that no bar is for, crashes apart."""
+    """Return figures without results, except the one that counts crashes."""
     return {
         name: entry | {"ok": None, "why": entry.get("why") or FEW}
         if entry["bar"] is not None and name != CRASHES
@@ -67,118 +70,66 @@ def undecided(figures: Figures) -> Figures:
     }
 
 
-def show(figures: Figures) -> None:
-    width = max(len(name) for name in figures)
-    print(f"\n{'figure':{width}}  {'value':>9}  {'bar':>7}  {'n':>4}  result")
-    for name, entry in figures.items():
-        value, bar = (_number(entry[key]) for key in ("value", "bar"))
-        result = {True: "ok", False: "MISSED", None: "-"}[entry["ok"]]
-        why = f"  ({entry['why']})" if entry.get("why") else ""
-        print(f"{name:{width}}  {value:>9}  {bar:>7}  {entry['n']:>4}  {result}{why}")
-
-
 def finish(figures: Figures) -> int:
     """Print the table and the last line; return 1 if a bar is missed, else 0."""
-    show(figures)
+    table = Table("figure", box=None)
+    for name in ("value", "bar", "n"):
+        table.add_column(name, justify="right")
+    table.add_column("result")
+    for name, entry in figures.items():
+        value, bar = (
+            "-" if entry[key] is None else f"{entry[key]:.4g}"
+            for key in ("value", "bar")
+        )
+        result = {True: "ok", False: "MISSED", None: "-"}[entry["ok"]]
+        why = f" ({entry['why']})" if entry.get("why") else ""
+        table.add_row(name, value, bar, str(entry["n"]), result + why)
+    Console(width=120).print(table)
     print(json.dumps(figures), flush=True)
     return int(any(entry["ok"] is False for entry in figures.values()))
 
 
-def _number(value: float | None) -> str:
-    return "-" if value is None else f"{value:.4g}"
+def run_groups(about: str, name: str, groups: Mapping[str, str]) -> int:
+    """Measure the selected groups and return the exit code.
 
-
-_OF_A_RUN = ("commit", "dirty", "code", "date", "cores", "quick")
-
-
-def run_groups(
-    about: str,
-    groups: Mapping[str, str],
-    measure: Callable[[str, bool], Figures] | None = None,
-    own: argparse.ArgumentParser | None = None,
-    **facts: object,
-) -> int:
-    """Measure the groups that were asked for and return the exit code.
+    Finished groups of a full run are kept in store/benchmarks by a hash of the code,
+    so that an interrupted run continues where it stopped.
 
     Args:
-        groups: Of each group, in order, the function that measures it, as
-            "module:function" below benchmarks; it takes whether to be quick.
-        measure: In place of calling that function, from the name of a group and
-            whether to be quick to its figures.
-        own: Options of this benchmark alone (made with `add_help=False`), for `--help`.
+        name: Name of the benchmark.
+        groups: For each group the function that measures it, as "module:function"
+            below benchmarks; it takes whether the run is quick.
     """
-    args = _arguments(about, list(groups), own)
-    # Before NumPy is loaded, here and in what this starts.
+    parser = argparse.ArgumentParser(
+        description=about, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
+    parser.add_argument("--quick", action="store_true", help="a part, under 50 s")
+    parser.add_argument("--groups", nargs="+", choices=groups, default=list(groups))
+    parser.add_argument("--full-json", type=Path, metavar="FILE", help="results file")
+    args = parser.parse_args()
+    # Before NumPy is loaded, here and in child processes.
     one_blas_thread()
-    name, made = (args.full_json.stem if args.full_json else ""), {}
-    earlier = _read(args.full_json)
-    about_run = circumstances(name, quick=args.quick, **facts)
+    parts = {f"benchmarks/{place.partition('.')[0]}" for place in groups.values()}
+    code = code_hash("residual", "sim", "warehouse", "flows", *sorted(parts))
+    path = STORE / f"{name}-{code}.json"
+    kept = json.loads(path.read_text("utf-8")) if path.exists() else {}
+    figures: Figures = {}
     for group in args.groups:
-        run = earlier.get("by_group", {}).get(group, {})
-        if args.resume and is_current(name, run):
-            print(f"{group}: known", flush=True)
-            continue
-        start = perf_counter()
-        work = measure or (lambda name, quick: function_of(groups[name])(quick))
-        made[group] = work(group, args.quick)
-        print(f"{group}: {perf_counter() - start:.1f} s", flush=True)
-        if args.full_json:  # after each: what is measured is not lost with the rest
-            earlier = merged(earlier, {group: made[group]}, about_run, list(groups))
-            save(args.full_json, earlier)
-    fresh = {name: entry for own in made.values() for name, entry in own.items()}
-    return finish(earlier["figures"] if args.resume else fresh)
-
-
-def _read(path: Path | None) -> dict:
-    if path is None or not path.exists():
-        return {}
-    return json.loads(path.read_text(encoding="utf-8"))
+        if args.quick or group not in kept:
+            start = perf_counter()
+            kept[group] = function_of(groups[group])(args.quick)
+            print(f"[{group}] {perf_counter() - start:.1f} s", flush=True)
+            if not args.quick:
+                save(path, kept)
+        figures |= kept[group]
+    if args.full_json:
+        whole = not args.quick and args.groups == list(groups)
+        facts = circumstances(args.full_json.stem, quick=args.quick, whole=whole)
+        save(args.full_json, {**facts, "figures": figures})
+    return finish(figures)
 
 
 def function_of(place: str) -> Callable[..., Figures]:
-    """Return a function from "module:function"; only now its NumPy is loaded."""
+    """Import a function given as "module:function", with its NumPy."""
     module, _, name = place.partition(":")
     return getattr(import_module(f"benchmarks.{module}"), name)
-
-
-def merged(
-    earlier: Mapping, made: Mapping[str, Figures], about: Mapping, groups: Sequence[str]
-) -> dict:
-    """Return a results file with the groups of this run in place of their old ones.
-
-    It has the figures of all groups, in order, and of each from which run they are
-    (`by_group`). The other facts are those of this run.
-    """
-    kept = {
-        name: (run, {key: earlier["figures"][key] for key in run["figures"]})
-        for name, run in earlier.get("by_group", {}).items()
-        if name not in made
-    }
-    run = {key: about[key] for key in _OF_A_RUN}
-    fresh = {name: ({**run, "figures": list(own)}, own) for name, own in made.items()}
-    every = kept | fresh
-    order = [name for name in groups if name in every]
-    figures = {key: f for name in order for key, f in every[name][1].items()}
-    runs = {name: every[name][0] for name in order}
-    whole = order == list(groups)
-    return {**about, "whole": whole, "by_group": runs, "figures": figures}
-
-
-def _arguments(
-    about: str, groups: Sequence[str], own: argparse.ArgumentParser | None
-) -> argparse.Namespace:
-    parser = argparse.ArgumentParser(
-        description=about,
-        formatter_class=argparse.RawDescriptionHelpFormatter,
-        parents=[own] if own else [],
-    )
-    parser.add_argument("--quick", action="store_true", help="a part, under 50 s")
-    parser.add_argument("--groups", nargs="+", choices=groups, default=groups)
-    text = "results file; what it has of other groups stays"
-    parser.add_argument("--full-json", type=Path, metavar="OUT", help=text)
-    text = "measure only the groups that OUT does not have of this very code"
-    parser.add_argument("--resume", action="store_true", help=text)
-    args = parser.parse_args()
-    if args.resume and not args.full_json:
-        parser.error("--resume needs --full-json: the file that has what is known")
-    return args

@@ -1,7 +1,6 @@
-"""Of which code, machine and day a result is, and whether it still speaks of this code.
+"""Which code, machine and day a result comes from, and whether the code has changed.
 
-The hash is of what the code does: a comment, a docstring or a line break leaves it, so
-that a word set right makes no figure old.
+The hash covers what the code does: comments, docstrings and line breaks do not count.
 """
 
 import ast
@@ -17,35 +16,32 @@ from pathlib import Path
 
 ROOT = Path(__file__).resolve().parents[2]
 RESULTS = ROOT / "benchmarks" / "results"
-# The floors above the method (pyproject.toml), which it cannot import.
-_ABOVE = ("export", "identification", "monitoring")
-_CORE = ROOT / "residual"
+STORE = ROOT / "store" / "benchmarks"
+# Rooms that the method cannot import (pyproject.toml).
+ABOVE = ("export", "identification", "monitoring")
 _METHOD = tuple(
     sorted(
         f"residual/{path.name}"
-        for path in _CORE.iterdir()
-        if path.name not in (*_ABOVE, "__pycache__")
+        for path in (ROOT / "residual").iterdir()
+        if path.name not in (*ABOVE, "__pycache__")
     )
 )
-# Whose figures are of less than the whole core, or of other rooms than that.
+# The rooms that a benchmark measures; the whole core if not listed.
 _ROOMS = {
     **dict.fromkeys(
-        ("diagnosis", "measured", "added", "attribution", "changes", "check", "peers"),
-        _METHOD,
+        ("diagnosis", "measured", "attribution", "changes", "check", "peers"), _METHOD
     ),
     "identification": (*_METHOD, "residual/identification"),
-    "plant": ("sim",),
-    **dict.fromkeys(("store", "fleet", "hardening"), ("warehouse",)),
+    "store": ("warehouse",),
     "pipelines": ("warehouse", "flows/settings.py", "flows/workers"),
 }
-_DATA = (".urdf", ".toml")  # files beside code that decide results
 
 
 def circumstances(name: str, **extra: object) -> dict:
     """Return commit, hash of the code of a results file, date and machine of a run."""
     return {
         "commit": _git("rev-parse", "HEAD"),
-        # What a run writes itself, and the pages made of it, change nothing.
+        # Files that a run writes itself do not count.
         "dirty": bool(_git("status", "--porcelain", "--", *_RUN_BY)),
         "code": code_of(name),
         "date": datetime.now(UTC).isoformat(timespec="seconds"),
@@ -60,25 +56,25 @@ _RUN_BY = ("residual", "sim", "warehouse", "flows", "modelgap.py", "benchmarks/*
 
 
 def is_current(name: str, content: Mapping) -> bool:
-    """Whether a results file, or a group of one, is of the code as it is now."""
+    """Whether a results file is of the present code."""
     return content.get("code") == code_of(name)
 
 
 def code_of(name: str) -> str:
-    """Return the hash of the code that the figures of a results file are of."""
+    """Return the hash of the code that a benchmark measures."""
     return code_hash(*_ROOMS.get(name, ("residual",)))
 
 
 @cache
 def code_hash(*places: str) -> str:
-    """Return a hash of what code does and of the robots beside it, 16 hex digits."""
+    """Return a hash of code and of data files next to it, 16 hex digits."""
     digest = hashlib.sha256()
     for place in places:
         path = ROOT / place
         for file in sorted(path.rglob("*")) if path.is_dir() else [path]:
             if file.suffix == ".py":
                 text = bare(file.read_text(encoding="utf-8")).encode()
-            elif file.suffix in _DATA:
+            elif file.suffix in (".urdf", ".toml"):
                 text = file.read_bytes()
             else:
                 continue
@@ -97,7 +93,7 @@ def bare(source: str) -> str:
 
 
 def save(path: Path, content: Mapping) -> None:
-    """Write a results file, whole or not at all."""
+    """Write a JSON file by a rename."""
     path.parent.mkdir(parents=True, exist_ok=True)
     draft = path.with_suffix(".part")
     draft.write_text(json.dumps(content, indent=1) + "\n", encoding="utf-8")
@@ -118,7 +114,7 @@ def _git(*words: str) -> str | None:
 
 
 def _machine() -> str:
-    """Return the processor as Linux names it; its family elsewhere."""
+    """Return the processor's name under Linux, its family elsewhere."""
     try:
         lines = Path("/proc/cpuinfo").read_text(encoding="utf-8").splitlines()
     except OSError:

@@ -8,7 +8,6 @@ from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from time import perf_counter, process_time
 
-import numpy as np
 from scipy.stats import binomtest
 
 from benchmarks.harness.figures import NO_BAR, Figures, figure
@@ -136,9 +135,3 @@ def cpu(job: Callable[[], object]) -> float:
     start = process_time()
     job()
     return process_time() - start
-
-
-def in_turn(rounds: int, *jobs: Callable[[], object]) -> list[float]:
-    """Return the median processor time of calls that take turns [s]."""
-    times = np.array([[cpu(job) for job in jobs] for _ in range(rounds)])
-    return [float(time) for time in np.median(times, axis=0)]

@@ -10,7 +10,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from residual.diagnosis.outcome import SearchOutcome
-from residual.diagnosis.search import Candidates, Task, refined
+from residual.diagnosis.search import Candidates, Task, refine_shape
 from residual.effects import registry
 from residual.effects.base import Effect, Joints, PlacedEffect
 from residual.errors import check_name
@@ -117,6 +117,6 @@ def _fitted(task: Task, grid: Sequence[Sequence[Group]]) -> Fit:
     for groups in grid:
         trials = [task.fit((*current.members, g), current) for g in groups]
         best = max(trials, key=lambda trial: trial.score)
-        members = refined(task, best.members, current)
+        members = refine_shape(task, best.members, current)
         current = task.settle(task.fit(members, current))
     return current

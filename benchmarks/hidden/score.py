@@ -1,10 +1,9 @@
 """What a verdict is worth beside the truth, as one row; and what is taken for what."""
 
-from collections import Counter
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 
-from benchmarks.hidden.drawn import Hidden
+from benchmarks.hidden.draw import Hidden
 from residual.diagnosis.result import Finding, Place, Verdict
 from sim.plant.catalogue import kinds, main_parameter
 
@@ -189,28 +188,6 @@ def is_right(row: Mapping) -> bool:
     return row["outcome"] in (RIGHT, CLASS)
 
 
-def confusion(rows: Sequence[Mapping]) -> list[dict]:
-    """Return what was said of each hidden effect: true effect, first name, cases.
-
-    What is in the class of the first name counts as named. "none" stands for nothing
-    hidden or nothing said, "unknown" for a flag without a name.
-
-    Args:
-        rows: Cases that hide one effect, or none.
-    """
-    out: Counter[tuple[str, str]] = Counter()
-    for row in rows:
-        true = row["effect"] or NOTHING
-        said = true if row["outcome"] == CLASS else row["named_first"]
-        out[true, said or (UNKNOWN if row["unexplained"] else NOTHING)] += 1
-    cells = sorted(out.items(), key=lambda cell: (cell[0][0], -cell[1], cell[0][1]))
-    return [{"hidden": t, "said": s, "cases": count} for (t, s), count in cells]
-
-
-# A smaller gap than this share of the refit's error says nothing of who closes it.
-_LEAST_GAP = 0.02
-
-
 def case_row(
     drawn: str,
     hidden: Sequence[Hidden],
@@ -246,7 +223,8 @@ def case_row(
         "extra": judged.extra,
         "joint_right": judged.joint_right,
         "unexplained": list(verdict.unexplained.joints),
-        **_of_errors(verdict, oracle),
+        "error_after": verdict.error.overall_filtered["augmented"],
+        "error_oracle": oracle,
     }
     told = [estimate(*pair) for pair in zip(judged.hits, truths, strict=False)]
     row["deviations"] = [
@@ -268,18 +246,3 @@ def estimate(said: Said | None, true: Mapping[str, float]) -> dict:
     z = (value - truth) / std if std > 0 else None  # in standard deviations
     own = {"parameter": str(key), "value": value, "std": std}
     return own | {"truth": truth, "z": z}
-
-
-def _of_errors(verdict: Verdict, oracle: float | None) -> dict:
-    errors = verdict.error.overall_filtered
-    refit, after = errors["identified"], errors["augmented"]
-    closed = None
-    if oracle is not None and refit is not None and refit - oracle > _LEAST_GAP * refit:
-        closed = (refit - after) / (refit - oracle)
-    return {
-        "error_before": errors["nominal"],
-        "error_refit": refit,
-        "error_after": after,
-        "error_oracle": oracle,
-        "gap_closed": closed,
-    }

@@ -20,9 +20,10 @@ from time import process_time
 import numpy as np
 
 from benchmarks.harness.origin import ROOT
+from residual.calibration.nominal_pls import fit_nominal_pls
 from residual.diagnosis.diagnose import diagnose
 from residual.recording import Recording
-from residual.robot.dynamics import regressor
+from residual.robot.dynamics import inverse_dynamics, regressor
 from residual.robot.robot import Robot, load_robot, robot_from_texts
 from residual.signals.track import Filters, Track, prepare
 from warehouse.logs import load_columns, read_log
@@ -33,18 +34,36 @@ Array = np.ndarray
 _RANK = 1e-6
 
 
-def peer_errors(robot: Robot, fit: list[Recording], held_out: list[Recording]) -> Array:
-    """Return the filtered error of plain least squares on held-out logs [%].
+def peer_errors(
+    robot: Robot, fit: list[Recording], held_out: list[Recording]
+) -> tuple[Array, Array]:
+    """Return held-out errors of least squares and of PLSR by joint [%]. (dof,) each.
 
-    100 ||tau - tau_hat|| / ||tau|| per joint, both sides filtered, edges dropped; of
-    the robot only its kinematics matter.
+    100 ||tau - tau_hat|| / ||tau||, both sides filtered, edges dropped. PLSR: tables
+    of q, qd and qdd on the torque that the rigid body of the robot file misses.
     """
     tracks, speed_floor = prepare(fit, Filters())
     proof, _ = prepare(held_out, Filters(), speed_floor, full_rate=True)
     x, tau = _rows(robot, tracks)
     x_proof, tau_proof = _rows(robot, proof)
     miss = tau_proof - x_proof @ _solve(x.reshape(-1, x.shape[2]), tau.ravel())
-    return 100 * np.linalg.norm(miss, axis=0) / np.linalg.norm(tau_proof, axis=0)
+    states, torque = _states(robot, tracks)
+    tables = fit_nominal_pls(states, torque)
+    states_proof, torque_proof = _states(robot, proof)
+    left = torque_proof - tables.predict(states_proof)
+    size = np.linalg.norm(tau_proof, axis=0)
+    return tuple(100 * np.linalg.norm(each, axis=0) / size for each in (miss, left))
+
+
+def _states(robot: Robot, tracks: tuple[Track, ...]) -> tuple[Array, Array]:
+    """Return q, qd, qdd (n, 3 dof) and torque beyond the rigid body (n, dof)."""
+    states, torque = [], []
+    for track in tracks:
+        motion = (track.q, track.qd, track.qdd)
+        rigid = track.filter(inverse_dynamics(robot.model, *motion))
+        states.append(np.hstack([x[:: track.step] for x in motion])[track.inner])
+        torque.append((track.tau - rigid)[track.inner])
+    return np.concatenate(states), np.concatenate(torque)
 
 
 def _rows(robot: Robot, tracks: tuple[Track, ...]) -> tuple[Array, Array]:
@@ -183,32 +202,29 @@ def measure(name: str) -> dict:
     verdict = diagnose(robot, **logs).verdict
     seconds = process_time() - begun
     errors, found = verdict.error, verdict.effects
-    peer = None
+    peer = plsr = None
     if logs["held_out"]:
-        peer = peer_errors(robot, logs["fit"], logs["held_out"]).tolist()
+        both = peer_errors(robot, logs["fit"], logs["held_out"])
+        peer, plsr = (each.tolist() for each in both)
     return {
         "split": name,
         "named": [[e.name, list(e.joints)] for e in found],
-        "suspected": [[e.name, list(e.joints)] for e in verdict.suspected],
-        "alike": [
-            [[a.name, list(a.joints)] for a in e.equivalent] for e in verdict.effects
-        ],
+        "alike": [[[a.name, list(a.joints)] for a in e.equivalent] for e in found],
         "mass": [
-            p.value
-            for e in verdict.effects
-            for k, p in e.parameters.items()
-            if k == "mass"
+            p.value for e in found for k, p in e.parameters.items() if k == "mass"
         ],
         "verdict": verdict.verdict,
         "filtered": {k: v for k, v in errors.filtered.items() if v is not None},
         "moving": {k: v for k, v in errors.moving.items() if v is not None},
         "peer": peer,
+        "plsr": plsr,
         "worse": list(errors.worse),
-        "contradictions": list(verdict.contradictions),
         "seconds": round(seconds, 1),
     }
 
 
-def over(after: list[float | None], before: list[float]) -> np.ndarray:
-    """Return a ratio by joint; NaN where a torque is too small for an error."""
-    return np.array(after, dtype=float) / np.array(before, dtype=float)
+def same_logs(one: str, other: str) -> bool:
+    """Whether two splits are of the same arm and torque, both without a load."""
+    heads = [name.split(" | ")[0].split() for name in (one, other)]
+    logs = [h[:2] if h[1] in ("run", "motor", "run_nm") else h[:1] for h in heads]
+    return logs[0] == logs[1] and LOADED not in (one, other)

@@ -1,12 +1,14 @@
-"""Figures of each program, and the tables of all."""
+"""Figures of each program, and the table of all."""
 
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Mapping
 
 import numpy as np
 
+from benchmarks.harness.cases import crash_figures
 from benchmarks.harness.figures import NO_BAR, Figures, figure
 from benchmarks.harness.rates import Rows, at_least, share, wilson
 from benchmarks.hidden.score import NOTHING, PAIR, SINGLE, UNKNOWN
+from benchmarks.peers_parts.judge import LEVELS
 
 TITLES = {"ours": "modelgap", "squares": "least squares", "sparse": "sparse selection"}
 KINDS = {
@@ -16,100 +18,73 @@ KINDS = {
     UNKNOWN: "no name",
     "all": "all",
 }
-LEVELS = {
-    "name": "Effect and joint by name",
-    "equivalent": "The same, or one of the equivalents that it states",
-    "class": "By coarse class: body, friction or rotor, the rest",
+_RATES = {
+    "exact_name": "exact set, by name or a stated equivalent",
+    "exact_class": "exact set, by class",
+    "named": "named",
+    "flagged": "unknown stated",
+    "joint": "on a right joint",
 }
-# What is counted at a level, and of what.
-_COUNTED = {
-    "exact": ("exact", None),
-    "precision": ("true", "said"),
-    "recall": ("found", "there"),
+_RATIOS = {
+    "held_out": "held-out error over oracle",
+    "edits": "edit error over oracle",
 }
-Share = tuple[int, int]  # hits, of how many
 
 
 def all_figures(rows: Mapping[str, Rows]) -> Figures:
     out: Figures = {}
-    for program, own in rows.items():
-        good = [row for row in own if "outcome" in row]
+    for program, of_program in rows.items():
+        good = [row for row in of_program if "kind" in row]
         for level in LEVELS:
-            for key in _COUNTED:
-                out[f"{program}_{key}_{level}"] = _rate(_at(good, level, key))
-        none, odd = (_of(good, kind) for kind in (NOTHING, UNKNOWN))
-        out[f"{program}_named_on_nothing"] = _rate(_told(none, "named"))
-        out[f"{program}_unknown_flagged"] = _rate(_told(odd, "flagged"))
-        out[f"{program}_joint"] = _rate(_told(good, "joint"))
-        for key, value, n in (
-            ("held_out_over_oracle", *_middle(good, _held)),
-            ("edit_over_oracle", *_middle(good, _edits)),
-            ("seconds", *_middle(good, lambda row: [row["seconds"]])),
+            out[f"{program}_exact_{level}"] = _rate(good, f"exact_{level}")
+        out[f"{program}_named_on_nothing"] = _rate(_of(good, NOTHING), "named")
+        out[f"{program}_unknown_flagged"] = _rate(_of(good, UNKNOWN), "flagged")
+        out[f"{program}_joint"] = _rate(good, "joint")
+        for key, name in (
+            ("held_out", "held_out_over_oracle"),
+            ("edits", "edit_over_oracle"),
+            ("seconds", "seconds"),
         ):
-            out[f"{program}_{key}"] = figure(value, None, n, why=NO_BAR)
-    crashes = sum("error" in row for own in rows.values() for row in own)
-    return out | {"crashes": figure(crashes, 0, sum(map(len, rows.values())))}
+            value, n = _median(good, key)
+            out[f"{program}_{name}"] = figure(value, None, n, why=NO_BAR)
+    return out | crash_figures(rows)
 
 
-def tables(rows: Mapping[str, Rows]) -> list[dict]:
-    """Return tables of programs by kind of case: title and rows of texts."""
-    out = []
-    for level, title in LEVELS.items():
-        lines = [["program", "hidden", "exact set", "precision", "recall"]]
-        for at, own in _lines(rows):
-            lines.append([*at, *(_cell(_at(own, level, key)) for key in _COUNTED)])
-        out.append({"title": title, "rows": lines})
-    head = ["program", "hidden", "named", "said unknown", "on a right joint"]
-    lines = [[*head, "held-out error over oracle", "edit error over oracle"]]
-    for at, own in _lines(rows):
-        cells = [_cell(_told(own, key)) for key in ("named", "flagged", "joint")]
-        ratios = [_middle(own, each) for each in (_held, _edits)]
-        shown = (f"{value:.3g} ({n})" if n else "–" for value, n in ratios)
-        lines.append([*at, *cells, *shown])
-    return [*out, {"title": "What else was said, and predicted", "rows": lines}]
-
-
-def _lines(rows: Mapping[str, Rows]) -> Iterator[tuple[tuple[str, str], Rows]]:
-    for program, every in rows.items():
-        good = [row for row in every if "outcome" in row]
-        for kind, word in KINDS.items():
-            if own := good if kind == "all" else _of(good, kind):
-                yield (TITLES[program], word), own
+def table(rows: Mapping[str, Rows]) -> dict:
+    """Return the table of programs by kind of case: title and rows of texts."""
+    lines = [["program", "hidden", *_RATES.values(), *_RATIOS.values()]]
+    for program, of_program in rows.items():
+        good = [row for row in of_program if "kind" in row]
+        for kind, name in KINDS.items():
+            if some := _of(good, kind):
+                ratios = [_median(some, key) for key in _RATIOS]
+                shown = [f"{value:.3g} ({n})" if n else "–" for value, n in ratios]
+                cells = [_cell(some, key) for key in _RATES]
+                lines.append([TITLES[program], name, *cells, *shown])
+    return {"title": "By program and kind of case", "rows": lines}
 
 
 def _of(rows: Rows, kind: str) -> Rows:
-    return [row for row in rows if row["kind"] == kind]
+    return [row for row in rows if kind in ("all", row["kind"])]
 
 
-def _at(rows: Rows, level: str, key: str) -> Share:
-    hits, of = _COUNTED[key]
-    levels = [row["levels"][level] for row in rows]
-    return sum(at[hits] for at in levels), sum(at[of] if of else 1 for at in levels)
-
-
-def _told(rows: Rows, key: str) -> Share:
+def _counts(rows: Rows, key: str) -> tuple[int, int]:
     known = [row[key] for row in rows if row[key] is not None]
     return sum(known), len(known)
 
 
-def _held(row: Mapping) -> list[float]:
-    return [] if row["held_out"] is None else [row["held_out"]]
+def _median(rows: Rows, key: str) -> tuple[float | None, int]:
+    values = np.concatenate([np.atleast_1d(row[key]) for row in rows] or [[]])
+    values = values.astype(float)[~np.isnan(values.astype(float))]
+    return (float(np.median(values)) if len(values) else None), len(values)
 
 
-def _edits(row: Mapping) -> list[float]:
-    return [ratio for ratio in row["edits"] if ratio is not None]
-
-
-def _middle(rows: Rows, each: Callable) -> tuple[float | None, int]:
-    values = [value for row in rows for value in each(row)]
-    return float(np.median(values)) if values else None, len(values)
-
-
-def _cell(told: Share) -> str:
-    hits, n = told
+def _cell(rows: Rows, key: str) -> str:
+    hits, n = _counts(rows, key)
     low, high = (round(100 * x) for x in wilson(hits, n))
     return f"{hits} of {n} ({low} to {high} %)" if n else "–"
 
 
-def _rate(told: Share) -> dict:
-    return at_least(share(*told) if told[1] else figure(None, None, 0), None)
+def _rate(rows: Rows, key: str) -> dict:
+    hits, n = _counts(rows, key)
+    return at_least(share(hits, n) if n else figure(None, None, 0), None)

@@ -1,19 +1,19 @@
-"""What an answer is worth on one case, at three levels; its torque over the oracle's.
+"""Compare an answer with the truth at two levels, and its torque with the oracle's.
 
-`name`: effect and joints as hidden. `equivalent`: as hidden, or one of what the answer
-says it may be instead. `class`: link inertia or load (body), friction or rotor (joint),
-or the rest (other), on a common joint; what falls together is one, and there "unknown"
-stands for a hidden "other" on its joints, so that who has no name for a spring can say
-so. Each truth has one name of its own.
+`name`: effect and joints as hidden, or one of the equivalents that the answer states.
+`class`: link inertia or load (body), friction or rotor (joint), or the rest (other), on
+a common joint; names of one class on one joint count once, and "unknown" stands for a
+hidden "other" on its joints, so that a program without a name for a spring can say so.
+Each truth has one name of its own.
 """
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
 
 from benchmarks.hidden.score import UNKNOWN, Name, paired
-from benchmarks.peers_parts.opened import Answer, Array
+from benchmarks.peers_parts.linear_model import Answer, Array
 from residual.effects import registry
 from residual.effects.base import Trait
 from residual.recording import Recording
@@ -52,58 +52,41 @@ def _meets(one: Name, other: Name) -> bool:
     return one.effect == other.effect and not apart
 
 
-def _alike(truth: Name, names: Sequence[Name]) -> bool:
-    return _meets(_classed(truth), _classed(names[0]))
-
-
 def _classed(name: Name) -> Name:
     return Name(class_of(name.effect), name.joints)
 
 
-FITS: Mapping[str, Callable[[Name, Sequence[Name]], bool]] = {
-    "name": lambda truth, names: truth == names[0],
-    "equivalent": lambda truth, names: truth in names,
-    "class": _alike,
-}
-LEVELS = tuple(FITS)
+LEVELS = ("name", "class")
 
 
 def judged(true: Truth, answer: Answer) -> dict:
-    """Return what an answer is worth on one case, at every level."""
+    """Return what an answer is worth on one case, at both levels."""
     flag, where = bool(answer.unknown), answer.unknown
     where = tuple(where) if isinstance(where, list) else ()
-    # What has no name cannot be named: only the flag is right.
+    # An effect without a name cannot be named: only the flag is right.
     there = () if true.kind == UNKNOWN else true.effects
-    levels = {}
-    for level in LEVELS:
-        truths, said, fits = there, answer.findings, FITS[level]
-        if level == "class":
-            truths = tuple(dict.fromkeys(map(_classed, there)))
-            said = tuple(dict.fromkeys(_classed(names[0]) for names in said))
-            fits = _meets
-        owner = paired(truths, said, fits)
-        found = len(owner)
-        if level == "class" and flag:
-            left = (t for i, t in enumerate(truths) if i not in owner)
-            found += sum(_meets(t, Name(OTHER, where)) for t in left)
-        exact = found == len(truths) and len(owner) == len(said)
-        if not there:
-            exact = not said and flag is (true.kind == UNKNOWN)
-        levels[level] = {
-            "exact": exact,
-            "true": len(owner),
-            "said": len(said),
-            "found": found,
-            "there": len(truths),
-        }
+    classes = tuple(dict.fromkeys(map(_classed, there)))
+    said = tuple(dict.fromkeys(_classed(names[0]) for names in answer.findings))
+    by_name = paired(there, answer.findings, lambda truth, names: truth in names)
+    by_class = paired(classes, said, _meets)
+    missing = [t for i, t in enumerate(classes) if i not in by_class]
+    if flag:
+        missing = [t for t in missing if not _meets(t, Name(OTHER, where))]
+    exact = {
+        "name": len(by_name) == len(there) == len(answer.findings),
+        "class": not missing and len(by_class) == len(said),
+    }
+    if not there:
+        right = not answer.findings and flag is (true.kind == UNKNOWN)
+        exact = dict.fromkeys(exact, right)
     on = {j for names in answer.findings for j in names[0].joints} or set(where)
     real = {j for name in true.effects for j in name.joints}
     return {
         "kind": true.kind,
-        "levels": levels,
+        **{f"exact_{level}": value for level, value in exact.items()},
         "named": bool(answer.findings),
         "flagged": flag,
-        # Where there is nothing on a joint, or nothing said of one, none can be right.
+        # None if nothing is hidden on a joint, or nothing stated of one.
         "joint": bool(on & real) if real and on else None,
         **_torque_ratios(true, answer),
     }
@@ -123,9 +106,13 @@ def _torque_ratios(true: Truth, answer: Answer) -> dict:
 
 def _stands_for(truth: Name, answer: Answer) -> int | None:
     """Return the number (from 1) of the finding that stands for an effect, or None."""
-    for fits in FITS.values():
+    for fits in (
+        lambda names: truth == names[0],
+        lambda names: truth in names,
+        lambda names: _meets(_classed(truth), _classed(names[0])),
+    ):
         for number, names in enumerate(answer.findings, start=1):
-            if fits(truth, names):
+            if fits(names):
                 return number
     return None
 

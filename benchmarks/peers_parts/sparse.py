@@ -14,7 +14,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from benchmarks.hidden.score import Name
-from benchmarks.peers_parts.opened import DRIVES, Answer, Arm, Case, Rows
+from benchmarks.peers_parts.linear_model import DRIVES, Answer, Arm, Case, Rows
 from benchmarks.peers_parts.squares import SCATTER, body, sums
 
 Array = np.ndarray

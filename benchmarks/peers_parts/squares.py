@@ -11,7 +11,7 @@ import numpy as np
 from scipy.stats import chi2
 
 from benchmarks.hidden.score import Name
-from benchmarks.peers_parts.opened import DRIVES, Answer, Arm, Case, Rows
+from benchmarks.peers_parts.linear_model import DRIVES, Answer, Arm, Case, Rows
 
 Array = np.ndarray
 

@@ -1,45 +1,68 @@
-"""The same campaign bare and as a flow: its wall times [s] as JSON on the last line."""
+"""What Prefect adds to a campaign: the same experiments bare and as a flow.
+
+The experiments sleep for a second instead of simulating, so that other programs do not
+hide the difference; everything around them is the code of the program.
+"""
 
 import json
 import os
+import subprocess
 import sys
 from collections.abc import Callable
 from pathlib import Path
+from tempfile import TemporaryDirectory
 from time import perf_counter, sleep
 from unittest.mock import patch
 
+from benchmarks.harness.figures import FULL, Figures, figure, missing
+from benchmarks.harness.origin import ROOT
 from flows.requests import Campaign
 from flows.settings import prefect_home, quiet_prefect
 from flows.steps import campaign as steps
 from flows.steps.experiment import PlannedExperiment
 from warehouse.ids import record_folder
 
-_NAP = 1.0  # s that an experiment takes here
+_BAR, _COUNT = 0.05, 100
 
 
-def main(folder: Path, count: int) -> None:
-    """Time both, once each.
+def overhead_figures(quick: bool) -> Figures:
+    """Return (flow - bare) / bare of the wall times of 100 experiments."""
+    name = "prefect_overhead"
+    if quick:
+        return {name: missing(_BAR, FULL)}
+    with TemporaryDirectory() as folder:
+        words = [sys.executable, "-m", __name__, folder]
+        done = subprocess.run(words, cwd=ROOT, capture_output=True, text=True)
+    if done.returncode:
+        return {name: missing(_BAR, done.stderr.strip()[-200:]) | {"ok": False}}
+    times = json.loads(done.stdout.splitlines()[-1])
+    value = (times["flow"] - times["bare"]) / times["bare"]
+    return {name: figure(value, _BAR, _COUNT, seconds=times)}
 
-    The experiments sleep for a second instead of simulating, so that the difference is
-    not in the noise of other programs; everything around them is as always.
-    """
-    campaign = folder / "c.toml"
-    campaign.write_text(f"[grid]\nseed = {list(range(1, count + 1))}\n")
+
+def main(folder: Path) -> None:
+    """Print both wall times [s] as JSON, in a process that has not loaded Prefect."""
+    campaign, first = folder / "c.toml", folder / "first.toml"
+    campaign.write_text(f"[grid]\nseed = {list(range(1, _COUNT + 1))}\n")
+    first.write_text("[grid]\nseed = [0]\n")
     os.environ.update(quiet_prefect(prefect_home(folder / "flow")))
-    # Prefect takes its settings when it is imported.
+    # Prefect reads its settings when it is imported.
     from flows.pipelines.nightly import campaign as flow
 
     bare, store = folder / "bare", str(folder / "flow")
     planned = steps.planned_of(Campaign(str(campaign), store=bare))
     with patch.object(steps, "run_one", nap):
-        plain = _time(lambda: steps.run_all(planned, bare))
-        coated = _time(lambda: flow(str(campaign), store=store))
-    print(json.dumps({"bare": plain, "flow": coated}))
+        flow(str(first), store=store)  # starts Prefect's server
+        times = {
+            "bare": _time(lambda: steps.run_all(planned, bare)),
+            "flow": _time(lambda: flow(str(campaign), store=store)),
+        }
+    print(json.dumps(times))
 
 
 def nap(planned: PlannedExperiment, store: str) -> str:
-    """Take a second, and leave only the folder of a run."""
-    sleep(_NAP)
+    """Sleep for a second and leave only the folder of a run."""
+    sleep(1.0)
     record_folder(Path(store), "runs", planned.run_id, "irb140").mkdir(parents=True)
     return planned.run_id
 
@@ -51,4 +74,4 @@ def _time(job: Callable[[], object]) -> float:
 
 
 if __name__ == "__main__":
-    main(Path(sys.argv[1]), int(sys.argv[2]))
+    main(Path(sys.argv[1]))

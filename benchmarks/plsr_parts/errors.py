@@ -9,17 +9,15 @@ Measured: unseen runs and unseen blocks of real arms.
 
 from dataclasses import replace
 from functools import cache
-from pathlib import Path
 
 import numpy as np
 
-from benchmarks.harness.figures import Figures, figure, missing
+from benchmarks.harness.figures import FULL, NO_LOGS, Figures, figure, missing
+from benchmarks.harness.rates import rounded
 from benchmarks.measured_parts.arms import data_folder
-from flows.steps.experiment import with_twins
 from residual.calibration.calibrate import Calibration, Settings, calibrate
 from residual.calibration.rows import Run
 from residual.calibration.scores import (
-    BLOCK,
     DEFAULT,
     LS,
     NOTHING,
@@ -27,10 +25,8 @@ from residual.calibration.scores import (
     PLSR,
     RANDOM,
     RUN,
-    Score,
     find,
 )
-from residual.recording import Recording
 from residual.robot.robot import Robot, load_robot
 from sim.engine.records import Noise, PlantEffect, PlantSpec, Rates, TrajectorySpec
 from sim.experiment import run_experiment
@@ -51,14 +47,9 @@ _FAMILIES = (*2 * ("fourier",), *2 * ("move_stop_move",), *2 * ("cyclic",))
 
 
 def paper_set_figures(quick: bool) -> Figures:
-    """Return the figures of the frozen set.
-
-    Args:
-        quick: Whether to leave all of them to the full run: six runs take a minute, and
-            fewer do not show what more of them do.
-    """
+    """Return the figures of the frozen set; a quick run measures none."""
     if quick:
-        return {name: missing(bar, "the full run measures it") for name, bar in BARS}
+        return {name: missing(bar, FULL) for name, bar in BARS}
     out = _frozen_figures(_calibrated_set(frozen_runs(0)))
     out["paper_declared_default_over_none"] = over_none(_calibrated_set(frozen_runs(1)))
     return out
@@ -140,48 +131,31 @@ def _irb140() -> Robot:
 
 
 ARMS = ("kr300", "ur10", "lwr4", "ur10e")
-_LOADED = "load"  # in the name of a log: another arm than that of the others
-BEST = 1.02  # of what anyone would try first, on every scheme
-# Of each arm: model, what it is held against, the least ratio that is a failure.
-_PAIRS = (
-    ("default_over_none", DEFAULT, NOTHING, NOT_WORSE),
-    ("paper_form_over_none", PAPER_FORM, NOTHING, None),
-)
-_NO_BAR = "for information, no bar of its own"
+_LOADED = "load"  # in the name of a log of another arm than the others
+BEST = 1.02
 
 
 def measured_figures(quick: bool) -> Figures:
-    """Return the figures of the measured arms; all are left to the full run."""
+    """Return the figures of the measured arms; a quick run measures none."""
     folder = data_folder()
-    why = "the full run measures it"
-    if folder is None:
-        why = "no measured logs: neither ../shared/data nor $MODELGAP_DATA"
+    why = FULL if folder else NO_LOGS
     out: Figures = {}
     for arm in ARMS:
         if quick or folder is None:
             out[f"{arm}_default_over_none"] = missing(NOT_WORSE, why)
             out[f"{arm}_default_over_best"] = missing(BEST, why)
-            for name, _, _, bar in _PAIRS:
-                out[f"{arm}_blocks_{name}"] = missing(bar, why)
             continue
-        made = _calibrated(folder / arm)
+        robot = load_robot(folder / arm / f"{arm}.urdf")
+        paths = sorted((folder / arm).glob("*.csv"))
+        logs = [read_log(str(p), robot)[0] for p in paths if _LOADED not in p.stem]
+        made = calibrate(robot, [Run(log) for log in logs], Settings(views=False))
         out[f"{arm}_default_over_none"] = over_none(made)
         out[f"{arm}_default_over_best"] = over_best(made)
-        for name, one, other, bar in _PAIRS:
-            out[f"{arm}_blocks_{name}"] = _ratio(made, one, other, bar)
-        own = [name for name in out if name.startswith(arm)]
-        print(*(f"{name}: {out[name]}" for name in own), sep="\n", flush=True)
-    name = "kr300_paper_default_over_best"
-    if quick or folder is None:
-        return out | {name: missing(BEST, why)}
-    robot, logs = _read(folder / "kr300")
-    runs = with_twins(robot, [Run(log) for log in logs])
-    made = calibrate(robot, runs, Settings(paper=True, views=False))
-    return out | {name: over_best(made)}
+    return out
 
 
 def over_none(made: Calibration) -> dict:
-    """The default form against no compensation, the worst joint on unseen runs."""
+    """Compare the default form with no compensation, worst joint on unseen runs."""
     one, none = (find(made.scores, RUN, model) for model in (DEFAULT, NOTHING))
     ratios = one.rmsev / none.rmsev
     return figure(
@@ -189,14 +163,12 @@ def over_none(made: Calibration) -> dict:
         NOT_WORSE,
         len(ratios),
         ratios=rounded(ratios),
-        percent=rounded(one.rmsev),
-        none_percent=rounded(none.rmsev),
         options=[o.kind for o in made.chosen],
     )
 
 
 def over_best(made: Calibration) -> dict:
-    """The default form against the best of nothing, LS and PLSR, its worst scheme.
+    """Compare the default form with the best of none, LS and PLSR, worst scheme.
 
     All joints together; PLSR with the number of components that does best there.
     """
@@ -208,52 +180,3 @@ def over_best(made: Calibration) -> dict:
         )
         ratios[scheme] = round(ours / min(others), 4)
     return figure(max(ratios.values()), BEST, len(ratios), ratios=ratios)
-
-
-def rounded(values: np.ndarray) -> list[float]:
-    """Return numbers as they are recorded."""
-    return [round(float(v), 3) for v in values]
-
-
-def _calibrated(folder: Path) -> Calibration:
-    robot, logs = _read(folder)
-    runs, settings = [Run(log) for log in logs], Settings(views=False)
-    return calibrate(robot, runs, settings)
-
-
-def _read(folder: Path) -> tuple[Robot, list[Recording]]:
-    robot = load_robot(folder / f"{folder.name}.urdf")
-    paths = [p for p in sorted(folder.glob("*.csv")) if _LOADED not in p.stem]
-    return robot, [read_log(str(path), robot)[0] for path in paths]
-
-
-def _ratio(made: Calibration, model: str, other: str, bar: float | None) -> dict:
-    """Error of one model over that of another, over all joints, on unseen blocks."""
-    # The parts of a single log are its runs here.
-    scheme = BLOCK if find(made.scores, BLOCK, NOTHING) else RUN
-    pair = [find(made.scores, scheme, name) for name in (model, other)]
-    value, interval = _interval(*pair)
-    told = {"interval": rounded(interval), "joints": _joints(*pair)}
-    told |= {"percent": rounded(pair[0].rmsev), "all": round(pair[0].overall, 3)}
-    told |= {"other_percent": rounded(pair[1].rmsev)}
-    if bar is None:
-        told["why"] = _NO_BAR
-    return figure(value, bar, len(pair[0].miss), **told)
-
-
-def _interval(one: Score, other: Score) -> tuple[float, np.ndarray]:
-    """Ratio of errors over all joints, and where it lies in 95 of 100 draws of folds.
-
-    Folds are drawn with replacement, both models of a fold together: the percentile
-    bootstrap of Efron and Tibshirani (1993, ch. 13).
-    """
-    misses = np.stack([one.miss.sum(axis=1), other.miss.sum(axis=1)])
-    folds, rng = misses.shape[1], np.random.default_rng(0)
-    drawn = misses[:, rng.integers(folds, size=(2000, folds))].sum(axis=2)
-    ratios = np.sqrt(drawn[0] / np.maximum(drawn[1], 1e-300))
-    value = one.overall / max(other.overall, 1e-300)
-    return value, np.quantile(ratios, [0.025, 0.975])
-
-
-def _joints(one: Score, other: Score) -> list[float]:
-    return rounded(one.rmsev / other.rmsev)

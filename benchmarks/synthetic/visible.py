@@ -1,22 +1,19 @@
-"""Draw what an arm hides, as large as the motions that it makes can show.
+"""Draw a hidden effect that is large enough to show in the motions of the arm.
 
     python -m benchmarks.synthetic.visible [FILE]
 
-writes what `modelgap demo` hides where a usual size would not show; to be given again
-when effects, motions or usual sizes change. Without FILE it is that of the program.
-
-How much there is to see is told by the plant's own torque along those very motions,
-exact and without noise:
+writes what `modelgap demo` hides where a usual size would not show; run it after a
+change of effects, motions or usual sizes. Without FILE it writes the program's table.
+How much shows follows from the plant's exact torque along those motions:
 
     share = rms((tau - RNEA(q)) with it - (tau - RNEA(q)) without it) / rms(tau without)
 
-on the rows where the joint moves, q what its encoder reads. No method of finding it is
-asked.
+on the rows where the joint moves, with q as its encoder reads it.
 """
 
 import json
 import sys
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Self
@@ -25,7 +22,7 @@ import numpy as np
 from scipy.ndimage import binary_dilation
 from scipy.signal import butter, sosfiltfilt
 
-from benchmarks.hidden.drawn import MOST
+from benchmarks.hidden.draw import MOST
 from benchmarks.synthetic.quasi_static import Plant, true_torque
 from flows.steps import demo
 from residual.recording import Array
@@ -171,16 +168,15 @@ def _torques(plant: Plant, motion: Reference, start: float) -> tuple[Array, Arra
     return torque, rest
 
 
-SEEDS, OF_A_NAME = 500, 20  # of the demonstration: what is drawn, and what is asked for
+SEEDS, OF_A_NAME = 500, 20  # drawn by the demonstration, of any name and of each
 TABLE = Path(demo.__file__).with_name("visible.json")
 _RATE = 100.0  # Hz
 
 
 def stages_of(seed: int) -> list[Stage]:
-    """Return the motions of a demonstration on which its effect is to be seen.
+    """Return the motions of a demonstration; other Fourier ones stand in for its own.
 
-    For the Fourier motions stand others of their family, since a search for those that
-    will be run takes as long as the experiments.
+    The search for those takes as long as the experiments.
     """
     robot, stages = load_robot(demo.ROBOT), []
     for _, start, motion in demo.motions(seed, demo.FIT):
@@ -190,36 +186,28 @@ def stages_of(seed: int) -> list[Stage]:
 
 
 def larger(name: str, seed: int, stages: Sequence[Stage]) -> list | None:
-    """Return what is hidden in place of the usual draw; None where that shows."""
+    """Return what is hidden instead of the usual draw; None if that is visible."""
     robot = load_robot(demo.ROBOT)
     usual = draw_hidden(robot, stream(seed, HIDDEN), name or None)
     shown = draw_visible(robot, stream(seed, HIDDEN), stages, name or None)
-    if shown == usual:
-        return None
-    return [shown.name, list(shown.joints), dict(shown.parameters)]
-
-
-def text(table: Mapping[str, Mapping[int, list]]) -> str:
-    """Return the table as JSON, a line for each draw."""
-    parts = []
-    for name, own in table.items():
-        rows = ",".join(f'\n  "{k}": {json.dumps(one)}' for k, one in own.items())
-        seeds = OF_A_NAME if name else SEEDS
-        parts.append(f'"{name}": {{"seeds": {seeds}, "larger": {{{rows}}}}}')
-    return "{\n" + ",\n".join(parts) + "\n}\n"
+    same = shown == usual
+    return None if same else [shown.name, list(shown.joints), dict(shown.parameters)]
 
 
 def main() -> None:
-    """Write the table."""
-    table: dict[str, dict[int, list]] = {name: {} for name in ("", *sorted(kinds()))}
+    """Write the table, a line for each draw."""
+    table: dict[str, dict] = {
+        name: {"seeds": OF_A_NAME if name else SEEDS, "larger": {}}
+        for name in ("", *sorted(kinds()))
+    }
     for seed in range(SEEDS):
         stages = stages_of(seed)
-        for name, own in table.items():
-            if seed < (OF_A_NAME if name else SEEDS):
-                one = larger(name, seed, stages)
-                own |= {} if one is None else {seed: one}
+        for name, entry in table.items():
+            if seed < entry["seeds"] and (one := larger(name, seed, stages)):
+                entry["larger"][seed] = one
         print(f"seed {seed}", flush=True)
-    Path(*sys.argv[1:] or [TABLE]).write_text(text(table), encoding="utf-8")
+    text = json.dumps(table).replace('], "', '],\n  "').replace('}, "', '},\n "')
+    Path(*sys.argv[1:] or [TABLE]).write_text(text + "\n", encoding="utf-8")
 
 
 if __name__ == "__main__":

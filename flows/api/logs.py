@@ -123,15 +123,15 @@ def recording(
     """
     check_robot(robot)
     arrays = {"t": t, "q": q, "tau": tau, "qd": qd}
-    given = {name: np.asarray(x) for name, x in arrays.items() if x is not None}
-    for name, x in given.items():
-        shape = (given["t"].size, *([] if name == "t" else [robot.dof]))
+    columns = {name: np.asarray(x) for name, x in arrays.items() if x is not None}
+    for name, x in columns.items():
+        shape = (columns["t"].size, *([] if name == "t" else [robot.dof]))
         if x.shape != shape:
             raise InputError(f"{id}: {name} has shape {x.shape}, expected {shape}.")
-    one, about = read_table(given, robot, ColumnMap(), id)
+    log, about = read_table(columns, robot, ColumnMap(), id)
     for line in about.warnings:
         warnings.warn(line, stacklevel=2)
-    return one
+    return log
 
 
 def compare(
@@ -178,10 +178,10 @@ def export(
             not empty, or a package is not installed.
     """
     check_new_folder("folder", Path(folder))
-    made = export_model(model, to, log)
+    exported = export_model(model, to, log)
     Path(folder).mkdir(exist_ok=True)
-    write_all(in_place(made, folder))
-    return made
+    write_all(in_place(exported, folder))
+    return exported
 
 
 def check(

@@ -21,7 +21,7 @@ from sim.engine.records import Reference
 from sim.trajectories import make_reference
 from warehouse.logs import check_distinct
 
-_PLAIN: Mapping = MappingProxyType({})
+_DEFAULT: Mapping = MappingProxyType({})
 RATE = 250.0  # samples per second of a program [Hz]
 
 
@@ -30,13 +30,13 @@ class Experiment:
     """The motion that separates the rivals of a diagnosis.
 
     Attributes:
-        found: The diagnosis.
+        diagnosis: The diagnosis.
         plan: `next_experiment` of a verdict (rivals, `sure_after` [s]); None where
             nothing is open, or no motion separates the rivals.
         reference: The motion: t [s], q, qd, qdd [rad, s]; None where the plan is.
     """
 
-    found: Diagnosis
+    diagnosis: Diagnosis
     plan: Mapping | None
     reference: Reference | None
 
@@ -47,7 +47,7 @@ class Experiment:
         write_all({Path(path): as_csv(self.reference)})
 
 
-def simulate(spec: Mapping = _PLAIN) -> Recording:
+def simulate(spec: Mapping = _DEFAULT) -> Recording:
     """Run one experiment on the simulated arm and return its log; nothing is stored.
 
     Args:
@@ -107,12 +107,12 @@ def next_experiment(
     """
     check_length(seconds)
     logs = log_sets(robot, fit, baseline, held_out)
-    made = diagnose_logs(logs, progress=progress)
-    found = with_methods(Diagnosis, made)
-    if made.question is None:
-        made = diagnose_logs(logs, progress=progress, alone=True)
-    best = rank_motions(made.question, robot, seconds, seed, progress)
+    outcome = diagnose_logs(logs, progress=progress)
+    diagnosis = with_methods(Diagnosis, outcome)
+    if outcome.question is None:
+        outcome = diagnose_logs(logs, progress=progress, alone=True)
+    best = rank_motions(outcome.question, robot, seconds, seed, progress)
     if best is None or best.best.seen.hopeless:
-        return Experiment(found, None, None)
+        return Experiment(diagnosis, None, None)
     reference = make_reference(robot, best.best.spec, RATE)
-    return Experiment(found, best.document(None), reference)
+    return Experiment(diagnosis, best.document(None), reference)

@@ -103,12 +103,12 @@ class Diagnosis(result.Diagnosis):
                 "probability": effect.probability,
                 "parameter": name if len(values) == 1 else f"{name} {k + 1}",
                 "value": float(values[k]),
-                "std": float(np.atleast_1d(one.std)[k]),
-                "unit": one.unit,
+                "std": float(np.atleast_1d(parameter.std)[k]),
+                "unit": parameter.unit,
             }
             for effect in self.effects
-            for name, one in effect.parameters.items()
-            for values in [np.atleast_1d(one.value)]
+            for name, parameter in effect.parameters.items()
+            for values in [np.atleast_1d(parameter.value)]
             for k in range(len(values))
         ]
         return Table(pa.Table.from_pylist(rows, schema=_FINDINGS))
@@ -174,7 +174,7 @@ class Identification(ValidatedIdentification):
         return models
 
     def to_json(self) -> dict:
-        """The result as JSON values (docs/identification.md)."""
+        """The result as JSON values (docs/method.md)."""
         return identified.document(self)
 
     def __repr__(self) -> str:
@@ -208,8 +208,8 @@ def identify(
         consistent: Also find physically consistent inertias.
     """
     sets = log_sets(robot, fit, held_out=held_out)
-    made = identify_logs(sets, declared, options, consistent, trust_log)
-    return with_methods(Identification, made)
+    outcome = identify_logs(sets, declared, options, consistent, trust_log)
+    return with_methods(Identification, outcome)
 
 
 @dataclass(frozen=True, eq=False, slots=True, repr=False)
@@ -264,5 +264,5 @@ def calibrate(
     names = None if declared is None else tuple(declared)
     settings = core.Settings(declared=names, views=figures)
     runs = [Run(log) for log in sets.fit]
-    made, warnings = calibrate_logs(sets, runs, settings, trust_log=trust_log)
-    return with_methods(Calibration, made, warnings=warnings)
+    outcome, warnings = calibrate_logs(sets, runs, settings, trust_log=trust_log)
+    return with_methods(Calibration, outcome, warnings=warnings)

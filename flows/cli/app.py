@@ -1,7 +1,6 @@
-"""All commands by name and group, each loaded only when it runs; what they share.
+"""The commands by name and group, their output files, and the text of errors.
 
-Only here, and for optional extras, is anything loaded late: `modelgap --help` loads no
-numerics, and a command loads what it needs and no more.
+A command is loaded when it runs, so that `modelgap --help` loads no numerics.
 """
 
 import errno
@@ -31,25 +30,24 @@ from residual.errors import (
 
 _HELP = """Find what a robot's dynamic model is missing.
 
-The missing effect (friction, payload, spring, a sensor that is off) is named,
-added to the model, and proved on motion that was not fitted: for dynamic
-identification, payload identification, friction compensation, feed-forward.
-Start with one of these:
+Names the missing effect (friction, payload, spring, wrong sensor), adds it to
+the model and tests that on held-out motion: for dynamic identification, payload
+identification, friction compensation and feed-forward. Start with one of these:
 
  modelgap demo
  modelgap diagnose A.csv B.csv --robot arm.urdf --holdout C.csv
 
-The first makes an arm with an effect that its model does not have; the second
-takes your own logs. 'modelgap COMMAND --help' explains a command; 'modelgap
-store', 'modelgap model' and so on list more of them.
+The first simulates an arm with a hidden effect, the second reads your own logs.
+'modelgap COMMAND --help' explains a command; 'modelgap store', 'modelgap model'
+and so on list more commands.
 
 Exit codes: 0 done, whatever the verdict; 1 the run failed; 2 bad usage or
 input; 130 interrupted.
 """
 
-# By group: its `commands` by name, each (MODULE:FUNCTION of `flows.cli`, usage, about).
+# By heading: `commands` by name, each (MODULE:FUNCTION of flows.cli, usage, about).
 GROUPS = tomllib.loads(Path(__file__).with_name("commands.toml").read_text("utf-8"))
-_SHORTER = {"models": "list"}  # below its word
+_SHORTER = {"models": "list"}  # modelgap model list
 
 
 def _version() -> str:
@@ -71,7 +69,7 @@ for flag in ("--help", "--version", "--install-completion"):
 
 
 def _register() -> None:
-    below = Group.create_ordered("More, a word each")
+    below = Group.create_ordered("More command groups")
     for heading, part in GROUPS.items():
         word, group = part.get("word"), Group.create_ordered(heading, sort_key=0)
         if word:
@@ -107,19 +105,16 @@ def run(words: Sequence[str]) -> None:
     app(words, exit_on_error=False, print_error=False, result_action="return_value")
 
 
-# What the commands have in common: limits of numbers, and files that they write.
-
-
 STDOUT = "-"
-_PICTURES = {"--plot": ".png", "--gif": ".gif"}  # what they write, whatever the name
-# As in the files of experiments (flows/specs/experiment.py).
+_PICTURES = {"--plot": ".png", "--gif": ".gif"}
+# Limits of experiments, as in flows/specs/experiment.py [s, -, Hz, -].
 LONGEST, MOST_PERIODS, FASTEST, SEEDS = 600.0, 100, 20_000.0, 2**63 - 1
 
 Make = Callable[[], str | bytes]
 
 
 def check_between(option: str, value: float, low: float, high: float) -> None:
-    """Refuse a number that no run ends with."""
+    """Raise InputError for a number outside its range, or NaN."""
     if not low <= value <= high:
         raise InputError(f"{option} {value:g}: expected {low:g} to {high:g}.")
 

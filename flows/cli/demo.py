@@ -1,4 +1,4 @@
-"""modelgap demo: an arm that hides something, the truth shown last."""
+"""modelgap demo."""
 
 from dataclasses import replace
 from typing import Annotated
@@ -20,16 +20,15 @@ from warehouse.remote import shown
 
 # As it was once called; a demonstration is always plain now.
 Plain = Annotated[Flag, Parameter(show=False)]
-_USUAL = steps.Demo()
+_DEFAULT = steps.Demo()
 
 
-def demo(*, request: steps.Demo = _USUAL, plain: Plain = False) -> None:
-    """Find the effect that a simulated arm hides from its model.
+def demo(*, request: steps.Demo = _DEFAULT, plain: Plain = False) -> None:
+    """Find the hidden effect of a simulated arm.
 
-    Runs six experiments of three families on the arm in a physics engine, and two that
-    no fit will see; stores them, finds from the stored logs what the model lacks, adds
-    it, shows the error before and after, and writes a report. Then the seal is opened
-    and the truth shown beside the verdict. Runs are kept: a second time is quicker.
+    Runs six experiments of three motion families in a physics engine, and two held-out
+    ones; diagnoses the stored logs, writes a report, then opens the sealed truth and
+    prints it next to the verdict. Stored runs are not repeated.
 
     ```
     modelgap demo

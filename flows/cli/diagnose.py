@@ -1,4 +1,4 @@
-"""modelgap diagnose: what the model lacks, from measured logs."""
+"""modelgap diagnose."""
 
 from dataclasses import replace
 
@@ -16,42 +16,38 @@ def diagnose(
     json: File = None,
     save_model: File = None,
 ) -> None:
-    """Name what the model of a robot lacks, from its logs.
+    """Find and name the effects missing from a robot model.
 
-    The logs to diagnose come first. The model is fitted to them, effects that they
-    show and the model lacks are added, and the error before and after is taken on
-    the logs of --holdout.
+    Fits the model to the logs, adds the effects that the logs show and the model
+    lacks, and compares the errors on the held-out logs of --holdout.
 
     ```
     modelgap diagnose A.csv B.csv --robot arm.urdf --holdout C.csv --report out.html
     ```
 
-    One log only: fit its first part, prove on the rest.
+    With one log only, fit its first part and hold out the rest:
 
     ```
     modelgap diagnose run.csv@:60% --robot arm.urdf --holdout run.csv@60%:
     ```
 
-    A diagnosis of runs of the store is kept there, and its model may be adopted
-    (modelgap adopt).
-
-    What has changed since the robot was healthy?
+    With logs of the healthy robot, only changes are named:
 
     ```
     modelgap diagnose today.csv --robot arm.urdf --baseline healthy.csv
     ```
 
-    Logs with columns t (s), q1... (rad), tau1... (N m) are read as they are; anything
-    else needs a --map. Nothing is converted by guess.
+    Columns t (s), q1... (rad) and tau1... (N m) need no --map; no unit is guessed. The
+    diagnosis of stored runs is stored too, and its model can be adopted (modelgap
+    adopt).
 
     Args:
-        logs: Logs to diagnose: CSV, Parquet, ROS bag or MCAP, or the id of a run of
-            the store. FILE@0:16.5 takes a window in seconds from the first sample,
-            FILE@60%: the last 40 percent.
-        report: HTML page to write.
-        json: File for the verdict as JSON; "-" prints it and nothing else.
-        save_model: File for the model with what was found, which predict and
-            export take.
+        logs: Logs to fit: CSV, Parquet, ROS bag or MCAP file, or id of a stored run.
+            FILE@0:16.5 is a window in seconds from the first sample, FILE@60%: the last
+            40 percent.
+        report: HTML file for the report.
+        json: File for the verdict as JSON; "-" prints it alone.
+        save_model: File for the augmented model, for predict and export.
     """
     from flows.inputs.read import chosen, load_for
     from flows.report.diagnosis import print_diagnosis, render
@@ -73,21 +69,21 @@ def diagnose(
     out.say(*read.lines[:1], *choice.lines, *read.lines[1:])
     stored = steps.as_stored(read)
     with progress_bar() as progress:
-        found = steps.diagnose(request, stored or read, progress)
+        result = steps.diagnose(request, stored or read, progress)
     # Those of the logs were printed before the work.
-    out.say(*found.notes[len(read.lines) :])
+    out.say(*result.notes[len(read.lines) :])
 
     def page() -> str:
         origin = of_request(request, str(report))
-        return render(found, found.verdict.robot, origin=origin)
+        return render(result, result.verdict.robot, origin=origin)
 
     out.write(
         {
             "--report": page,
-            "--save-model": lambda: to_text(found.models["augmented"]),
+            "--save-model": lambda: to_text(result.models["augmented"]),
         },
-        lambda: to_json(found.verdict),
+        lambda: to_json(result.verdict),
     )
-    print_diagnosis(found, out.console)
-    kept = steps.keep(request, stored, found)[0] if stored else None
+    print_diagnosis(result, out.console)
+    kept = steps.keep(request, stored, result)[0] if stored else None
     out.finish(*([f"stored as a diagnosis: modelgap show {kept}"] if kept else []))

@@ -1,4 +1,4 @@
-"""modelgap experiment, campaign, validate and trajectory: the simulated arm."""
+"""modelgap experiment, campaign, validate and trajectory."""
 
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -51,11 +51,11 @@ from warehouse.remote import shown
 DryRun = Annotated[
     Flag,
     Parameter(
-        help="Only say what would run, what is there, and what will fail: motions are "
-        "planned, and those that break a limit of the arm are told. Nothing is run."
+        help="Run nothing; plan the motions and list what would run, what is stored, "
+        "and what breaks a limit of the arm."
     ),
 ]
-_PLAIN, _MANY = Validate(), Campaign()
+_DEFAULT, _DEFAULT_CAMPAIGN = Validate(), Campaign()
 
 
 def experiment(spec: str, /, *, store: Store = None, dry_run: DryRun = False) -> None:
@@ -66,11 +66,11 @@ def experiment(spec: str, /, *, store: Store = None, dry_run: DryRun = False) ->
     modelgap experiment SPEC.toml --dry-run
     ```
 
-    The same spec is the same run: what is in the store is not run again. A spec that
-    breaks a limit of the arm, or a simulation that diverges, stores nothing.
+    The same spec is the same run, and a stored run is not repeated. A spec that breaks
+    a limit of the arm, or a simulation that diverges, stores nothing.
 
     Args:
-        spec: SPEC.toml: robot, trajectory, plant with its hidden effects, rates.
+        spec: SPEC.toml with robot, trajectory, plant with hidden effects, and rates.
     """
     place, console = store_folder(store), Console()
     (planned,) = steps.plan([(spec, load_spec(spec))], place)
@@ -84,20 +84,20 @@ def campaign(
     spec: str,
     /,
     *,
-    request: Campaign = _MANY,
+    request: Campaign = _DEFAULT_CAMPAIGN,
     dry_run: DryRun = False,
     json: Json = None,
 ) -> None:
-    """Run many experiments on the simulated arm, over all cores.
+    """Run many experiments on the simulated arm, on all cores.
 
     ```
     modelgap campaign CAMPAIGN.toml --dry-run
     modelgap campaign CAMPAIGN.toml
     ```
 
-    A campaign is a SPEC.toml with [grid], lists of which every combination is run, or
-    [random], of which a number is drawn. Interrupted, the same command completes it;
-    an experiment that fails is reported, and the others go on.
+    A campaign is a SPEC.toml with [grid], every combination of some lists, or [random],
+    a number of random draws. The same command completes an interrupted campaign. An
+    experiment that fails is reported and stops no other.
 
     Args:
         spec: The campaign file.
@@ -108,8 +108,8 @@ def campaign(
     refused = _list(planned, console, True) if dry_run else {}
     failing = len(refused)
     missing = sum(not p.stored for p in planned)
-    known = f"{missing} to run, {len(planned) - missing} in {shown(place)}"
-    say(console, f"{known}; {failing} will fail" if failing else known)
+    count_text = f"{missing} to run, {len(planned) - missing} in {shown(place)}"
+    say(console, f"{count_text}; {failing} will fail" if failing else count_text)
     if dry_run:
         summary = campaigns.Summary(tuple(planned), refused)
         out.write(document=lambda: campaigns.document(summary, done=False))
@@ -146,11 +146,11 @@ def _list(
 
 def validate(
     *runs: Annotated[str, Parameter(name="RUN")],
-    request: Validate = _PLAIN,
+    request: Validate = _DEFAULT,
     where: Where = None,
     report: File = None,
 ) -> None:
-    """Try a model on runs of the store, without fitting anything.
+    """Validate a model on stored runs, without a fit.
 
     ```
     modelgap validate 3f2a
@@ -158,12 +158,11 @@ def validate(
     modelgap validate 3f2a 77c0 --model 8904
     ```
 
-    Open loop: under the logged torque alone, window by window, how far does the nominal
-    model stray from what was measured? Feed-forward, on simulated runs: driven by the
-    model's torque, how well does the arm track its reference, and how well when driven
-    by its own? Root mean square per joint; the store keeps it. And both ways, of every
-    model that is known (nominal, identified, augmented, adopted): torque from motion,
-    acceleration from torque, and a mass matrix that is positive everywhere.
+    Open loop: deviation of the nominal model from the measured motion under the logged
+    torque, per window. Feed-forward, on simulated runs: tracking error with the torque
+    of the model and with that of the arm itself. Of every model: torque from motion,
+    acceleration from torque, and a positive mass matrix. Errors are root mean squares
+    per joint, and are stored.
 
     With a model that was adopted, or with --model, the simulated arm of a run is also
     driven along the reference of the run, once by the torque of each model: by how
@@ -192,12 +191,12 @@ def validate(
 
 @dataclass(frozen=True, slots=True)
 class Trajectory(OfRobot):
-    """Which motion is planned.
+    """Plan a motion.
 
     Attributes:
         duration: Length in seconds, up to 600.
-        periods: How often the motion is repeated within it.
-        seed: Seed of what is drawn: starts of the search, work piece, places.
+        periods: Number of repetitions within the duration.
+        seed: Seed of the motion.
         rate: Samples per second of the CSV.
     """
 
@@ -208,23 +207,23 @@ class Trajectory(OfRobot):
     rate: Hertz = 250.0
 
 
-_MOTION = Trajectory()
+_DEFAULT_MOTION = Trajectory()
 
 
 def trajectory(
     kind: str,
     /,
     *,
-    request: Trajectory = _MOTION,
+    request: Trajectory = _DEFAULT_MOTION,
     csv: File = None,
     plot: File = None,
     gif: File = None,
 ) -> None:
     """Plan a motion within the limits of a robot.
 
-    Prints how much of each limit it uses and how well it excites the parameters of
-    the model. Range, speed, acceleration, torque of the nominal model, the floor and
-    the arm itself are respected between the samples too.
+    Prints the use of each limit and the excitation of the model parameters. The motion
+    respects range, speed, acceleration, torque of the nominal model, the floor and
+    self-collision, also between the samples.
 
     ```
     modelgap trajectory fourier --gif arm.gif
@@ -234,10 +233,10 @@ def trajectory(
     Args:
         kind: fourier (optimised excitation), cyclic (spray painting), welding (seams
             with air moves) or move_stop_move (pick and place with dwells).
-        csv: File for a controller: t (s), q1... (rad), qd1... (rad/s), qdd1...
+        csv: CSV file for a controller: t (s), q1... (rad), qd1... (rad/s), qdd1...
             (rad/s^2).
-        plot: PNG of the curves to write.
-        gif: GIF of the moving arm to write.
+        plot: PNG file for the curves.
+        gif: GIF file of the moving arm.
     """
     files, rate = {"--csv": csv, "--plot": plot, "--gif": gif}, request.rate
     out = Outputs(files, read_files([request.robot]))

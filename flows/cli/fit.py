@@ -1,4 +1,4 @@
-"""modelgap identify and calibrate: what is fitted to logs."""
+"""modelgap identify and calibrate."""
 
 from dataclasses import replace
 from pathlib import Path
@@ -36,11 +36,11 @@ def identify(
     export: Folder = None,
     json: Json = None,
 ) -> None:
-    """Identify the parameters of a robot's model.
+    """Identify the parameters of a robot model.
 
-    Base inertial parameters and declared effects are fitted together, with standard
-    deviations; what the motion cannot tell is said. Errors are taken on the logs of
-    --holdout.
+    Fits base inertial parameters and declared effects together, with standard
+    deviations, and lists the parameters that the motion does not determine. Errors are
+    those on the held-out logs.
 
     ```
     modelgap identify A.csv B.csv --robot arm.urdf --holdout C.csv
@@ -49,9 +49,9 @@ def identify(
     ```
 
     Args:
-        logs: Logs to fit: CSV or Parquet, a window as in FILE@0:16.5 or FILE@60%:,
-            or the id of a run of the store.
-        export: New folder for the identified URDF and robot.toml; give it as --robot.
+        logs: Logs to fit: files, windows (FILE@0:16.5, FILE@60%:) or ids of stored
+            runs.
+        export: New folder for the identified URDF and robot.toml, for --robot.
     """
     request = chosen(request, logs, where, held_out_where)
     robot = load_for(request)
@@ -63,13 +63,13 @@ def identify(
         check_new_folder("--export", Path(export))
     read = identification.read_logs(request, robot)
     out.say(*read.lines[:1], *choice.lines, *read.lines[1:])
-    made, kept = identification.identify(request, read)
+    outcome, kept = identification.identify(request, read)
     files = {}
     if export is not None:
-        about = f"identified from {' '.join(made.fit)}"
-        files = in_folder(export, robot_files(made.best, about))
-    show(wide(out.console), *identified(made))
-    out.write(document=lambda: identification_document(made), more=files)
+        about = f"identified from {' '.join(outcome.fit)}"
+        files = in_folder(export, robot_files(outcome.best, about))
+    show(wide(out.console), *identified(outcome))
+    out.write(document=lambda: identification_document(outcome), more=files)
     out.finish(*([f"stored as a model: modelgap show {kept}"] if kept else []))
 
 
@@ -81,12 +81,11 @@ def calibrate(
     json: Json = None,
     export: Folder = None,
 ) -> None:
-    """Fit look-up tables to the residual of a model, and validate them in every way.
+    """Fit look-up tables to the residual of a model, and validate them.
 
-    Least squares, PLSR, the paper's nominal-level PLSR and a form that generalises are
-    compared on runs left out, on families of motion left out, and on the paper's
-    systematic and random rows. Where they disagree, the page says what random rows
-    hide.
+    Compares least squares, PLSR, the nominal-level PLSR of the paper and a table of
+    main effects on runs left out, on motion families left out, and on the systematic
+    and random rows of the paper.
 
     ```
     modelgap calibrate A.csv B.csv C.csv --robot arm.urdf --report out.html
@@ -95,12 +94,11 @@ def calibrate(
     ```
 
     Args:
-        logs: Logs: CSV or Parquet, a window as in FILE@0:16.5 or FILE@60%:, or the id
-            of a run of the store. A single log is cut into parts.
-        report: HTML page to write.
-        json: File for all figures as JSON; "-" prints it and nothing else.
-        export: New folder for the tables, the model that they correct, and programs
-            that evaluate both.
+        logs: Logs to fit: files, windows (FILE@0:16.5, FILE@60%:) or ids of stored
+            runs. A single log is cut into parts.
+        report: HTML file for the report.
+        json: File for all figures as JSON; "-" prints it alone.
+        export: New folder for the tables, their model, and evaluators in NumPy and C.
     """
     from flows.report.calibration import render, told
 
@@ -117,21 +115,16 @@ def calibrate(
     out.say(*read.lines)
     with progress_bar() as progress:
         done = calibration.calibrate(request, read, runs, progress)
-    made = done.calibration
+    result = done.calibration
     out.write(
-        {"--report": lambda: render(made, done.warnings)},
-        lambda: calibration_document(made, sentences(made), done.warnings, done.stored),
-        in_folder(export, calibration_files(made)) if export is not None else {},
+        {"--report": lambda: render(result, done.warnings)},
+        lambda: calibration_document(
+            result, sentences(result), done.warnings, done.stored
+        ),
+        in_folder(export, calibration_files(result)) if export is not None else {},
     )
     show(wide(out.console), *told(done))
-    out.finish(*_kept(done))
-
-
-def _kept(done: calibration.StoredCalibration) -> list[str]:
-    if not done.stored:
-        return []
-    model, validation = done.stored["model"], done.stored["validation"]
-    return [
-        f"stored: model {model}, validation {validation}: modelgap show "
-        f"{validation[:8]}"
-    ]
+    if done.stored:
+        model, validation = done.stored["model"], done.stored["validation"]
+        out.say(f"stored: model {model}, validation {validation}")
+    out.finish()

@@ -1,4 +1,4 @@
-"""modelgap diff, lineage and rerun: where a record comes from."""
+"""modelgap diff, lineage and rerun."""
 
 import json
 from dataclasses import asdict
@@ -35,19 +35,19 @@ def diff(
     modelgap diff 3f2a 77c0 --format json
     ```
 
-    Spec, code, environment, and the values: of runs channel by channel, from which time
-    on and how far they differ; of others value by value.
+    Compares spec, code, environment and values; of runs each channel, with the time
+    and the size of the difference.
 
     Args:
-        one: Id of a record; the beginning is enough.
-        two: Id of another record of the same kind.
-        format: How to print it.
+        one: Id of a record, or its beginning.
+        two: Id of a second record of the same kind.
+        format: Format of the output.
     """
-    found = steps.diff(one, two, store_folder(store))
+    difference = steps.diff(one, two, store_folder(store))
     if format == "json":
-        print(json.dumps(as_record(found), indent=2, ensure_ascii=False))
+        print(json.dumps(as_record(difference), indent=2, ensure_ascii=False))
     else:
-        show(wide(Console(), 1000), *comparison(found))
+        show(wide(Console(), 1000), *comparison(difference))
 
 
 def lineage(
@@ -59,7 +59,7 @@ def lineage(
     format: Shown = "table",
     store: Store = None,
 ) -> None:
-    """Show what a record was made from, and what was made from it, all the way.
+    """Show the sources of a record, and the records made from it.
 
     ```
     modelgap lineage 3f2a
@@ -67,17 +67,17 @@ def lineage(
     ```
 
     Args:
-        id: Its id; the beginning is enough.
-        up: Only what it was made from.
-        down: Only what was made from it.
-        format: How to print it.
+        id: Id of the record, or its beginning.
+        up: Only the sources.
+        down: Only the records made from it.
+        format: Format of the output.
     """
     directions = {"made from": up or not down, "gave": down or not up}
     with open_store(store_folder(store)) as opened:
         trees = {
             words: tree(opened, id, words == "gave")
-            for words, asked in directions.items()
-            if asked
+            for words, shown in directions.items()
+            if shown
         }
     if format == "json":
         document = {words: asdict(root) for words, root in trees.items()}
@@ -95,36 +95,36 @@ def rerun(
     format: Literal["text", "json"] = "text",
     store: Store = None,
 ) -> None:
-    """Make a run, model, diagnosis or validation again, and compare bit for bit.
+    """Repeat a run, model, diagnosis or validation, and compare bit for bit.
 
     ```
     modelgap rerun 3f2a --verify
     modelgap rerun 3f2a
     ```
 
-    A simulated run is made from its spec and its sealed half, other records from what
-    was asked for and the records they were made from. Where values differ, it is said
-    which, from when on, how far, and from which cause: code, environment, machine,
-    seed or spec, damage, or none of these (docs/reproducibility.md).
+    A simulated run is repeated from its spec and its sealed half, another record from
+    its request and its sources. For values that differ it prints which, from when, by
+    how much and the likely cause: code, environment, machine, seed or spec, or damage
+    (docs/reproducibility.md).
 
-    With the same code nothing new is stored. With other code the new record is, the
-    first one as its parent. That values differ is kept on record:
-    modelgap sql --named reruns_not_reproduced.
+    With the same code nothing is stored; with other code the new record is stored, with
+    the first one as its parent. Differences are stored: modelgap sql --named
+    reruns_not_reproduced.
 
-    Exit code: with --verify 1 where a value differs; without it, 1 where one differs
-    although the code is the same.
+    Exit code 1: with --verify, a value differs; without it, a value differs although
+    the code is the same.
 
     Args:
-        id: Its id; the beginning is enough.
-        verify: Only compare, store nothing. A measured run, which cannot be made again,
-            is checked against the hash of its values.
-        format: How to print the outcome.
+        id: Id of the record, or its beginning.
+        verify: Only compare, store nothing. A measured run is checked against the hash
+            of its values.
+        format: Format of the output.
     """
     place = store_folder(store)
-    made = reruns.rerun(id, place, verify)
+    outcome = reruns.rerun(id, place, verify)
     if format == "json":
-        print(json.dumps(rerun_record(made), indent=2, ensure_ascii=False))
+        print(json.dumps(rerun_record(outcome), indent=2, ensure_ascii=False))
     else:
-        print("\n".join(rerun_lines(made)))
-    if not made.reproduced and (verify or made.same_code):
-        raise RunError(f"{made.kind} {made.id} was not reproduced.")
+        print("\n".join(rerun_lines(outcome)))
+    if not outcome.reproduced and (verify or outcome.same_code):
+        raise RunError(f"{outcome.kind} {outcome.id} was not reproduced.")

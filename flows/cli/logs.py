@@ -1,4 +1,4 @@
-"""modelgap check, map and import: logs before any modelling."""
+"""modelgap check, map and import."""
 
 from dataclasses import replace
 from pathlib import Path
@@ -19,11 +19,11 @@ from warehouse.remote import shown
 
 
 def check(*logs: Log, request: Check, json: Json = None) -> None:
-    """Check logs before any modelling: units, signs, order of joints, clock, sensors.
+    """Check the units, signs, joint order, timing and sensors of logs.
 
-    Every fault is told with its evidence, how certain it is, and the line for the map
-    or the robot file that mends it. What is certain makes diagnose, identify, calibrate
-    and import stop; here it does not: the exit code is 0 whatever is found.
+    Prints each fault with its evidence, whether it is certain, and the line of the map
+    or the robot file that fixes it. A certain fault stops diagnose, identify, calibrate
+    and import; here the exit code is 0 in any case.
 
     ```
     modelgap check A.csv B.csv --robot arm.urdf
@@ -31,8 +31,8 @@ def check(*logs: Log, request: Check, json: Json = None) -> None:
     ```
 
     Args:
-        logs: Logs: CSV, Parquet, ROS bag or MCAP, a window as in FILE@0:16.5 or
-            FILE@60%:, or the id of a run of the store.
+        logs: Logs: CSV, Parquet, ROS bag or MCAP files, windows (FILE@0:16.5,
+            FILE@60%:) or ids of stored runs.
     """
     request = replace(request, logs=logs)
     out = Outputs({"--json": json}, read_files((*logs, request.robot), request.columns))
@@ -45,23 +45,23 @@ def check(*logs: Log, request: Check, json: Json = None) -> None:
 
 
 def map_(log: Log, *, request: Map, out: File = None) -> None:
-    """Draft the map of a log: which column is what, in which unit.
+    """Draft the column map of a log.
 
-    From the names, the units that the file states, the joints of the URDF and the
-    numbers. Nothing is applied: read the draft, then give it with --map, or put its
-    lines under [columns] in robot.toml. What is not certain is a comment with "?".
+    Uses the column names, the stated units, the joint names of the URDF and the
+    numbers. Check the draft, then give it as --map, or copy its lines to [columns] of
+    robot.toml. Comments with "?" mark guesses.
 
     ```
     modelgap map log.csv --robot arm.urdf --out COLUMNS.toml
     modelgap diagnose log.csv --robot arm.urdf --map COLUMNS.toml
     ```
 
-    Known by their names: Universal Robots (RTDE), Franka (libfranka), KUKA (FRI), ROS
-    joint states; the rest by the words in them.
+    Knows the names of Universal Robots (RTDE), Franka (libfranka), KUKA (FRI) and ROS
+    joint states.
 
     Args:
-        log: Log: CSV, Parquet, ROS bag or MCAP.
-        out: File for the map; without it the map is printed.
+        log: CSV, Parquet, ROS bag or MCAP file.
+        out: File for the map; default: print it.
     """
     files = read_files((log, request.robot))
     outputs = Outputs({"--out": out}, files)
@@ -70,10 +70,8 @@ def map_(log: Log, *, request: Map, out: File = None) -> None:
         print(text, end="")
         return
     if Path(out).exists() and Path(out).read_bytes() != text.encode():
-        # A draft is there to be edited: what somebody set right is not lost.
         raise InputError(
-            f"--out {out}: there is a file of other lines, and they may be yours. "
-            "Name another one, or delete it."
+            f"--out {out} exists with other content. Name another file, or delete it."
         )
     unsure = [line[4:] for line in text.splitlines() if line.startswith("# ?")]
     outputs.say(*(f"not certain: {line}" for line in unsure))
@@ -82,9 +80,9 @@ def map_(log: Log, *, request: Map, out: File = None) -> None:
 
 
 def import_(*logs: Log, request: Import, dry_run: Flag = False) -> None:
-    """Put measured logs into the store, as runs like any other.
+    """Import measured logs as runs of the store.
 
-    Then their ids stand for them: in identify, calibrate, diagnose, monitor and SQL.
+    Other commands and SQL then take the ids of the runs.
 
     ```
     modelgap import monday.csv --robot arm.urdf --dry-run
@@ -92,14 +90,13 @@ def import_(*logs: Log, request: Import, dry_run: Flag = False) -> None:
     modelgap import weld.bag@2:40 --robot arm_folder --trajectory welding
     ```
 
-    CSV with any separator, also with lines above the names as RobotStudio's viewers
-    write them, Parquet, ROS 1 and ROS 2 bags, MCAP. Of bags the joint states are read,
-    joints by their names in the URDF. --dry-run shows what was understood and stores
-    nothing. A log that is in the store already is not stored again.
+    Reads CSV with any separator, also with the header lines of RobotStudio, Parquet,
+    ROS 1 and ROS 2 bags, and MCAP. Of bags it reads the joint states, by the joint
+    names of the URDF. A log that is already stored is not stored again.
 
     Args:
-        logs: Logs; FILE@0:16.5 takes a window in seconds from the first sample.
-        dry_run: Only show what was understood, and the id it would have.
+        logs: Log files; FILE@0:16.5 is a window in seconds from the first sample.
+        dry_run: Show the columns and the id, store nothing.
     """
     place, console = store_folder(request.store), Console()
     request = replace(request, logs=logs, store=place)

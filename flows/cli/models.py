@@ -1,4 +1,4 @@
-"""modelgap models, adopt, rollback, export and predict: models and their use."""
+"""modelgap models, adopt, rollback, export and predict."""
 
 from dataclasses import replace
 from pathlib import Path
@@ -24,66 +24,66 @@ from flows.steps import predict as predicting
 from residual.model.compare import WHOLE
 from warehouse.remote import shown
 
-_PLAIN = steps.Adopt()
+_DEFAULT = steps.Adopt()
 
 
 def models(*, robot: RobotName = None, store: Store = None) -> None:
-    """List which model each robot has, since when and why.
+    """List the adopted models of each robot.
 
     ```
     modelgap models
     modelgap models --robot irb140
     ```
 
-    The last line of a robot is the model that commands on this store go by; the lines
-    above are what it had before. `modelgap sql 'SELECT * FROM adopted'` has it too.
+    The last line of a robot is its current model, which commands on this store use.
+    In SQL: `modelgap sql 'SELECT * FROM adopted'`.
 
     Args:
-        robot: List one robot alone: its name, or what --robot takes elsewhere.
+        robot: List one robot only: its name, file or folder.
     """
     console, listed = wide(Console()), steps.list_adoptions(store, robot)
     if not listed:
-        whose = f"{robot} has" if robot else "Every robot has"
-        say(console, f"{whose} its nominal model in {shown(store_folder(store))}.")
+        subject = f"{robot} has" if robot else "Every robot has"
+        say(console, f"{subject} its nominal model in {shown(store_folder(store))}.")
         return
     show(console, adoptions(listed), ADOPTED_KEY)
 
 
-def adopt(id: str, /, *, request: steps.Adopt = _PLAIN) -> None:
-    """Let the augmented model of a diagnosis be the model of its robot from now on.
+def adopt(id: str, /, *, request: steps.Adopt = _DEFAULT) -> None:
+    """Make the augmented model of a diagnosis the current model of its robot.
 
     ```
     modelgap adopt 77e0 --note "gripper changed on Monday"
     ```
 
-    The whole of it: inertias, friction, effects that were named, tables. Commands on
-    this store then go by it and say so. Held-out motion must bear it out: a lower
-    error, on no joint a higher one, and each new effect of the size that the model
-    gives it. A refusal says what is missing.
+    Commands on this store then use the whole model: inertias, friction, named effects
+    and tables. The held-out error must be lower, on no joint higher, and every new
+    effect must have the size that the model gives it; otherwise the command refuses
+    and prints the reason.
 
     Args:
-        id: Id of a diagnosis, or of the model that it ended with.
+        id: Id of a diagnosis, or of its model.
     """
-    number, judged = steps.adopt(replace(request, model=id))
-    say(Console(), *adoption_lines(number, judged))
+    number, judgment = steps.adopt(replace(request, model=id))
+    say(Console(), *adoption_lines(number, judgment))
 
 
 def rollback(*, robot: RobotName = None, note: Text = "", store: Store = None) -> None:
-    """Give a robot the model back that it had before; nothing is deleted.
+    """Restore the previous model of a robot.
 
     ```
     modelgap rollback --robot irb140 --note "alarm on joint 2 all night"
     ```
 
     Args:
-        robot: The robot; not needed where only one has an adopted model.
-        note: A word about it, which is kept.
+        robot: The robot; not needed if only one has an adopted model.
+        note: Reason, which is stored.
     """
-    number, made = steps.roll_back(robot, note, store)
+    number, restored = steps.roll_back(robot, note, store)
     now = "its nominal model"
-    if made.diagnosis_id is not None:
-        now = f"the model of diagnosis {made.diagnosis_id[:8]}"
-    say(Console(), f"adoption {int(number)}: {made.robot} has {now} again")
+    if restored.diagnosis_id is not None:
+        now = f"the model of diagnosis {restored.diagnosis_id[:8]}"
+    say(Console(), f"adoption {int(number)}: {restored.robot} has {now} again")
 
 
 def export(
@@ -103,31 +103,30 @@ def export(
     modelgap export model.json --to rrd --out seen --log monday.csv
     ```
 
-    urdf: inertias, damping, dry friction. mjcf: for MuJoCo, with armature, springs and
-    polynomial damping too. mujoco: that, and a Python module beside it that adds every
-    other force that a motion feels, Stribeck's too, as passive force. c99: one header
-    with all named effects and tables. table: friction over speed and torque over
-    position, with few support points. fmu: FMI 2.0, for model exchange and
-    co-simulation. rrd: the moving arm with the torque of each effect, for the Rerun
-    viewer. json: the whole model, for `mg.load_model`. What a target has no place for
-    is listed, with the torque by which the export therefore differs.
+    urdf: inertias, damping, dry friction. mjcf: the same for MuJoCo, with armature,
+    springs and polynomial damping. mujoco: mjcf with a Python module that adds all
+    other effects as passive forces. c99: one header with all named effects and tables.
+    table: friction over speed and torque over position, with few support points. fmu:
+    FMI 2.0 for model exchange and co-simulation. rrd: the moving arm with the torque of
+    each effect, for the Rerun viewer. json: the whole model, for `mg.load_model`. The
+    effects that a target cannot represent are listed with their torque.
 
     Args:
-        model: Id of a diagnosis or model of the store, or a file that a model was
-            saved into.
+        model: Id of a stored diagnosis or model, or a saved model file.
         out: New folder for the files.
-        json: File for what is left out; "-" prints it and nothing else.
+        json: File for the list of what is not exported; "-" prints it alone.
     """
     check_outside("--out", out, store_folder(request.store))
     check_new_folder("--out", Path(out))
     inputs = read_files((model, request.log or ""), request.columns)
     outputs = Outputs({"--json": json}, inputs)
-    made = exporting.export(replace(request, model=model))
+    exported = exporting.export(replace(request, model=model))
     Path(out).mkdir(exist_ok=True)
     outputs.write(
-        document=lambda: exporting.document(made), more=exporting.in_place(made, out)
+        document=lambda: exporting.document(exported),
+        more=exporting.in_place(exported, out),
     )
-    outputs.say(*exporting.words(made))
+    outputs.say(*exporting.words(exported))
     outputs.finish()
 
 
@@ -137,10 +136,11 @@ def predict(
     out: File = None,
     json: File = None,
 ) -> None:
-    """Predict the torque of logs with a model; take effects out of it.
+    """Predict the torque of logs with a model, with or without its effects.
 
-    With --without nothing is refitted: what was found goes, what the nominal model has
-    goes back to its value there. A right cause then predicts the arm that never had it.
+    --without refits nothing: it removes added effects, and gives those of the nominal
+    model their nominal values. If the named cause is right, the rest predicts the arm
+    without it.
 
     ```
     modelgap predict monday.csv --model 3f2a
@@ -148,11 +148,10 @@ def predict(
     ```
 
     Args:
-        logs: Logs to predict: CSV or Parquet, a window as in FILE@0:16.5 or
-            FILE@60%:, or the id of a run of the store.
+        logs: Logs: files, windows (FILE@0:16.5, FILE@60%:) or ids of stored runs.
         out: File for the samples, *.csv or *.parquet: log, t, tau1..., tau_model1...,
             and tau_edited1... with --without.
-        json: File for the errors as JSON; "-" prints it and nothing else.
+        json: File for the errors as JSON; "-" prints it alone.
     """
     check_outside("--out", out, store_folder(request.store))
     request = replace(request, logs=logs)
@@ -160,9 +159,9 @@ def predict(
     outputs = Outputs({"--out": out, "--json": json}, inputs)
     if "--out" in outputs.files:
         predicting.check_form(outputs.files["--out"])
-    found, read = predicting.read(request)
-    outputs.say(f"model: {found!r}", *read.lines[1:])
-    made = predicting.predict(request, found, read)
+    model, read = predicting.read(request)
+    outputs.say(f"model: {model!r}", *read.lines[1:])
+    made = predicting.predict(request, model, read)
     edited = [f"edited: {one!r}" for name, one in made.models.items() if name != WHOLE]
     outputs.say(*edited, *(f"warning: {w}" for w in read.warnings))
     show(outputs.console, prediction(predicting.tables(made)))

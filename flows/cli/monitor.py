@@ -1,4 +1,4 @@
-"""modelgap monitor: are the sensors of an arm as they were?"""
+"""modelgap monitor."""
 
 from dataclasses import replace
 from typing import Annotated
@@ -15,34 +15,34 @@ from flows.steps import monitor as monitoring
 from flows.steps.models import chosen_to_watch
 from warehouse.remote import shown
 
-_HOURLY = Monitor()
+_DEFAULT = Monitor()
 
 
 def monitor(
     model: str,
     /,
     *runs: Annotated[str, Parameter(name="RUN")],
-    request: Monitor = _HOURLY,
+    request: Monitor = _DEFAULT,
     nominal: Flag = False,
     plot: File = None,
 ) -> None:
-    """Watch the sensors of runs, with limits from healthy runs.
+    """Monitor the sensors of runs, with limits from healthy runs.
 
     ```
     modelgap monitor irb140 3f2a --calibrate 01ab 02cd 03ef 04aa
     modelgap monitor 77e0 3f2a 4b1c --plot watched.png
     ```
 
-    Encoders that freeze, jump or drift, torque sensors with a bias, a lost scale or
-    spikes, noise of both: when, which joint, which sensor. In a closed loop an encoder
-    that drifts slowly is hidden: the arm follows it (docs/monitoring.md).
+    Reports time, joint and sensor of encoders that freeze, jump or drift, of torque
+    sensors with a bias, a lost scale or spikes, and of noise. In a closed loop a slow
+    drift of an encoder does not show: the arm follows it (docs/monitoring.md).
 
     Args:
-        model: Id of a diagnosis, or a robot (built-in name, URDF, folder) for the
-            model that it has (modelgap models), else its nominal one, fitted to the
+        model: Id of a diagnosis, or a robot (built-in name, file, folder) for its
+            adopted model (modelgap models), else its nominal model fitted to the
             healthy runs.
-        runs: Ids of the runs to watch; the beginning is enough.
-        nominal: Of a robot take the nominal model, whatever it has.
+        runs: Ids of the runs, or their beginnings.
+        nominal: Use the nominal model of the robot, also where one is adopted.
         plot: PNG file for the scores over time.
     """
     place = store_folder(request.store)
@@ -50,9 +50,9 @@ def monitor(
     choice = chosen_to_watch(model, place, nominal, runs)
     out.say(*choice.lines)
     request = replace(request, model=choice.diagnosis or model, runs=runs, store=place)
-    id, found, watched = monitoring.monitor(request)
-    if any(found.alarms.values()):
-        show(out.console, alarm_table(found, watched))
-    out.write({"--plot": lambda: draw(found, watched)})
-    out.say(meaning(found), *found.notes)
+    id, outcome, watched = monitoring.monitor(request)
+    if any(outcome.alarms.values()):
+        show(out.console, alarm_table(outcome, watched))
+    out.write({"--plot": lambda: draw(outcome, watched)})
+    out.say(meaning(outcome), *outcome.notes)
     out.finish(f"stored in {shown(place)}: modelgap show {id}")

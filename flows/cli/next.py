@@ -1,4 +1,4 @@
-"""modelgap next: the motion that would settle what a verdict leaves open."""
+"""modelgap next."""
 
 from dataclasses import replace
 from pathlib import Path
@@ -15,43 +15,42 @@ from flows.steps.next import open_verdict, rank_motions
 from residual.verdict.document import to_json
 from sim.trajectories import make_reference
 
-_PLAIN = Next()
+_DEFAULT = Next()
 
 
 def next_(
     verdict: str,
     /,
     *logs: Log,
-    request: Next = _PLAIN,
+    request: Next = _DEFAULT,
     rate: Hertz = 250.0,
     out: File = None,
     json: File = None,
 ) -> None:
-    """Choose the motion that tells apart what a verdict leaves open.
+    """Choose the motion that separates the open rivals of a verdict.
 
-    The logs of the verdict are looked at once more; then Fourier motions and moves,
-    within the limits of the arm, are ranked by how soon each is sure which of the
-    rivals is true. Of a diagnosis in the store all is known:
+    Diagnoses the logs of the verdict again, then ranks Fourier motions and moves within
+    the limits of the arm by the time after which they decide between the rivals. For a
+    stored diagnosis:
 
     ```
     modelgap next 3f2a --out program.csv
     ```
 
-    Of the JSON of a verdict, its logs and robot have to be named:
+    For the JSON file of a verdict, with its logs and its robot:
 
     ```
     modelgap next out.json A.csv B.csv --robot arm.urdf --out program.csv
     ```
 
     Args:
-        verdict: Id of a diagnosis in the store (the beginning is enough), or the file
-            of modelgap diagnose --json.
-        logs: Logs of that file: CSV, Parquet, ROS bag or MCAP, or the id of a run.
+        verdict: Id of a stored diagnosis, or its beginning, or a file of modelgap
+            diagnose --json.
+        logs: Logs of that file: CSV, Parquet, ROS bag or MCAP, or ids of runs.
         rate: Samples per second of the program.
-        out: CSV for a controller: t (s), q1... (rad), qd1... (rad/s), qdd1...
+        out: CSV file for a controller: t (s), q1... (rad), qd1... (rad/s), qdd1...
             (rad/s^2).
-        json: File for the verdict with its next_experiment filled in; "-" prints it
-            and nothing else.
+        json: File for the verdict with its next_experiment; "-" prints it alone.
     """
     request = replace(request, verdict=verdict, logs=logs)
     words = (*request.logs, *request.baseline, *request.held_out)
@@ -62,20 +61,24 @@ def next_(
     check_between("--seed", request.seed, 0, SEEDS)
     with progress_bar() as progress:
         opened = open_verdict(request, progress)
-        found = rank_motions(
+        ranking = rank_motions(
             opened.question, opened.robot, request.seconds, request.seed, progress
         )
     outputs.say(*opened.lines)
     if not opened.same:
         headline = sentences(opened.found.verdict)[0]
         outputs.say(f"Warning: these logs say another thing than {verdict}: {headline}")
-    if found is None or found.best.seen.hopeless:
-        outputs.say(*nothing_open(opened, found))
+    if ranking is None or ranking.best.seen.hopeless:
+        outputs.say(*nothing_open(opened, ranking))
         return
-    plan = found.document(Path(out).name if out else None)
+    plan = ranking.document(Path(out).name if out else None)
     outputs.write(
-        {"--out": lambda: as_csv(make_reference(opened.robot, found.best.spec, rate))},
+        {
+            "--out": lambda: as_csv(
+                make_reference(opened.robot, ranking.best.spec, rate)
+            )
+        },
         lambda: to_json(replace(opened.verdict, next_experiment=plan)),
     )
-    show(outputs.console, *told(found), comparison(found))
+    show(outputs.console, *told(ranking), comparison(ranking))
     outputs.finish()

@@ -1,4 +1,4 @@
-"""modelgap init and inbox: a project of one's own, and what lies in its inboxes."""
+"""modelgap init and inbox."""
 
 import time
 from collections import Counter
@@ -11,11 +11,11 @@ from flows.inbox.take import (
     STORED,
     WAITING,
     Inbox,
-    Taken,
+    Outcome,
+    import_all,
     inboxes,
-    look,
-    look_twice,
-    take_all,
+    list_logs,
+    unchanged_logs,
 )
 from flows.outputs import progress_bar
 from flows.project.read import Project, read_project, start
@@ -31,7 +31,7 @@ _PAUSE = 5.0  # s between two looks
 def init(
     folder: str = ".", /, *, robot: RobotName = None, simulated: Flag = False
 ) -> None:
-    """Write modelgap.toml: robots, inboxes, schedules, store, who is told.
+    """Create a project: modelgap.toml with robots, inboxes, schedules and store.
 
     ```
     modelgap init --robot arm.urdf
@@ -39,16 +39,13 @@ def init(
     modelgap init trial --robot irb140 --simulated
     ```
 
-    Every option is in the file, with a comment; what is commented out shows the
-    default. Then put logs into inbox/ and start it: modelgap up. An existing file is
-    never overwritten.
+    The file explains every option and shows its default. Then put logs into inbox/ and
+    start the service: modelgap up. An existing file is not overwritten.
 
     Args:
-        folder: Where; made if it is not there.
-        robot: URDF file, folder with one and an optional robot.toml, or built-in name;
-            what lies elsewhere is copied beside the file. The simulated IRB140 unless
-            given.
-        simulated: Let the nights run a campaign on a simulated arm of it.
+        folder: Folder of the project; created if it does not exist.
+        robot: Robot file, folder or built-in name. Default: the simulated IRB140.
+        simulated: Run a nightly campaign on a simulated arm of this robot.
     """
     project = start(folder, robot, simulated)
     print(f"wrote {project.folder / PROJECT}")
@@ -61,7 +58,7 @@ def init(
 def inbox(
     folder: str = ".", /, *, once: Flag = False, import_only: Flag = False
 ) -> None:
-    """Store the logs in the inboxes of a project, watch and diagnose them.
+    """Import, monitor and diagnose the logs in the inboxes of a project.
 
     ```
     modelgap inbox
@@ -69,16 +66,15 @@ def inbox(
     modelgap inbox --once --import-only
     ```
 
-    What modelgap up does on a schedule, as a plain command. A log that rests is checked
-    and stored; its file goes to done/, or to rejected/ with the reason in a text file
-    beside it. What is still written is waited for. Afterwards each robot is diagnosed
-    once for all that is new. It may be ended at any time: nothing is lost or stored
-    twice. Whoever is told of what happens is so by the service alone.
+    Does without a server what modelgap up does on a schedule. A log that has not
+    changed for some seconds is checked and imported; its file moves to done/, or to
+    rejected/ with a text file that gives the reason. Then each robot is diagnosed once
+    for all new logs. It can be stopped at any time: nothing is lost or stored twice.
 
     Args:
         folder: Folder of the project (modelgap.toml).
-        once: Return when what lies there now is done; without it until Ctrl-C.
-        import_only: Leave watching and diagnosing to the night.
+        once: Return after the logs that are there now; default: run until Ctrl-C.
+        import_only: Do not monitor or diagnose.
     """
     project = read_project(folder)
     of = inboxes(project)
@@ -90,7 +86,7 @@ def inbox(
         sums = _round(project, of, import_only)
         if once:
             # What is still written, or empty, waits too, though nobody has tried it.
-            sums[WAITING] = sum(len(look(inbox.folder)) for inbox in of)
+            sums[WAITING] = sum(len(list_logs(inbox.folder)) for inbox in of)
             words = ", ".join(f"{sums[what]} {what}" for what in _WORDS)
             print(words)
             return
@@ -103,11 +99,11 @@ _WORDS = (STORED, KNOWN, REFUSED, WAITING)
 
 def _round(project: Project, of: tuple[Inbox, ...], import_only: bool) -> Counter:
     sums: Counter = Counter()
-    for place, resting in look_twice(of).items():
+    for place, resting in unchanged_logs(of).items():
         inbox = of[place]
         tell = (lambda _: None) if import_only else _watcher(project, inbox)
-        for number, taken in enumerate(take_all(inbox, resting, tell), 1):
-            sums[taken.what] += 1
+        for number, taken in enumerate(import_all(inbox, resting, tell), 1):
+            sums[taken.status] += 1
             _say(f"{number}/{len(resting)} {_words(taken)}")
     if not import_only and sums:
         for robot in project.table.robot:
@@ -116,13 +112,13 @@ def _round(project: Project, of: tuple[Inbox, ...], import_only: bool) -> Counte
     return sums
 
 
-def _words(taken: Taken) -> str:
+def _words(taken: Outcome) -> str:
     name = taken.name
-    if taken.what == STORED:
+    if taken.status == STORED:
         return f"{name}: stored as run {taken.run}"
-    if taken.what == KNOWN:
+    if taken.status == KNOWN:
         return f"{name}: is run {taken.run} already"
-    return f"{name}: {taken.what}: {taken.why}"
+    return f"{name}: {taken.status}: {taken.why}"
 
 
 def _watcher(project: Project, inbox: Inbox):
@@ -130,12 +126,12 @@ def _watcher(project: Project, inbox: Inbox):
 
     def tell(runs: list[str]) -> None:
         try:
-            found = watch_new(runs, project.store, tag=project.robot(robot).healthy)
+            outcome = watch_new(runs, project.store, tag=project.robot(robot).healthy)
         except InputError as error:
             _say(f"{robot}: not watched: {error}")
             return
-        if found.alarmed:
-            _say(f"{robot}: {len(found.alarmed)} of {len(runs)} new runs alarm")
+        if outcome.alarmed:
+            _say(f"{robot}: {len(outcome.alarmed)} of {len(runs)} new runs alarm")
 
     return tell
 
@@ -143,15 +139,17 @@ def _watcher(project: Project, inbox: Inbox):
 def _diagnose(project: Project, robot: str) -> None:
     try:
         with progress_bar() as progress:
-            found = diagnose_new(project, robot, progress)
+            outcome = diagnose_new(project, robot, progress)
     except InputError as error:
         _say(f"{robot}: not diagnosed: {error}")
         return
-    if found is None:
+    if outcome is None:
         return
-    title = f"{robot}: {headline(found.verdict)}"
-    _say(f"{title} ({len(found.batch.runs)} new runs against {found.batch.against})")
-    _say(f"stored as a diagnosis: modelgap show {found.ids[0]}")
+    title = f"{robot}: {headline(outcome.verdict)}"
+    _say(
+        f"{title} ({len(outcome.batch.runs)} new runs against {outcome.batch.against})"
+    )
+    _say(f"stored as a diagnosis: modelgap show {outcome.ids[0]}")
 
 
 def _say(text: str) -> None:

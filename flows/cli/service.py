@@ -1,10 +1,10 @@
-"""modelgap up, status and down: the server of a store, and what it serves."""
+"""modelgap up, status and down."""
 
 import os
 import sys
 from collections.abc import Mapping
 from dataclasses import replace
-from datetime import UTC, datetime
+from datetime import UTC
 from pathlib import Path
 from shlex import quote
 from typing import TYPE_CHECKING
@@ -18,7 +18,7 @@ from flows.project.read import project_here
 from flows.report.console import show, wide
 from flows.report.document import Table, words_table
 from flows.requests import Flag, Seconds, Store
-from flows.service.request import DATABASE, ServiceRequest, checked
+from flows.service.request import DATABASE, ServiceRequest, check_request
 from flows.service.state import CLIENT, KEY
 from flows.settings import API, PREFECT, prefect_home, quiet_prefect, store_folder
 from residual.errors import InputError, RunError
@@ -27,11 +27,11 @@ from warehouse.remote import shown
 if TYPE_CHECKING:
     from flows.service.api import Status
 
-_USUAL, NOTHING = ServiceRequest(), "nothing runs"
+_DEFAULT, NOTHING = ServiceRequest(), "nothing runs"
 
 
-def up(*, request: ServiceRequest = _USUAL, foreground: Flag = False) -> None:
-    """Start server, worker and schedules of a store, and return when they answer.
+def up(*, request: ServiceRequest = _DEFAULT, foreground: Flag = False) -> None:
+    """Start server, worker and schedules of a store.
 
     ```
     modelgap up
@@ -40,15 +40,13 @@ def up(*, request: ServiceRequest = _USUAL, foreground: Flag = False) -> None:
     modelgap down
     ```
 
-    In a folder with a modelgap.toml (modelgap init) it serves that project, and again
-    after a change of it. Doing it again is no error: what runs is left alone and its
-    address is printed, what was killed is started again. Nothing is sent anywhere; the
-    server listens on this machine only, and takes orders from its own page and programs
-    of the store. The page asks for the key of the store once, in a file of which the
-    command prints the name.
+    In a folder with a modelgap.toml (modelgap init) it serves that project; run it
+    again after a change of the file. It keeps what runs and restarts what was killed.
+    The server listens on this machine only and sends nothing elsewhere. Its page asks
+    for the key of the store, which is in the file that the command prints.
 
     Args:
-        foreground: Stay until Ctrl-C, then stop everything; for service managers.
+        foreground: Run until Ctrl-C, then stop everything; for service managers.
     """
     place = store_folder(request.store)
     project = project_here(place)
@@ -59,7 +57,7 @@ def up(*, request: ServiceRequest = _USUAL, foreground: Flag = False) -> None:
         request = replace(
             request, port=request.port or port, workers=request.workers or workers
         )
-    checked(request)
+    check_request(request)
     _prepare(prefect_home(place))
     from flows.service.up import stay
     from flows.service.up import up as bring_up
@@ -88,17 +86,17 @@ def up(*, request: ServiceRequest = _USUAL, foreground: Flag = False) -> None:
 
 
 def status(*, json: Flag = False, store: Store = None) -> None:
-    """Show server, workers, pages, what is due next, and the last flow runs.
+    """Show server, worker, schedules and the last flow runs.
 
     ```
     modelgap status
     modelgap status --json
     ```
 
-    The exit code is 0 if the next schedule will fire and be run, else 1.
+    Exit code 0 if the next scheduled run will start, else 1.
 
     Args:
-        json: Print it as JSON.
+        json: Print JSON.
     """
     place = store_folder(store)
     home = place / PREFECT
@@ -108,30 +106,30 @@ def status(*, json: Flag = False, store: Store = None) -> None:
     _prepare(home)
     from flows.service.api import status as state_of
 
-    found = state_of(home)
+    state = state_of(home)
     if json:
-        print(json_text(found.document()), end="")
+        print(json_text(state.document()), end="")
     else:
-        _print_status(found, place)
-    if found.running is None or found.running.stopped:
+        _print_status(state, place)
+    if state.running is None or state.running.stopped:
         raise RunError(f"{shown(place)} is stopped. Start it: modelgap up")
-    if found.wrong:
-        raise RunError(f"{shown(place)}: {'; '.join(found.wrong)}.")
+    if state.wrong:
+        raise RunError(f"{shown(place)}: {'; '.join(state.wrong)}.")
 
 
 def down(*, wait: Seconds = 60.0, store: Store = None) -> None:
-    """Stop worker and server of a store; schedules and history stay.
+    """Stop server and worker of a store.
 
     ```
     modelgap down
     modelgap down --wait 0
     ```
 
-    Nothing new is begun, and flow runs that are under way may end. What takes longer
-    than --wait is ended and marked as such; runs that it has stored are kept.
+    Starts no new flow runs, waits for those that run, and cancels them after --wait.
+    Schedules, history and stored runs are kept.
 
     Args:
-        wait: How long flow runs may go on, in seconds.
+        wait: Longest time for flow runs to finish, in seconds.
     """
     if not 0 <= wait < 1e6:
         raise InputError(f"--wait {wait:g}: expected 0 or more seconds.")
@@ -154,23 +152,23 @@ def _say(text: str) -> None:
     print(f"modelgap: {text}", file=sys.stderr, flush=True)
 
 
-def _print_status(found: "Status", store: Path) -> None:
+def _print_status(state: "Status", store: Path) -> None:
     console = wide(Console())
-    running = found.running
+    running = state.running
     if running is None or running.stopped:
         say(console, f"{shown(store)}: {NOTHING}")
         return
-    word = "answers" if found.server else "does not answer"
+    word = "answers" if state.server else "does not answer"
     lines = [f"server   {word}: {running.ui} (history: {running.database})"]
-    lines += [f"worker   {found.worker}, {running.workers} flow(s) at once"]
-    lines += [f"{name:8} {address}" for name, address in found.pages.items()]
-    lines += [f"refused  {row['robot']}: {row['why']}" for row in found.refused]
+    lines += [f"worker   {state.worker}, {running.workers} flow(s) at once"]
+    lines += [f"{name:8} {address}" for name, address in state.pages.items()]
+    lines += [f"refused  {row['robot']}: {row['why']}" for row in state.refused]
     say(console, *lines)
-    if found.deployments:
-        rows = [(d["name"], _due(d)) for d in found.deployments]
+    if state.deployments:
+        rows = [(d["name"], _due(d)) for d in state.deployments]
         show(console, words_table(("deployment", "due next (UTC)"), rows))
-    if found.runs:
-        rows = [_run(run) for run in found.runs]
+    if state.runs:
+        rows = [_run(run) for run in state.runs]
         heads = ("flow run", "state", "begun (UTC)", "time [s]")
         show(console, Table(heads, rows, left=range(3)))
 
@@ -179,21 +177,8 @@ def _due(deployment: Mapping) -> str:
     if deployment["paused"]:
         return "paused"
     if deployment["due"]:
-        left = (deployment["due"] - datetime.now(UTC)).total_seconds()
-        when = deployment["due"].astimezone(UTC).isoformat(" ", "seconds")[:19]
-        return f"{when}, in {_span(left)}"
-    if deployment["schedules"]:
-        return "soon known"
-    return "on an event, or by hand"
-
-
-def _span(seconds: float) -> str:
-    if seconds < 0:
-        return "no time: late"
-    for unit, length in (("d", 86400), ("h", 3600), ("min", 60)):
-        if seconds >= 2 * length:
-            return f"{seconds / length:.0f} {unit}"
-    return f"{seconds:.0f} s"
+        return deployment["due"].astimezone(UTC).isoformat(" ", "seconds")[:19]
+    return "soon" if deployment["schedules"] else "on an event, or by hand"
 
 
 def _run(run: Mapping) -> tuple[str, str, str, str]:

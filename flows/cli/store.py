@@ -1,22 +1,18 @@
-"""modelgap runs, show, verify, prune, quarantine: what the store remembers."""
+"""modelgap runs, show, verify, quarantine: what the store remembers."""
 
 import json
 import sys
 from collections.abc import Iterable
-from typing import Annotated, Literal
+from typing import Literal
 
-from cyclopts import Parameter
-
-from flows.cli.app import check_between
 from flows.report.answers import check_shown, print_table, tell_damage
-from flows.requests import Format, Name, Number, Store, Tags, Text
+from flows.requests import Format, Number, Store, Text
 from flows.settings import store_folder
 from residual.errors import InputError
 from warehouse.layout import find, read_record
 from warehouse.quarantine import quarantine as set_aside
 from warehouse.quarantine import tombstone
 from warehouse.query import store as opening
-from warehouse.query.lineage import old_runs
 from warehouse.query.views import text as quoted
 from warehouse.runs import read_manifest
 
@@ -38,8 +34,8 @@ def runs(
     ```
 
     Args:
-        limit: How many of the latest to list.
-        format: How to print them.
+        limit: Number of runs.
+        format: Format of the output.
     """
     if limit < 1:
         raise InputError(f"--limit {limit}: expected 1 or more.")
@@ -54,16 +50,15 @@ def runs(
 
 
 def verify(*, store: Store = None) -> None:
-    """Read the whole store and say what is not as it was written.
+    """Check every byte of the store.
 
     ```
     modelgap verify
     ```
 
-    Every byte of every record, seal and robot is held against its SHA-256, every id
-    against what it is the hash of. Exit code 1 where something is damaged or missing,
-    so that it can run by itself, from cron for example. Nothing is changed. It takes
-    about as long as reading the store from the disk.
+    Compares every file of every record, seal and robot with its SHA-256, and every id
+    with the hash of its content. Exit code 1 if something is damaged or missing.
+    Changes nothing, and takes about as long as reading the store from the disk.
     """
     from flows.steps import diff as steps
 
@@ -71,62 +66,31 @@ def verify(*, store: Store = None) -> None:
         print(line, flush=True)
 
 
-def prune(
-    *,
-    older_than: Annotated[float, Parameter(metavar="DAYS")],
-    robot: Name = None,
-    keep_tag: Tags = (),
-    store: Store = None,
-) -> None:
-    """List old runs that nothing refers to, with the folders that they are.
-
-    ```
-    modelgap prune --older-than 90
-    modelgap prune --older-than 90 --keep-tag healthy
-    ```
-
-    Nothing is moved or deleted. A run is not listed while a model, diagnosis,
-    validation or adoption was made from it, or it raised an alarm. A folder that has
-    them at the same places is a store too (docs/store.md).
-
-    Args:
-        older_than: Age in days, by the time of recording, else of the commit.
-        robot: Only of the robot of this name.
-        keep_tag: Runs with this tag stay; may be given several times.
-    """
-    check_between("--older-than", older_than, 0.0, 1e5)
-    place = store_folder(store)
-    found = old_runs(place, older_than, robot, keep_tag)
-    for old in found:
-        print("\n".join(old.places))
-    size = sum(old.size for old in found)
-    print(f"{len(found)} runs of {size / 1e6:.1f} MB", file=sys.stderr)
-
-
 def quarantine(id: str, /, *, reason: Text, store: Store = None) -> None:
-    """Say that a run should not be used, and why; nothing of it is changed.
+    """Mark a run as unusable.
 
     ```
     modelgap quarantine 3f2a --reason "the gripper was loose"
     ```
 
-    SQL has the run with quarantined = true, monitor refuses it, and the inbox leaves it
-    out; by its id it is read as before. The first reason stays. No command takes it
-    back: the mark is the file quarantine/run_id=ID.json of the store, and without that
-    file the run is as good as before.
+    The run itself is not changed. In SQL it has quarantined = true, monitor refuses it,
+    and the inbox ignores it; its id still reads it. To undo, delete the file
+    quarantine/run_id=ID.json of the store.
 
     Args:
-        id: Id of the run; the beginning is enough.
-        reason: Why, for those who find it later.
+        id: Id of the run, or its beginning.
+        reason: Reason, which is stored; the first one is kept.
     """
     with opening.open_store(store_folder(store)) as opened:
-        found = find(opened.path, id).id
-        known = tombstone(opened.path, found)
-        set_aside(opened.path, found, reason)
+        run_id = find(opened.path, id).id
+        reason_before = tombstone(opened.path, run_id)
+        set_aside(opened.path, run_id, reason)
     text = (
-        f"was in quarantine already: {known}" if known else f"in quarantine: {reason}"
+        f"was in quarantine already: {reason_before}"
+        if reason_before
+        else f"in quarantine: {reason}"
     )
-    print(f"{found} {text}")
+    print(f"{run_id} {text}")
 
 
 def show(
@@ -136,25 +100,25 @@ def show(
     format: Literal["text", "json"] = "text",
     store: Store = None,
 ) -> None:
-    """Show all that is known of one run, model, diagnosis, validation or report.
+    """Show one run, model, diagnosis, validation or report.
 
     ```
     modelgap show 3f2a
     ```
 
     Args:
-        id: Its id; the beginning is enough.
-        format: How to print it.
+        id: Id of the record, or its beginning.
+        format: Format of the output.
     """
     with opening.open_store(store_folder(store)) as opened:
-        found = find(opened.path, id)
+        place = find(opened.path, id)
         record = {
-            "kind": found.kind,
-            "id": found.id,
-            "folder": str(found.folder.relative_to(opened.path)),
-            **_relatives(opened, found.id),
-            "quarantined": tombstone(opened.path, found.id),
-            "content": read_record(opened.path, found.id),
+            "kind": place.kind,
+            "id": place.id,
+            "folder": str(place.folder.relative_to(opened.path)),
+            **_relatives(opened, place.id),
+            "quarantined": tombstone(opened.path, place.id),
+            "content": read_record(opened.path, place.id),
         }
         tell_damage(opened)
     if format == "json":
@@ -175,11 +139,11 @@ def _tell_rows(store: opening.Store, ids: Iterable[str]) -> None:
 
 
 def _relatives(store: Store, id: str) -> dict:
-    asked = {
+    queries = {
         "parents": f"SELECT parent, role FROM lineage WHERE child = {quoted(id)}",
         "children": f"SELECT child, role FROM lineage WHERE parent = {quoted(id)}",
     }
     return {
         name: store.sql(query, without_damaged=True).to_pylist()
-        for name, query in asked.items()
+        for name, query in queries.items()
     }

@@ -63,7 +63,7 @@ class Batch:
 
 
 @dataclass(frozen=True, slots=True)
-class Diagnosed:
+class BatchDiagnosis:
     """What a batch of runs was diagnosed with."""
 
     batch: Batch
@@ -104,7 +104,7 @@ def spread(runs: Sequence[str], most: int) -> list[str]:
 
 def diagnose_new(
     project: Project, name: str, progress: Callable[[str, float], None] | None = None
-) -> Diagnosed | None:
+) -> BatchDiagnosis | None:
     """Diagnose what has come in of a robot since the last time; None where nothing has.
 
     Raises:
@@ -112,7 +112,7 @@ def diagnose_new(
     """
     table, store = project.robot(name), project.store
     arm = project.arm(table)
-    with _alone(store, name):
+    with _locked(store, name):
         batch = new_runs(store, arm, table)
         if batch is None:
             return None
@@ -120,11 +120,11 @@ def diagnose_new(
         record = {"robot": arm.name, "serial": arm.serial, "kind": KIND}
         parents = {"diagnosis": [ids[0]], ROLE: list(batch.runs)}
         commit_record(store, "validations", record | {"project": name}, parents=parents)
-    return Diagnosed(batch, ids, read_verdict(store, ids[0]))
+    return BatchDiagnosis(batch, ids, read_verdict(store, ids[0]))
 
 
 @contextmanager
-def _alone(store: Path, name: str) -> Iterator[None]:
+def _locked(store: Path, name: str) -> Iterator[None]:
     """Wait until nobody else diagnoses what is new of a robot.
 
     A schedule, logs that were stored and an alarm of theirs may ask at once: the first

@@ -21,7 +21,7 @@ from flows.project.read import InboxTable, Project
 from flows.requests import Import
 from flows.settings import cores
 from flows.steps import imports
-from flows.workers.processes import Done, Here, Processes, spread
+from flows.workers.processes import InlineExecutor, JobResult, Processes, spread
 from residual.errors import InputError, plain, shortened
 from warehouse.commit import commit_record
 
@@ -36,13 +36,13 @@ _BAG = "metadata.yaml"  # what a ROS 2 bag, a folder, has in it
 State = tuple[tuple[int, int, int], ...]
 
 
-def look(folder: Path) -> dict[str, State]:
+def list_logs(folder: Path) -> dict[str, State]:
     """Return what lies in an inbox, by name: files, and folders that are ROS 2 bags.
 
     Hidden files and names of what is not finished (.part, .tmp and the like) are left
     alone until their writer renames them.
     """
-    found = {}
+    states = {}
     with os.scandir(folder) as entries:
         for entry in entries:
             name = entry.name
@@ -52,28 +52,30 @@ def look(folder: Path) -> dict[str, State]:
                 continue
             state = state_of(Path(entry.path))
             if state:
-                found[name] = state
-    return dict(sorted(found.items()))
+                states[name] = state
+    return dict(sorted(states.items()))
 
 
 def state_of(path: Path) -> State:
     """Return what changes when a log does; () for what is none, or has gone."""
     try:
         if path.is_file():
-            return (_one(path),)
+            return (_file_state(path),)
         if (path / _BAG).is_file():
-            return tuple(_one(p) for p in sorted(path.rglob("*")) if p.is_file())
+            return tuple(_file_state(p) for p in sorted(path.rglob("*")) if p.is_file())
     except OSError:
         pass  # renamed or removed meanwhile
     return ()
 
 
-def _one(path: Path) -> tuple[int, int, int]:
+def _file_state(path: Path) -> tuple[int, int, int]:
     stat = path.stat()
     return stat.st_size, stat.st_mtime_ns, stat.st_ino
 
 
-def at_rest(before: Mapping[str, State], now: Mapping[str, State]) -> dict[str, State]:
+def unchanged(
+    before: Mapping[str, State], now: Mapping[str, State]
+) -> dict[str, State]:
     """Return what has not changed between two looks, and holds something.
 
     Clocks are not asked: that of a file server may be another.
@@ -86,7 +88,7 @@ def at_rest(before: Mapping[str, State], now: Mapping[str, State]) -> dict[str, 
 
 
 @contextmanager
-def alone(folder: Path) -> Iterator[bool]:
+def locked(folder: Path) -> Iterator[bool]:
     """Hold an inbox, so that no two take from it; whoever dies holds nothing."""
     with (folder / _LOCK).open("a") as lock:
         try:
@@ -107,13 +109,13 @@ class Job:
 
 
 @dataclass(frozen=True, slots=True)
-class Taken:
+class Outcome:
     """What became of a log."""
 
     path: Path  # the file, or the folder of a bag
     # "stored", "known" (the same samples of the same robot were in the store),
     # "refused" or "waiting".
-    what: str
+    status: str
     run: str | None = None  # id of its run, None where it has none
     why: str = ""  # why it was refused or has to wait
 
@@ -123,7 +125,7 @@ class Taken:
         return shortened(plain(self.path.name))
 
 
-def take(job: Job) -> Taken:
+def take(job: Job) -> Outcome:
     """Check a log and put it into the store; the file stays where it is.
 
     Returns:
@@ -134,27 +136,29 @@ def take(job: Job) -> Taken:
         robot, read = imports.read_logs(job.request)
         (log,), _ = imports.check_logs(job.request, robot, read)
         if state_of(job.path) != job.state:
-            return Taken(job.path, WAITING, why="it changed while it was read")
+            return Outcome(job.path, WAITING, why="it changed while it was read")
         run = imports.store_log(log, job.request, robot)
     except InputError as error:
         if state_of(job.path) != job.state:
-            return Taken(job.path, WAITING, why="it changed while it was read")
-        return Taken(job.path, REFUSED, why=in_an_inbox(_moved(str(error), job)))
+            return Outcome(job.path, WAITING, why="it changed while it was read")
+        return Outcome(
+            job.path, REFUSED, why=inbox_reason(_final_paths(str(error), job))
+        )
     except (OSError, MemoryError) as error:
-        return Taken(job.path, WAITING, why=plain(" ".join(str(error).split())))
+        return Outcome(job.path, WAITING, why=plain(" ".join(str(error).split())))
     except Exception as error:  # what a damaged file makes a parser raise
-        what = " ".join(f"{type(error).__name__}: {error}".split())
-        return Taken(job.path, REFUSED, why=plain(f"unexpected failure: {what}"))
-    return Taken(job.path, KNOWN if log.stored else STORED, run)
+        reason = " ".join(f"{type(error).__name__}: {error}".split())
+        return Outcome(job.path, REFUSED, why=plain(f"unexpected failure: {reason}"))
+    return Outcome(job.path, KNOWN if log.stored else STORED, run)
 
 
-def _moved(why: str, job: Job) -> str:
+def _final_paths(why: str, job: Job) -> str:
     """Return a reason with the place at which the log then is."""
     then = job.path.parent / REJECTED / job.path.name
     return why.replace(str(job.path), str(then))
 
 
-def in_an_inbox(why: str) -> str:
+def inbox_reason(why: str) -> str:
     """Return why a log was refused, with what mends it where there are no options."""
     why = plain(why.replace(" Or go on with --trust-log (trust_log=True).", ""))
     if "--map" not in why:
@@ -166,7 +170,7 @@ def in_an_inbox(why: str) -> str:
     )
 
 
-def archive(taken: Taken) -> Path | None:
+def archive(taken: Outcome) -> Path | None:
     """Move a log out of the way: into done/, or into rejected/ with the reason beside.
 
     Returns:
@@ -175,9 +179,9 @@ def archive(taken: Taken) -> Path | None:
     Raises:
         OSError: If it cannot be moved.
     """
-    if taken.what == WAITING:
+    if taken.status == WAITING:
         return None
-    folder = taken.path.parent / (REJECTED if taken.what == REFUSED else DONE)
+    folder = taken.path.parent / (REJECTED if taken.status == REFUSED else DONE)
     folder.mkdir(exist_ok=True)
     target, number = folder / taken.path.name, 1
     while target.exists():  # another log of that name; the same bytes replace it
@@ -186,7 +190,7 @@ def archive(taken: Taken) -> Path | None:
             break
         number += 1
         target = folder / f"{taken.path.stem}-{number}{taken.path.suffix}"
-    if taken.what == REFUSED:
+    if taken.status == REFUSED:
         # The reason first: a file that was refused has one, at any kill.
         write_all({target.with_name(f"{target.name}.txt"): f"{taken.why}\n"})
     os.replace(taken.path, target)
@@ -198,8 +202,8 @@ def archive(taken: Taken) -> Path | None:
 _CHUNK = 32  # logs between two moves: so many are read again after a kill
 _FEW = 4  # as many are read sooner than processes are started
 
-# Told the runs of a few logs once they are in the store, before their files are moved.
-Told = Callable[[Sequence[str]], None]
+# Called with the ids of runs after they are stored, before their files are moved.
+Report = Callable[[Sequence[str]], None]
 
 
 @dataclass(frozen=True, slots=True)
@@ -219,7 +223,7 @@ class Inbox:
     def request(self, path: Path) -> Import:
         """Return how a log of it is imported."""
         robot = self.project.robot(self.table.robot)
-        known = {tag.partition("=")[0]: tag for tag in (*robot.tags, *self.table.tags)}
+        tags = {tag.partition("=")[0]: tag for tag in (*robot.tags, *self.table.tags)}
         return Import(
             logs=(str(path),),
             robot=self.project.word(robot),
@@ -228,10 +232,10 @@ class Inbox:
             kind=self.table.kind,
             store=self.project.store,
             serial=robot.serial or None,
-            tags=tuple(known.values()),
+            tags=tuple(tags.values()),
         )
 
-    def remember(self, taken: Taken) -> str:
+    def remember(self, taken: Outcome) -> str:
         """Keep in the store that a log was refused, and why; returns the record's id.
 
         The same file, taken again after a kill, leaves one record.
@@ -261,23 +265,25 @@ def inboxes(project: Project) -> tuple[Inbox, ...]:
     return tuple(Inbox(project, table) for table in project.table.inbox)
 
 
-def look_twice(of: Sequence[Inbox]) -> dict[int, Mapping[str, State]]:
+def unchanged_logs(of: Sequence[Inbox]) -> dict[int, Mapping[str, State]]:
     """Return what rests in inboxes, by their place: two looks, the longest quiet apart.
 
     Where nothing lies nobody waits.
     """
-    before = [look(inbox.folder) for inbox in of]
-    waits = [i.table.quiet for i, found in zip(of, before, strict=True) if found]
+    before = [list_logs(inbox.folder) for inbox in of]
+    waits = [i.table.quiet for i, logs in zip(of, before, strict=True) if logs]
     if not waits:
         return {}
     time.sleep(max(waits))
     return {
-        place: at_rest(before[place], look(inbox.folder))
+        place: unchanged(before[place], list_logs(inbox.folder))
         for place, inbox in enumerate(of)
     }
 
 
-def take_all(inbox: Inbox, resting: Mapping[str, State], tell: Told) -> Iterator[Taken]:
+def import_all(
+    inbox: Inbox, resting: Mapping[str, State], report: Report
+) -> Iterator[Outcome]:
     """Take what rests in an inbox, a few logs at a time.
 
     Yields:
@@ -290,44 +296,44 @@ def take_all(inbox: Inbox, resting: Mapping[str, State], tell: Told) -> Iterator
     ]
     if not jobs:
         return
-    with alone(folder) as ours:
+    with locked(folder) as ours:
         if not ours:
             why = "another modelgap takes from this inbox"
-            yield from (Taken(job.path, WAITING, why=why) for job in jobs)
+            yield from (Outcome(job.path, WAITING, why=why) for job in jobs)
             return
-        for chunk in _taken(jobs):
+        for chunk in _import_chunks(jobs):
             runs = [taken.run for taken in chunk if taken.run]
             if runs:
-                tell(runs)
+                report(runs)
             for taken in chunk:
-                yield _archived(inbox, taken)
+                yield _archive_or_wait(inbox, taken)
 
 
-def _taken(jobs: Sequence[Job]) -> Iterator[list[Taken]]:
+def _import_chunks(jobs: Sequence[Job]) -> Iterator[list[Outcome]]:
     """Take logs in other processes: one that takes its process down is refused."""
     if len(jobs) <= _FEW:
-        yield [_outcome(jobs, done) for done in spread(Here(), take, jobs)]
+        yield [_outcome_of(jobs, done) for done in spread(InlineExecutor(), take, jobs)]
         return
     with Processes(min(cores(), len(jobs))) as processes:
         done = spread(processes, take, jobs)
-        while few := [_outcome(jobs, each) for each in islice(done, _CHUNK)]:
+        while few := [_outcome_of(jobs, each) for each in islice(done, _CHUNK)]:
             yield few
 
 
-def _archived(inbox: Inbox, taken: Taken) -> Taken:
+def _archive_or_wait(inbox: Inbox, taken: Outcome) -> Outcome:
     """Move a log out of the way; one that cannot be moved waits, and stops no other."""
     try:
-        if taken.what == REFUSED:
+        if taken.status == REFUSED:
             inbox.remember(taken)
         archive(taken)
     except (OSError, InputError) as error:
         reason = getattr(error, "strerror", None) or error
-        why = f"{taken.why or taken.what}; it cannot be moved: {reason}"
-        return replace(taken, what=WAITING, why=why)
+        why = f"{taken.why or taken.status}; it cannot be moved: {reason}"
+        return replace(taken, status=WAITING, why=why)
     return taken
 
 
-def _outcome(jobs: Sequence[Job], done: Done) -> Taken:
+def _outcome_of(jobs: Sequence[Job], done: JobResult) -> Outcome:
     if done.error is None:
         return done.value
-    return Taken(jobs[done.index].path, REFUSED, why=plain(str(done.error)))
+    return Outcome(jobs[done.index].path, REFUSED, why=plain(str(done.error)))

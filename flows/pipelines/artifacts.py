@@ -24,7 +24,7 @@ _TOGETHER = 1000  # ids in one event; the server refuses more than 1.5 MB
 _LONGEST = 200  # characters of the name of a flow run
 
 
-def record(key: str, ids: Sequence[str], parts: Sequence[str | Table]) -> None:
+def publish(key: str, ids: Sequence[str], parts: Sequence[str | Table]) -> None:
     """Show the outcome of a stage as one text, the same as its command prints.
 
     Args:
@@ -46,7 +46,7 @@ def _markdown(part: str | Table) -> str:
     return "\n".join(lines)
 
 
-def verdict(name: str, page: Path, words: str) -> None:
+def publish_verdict(name: str, page: Path, words: str) -> None:
     """Show a verdict, its page, and where all others are.
 
     Args:
@@ -60,7 +60,7 @@ def verdict(name: str, page: Path, words: str) -> None:
     create_markdown_artifact("\n\n".join(lines), "verdict", description=name)
 
 
-def linked(key: str, page: Path, words: str, link: str, about: str) -> None:
+def publish_link(key: str, page: Path, words: str, link: str, about: str) -> None:
     """Show a text with a link to its page."""
     text = f"{words}\n\n[{link}]({link_of(page)})"
     create_markdown_artifact(text, key=key, description=about)
@@ -74,15 +74,15 @@ def link_of(page: Path) -> str:
 def runs_committed(ids: Sequence[str]) -> None:
     """Tell that runs are in the store; one event for a batch of them."""
     for start in range(0, len(ids), _TOGETHER):
-        tell(COMMITTED, {"run_ids": list(ids[start : start + _TOGETHER])})
+        send_event(COMMITTED, {"run_ids": list(ids[start : start + _TOGETHER])})
 
 
-def tell(name: str, payload: dict, about: str = STORE) -> None:
+def send_event(name: str, payload: dict, about: str = STORE) -> None:
     """Send an event, which may start other flows."""
     emit_event(name, resource={"prefect.resource.id": about}, payload=payload)
 
 
-def notice(
+def send_notice(
     kind: str,
     robot: str,
     title: str,
@@ -100,7 +100,7 @@ def notice(
         page: Address of the page to look at, "" for none.
     """
     payload = {"kind": kind, "robot": robot, "title": title, "text": text}
-    tell(f"{NOTICE}.{kind}", payload | {"ids": list(ids), "page": page})
+    send_event(f"{NOTICE}.{kind}", payload | {"ids": list(ids), "page": page})
 
 
 def name_of(diagnosis: str, store: Path) -> str:

@@ -48,13 +48,13 @@ def adopt_or_propose(diagnosis: str, store: str, auto: bool) -> str | None:
     if before:
         log.info(f"proposed already: modelgap show {before}")
         return None
-    made = made_of(place, diagnosis)
-    page = keep_proposal(place, proposal, proposal_page(proposal, made).encode())
+    sources = made_of(place, diagnosis)
+    page = keep_proposal(place, proposal, proposal_page(proposal, sources).encode())
     write_index(place)
     about = f"a new model waits for a decision: diagnosis {diagnosis}"
     text = proposal_markdown(proposal)
-    artifacts.linked("proposal", page, text, "Side by side", about)
-    artifacts.tell(PROPOSED, {"diagnosis": diagnosis})
+    artifacts.publish_link("proposal", page, text, "Side by side", about)
+    artifacts.send_event(PROPOSED, {"diagnosis": diagnosis})
     return str(page)
 
 
@@ -74,7 +74,7 @@ def adopt(diagnosis: str, store: str, note: str) -> str | None:
         return _adopt(diagnosis, Path(store), note)
     except InputError as error:
         get_run_logger().warning(str(error))
-        artifacts.record("adoption", (), [str(error)])
+        artifacts.publish("adoption", (), [str(error)])
         return None
 
 
@@ -83,7 +83,7 @@ def _adopt(diagnosis: str, store: Path, note: str) -> str:
     lines = adoption_lines(number, judgment)
     for line in lines:
         get_run_logger().info(line)
-    artifacts.record("adoption", (diagnosis,), lines)
+    artifacts.publish("adoption", (diagnosis,), lines)
     return number
 
 
@@ -103,16 +103,15 @@ def propose(diagnosis: str, store: str | None = None) -> str | None:
 
     Args:
         diagnosis: Its id.
-        store: Folder of the store; else $MODELGAP_STORE, else ./store.
 
     Returns:
         The number of the adoption, None where the answer was no.
     """
     place = str(store_folder(store))
-    asked = Answer.with_initial_data(
+    question_form = Answer.with_initial_data(
         description=question(diagnosis, place), adopt=False, note=""
     )
-    answer = suspend_flow_run(wait_for_input=asked, timeout=None, key="adopt")
+    answer = suspend_flow_run(wait_for_input=question_form, timeout=None, key="adopt")
     if not answer.adopt:
         get_run_logger().info("not adopted: that was the answer")
         return None

@@ -1,7 +1,8 @@
-"""The flows that simulate, watch and look after a store: their order of tasks.
+"""The flows nightly, campaign, monitor and verify.
 
-To be imported under `flows.settings.quiet_prefect`; prefect.yaml says when each is
-started, and `$MODELGAP_RUNNER` what runs their tasks.
+To be imported under `flows.settings.quiet_prefect`. prefect.yaml says when each starts,
+`$MODELGAP_RUNNER` where their tasks run. `store` is a folder; None is $MODELGAP_STORE,
+else ./store.
 """
 
 from contextlib import nullcontext
@@ -40,23 +41,22 @@ def nightly(
     auto: bool = False,
     seed: int | None = None,
 ) -> str:
-    """Run new motions of the night; identify, calibrate, validate, diagnose, report.
+    """Run new motions; identify, calibrate, validate, diagnose, report.
 
-    What the diagnosis finds beyond the model that the robot has is proposed as its
-    next model; the flow `propose` waits for the answer, this one does not. The
-    diagnosis waits for the runs alone: the other analyses go on beside it.
+    Proposes the model of the diagnosis if it differs from the adopted one; the flow
+    `propose` waits for the answer. The other analyses run in parallel with the
+    diagnosis.
 
     Args:
-        campaign_file: The campaign; its seed is replaced by the next one.
+        campaign_file: The campaign.
         held_out: Kind of motion that is not fitted.
-        store: Folder of the store; else $MODELGAP_STORE, else ./store.
-        auto: Whether to adopt it without asking.
-        seed: Seed of the motions, to repeat a night; without it the time of the
-            schedule to the second, so that every start has motions of its own, and one
-            that is tried again the same. It is in the record of every run.
+        auto: Adopt the model without asking.
+        seed: Seed of the motions instead of that of the campaign; by default the
+            scheduled time, such as 20261122020000. Every run stores it.
     """
     place = str(store_folder(store))
-    seed = _second() if seed is None else seed
+    if seed is None:
+        seed = int(f"{flow_run.scheduled_start_time:%Y%m%d%H%M%S}")
     get_run_logger().info(f"to repeat this night: seed {seed}")
     request = Campaign(campaign_file, held_out, seed, store=place)
     runs = campaigns.by_role(request, run_campaign(request))
@@ -68,7 +68,7 @@ def nightly(
     ]
     ids = tasks.diagnose(runs, place, loop.model_in_force(runs, place))
     page = tasks.report(ids, place)
-    projects.found(ids[0], place, page)
+    projects.report_finding(ids[0], place, page)
     loop.adopt_or_propose(ids[0], place, auto)
     for future in beside:
         future.result()
@@ -79,18 +79,10 @@ def nightly(
 def campaign(
     campaign_file: str, seed: int | None = None, store: str | None = None
 ) -> list[str]:
-    """Run the experiments of a campaign that are missing, each as a task.
-
-    Args:
-        campaign_file: The campaign.
-        seed: Replaces its seed.
-        store: Folder of the store; else $MODELGAP_STORE, else ./store.
-
-    Returns:
-        The ids of all its runs.
+    """Run the missing experiments of a campaign, each as a task; return all run ids.
 
     Raises:
-        RunError: If some failed, when the others are stored.
+        RunError: If some failed; the others are stored.
     """
     place = str(store_folder(store))
     summary = run_campaign(Campaign(campaign_file, "", seed, store=place))
@@ -100,7 +92,7 @@ def campaign(
 
 
 def run_campaign(request: Campaign) -> campaigns.Summary:
-    """Submit what is not in the store; a failure is told and ends nothing else."""
+    """Submit the missing experiments; a failure stops no other."""
     log, place = get_run_logger(), str(store_folder(request.store))
     planned = campaigns.planned_of(request)
     missing = [each for each in planned if not each.stored]
@@ -109,10 +101,11 @@ def run_campaign(request: Campaign) -> campaigns.Summary:
     batches = [missing[k : k + size] for k in range(0, len(missing), size)]
     failed: dict[str, str] = {}
     with Processes(cores()) if chosen_runner() is None else nullcontext() as executor:
-        futures = [
-            tasks.experiment.submit(_label(batch), batch, place, executor)
-            for batch in batches
-        ]
+        futures = []
+        for batch in batches:
+            more = f" and {len(batch) - 1} more" if len(batch) > 1 else ""
+            label = f"{batch[0].label}{more}"
+            futures.append(tasks.experiment.submit(label, batch, place, executor))
         for batch, future in zip(batches, futures, strict=True):
             outcome = future.result(raise_on_failure=False)
             if isinstance(outcome, BaseException):
@@ -124,11 +117,6 @@ def run_campaign(request: Campaign) -> campaigns.Summary:
     return summary
 
 
-def _label(batch: list) -> str:
-    more = f" and {len(batch) - 1} more" if len(batch) > 1 else ""
-    return f"{batch[0].label}{more}"
-
-
 @flow(name="monitor", flow_run_name="monitor", timeout_seconds=_LIMIT)
 def monitor(
     runs: list[str],
@@ -137,18 +125,17 @@ def monitor(
     store: str | None = None,
     project: str | None = None,
 ) -> list[str]:
-    """Watch the sensors of new runs; an alarm starts the flow `diagnose`.
+    """Monitor the sensors of new runs; an alarm starts a diagnosis.
 
     Args:
         runs: Ids of the runs.
-        model: Id of a diagnosis, or a robot; the arm's latest diagnosis unless given.
-        good: Ids of the healthy runs; unless given those with the tag of healthy runs,
-            and where these are too few those of the diagnosis.
-        store: Folder of the store; else $MODELGAP_STORE, else ./store.
-        project: Folder of the project, which says that tag; None for none.
+        model: Id of a diagnosis, or a robot; by default the latest diagnosis.
+        good: Ids of healthy runs; by default those with the tag of healthy runs, or if
+            these are too few the runs of the diagnosis.
+        project: Folder of the project that sets that tag.
 
     Returns:
-        The id of the record, none where there was nothing to compare with.
+        The id of the record; none if there was nothing to compare with.
     """
     tag = projects.tag_of(project, runs) if project else HEALTHY
     return tasks.watch(runs, model, good or [], str(store_folder(store)), tag)
@@ -156,18 +143,9 @@ def monitor(
 
 @flow(name="verify", flow_run_name="verify", timeout_seconds=_LIMIT)
 def verify(store: str | None = None) -> list[str]:
-    """Read the whole store and return what is in it; fail where a byte is another.
-
-    Args:
-        store: Folder of the store; else $MODELGAP_STORE, else ./store.
-    """
+    """Check every byte of the store; return its summary, or fail."""
     log, out = get_run_logger(), []
     for line in verification.verify(store_folder(store)):
         log.info(line)
         out.append(line)
     return out
-
-
-def _second() -> int:
-    """The time of the schedule as a seed: 20261122020000 for two in the morning."""
-    return int(f"{flow_run.scheduled_start_time:%Y%m%d%H%M%S}")

@@ -1,8 +1,7 @@
-"""All Prefect tasks: plain steps with a name, a time limit, and retries where due.
+"""The tasks of the flows: steps with a name, a time limit, and retries.
 
-To be imported under `flows.settings.quiet_prefect`. Ids and paths go in and out; what
-people want to see becomes an artifact. Prefect caches nothing: the ids of the store are
-the cache.
+To be imported under `flows.settings.quiet_prefect`. Tasks take and return ids, paths.
+Prefect caches nothing: the ids of the store are the cache.
 """
 
 from collections.abc import Mapping
@@ -31,7 +30,7 @@ from flows.steps import identify as identification
 from flows.steps import monitor as monitoring
 from flows.steps import validate as validation
 from flows.steps.experiment import PlannedExperiment
-from flows.workers.processes import DASK, Here, chosen_runner, plainly
+from flows.workers.processes import DASK, InlineExecutor, chosen_runner, run_job
 from residual.errors import RunError
 
 HOUR = 3600.0  # s
@@ -81,7 +80,9 @@ def experiment(
         executor: Processes of this machine; None on a cluster, whose worker does it.
     """
     work = partial(campaigns.run_one, store=store)
-    futures = [(executor or Here()).submit(plainly, work, each) for each in batch]
+    futures = [
+        (executor or InlineExecutor()).submit(run_job, work, each) for each in batch
+    ]
     ids = [future.result() for future in futures]
     for each, id in zip(batch, ids, strict=True):
         if why := campaigns.misplaced(each, id, store_folder(store)):
@@ -92,13 +93,7 @@ def experiment(
 def identify(
     fit: list[str], held_out: list[str] | None = None, store: str | None = None
 ) -> None:
-    """Identify the parameters of an arm; the errors are a table among the artifacts.
-
-    Args:
-        fit: Ids of the runs to fit.
-        held_out: Ids of the runs for the proof.
-        store: Folder of the store; else $MODELGAP_STORE, else ./store.
-    """
+    """Identify the parameters of an arm from runs."""
     place = store_folder(store)
     request = requests.Identify(
         tuple(fit),
@@ -107,47 +102,42 @@ def identify(
         store=place,
     )
     logs = identification.read_logs(request)
-    made, kept = identification.identify(request, logs)
-    artifacts.record("identify", [kept] if kept else [], identified_parts(made))
+    outcome, kept = identification.identify(request, logs)
+    artifacts.publish("identify", [kept] if kept else [], identified_parts(outcome))
 
 
 def calibrate(runs: list[str], store: str | None = None) -> list[str]:
-    """Fit look-up tables to what the model of an arm leaves; returns their ids.
-
-    Args:
-        runs: Ids of the runs.
-        store: Folder of the store; else $MODELGAP_STORE, else ./store.
-    """
+    """Fit look-up tables to runs; return the ids of the records."""
     place = store_folder(store)
     robot = robot_of(runs, place)
     request = requests.Calibrate(tuple(runs), robot=robot, store=place)
     done = calibration.calibrate(request, *calibration.read_logs(request))
-    artifacts.record("calibrate", list(done.stored.values()), calibrated_parts(done))
+    artifacts.publish("calibrate", list(done.stored.values()), calibrated_parts(done))
     return list(done.stored.values())
 
 
 def validate(
     runs: list[str], window: float = 0.25, store: str | None = None
 ) -> list[str]:
-    """Try the nominal model on runs; returns the ids of the validations.
+    """Validate the nominal model on runs; return the ids of the validations.
 
     Args:
-        runs: Ids of the runs.
-        window: Length of the windows of the open loop [s].
-        store: Folder of the store; else $MODELGAP_STORE, else ./store.
+        window: Length of a window of the open loop [s].
     """
     place = store_folder(store)
-    wanted = (requests.Validate(id, window, place) for id in runs)
-    made = {request.run: validation.validate(request) for request in wanted}
-    ids = [id for id, _ in made.values()]
-    artifacts.record("validate", ids, validated_parts(made))
+    queue = (requests.Validate(id, window, place) for id in runs)
+    results = {request.run: validation.validate(request) for request in queue}
+    ids = [id for id, _ in results.values()]
+    artifacts.publish("validate", ids, validated_parts(results))
     return ids
 
 
-def validated_parts(made: Mapping[str, tuple[str, validation.Validation]]) -> list:
+def validated_parts(
+    validations: Mapping[str, tuple[str, validation.Validation]],
+) -> list:
     """Return the tables and sentences of validations by run."""
     parts = []
-    for run, (_, found) in made.items():
+    for run, (_, found) in validations.items():
         parts += [f"Run {run}:", experiments.validation(found)]
         parts += [experiments.both_ways(found), experiments.meaning(found)]
     return parts
@@ -162,12 +152,12 @@ def diagnose(runs: dict, store: str, model: str | None = None) -> list[str]:
 
 def diagnosed_already(runs: list[str], store: str) -> str | None:
     """Return the diagnosis that speaks of runs, and say so; None where none does."""
-    found = monitoring.diagnosis_of(runs, Path(store))
-    if found:
-        name = artifacts.name_of(found, Path(store))
+    diagnosis = monitoring.diagnosis_of(runs, Path(store))
+    if diagnosis:
+        name = artifacts.name_of(diagnosis, Path(store))
         artifacts.rename(f"explained already: {name}")
-        get_run_logger().info(f"diagnosis {found} speaks of these runs")
-    return found
+        get_run_logger().info(f"diagnosis {diagnosis} speaks of these runs")
+    return diagnosis
 
 
 def healthy(runs: list[str], good: list[str], store: str) -> list[str]:
@@ -187,7 +177,7 @@ def watch(
     new = monitoring.watch_new(ids, Path(store), model, good, tag)
     if new.record is None or new.result is None:
         get_run_logger().info(new.why)
-        artifacts.record("monitor", (), [f"{new.why} Nothing was watched."])
+        artifacts.publish("monitor", (), [f"{new.why} Nothing was watched."])
         artifacts.rename(f"monitor: nothing watched. {new.why}")
         return []
     parts = [
@@ -195,17 +185,19 @@ def watch(
         *new.result.notes,
         alarm_table(new.result, new.watched),
     ]
-    artifacts.record("monitor", [new.record], parts)
+    artifacts.publish("monitor", [new.record], parts)
     alarmed, count = new.alarmed, len(new.watched)
-    many = f"alarms in {len(alarmed)} of" if alarmed else "no alarm in"
+    summary = f"alarms in {len(alarmed)} of" if alarmed else "no alarm in"
     robot = new.result.monitor.model.robot.name
-    artifacts.rename(f"{robot}: {many} {count} new runs")
+    artifacts.rename(f"{robot}: {summary} {count} new runs")
     if alarmed:
         # With the runs that they were judged by.
         good = {"good_ids": list(new.result.calibration)}
-        artifacts.tell(ALARM, {"record": new.record, "run_ids": list(alarmed)} | good)
-        title = f"{robot}: {many} {count} new runs"
-        artifacts.notice("alarm", robot, title, meaning(new.result), list(alarmed))
+        artifacts.send_event(
+            ALARM, {"record": new.record, "run_ids": list(alarmed)} | good
+        )
+        title = f"{robot}: {summary} {count} new runs"
+        artifacts.send_notice("alarm", robot, title, meaning(new.result), list(alarmed))
     return [new.record]
 
 
@@ -214,6 +206,6 @@ def report(ids: list[str], store: str) -> str:
     """Write the page; it and the verdict in words appear among the artifacts."""
     page = stored.diagnosis_page(ids, Path(store), "nightly")
     name = artifacts.name_of(ids[0], Path(store))
-    artifacts.verdict(name, page, stored.words(ids[1], Path(store)))
+    artifacts.publish_verdict(name, page, stored.words(ids[1], Path(store)))
     artifacts.rename(name)
     return str(page)

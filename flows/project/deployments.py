@@ -12,8 +12,8 @@ COMMITTED = "modelgap.run.committed"
 ALARM, PROPOSED = "modelgap.monitor.alarm", "modelgap.model.proposed"
 STORED, STORE = "modelgap.inbox.stored", "modelgap.store"
 NOTICE = "modelgap.notice"  # for people: .alarm, .finding, .refused, .failed
-_OF_THE_EXAMPLE = "nightly"  # the night of the built-in arm: a project has its own
-_OF_A_PROJECT = ("monitor", "alarm")  # are told whose runs they are
+_EXAMPLE_NIGHT = "nightly"  # the night of the built-in arm: a project has its own
+_WITH_PROJECT = ("monitor", "alarm")  # are told whose runs they are
 _ENTRY = "flows.pipelines.project."
 
 
@@ -24,19 +24,19 @@ def deployments(project: Project | None) -> dict[str, Any]:
     content.pop("definitions", None)
     if project is None:
         return content
-    base = [d for d in content["deployments"] if d["name"] != _OF_THE_EXAMPLE]
+    base = [d for d in content["deployments"] if d["name"] != _EXAMPLE_NIGHT]
     for each in base:
         # An alarm of its robots is diagnosed with all that is new of them.
-        if each["name"] in _OF_A_PROJECT:
-            own = {"project": str(project.folder)}
-            each["parameters"] = each.get("parameters", {}) | own
-    return content | {"deployments": [*base, *_own(project)]}
+        if each["name"] in _WITH_PROJECT:
+            folder = {"project": str(project.folder)}
+            each["parameters"] = each.get("parameters", {}) | folder
+    return content | {"deployments": [*base, *_project_deployments(project)]}
 
 
 def every_of(project: Project | None) -> tuple[str, ...]:
     """Return the deployments of the nights, as "flow/name"."""
     if project is None:
-        return (f"nightly/{_OF_THE_EXAMPLE}",)
+        return (f"nightly/{_EXAMPLE_NIGHT}",)
     return tuple(
         f"{'nightly' if robot.simulated else 'diagnose-new'}/{robot.name}"
         for robot in project.table.robot
@@ -54,16 +54,16 @@ def resource(robot: str) -> str:
     return f"modelgap.inbox.{robot}"
 
 
-def _own(project: Project) -> Iterator[dict]:
+def _project_deployments(project: Project) -> Iterator[dict]:
     for robot in project.table.robot:
         yield _simulated(project, robot) if robot.simulated else _real(project, robot)
-    here = {"project": str(project.folder)}
+    folder = {"project": str(project.folder)}
     if project.table.inbox:
         yield _deployment(
             "inbox",
             "inbox",
             "Checks and stores the logs that dropped into the inboxes.",
-            here,
+            folder,
             schedules=_cron(project.table.poll, "UTC", "poll"),
         )
 

@@ -4,7 +4,6 @@ Paths stand beside it.
 """
 
 import re
-import shutil
 from dataclasses import dataclass
 from datetime import datetime
 from functools import partial
@@ -162,8 +161,8 @@ class Project:
 
     def word(self, robot: RobotTable) -> str:
         """Return what --robot takes for a robot."""
-        known = robot.urdf in built_in_robots()
-        return robot.urdf if known else str(self.path(robot.urdf))
+        is_built_in = robot.urdf in built_in_robots()
+        return robot.urdf if is_built_in else str(self.path(robot.urdf))
 
     def arm(self, robot: RobotTable) -> Robot:
         """Load a robot, with its serial number."""
@@ -228,8 +227,8 @@ def start(
 
     Args:
         folder: Where it is made.
-        robot: URDF file, folder or built-in name of its first robot, whose files are
-            copied into the folder; None for the built-in IRB140, simulated.
+        robot: File, folder or built-in name of its first robot; None for the built-in
+            IRB140, simulated.
     """
     folder = Path(folder).resolve()
     file = folder / PROJECT
@@ -241,8 +240,7 @@ def start(
     word = robot or "irb140"
     name = load(word).name
     folder.mkdir(parents=True, exist_ok=True)
-    urdf = _beside(folder, word, name)
-    text = _filled(name, urdf, simulated or robot is None)
+    text = _filled(name, _path_from(folder, word), simulated or robot is None)
     write_all({file: text})
     project = read_project(folder)
     for inbox in project.table.inbox:
@@ -250,24 +248,14 @@ def start(
     return project
 
 
-def _beside(folder: Path, word: str, name: str) -> str:
-    """Return what the file shall say of a robot, its description in the folder."""
+def _path_from(folder: Path, word: str) -> str:
+    """Return a robot word for the file: a path from its folder where it is inside."""
     if word in built_in_robots():
         return word
     place, _ = split_word(word)
-    path, how = Path(place).resolve(), word.removeprefix(place)
-    if path.is_relative_to(folder):
-        inside = path.relative_to(folder).as_posix() if path != folder else "."
-        return f"{inside}{how}"
-    if path.is_file():
-        shutil.copyfile(path, folder / path.name)
-        return f"{path.name}{how}"
-    kept = folder / name
-    kept.mkdir(exist_ok=True)
-    for file in (*path.glob("*.urdf"), path / "robot.toml"):
-        if file.is_file():
-            shutil.copyfile(file, kept / file.name)
-    return f"{name}{how}"
+    path, options = Path(place).resolve(), word.removeprefix(place)
+    inside = path.is_relative_to(folder)
+    return f"{path.relative_to(folder).as_posix() if inside else path}{options}"
 
 
 def _filled(name: str, urdf: str, simulated: bool) -> str:

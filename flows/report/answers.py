@@ -35,15 +35,38 @@ def print_table(rows: pa.Table, format: str) -> None:
     Raises:
         InputError: If JSON or Parquet would lose a column, two having one name.
     """
-    _check_names(rows, format)
+    if format in ("json", "parquet"):
+        _check_names(rows, format)
     if format == "parquet":
         sys.stdout.buffer.write(as_bytes(rows, format))
     elif format == "json":
-        _print_json(rows)
+        columns = [[_plain(cell.as_py()) for cell in column] for column in rows.columns]
+        names = rows.column_names
+        records = [
+            dict(zip(names, row, strict=True)) for row in zip(*columns, strict=True)
+        ]
+        print(json.dumps(records, indent=2, ensure_ascii=False, allow_nan=False))
     elif format == "csv":
-        _print_csv(rows)
+        writer = csv.writer(sys.stdout, lineterminator="\n")
+        writer.writerow(rows.column_names)
+        for batch in rows.to_batches(max_chunksize=10_000):
+            columns = [[_field(cell.as_py()) for cell in column] for column in batch]
+            writer.writerows(zip(*columns, strict=True))
     else:
-        _print_people(rows)
+        types = [field.type for field in rows.schema]
+        number = [pa.types.is_integer(t) or pa.types.is_floating(t) for t in types]
+        shown = rows.slice(0, MOST).columns
+        cells = zip(
+            *([_word(c.as_py()) for c in column] for column in shown), strict=True
+        )
+        left = [i for i, is_number in enumerate(number) if not is_number]
+        more = f"; the first {MOST} are shown, --format csv has all"
+        count = f"{len(rows)} row{'' if len(rows) == 1 else 's'}" + more * (
+            len(rows) > MOST
+        )
+        # Into a file or a pipe: as wide as it needs, nothing is cut.
+        table = Table(rows.column_names, list(cells), left=left)
+        show(wide(Console(), 10_000), table, count)
 
 
 def as_bytes(rows: pa.Table, format: str) -> bytes:
@@ -55,15 +78,15 @@ def as_bytes(rows: pa.Table, format: str) -> bytes:
     Raises:
         InputError: If JSON or Parquet would lose a column, two having one name.
     """
-    _check_names(rows, format)
     if format == "parquet":
+        _check_names(rows, format)
         sink = pa.BufferOutputStream()
         try:
             pq.write_table(rows, sink, compression="zstd")
         except pa.ArrowNotImplementedError as error:
             raise InputError(
-                f"Parquet cannot hold a column of this answer: {error}. Make it text "
-                "or a number: x::VARCHAR."
+                f"Parquet cannot hold a column of this answer: {error}. Cast it to "
+                "text or a number: x::VARCHAR."
             ) from error
         return sink.getvalue().to_pybytes()
     text = io.StringIO()
@@ -73,66 +96,31 @@ def as_bytes(rows: pa.Table, format: str) -> bytes:
 
 
 def check_shown(format: str, out: str | None) -> None:
-    """Refuse what no terminal shows.
+    """Refuse Parquet on a terminal.
 
     Raises:
         InputError: If it is Parquet, without a file, on a terminal.
     """
     if format == "parquet" and out is None and sys.stdout.isatty():
         raise InputError(
-            "Parquet is no text for a terminal. Name a file with --out FILE, or send "
-            "it on with > FILE."
+            "Parquet is not text. Name a file with --out FILE, or redirect with > FILE."
         )
 
 
 def tell_damage(store: Store) -> None:
-    """Say on standard error which files cannot be read."""
+    """Print on standard error which files cannot be read."""
     for line in store.damaged:
         print(f"modelgap: left out: {line}", file=sys.stderr)
 
 
 def _check_names(rows: pa.Table, format: str) -> None:
-    """Refuse names that are there twice where columns are found by their names."""
     counts = Counter(rows.column_names)
     twice = [name for name, count in counts.items() if count > 1]
-    if twice and format in ("json", "parquet"):
+    if twice:
         raise InputError(
             f"Two columns have the name '{twice[0]}': {format} would keep one of them. "
-            f"Name them apart: SELECT ... AS {twice[0]}_2."
+            f"Rename one: SELECT ... AS {twice[0]}_2."
         )
-
-
-def _print_people(rows: pa.Table) -> None:
-    # Into a file or a pipe: as wide as it needs, nothing is cut.
-    console = wide(Console(), 10_000)
-    types = [field.type for field in rows.schema]
-    numbers = [pa.types.is_integer(t) or pa.types.is_floating(t) for t in types]
-    columns = [_words(column) for column in rows.slice(0, MOST).columns]
-    left = [i for i, number in enumerate(numbers) if not number]
-    cells = list(zip(*columns, strict=True))
-    more = f"; the first {MOST} are shown, --format csv has all" * (len(rows) > MOST)
-    noun = "row" if len(rows) == 1 else "rows"
-    table = Table(rows.column_names, cells, left=left)
-    show(console, table, f"{len(rows)} {noun}{more}")
-
-
-def _print_csv(rows: pa.Table) -> None:
-    writer = csv.writer(sys.stdout, lineterminator="\n")
-    writer.writerow(rows.column_names)
-    for batch in rows.to_batches(max_chunksize=10_000):
-        columns = [[_cell(value.as_py()) for value in column] for column in batch]
-        writer.writerows(zip(*columns, strict=True))
-
-
-def _print_json(rows: pa.Table) -> None:
-    names = rows.column_names
-    values = [[_plain(value.as_py()) for value in column] for column in rows.columns]
-    listed = [dict(zip(names, row, strict=True)) for row in zip(*values, strict=True)]
-    print(json.dumps(listed, indent=2, ensure_ascii=False, allow_nan=False))
-
-
-def _words(column: pa.ChunkedArray) -> list[str]:
-    return [_word(value.as_py()) for value in column]
 
 
 def _word(value: object) -> str:
@@ -143,11 +131,11 @@ def _word(value: object) -> str:
     if isinstance(value, datetime):
         return value.isoformat(" ", "seconds")
     if isinstance(value, list):
-        return ", ".join(_word(item) for item in value)
+        return ", ".join(map(_word, value))
     return str(value)
 
 
-def _cell(value: object) -> object:
+def _field(value: object) -> object:
     """One field of CSV: numbers in full, lists as JSON, empty for null."""
     if isinstance(value, list | dict):
         return json.dumps(_plain(value), ensure_ascii=False)
@@ -163,21 +151,16 @@ def _plain(value: object) -> object:
         return {str(key): _plain(item) for key, item in value.items()}
     if isinstance(value, list | tuple):
         return [_plain(item) for item in value]
-    if isinstance(value, float):
-        return value if math.isfinite(value) else _not_finite(value)
+    if isinstance(value, float) and not math.isfinite(value):
+        infinity = "Infinity" if value > 0 else "-Infinity"
+        return "NaN" if math.isnan(value) else infinity
     if isinstance(value, Decimal):  # a sum of whole numbers is one
         if value == int(value):
             return int(value)
         return float(value) if Decimal(repr(float(value))) == value else str(value)
-    if value is None or isinstance(value, str | int):
+    if value is None or isinstance(value, str | int | float):
         return value
     return value.isoformat() if isinstance(value, datetime) else str(value)
-
-
-def _not_finite(value: float) -> str:
-    if math.isnan(value):
-        return "NaN"
-    return "Infinity" if value > 0 else "-Infinity"
 
 
 def schema_table() -> pa.Table:
@@ -197,7 +180,7 @@ def schema_table() -> pa.Table:
 
 
 def named_table() -> pa.Table:
-    """Return the named queries with a sentence each, and what they need."""
+    """Return the named queries with a sentence each, and their values."""
     rows = [
         {
             "--named": name,
@@ -210,5 +193,5 @@ def named_table() -> pa.Table:
 
 
 def values_of(name: str) -> Mapping[str, str]:
-    """Return what a named query takes: what each value is, by its name."""
+    """Return the values that a named query takes: their meaning by name."""
     return TAKES.get(name, {})

@@ -1,17 +1,14 @@
-"""A calibration in the terminal and on a page: errors by scheme and model.
-
-The page has the figures of the paper's chapter.
-"""
+"""A calibration in the terminal and on a page: errors by scheme and model."""
 
 from collections.abc import Sequence
 
 import numpy as np
 
 from flows.report import calibration_charts as figures
-from flows.report.document import Callout, Chart, Document, Section, Strong, Table, Tile
+from flows.report.document import Chart, Document, Note, Section, Strong, Table, Tile
 from flows.report.page import render as render_page
 from flows.report.words.calibration import sentences
-from flows.report.words.phrases import sentence_case, texts
+from flows.report.words.phrases import many, sentence_case, texts
 from flows.steps.calibrate import StoredCalibration
 from residual.calibration.calibrate import Calibration
 from residual.calibration.choice import PLSR as LINES
@@ -25,7 +22,6 @@ from residual.calibration.scores import (
     RANDOM,
     RUN,
     SCHEMES,
-    Score,
     find,
 )
 
@@ -40,7 +36,7 @@ _TILES = (
 
 
 def told(outcome: StoredCalibration) -> list[str | Table]:
-    """Return a calibration for the terminal: the table, and what it shows."""
+    """Return a calibration for the terminal: errors, how they are meant, warnings."""
     result = outcome.calibration
     return [
         _errors(result),
@@ -59,21 +55,17 @@ def _errors(result: Calibration) -> Table:
     heads += [f"mean {joint}" for joint in joints] if paper else []
     schemes = [one.scheme for one in result.scores]
     first = [i for i, name in enumerate(schemes) if name not in schemes[:i]]
-    least = {
-        name: min(one.overall for one in result.scores if one.scheme == name)
-        for name in schemes
-    }
     rows = []
     for i, one in enumerate(result.scores):
-        # The best of each scheme stands out.
-        kind = Strong if one.overall == least[one.scheme] else str
+        same = [other.overall for other in result.scores if other.scheme == one.scheme]
+        kind = Strong if one.overall == min(same) else str  # the best of its scheme
         cells = [
             kind(f"{_percent(v)} ({_percent(c)})")
             for v, c in zip(one.rmsev, one.rmsec, strict=True)
         ]
         means = [_percent(m) for m in one.mean] if paper else []
-        named = "" if one.components is None else f", A = {one.components}"
-        start = [SCHEMES[one.scheme] if i in first else "", MODELS[one.model] + named]
+        count = "" if one.components is None else f", A = {one.components}"
+        start = [SCHEMES[one.scheme] if i in first else "", MODELS[one.model] + count]
         rows.append([*start, *cells, kind(_percent(one.overall)), *means])
     return Table(heads, rows, left=(0, 1), sections=first[1:])
 
@@ -85,95 +77,64 @@ def _percent(value: float) -> str:
 def about_rows(result: Calibration) -> str:
     """Return in a sentence what X and Y are, so that the errors can be read."""
     rows = result.rows
-    common = f"{len(rows.X)} rows of {len(rows.labels)} runs; errors are per cent of "
-    common += "the measured torque"
     if rows.mode == PAPER:
         joints = ", ".join(map(str, rows.joints))
-        return (
+        pair = (
             f"X: reference of joints {joints} and its derivatives; Y: torque minus "
-            f"that of the simulated twin, one sample ahead; {common}."
+            "that of the simulated twin, one sample ahead"
         )
-    declared = ", ".join(result.declared) or "nothing"
+    else:
+        declared = ", ".join(result.declared) or "nothing"
+        pair = (
+            "X: measured motion of all joints; Y: torque minus that of a model "
+            f"(declared: {declared}) identified without the held-out runs"
+        )
     return (
-        "X: measured motion of all joints; Y: torque minus that of a model (declared: "
-        f"{declared}) identified without the held-out runs; {common}."
+        f"{pair}; {len(rows.X)} rows of {many(len(rows.labels), 'run')}; errors are in "
+        "per cent of the measured torque."
     )
 
 
 def chosen_words(result: Calibration) -> str:
-    """Return in a sentence what the default form takes for each joint."""
-    taken = []
+    """Return in a sentence the default form of each joint."""
+    forms = []
     for joint, option in zip(result.rows.joints, result.chosen, strict=True):
-        what = option.kind
-        if option.kind == LINES:
-            what = (
-                f"PLSR, {option.count} component(s)" if option.count else "a constant"
-            )
-        taken.append(f"J{joint} {what}")
-    where = (
-        "runs" if result.proven else "blocks of the runs, which are fewer than four,"
-    )
-    return f"default form, chosen on {where} left out: {'; '.join(taken)}."
+        form = option.kind
+        if form == LINES:
+            count = many(option.count, "component")
+            form = f"PLSR, {count}" if option.count else "a constant"
+        forms.append(f"J{joint} {form}")
+    where = "runs" if result.proven else "blocks of the runs (fewer than four runs)"
+    return f"Default form, chosen on left-out {where}: {'; '.join(forms)}."
 
 
 def render(result: Calibration, warnings: Sequence[str] = ()) -> str:
     """Return the page of a calibration."""
-    return render_page(_document(result, warnings))
 
+    def section(
+        id: str, heading: str, charts: Sequence[Chart], *more: Table
+    ) -> Section:
+        parts = [charts, *more] if charts else ()
+        return Section(id, heading, parts, _TEXT.get(id, ""))
 
-def _document(result: Calibration, warnings: Sequence[str]) -> Document:
     words = sentences(result)
-    return Document(
-        title=f"modelgap calibration: {result.robot}",
-        about=f"modelgap calibration of {result.robot}",
-        headline=words[0] if words else "A data-driven correction",
-        lead=words[1:],
-        tiles=_tiles(result.scores),
-        setting=f"{about_rows(result)} Logs: {', '.join(result.rows.labels)}.",
-        callouts=[Callout("Warnings", warnings)],
-        sections=(
-            _every_model(result),
-            _section("bars", "The same as bars (figure 10)", figures.bars(result)),
-            _section(
-                "time", "Corrections over time (figure 9)", figures.over_time(result)
-            ),
-            _section(
-                "pca",
-                "Principal components (figures 4 to 6)",
-                figures.components(result),
-                _components(result),
-            ),
-            _section("curves", "Components (figure 8)", figures.curves(result)),
-            _section("levels", "Levels (figure 12)", figures.levels(result)),
-            Section("read", "How to read this page", [texts()["read_calibration"]]),
-            Section("notes", "Notes", [result.notes]),
-        ),
-    )
-
-
-def _section(id: str, heading: str, charts: Sequence[Chart], *more: Table) -> Section:
-    return Section(id, heading, [charts, *more] if charts else (), _TEXT.get(id, ""))
-
-
-def _every_model(result: Calibration) -> Section:
+    tiles = []
+    for scheme, model, label in _TILES:
+        one, none = (find(result.scores, scheme, m) for m in (model, NOTHING))
+        if one is not None and none is not None:
+            note = f"of the torque; no compensation {none.overall:.3g} %"
+            tiles.append(Tile(label, f"{one.overall:.3g} %", note))
     note = (
-        "RMSEV on rows held out, RMSEC in brackets on rows fitted, per cent of the "
+        "RMSEV on held-out rows, RMSEC in brackets on fitted rows, per cent of the "
         "measured torque, pooled over folds"
     )
     if result.rows.mode == PAPER:
-        note += "; the paper's mean over subsets beside it"
-    below = f"{sentence_case(chosen_words(result))} {_TEXT['flatters']}"
-    return Section(
-        "table",
-        "Every model under every scheme",
-        [_errors(result)],
-        f"{note}. {_TEXT['newness']}",
-        below,
+        note += "; the mean over subsets, as in the paper, in the last columns"
+    note = f"{note}. {_TEXT['newness']}"
+    below = Note(
+        f"{sentence_case(chosen_words(result))} {_TEXT['flatters']}", "soft spaced"
     )
-
-
-def _components(result: Calibration) -> Table:
-    rows = [
+    loadings = [
         (
             one.family.replace("_", " "),
             one.block,
@@ -183,14 +144,26 @@ def _components(result: Calibration) -> Table:
         for one in result.blocks
     ]
     heads = ("Motion", "Block", "Real components", "Largest loadings of the first")
-    return Table(heads, rows, left=(0, 1, 3))
-
-
-def _tiles(scores: Sequence[Score]) -> list[Tile]:
-    out = []
-    for scheme, model, label in _TILES:
-        one, none = find(scores, scheme, model), find(scores, scheme, NOTHING)
-        if one is not None and none is not None:
-            note = f"of the torque; no compensation {none.overall:.3g} %"
-            out.append(Tile(label, f"{one.overall:.3g} %", note))
-    return out
+    table = Table(heads, loadings, left=(0, 1, 3))
+    pca, over_time = figures.components(result), figures.over_time(result)
+    return render_page(
+        Document(
+            title=f"modelgap calibration: {result.robot}",
+            about=f"modelgap calibration of {result.robot}",
+            headline=words[0] if words else "A data-driven correction",
+            lead=words[1:],
+            tiles=tiles,
+            setting=f"{about_rows(result)} Logs: {', '.join(result.rows.labels)}.",
+            warnings=warnings,
+            sections=(
+                Section("table", "Models and schemes", [_errors(result), below], note),
+                section("bars", "Errors as bars (figure 10)", figures.bars(result)),
+                section("time", "Corrections over time (figure 9)", over_time),
+                section("pca", "Principal components (figures 4 to 6)", pca, table),
+                section("curves", "Components (figure 8)", figures.curves(result)),
+                section("levels", "Levels (figure 12)", figures.levels(result)),
+                Section("read", "How to read this page", [texts()["read_calibration"]]),
+                Section("notes", "Notes", [result.notes]),
+            ),
+        )
+    )

@@ -1,11 +1,11 @@
-"""Figures of the paper's chapter on a calibration: 4 to 6, 8, 9, 10 and 12."""
+"""The figures of a calibration page, by their numbers in the paper."""
 
 from collections.abc import Mapping, Sequence
 
 import numpy as np
 
+from flows.report import look
 from flows.report.document import Chart
-from flows.report.figures import look
 from residual.calibration.calibrate import Calibration
 from residual.calibration.scores import (
     DEFAULT,
@@ -19,10 +19,10 @@ from residual.calibration.scores import (
     SCHEMES,
     find,
 )
-from residual.calibration.views import INPUT, WHITE, Components
+from residual.calibration.views import INPUT, WHITE
 
 # Okabe and Ito's palette, as in the other figures.
-MODEL_COLOURS = {
+MODEL_COLORS = {
     NOTHING: "#b3b3b3",
     LS: "#e69f00",
     PLSR: "#56b4e9",
@@ -31,22 +31,28 @@ MODEL_COLOURS = {
 }
 _BLOCKS = {INPUT: "#0072b2", WHITE: "#b3b3b3"}
 _CLIP = 1.5  # times no compensation, above which bars are cut
-_HEIGHT = 290
+_RMSEV = look.axis("RMSEV (%)", rangemode="tozero")
 
 
-def bars(made: Calibration) -> list[Chart]:
+def _chart(
+    title: str, x: str, y: Mapping, data: list, alt: str, joint: int | None = None
+) -> Chart:
+    plot = {"data": data, "layout": look.layout(title, look.axis(x), y)}
+    return Chart("", f"{title}: {alt}.", joint=joint, plot=plot)
+
+
+def bars(result: Calibration) -> list[Chart]:
     """Return errors as bars: schemes side by side, then joint by joint (figure 10)."""
-    names = list(dict.fromkeys(one.scheme for one in made.scores))
-    whole = {
-        model: [find(made.scores, scheme, model) for scheme in names]
-        for model in MODELS
-    }
-    rows = {m: [one and one.overall for one in own] for m, own in whole.items()}
-    out = [_bars("All joints", [SCHEMES[n] for n in names], rows)]
-    joints = [f"joint {j}" for j in made.rows.joints]
-    for name in names:
-        own = [one for one in made.scores if one.scheme == name]
-        out.append(_bars(SCHEMES[name], joints, {o.model: o.rmsev for o in own}))
+    schemes = list(dict.fromkeys(one.scheme for one in result.scores))
+    overall = {}
+    for model in MODELS:
+        scores = [find(result.scores, scheme, model) for scheme in schemes]
+        overall[model] = [score and score.overall for score in scores]
+    out = [_bars("All joints", [SCHEMES[name] for name in schemes], overall)]
+    joints = [f"joint {j}" for j in result.rows.joints]
+    for name in schemes:
+        scores = {s.model: s.rmsev for s in result.scores if s.scheme == name}
+        out.append(_bars(SCHEMES[name], joints, scores))
     return out
 
 
@@ -59,118 +65,106 @@ def _bars(title: str, at: list[str], rows: Mapping[str, Sequence]) -> Chart:
             "x": at,
             "y": [_number(v) for v in values],
             "text": [f"{v:.3g}" if _number(v) is not None else "" for v in values],
-            "marker": {"color": MODEL_COLOURS[model]},
+            "marker": {"color": MODEL_COLORS[model]},
         }
         for model, values in rows.items()
     ]
-    y = look.axis("RMSEV, %", range=[0, max(top, 1e-6)])
-    plot = {"data": data, "layout": look.layout(title, look.axis(""), y)}
     text = "; ".join(
         f"{MODELS[m]} {', '.join(f'{v:.3g} %' for v in values if v is not None)}"
         for m, values in rows.items()
     )
-    return Chart("", f"{title}: {text}.", plot=plot, height=_HEIGHT)
+    y = look.axis("RMSEV (%)", range=[0, max(top, 1e-6)])
+    return _chart(title, "", y, data, text)
 
 
-def over_time(made: Calibration) -> list[Chart]:
+def over_time(result: Calibration) -> list[Chart]:
     """Return corrections of a run beside its residual, joint by joint (figure 9)."""
-    unseen, out = made.unseen, []
-    for column, joint in enumerate(made.rows.joints if unseen else ()):
+    unseen, out = result.unseen, []
+    for column, joint in enumerate(result.rows.joints if unseen else ()):
         residual = unseen.residual[:, column]
-        curves = {"measured residual": (look.MEASURED, residual)}
+        curves = {"residual": (look.MEASURED, residual)}
         for name, values in unseen.corrections.items():
-            curves[MODELS[name]] = MODEL_COLOURS[name], values[:, column]
+            curves[MODELS[name]] = MODEL_COLORS[name], values[:, column]
         x = look.packed(unseen.t)
         data = [
-            {**look.line(name, colour, 1.0), "x": x, "y": look.packed(values)}
-            for name, (colour, values) in curves.items()
+            {**look.line(name, color, 1.0), "x": x, "y": look.packed(values)}
+            for name, (color, values) in curves.items()
         ]
         reach = 1.5 * float(np.abs(residual).max()) or 1.0
-        y = look.axis("N m", range=[-reach, reach])
-        plot = {"data": data}
-        plot["layout"] = look.layout(f"Joint {joint}", look.axis("t, s"), y)
-        alt = f"Joint {joint}: residual of {unseen.label} and corrections over t."
-        out.append(Chart("", alt, joint=joint, plot=plot, height=_HEIGHT))
+        y = look.axis("torque (N m)", range=[-reach, reach])
+        alt = f"residual of {unseen.label} and corrections over time"
+        out.append(_chart(f"Joint {joint}", "time (s)", y, data, alt, joint))
     return out
 
 
-def components(made: Calibration) -> list[Chart]:
-    """Return explained variance, a chart for each kind of motion (figures 4 to 6)."""
+def components(result: Calibration) -> list[Chart]:
+    """Return explained variance, a chart for each motion family (figures 4 to 6)."""
     out = []
-    for family in dict.fromkeys(one.family for one in made.blocks):
-        own = [one for one in made.blocks if one.family == family]
-        data = [trace for one in own for trace in _explained(one)]
-        title, axes = family.replace("_", " "), [look.axis("component")]
-        axes.append(look.axis("explained, %", rangemode="tozero"))
-        text = "; ".join(f"{o.block}: {o.explained[0]:.0f} % in the first" for o in own)
-        plot = {"data": data, "layout": look.layout(title, *axes)}
-        out.append(Chart("", f"{title}: {text}.", plot=plot, height=_HEIGHT))
+    for family in dict.fromkeys(one.family for one in result.blocks):
+        blocks, data = [one for one in result.blocks if one.family == family], []
+        for one in blocks:
+            color = _BLOCKS.get(one.block, "#d55e00")
+            x = {"x": list(range(1, len(one.limit) + 1))}
+            data.append(look.line(one.block, color) | x | {"y": one.explained.tolist()})
+            if one.block != WHITE:
+                name, dash = f"{one.block}, chance", {"dash": "dash"}
+                style = look.line(name, color, 1.0, line=dash)
+                data.append(style | x | {"y": one.limit.tolist()})
+        alt = "; ".join(
+            f"{o.block}: {o.explained[0]:.0f} % in the first" for o in blocks
+        )
+        y = look.axis("explained variance (%)", rangemode="tozero")
+        out.append(_chart(family.replace("_", " "), "component", y, data, alt))
     return out
 
 
-def _explained(one: Components) -> list[look.Trace]:
-    colour, at = _BLOCKS.get(one.block, "#d55e00"), list(range(1, len(one.limit) + 1))
-    lines = [{**look.line(one.block, colour), "x": at, "y": one.explained.tolist()}]
-    if one.block != WHITE:
-        dashed = look.line(f"{one.block}, chance", colour, 1.0, line={"dash": "dash"})
-        lines.append({**dashed, "x": at, "y": one.limit.tolist()})
-    return lines
-
-
-def curves(made: Calibration) -> list[Chart]:
+def curves(result: Calibration) -> list[Chart]:
     """Return RMSEV over the number of components of each model (figure 8)."""
     out = []
     for model in (PLSR, PAPER_FORM):
-        own = [find(made.scores, scheme, model) for scheme in (RUN, RANDOM)]
-        own = [one for one in own if one is not None and one.curve is not None]
-        if own:
-            lines = {SCHEMES[one.scheme]: one.curve for one in own}
-            least = (
-                f"{SCHEMES[o.scheme]}: least at {o.components} components" for o in own
+        scores = [find(result.scores, scheme, model) for scheme in (RUN, RANDOM)]
+        scores = [one for one in scores if one is not None and one.curve is not None]
+        if scores:
+            curves = {SCHEMES[one.scheme]: one.curve for one in scores}
+            alt = "; ".join(
+                f"{SCHEMES[o.scheme]}: least at {o.components} components"
+                for o in scores
             )
-            at = list(range(max(len(one.curve) for one in own)))
-            title = MODELS[model]
-            out.append(
-                _by_joint(made, title, "components", at, lines, "; ".join(least))
-            )
+            at = list(range(max(len(one.curve) for one in scores)))
+            data = _by_joint(result, at, curves)
+            out.append(_chart(MODELS[model], "components", _RMSEV, data, alt))
     return out
 
 
-def levels(made: Calibration) -> list[Chart]:
+def levels(result: Calibration) -> list[Chart]:
     """Return RMSEV over the number of levels, and its time (figure 12)."""
-    if made.sweep is None:
+    sweep = result.sweep
+    if sweep is None:
         return []
-    at = list(made.sweep.levels)
-    lines = {SCHEMES[name]: errors for name, errors in made.sweep.errors.items()}
+    at = list(sweep.levels)
     alt = f"RMSEV over {at[0]} to {at[-1]} levels"
-    chart = _by_joint(made, "Error", "levels", at, lines, alt)
-    style = look.line("time", look.SOFT)
-    data = [{**style, "x": at, "y": [round(s, 3) for s in made.sweep.seconds]}]
-    axes = look.axis("levels"), look.axis("processor time, s", rangemode="tozero")
-    plot = {"data": data, "layout": look.layout("Time", *axes)}
-    text = f"Time of {at[0]} to {at[-1]} levels."
-    return [chart, Chart("", text, plot=plot, height=_HEIGHT)]
+    curves = {SCHEMES[name]: errors for name, errors in sweep.errors.items()}
+    data = _by_joint(result, at, curves)
+    times = {"x": at, "y": [round(s, 3) for s in sweep.seconds]}
+    y = look.axis("processor time (s)", rangemode="tozero")
+    return [
+        _chart("Error", "levels", _RMSEV, data, alt),
+        _chart("Time", "levels", y, [look.line("time", look.SOFT) | times], alt),
+    ]
 
 
 def _by_joint(
-    made: Calibration,
-    title: str,
-    x: str,
-    at: list[int],
-    lines: Mapping[str, np.ndarray],
-    alt: str,
-) -> Chart:
+    result: Calibration, at: list[int], curves: Mapping[str, np.ndarray]
+) -> list[look.Trace]:
     """Errors of each joint, the first scheme solid and the second dashed."""
     data = []
-    for (name, errors), dash in zip(lines.items(), ("solid", "dash"), strict=False):
-        for column, joint in enumerate(made.rows.joints):
-            colour = look.JOINTS[column % len(look.JOINTS)]
-            style = look.line(f"joint {joint}, {name}", colour, line={"dash": dash})
+    for (name, errors), dash in zip(curves.items(), ("solid", "dash"), strict=False):
+        for column, joint in enumerate(result.rows.joints):
+            color = look.JOINTS[column % len(look.JOINTS)]
+            style = look.line(f"joint {joint}, {name}", color, line={"dash": dash})
             y = [_number(v) for v in errors[:, column]]
             data.append({**style, "x": at[: len(y)], "y": y})
-    axes = look.axis(x), look.axis("RMSEV, %", rangemode="tozero")
-    plot = {"data": data, "layout": look.layout(title, *axes)}
-    return Chart("", f"{title}: {alt}.", plot=plot, height=_HEIGHT + 60)
+    return data
 
 
 def _number(value: float | None) -> float | None:

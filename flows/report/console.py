@@ -1,10 +1,11 @@
-"""Documents in the terminal: 80 columns, no colour and no Unicode are enough."""
+"""Documents in the terminal: 80 columns, no color and no Unicode are enough."""
 
 from collections.abc import Sequence
 
 from rich.box import SIMPLE_HEAD
 from rich.console import Console
-from rich.table import Table as Drawn
+from rich.padding import Padding
+from rich.table import Table as RichTable
 from rich.text import Text
 
 from flows.outputs import say
@@ -22,44 +23,50 @@ def show(
     """Print sentences and tables, one after the other.
 
     Args:
-        wrapped: Break sentences where the terminal ends; without it they stay whole, so
-            that paths and commands can be taken over.
+        wrapped: Break sentences at the width of the terminal; without it they stay on
+            one line, so that paths and commands can be copied.
     """
     for part in parts:
+        text = getattr(part, "text", part)
         if isinstance(part, Table):
             _print_table(console, part)
         elif isinstance(part, Heading):
-            line(console, f"\n{part.text}", "bold")
+            line(console, f"\n{text}", "bold")
         elif wrapped:
-            line(console, getattr(part, "text", part))
+            line(console, text, "bold" if isinstance(text, Strong) else "")
         else:
-            say(console, getattr(part, "text", part))
+            say(console, text)
 
 
 def print_document(
-    console: Console, told: Document, order: Sequence[str], last: Sequence[str] = ()
+    console: Console,
+    document: Document,
+    order: Sequence[str],
+    after_warnings: Sequence[str] = (),
 ) -> None:
-    """Print what a terminal has of a document.
+    """Print the brief form of a document.
 
     Args:
         order: Ids of its sections.
-        last: Those that stand after what it warns of.
+        after_warnings: Ids of the sections that follow the warnings.
     """
     line(console, "")
-    line(console, " ".join([told.headline, *told.lead]), "bold")
-    sections = {section.id: section for section in told.sections}
+    line(console, " ".join([document.headline, *document.lead]), "bold")
+    sections = {section.id: section for section in document.sections}
     for id in order:
         show(console, *filter(None, sections[id].brief), wrapped=True)
-    warnings = [words for part in told.callouts for words in part.lines]
-    for number, words in enumerate(warnings):
+    for number, words in enumerate(document.warnings):
         line(console, f"{'' if number else chr(10)}Warning: {words}", "yellow")
-    for id in last:
+    for id in after_warnings:
         show(console, *filter(None, sections[id].brief), wrapped=True)
 
 
 def line(console: Console, text: str, style: str = "") -> None:
-    """Print a sentence, broken where the terminal ends."""
-    console.print(_readable(console, Text(plain(text), style=style)))
+    """Print a sentence, wrapped at the width of the terminal, its indent kept."""
+    words = _readable(console, Text(plain(text), style=style))
+    indent = len(words.plain) - len(words.plain.lstrip(" "))
+    padded = Padding(words[indent:], (0, 0, 0, indent), expand=False)
+    console.print(padded if indent else words)
 
 
 def wide(console: Console, width: int = _WIDE) -> Console:
@@ -68,24 +75,32 @@ def wide(console: Console, width: int = _WIDE) -> Console:
 
 
 def _print_table(console: Console, table: Table) -> None:
-    drawn = Drawn(box=SIMPLE_HEAD, show_edge=not table.title, pad_edge=False)
+    drawn = RichTable(box=SIMPLE_HEAD, show_edge=not table.title, pad_edge=False)
     for i, head in enumerate(table.heads):
         words = i in table.left
+        # Words wrap between words; numbers never.
+        longest = max((len(w) for row in table.rows for w in row[i].split()), default=0)
         drawn.add_column(
             _readable(console, Text(head)),
             justify="left" if words else "right",
-            # Words may take several lines; numbers may not.
             no_wrap=not words,
-            min_width=table.least.get(i),
+            min_width=min(longest, console.width // 3) if words else None,
             max_width=table.most.get(i),
             overflow="fold",
         )
+    if table.title:
+        show(console, Heading(table.title), wrapped=True)
+    if drawn.__rich_measure__(console, console.options).minimum > console.width:
+        for first, *cells in table.rows:  # too narrow for columns: a record a row
+            heads = (" ".join(head.split()) for head in table.heads[1:])
+            pairs = zip(heads, cells, strict=True)
+            words = ", ".join(f"{h} {c}" for h, c in pairs if c not in ("", "–"))
+            show(console, Strong(first), f"  {words}", wrapped=True)
+        return
     for number, row in enumerate(table.rows):
         if number in table.sections:
             drawn.add_section()
         drawn.add_row(*(_readable(console, _cell(cell)) for cell in row))
-    if table.title:
-        show(console, Heading(table.title))
     console.print(drawn)
 
 
@@ -101,5 +116,5 @@ def _readable(console: Console, text: Text) -> Text:
     """Return the text in characters that the terminal has."""
     if "utf" in console.encoding.lower():
         return text
-    plain = text.plain.translate(_PLAIN).encode("ascii", "replace").decode()
-    return Text(plain, style=text.style)
+    ascii = text.plain.translate(_PLAIN).encode("ascii", "replace").decode()
+    return Text(ascii, style=text.style)

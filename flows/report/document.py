@@ -1,13 +1,12 @@
-"""What reports are made of: sentences, tables, charts, and figures at the head.
+"""The parts that reports are made of: sentences, tables, charts, figures at the head.
 
-Each subject (a diagnosis, a calibration) is told in these, a function a
-section. `console` prints them in the terminal, `page` draws them. Any text may be
-`Markup`: a page takes it as it is, the terminal without its tags.
+Each subject (a diagnosis, a calibration) is a function a section. `console` prints the
+parts in the terminal, `page` renders them. Any text may be `Markup`: a page takes it as
+it is, the terminal without its tags.
 """
 
 from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, field
-from datetime import datetime
 from itertools import accumulate
 from typing import Any, NamedTuple
 
@@ -15,23 +14,13 @@ from markupsafe import Markup
 
 
 class Strong(str):
-    """A cell that stands out; of several lines the first one does."""
+    """A line or cell that stands out; of several lines the first one does."""
 
 
 def tag(name: str, text: object, look: str = "") -> Markup:
     """Return text within a tag of a page, such as kbd for what is typed."""
     start = Markup('<{} class="{}">').format(name, look) if look else f"<{name}>"
     return Markup("{}{}</{}>").format(Markup(start), text, name)
-
-
-def link(address: str, text: object) -> Markup:
-    """Return text that leads to an address."""
-    return Markup('<a href="{}">{}</a>').format(address, text)
-
-
-def when(time: datetime) -> Markup:
-    """Return a time to the minute, never broken."""
-    return tag("time", f"{time:%Y-%m-%d %H:%M}")
 
 
 @dataclass(frozen=True, slots=True)
@@ -43,12 +32,11 @@ class Table:
         rows: Cells as text; may be of several lines.
         title: Above it; empty for none.
         left: Columns of words, from 0; all others are numbers, on the right.
-        least: Columns that may not get narrower, and their width in characters.
-        most: Columns that break their words at a width, and it.
-        sections: Rows, from 0, before which a new part of it begins.
-        groups: Words over columns that belong together, and how many those are.
-        named: Column that says what a row is of.
-        filters: Columns by whose values a reader may narrow it.
+        most: Columns that wrap their words at a width [characters].
+        sections: Rows, from 0, above which a line is drawn.
+        groups: Titles over neighboring columns, and how many columns each has.
+        named: Column that names the row.
+        filters: Columns that a reader may filter by.
         look: Its class in the style sheet.
     """
 
@@ -56,7 +44,6 @@ class Table:
     rows: Sequence[Sequence[str]]
     title: str = ""
     left: Collection[int] = (0,)
-    least: Mapping[int, int] = field(default_factory=dict)
     most: Mapping[int, int] = field(default_factory=dict)
     sections: Collection[int] = ()
     groups: Sequence[tuple[str, int]] = ()
@@ -78,7 +65,7 @@ def words_table(
 
 
 class Tile(NamedTuple):
-    """One figure at the head of a page: what it is, its value, what it means."""
+    """One figure at the head of a page: its label, its value, what it means."""
 
     label: str
     value: str
@@ -87,7 +74,7 @@ class Tile(NamedTuple):
 
 @dataclass(frozen=True, eq=False, slots=True)
 class Chart:
-    """A picture with its text.
+    """A figure with its text.
 
     Attributes:
         uri: The picture as a data address; empty where the page draws it.
@@ -95,8 +82,8 @@ class Chart:
         caption: One or two sentences below it.
         joint: Joint it shows, None where it shows all.
         name: Effect it shows, None where it shows none.
-        plot: What the page draws it from, as plotly's schema has it.
-        height: Of what the page draws [CSS px].
+        plot: Its data and layout, as plotly's schema has them.
+        height: Of a drawn figure [CSS px].
     """
 
     uri: str
@@ -105,12 +92,12 @@ class Chart:
     joint: int | None = None
     name: str | None = None
     plot: Mapping[str, Any] | None = None
-    height: int = 0
+    height: int = 290
 
 
 @dataclass(frozen=True, slots=True)
 class Note:
-    """A sentence that looks otherwise: soft, callout, command, or as a page says."""
+    """A sentence of another class of the style sheet: soft, callout."""
 
     text: str
     look: str = "soft"
@@ -118,23 +105,14 @@ class Note:
 
 @dataclass(frozen=True, slots=True)
 class Heading:
-    """What the parts after it are of, within a section."""
+    """A heading within a section."""
 
     text: str
 
 
 @dataclass(frozen=True, slots=True)
-class Callout:
-    """Lines that are to be seen before all else, such as warnings."""
-
-    heading: str
-    lines: Sequence[str]
-    warn: bool = True
-
-
-@dataclass(frozen=True, slots=True)
 class Facts:
-    """What something is of or from: words and values."""
+    """Pairs of words and values."""
 
     pairs: Sequence[tuple[str, str]]
 
@@ -155,30 +133,28 @@ class Beside:
     columns: Sequence[Sequence["Part"]]
 
 
-# Also a list, charts side by side, words and what they mean.
-Part = (str | Table | Chart | Note | Heading | Callout | Facts | Fold | Beside) | (
+# Also a list, charts side by side, terms and their definitions.
+Part = (str | Table | Chart | Note | Heading | Facts | Fold | Beside) | (
     Sequence[Chart] | Sequence[str] | Mapping[str, str]
 )
 
 
 @dataclass(frozen=True, slots=True)
 class Section:
-    """A part of a page; what is None or empty is left out, and one without parts.
+    """A part of a page; empty parts are left out, and a section without parts.
 
     Attributes:
-        id: What links to it say.
-        note: How it is meant, in small letters below the heading.
-        below: More of that, at its end.
+        id: Fragment of links to it.
+        note: Small print below the heading.
         open: Whether it is unfolded at first; None for what cannot be folded.
-        shown: Whether its heading is seen, and not only read out.
-        brief: What the terminal has of it.
+        shown: Whether its heading is visible, and not only read out.
+        brief: What the terminal prints of it.
     """
 
     id: str
     heading: str
     parts: Sequence[Part | None]
     note: str = ""
-    below: str = ""
     open: bool | None = None
     shown: bool = True
     brief: Sequence[str | Table | Heading | None] = ()
@@ -189,12 +165,12 @@ class Document:
     """A page: the answer first, then its sections.
 
     Attributes:
-        title: In the title of the window.
-        about: What it is of, above the headline.
+        title: Title of the window.
+        about: Its subject, above the headline.
         lead: Sentences after the headline.
-        setting: What it was made of and how.
-        callouts: What is to be seen before the sections.
-        foot: Where it is from.
+        setting: Its inputs and settings.
+        warnings: Lines before the sections.
+        foot: Its origin.
     """
 
     title: str
@@ -204,5 +180,5 @@ class Document:
     lead: Sequence[str] = ()
     tiles: Sequence[Tile | None] = ()
     setting: str = ""
-    callouts: Sequence[Callout] = ()
+    warnings: Sequence[str] = ()
     foot: Sequence[tuple[str, str]] = ()

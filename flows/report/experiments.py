@@ -1,15 +1,12 @@
-"""Experiments and the motions they are of: validations, drives by models, plans."""
+"""Experiments and their motions: validations, tracking, trajectories."""
 
-import io
 from collections.abc import Mapping
 
 import numpy as np
-from matplotlib.axes import Axes
 
-from flows.report.document import Callout, Document, Section, Strong, Table
-from flows.report.figures.look import JOINTS
-from flows.report.figures.plot import SOFT, blank, figure_style, rule
+from flows.report.document import Document, Section, Strong, Table
 from flows.report.page import render
+from flows.report.plots import Panel, png
 from flows.report.words.phrases import texts
 from flows.steps.validate import Validation
 from residual.robot.robot import Robot
@@ -25,14 +22,18 @@ def validation(result: Validation) -> Table:
     columns = {
         "open loop\n[mrad]": result.open_loop,
         "feed-forward,\nnominal [mrad]": result.nominal,
-        "feed-forward, the\narm's own [mrad]": result.arm,
+        "feed-forward,\nthe arm's own [mrad]": result.arm,
     }
-    columns = {title: c for title, c in columns.items() if c is not None}
+    return _by_joint({title: 1e3 * c for title, c in columns.items() if c is not None})
+
+
+def _by_joint(columns: Mapping[str, np.ndarray], about: str = "") -> Table:
+    """A table of numbers, a joint a row."""
     rows = [
-        (str(joint), *(f"{1e3 * value:.2f}" for value in row))
+        (str(joint), *(f"{value:.2f}" for value in row))
         for joint, row in enumerate(zip(*columns.values(), strict=True), 1)
     ]
-    return Table(("joint", *columns), rows, left=())
+    return Table(("joint", *columns), rows, about, left=())
 
 
 def both_ways(result: Validation) -> Table:
@@ -42,8 +43,10 @@ def both_ways(result: Validation) -> Table:
     for joint in range(dof):
         row = [str(joint + 1)]
         for each in result.models.values():
-            ways = (each.torque, each.acceleration)
-            row += ["–" if w is None else _percent(w[joint]) for w in ways]
+            for errors in (each.torque, each.acceleration):
+                value = np.nan if errors is None else errors[joint]
+                missing = "–" if errors is None else "at rest"
+                row.append(missing if np.isnan(value) else f"{value:.2f}")
             row += [] if not driven else [f"{1e3 * each.tracking[joint]:.2f}"]
         rows.append(row)
     least = [
@@ -58,17 +61,12 @@ def both_ways(result: Validation) -> Table:
     return Table(("joint", *heads), [*rows, ["", *least]], about, left=())
 
 
-def _percent(share: float) -> str:
-    return "stands" if np.isnan(share) else f"{share:.2f}"
-
-
 def meaning(result: Validation) -> str:
-    """Return what a validation shows, in one sentence."""
+    """Return the result of a validation in one sentence."""
     worst = int(result.open_loop.argmax())
     text = (
-        "Under the logged torque the nominal model strays, within "
-        f"{result.window:g} s, by {1e3 * result.open_loop[worst]:.3g} mrad on joint "
-        f"{worst + 1}, the worst"
+        f"With the logged torque the nominal model diverges in {result.window:g} s "
+        f"by up to {1e3 * result.open_loop[worst]:.3g} mrad (joint {worst + 1})"
     )
     if result.nominal is None:
         return f"{text}."
@@ -77,13 +75,11 @@ def meaning(result: Validation) -> str:
     most = int((result.nominal - result.arm).argmax())
     nominal, arm = 1e3 * result.nominal[most], 1e3 * result.arm[most]
     if nominal < 1.1 * arm:
-        return (
-            f"{text}; as feed-forward its torque tracks about as well as the arm's own."
-        )
+        return f"{text}; its feed-forward torque tracks as well as the arm's own."
     return (
-        f"{text}; its torque as feed-forward leaves {nominal:.3g} mrad on joint "
-        f"{most + 1} where the arm's own leaves {arm:.3g}: about the "
-        "difference is what a better model can gain."
+        f"{text}; with its torque as feed-forward the error is {nominal:.3g} mrad on "
+        f"joint {most + 1}, with the arm's own {arm:.3g} mrad: a better model can gain "
+        "about the difference."
     )
 
 
@@ -107,7 +103,7 @@ def validation_page(results: Mapping[str, Validation]) -> str:
             headline=first,
             lead=more,
             sections=sections,
-            callouts=[Callout("To be known", tuple(notes))],
+            warnings=tuple(notes),
         )
     )
 
@@ -119,99 +115,61 @@ _MOST = 4000  # samples drawn
 def motion_parts(
     robot: Robot, reference: Reference, spec: TrajectorySpec, rate: float, used: Usage
 ) -> list[str | Table]:
-    """Return what motion it is, what it uses of the limits, how well it excites.
+    """Return a motion in words: its kind, its use of the limits, its excitation.
 
     Args:
         rate: Samples per second [Hz].
     """
     still = (reference.qd == 0).all(axis=1).mean()
     period = f", period {reference.period:g} s" if reference.period else ""
+    rest = f", at rest {100 * still:.0f} % of the time" if still > 0.01 else ""
+    rows = []
     columns = (used.range, used.speed, used.acceleration, used.torque)
-    rows = [
-        (str(joint), *map(_share, row))
-        for joint, row in enumerate(zip(*columns, strict=True), start=1)
-    ]
-    heads = ("joint", "range", "speed", "acceleration", "torque")
-    return [
-        f"{spec.kind} motion of {robot.name}: {spec.duration:g} s at "
-        f"{rate:g} Hz{period}, seed {spec.seed}"
-        + (f", at rest {100 * still:.0f} % of the time" if still > 0.01 else ""),
-        "limits, floor and self-collision (arm as capsules) checked between samples "
-        "too",
-        Table(heads, rows, "share of limits", left=()),
-        _excitation(used),
-    ]
-
-
-def _share(share: float) -> str:
-    if np.isnan(share):
-        return "no limit"
-    text = f"{100 * share:.0f} %"
-    return Strong(text) if share > _NEAR else text
-
-
-def _excitation(used: Usage) -> str:
-    excitation = used.excitation
-    if np.isinf(excitation.condition):
-        return (
-            f"condition number: infinite; this motion alone does not tell all "
-            f"{excitation.parameters} base parameters"
+    for joint, shares in enumerate(zip(*columns, strict=True), start=1):
+        texts = (
+            (Strong if share > _NEAR else str)(f"{100 * share:.0f} %")
+            if np.isfinite(share)
+            else "no limit"
+            for share in shares
         )
-    return (
-        f"condition number {excitation.condition:.3g} (column-normalised regressor of "
-        f"{excitation.parameters} base parameters), log det {excitation.log_det:.4g}"
+        rows.append((str(joint), *texts))
+    heads = ("joint", "range", "speed", "acceleration", "torque")
+    excitation = used.excitation
+    count = f"{excitation.parameters} base parameters"
+    excites = (
+        f"condition number {excitation.condition:.3g} (column-normalized regressor of "
+        f"{count}), log det {excitation.log_det:.4g}"
     )
+    if np.isinf(excitation.condition):
+        excites = f"condition number infinite: this motion does not excite all {count}"
+    return [
+        f"{spec.kind} motion of {robot.name}: {spec.duration:g} s at {rate:g} Hz"
+        f"{period}, seed {spec.seed}{rest}",
+        "limits, floor and self-collision (arm as capsules) also hold between samples",
+        Table(heads, rows, "Share of the limits", left=()),
+        excites,
+    ]
 
 
 def motion_png(robot: Robot, reference: Reference) -> bytes:
     """Return curves of a motion as PNG: angles, and shares of the limits."""
     step = max(1, len(reference.t) // _MOST)
-    t, q, qd, qdd = (
-        values[::step]
-        for values in (reference.t, reference.q, reference.qd, reference.qdd)
-    )
+    motion = reference.t, reference.q, reference.qd, reference.qdd
+    t, q, qd, qdd = (values[::step] for values in motion)
+    first = Panel(t, np.degrees(q), "angle [deg]")
+    if any(robot.prismatic):
+        first = Panel(t, q, "position [rad or m]")
+    panels = [first._replace(title=f"{reference.kind} motion of {robot.name}")]
     torque = largest_torque(robot, q, qd, qdd)
-    slides = any(robot.prismatic)
-    where = ("position [rad or m]", q) if slides else ("angle [deg]", np.degrees(q))
-    rows = (
-        (*where, None),
-        ("speed", qd, robot.velocity_limit),
-        ("acceleration", qdd, robot.acceleration_limit),
-        ("torque (nominal)", torque, robot.torque_limit),
-    )
-    with figure_style():
-        figure = blank(9.0, 8.4)
-        panels = figure.subplots(len(rows), 1, sharex=True)
-        for panel, (name, values, limit) in zip(panels, rows, strict=True):
-            _curves(panel, t, values, limit, name)
-        panels[0].set_title(f"{reference.kind} motion of {robot.name}", loc="left")
-        panels[0].legend(
-            ncols=robot.dof, loc="lower right", bbox_to_anchor=(1, 1), fontsize=8
-        )
-        panels[-1].set_xlabel("time [s]")
-        figure.subplots_adjust(0.115, 0.06, 0.98, 0.95, hspace=0.16)
-        figure.align_ylabels(panels)
-        out = io.BytesIO()
-        figure.savefig(out, format="png", dpi=110, metadata={"Software": None})
-    return out.getvalue()
-
-
-def _curves(
-    panel: Axes, t: np.ndarray, values: np.ndarray, limit: np.ndarray | None, name: str
-) -> None:
-    """Draw one line per joint, in shares of its limit where all have one."""
-    known = limit is not None and bool((np.isfinite(limit) & (limit > 0)).all())
-    units = {"speed": "rad/s", "acceleration": "rad/s²"}
-    if known:
-        values = 100 * values / limit
-        name = f"{name}\n[% of limit]"
-        for bound in (100, -100) if values.min() < 0 else (100,):
-            panel.axhline(bound, color=SOFT, linewidth=1.0, linestyle=(0, (4, 3)))
-    elif "[" not in name:
-        name = f"{name} [{units.get(name, 'N m')}]"
-    for joint, column in enumerate(values.T):
-        colour = JOINTS[joint % len(JOINTS)]
-        panel.plot(t, column, color=colour, linewidth=1.3, label=f"J{joint + 1}")
-    panel.set_ylabel(name)
-    panel.margins(x=0)
-    rule(panel)
+    for name, unit, values, limit in (
+        ("speed", "rad/s", qd, robot.velocity_limit),
+        ("acceleration", "rad/s²", qdd, robot.acceleration_limit),
+        ("torque (nominal)", "N m", torque, robot.torque_limit),
+    ):
+        if limit is not None and (np.isfinite(limit) & (limit > 0)).all():
+            levels = (100, -100) if values.min() < 0 else (100,)
+            share, label = 100 * values / limit, f"{name}\n[% of limit]"
+            panels.append(Panel(t, share, label, levels=levels))
+        else:
+            panels.append(Panel(t, values, f"{name} [{unit}]"))
+    return png(panels, 1.95)

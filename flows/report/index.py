@@ -1,7 +1,7 @@
-"""The index of a store: what was found, by robot and night, and every report of it.
+"""The index of a store: every result by robot and night, with links to the reports.
 
-One page, `reports/index.html` of the store. It is written when a report is stored, and
-again when the server of the store is asked for it; a browser filters it.
+One page, `reports/index.html` of the store, written when a report is stored and when
+the server of the store receives a request for it; a browser filters it.
 """
 
 import re
@@ -13,9 +13,11 @@ from pathlib import Path
 from markupsafe import Markup
 
 from flows.outputs import write_all
-from flows.report.document import Document, Section, Table, Tile, link, tag, when
+from flows.report.document import Document, Section, Table, Tile, tag
 from flows.report.page import render
-from flows.report.words.verdict import VALUES_OFF, errors, finding
+from flows.report.words.outlook import off
+from flows.report.words.phrases import many
+from flows.report.words.verdict import claim, errors
 from flows.storage.diagnosis import read_verdict
 from residual.errors import InputError
 from residual.quantity import MISSING
@@ -36,7 +38,7 @@ STATES = {
 MOST = 2000  # rows of each kind, the latest; all others are in SQL
 _HALF_A_DAY = timedelta(hours=12)
 _FILE = re.compile(rf"report_id=([0-9a-f]{{{ID_DIGITS}}})/([\w-][\w.-]{{0,60}})")
-_HEADS = ("When (UTC)", "Night", "Robot", "State", "Found", "Error, held out")
+_HEADS = ("Time (UTC)", "Night", "Robot", "State", "Result", "Error on unseen motion")
 
 # A robot is its name and, where it has one, its serial number: two of a kind are two.
 _ROBOT = "coalesce(nullif(concat_ws(' ', {0}.robot, {0}.serial), ''), '?')"
@@ -84,6 +86,7 @@ _REFUSED = """
     FROM validations WHERE kind = 'refused' ORDER BY created DESC, id
 """
 
+# Time, robot, state, result, error.
 Row = tuple[datetime, str, Markup | str, Markup | str, str]
 
 
@@ -98,13 +101,13 @@ def write_index(store: Path) -> Path:
 
 
 def page_at(store: Path, address: str) -> bytes | None:
-    """Return the index or a file of a report; None where there is no such thing.
+    """Return the index or a file of a report; None where there is none.
 
-    Nothing of an address is ever joined to a path but an id of hex digits, and a file
-    name that a record of the store has.
+    Only an id of hex digits and a file name that a record of the store has become part
+    of a path.
 
     Args:
-        address: As links of the index have it, "index.html" or "report_id=.../...".
+        address: Address in a link of the index, "index.html" or "report_id=.../...".
     """
     if address == INDEX:
         return write_index(store).read_bytes()
@@ -122,31 +125,33 @@ def page_at(store: Path, address: str) -> bytes | None:
 
 def document(opened: Store) -> Document:
     """Return the index of a store."""
-    found = sorted(_rows(opened), key=lambda row: row[0], reverse=True)
+    rows = sorted(_rows(opened), key=lambda row: row[0], reverse=True)
     cells = [
-        (when(at), f"{night_of(at)}", robot, state, words, error)
-        for at, robot, state, words, error in found
+        (tag("time", f"{row[0]:%Y-%m-%d %H:%M}"), f"{night_of(row[0])}", *row[1:])
+        for row in rows
     ]
-    waits = sum("waits" in str(row[2]) for row in found)
-    robots = {row[1] for row in found}
-    nights = {night_of(row[0]) for row in found}
+    waits = sum("waits" in str(row[2]) for row in rows)
     table = Table(_HEADS, cells, left=range(6), named=4, look="list", filters=(1, 2, 3))
     none = Markup(
         "Nothing is stored yet. <kbd>modelgap demo</kbd> or <kbd>modelgap up</kbd> "
-        "make something."
+        "fills the store."
     )
-    told = f"{datetime.now(UTC):%Y-%m-%d %H:%M:%S} UTC by modelgap {version_text()}"
+    written = f"{datetime.now(UTC):%Y-%m-%d %H:%M:%S} UTC by modelgap {version_text()}"
     return Document(
         title="modelgap: reports",
         about=Markup("Store <b>{}</b>").format(opened.path.name),
-        headline="What was found, by robot and night",
+        headline="Results by robot and night",
         tiles=[
-            Tile("Robots", str(len(robots)), ""),
-            Tile("Nights", str(len(nights)), "from noon to noon UTC"),
+            Tile("Robots", str(len({row[1] for row in rows})), ""),
+            Tile(
+                "Nights",
+                str(len({night_of(row[0]) for row in rows})),
+                "from noon to noon UTC",
+            ),
             Tile("Waiting", str(waits), "for your decision"),
         ],
         sections=(Section("all", "Reports", [table if cells else none], shown=False),),
-        foot=[("Store", opened.path.name), ("Written", told)],
+        foot=[("Store", opened.path.name), ("Written", written)],
     )
 
 
@@ -179,30 +184,29 @@ def _rows(opened: Store) -> Iterator[Row]:
     titles = {each["id"]: _title(each) for each in diagnoses}
     for each in diagnoses[:MOST]:
         state, words, error = _verdict(opened.path, each["id"])
-        said = Markup("{}: {}").format(titles[each["id"]], words)
+        text = Markup("{}: {}").format(titles[each["id"]], words)
         if each["report_id"]:
-            said = _report(each["report_id"], "report.html", said)
+            text = _report(each["report_id"], "report.html", text)
         word = tag("span", STATES.get(state, state), f"of {state}")
-        yield each["created"], each["robot"], word, said, error
+        yield each["created"], each["robot"], word, text, error
     for each in _ask(opened, _PROPOSALS)[:MOST]:
-        asked = Markup("{}: the model beside the one that it has").format(
-            titles.get(each["id"], each["robot"])
-        )
-        said = _report(each["report_id"], "proposal.html", asked)
+        title = titles.get(each["id"], each["robot"])
+        words = f"{title}: proposed model beside the present one"
+        text = _report(each["report_id"], "proposal.html", words)
         if each["waits"]:
-            said += Markup(" ") + tag("kbd", f"modelgap adopt {each['id'][:8]}")
+            text += Markup(" ") + tag("kbd", f"modelgap adopt {each['id'][:8]}")
         state = "waits for a decision" if each["waits"] else "decided"
-        yield each["created"], each["robot"], state, said, ""
+        yield each["created"], each["robot"], state, text, ""
     for each in _ask(opened, _ALARMS)[:MOST]:
-        where = "1 run" if each["runs"] == 1 else f"{each['runs']} runs"
-        words = f"in {where}: {', '.join(sorted(each['what']))}"
+        alarms = ", ".join(sorted(each["what"]))
+        words = f"in {many(each['runs'], 'run')}: {alarms}"
         yield each["created"], each["robot"], "alarm", words, ""
     for each in _ask(opened, _REFUSED)[:MOST]:
         yield each["created"], each["robot"] or "?", "log refused", each["why"], ""
 
 
 def _ask(opened: Store, query: str, **values: object) -> list[dict]:
-    """Return the rows of a query, of what is whole."""
+    """Return the rows of a query; damaged records are left out."""
     return opened.sql(query, values or None, without_damaged=True).to_pylist()
 
 
@@ -211,19 +215,18 @@ def _title(diagnosis: Mapping) -> str:
 
 
 def _report(id: str, file: str, words: str) -> Markup:
-    return link(f"report_id={id}/{file}", words)
+    return Markup('<a href="report_id={}/{}">{}</a>').format(id, file, words)
 
 
 # A record never changes, and reading one takes longer than making a row of it.
 @lru_cache(maxsize=2 * MOST)
 def _verdict(store: Path, diagnosis: str) -> tuple[str, str, str]:
-    """Return the state of a verdict, what it names, and its errors, in words."""
+    """Return the state of a verdict, its findings and its errors, in words."""
     try:
         verdict = read_verdict(store, diagnosis)
-        words, pair = finding(verdict), errors(verdict)
     except InputError:
         return "unknown", "its record cannot be read", MISSING
-    state = "values" if words == VALUES_OFF else verdict.verdict
-    # Of the end of a log that was fitted up to there no log was held out.
-    weak = pair and verdict.error.same_run
-    return state, words, f"{pair} at the end of the logs" if weak else pair
+    words, pair = claim(verdict).removesuffix("."), errors(verdict)
+    state = "values" if verdict.verdict == "none" and off(verdict) else verdict.verdict
+    weak = " (end of the fitted run)" if pair and verdict.error.same_run else ""
+    return state, words, f"{pair}{weak}"

@@ -1,29 +1,31 @@
 """The next experiment in the terminal."""
 
 from flows.report.document import Table
-from flows.report.words.outlook import (
-    case_words,
-    from_one_another,
-    in_words,
-    same_words,
-)
-from flows.report.words.phrases import joint_words, many
+from flows.report.words.outlook import from_one_another, in_words
+from flows.report.words.phrases import joint_words, many, sentence_case
 from flows.steps.next import Opened, Ranking
 from residual.planning.promise import sure_words, told_apart
 from residual.quantity import MISSING, fraction, probability
 
 
 def _inseparable(ranking: Ranking) -> list[str]:
-    """Return what is one torque on every motion, and what no motion rules out."""
-    same, cases = {}, {}
+    """Return which rivals are the same torque, and which no motion rules out."""
+    lines = {}
     for c, a, b in sorted(ranking.twins):
         rivals = ranking.question.contests[c].rivals
-        places = rivals[a].place, rivals[b].place
+        one, other = in_words(rivals[a].place), in_words(rivals[b].place)
+        start = sentence_case(one)
         if (c, b, a) not in ranking.twins:
-            cases[places] = None
+            lines[
+                f"{start} is a special case of {other}: a motion can rule out the "
+                "first, never the second."
+            ] = None
         elif a < b:
-            same[places] = None
-    return [*same_words(list(same)), *case_words(list(cases))]
+            lines[
+                f"{start} and {other} are the same torque on every motion, at the "
+                "identified size: no experiment separates them."
+            ] = None
+    return [*lines]
 
 
 def told(ranking: Ranking) -> list[str]:
@@ -32,12 +34,12 @@ def told(ranking: Ranking) -> list[str]:
     rivals = from_one_another(told_apart(ranking.question, best.seen))
     words = sure_words(spec.duration, best.after, best.sure.chance)
     return [
-        f"next experiment: {spec.duration:g} s of {spec.kind} motion in "
-        f"{many(spec.periods, 'period')}, to tell {rivals}",
-        f"the question is {words}",
+        f"Next experiment: {spec.duration:g} s of {spec.kind} motion in "
+        f"{many(spec.periods, 'period')}, to separate {rivals}.",
+        f"The question is {words}.",
         *_inseparable(ranking),
-        "range, speed, acceleration, torque, floor and self-collision checked between "
-        "samples too; tools, cables, fixtures and fences are not known here",
+        "Range, speed, acceleration, torque, floor and self-collision are within "
+        "limits also between samples; tools, cables and fences are not checked.",
     ]
 
 
@@ -52,33 +54,34 @@ def comparison(ranking: Ranking) -> Table:
         )
         for m in ranking.ranked
     ]
-    heads = ("motion", "", "settled after", "chance by all of it")
-    return Table(heads, rows, "the first is the one; same length, same limits")
+    heads = ("motion", "periods", "settled after", "chance by its end")
+    title = "Motions of the same length within the same limits, best first"
+    return Table(heads, rows, title)
 
 
 def nothing_open(opened: Opened, ranking: Ranking | None) -> list[str]:
     """Return why there is no experiment to propose.
 
     Args:
-        ranking: Its best motion promises nothing; None where nothing was asked.
+        ranking: Its best motion decides nothing; None where there is no question.
     """
-    left = opened.found.verdict.unexplained.joints
-    if ranking is None and left:
+    flagged = opened.found.verdict.unexplained.joints
+    if ranking is None and flagged:
         return [
-            f"{joint_words(left)}: more remains than noise, and nothing speaks for any "
-            "candidate there, so no motion could choose among them. The page of the "
-            "diagnosis shows what it depends on."
+            f"The residual on {joint_words(flagged)} is larger than noise, but no "
+            "candidate effect explains any of it, so no motion could choose among "
+            "them. The report of the diagnosis shows what it depends on."
         ]
     if ranking is None:
         return [
-            "nothing is open: no finding has an equivalent, and no joint keeps more "
-            "than noise."
+            "Nothing is open: no finding has an equivalent, and no joint has a "
+            "residual larger than noise."
         ]
     every = [r.place for c in opened.question.contests for r in c.rivals]
     names = ", ".join(dict.fromkeys(map(in_words, every)))
     return [
         *_inseparable(ranking),
-        f"no motion within the limits tells {names} from one another: the best one "
-        f"brings {fraction(ranking.best.seen.share)} of the evidence that is needed. "
-        "Another load, or a value that is known for sure, may.",
+        f"No feasible motion separates {names}: the best one yields "
+        f"{fraction(ranking.best.seen.share)} of the evidence needed. Try a different "
+        "payload or supply a known value (--known).",
     ]

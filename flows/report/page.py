@@ -1,7 +1,4 @@
-"""A page: where its record comes from, its template and scripts.
-
-The list of contents is made of the headings ``<h2 id="...">`` of its main part.
-"""
+"""A page: the origin of its record, its template and scripts."""
 
 import base64
 import hashlib
@@ -23,21 +20,12 @@ from warehouse.files import read_parquet
 from warehouse.layout import find, read_record
 from warehouse.provenance import version_text
 
-# Where a record and a page about it come from, and what makes them again.
-
-_AGAIN = "To make this page again"
+_AGAIN = "Command"
+_NOUNS = {"diagnoses": "diagnosis"}
 _SHORT = 12  # digits of a commit that people read
+_TEMPLATES = Path(__file__).parent / "templates"
+_HEADING = re.compile(r'<h2 id="([^"]+)">(.*?)</h2>', re.DOTALL)
 Pairs = Sequence[tuple[str, str]]
-
-
-_KINDS = {
-    "runs": "run",
-    "models": "model",
-    "diagnoses": "diagnosis",
-    "validations": "validation",
-    "reports": "report",
-    "adoptions": "adoption",
-}
 
 
 def _ids(ids: Sequence[str]) -> Markup:
@@ -45,10 +33,10 @@ def _ids(ids: Sequence[str]) -> Markup:
 
 
 def made_of(store: Path, id: str) -> Pairs:
-    """Return where a record of a store comes from, as the foot of a page has it.
+    """Return the origin of a record of a store, for the foot of a page.
 
-    Its kind and id, when and by which program it was stored, the ids that it was made
-    from by role, and the command that makes it again and compares it.
+    Its kind and id, time and program, the ids of its inputs by role, and the command
+    that makes it again.
 
     Raises:
         InputError: If there is no such record, or it is damaged.
@@ -57,47 +45,46 @@ def made_of(store: Path, id: str) -> Pairs:
     is_run = found.kind == "runs"
     columns = ["created", "lineage", "manifest" if is_run else "provenance"]
     row = read_parquet(found.row, columns).to_pylist()[0]
-    known = json.loads(row[columns[-1]])
-    known = (known.get("provenance") if is_run else known) or {}
-    program = (known.get("versions") or {}).get("modelgap")
-    program = program or "of a version that was not noted"
-    if known.get("commit"):
-        program += f", commit {known['commit'][:_SHORT]}"
-        program += " with changes that were not committed" if known.get("dirty") else ""
+    source = json.loads(row[columns[-1]])
+    source = (source.get("provenance") if is_run else source) or {}
+    program = (source.get("versions") or {}).get("modelgap") or "unknown version"
+    if source.get("commit"):
+        program += f", commit {source['commit'][:_SHORT]}"
+        program += " with uncommitted changes" if source.get("dirty") else ""
     data: dict[str, list[str]] = {}
     for parent in row["lineage"] or ():
         data.setdefault(parent["role"].replace("_", " "), []).append(parent["parent"])
     kinds = found.kind, read_record(store, found.id).get("kind")
     again = "show" if {"reports", "adoptions", "tracking"} & {*kinds} else "rerun"
     return [
-        (sentence_case(_KINDS[found.kind]), tag("code", found.id)),
+        (_NOUNS.get(found.kind, found.kind[:-1]).capitalize(), tag("code", found.id)),
         ("Stored", f"{row['created']:%Y-%m-%d %H:%M:%S} UTC"),
-        ("By modelgap", program),
+        ("Program", f"modelgap {program}"),
         *((sentence_case(role), _ids(ids)) for role, ids in data.items()),
-        ("Again", tag("kbd", f"modelgap {again} {found.id}")),
+        (_AGAIN, tag("kbd", f"modelgap {again} {found.id}")),
     ]
 
 
 def of_request(request: Diagnose, page: str = "report.html") -> Pairs:
-    """Return the origin of a diagnosis that was just made."""
-    given = {
+    """Return the origin of a diagnosis that is not stored."""
+    inputs = {
         "Robot": (request.robot,),
         "Logs": request.logs,
         "Baseline": request.baseline,
         "Held out": request.held_out,
-        "Nominal model": (request.model or "as the robot is described",),
+        "Nominal model": (request.model or "robot description",),
         "Program": (version_text(),),
     }
-    facts = [(what, _ids(values)) for what, values in given.items() if values]
+    facts = [(name, _ids(values)) for name, values in inputs.items() if values]
     return [*facts, (_AGAIN, tag("kbd", command(request, page)))]
 
 
 def of_diagnosis(store: Path, id: str) -> Pairs:
     """Return the origin of a diagnosis in the store, with the page made again."""
-    facts, asked = made_of(store, id), read_record(store, id).get("request")
-    if not asked:
+    facts, request = made_of(store, id), read_record(store, id).get("request")
+    if not request:
         return facts
-    again = command(Diagnose.from_record(asked, None), "report.html")
+    again = command(Diagnose.from_record(request, None), "report.html")
     return [*facts[:-1], (_AGAIN, tag("kbd", again))]
 
 
@@ -122,10 +109,6 @@ def command(request: Diagnose, page: str | None) -> str:
     return shlex.join([*words, "--report", page] if page else words)
 
 
-_TEMPLATES = Path(__file__).parent / "templates"
-_HEADING = re.compile(r'<h2 id="([^"]+)">(.*?)</h2>', re.DOTALL)
-
-
 @cache
 def library() -> str:
     """Return the script of the plotting library, as its package has it."""
@@ -137,7 +120,7 @@ def library() -> str:
 
 @cache
 def script(name: str) -> str:
-    """Return a script of ours: what draws figures, or narrows a table."""
+    """Return one of our scripts: page.js draws figures, filter.js filters a table."""
     return (_TEMPLATES / name).read_text(encoding="utf-8").strip()
 
 
@@ -155,11 +138,7 @@ def hash_of(script: str) -> str:
 
 
 def as_data(value: object) -> Markup:
-    """Return a value as JSON that may stand within a script element.
-
-    Args:
-        value: What JSON can hold; NaN becomes null.
-    """
+    """Return a value as JSON that may stand within a script element."""
     text = json.dumps(value, separators=(",", ":"), ensure_ascii=False)
     # None of these can end the element or begin a comment in it.
     for sign in "<>&\u2028\u2029":
@@ -173,27 +152,26 @@ def headings(body: str) -> list[tuple[str, Markup]]:
 
 
 @cache
-def environment() -> Environment:
-    """Return where templates are found and how they are filled in."""
+def _environment() -> Environment:
     # Everything is escaped: names of logs and columns come from other people's files.
-    found = Environment(
+    templates = Environment(
         loader=FileSystemLoader(_TEMPLATES),
         autoescape=True,
         undefined=StrictUndefined,
         trim_blocks=True,
         lstrip_blocks=True,
     )
-    found.filters |= {
+    templates.filters |= {
         "as_data": as_data,
         "headings": headings,
         "kind": lambda part: type(part).__name__,
         "script_hash": hash_of,
         "scripts": scripts,
     }
-    found.tests["strong"] = lambda cell: isinstance(cell, Strong)
-    return found
+    templates.tests["strong"] = lambda cell: isinstance(cell, Strong)
+    return templates
 
 
 def render(page: Document) -> str:
     """Return a document as one HTML page that needs nothing else."""
-    return environment().get_template("document.html").render(page=page)
+    return _environment().get_template("document.html").render(page=page)

@@ -1,4 +1,4 @@
-"""Records and logs in the terminal: one record, two, a rerun of one, its relatives."""
+"""Records and logs in the terminal: one record, two, a rerun, the lineage."""
 
 from collections.abc import Mapping
 from dataclasses import asdict
@@ -18,8 +18,8 @@ _LISTED = 12  # channels of a rerun that are listed for people
 
 
 def comparison(found) -> list[str | Table]:
-    """Return a comparison: which values differ, and by how much."""
-    same = "the same values" if found.same else "other values"
+    """Return a comparison of two records: which values differ, and by how much."""
+    same = "the same values" if found.same else "different values"
     parts = [f"{found.kind} {found.ids[0]} and {found.ids[1]}: {same}"]
     for heading, rows in found.tables.items():
         if not rows:
@@ -28,11 +28,20 @@ def comparison(found) -> list[str | Table]:
         shown = [[_word(part) for part in row] for row in rows[:_SHOWN]]
         parts.append(words_table((heading, *(id[:8] for id in found.ids)), shown))
         parts += _more(len(rows))
-    if found.kind == "runs":
-        return [*parts, _channels(found.channels)]
-    # Numbers of the record stand in its table already; files and tables do not.
-    parts += [channel.words for channel in found.channels[:_SHOWN]]
-    return parts + _more(len(found.channels))
+    if found.kind != "runs":
+        # Numbers of the record are in its table; files and tables are not.
+        parts += [channel.words for channel in found.channels[:_SHOWN]]
+        return parts + _more(len(found.channels))
+    rows = []
+    for c in found.channels:
+        count = str(c.differing) if c.differing or not c.note else c.note
+        figures = [
+            "–" if v is None else f"{v:.4g}" for v in (c.first, c.largest, c.rms)
+        ]
+        differ = "equal" if c.equal else count
+        rows.append((c.name, c.unit or "–", str(c.rows), differ, *figures))
+    heads = ("channel", "unit", "samples", "differ", "from [s]", "largest", "rms")
+    return [*parts, words_table(heads, rows)]
 
 
 def as_record(found) -> dict:
@@ -53,32 +62,18 @@ def as_record(found) -> dict:
 
 def print_tree(root, words: str, console: Console) -> None:
     """Print a record and its relatives."""
-    tree = Tree(f"{_named(root)}, {words}{'' if root.relatives else ': nothing'}")
-    _grow(tree, root)
+
+    def name(relative) -> str:
+        return f"{relative.kind or 'not in this store'} {escape(relative.id)}"
+
+    def grow(tree: Tree, root) -> None:
+        for each in root.relatives:
+            again = ", see above" if each.again else ""
+            grow(tree.add(f"{escape(each.role)}: {name(each)}{again}"), each)
+
+    tree = Tree(f"{name(root)}, {words}{'' if root.relatives else ': nothing'}")
+    grow(tree, root)
     console.print(tree, highlight=False)
-
-
-def _grow(tree: Tree, root) -> None:
-    for each in root.relatives:
-        again = ", see above" if each.again else ""
-        branch = tree.add(f"{escape(each.role)}: {_named(each)}{again}")
-        _grow(branch, each)
-
-
-def _named(relative) -> str:
-    return f"{relative.kind or 'not in this store'} {escape(relative.id)}"
-
-
-def _channels(channels) -> Table:
-    rows = []
-    for c in channels:
-        count = str(c.differing) if c.differing or not c.note else c.note
-        figures = (c.first, c.largest, c.rms)
-        words = ["–" if v is None else f"{v:.4g}" for v in figures]
-        differ = "equal" if c.equal else count
-        rows.append((c.name, c.unit or "–", str(c.rows), differ, *words))
-    heads = ("channel", "unit", "samples", "differ", "from [s]", "most", "rms")
-    return words_table(heads, rows)
 
 
 def _more(count: int) -> list[str]:
@@ -91,33 +86,20 @@ def _word(value: object) -> str:
     return text if len(text) <= 64 else f"{text[:61]}..."
 
 
-_LONG = 200  # characters of a text from which a line shows its beginning only
+_LONG = 200  # characters of a text beyond which a line shows its start
 
 
 def record_lines(value: Mapping | list, indent: str = "") -> list[str]:
-    """Return a nested record as lines: key, then value or what is below it."""
+    """Return a nested record as lines: key, then its value or lines below it."""
     lines = []
-    for key, item in _items(value):
-        if _short(item):
-            lines.append(plain(f"{indent}{key}: {_value(item)}"))
-        else:
+    items = value.items() if isinstance(value, Mapping) else (("-", v) for v in value)
+    for key, item in items:
+        parts = item if isinstance(item, list) else [item]
+        if any(isinstance(part, Mapping | list) and part for part in parts):
             lines += [plain(f"{indent}{key}:"), *record_lines(item, indent + "  ")]
+        else:
+            lines.append(plain(f"{indent}{key}: {_value(item)}"))
     return lines
-
-
-def _items(value: Mapping | list) -> list[tuple]:
-    if isinstance(value, Mapping):
-        return list(value.items())
-    return [("-", item) for item in value]
-
-
-def _short(item: object) -> bool:
-    """Whether a value fits on the line of its key."""
-    if isinstance(item, Mapping):
-        return not item
-    if isinstance(item, list):
-        return not any(isinstance(part, Mapping | list) and part for part in item)
-    return True
 
 
 def _value(item: object) -> str:
@@ -130,19 +112,19 @@ def _value(item: object) -> str:
 
 
 def rerun_lines(made) -> list[str]:
-    """Return what a rerun gave, line by line."""
+    """Return the result of a rerun, line by line."""
     about = f"{made.kind} {made.id}"
     if made.reproduced and made.imported:
-        return [f"{about}: measured; its values are those that were imported"]
+        return [f"{about}: measured; its values are those of the import"]
     if made.reproduced:
-        code = "" if made.same_code else "; the code is another, the values are not"
+        code = "" if made.same_code else "; the code has changed, the values have not"
         out = [f"{about}: same, bit for bit{code}"]
     else:
         out = [f"{about}: not the same"]
         out += [f"  {channel.words}" for channel in made.differences[:_LISTED]]
         if len(made.differences) > _LISTED:
             out.append(f"  and {len(made.differences) - _LISTED} more")
-        out.append(f"cause, most probably: {made.cause.kind}: {made.cause.why}")
+        out.append(f"most probable cause: {made.cause.kind}: {made.cause.why}")
     out.append(made.changes)
     if made.new_id:
         out.append(f"stored, a rerun of it: modelgap show {made.new_id}")
@@ -168,8 +150,8 @@ def rerun_record(made) -> Mapping:
 
 
 def channels(log: Log) -> Table:
-    """Return which column of a log became which channel, and what was done to it."""
-    heads = ("channel", "column", "unit of the file", "done to it")
+    """Return the column of a log behind each channel, and its conversion."""
+    heads = ("channel", "column", "unit in the file", "conversion")
     rows = [
         (c, column, unit, done or "–") for c, column, unit, done in log.known.channels
     ]
@@ -177,7 +159,7 @@ def channels(log: Log) -> Table:
 
 
 def log_lines(log: Log, robot: Robot, all: bool) -> list[str]:
-    """Return what was understood of a log, one line each."""
+    """Return how a log was read, one line each."""
     known = log.known
     if not all:
         return [known.text, *(f"warning: {w}" for w in known.warnings)]

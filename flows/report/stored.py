@@ -1,4 +1,4 @@
-"""Pages about a diagnosis in the store: what a schedule and a demonstration leave."""
+"""Pages of a diagnosis in the store, for schedules and the demonstration."""
 
 import json
 from collections.abc import Mapping, Sequence
@@ -35,15 +35,11 @@ def diagnosis_page(
         kind: What it reports, such as "nightly".
         staged: What only a demonstration can show.
     """
-    found = read_outcome(store, ids[1])
-    robot = found.verdict.robot
-    origin = of_diagnosis(store, ids[0])
-    page = render(found, robot, staged, origin)
-    contents = {
-        "report.html": page.encode(),
-        "verdict.json": json_text(to_json(found.verdict)).encode(),
-        **(files or {}),
-    }
+    result = read_outcome(store, ids[1])
+    robot = result.verdict.robot
+    page = render(result, robot, staged, of_diagnosis(store, ids[0]))
+    verdict = json_text(to_json(result.verdict)).encode()
+    contents = {"report.html": page.encode(), "verdict.json": verdict, **(files or {})}
     folder = store_report(store, {"robot": robot, "kind": kind}, ids[0], contents)
     write_index(store)
     return folder / "report.html"

@@ -1,10 +1,9 @@
-"""The rows of every table of a diagnosis, and what a finding means for the robot."""
+"""The rows of every table of a diagnosis, and the sizes of a finding."""
 
 import re
 from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from math import floor, log10
-from textwrap import wrap
 
 import numpy as np
 from markupsafe import Markup
@@ -54,27 +53,22 @@ class ErrorRow:
 
 def error_rows(diagnosis: Diagnosis) -> list[ErrorRow]:
     """Return one row per joint and one for all joints together."""
-    left, error = diagnosis.unexplained, diagnosis.errors
+    rest, error = diagnosis.unexplained, diagnosis.errors
     rows = []
-    for joint, share in enumerate(left.per_joint, start=1):
+    for joint, share in enumerate(rest.per_joint, start=1):
         values = {
             metric: {k: v[joint - 1] for k, v in getattr(error, metric).items() if v}
             for metric in METRICS
         }
-        flagged = joint in left.joints
         small = ", too small" if joint in diagnosis.verdict.too_small else ""
-        label = f"{joint}{small}"
-        rows.append(ErrorRow(label, joint, values, _percent(share), flagged))
+        flagged = joint in rest.joints
+        rows.append(ErrorRow(f"{joint}{small}", joint, values, share, flagged))
     overall = {
         "moving": error.overall_moving,
         "filtered": error.overall_filtered,
         "held_out": error.overall,
     }
-    return [*rows, ErrorRow("all", None, overall, _percent(left.fraction), False)]
-
-
-def _percent(share: Number) -> Number:
-    return 100 * share if known(share) else None
+    return [*rows, ErrorRow("all", None, overall, rest.fraction, False)]
 
 
 def has(rows: Sequence[ErrorRow], metric: str, stage: str) -> bool:
@@ -82,57 +76,154 @@ def has(rows: Sequence[ErrorRow], metric: str, stage: str) -> bool:
     return any(known(row.values[metric].get(stage)) for row in rows)
 
 
+def error_table(
+    rows: Sequence[ErrorRow], metrics: Collection[str], about: str
+) -> Table | None:
+    """Return errors by metric, then by model; None where none is known.
+
+    Args:
+        about: Title of the table.
+    """
+    groups = {
+        # Least squares, a reference, stands beside the first metric only.
+        metric: [
+            stage
+            for stage in (*STAGES, *([PLAIN] if metric == next(iter(METRICS)) else []))
+            if has(rows, metric, stage)
+        ]
+        for metric in metrics
+    }
+    columns = [(metric, stage) for metric, stages in groups.items() for stage in stages]
+    if not columns:
+        return None
+    share = any(known(row.unexplained) for row in rows)
+    cells = []
+    for row in rows:
+        line = [sentence_case(row.label)]
+        for metric, stage in columns:
+            kind = Strong if stage == "augmented" else str
+            line.append(kind(bare_percent(row.values[metric].get(stage))))
+        if share:
+            flag = "flagged " if row.flagged else ""
+            rest = row.unexplained
+            line.append(flag + bare_percent(100 * rest if known(rest) else None))
+        cells.append(line)
+    over = [(sentence_case(METRICS[m]), len(own)) for m, own in groups.items() if own]
+    heads = [stage.replace("_", " ") for _, stage in columns]
+    return Table(
+        ("Joint", *heads, *(["unexplained"] if share else [])),
+        cells,
+        about,
+        sections=(len(cells) - 1,),
+        groups=[("", 1), *over, *([("", 1)] if share else [])],
+        look="tight errors",
+    )
+
+
+def brief_errors(diagnosis: Diagnosis, rows: Sequence[ErrorRow]) -> Table | None:
+    """Return the errors of the first metric known; page and JSON have all."""
+    first = next((m for m in METRICS if any(has(rows, m, s) for s in STAGES)), None)
+    if first is None:
+        return None
+    weak = ", end of the fitted run" if diagnosis.errors.same_run else ""
+    about = f"Error on unseen motion ({METRICS[first]}{weak}), % of torque"
+    return error_table(rows, [first], about)
+
+
 def title(effect: Finding, verdict: Verdict) -> str:
     """Return a finding with its place, and what the URDF calls its joints."""
-    called = named_joints(effect.joints, verdict.frames)
-    return phrase(effect, verdict.dof) + (f" ({called})" if called else "")
+    names = named_joints(effect.joints, verdict.frames)
+    return phrase(effect, verdict.dof) + (f" ({names})" if names else "")
+
+
+def named_joints(joints: Iterable[int], frames: Frames) -> str:
+    """Return what the URDF calls joints, where a name is more than a number."""
+    names = [(j, frames.joints[j - 1]) for j in joints if j <= len(frames.joints)]
+    plain = r"(?:.*[_-])?(?:joint|axis|j|a|q)?[_-]?0*{}"
+    return listing(
+        [n for j, n in names if not re.fullmatch(plain.format(j), n, re.IGNORECASE)]
+    )
+
+
+def others(effect: Finding, diagnosis: Diagnosis, between: str = " or ") -> str:
+    """Return the equivalents of a finding in words."""
+    return between.join(alternatives(effect, diagnosis.verdict.dof))
 
 
 def parameter_table(effect: Finding, verdict: Verdict) -> Table:
     """Return the sizes of a finding: a row per joint, or per parameter."""
-    rows, about = _parameters(effect, verdict), "Size, ± one standard deviation"
-    joints = dict.fromkeys(joint for _, joint, _ in rows if joint is not None)
+    texts, about = _parameter_texts(effect, verdict), "Size, ± one standard deviation"
+    joints = dict.fromkeys(j for by_joint in texts.values() for j in by_joint if j)
     if not joints:
-        cells = [(name, text) for name, _, text in rows]
-        return Table(("Parameter", "Value"), cells, about)
-    names = list(dict.fromkeys(name for name, _, _ in rows))
-    texts = {(name, joint): text for name, joint, text in rows}
-    cells = [
-        (f"Joint {j}", *(texts.get((name, j), MISSING) for name in names))
+        rows = [(name, by_joint[None]) for name, by_joint in texts.items()]
+        return Table(("Parameter", "Value"), rows, about)
+    rows = [
+        (f"Joint {j}", *(by_joint.get(j, MISSING) for by_joint in texts.values()))
         for j in joints
     ]
-    return Table(("On", *map(sentence_case, names)), cells, about)
+    return Table(("On", *map(sentence_case, texts)), rows, about)
 
 
-def parameter_lines(effect: Finding, verdict: Verdict, width: int) -> list[str]:
-    """Return the same as lines: a name, then its value or one per joint."""
-    lines: list[str] = []
-    last = ""
-    for name, joint, text in _parameters(effect, verdict):
-        if joint is None and len(f"{name} {text}") <= width:
-            lines.append(f"{name} {text}")
-            continue
-        lines += [name] if name != last else []
-        lines.append(f"  {text}" if joint is None else f"  J{joint} {text}")
-        last = name
-    return [*lines, *wrap(frame_words(effect, verdict.frames), width)]
+def _parameter_texts(
+    effect: Finding, verdict: Verdict
+) -> dict[str, dict[int | None, str]]:
+    """Text of each size by name, then by joint; joint None where it has only one."""
+    texts: dict[str, dict[int | None, str]] = {}
+    for size in sizes(effect, verdict):
+        texts.setdefault(size.name, {})[size.joint] = size.text
+    combined = {name: {None: str(p)} for name, p in effect.combinations.items()}
+    return texts | combined
 
 
-def _parameters(effect: Finding, verdict: Verdict) -> list[tuple[str, int | None, str]]:
-    """Name, joint and text of each size, by name; joint None where it has only one."""
-    rows = [(o.name, o.joint, o.text) for o in sizes(effect, verdict)]
-    rows += [(name, None, str(p)) for name, p in effect.combinations.items()]
-    names = list(dict.fromkeys(name for name, _, _ in rows))
-    return sorted(rows, key=lambda row: names.index(row[0]))
+def finding_lines(effect: Finding, diagnosis: Diagnosis) -> list[str]:
+    """Return a finding as a terminal has it: name, sizes, evidence, a line each."""
+    verdict, evidence = diagnosis.verdict, effect.evidence
+    lines = [Strong(f"{effect.order}. {title(effect, verdict)}")]
+    if effect.equivalent:
+        lines.append(f"   or {others(effect, diagnosis)}")
+    for name, by_joint in _parameter_texts(effect, verdict).items():
+        texts = [f"J{j} {text}" if j else text for j, text in by_joint.items()]
+        lines.append(f"   {name} {', '.join(texts)}")
+    frame = frame_words(effect, verdict.frames)
+    lines += [f"   ({frame})"] if frame else []
+    words = [f"evidence {number(evidence.nats)} nats"]
+    words[0] += f" by {evidence.by}" if evidence.by else ""
+    if known(effect.probability):
+        one = " (of any of these)" if effect.equivalent else ""
+        words.append(f"probability {probability(effect.probability)}{one}")
+    words.append(f"held-out motion: {evidence.held_out or 'not tested'}")
+    again = found_again(effect)
+    words += [f"found again in {again} splits"] if again else []
+    return [*lines, f"   {', '.join(words)}"]
 
 
 def found_again(effect: Finding) -> str:
-    """How often a name came back without a part of the data: '3 of 3'."""
+    """Return how often a name came back without a part of the data: '3 of 3'."""
     splits = effect.evidence.splits
     return f"{splits.found} of {splits.of}" if splits and splits.of else ""
 
 
-_CERTAIN = (0.999, 0.99)
+def evidence_table(diagnosis: Diagnosis) -> Table:
+    """Return how sure each finding is."""
+    again = any(map(found_again, diagnosis.effects))
+    heads = ["Effect", "Probability", "Evidence [nats]", "By", "Held-out motion"]
+    heads += ["Gain", *["Found again"] * again]
+    rows = []
+    for effect in diagnosis.effects:
+        evidence, name = (
+            effect.evidence,
+            sentence_case(title(effect, diagnosis.verdict)),
+        )
+        if effect.equivalent:
+            other = tag("span", f"or {others(effect, diagnosis)}", "soft")
+            name = Markup("{}<br>{}").format(name, other)
+        word = evidence.held_out
+        look = f"tag {word if word in ('confirmed', 'refuted') else 'neutral'}"
+        row = [name, probability(effect.probability), number(evidence.nats)]
+        row += [evidence.by or MISSING, tag("span", word or "not tested", look)]
+        row += [fraction(evidence.held_out_gain)]
+        rows.append(row + [found_again(effect) or MISSING] * again)
+    return Table(heads, rows, left=(0, 3, 4))
 
 
 def means(diagnosis: Diagnosis, effect: Finding) -> str:
@@ -140,51 +231,36 @@ def means(diagnosis: Diagnosis, effect: Finding) -> str:
 
     Of at most two joints, those where it is the largest share of the torque.
     """
-    mine = [c for c in diagnosis.clouds if c.name == effect.name and len(c.x)]
+    clouds = [c for c in diagnosis.clouds if c.name == effect.name and len(c.x)]
     if effect_named(effect.name).variable is not None and effect.joints:
-        mine = [c for c in mine if c.joint in effect.joints] or mine
+        clouds = [c for c in clouds if c.joint in effect.joints] or clouds
     parts = []
-    for cloud in mine:
-        peak = float(np.abs(cloud.fitted).max())
-        whole, unit = (
-            _largest(diagnosis, cloud.joint),
+    for cloud in clouds:
+        peak, unit = (
+            float(np.abs(cloud.fitted).max()),
             diagnosis.torque_unit(cloud.joint),
         )
-        share = peak / whole if whole else 0.0
-        words = f"by up to {number(peak)} {unit} on joint {cloud.joint}"
+        largest = max(
+            (
+                float(np.abs(proof.tau[:, cloud.joint - 1]).max())
+                for proof in diagnosis.proofs
+                if len(proof.t) and cloud.joint <= proof.tau.shape[1]
+            ),
+            default=0.0,
+        )
+        share = peak / largest if largest else 0.0
         of = f" ({fraction(share)} of the largest torque there)" if share else ""
-        parts.append((share, words + of))
-    worst = [words for _, words in sorted(parts, reverse=True)[:2]]
-    words = f"Without it the predicted torque is off {' and '.join(worst)}."
-    return words if worst else ""
+        words = f"by up to {number(peak)} {unit} on joint {cloud.joint}{of}"
+        parts.append((share, words))
+    worst = " and ".join(words for _, words in sorted(parts, reverse=True)[:2])
+    return f"Without it the predicted torque is off {worst}." if worst else ""
 
 
-def sure(probability: float | None) -> str:
-    """Return a probability as people weigh it: never one, since no data give that."""
-    if not known(probability):
-        return MISSING
-    for limit in _CERTAIN:
-        if probability > limit:
-            return f"probability > {limit:g}"
-    if probability < 0.01:
-        return "probability < 0.01"
-    return f"probability = {probability:.2f}"
+# Sizes of a finding as engineers state them: a change, an amplitude, a frame.
 
-
-def _largest(diagnosis: Diagnosis, joint: int) -> float | None:
-    sizes = [
-        float(np.abs(p.tau[:, joint - 1]).max())
-        for p in diagnosis.proofs
-        if len(p.t) and joint <= p.tau.shape[1]
-    ]
-    return max(sizes, default=None)
-
-
-# Sizes of a finding in words that people have: a change, an amplitude, a frame.
-
-OPEN = "not determined"
-DIGITS = 3  # of the larger of two values, before and after
-STEP = 1e-3  # of a deviation, for derivatives
+_OPEN = "not determined"
+_DIGITS = 3  # of the larger of two values, before and after
+_STEP = 1e-3  # of a deviation, for derivatives
 
 
 @dataclass(frozen=True, slots=True)
@@ -192,11 +268,11 @@ class Size:
     """One size of a finding.
 
     Attributes:
-        name: What it is of.
+        name: Its parameter in words.
         joint: Joint from 1; None where there is only one.
         value, std, unit: The size; the value None where it is not determined.
-        change: The value of the model before; None where it is no change of one.
-        signed: Whether it says by how much something is more or less.
+        change: The nominal value; None where the size is no change of one.
+        signed: Whether it is the difference from a nominal value.
     """
 
     name: str
@@ -211,241 +287,84 @@ class Size:
     def text(self) -> str:
         """The size with its deviation: '+4.99 ± 0.12 N m (8.0 → 13.0)'."""
         if self.value is None:
-            return OPEN
+            return _OPEN
         text = measured(self.value, self.std, self.unit)
         if self.signed and self.value > 0 and not text.startswith("("):
             text = f"+{text}"
-        return text if self.change is None else f"{text} ({self.from_to})"
-
-    @property
-    def from_to(self) -> str:
-        """The value before and after: '8.0 → 13.0'."""
-        if self.change is None or self.value is None:
-            return MISSING
+        if self.change is None:
+            return text
         ends = self.change, self.change + self.value
         largest = max(map(abs, ends))
-        places = max(DIGITS - 1 - floor(log10(largest)), 0) if largest else 0
-        return " → ".join(f"{end:.{places}f}" for end in ends)
+        places = max(_DIGITS - 1 - floor(log10(largest)), 0) if largest else 0
+        return f"{text} ({' → '.join(f'{end:.{places}f}' for end in ends)})"
 
 
 def sizes(effect: Finding, verdict: Verdict) -> list[Size]:
-    """Return the sizes of a finding: as its effect tells them, else its parameters."""
-    sizes_of = effect_named(effect.name).told
-    clear = all(p.determined for p in effect.parameters.values())
-    parts = list(_told(effect) if sizes_of and clear else _plain(effect))
+    """Return the sizes of a finding, in the form that its effect file gives them."""
+    parts = list(_sizes(effect))
     if not is_wrong_value(effect, verdict):
         return parts
-    keys = {key.replace("_", " "): key for key in effect.parameters}
-    return [_changed(one, keys.get(one.name), effect, verdict) for one in parts]
+    out = []
+    for size in parts:
+        joints = effect.joints if size.joint is None else (size.joint,)
+        place = effect.name, tuple(joints), size.name
+        nominal = [
+            c.nominal
+            for c in verdict.changes
+            if (c.name, tuple(c.joints), c.parameter.replace("_", " ")) == place
+            and known(c.nominal)
+        ]
+        change = nominal[-1] if nominal else None
+        out.append(replace(size, change=change, signed=True))
+    return out
+
+
+def _sizes(effect: Finding) -> Iterator[Size]:
+    """Sizes by parameter, or as the effect converts them, deviations independent."""
+    several = any(isinstance(p.value, tuple) for p in effect.parameters.values())
+    joints = effect.joints if several else (None,)
+    convert = effect_named(effect.name).display
+    parameters = effect.parameters.values()
+    if (
+        convert is None
+        or not all(p.determined for p in parameters)
+        or not all(known(v) for p in parameters for v, _ in p.pairs)
+    ):
+        for key, parameter in effect.parameters.items():
+            name, unit = key.replace("_", " "), parameter.unit
+            for joint, (value, std) in zip(joints, parameter.pairs, strict=False):
+                size = value if parameter.determined else None
+                yield Size(name, joint, size, std, unit)
+        return
+    pairs = zip(*(p.pairs for p in parameters), strict=True)
+    for joint, own in zip(joints, pairs, strict=False):
+        values = np.array([v for v, _ in own], dtype=float)
+        stds = np.array([s if known(s) else 0.0 for _, s in own])
+        steps = [convert(values + row) for row in _STEP * np.diag(stds)]
+        for name, (value, unit) in convert(values).items():
+            slopes = [(step[name][0] - value) / _STEP for step in steps]
+            yield Size(name, joint, value, float(np.linalg.norm(slopes)), unit)
 
 
 def size_of(effect: Finding, verdict: Verdict) -> tuple[str, str]:
     """Return (name, value) of the first size that the logs determine.
 
-    Of several joints the smallest and the largest value; a wave with its place.
+    Of several joints the smallest and the largest value.
     """
-    every = [one for one in sizes(effect, verdict) if one.value is not None]
-    if not every:
+    determined = [size for size in sizes(effect, verdict) if known(size.value)]
+    if not determined:
         return "", MISSING
-    name = every[0].name
-    same = [one for one in every if one.name == name]
+    first = determined[0]
+    same = [size for size in determined if size.name == first.name]
     if len(same) == 1:
-        others = [o for o in every[1:] if effect_named(effect.name).told]
-        return name, ", ".join([same[0].text, *(f"{o.name} {o.text}" for o in others)])
-    low, high = (f(one.value for one in same if known(one.value)) for f in (min, max))
-    sign = "+" if same[0].signed and low > 0 else ""
-    span = f"{sign}{number(low)} to {sign}{number(high)} {unit_text(same[0].unit)}"
-    return name, span.strip()
+        return first.name, first.text
+    low, high = (f(size.value for size in same) for f in (min, max))
+    sign = "+" if first.signed and low > 0 else ""
+    span = f"{sign}{number(low)} to {sign}{number(high)} {unit_text(first.unit)}"
+    return first.name, span.strip()
 
 
 def frame_words(effect: Finding, frames: Frames) -> str:
     """Return what the vectors of a finding are in; empty where it has none."""
     flange = frames.flange or "the flange"
     return effect_named(effect.name).frame.format(flange=flange)
-
-
-def named_joints(joints: Iterable[int], frames: Frames) -> str:
-    """Return what the URDF calls joints, where that says more than their numbers."""
-    every = [(j, frames.joints[j - 1]) for j in joints if j <= len(frames.joints)]
-    return listing([name for j, name in every if tells(name, j)])
-
-
-def tells(name: str, joint: int) -> bool:
-    """Return whether a joint's name says more than its number: not so "joint_2"."""
-    plain = rf"(?:.*[_-])?(?:joint|axis|j|a|q)?[_-]?0*{joint}"
-    return re.fullmatch(plain, name, re.IGNORECASE) is None
-
-
-def _plain(effect: Finding) -> Iterator[Size]:
-    for key, parameter in effect.parameters.items():
-        name, unit = key.replace("_", " "), parameter.unit
-        for joint, (value, std) in zip(_joints(effect), parameter.pairs, strict=False):
-            known_value = value if parameter.determined else None
-            yield Size(name, joint, known_value, std, unit)
-
-
-def _joints(effect: Finding) -> Sequence[int | None]:
-    many = any(isinstance(p.value, tuple) for p in effect.parameters.values())
-    return effect.joints if many else (None,)
-
-
-def _told(effect: Finding) -> Iterator[Size]:
-    """As the effect tells its values, deviations taken along as independent."""
-    sizes_of = effect_named(effect.name).told
-    pairs = [p.pairs for p in effect.parameters.values()]
-    if sizes_of is None or any(not known(v) for own in pairs for v, _ in own):
-        yield from _plain(effect)
-        return
-    for joint, own in zip(_joints(effect), zip(*pairs, strict=True), strict=False):
-        values = np.array([v for v, _ in own], dtype=float)
-        stds = np.array([s if known(s) else 0.0 for _, s in own])
-        at, spread = sizes_of(values), dict.fromkeys(sizes_of(values), 0.0)
-        for i, std in enumerate(stds):
-            near = sizes_of(values + STEP * std * np.eye(len(values))[i])
-            for name in at:
-                spread[name] += ((near[name][0] - at[name][0]) / STEP) ** 2
-        for name, (value, unit) in at.items():
-            yield Size(name, joint, value, float(np.sqrt(spread[name])), unit)
-
-
-def _changed(one: Size, key: str | None, effect: Finding, verdict: Verdict) -> Size:
-    """A size as a change, from the value that the model was given where it was."""
-    before = None
-    on = effect.joints if one.joint is None else (one.joint,)
-    for change in verdict.changes if key else ():
-        given = change.name, tuple(change.joints), change.parameter
-        if given == (effect.name, tuple(on), key):
-            before = change.nominal if known(change.nominal) else None
-    return Size(one.name, one.joint, one.value, one.std, one.unit, before, True)
-
-
-# Tables of findings and of errors.
-
-
-def others(effect: Finding, diagnosis: Diagnosis, between: str = " or ") -> str:
-    """What an effect cannot be told from."""
-    return between.join(alternatives(effect, diagnosis.verdict.dof))
-
-
-_NARROW = 26  # characters of a size in the terminal
-
-
-def findings_table(diagnosis: Diagnosis) -> list[Table]:
-    """Return what was found as a terminal has it; none where nothing was."""
-    verdict = diagnosis.verdict
-    if not diagnosis.effects:
-        return []
-    sizes = [parameter_lines(e, verdict, _NARROW) for e in diagnosis.effects]
-    rows = [
-        (str(e.order), _effect_cell(e, diagnosis), "\n".join(size), _evidence_cell(e))
-        for e, size in zip(diagnosis.effects, sizes, strict=True)
-    ]
-    # Short cells keep their width, so that no verdict is cut at 80 columns.
-    widths = [len(line) for size in sizes for line in size]
-    least = {2: max(widths, default=0), 3: len("held-out: confirmed")}
-    heads = ("", "effect", "parameters", "evidence")
-    return [Table(heads, rows, "What is missing", left=range(4), least=least)]
-
-
-def _effect_cell(effect: Finding, diagnosis: Diagnosis) -> str:
-    same = others(effect, diagnosis)
-    tail = f"\nor {same}: these data cannot tell" if same else ""
-    return Strong(title(effect, diagnosis.verdict) + tail)
-
-
-def _evidence_cell(effect: Finding) -> str:
-    evidence, again = effect.evidence, found_again(effect)
-    lines = [f"{number(evidence.nats)} nats"]
-    if evidence.by:
-        lines.append(f"by {evidence.by}")
-    if known(effect.probability):
-        lines.append(f"this name: {probability(effect.probability)}")
-    lines.append(f"held-out: {evidence.held_out or 'not tried'}")
-    if again:
-        lines.append(f"found again: {again}")
-    return "\n".join(lines)
-
-
-def error_table(
-    lines: Sequence[ErrorRow], metrics: Collection[str], about: str
-) -> Table | None:
-    """Return errors by metric, then by model; None where none is known.
-
-    Args:
-        about: What they are of.
-    """
-    leading = next(iter(METRICS))
-    groups = {
-        # The reference stands beside the leading metric only.
-        metric: [
-            stage
-            for stage in (*STAGES, *([PLAIN] if metric == leading else []))
-            if has(lines, metric, stage)
-        ]
-        for metric in metrics
-    }
-    columns = [(metric, stage) for metric, own in groups.items() for stage in own]
-    if not columns:
-        return None
-    share = any(known(line.unexplained) for line in lines)
-    rows = []
-    for row in lines:
-        cells = [_error(row, metric, stage) for metric, stage in columns]
-        flag = "flagged " if row.flagged else ""
-        rest = [flag + bare_percent(row.unexplained)] if share else []
-        rows.append((sentence_case(row.label), *cells, *rest))
-    over = [(sentence_case(METRICS[m]), len(own)) for m, own in groups.items() if own]
-    heads = [stage.replace("_", " ") for _, stage in columns]
-    return Table(
-        ("Joint", *heads, *(["Unexplained"] if share else [])),
-        rows,
-        about,
-        sections=(len(rows) - 1,),
-        groups=[("", 1), *over, *([("", 1)] if share else [])],
-        look="tight errors",
-    )
-
-
-def brief_errors(diagnosis: Diagnosis, lines: Sequence[ErrorRow]) -> Table | None:
-    """Return the errors of the first metric known; page and JSON have all."""
-    first = next((m for m in METRICS if any(has(lines, m, s) for s in STAGES)), None)
-    if first is None:
-        return None
-    where = f" on {', '.join(diagnosis.errors.logs)}" if diagnosis.errors.logs else ""
-    weak = " (the same run: a weak proof)" if diagnosis.errors.same_run else ""
-    about = f"Held-out error{where}{weak}, {METRICS[first]}, % of torque"
-    return error_table(lines, [first], about)
-
-
-def _error(row: ErrorRow, metric: str, stage: str) -> str:
-    kind = Strong if stage == "augmented" else str
-    return kind(bare_percent(row.values[metric].get(stage)))
-
-
-def evidence_table(diagnosis: Diagnosis) -> Table:
-    """Return how sure each finding is."""
-    named = diagnosis.effects
-    again = any(map(found_again, named))
-    heads = ["Effect", "Probability", "Evidence, nats", "By", "Held-out motion", "Gain"]
-    heads += ["Found again"] * again
-    rows = []
-    for effect in named:
-        evidence = effect.evidence
-        row = [_class_cell(effect, diagnosis), probability(effect.probability)]
-        row += [number(evidence.nats), evidence.by or MISSING, _tag(evidence.held_out)]
-        row += [fraction(evidence.held_out_gain)]
-        row += [found_again(effect) or MISSING] * again
-        rows.append(row)
-    return Table(heads, rows, left=(0, 3, 4))
-
-
-def _class_cell(effect: Finding, diagnosis: Diagnosis) -> str:
-    name = sentence_case(title(effect, diagnosis.verdict))
-    other = tag("span", f"or {others(effect, diagnosis)}", "soft")
-    return Markup("{}<br>{}").format(name, other) if effect.equivalent else name
-
-
-def _tag(word: str | None) -> Markup:
-    kinds = ("confirmed", "refuted")
-    look = f"tag {word if word in kinds else 'neutral'}"
-    return tag("span", word or "not tried", look)

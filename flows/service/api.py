@@ -110,7 +110,7 @@ def deployments(client: SyncPrefectClient) -> list[Mapping]:
         limit=_AT_ONCE,
     ):
         due.setdefault(run.deployment_id, run.expected_start_time)
-    found = [
+    rows = [
         {
             "name": f"{flows.get(each.flow_id, '?')}/{each.name}",
             "paused": each.paused,
@@ -119,7 +119,7 @@ def deployments(client: SyncPrefectClient) -> list[Mapping]:
         }
         for each in client.read_deployments()
     ]
-    return sorted(found, key=lambda d: d["name"])
+    return sorted(rows, key=lambda d: d["name"])
 
 
 def keep_deployments(client: SyncPrefectClient, deployed: Sequence[Mapping]) -> None:
@@ -156,15 +156,6 @@ def last_runs(client: SyncPrefectClient, most: int = 10) -> list[Mapping]:
         }
         for run in runs
     ]
-
-
-def start_flow(client: SyncPrefectClient, deployment: str) -> None:
-    """Start a deployment now, beside its schedule; a worker takes it in its turn."""
-    known = client.read_deployment_by_name(deployment)
-    client.create_flow_run_from_deployment(known.id)
-
-
-# Whether what runs for a store is well.
 
 
 @dataclass(frozen=True, slots=True)

@@ -31,7 +31,7 @@ _POLICY_VIOLATION = 1008  # close code of a WebSocket, RFC 6455 section 7.4.1
 
 
 @dataclass(frozen=True, slots=True)
-class Rules:
+class AccessRules:
     """By which names a server is asked, and the key that its programs have."""
 
     hosts: frozenset[str]  # host headers that name it, lower case
@@ -39,7 +39,7 @@ class Rules:
     everywhere: bool  # whether it listens on all addresses of this machine
     key: str = field(repr=False)  # what a program must know
 
-    def is_ours(self, host: str) -> bool:
+    def names_server(self, host: str) -> bool:
         """Return whether a Host header names this server.
 
         A stranger's name that was made to point here (DNS rebinding) does not. Of a
@@ -59,14 +59,14 @@ class Rules:
         """Return whether a message on a WebSocket is the one that shows the key."""
         try:
             message = json.loads(text) if len(text) <= LARGEST else {}
-            given = message["token"] if message["type"] == "auth" else ""
-            shown = given.encode()  # of half a character there are no bytes
+            token = message["token"] if message["type"] == "auth" else ""
+            shown = token.encode()  # of half a character there are no bytes
         except (ValueError, KeyError, TypeError, AttributeError, RecursionError):
             return False
         return hmac.compare_digest(shown, self.key.encode())
 
 
-def rules_for(host: str, port: int, key: str) -> Rules:
+def rules_for(host: str, port: int, key: str) -> AccessRules:
     """Return the rules of a server."""
     everywhere = host in _EVERYWHERE
     names = {f"[{host}]" if ":" in host else host} - set(_EVERYWHERE) - {"[::]"}
@@ -75,21 +75,21 @@ def rules_for(host: str, port: int, key: str) -> Rules:
     if everywhere:
         names.update({socket.gethostname(), socket.getfqdn()})
     ports = (f":{port}", "") if port == 80 else (f":{port}",)  # browsers leave it out
-    known = {f"{name}{end}".lower() for name in names for end in ports}
-    return Rules(frozenset(known), port, everywhere, key)
+    hosts = {f"{name}{end}".lower() for name in names for end in ports}
+    return AccessRules(frozenset(hosts), port, everywhere, key)
 
 
-def refusal(scope: Scope, rules: Rules) -> tuple[int, str] | None:
+def refusal(scope: Scope, rules: AccessRules) -> tuple[int, str] | None:
     """Return why a request or an opening WebSocket is refused: status and words."""
     headers = Headers(scope=scope)
     hosts, origins = headers.getlist("host"), headers.getlist("origin")
-    if len(hosts) != 1 or not rules.is_ours(hosts[0]):
-        known = ", ".join(sorted(rules.hosts))
-        return 421, f"Expected one Host of {known}, got {hosts}."
+    if len(hosts) != 1 or not rules.names_server(hosts[0]):
+        names = ", ".join(sorted(rules.hosts))
+        return 421, f"Expected one Host of {names}, got {hosts}."
     # Of pages only that of this very name and port; programs send no Origin.
-    own = f"http://{hosts[0].lower()}"
-    if any(origin.lower() != own for origin in origins):
-        return 403, f"Only pages of {own} may ask, got Origin {origins}."
+    page = f"http://{hosts[0].lower()}"
+    if any(origin.lower() != page for origin in origins):
+        return 403, f"Only pages of {page} may ask, got Origin {origins}."
     if scope["type"] == "websocket" or scope["method"] in _READING:
         return None
     if not rules.has_key(headers):
@@ -113,7 +113,7 @@ class Guard:
     """An application that lets through only what the rules allow."""
 
     app: ASGIApp
-    rules: Rules
+    rules: AccessRules
 
     async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
         """Answer one request or WebSocket, or the start of the server."""
@@ -130,7 +130,7 @@ class Guard:
             await self.app(scope, receive, send)
 
 
-def _key_first(receive: Receive, send: Send, rules: Rules) -> Receive:
+def _key_first(receive: Receive, send: Send, rules: AccessRules) -> Receive:
     """Let no message through before the one with the key, as Prefect's clients send it.
 
     For the application who does not send it has hung up.

@@ -16,7 +16,7 @@ from starlette.types import ASGIApp, Message, Receive, Scope, Send
 
 from flows.report.index import INDEX, page_at
 from flows.report.page import hash_of, script
-from flows.service.guard import Rules
+from flows.service.guard import AccessRules
 
 PAGES = "/pages"
 # A page talks to its own server only. Prefect's pages set styles from scripts and
@@ -56,7 +56,7 @@ _TYPES = {
 }
 
 
-def with_pages(app: ASGIApp, rules: Rules, store: Path) -> ASGIApp:
+def with_pages(app: ASGIApp, rules: AccessRules, store: Path) -> ASGIApp:
     """Return an application that also serves the index and the reports of a store."""
     lock = Lock()
 

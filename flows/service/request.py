@@ -36,16 +36,15 @@ BEAT = 30  # s between signs of life of a flow run; the least that Prefect takes
 
 @dataclass(frozen=True, slots=True)
 class ServiceRequest(Request):
-    """What shall run; what is None is as before.
+    """Start the service; None keeps the value of the last start.
 
     Attributes:
-        port: Port of the server and its page; 4200 unless given.
-        host: Address to listen on; anything but this machine needs --trust-network.
-        workers: How many flows may run at once.
-        every: Also start the nightly flow every so many seconds, until --every 0.
-        trust_network: Let others in the network reach the server. What they send is
-            not encrypted: who listens there learns the key, and runs programs as you.
-        project: The project that is served, None for none.
+        port: Port of the server; default 4200.
+        host: Address to listen on; any other than this machine needs --trust-network.
+        workers: Number of flows that run at once.
+        every: Also start the nightly flow every this many seconds; 0 to stop that.
+        trust_network: Accept connections from the network. They are not encrypted: an
+            eavesdropper learns the key and can run programs as you.
     """
 
     store: Store = None
@@ -59,14 +58,7 @@ class ServiceRequest(Request):
     project: Annotated[Project | None, Parameter(parse=False)] = None
 
 
-def _has_scheduler() -> bool:
-    try:
-        return find_spec("prefect") is not None
-    except ModuleNotFoundError:
-        return False
-
-
-def checked(request: ServiceRequest) -> None:
+def check_request(request: ServiceRequest) -> None:
     """Refuse what cannot be, or what must be said twice.
 
     Raises:
@@ -81,7 +73,11 @@ def checked(request: ServiceRequest) -> None:
     if request.database is not None:
         database_url(request.database)
     check_host(request.host or "127.0.0.1", request.trust_network)
-    if not _has_scheduler():
+    try:
+        scheduler = find_spec("prefect")
+    except ModuleNotFoundError:
+        scheduler = None
+    if scheduler is None:
         raise not_installed("prefect")
 
 
@@ -95,14 +91,14 @@ def check_host(host: str, trust_network: bool) -> None:
         )
 
 
-def database_url(given: str) -> str:
+def database_url(url: str) -> str:
     """Return the address of a database as Prefect takes it.
 
     Raises:
         InputError: If it is none of PostgreSQL; the message has no password.
     """
     try:
-        parts = urlsplit(given)
+        parts = urlsplit(url)
         usable = parts.scheme in _DRIVERS and bool(parts.path.strip("/"))
     except ValueError:
         usable = False
@@ -111,21 +107,21 @@ def database_url(given: str) -> str:
             f"${DATABASE} is not usable, expected "
             "postgresql://USER:PASSWORD@HOST:PORT/NAME."
         )
-    return _DRIVERS[parts.scheme] + given[given.index("://") :]
+    return _DRIVERS[parts.scheme] + url[url.index("://") :]
 
 
-def shown_database(given: str | None) -> str:
+def database_label(url: str | None) -> str:
     """Return where the history is, without user and password."""
-    if given is None:
+    if url is None:
         return "sqlite"
-    parts = urlsplit(given)
+    parts = urlsplit(url)
     place = parts.netloc.rpartition("@")[2] or "localhost"
     return f"postgresql://{place}{parts.path}"
 
 
 def server_environment(running: Running, home: Path, database: str | None) -> dict:
     """Return the environment of the server, with the key that it asks for."""
-    own = {
+    settings = {
         # Whose pages it serves.
         STORE: str(home.parent),
         "PREFECT_SERVER_API_HOST": running.host,
@@ -150,8 +146,8 @@ def server_environment(running: Running, home: Path, database: str | None) -> di
         "PREFECT__SERVER_FINAL": "1",
     }
     if database:
-        own["PREFECT_SERVER_DATABASE_CONNECTION_URL"] = database_url(database)
-    return _base(home) | own
+        settings["PREFECT_SERVER_DATABASE_CONNECTION_URL"] = database_url(database)
+    return _base(home) | settings
 
 
 def worker_environment(running: Running, store: Path, home: Path) -> dict:

@@ -40,14 +40,14 @@ def load_campaign(path: str | Path, seed: int | None = None) -> tuple[Entry, ...
             f"{Path(path).name} has {'neither' if grid is None else 'both'} of [grid] "
             "and [random], expected one of them. modelgap experiment runs a single one."
         )
-    changes = _crossed(grid) if draws is None else _drawn(draws, content)
+    changes = _grid_changes(grid) if draws is None else _random_changes(draws, content)
     return tuple(_entry(content, change, path) for change in changes)
 
 
 Change = list[tuple[tuple[str, ...], Any]]
 
 
-def _crossed(grid: Any) -> list[Change]:
+def _grid_changes(grid: Any) -> list[Change]:
     """Return every combination; the last key runs fastest."""
     axes = list(_leaves(grid, "grid"))
     for keys, values in axes:
@@ -57,8 +57,8 @@ def _crossed(grid: Any) -> list[Change]:
             )
     count = prod(len(values) for _, values in axes)
     if not axes or count > MOST:
-        asked = count if axes else 0
-        raise InputError(f"[grid] asks for {asked} runs, expected 1 to {MOST}.")
+        number = count if axes else 0
+        raise InputError(f"[grid] asks for {number} runs, expected 1 to {MOST}.")
     names = [keys for keys, _ in axes]
     return [
         list(zip(names, values, strict=True))
@@ -66,7 +66,7 @@ def _crossed(grid: Any) -> list[Change]:
     ]
 
 
-def _drawn(draws: Any, content: dict) -> list[Change]:
+def _random_changes(draws: Any, content: dict) -> list[Change]:
     count = draws.pop("count", None) if isinstance(draws, dict) else None
     if type(count) is not int or not 1 <= count <= MOST:
         raise InputError(f"[random] count is {shown(count)}, expected 1 to {MOST}.")
@@ -118,7 +118,7 @@ def _leaves(table: Any, where: str) -> Iterator[tuple[tuple[str, ...], Any]]:
         raise InputError(f"{where} is {shown(table)}, expected a table.")
     for key, value in table.items():
         if isinstance(value, dict) and not {"low", "high"} & set(value):
-            yield from (((key, *rest), v) for rest, v in _leaves(value, where))
+            yield from (((key, *inner), v) for inner, v in _leaves(value, where))
         else:
             yield (key,), value
 
@@ -127,34 +127,35 @@ def _entry(content: dict, change: Change, path: str | Path) -> Entry:
     changed = deepcopy(content)
     for keys, value in change:
         _put(changed, keys, value, ".".join(keys))
-    label = " ".join(f"{'.'.join(keys)}={_short(value)}" for keys, value in change)
-    return Entry(label, experiment_of(changed, path))
+    words = (
+        f"{'.'.join(keys)}={value:.4g}"
+        if isinstance(value, float)
+        else f"{'.'.join(keys)}={value}"
+        for keys, value in change
+    )
+    return Entry(" ".join(words), experiment_of(changed, path))
 
 
-def _short(value: Any) -> str:
-    return f"{value:.4g}" if isinstance(value, float) else str(value)
-
-
-def _put(place: Any, keys: tuple[str, ...], value: Any, what: str) -> None:
+def _put(place: Any, keys: tuple[str, ...], value: Any, name: str) -> None:
     """Set one value: `plant.effect.level`, with several effects `plant.effect.2.level`.
 
     Tables on the way are made; effects are not.
     """
-    key, *rest = keys
+    key, *inner = keys
     if isinstance(place, list):
         number = int(key) if re.fullmatch("[0-9]{1,9}", key) else 0
         if not number and len(place) == 1:
-            _put(place[0], keys, value, what)
-        elif rest and 1 <= number <= len(place):
-            _put(place[number - 1], tuple(rest), value, what)
+            _put(place[0], keys, value, name)
+        elif inner and 1 <= number <= len(place):
+            _put(place[number - 1], tuple(inner), value, name)
         else:
             raise InputError(
-                f"{what}: there are {len(place)} of these tables; say which one by "
+                f"{name}: there are {len(place)} of these tables; say which one by "
                 "its number from 1, as in plant.effect.2.level."
             )
     elif not isinstance(place, dict):
-        raise InputError(f"{what} does not name a key of a table.")
-    elif rest:
-        _put(place.setdefault(key, {}), tuple(rest), value, what)
+        raise InputError(f"{name} does not name a key of a table.")
+    elif inner:
+        _put(place.setdefault(key, {}), tuple(inner), value, name)
     else:
         place[key] = value

@@ -99,7 +99,7 @@ class RatesTable(Table):
     log: Annotated[Positive, Field(le=20000)] = 250.0
 
     @model_validator(mode="after")
-    def _whole(self) -> "RatesTable":
+    def _check_ratio(self) -> "RatesTable":
         ratio = self.control / self.log
         if ratio < 1 or abs(ratio - round(ratio)) > 1e-9:
             raise ValueError(
@@ -126,7 +126,7 @@ class ControllerTable(Table):
     rise: Annotated[float, Field(ge=0, le=10)] = AS_MEASURED.rise
 
     @model_validator(mode="after")
-    def _with_a_model(self) -> "ControllerTable":
+    def _check_model(self) -> "ControllerTable":
         if self.model == NOMINAL and self.kind != "computed_torque":
             raise ValueError(
                 "the nominal model closes the loop (computed_torque); name another "

@@ -10,7 +10,7 @@ from flows.requests import Flag, GivenWord, Request, Store, Text
 from flows.settings import store_folder
 from flows.steps.models import diagnosis_of
 from flows.storage.diagnosis import read_known, read_models, read_verdict, store_report
-from residual.diagnosis.held_out import AdoptionCheck, worth
+from residual.diagnosis.held_out import AdoptionCheck, check_adoption
 from residual.diagnosis.result import Verdict
 from residual.errors import InputError
 from residual.model.model import Model
@@ -46,15 +46,15 @@ class Judgment:
     model: Model
     # The adoption that the robot has, with its number; None for none.
     parent: tuple[str, Adoption] | None
-    worth: AdoptionCheck | None  # None without held-out logs
+    check: AdoptionCheck | None  # on held-out motion; None without held-out logs
     # Why it should not be adopted; empty for a model that may.
     doubts: tuple[str, ...] = ()
 
     def as_record(self) -> dict:
         """Return what the gate saw as JSON can hold it."""
-        held_out_worth = asdict(self.worth) if self.worth else {}
-        held_out_worth.pop("doubts", None)
-        return {"held_out": held_out_worth, "doubts": list(self.doubts)}
+        check = asdict(self.check) if self.check else {}
+        check.pop("doubts", None)
+        return {"held_out": check, "doubts": list(self.doubts)}
 
 
 @one_blas_thread
@@ -70,7 +70,7 @@ def judge(store: Path, word: str) -> Judgment:
     id = diagnosis_of(store, word)
     verdict, model = read_verdict(store, id), read_known(store, id)
     parent = adopted(store, model.robot.name, model.robot.serial)
-    doubts, held_out_worth, record = _of_verdict(verdict), None, read_record(store, id)
+    doubts, check, record = _of_verdict(verdict), None, read_record(store, id)
     runs = record["request"].get("held_out")
     if not runs:
         doubts.append("no run was held out; diagnose with --holdout RUN")
@@ -79,11 +79,9 @@ def judge(store: Path, word: str) -> Judgment:
             before = read_known(store, parent[1].diagnosis_id)
         else:
             before = read_models(store, id)["nominal"]
-        held_out_worth = worth(model, before, [read_run(store, run) for run in runs])
-        doubts += held_out_worth.doubts
-    return Judgment(
-        id, record["model_id"], model, parent, held_out_worth, tuple(doubts)
-    )
+        check = check_adoption(model, before, [read_run(store, run) for run in runs])
+        doubts += check.doubts
+    return Judgment(id, record["model_id"], model, parent, check, tuple(doubts))
 
 
 def _of_verdict(verdict: Verdict) -> list[str]:
@@ -156,8 +154,8 @@ def adopt(request: Adopt) -> tuple[str, Judgment]:
         parent=parent[0] if parent else None,
         who=_user(),
         note=request.note,
-        before=judgment.worth.before if judgment.worth else None,
-        after=judgment.worth.after if judgment.worth else None,
+        before=judgment.check.before if judgment.check else None,
+        after=judgment.check.after if judgment.check else None,
         evidence=judgment.as_record(),
     )
     return commit_adoption(store, adoption), judgment

@@ -40,7 +40,7 @@ def check(logs: LogSets) -> LogCheck:
     # One thread: the products are small, two threads only wait for each other.
     for group in ((*logs.fit, *logs.held_out), logs.baseline):
         faults += _faults(logs, group) if group else []
-    return _told(_once(faults), logs)
+    return _with_lines(_once(faults), logs)
 
 
 def checked(logs: LogSets, trust_log: bool) -> LogCheck:
@@ -113,42 +113,33 @@ def _once(faults: Sequence[Fault]) -> list[Fault]:
     for fault in sorted(faults, key=lambda fault: not fault.certain):
         key = (fault.kind, fault.joints, fault.certain)
         groups.setdefault(key, []).append(fault)
-    return [_merged(group) for group in groups.values()]
+    out = []
+    for first, *others in groups.values():
+        evidence = first.evidence
+        if first.log and not evidence.startswith(first.log):
+            evidence = f"{first.log}: {evidence}"
+        also = [f.log for f in others if f.log != first.log]
+        if also and first.log:
+            evidence = f"{evidence} The same in {', '.join(dict.fromkeys(also))}."
+        out.append(replace(first, evidence=evidence))
+    return out
 
 
-def _merged(faults: Sequence[Fault]) -> Fault:
-    first, *others = faults
-    evidence = first.evidence
-    if first.log and not evidence.startswith(first.log):
-        evidence = f"{first.log}: {evidence}"
-    also = [f.log for f in others if f.log != first.log]
-    if also and first.log:
-        evidence = f"{evidence} The same in {', '.join(dict.fromkeys(also))}."
-    return replace(first, evidence=evidence)
-
-
-def _told(faults: Sequence[Fault], logs: LogSets) -> LogCheck:
-    listed = (
-        replace(
-            fault,
-            joints=tuple(int(joint) for joint in fault.joints),
-            certain=bool(fault.certain),
-            log="",
-            repair=_repair(fault, faults, logs),
-        )
-        for fault in faults
-    )
-    return LogCheck(tuple(listed))
-
-
-def _repair(fault: Fault, faults: Sequence[Fault], logs: LogSets) -> str | None:
-    """Return the lines for a fault.
+def _with_lines(faults: Sequence[Fault], logs: LogSets) -> LogCheck:
+    """Return a check with the lines for each fault.
 
     A line stands for the whole signal, so it has all that is certain about it, in the
     order in which it was found: factors are those of joints that are in their places.
     """
-    signals = {repair.signal for repair in fault.repairs}
-    every = [r for f in faults if f.certain for r in f.repairs if r.signal in signals]
-    own = dict.fromkeys([*every, *fault.repairs])
-    line = repair_lines(own, logs.robot, logs.columns)
-    return gravity_line(logs.robot) if fault.kind == "robot_file" else line
+    certain = [r for fault in faults if fault.certain for r in fault.repairs]
+    out = []
+    for fault in faults:
+        signals = {repair.signal for repair in fault.repairs}
+        every = [*(r for r in certain if r.signal in signals), *fault.repairs]
+        line = repair_lines(dict.fromkeys(every), logs.robot, logs.columns)
+        if fault.kind == "robot_file":
+            line = gravity_line(logs.robot)
+        joints, sure = tuple(map(int, fault.joints)), bool(fault.certain)
+        fault = replace(fault, joints=joints, certain=sure, log="", repair=line)
+        out.append(fault)
+    return LogCheck(tuple(out))

@@ -23,7 +23,6 @@ from residual.planning.promise import (
     plan_of,
     structural_twins,
     sure_after,
-    until_apart,
 )
 from residual.planning.question import Question
 from residual.robot.robot import Robot
@@ -195,11 +194,7 @@ class Ranking:
         return self.ranked[0]
 
     def document(self, program: str | None) -> dict:
-        """Return the best as `next_experiment` of a verdict has it.
-
-        Args:
-            program: File with the motion for a controller; None where none is written.
-        """
+        """Return the best as `next_experiment` of a verdict, with its program file."""
         spec, best = self.best.spec, self.best
         shown: dict = {"periods": spec.periods}
         if spec.coefficients:
@@ -220,12 +215,8 @@ def rank_motions(
 ) -> Ranking | None:
     """Rank motions of both families; None where nothing is open, or none is found.
 
-    Each is weighed by how much of it all pairs need to be apart at the sizes that were
-    found; of the best few it is counted in drawn logs after how long they are surely.
-
-    Args:
-        seconds: Length of the motion [s].
-        seed: Seed of all that is drawn.
+    Each is weighed by the evidence that it brings at the sizes that were found; of the
+    best few drawn logs say after how long they settle the question surely.
     """
     if not question.contests:
         return None
@@ -238,7 +229,7 @@ def rank_motions(
             course = _course(question, robot, spec, COARSER)
         except InputError:  # the arm finds no room for it
             continue
-        weighed.append((until_apart(question, course, seconds, twins), i))
+        weighed.append((-outlook(question, course.gram(seconds), twins).share, i))
     looked = []
     for _, i in sorted(weighed)[:LOOKS]:
         course = _course(question, robot, every[i], FINER)

@@ -37,7 +37,7 @@ _SPAWN = multiprocessing.get_context("spawn")
 
 
 @dataclass(frozen=True, slots=True)
-class Done:
+class JobResult:
     """One finished job."""
 
     index: int  # its place in the list of jobs
@@ -47,20 +47,20 @@ class Done:
 
 def spread(
     executor: Executor, work: Callable[[Any], Any], jobs: Sequence[Any]
-) -> Iterator[Done]:
+) -> Iterator[JobResult]:
     """Yield jobs as they are done; one failure is one result.
 
     Args:
         work: A function of a module, of one argument that can be pickled.
     """
-    futures = {executor.submit(plainly, work, job): i for i, job in enumerate(jobs)}
+    futures = {executor.submit(run_job, work, job): i for i, job in enumerate(jobs)}
     ready = [future for future in futures if future.done()]
     for future in chain(ready, as_completed(futures.keys() - set(ready))):
         error = future.exception()
-        yield Done(futures[future], None if error else future.result(), error)
+        yield JobResult(futures[future], None if error else future.result(), error)
 
 
-def plainly(work: Callable, *arguments: Any) -> Any:
+def run_job(work: Callable, *arguments: Any) -> Any:
     """Do a job; whatever it raises can cross to another process."""
     try:
         return work(*arguments)
@@ -121,7 +121,7 @@ def _begin() -> None:
     threading.Thread(target=end_with_parent, daemon=True).start()
 
 
-class Here(Executor):
+class InlineExecutor(Executor):
     """The same without processes: each job is done as it is submitted."""
 
     def submit(self, work: Callable, /, *arguments: Any) -> Future:

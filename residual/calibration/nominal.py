@@ -18,7 +18,7 @@ from residual.calibration.rows import (
     torque_at,
 )
 from residual.evidence.design import Design
-from residual.evidence.fit import as_model, fit, start
+from residual.evidence.fit import as_model, fit, fit_nominal
 from residual.evidence.priors import priors
 from residual.model.model import Model
 from residual.model.nominal import (
@@ -94,7 +94,7 @@ def identified_without(prepared: PreparedRuns, left_out: Collection[int] = ()) -
         folds = prepared.blocks.kept(left_out)  # a last edge may have no rows
         design = design.part(folds[folds < design.folds], alone=True)
     wide = priors(design, nominal)
-    first = start(design, wide[-1])
+    first = fit_nominal(design, wide[-1])
     fits = [fit(design, p, (), first.counted, None, rounds=4) for p in wide]
     best = as_model(nominal, max(fits, key=lambda f: f.score))
     tracks = _without(prepared, left_out)

@@ -10,11 +10,11 @@ from dataclasses import replace
 import numpy as np
 
 from residual.changes.conclude import Judgement, clouds, conclude
-from residual.changes.models import Epoch, augmented, fit_epoch
+from residual.changes.models import Epoch, augmented_model, fit_epoch
 from residual.changes.rows import both_epochs
 from residual.changes.rules import ChangeThresholds
-from residual.changes.search import ChangeSearch, NamedChange, find
-from residual.changes.unexplained import unnamed
+from residual.changes.search import ChangeSearch, NamedChange, search_changes
+from residual.changes.unexplained import analyze_residuals
 from residual.check.result import LogCheck
 from residual.effects.base import Trait
 from residual.errors import joints_listed
@@ -72,15 +72,15 @@ def compare_epochs(
     # The model that the arm is said to have; its values are what the logs show.
     model = begin(logs, declared)
     nominal = Nominal(model, (None,) * len(model.terms))
-    found = find(both_epochs(logs, count, nominal, rules), clocked)
+    found = search_changes(both_epochs(logs, count, nominal, rules), clocked)
     tell("what remains", 0.0)
-    rest = unnamed(found)
+    rest = analyze_residuals(found)
     tell("proof", 0.0)
     before = _fit(robot, first, nominal)
     after = _fit(robot, second, nominal, before.model)
     proof = prepare_held_out(held_out, before.model)
-    found, judged, now = _judged(
-        found, proof, lambda own: augmented(own, nominal, before.model)
+    found, judged, now = _judge_changes(
+        found, proof, lambda own: augmented_model(own, nominal, before.model)
     )
     if check is not None and check.certain:  # what was found may be the fault
         found = replace(found, changes=())
@@ -138,8 +138,8 @@ def _unexplained(errors: Mapping[str, Errors], found: ChangeSearch) -> str | Non
         return None
     j = max(over, key=lambda j: after[j] / refit[j])
     return (
-        f"what is named does not explain the change: on {joints_listed(over + 1)} the "
-        "model with it leaves more than twice the error of a refit "
+        "the named effects do not explain the change: on "
+        f"{joints_listed(over + 1)} the error is more than twice that of a refit "
         f"(joint {j + 1}: {after[j]:.1f} against {refit[j]:.1f} %)"
     )
 
@@ -182,7 +182,7 @@ def _fit(
     return fit_epoch(logs, nominal, like)
 
 
-def _judged(
+def _judge_changes(
     found: ChangeSearch,
     proof: Sequence[HeldOutLog],
     model_of: Callable[[ChangeSearch], PossibleModel],
@@ -201,7 +201,7 @@ def _judged(
         judged = {}
         for change in found.changes:
             less = model_of(found.without([change])).model
-            judged[change] = _judgement(change, whole, moving_error(less, proof))
+            judged[change] = _judge_change(change, whole, moving_error(less, proof))
         worst = [c for c in found.changes if judged[c].word == "refuted"]
         if made.contradicted and not worst:
             # Not of a body what no body can be.
@@ -220,7 +220,7 @@ def _judged(
         found = found.without([gone])
 
 
-def _judgement(change: NamedChange, with_it: Array, without: Array) -> Judgement:
+def _judge_change(change: NamedChange, with_it: Array, without: Array) -> Judgement:
     """What held-out motion says of one name, over all joints that it acts on.
 
     Each joint's error counts as a share of what is left of it in any case.
@@ -238,14 +238,14 @@ def _judgement(change: NamedChange, with_it: Array, without: Array) -> Judgement
 
 def _notes(found: ChangeSearch) -> tuple[str, ...]:
     noise, both = found.table.noise, found.both
-    few = "; fewer than three logs of before: what days differ by was not seen"
+    few = "; fewer than three baseline logs: differences between days are not known"
     seconds = both.rules.block_seconds * noise.blocks
     return (
-        f"compared on {seconds:.0f} s of motion at least in "
+        f"compared on {seconds:.0f} s of motion or more in "
         f"each epoch{few if both.first_logs < 3 else ''}",
         *(
-            f"joint {j + 1}: logs of before differ by {noise.unrest[j]:.1f} "
-            "times what noise gives"
+            f"joint {j + 1}: baseline logs differ by {noise.unrest[j]:.1f} "
+            "times the noise"
             for j in both.live
             if noise.unrest[j] > 1.3
         ),

@@ -6,10 +6,10 @@ from itertools import product
 
 import numpy as np
 
-from residual.changes.contrast import Candidate, expected_worth
+from residual.changes.contrast import Candidate, expected_evidence
 from residual.changes.models import Epoch, values_that_changed
 from residual.changes.search import ChangeSearch, NamedChange
-from residual.changes.unexplained import Residuals, follows
+from residual.changes.unexplained import Residuals, strongest_variable
 from residual.check.result import LogCheck
 from residual.effects.base import Effect, Trait
 from residual.evidence.embodied import PossibleModel
@@ -31,7 +31,7 @@ from residual.verdict.result import (
     Parameter,
     Unexplained,
     Verdict,
-    as_embodied,
+    with_model_values,
 )
 
 LADDER = np.geomspace(1.0, 1e4, 400)  # deviations at which to look
@@ -91,7 +91,7 @@ def _smallest(
     unit = 1 / np.sqrt(float(way @ information @ way))
     sizes = unit * LADDER
     prior, nu = one.group.precision, found.table.degrees
-    worth = expected_worth(information, way, prior, nu, sizes) - one.price
+    worth = expected_evidence(information, way, prior, nu, sizes) - one.price
     seen = worth > found.both.rules.min_nats
     return float(sizes[int(np.argmax(seen))]) if seen.any() else None
 
@@ -99,8 +99,8 @@ def _smallest(
 def _directions(effect: Effect, found: ChangeSearch, one: Candidate) -> Sequence[Array]:
     """Coefficients of an effect of size one, in the ways that it usually comes."""
     count = len(one.group.ids)
-    if effect.usual is not None:
-        return effect.usual(found.both.design.states, one.group.joints)
+    if effect.unit_directions is not None:
+        return effect.unit_directions(found.both.design.states, one.group.joints)
     units = list(effect.parameters.values())[:count]
     alike = len(units) == count and len(set(units)) == 1
     if count == 1 or not (Trait.PERIODIC in effect.traits or alike):
@@ -155,7 +155,7 @@ def conclude(
         robot=robot.name,
         declared=tuple(declared),
         verdict="effects" if found.changes else "unknown" if doubtful else "none",
-        effects=tuple(as_embodied(f, made) for f in effects),
+        effects=tuple(with_model_values(f, made) for f in effects),
         minimum_detectable=() if faulty else tuple(minimum_detectable(found)),
         unexplained=_unexplained(found, rest),
         error=error,
@@ -171,7 +171,7 @@ def conclude(
         contradictions=contradictions,
         drift=_drift(found),
         edit=None if faulty else edit,
-        bodies=made.moved,
+        bodies=made.correction,
         frames=Frames.of(robot),
         changes=tuple(values_that_changed(*epochs, found)),
     )
@@ -239,7 +239,7 @@ def _unexplained(found: ChangeSearch, rest: Residuals) -> Unexplained:
     weight = power / power.sum()
     depends = []
     for j in rest.flagged:
-        known = follows(found, rest, j)
+        known = strongest_variable(found, rest, j)
         if known is not None:
             on, of, share = known
             name = "tau" if on == "tau_model" else on
@@ -259,7 +259,7 @@ def _unexplained(found: ChangeSearch, rest: Residuals) -> Unexplained:
 
 def _drift(found: ChangeSearch) -> Drift | None:
     warm = found.warmth
-    if not warm.told:
+    if not warm.significant:
         return None
     moved = np.nan_to_num(warm.each) * np.sign(warm.factor)
     joints = np.flatnonzero(moved > MOVED * abs(warm.factor))
@@ -283,17 +283,17 @@ def _warnings(found: ChangeSearch, same_run: bool) -> tuple[str, ...]:
         group = change.contrast.candidate.group
         where = "".join(f" J{j + 1}" for j in group.joints)
         out.append(
-            f"{group.effect.name}{where} is refuted by the held-out logs, where the "
-            "error is higher with it"
+            f"{group.effect.name}{where} is refuted by the held-out logs: the error "
+            "is higher with it"
         )
     out += [
-        f"{change.contrast.candidate.group.effect.name} is not named: no body can be "
-        "what the logs make of it"
+        f"{change.contrast.candidate.group.effect.name} is not named: the logs "
+        "give a physically impossible body for it"
         for change in found.bodiless
     ]
     dead = [j for j in range(found.both.design.dof) if j not in found.both.live]
     out += [
-        f"joint {j + 1} hardly moves in one of the epochs: nothing can be said of it"
+        f"joint {j + 1} hardly moves in one of the epochs and is not compared"
         for j in dead
     ]
     return tuple(out)
@@ -321,6 +321,6 @@ def clouds(found: ChangeSearch, rest: Residuals) -> tuple[Cloud, ...]:
             x = design.stacked(per_log)[j][second]
         ids = np.array([t.id.split("/", 1)[-1] for t in design.tracks])
         log = ids[joint.layout.log[second].astype(int)]
-        left = rest.left[j][second] + torque
+        left = rest.residuals[j][second] + torque
         out.append(Cloud(group.effect.name, j + 1, label, x, left, torque, log))
     return tuple(out)

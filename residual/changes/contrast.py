@@ -211,7 +211,7 @@ class ContrastTable:
                 cross = cross - np.einsum("gnk,n->gk", turn, known.cross)
             prior = np.stack([c.group.precision for c in some])
             price = np.array([c.price for c in some])
-            out[numbers] = worth_of(own, cross, prior, None) - price
+            out[numbers] = log_evidence(own, cross, prior, None) - price
         return out
 
     def _stacked(self, some: Sequence[Candidate], on) -> tuple[Array, Array]:
@@ -265,7 +265,7 @@ class ContrastTable:
         meat = (seen * meat + spread * errors) / (seen + spread) + (own - errors)
         information, pulled = _information(own, meat, cross)
         found = self._concluded(one, information, pulled, cross, own)
-        return replace(found, apart=_apart(sums.gram, n))
+        return replace(found, apart=_share_apart(sums.gram, n))
 
     def _concluded(self, one, information, pulled, cross, own) -> Contrast:
         prior = one.group.precision
@@ -275,13 +275,13 @@ class ContrastTable:
             theta=covariance @ pulled,
             covariance=covariance,
             information=information,
-            nats=worth_of(information, pulled, prior, self.degrees) - one.price,
-            fit=worth_of(own, cross, prior, None) - one.price,
+            nats=log_evidence(information, pulled, prior, self.degrees) - one.price,
+            fit=log_evidence(own, cross, prior, None) - one.price,
             apart=1.0,
         )
 
 
-def _apart(gram: Array, n: int) -> float:
+def _share_apart(gram: Array, n: int) -> float:
     """Share of the last columns that the first n do not have, whatever their prior."""
     size = np.sqrt(np.maximum(np.diag(gram), 1e-300))
     gram = gram / np.outer(size, size)
@@ -290,22 +290,24 @@ def _apart(gram: Array, n: int) -> float:
     return float(np.diag(own).mean())
 
 
-def worth_of(information: Array, pull: Array, prior: Array, nu: float | None) -> Array:
+def log_evidence(
+    information: Array, pull: Array, prior: Array, nu: float | None
+) -> Array:
     """Evidence under the likeliest size of the prior, of one or of many. Shape (...).
 
     A load of a tenth of the usual is no less a load: what it costs to know ten numbers
     goes by how large they are.
     """
     known, along = _modes(information, pull, prior)
-    return _worth(known, along**2, nu)
+    return _mixture_evidence(known, along**2, nu)
 
 
-def expected_worth(
+def expected_evidence(
     information: Array, way: Array, prior: Array, nu: float, sizes: Array
 ) -> Array:
     """The same of an effect of each size along a direction. Shape (sizes,)."""
     known, along = _modes(information, information @ way, prior)
-    return _worth(known, (sizes[:, None] * along) ** 2, nu)
+    return _mixture_evidence(known, (sizes[:, None] * along) ** 2, nu)
 
 
 def _modes(information: Array, pull: Array, prior: Array) -> tuple[Array, Array]:
@@ -321,7 +323,7 @@ def _modes(information: Array, pull: Array, prior: Array) -> tuple[Array, Array]
     return np.maximum(known, 0.0), pulled[..., 0]
 
 
-def _worth(known: Array, squares: Array, nu: float | None) -> Array:
+def _mixture_evidence(known: Array, squares: Array, nu: float | None) -> Array:
     known, squares = known[..., None], squares[..., None]
     wald = (squares / (known + 1 / SQUARES)).sum(axis=-2)
     worth = 0.5 * wald if nu is None else 0.5 * (nu + 1) * np.log1p(wald / nu)
@@ -360,7 +362,7 @@ def vocabulary(both: EpochRows, clocked: bool) -> tuple[list[Group], list[float]
         for on in effect.candidates(both.design.dof, span.prismatic):
             if effect.scope in ("local", "pair") and not set(on) <= live:
                 continue
-            shapes = _reaching(effect, effect.shapes(span, on[0] if on else 0))
+            shapes = _extend_shapes(effect, effect.shapes(span, on[0] if on else 0))
             wanted += [PlacedEffect(effect, on, shape) for shape in shapes]
     groups = both.design.add(wanted)
     variants = Counter(g.key for g in groups)
@@ -372,7 +374,7 @@ def vocabulary(both: EpochRows, clocked: bool) -> tuple[list[Group], list[float]
     return groups, prices
 
 
-def _reaching(effect: Effect, shapes: Sequence[Shape]) -> list[Shape]:
+def _extend_shapes(effect: Effect, shapes: Sequence[Shape]) -> list[Shape]:
     """Shapes on a grid of ratios, up to the largest that the effect can have.
 
     A change may be larger than what an arm is delivered with.
@@ -386,7 +388,7 @@ def _reaching(effect: Effect, shapes: Sequence[Shape]) -> list[Shape]:
     return out
 
 
-def renewed(both: EpochRows, known: Sequence[Candidate]) -> list[Group]:
+def recompute_groups(both: EpochRows, known: Sequence[Candidate]) -> list[Group]:
     """The same groups, those that go by the model's torque seen anew."""
     old = [c.group for c in known]
     fresh = [g for g in old if Trait.USES_MODEL in g.effect.traits]
@@ -394,7 +396,7 @@ def renewed(both: EpochRows, known: Sequence[Candidate]) -> list[Group]:
     return [next(made) if Trait.USES_MODEL in g.effect.traits else g for g in old]
 
 
-def refined(
+def refine_shape(
     both: EpochRows, joints: Mapping[int, JointRows], one: Candidate, width: float
 ) -> list[Candidate]:
     """The same candidate with shapes about its own.
@@ -412,10 +414,10 @@ def refined(
     shapes = [(float(x), *group.shape[1:]) for x in first]
     made = both.design.add([group.placed._replace(shape=s) for s in shapes])
     before = [one.before if one.before is not group else g for g in made]
-    return weighed(both.design, joints, made, [one.price] * len(made), before)
+    return as_candidates(both.design, joints, made, [one.price] * len(made), before)
 
 
-def weighed(
+def as_candidates(
     design: Design,
     joints: Mapping[int, JointRows],
     groups: Sequence[Group],

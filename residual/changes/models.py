@@ -10,10 +10,10 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from residual.changes.rows import EpochRows, JointFit, joint_fit, without
+from residual.changes.rows import EpochRows, JointFit, fit_without, joint_fit
 from residual.changes.search import ChangeSearch, NamedChange
 from residual.effects.base import Trait
-from residual.evidence.embodied import PossibleModel, SeparateTerm, embodied
+from residual.evidence.embodied import PossibleModel, SeparateTerm, with_possible_bodies
 from residual.evidence.fit import Fit, as_model
 from residual.evidence.priors import SCALES
 from residual.model.model import Model, Term, with_slots
@@ -46,7 +46,7 @@ def fit_epoch(logs: Logs, nominal: Nominal, like: Model | None = None) -> Epoch:
     nominal = replace(nominal, model=start)
     joint = joint_fit(logs, nominal, SCALES)
     rough = as_model(nominal, joint.fitted)
-    rough = embodied(joint.design, joint.fitted, rough).model
+    rough = with_possible_bodies(joint.design, joint.fitted, rough).model
     if like is None:
         # What brakes decides how a joint stands; the rest only takes time.
         kept = [t for t in rough.terms if _brakes(t) or t.effect.carries]
@@ -59,7 +59,7 @@ def _brakes(term: Term) -> bool:
     return Trait.FRICTION in term.effect.traits
 
 
-def _together(terms: Sequence[Term]) -> tuple[Term, ...]:
+def _merge_terms(terms: Sequence[Term]) -> tuple[Term, ...]:
     """Terms of one effect, place and shape as one."""
     out: dict[tuple, Term] = {}
     for term in terms:
@@ -69,7 +69,9 @@ def _together(terms: Sequence[Term]) -> tuple[Term, ...]:
     return tuple(out.values())
 
 
-def augmented(found: ChangeSearch, nominal: Nominal, like: Model) -> PossibleModel:
+def augmented_model(
+    found: ChangeSearch, nominal: Nominal, like: Model
+) -> PossibleModel:
     """The arm of both epochs, with what changed: warmth of all joints included.
 
     What did not change is fitted to both epochs, the second less what did: either
@@ -77,22 +79,26 @@ def augmented(found: ChangeSearch, nominal: Nominal, like: Model) -> PossibleMod
     """
     both, changed = found.both, changed_terms(found)
     groups = [(c.contrast.candidate.group, c.contrast.theta) for c in found.changes]
-    left, fitted, there = without(both, groups)
+    left, fitted, there = fit_without(both, groups)
     rough = as_model(nominal, fitted)
     whole = replace(rough, terms=(*rough.terms, *changed))
-    made = embodied(left, fitted, whole, [_beside(both, c) for c in found.changes])
+    made = with_possible_bodies(
+        left, fitted, whole, [_separate_term(both, c) for c in found.changes]
+    )
     terms, count = made.model.terms, len(rough.terms)
     rough, changed = replace(made.model, terms=terms[:count]), terms[count:]
     model = replace(_with_tables(rough, nominal), standstill=like.standstill)
-    if found.warmth.told:
-        factor = 1.0 + _warmed(found, fitted, there)
+    if found.warmth.significant:
+        factor = 1.0 + _friction_factors(found, fitted, there)
         model = replace(
-            model, terms=_warm(model.terms, factor), tables=_warm(model.tables, factor)
+            model,
+            terms=_scale_friction(model.terms, factor),
+            tables=_scale_friction(model.tables, factor),
         )
     return replace(made, model=replace(model, terms=(*model.terms, *changed)))
 
 
-def _beside(both: EpochRows, change: NamedChange) -> SeparateTerm:
+def _separate_term(both: EpochRows, change: NamedChange) -> SeparateTerm:
     """A change as what it adds to the rows of the second epoch."""
     group, design = change.contrast.candidate.group, both.design
     columns = []
@@ -104,7 +110,7 @@ def _beside(both: EpochRows, change: NamedChange) -> SeparateTerm:
     return SeparateTerm(change.contrast.covariance, tuple(columns))
 
 
-def _warm(terms: Sequence[Term], factor: Array) -> tuple[Term, ...]:
+def _scale_friction(terms: Sequence[Term], factor: Array) -> tuple[Term, ...]:
     """Friction of every joint times a factor of its own."""
     return tuple(
         replace(t, theta=factor[t.joints[0]] * t.theta) if _brakes(t) else t
@@ -112,7 +118,9 @@ def _warm(terms: Sequence[Term], factor: Array) -> tuple[Term, ...]:
     )
 
 
-def _warmed(found: ChangeSearch, fitted: Fit, there: Sequence[Array]) -> Array:
+def _friction_factors(
+    found: ChangeSearch, fitted: Fit, there: Sequence[Array]
+) -> Array:
     """Friction of the second epoch over the joint fit's, less one. Shape (dof,).
 
     The joint fit lies between the epochs, by how much of each there is; from what all
@@ -127,7 +135,7 @@ def _warmed(found: ChangeSearch, fitted: Fit, there: Sequence[Array]) -> Array:
         left = design.residual(j, fitted.ids, fitted.theta)[second] - there[j][second]
         f = both.friction[j][second]
         weight = found.table.noise.weight[j]
-        before = 1 / warm.own[j] ** 2
+        before = 1 / warm.per_joint[j] ** 2
         out[j] = (before * common + weight * (f @ left)) / (before + weight * (f @ f))
     return out
 
@@ -137,7 +145,7 @@ def _with_tables(rough: Model, nominal: Nominal) -> Model:
     start = nominal.model
     count = len(start.terms)
     terms = tuple(term.as_nominal() for term in rough.terms[:count])
-    tables = _together((*start.tables, *rough.terms[count:]))
+    tables = _merge_terms((*start.tables, *rough.terms[count:]))
     return replace(rough, terms=terms, tables=tables)
 
 
@@ -161,7 +169,7 @@ def values_that_changed(
     named = {(c.group.effect.name, c.group.joints) for c in found.named}
     size = len(first.model.inertial)
     placed = list(with_slots(first.model.terms, size))
-    before, after = _known(first), _known(second)
+    before, after = _covariance(first), _covariance(second)
     for (term, own), now in zip(placed, second.model.terms, strict=True):
         effect, robot = term.effect, first.model.robot
         old = effect.values(term.theta, term.shape, robot)
@@ -187,7 +195,7 @@ def values_that_changed(
             )
 
 
-def _known(epoch: Epoch) -> Array:
+def _covariance(epoch: Epoch) -> Array:
     return epoch.joint.fitted.covariance()
 
 

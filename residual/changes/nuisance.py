@@ -32,7 +32,7 @@ FLAT = 1e-4  # of its square: a column that the nuisance has already
 # is never named: it may only make the errors smaller in which a change must be seen.
 
 
-def joined(
+def join_columns(
     design: Design,
     j: int,
     groups: Sequence[Group],
@@ -106,10 +106,10 @@ class Warmth:
     std: float  # its standard deviation
     each: Array  # the same of every joint that has friction to tell. Shape (dof,), NaN
     spread: float  # by how much joints and logs differ in it, a standard deviation
-    own: Array  # the same of every joint, by the first epoch's logs too, (dof,)
+    per_joint: Array  # the same of every joint, by the first epoch's logs too, (dof,)
 
     @property
-    def told(self) -> bool:
+    def significant(self) -> bool:
         """Whether it is beyond chance."""
         return abs(self.factor) > TOLD * self.std
 
@@ -123,7 +123,7 @@ class NuisanceFit:
     warmth: Warmth  # how the friction of all of them moved together
 
 
-def warmth(
+def fit_warmth(
     both: EpochRows, plain: Mapping[int, JointRows], shared: Mapping[int, Array]
 ) -> Warmth:
     """How the friction of all joints moved together.
@@ -139,16 +139,16 @@ def warmth(
             each[j], sd[j] = told
     known = np.isfinite(each) & (sd < 0.2)
     least = both.rules.friction_spread
-    within, logs = _within(both, shared)
+    within, logs = _spread_within(both, shared)
     if known.sum() < 3:
-        return Warmth(0.0, least, each, least, _shrunk(least, within, logs))
-    value, spread = _middle(each[known], sd[known])
+        return Warmth(0.0, least, each, least, _shrink_spread(least, within, logs))
+    value, spread = _weighted_median(each[known], sd[known])
     # Joints warm by different amounts, and few of them say by how different.
     some = known.sum()
     spread = np.sqrt((JOINTS * least**2 + some * spread**2) / (JOINTS + some))
     std = 1.25 * float(np.sqrt(1 / (1 / (sd[known] ** 2 + spread**2)).sum()))
     spread = max(float(spread), both.rules.warmth_spread_share * abs(value))
-    return Warmth(value, std, each, spread, _shrunk(spread, within, logs))
+    return Warmth(value, std, each, spread, _shrink_spread(spread, within, logs))
 
 
 def _factor(
@@ -168,12 +168,12 @@ def _factor(
     return value, np.sqrt((score**2).sum()) / info
 
 
-def _shrunk(spread: float, within: Array, logs: int) -> Array:
+def _shrink_spread(spread: float, within: Array, logs: int) -> Array:
     """What friction of each joint differs by: what all do, and its own first logs."""
     return np.sqrt((JOINTS * spread**2 + logs * within) / (JOINTS + logs))
 
 
-def _within(both: EpochRows, shared: Mapping[int, Array]) -> tuple[Array, int]:
+def _spread_within(both: EpochRows, shared: Mapping[int, Array]) -> tuple[Array, int]:
     """Variance of friction between the logs of the first epoch, beyond noise, by joint.
 
     Some joints warm by several times as much as others, and their own logs show it. By
@@ -182,7 +182,7 @@ def _within(both: EpochRows, shared: Mapping[int, Array]) -> tuple[Array, int]:
     value, noise = np.full((2, both.first, both.design.dof), np.nan)
     for j, columns in shared.items():
         rows = ~both.layout[j].second
-        target, layout = both.design.target[j][rows], _of_first(both.layout[j])
+        target, layout = both.design.target[j][rows], _first_layout(both.layout[j])
         joint = JointRows(columns[rows], target, layout)
         friction = both.friction[j][rows]
         nothing = np.zeros((len(friction), 1))  # of a single log's was there before
@@ -199,7 +199,7 @@ def _within(both: EpochRows, shared: Mapping[int, Array]) -> tuple[Array, int]:
     return out, both.first - 1
 
 
-def _middle(values: Array, sd: Array) -> tuple[float, float]:
+def _weighted_median(values: Array, sd: Array) -> tuple[float, float]:
     """A median, weighed by how sure each is, and the spread beyond that."""
     order = np.argsort(values)
     share = np.cumsum(1 / (sd[order] + 0.01)) * (0.01 + sd.min())
@@ -208,7 +208,7 @@ def _middle(values: Array, sd: Array) -> tuple[float, float]:
     return float(middle), float(np.sqrt(max(gap**2 - np.median(sd) ** 2, 0.0)))
 
 
-def joints_of(both: EpochRows, groups: Sequence[Group]) -> "NuisanceFit":
+def project_joints(both: EpochRows, groups: Sequence[Group]) -> "NuisanceFit":
     """The joints with what any arm has projected out, its warmth by log included."""
     design, rules = both.design, both.rules
     plain, shared, held, noise = {}, {}, {}, {}
@@ -216,28 +216,28 @@ def joints_of(both: EpochRows, groups: Sequence[Group]) -> "NuisanceFit":
         usual = design.columns(j, design.present(j, both.shared)[0])
         # By the first epoch: nothing that changed may look like a trait of the arm.
         first = ~both.layout[j].second
-        own, layout = design.target[j][first], _of_first(both.layout[j])
+        own, layout = design.target[j][first], _first_layout(both.layout[j])
         alone = JointRows(usual[first], own, layout, light=True)
-        own = joined(design, j, groups, first, alone, rules)
-        shared[j], noise[j] = np.hstack([usual, own]), _quiet(both, alone, j)
+        own = join_columns(design, j, groups, first, alone, rules)
+        shared[j], noise[j] = np.hstack([usual, own]), _noise_variance(both, alone, j)
         # The same freedom of torque for every column.
         firm = noise[j] / (rules.nuisance_torque_share * design.rms[j]) ** 2
         held[j] = firm * (shared[j] ** 2).mean(axis=0)
-        plain[j] = JointRows(shared[j], both.left[j], both.layout[j], held[j])
-    warm = warmth(both, plain, shared)
+        plain[j] = JointRows(shared[j], both.residuals[j], both.layout[j], held[j])
+    warm = fit_warmth(both, plain, shared)
     joints, first = {}, {}
     for j in plain:
         layout, f = both.layout[j], both.friction[j]
-        y = both.left[j] - warm.factor * f * layout.second
-        own, firm = _by_log(both, j, noise[j], warm)
+        y = both.residuals[j] - warm.factor * f * layout.second
+        own, firm = _friction_by_log(both, j, noise[j], warm)
         columns, firm = np.hstack([shared[j], own]), np.concatenate([held[j], firm])
         joints[j] = JointRows(columns, y, layout, firm)
         rows = ~layout.second
-        first[j] = JointRows(columns[rows], y[rows], _of_first(layout), firm)
+        first[j] = JointRows(columns[rows], y[rows], _first_layout(layout), firm)
     return NuisanceFit(joints, first, warm)
 
 
-def _quiet(both: EpochRows, alone: JointRows, j: int) -> float:
+def _noise_variance(both: EpochRows, alone: JointRows, j: int) -> float:
     """Variance of independent rows [N^2 m^2], of the first epoch by itself.
 
     No change can be in it, as it may be in what a fit of both epochs leaves.
@@ -249,7 +249,9 @@ def _quiet(both: EpochRows, alone: JointRows, j: int) -> float:
     return slow * (float(alone.y @ alone.y) / max(alone.degrees, 1.0) + floor)
 
 
-def _by_log(both: EpochRows, j: int, noise: float, warm: Warmth) -> tuple[Array, Array]:
+def _friction_by_log(
+    both: EpochRows, j: int, noise: float, warm: Warmth
+) -> tuple[Array, Array]:
     """Friction of each log, its slope, that of the second epoch; how firmly it is held.
 
     And how exactly a joint reports what is known to have changed.
@@ -268,7 +270,7 @@ def _by_log(both: EpochRows, j: int, noise: float, warm: Warmth) -> tuple[Array,
     epoch = np.column_stack([f, np.abs(f)]) * layout.second[:, None]
     columns = [f[:, None] * own, (f * ramp)[:, None] * own, epoch]
     rules, count = both.rules, len(logs)
-    moved, spread = abs(warm.factor), float(warm.own[j])
+    moved, spread = abs(warm.factor), float(warm.per_joint[j])
     sd = [spread] * count + [rules.ramp_share + 0.2 * moved] * count
     sd += [spread, rules.asymmetry_share * (moved + spread)]
     if both.changed:
@@ -278,7 +280,7 @@ def _by_log(both: EpochRows, j: int, noise: float, warm: Warmth) -> tuple[Array,
     return np.hstack(columns), noise / np.array(sd) ** 2
 
 
-def _of_first(layout: Layout) -> Layout:
+def _first_layout(layout: Layout) -> Layout:
     rows = ~layout.second
     count = int(rows[layout.starts].sum())
     return Layout(
@@ -286,7 +288,9 @@ def _of_first(layout: Layout) -> Layout:
     )
 
 
-def first_noise(both: EpochRows, rest: "NuisanceFit", groups: Sequence[Group]) -> Noise:
+def measure_noise(
+    both: EpochRows, rest: "NuisanceFit", groups: Sequence[Group]
+) -> Noise:
     """What errors are, as the first epoch shows them: nothing changed within it."""
     dof = both.design.dof
     variance, slow = np.ones(dof), np.full(dof, both.rules.rows_per_independent)
@@ -297,11 +301,11 @@ def first_noise(both: EpochRows, rest: "NuisanceFit", groups: Sequence[Group]) -
         variance[j] = joint.y @ joint.y / max(joint.degrees, 1.0)
         variance[j] += (FLOOR * both.design.rms[j]) ** 2
         own = [g for g in groups if g.joints == (j,)]
-        slow[j], restless[j] = _compared(both, joint, own, float(variance[j]))
+        slow[j], restless[j] = _compare_logs(both, joint, own, float(variance[j]))
     return Noise(variance, slow, restless, float(np.median(fewest or [1.0])))
 
 
-def basics(groups: Sequence[Group]) -> list[Group]:
+def basic_groups(groups: Sequence[Group]) -> list[Group]:
     """What logs are compared by."""
     return [g for g in groups if is_basic(g)]
 
@@ -312,7 +316,7 @@ def is_basic(group: Group) -> bool:
     return local and group.shape == () and len(group.ids) == 1
 
 
-def _compared(
+def _compare_logs(
     both: EpochRows, joint: JointRows, groups: Sequence[Group], variance: float
 ) -> tuple[float, float]:
     """Rows that are as good as one, and by how much logs differ beyond that.

@@ -15,7 +15,7 @@ from residual.changes.rules import ChangeThresholds
 from residual.effects import registry
 from residual.effects.base import PlacedEffect, Trait
 from residual.evidence.design import Design, Group
-from residual.evidence.fit import Fit, Prior, as_model, fit, settled
+from residual.evidence.fit import Fit, Prior, as_model, fit, settle
 from residual.evidence.priors import relative_prior
 from residual.model.model import Model, Term
 from residual.model.nominal import Logs, Nominal
@@ -51,19 +51,19 @@ class EpochRows:
     logs: Logs  # all logs, those of the first epoch first
     first: int  # number of logs of the first epoch
     shared: Array  # column numbers of the nuisance, the nominal model's among them
-    known: tuple[Group, ...]  # its effects beside the nominal model's
+    common: tuple[Group, ...]  # its effects beside the nominal model's
     # Those of its effects, last among the columns, that go by the torque that a gear
     # carries.
     loaded: tuple[Group, ...]
     # Torque that the joint fit leaves of each joint [N m], (rows,).
-    left: tuple[Array, ...]
+    residuals: tuple[Array, ...]
     # Torque of all friction of the joint fit on each joint's rows [N m].
     friction: tuple[Array, ...]
     layout: tuple[Layout, ...]  # of each joint
     blocks: int  # number of blocks
     rules: ChangeThresholds  # thresholds
     fitted: Fit  # the joint fit of one arm to both epochs
-    seen: Model  # the same as a model
+    model: Model  # the same as a model
     prior: Prior  # of its nominal coefficients
     # Torque on each joint of what is known to have changed on all of them [N m], on
     # rows of the second epoch. Shapes (rows,); empty without one.
@@ -90,7 +90,7 @@ class JointFit:
 
     design: Design  # the columns
     fitted: Fit  # the fit
-    known: tuple[Group, ...]  # its effects beside the nominal model's
+    common: tuple[Group, ...]  # its effects beside the nominal model's
     prior: Prior  # of the nominal coefficients
 
 
@@ -101,7 +101,7 @@ def joint_fit(logs: Logs, nominal: Nominal, scales: Sequence[float]) -> JointFit
     evidence chooses: a short log must not fill what it did not see.
     """
     design = Design(logs.tracks, nominal.model)
-    plain, loaded = _usual(logs, nominal.model)
+    plain, loaded = _common_effects(logs, nominal.model)
     prior = relative_prior(design, nominal, LOOSE)
     known = design.add(plain)
     design.show_torque(as_model(nominal, _fit(design, prior, known)))
@@ -124,7 +124,7 @@ def both_epochs(
         nominal: The model that the arm is said to have, adopted effects included.
     """
     joint = joint_fit(logs, nominal, (LOOSE,))
-    design, fitted, known = joint.design, joint.fitted, joint.known
+    design, fitted, known = joint.design, joint.fitted, joint.common
     seen = as_model(nominal, fitted)
     design.show_torque(seen)
     layout, blocks = _layout(logs, first, design, rules.block_seconds)
@@ -134,20 +134,20 @@ def both_epochs(
         logs=logs,
         first=first,
         shared=np.concatenate(ids),
-        known=tuple(known),
+        common=tuple(known),
         loaded=tuple(g for g in known if Trait.USES_MODEL in g.effect.traits),
-        left=_left(design, fitted),
+        residuals=_residuals(design, fitted),
         friction=_friction(design, fitted, nominal, known),
         layout=layout,
         blocks=blocks,
         rules=rules,
         fitted=fitted,
-        seen=seen,
+        model=seen,
         prior=joint.prior,
     )
 
 
-def beside(
+def after_change(
     both: EpochRows, changed: Sequence[tuple[Group, Array]], press: bool
 ) -> EpochRows:
     """The same rows beside what is known to have changed.
@@ -159,17 +159,17 @@ def beside(
         both: The rows; columns of candidates that are there already stay as they are.
     """
     if press:
-        both = _pressed(both, changed)
+        both = _with_changed_loads(both, changed)
     design = both.design
-    _, fitted, _ = without(both, changed)
+    _, fitted, _ = fit_without(both, changed)
     wide = [(g, theta) for g, theta in changed if g.effect.scope != "local"]
     every = [own.second * _torque(design, j, wide) for j, own in enumerate(both.layout)]
     return replace(
-        both, left=_left(design, fitted), changed=tuple(every) if wide else ()
+        both, residuals=_residuals(design, fitted), changed=tuple(every) if wide else ()
     )
 
 
-def without(
+def fit_without(
     both: EpochRows, changed: Sequence[tuple[Group, Array]]
 ) -> tuple[Design, Fit, tuple[Array, ...]]:
     """The joint fit of one arm, the second epoch without what changed.
@@ -184,7 +184,7 @@ def without(
     )
     target = [y - x for y, x in zip(design.target, there, strict=True)]
     left = design.with_target(target)
-    return left, _fit(left, both.prior, both.known), there
+    return left, _fit(left, both.prior, both.common), there
 
 
 def _torque(design: Design, j: int, changed: Sequence[tuple[Group, Array]]) -> Array:
@@ -197,7 +197,9 @@ def _torque(design: Design, j: int, changed: Sequence[tuple[Group, Array]]) -> A
     return out
 
 
-def _pressed(both: EpochRows, changed: Sequence[tuple[Group, Array]]) -> EpochRows:
+def _with_changed_loads(
+    both: EpochRows, changed: Sequence[tuple[Group, Array]]
+) -> EpochRows:
     """The same, the second epoch's logs seen with what changed of the arm."""
     terms = [
         Term(g.effect, g.joints, g.shape, theta)
@@ -206,32 +208,34 @@ def _pressed(both: EpochRows, changed: Sequence[tuple[Group, Array]]) -> EpochRo
     ]
     bodies = [t for t in terms if t.effect.carries == "body"]
     others = [t for t in terms if t.effect.carries != "body"]
-    body = replace(both.seen, terms=tuple(bodies)).loaded()
-    seen = replace(both.seen, inertial=body, terms=(*both.seen.terms, *others))
+    body = replace(both.model, terms=tuple(bodies)).loaded()
+    seen = replace(both.model, inertial=body, terms=(*both.model.terms, *others))
     both.design.show_states(
         [
-            (both.seen if i < both.first else seen).observe(track)
+            (both.model if i < both.first else seen).observe(track)
             for i, track in enumerate(both.logs.tracks)
         ]
     )
     old = set(both.loaded)
-    plain = [g for g in both.known if g not in old]
+    plain = [g for g in both.common if g not in old]
     loaded = both.design.add([g.placed for g in both.loaded])
     ids = [both.design.nominal, *(g.ids for g in (*plain, *loaded))]
     return replace(
         both,
         shared=np.concatenate(ids),
-        known=(*plain, *loaded),
+        common=(*plain, *loaded),
         loaded=tuple(loaded),
     )
 
 
-def _left(design: Design, fitted: Fit) -> tuple[Array, ...]:
+def _residuals(design: Design, fitted: Fit) -> tuple[Array, ...]:
     residual = design.residual
     return tuple(residual(j, fitted.ids, fitted.theta) for j in range(design.dof))
 
 
-def _usual(logs: Logs, model: Model) -> tuple[list[PlacedEffect], list[PlacedEffect]]:
+def _common_effects(
+    logs: Logs, model: Model
+) -> tuple[list[PlacedEffect], list[PlacedEffect]]:
     """What any arm has a little of: without and with a use of the model's torque."""
     has = {(t.effect.name, t.joints, t.shape) for t in model.terms}
     out: tuple[list[PlacedEffect], list[PlacedEffect]] = ([], [])
@@ -245,7 +249,7 @@ def _usual(logs: Logs, model: Model) -> tuple[list[PlacedEffect], list[PlacedEff
 
 
 def _fit(design: Design, prior: Prior, known: Sequence[Group]) -> Fit:
-    return settled(design, prior, fit(design, prior, known, design.rows / 5, rounds=4))
+    return settle(design, prior, fit(design, prior, known, design.rows / 5, rounds=4))
 
 
 def _friction(

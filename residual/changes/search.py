@@ -9,14 +9,20 @@ from residual.changes.contrast import (
     Candidate,
     Contrast,
     ContrastTable,
-    refined,
-    renewed,
+    as_candidates,
+    recompute_groups,
+    refine_shape,
     vocabulary,
-    weighed,
 )
 from residual.changes.joint import JointRows
-from residual.changes.nuisance import Warmth, basics, first_noise, is_basic, joints_of
-from residual.changes.rows import EpochRows, beside
+from residual.changes.nuisance import (
+    Warmth,
+    basic_groups,
+    is_basic,
+    measure_noise,
+    project_joints,
+)
+from residual.changes.rows import EpochRows, after_change
 from residual.effects.base import Trait, against_position
 from residual.evidence.fit import limits_of
 from residual.recording import Array
@@ -100,31 +106,31 @@ def share_of(
     return out, at
 
 
-def find(both: EpochRows, clocked: bool) -> ChangeSearch:
+def search_changes(both: EpochRows, clocked: bool) -> ChangeSearch:
     """Search the rows of both epochs for what changed.
 
     Args:
         clocked: Whether the order of each epoch's logs in time is known.
     """
     groups, prices = vocabulary(both, clocked)
-    rest = joints_of(both, groups)
-    noise = first_noise(both, rest, basics(groups))
-    every = weighed(both.design, rest.joints, groups, prices)
+    rest = project_joints(both, groups)
+    noise = measure_noise(both, rest, basic_groups(groups))
+    every = as_candidates(both.design, rest.joints, groups, prices)
     look = _Searcher(
         both, rest.joints, every, ContrastTable(rest.joints, both.blocks, noise)
     )
     # What presses on the gears comes before anything that goes by that.
     named = look.search([], most=1)
-    changed, press = _large(look, named)
+    changed, press = _large_changes(look, named)
     if changed:
         # The joint fit, and columns that depend on the torque, see it from here on.
-        both = beside(both, changed, press)
+        both = after_change(both, changed, press)
         old = [c.group for c in look.every]
-        groups = renewed(both, look.every) if press else old
+        groups = recompute_groups(both, look.every) if press else old
         prices = [c.price for c in look.every]
-        rest = joints_of(both, old)
-        noise = first_noise(both, rest, basics(old))
-        every = weighed(both.design, rest.joints, groups, prices, old)
+        rest = project_joints(both, old)
+        noise = measure_noise(both, rest, basic_groups(old))
+        every = as_candidates(both.design, rest.joints, groups, prices, old)
         look = _Searcher(
             both, rest.joints, every, ContrastTable(rest.joints, both.blocks, noise)
         )
@@ -135,7 +141,7 @@ def find(both: EpochRows, clocked: bool) -> ChangeSearch:
     return ChangeSearch(both, look.table, tuple(look.every), tuple(found), rest.warmth)
 
 
-def _large(look: "_Searcher", named: Sequence[Candidate]) -> tuple[list, bool]:
+def _large_changes(look: "_Searcher", named: Sequence[Candidate]) -> tuple[list, bool]:
     """Named changes that shift the joint fit, or what goes by the torque of a gear."""
     thetas = look.table.theta(named)
     every = [(c.group, theta) for c, theta in zip(named, thetas, strict=True)]
@@ -148,7 +154,7 @@ def _large(look: "_Searcher", named: Sequence[Candidate]) -> tuple[list, bool]:
     return every, any(g.effect.carries == "body" for g, _ in every)
 
 
-def _of_no_form(named: Sequence[Candidate]) -> list[Candidate]:
+def _formless(named: Sequence[Candidate]) -> list[Candidate]:
     """Names that only together draw one curve over the position of a joint.
 
     A joint that has a spring at once and a balancer has neither: a stop or a cable,
@@ -189,7 +195,7 @@ class _Searcher:
             named = self._plainer([*named, best])
             named = self._improve(named) if len(named) > 1 else named
         named = self._prune(named)
-        mixed = _of_no_form(named)
+        mixed = _formless(named)
         if mixed:
             named = [c for c in named if c not in mixed]
             self.settle(named)
@@ -299,7 +305,7 @@ class _Searcher:
             for width in WIDTHS:
                 if look.candidate in self._refined:
                     break
-                tried = refined(self.both, self.joints, look.candidate, width)
+                tried = refine_shape(self.both, self.joints, look.candidate, width)
                 self._refined.add(look.candidate)
                 self.every += tried
                 fresh = [self.table.contrast(c, named) for c in tried]

@@ -16,7 +16,7 @@ from residual.changes.contrast import Candidate
 from residual.changes.joint import JointRows
 from residual.changes.search import ChangeSearch
 from residual.effects.base import Effect, State
-from residual.evidence.columns import Group, sound
+from residual.evidence.columns import Group, regularize
 from residual.recording import Array
 
 KNOTS = 7  # of a free curve
@@ -36,7 +36,7 @@ class Residuals:
     """What remains of each joint after everything that is named."""
 
     # What is left, by row; None for a joint that is not looked at.
-    left: tuple[Array | None, ...]
+    residuals: tuple[Array | None, ...]
     # Of the second epoch beyond the first, as a share of torque rms, (dof,).
     share: Array
     floor: Array  # what the first epoch leaves, likewise, (dof,)
@@ -44,7 +44,7 @@ class Residuals:
     flagged: tuple[int, ...]
 
 
-def unnamed(found: ChangeSearch) -> Residuals:
+def analyze_residuals(found: ChangeSearch) -> Residuals:
     """Look for a change that no name explains."""
     both, table = found.both, found.table
     dof, rules = both.design.dof, both.rules
@@ -63,26 +63,26 @@ def unnamed(found: ChangeSearch) -> Residuals:
         before, after = power[~second], power[second]
         floor[j] = np.sqrt(before.mean()) / rms
         share[j] = np.sqrt(max(after.mean() - before.mean(), 0.0)) / rms
-        sure = _more(before, after, log[~second], log[second])
+        sure = _excess_chance(before, after, log[~second], log[second])
         more = share[j] > rules.unknown_torque_share and sure < CHANCE
-        if more or _curved(found, j):
+        if more or _has_curve(found, j):
             flagged.append(j)
     return Residuals(tuple(left), share, floor, tuple(flagged))
 
 
-def _curved(found: ChangeSearch, j: int) -> bool:
+def _has_curve(found: ChangeSearch, j: int) -> bool:
     """Whether a free curve over the joint's motion is there in the second epoch."""
     joint, design, rules = found.table.joints[j], found.both.design, found.both.rules
     second = joint.layout.second
     q, qd, way = (
-        _seen(design.states, design.tracks, name, j, j, design)
+        _signal_rows(design.states, design.tracks, name, j, j, design)
         for name in ("q", "qd", "sign")
     )
-    place = _hats(q)
-    for columns in (place, place * way[:, None], _hats(qd)):
+    place = _hat_functions(q)
+    for columns in (place, place * way[:, None], _hat_functions(qd)):
         shown = (columns[second] ** 2).sum(axis=0) > 1e-3 * second.sum()
         columns = columns[:, shown]
-        one = _free(found, j, columns)
+        one = _curve_candidate(found, j, columns)
         look = found.table.contrast(one, found.named)
         torque = columns[second] @ look.theta
         share = np.sqrt((torque**2).mean()) / design.rms[j]
@@ -91,17 +91,17 @@ def _curved(found: ChangeSearch, j: int) -> bool:
     return False
 
 
-def _hats(x: Array) -> Array:
+def _hat_functions(x: Array) -> Array:
     """Linear pieces between quantiles. Shape (rows, KNOTS)."""
     knots = np.unique(np.quantile(x, np.linspace(0.01, 0.99, KNOTS)))
     return np.column_stack([np.interp(x, knots, unit) for unit in np.eye(len(knots))])
 
 
-def _free(found: ChangeSearch, j: int, columns: Array) -> Candidate:
+def _curve_candidate(found: ChangeSearch, j: int, columns: Array) -> Candidate:
     """Columns of one joint as a candidate."""
     joint, k = found.table.joints[j], columns.shape[1]
     size = USUAL * found.both.design.rms[j]
-    precision, log_det = sound(np.eye(k) / size**2)
+    precision, log_det = regularize(np.eye(k) / size**2)
     group = Group(CURVE, (j,), (), np.full(k, -1), precision, log_det)
     piece = joint.pieces(columns, joint.layout.second, [k])[0]
     return Candidate(group, {j: piece}, np.log(len(found.table.joints)), group)
@@ -121,7 +121,7 @@ def _blocks(joint: JointRows, rest: Array) -> tuple[Array, Array, Array]:
     )
 
 
-def _more(before: Array, after: Array, logs: Array, fresh: Array) -> float:
+def _excess_chance(before: Array, after: Array, logs: Array, fresh: Array) -> float:
     """Chance that the second epoch's blocks are missed by so much more.
 
     On logarithms, which are nearly normal; logs that differ widen what is usual.
@@ -146,7 +146,7 @@ def _more(before: Array, after: Array, logs: Array, fresh: Array) -> float:
     return float(stdtr(nu, -(b.mean() - a.mean()) / max(sd, 1e-12)))
 
 
-def follows(
+def strongest_variable(
     found: ChangeSearch, rest: Residuals, j: int
 ) -> tuple[str, int, float] | None:
     """The variable that the rest of a joint goes by most: what, of which joint, share.
@@ -155,18 +155,20 @@ def follows(
     """
     joint, design = found.table.joints[j], found.both.design
     second = joint.layout.second
-    y = rest.left[j][second]
+    y = rest.residuals[j][second]
     best: tuple[str, int, float] | None = None
     for name in ("q", "qd", "qdd", "tau_model"):
         for of in range(design.dof):
-            x = _seen(design.states, design.tracks, name, of, j, design)[second]
+            x = _signal_rows(design.states, design.tracks, name, of, j, design)[second]
             share = _explained(x, y, joint.layout.blocks_of_rows[second])
             if best is None or share > best[2]:
                 best = (name, of, share)
     return best if best is not None and best[2] > 0.2 else None
 
 
-def _seen(states: list[State], tracks, name: str, of: int, j: int, design) -> Array:
+def _signal_rows(
+    states: list[State], tracks, name: str, of: int, j: int, design
+) -> Array:
     per_log = [
         np.repeat(getattr(s, name)[:: t.step, [of]], design.dof, axis=1)
         for s, t in zip(states, tracks, strict=True)

@@ -17,10 +17,9 @@ from residual.check.kinematics import (
 )
 from residual.check.motion import Motion, thin_rows
 from residual.check.mounting import REMOVED, mounting, nats_of
-from residual.check.physics import misread, other_time, wrong_robot
+from residual.check.physics import misread, wrong_robot
 from residual.check.reading import Reading, as_given, odds_of, read_by
 from residual.check.reported import (
-    joints_exchanged,
     shares_of,
     torque_factors,
     unit_fault,
@@ -115,6 +114,8 @@ def _of_the_arm(
         return [*faults, *speeds]
     columns, reading = misread(robot, motion)
     slipped, mounted = slips(robot, motion), None
+    if slipped and slipped.alone and any(fault.certain for fault in columns):
+        slipped = None
     given = as_given(robot.dof)
     # A reading that is not worth a word is none, and another arm's is no reading.
     counts = any(fault.kind != WRONG for fault in columns)
@@ -123,10 +124,8 @@ def _of_the_arm(
     if reading.angle_unit == 1.0:
         mounted = mounting(robot, motion)
     gone = mounted and mounted.fault.kind == REMOVED and not mounted.fault.certain
-    if gone and (
-        other_time(robot, motion) or zero_explains(robot, motion, logs, given)
-    ):
-        mounted = None  # another time or zero says more than a weight that may be gone
+    if gone and zero_explains(robot, motion, logs, given):
+        mounted = None  # another zero says more than a weight that may be gone
     if mounted:
         # The rest is asked of the arm as it is mounted.
         also, then = misread(mounted.robot, motion)
@@ -166,14 +165,12 @@ def _beats(slipped: Slips, nats: float, faults: Sequence[Fault]) -> bool:
 
 
 def _of_columns(robot: Robot, motion: Motion, columns: list[Fault]) -> list[Fault]:
-    """What single readings of the columns say, else the clock, else the arm."""
-    if not any(fault.certain for fault in columns):
-        columns = joints_exchanged(robot, motion) or columns
+    """What single readings of the columns say, else the arm."""
     if any(fault.kind == "gear_ratio" and not fault.repairs for fault in columns):
         shares = shares_of(robot, motion)
         factors = torque_factors(shares)
         columns = columns if factors is None else [unit_fault(robot, factors, shares)]
-    return columns or other_time(robot, motion) or wrong_robot(robot, motion)
+    return columns or wrong_robot(robot, motion)
 
 
 def _nats(robot: Robot, motion: Motion, reading: Reading) -> float:
@@ -240,10 +237,10 @@ def file_faults(robot: Robot) -> list[Fault]:
     mass, reach = sum(b.mass for b in bodies), joints_length(robot.model)
     density = mass / max(reach, 1e-6) ** 3  # kg/m^3 of the cube of the reach
     for there, sizes, unit, scale in (
-        (reach > CHECK.longest, "lengths", "millimetres", 1e-3),
-        (density > CHECK.densest and reach > 0.05, "masses", "grams", 1e-3),
+        (reach > 50.0, "lengths", "millimetres", 1e-3),
+        (density > 1e3 and reach > 0.05, "masses", "grams", 1e-3),
         (reach < 0.01 and mass > 1, "lengths", "kilometres", 1e3),
-        (density < CHECK.thinnest, "masses", "tonnes", 1e3),
+        (density < 1e-2, "masses", "tonnes", 1e3),
     ):
         if there:
             words = (

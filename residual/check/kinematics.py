@@ -19,6 +19,7 @@ from residual.quantity import along
 from residual.recording import Array, Recording, usual_speed
 from residual.robot.robot import Robot
 
+_VELOCITY = "velocity_mismatch"
 _SHARE, _USUAL = 0.99, 0.95  # of the samples, so that single ones do not count
 _WINDOW = 0.2  # s over which angles and velocities are compared
 _TIME_UNITS = {
@@ -50,7 +51,7 @@ def time_unit(robot: Robot, recordings: Sequence[Recording]) -> Fault | None:
     if usual and speed < CHECK.clock_speed * 5:
         return None
     fits = {
-        f: abs(np.log(rate / f / 300.0))
+        f: abs(np.log(rate / f / 300.0))  # Hz, a usual rate
         for f in _TIME_UNITS
         if CHECK.slowest_rate <= rate / f <= CHECK.fastest_rate
         and speed / f < CHECK.clock_speed
@@ -71,12 +72,14 @@ def no_clock(recordings: Sequence[Recording]) -> list[Fault]:
     Nothing is computed of such logs: a filter of a tenth of a second would have more
     values than any memory.
     """
-    rates = [1 / np.median(np.diff(r.t)) for r in recordings if len(r.t) > 1]
-    if not rates or max(rates) <= CHECK.any_rate:
+    rate = max(
+        (1 / np.median(np.diff(r.t)) for r in recordings if len(r.t) > 1), default=0.0
+    )
+    if rate <= CHECK.any_rate:
         return []
     words = (
-        f"{max(rates):.3g} samples per second, expected at most "
-        f"{CHECK.any_rate:.3g} in any unit of time. Export the log again, with time."
+        f"{rate:.3g} samples per second, expected at most {CHECK.any_rate:.3g} in any "
+        "unit of time. Export the log again, with time."
     )
     return [Fault("time_unit", (), True, words)]
 
@@ -137,57 +140,65 @@ def _windows(recording: Recording) -> tuple[Array, Array]:
 
 def _order(related: Array, moved: Array) -> tuple[Array, list[Fault]]:
     """Velocities of other joints: each angle finds its own among them."""
-    own = np.diag(related)
+    own, same = np.diag(related), np.arange(len(related))
     order = best_order(np.abs(related) + 0.2 * np.eye(len(own)))
-    other = order != np.arange(len(own))
-    joints = joints_of(other)
-    best = np.abs(related[np.arange(len(own)), order])
+    other = order != same
+    joints, best = joints_of(other), np.abs(related[same, order])
     if not joints or (best < CHECK.velocity_same)[other & moved].any():
-        return np.arange(len(own)), []
+        return same, []
     words = (
         f"The velocities of joints {listed(joints)} follow the angles of other joints "
         f"(correlation with their own at most {np.abs(own[other]).max():.2f}, in the "
         f"order {listed(order + 1)} at least {best[other].min():.2f})."
     )
     repair = Repair("qd", order=tuple(int(i) + 1 for i in order))
-    return order, [Fault("velocity_mismatch", joints, True, words, (repair,))]
+    return order, [Fault(_VELOCITY, joints, True, words, (repair,))]
 
 
 def _slopes(
     change: Array, integral: Array, related: Array, moved: Array
 ) -> list[Fault]:
+    """Velocities of another sign or size than the change of their angles."""
     own, power = np.diag(related), np.sum(change**2, axis=0)
     slope = np.sum(change * integral, axis=0) / np.maximum(power, 1e-300)
     good = moved & (np.abs(own) > CHECK.velocity_same)
-    off = good & (np.abs(slope - 1) > CHECK.velocity_off)
+    size = float(np.median(np.abs(slope[good]))) if good.any() else 1.0
+    alike = np.all(np.abs(np.abs(slope[good]) / size - 1) < CHECK.velocity_alike)
     out = []
-    if off.any() and good.sum() == off.sum() and good.sum() >= 2:
-        size = float(np.median(np.abs(slope[good])))
-        if np.all(np.abs(np.abs(slope[good]) / size - 1) < CHECK.velocity_alike):
-            out += _common(size)
-            slope = slope / (size if out else 1.0)
-            off = good & (np.abs(slope - 1) > CHECK.velocity_off)
-    out += _single(slope, off)
-    loose = joints_of(moved & ~good)
-    if loose:
+    if good.sum() >= 2 and alike and abs(size - 1) > CHECK.velocity_off:
+        out.append(_common(size))
+        slope = slope / size
+    off = good & (np.abs(slope - 1) > CHECK.velocity_off)
+    turned = off & (np.abs(slope + 1) < CHECK.velocity_off)
+    if negated := joints_of(turned):
+        words = f"The velocity of joints {listed(negated)} runs against the angle."
+        repair = Repair("qd", negated, sign=(-1,) * len(negated))
+        out.append(Fault(_VELOCITY, negated, True, words, (repair,)))
+    if scaled := joints_of(off & ~turned):
+        sizes = [float(slope[j - 1]) for j in scaled]
+        words = (
+            f"The velocity of joints {listed(scaled)} is {listed(sizes, '.4g')} times "
+            "what the angle does."
+        )
+        repair = Repair("qd", scaled, scale=tuple(1 / s for s in sizes))
+        out.append(Fault(_VELOCITY, scaled, True, words, (repair,)))
+    if loose := joints_of(moved & ~good):
         words = (
             f"The velocity of joints {listed(loose)} is not the derivative of the "
             f"angle (correlation {min(abs(own[j - 1]) for j in loose):.2f}): filtered, "
             "late, or of something else."
         )
-        out.append(Fault("velocity_mismatch", loose, False, words))
+        out.append(Fault(_VELOCITY, loose, False, words))
     return out
 
 
-def _common(size: float) -> list[Fault]:
+def _common(size: float) -> Fault:
     """One factor between all velocities and angles: a unit, else the clock."""
-    if abs(size - 1) < CHECK.velocity_off:
-        return []
     for unit, (signal, name) in _UNITS.items():
         if abs(size / unit - 1) < CHECK.velocity_alike:
             words = f"All velocities are {size:.4g} times what the angles do: {name}."
             repair = Repair(signal, scale=1 / unit if signal == "qd" else unit)
-            return [Fault("angle_unit", (), True, words, (repair,))]
+            return Fault("angle_unit", (), True, words, (repair,))
     scale = 1 / size
     near = float(f"{scale:.1g}")
     scale = near if abs(scale / near - 1) < CHECK.velocity_alike else scale
@@ -195,26 +206,7 @@ def _common(size: float) -> list[Fault]:
         f"All velocities are {size:.4g} times what the angles do in the time that is "
         f"given: time runs {size:.4g} times too slowly in this log."
     )
-    return [Fault("time_unit", (), True, words, (Repair("t", scale=scale),))]
-
-
-def _single(slope: Array, off: Array) -> list[Fault]:
-    out = []
-    turned = off & (abs(slope + 1) < CHECK.velocity_off)
-    negated, scaled = joints_of(turned), joints_of(off & ~turned)
-    if negated:
-        words = f"The velocity of joints {listed(negated)} runs against the angle."
-        repair = Repair("qd", negated, sign=(-1,) * len(negated))
-        out.append(Fault("velocity_mismatch", negated, True, words, (repair,)))
-    if scaled:
-        sizes = [float(slope[j - 1]) for j in scaled]
-        words = (
-            f"The velocity of joints {listed(scaled)} is {listed(sizes, '.4g')} times "
-            "what the angle does."
-        )
-        repair = Repair("qd", scaled, scale=tuple(1 / s for s in sizes))
-        out.append(Fault("velocity_mismatch", scaled, True, words, (repair,)))
-    return out
+    return Fault("time_unit", (), True, words, (Repair("t", scale=scale),))
 
 
 def out_of_range(robot: Robot, recordings: Sequence[Recording]) -> list[Fault]:

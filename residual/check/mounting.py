@@ -9,7 +9,6 @@ direction.
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from functools import cached_property
 
 import numpy as np
 import pinocchio as pin
@@ -38,11 +37,11 @@ REMOVED_WORDS = (
     "driver took gravity out before it was logged. Log the torque as measured, or say "
     "so in robot.toml, [robot]: gravity = [0, 0, 0]"
 )
-_TILTS, _HELD, _NOTHING = 2, 1e-6, 1e-300
+_TILTS, _NOTHING = 2, 1e-300
 _SCALES = (0.1, 0.3, 1.0)  # of the body's prior, chosen by evidence
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, slots=True)
 class Stand:
     """An arm as it would stand under one direction of gravity."""
 
@@ -50,18 +49,7 @@ class Stand:
     parts: list[Part]
     nats: float  # log evidence of the torques
     scale: float  # of the body's prior by which it is so
-    steps: tuple[Array, ...]  # where the tilt that is left asks to turn it, (3,) each
-
-    @cached_property
-    def left(self) -> float:
-        """What the file as it is, a load and friction leave of the torques.
-
-        Share of their power, the mean of all joints.
-        """
-        prior = _prior(self.parts, _HELD, _HELD)
-        sigma = fit_body(self.parts, prior)[0]
-        power = [part.squares[0] / max(part.rows, 1e-9) for part in self.parts]
-        return float(np.mean(np.minimum(sigma**2 / np.maximum(power, _NOTHING), 1.0)))
+    steps: tuple[Array, ...]  # where the remaining tilt asks to turn it, (3,) each
 
 
 @dataclass(frozen=True, eq=False, slots=True)
@@ -81,7 +69,7 @@ def mounting(robot: Robot, motion: Motion) -> Mounted | None:
     was, best = _best(robot, motion)
     none = _weightless(robot, motion)
     angle, gain = _angle(best.gravity, given), best.nats - was.nats
-    otherwise = angle >= CHECK.tilted and gain >= CHECK.mounted
+    otherwise = angle >= CHECK.tilted and gain >= CHECK.doubt
     if none.nats > (best if otherwise else was).nats + CHECK.odds:
         return _removed(robot, was, none)
     if not otherwise:
@@ -94,10 +82,8 @@ def mounting(robot: Robot, motion: Motion) -> Mounted | None:
         f"{np.degrees(angle):.0f} degrees away, the torques fit better by {gain:.0f} "
         f"nats: the arm {_how(angle)}."
     )
-    certain = best.left < CHECK.mounted_explains * was.left
-    certain |= gain > CHECK.certain_angles
     repairs = (Repair("robot", gravity=tuple(map(float, best.gravity))),)
-    fault = Fault(MOUNTING, (), bool(certain), words, repairs)
+    fault = Fault(MOUNTING, (), gain > CHECK.certain, words, repairs)
     return Mounted(fault, turned(robot, best.gravity), best.nats)
 
 
@@ -110,14 +96,12 @@ def _seen(shares: Shares) -> bool:
 
 
 def _removed(robot: Robot, was: Stand, none: Stand) -> Mounted:
-    """The arm without its weight; certain where that explains most of what is off."""
-    explains = none.left < CHECK.removed_explains * was.left
-    certain = explains and none.nats > was.nats + CHECK.mounted
+    gain = none.nats - was.nats
     words = (
-        f"{REMOVED_WORDS}. It fits better by {none.nats - was.nats:.0f} nats; of a "
-        "load the weight may be there."
+        f"{REMOVED_WORDS}. It fits better by {gain:.0f} nats; of a load the weight "
+        "may be there."
     )
-    fault = Fault(REMOVED, (), bool(certain), words)
+    fault = Fault(REMOVED, (), gain > CHECK.certain, words)
     return Mounted(fault, turned(robot, np.zeros(3)), none.nats)
 
 
@@ -150,7 +134,7 @@ def _best(robot: Robot, motion: Motion) -> tuple[Stand, Stand]:
     was, *tried = (_stand(robot, motion, x) for x in (given, *axes))
     tried.sort(key=lambda stand: -stand.nats)
     # A good direction stands out: nothing more is asked of an upright arm.
-    clear = was.nats > tried[0].nats + CHECK.mounted
+    clear = was.nats > tried[0].nats + CHECK.doubt
     starts = [was] if clear else [was, *tried[:3]]
     best = max((_refined(robot, motion, s) for s in starts), key=lambda s: s.nats)
     axis = size * np.sign(best.gravity) * (np.abs(best.gravity) > 0.9 * size)
@@ -176,7 +160,7 @@ def _refined(robot: Robot, motion: Motion, stand: Stand) -> Stand:
         if best.nats < stand.nats - 2.0:
             break
         turn, stand = _angle(best.gravity, stand.gravity), best
-        if turn < 2e-3:
+        if turn < 2e-3:  # rad
             break
     return stand
 

@@ -9,12 +9,13 @@ from scipy.linalg import cho_factor, cho_solve
 
 from residual.check.motion import OUTER, Columns, Motion
 from residual.check.reading import (
+    GEAR,
+    ROUNDS,
     Judged,
     Reading,
     as_given,
     best_reading,
     judge,
-    torque_scores,
 )
 from residual.check.result import Fault, Repair, joints_of
 from residual.check.rules import CHECK
@@ -25,8 +26,6 @@ from residual.robot.robot import Robot
 
 Joints = tuple[int, ...]
 
-_ANGLES = ("joint_order", "angle_sign")
-
 
 def misread(robot: Robot, motion: Motion) -> tuple[list[Fault], Reading]:
     """Find signs, orders and units that another reading of columns explains better."""
@@ -34,7 +33,7 @@ def misread(robot: Robot, motion: Motion) -> tuple[list[Fault], Reading]:
     if best.reading == given:
         return [], given
     was = judge(robot, motion, given)
-    if best.value - was.value < CHECK.gain:
+    if best.value - was.value < CHECK.doubt - CHECK.odds:
         return [], given
     reading = best.reading
     mistakes = [*_places(reading, given), *_units(reading, robot.gear_ratio)]
@@ -46,7 +45,7 @@ def misread(robot: Robot, motion: Motion) -> tuple[list[Fault], Reading]:
         return [], given
     # Motors whose gears are not known are no other arm.
     unknown = robot.gear_ratio is None and {f.kind for f in faults} == {"gear_ratio"}
-    fits = bent(was) < CHECK.bent
+    fits = bent(was) < CHECK.doubt
     wrong = [] if unknown or fits else _wrong_robot(best, faults)
     return wrong or faults, best.reading
 
@@ -63,8 +62,8 @@ def _wrong_robot(best: Judged, faults: list[Fault]) -> list[Fault]:
     """
     nats = bent(best)
     kinds = len({fault.kind for fault in faults})
-    least = CHECK.bent if kinds else CHECK.bent_as_given
-    if nats + CHECK.per_kind * max(kinds - 1, 0) < least:
+    least = CHECK.doubt if kinds else CHECK.certain
+    if nats < least:
         return []
     tried = f" (the best: {', '.join(sorted({f.kind for f in faults}))})"
     words = (
@@ -94,12 +93,11 @@ def _judged(
     suffers = max(other.fit(j) - best.fit(j) for j in worse)
     # What is said of all joints must be true of each.
     most = nats / CHECK.suffers
-    most = most if joints else min(most, CHECK.worth)
-    if nats < CHECK.worth or suffers > most:
+    most = most if joints else min(most, CHECK.doubt)
+    if nats < CHECK.doubt or suffers > most:
         return None
     evidence = f"{words} better by {nats:.0f} nats."
-    enough = CHECK.certain_angles if kind in _ANGLES else CHECK.certain
-    return Fault(kind, joints, nats > enough, evidence, tuple(repairs))
+    return Fault(kind, joints, nats > CHECK.certain, evidence, tuple(repairs))
 
 
 class _Mistake(NamedTuple):
@@ -118,13 +116,13 @@ def _units(reading: Reading, gears: Array | None) -> Iterator[_Mistake]:
     joints = tuple(range(1, len(reading.angle_order) + 1))
     known = () if gears is None else tuple(float(abs(g)) for g in gears)
     undone, repairs, words = {}, [], []
-    if unit == CHECK.gear:
+    if unit == GEAR:
         undone["torque_unit"] = 1.0
         words.append(
             "The torques are tens to hundreds of times smaller than this arm's"
         )
         repairs += [Repair("tau", joints, scale=known)] if known else []
-    if angle == 1 / CHECK.gear:
+    if angle == 1 / GEAR:
         undone["angle_unit"] = 1.0
         words.append("The angles are tens to hundreds of times larger than this arm's")
         repairs.append(Repair("q", joints, scale=tuple(1 / gear for gear in known)))
@@ -134,14 +132,14 @@ def _units(reading: Reading, gears: Array | None) -> Iterator[_Mistake]:
             "they fit"
         )
         yield _Mistake("gear_ratio", (), text, repairs, undone)
-    if unit not in (1.0, CHECK.gear):
+    if unit not in (1.0, GEAR):
         text = (
             f"The torques are about {1 / unit:g} times what this arm takes for this "
             f"motion; times {unit:g} they fit"
         )
         repairs = [Repair("tau", scale=unit)]
         yield _Mistake("torque_unit", (), text, repairs, {"torque_unit": 1.0})
-    if angle not in (1.0, 1 / CHECK.gear):
+    if angle not in (1.0, 1 / GEAR):
         what = "degrees" if angle < 1 else "radians that were taken for degrees"
         text = f"The angles look like {what}; times {angle:.6g} they fit"
         repairs = [Repair("q", scale=angle)]
@@ -218,7 +216,7 @@ def parts_of(motion: Motion, joints: list[Columns]) -> list[Part]:
         weight, rows = motion.spread, motion.spread * len(tau)
         squares = tuple(weight * float(a @ b) for a, b in pairs)
         size = np.sqrt(squares[0] / max(rows, 1e-9))
-        floor = max(CHECK.scale_noise * size, CHECK.scale_coupled * strongest, 1e-12)
+        floor = max(0.01 * size, 0.001 * strongest, 1e-12)
         sums = (weight * values.T @ x for x in (values, model, tau))
         out.append(Part(*sums, squares, rows, floor))
     return out
@@ -234,7 +232,7 @@ def fit_body(parts: list[Part], prior: Array) -> tuple[Array, Array, float]:
         What is left of each torque [N m], (dof,); the coefficients; log evidence.
     """
     sigma = np.array([part.floor for part in parts])
-    for _ in range(CHECK.rounds):
+    for _ in range(ROUNDS):
         _, at, _ = _fit(parts, sigma, prior)
         for j, part in enumerate(parts):
             power, cross, model = part.squares
@@ -259,25 +257,3 @@ def _fit(parts: list[Part], sigma: Array, prior: Array) -> tuple[float, Array, f
     at = cho_solve(factor, sums)
     size = 2 * float(np.log(np.diag(factor[0])).sum()) - float(np.log(prior).sum())
     return square - float(sums @ at), at, size
-
-
-def _total(robot: Robot, motion: Motion) -> float:
-    scores = torque_scores(robot, motion)
-    return sum(own.of(j, 1.0) for j, own in enumerate(scores))
-
-
-def other_time(robot: Robot, motion: Motion) -> list[Fault]:
-    """Find a clock in which weight and inertia of this arm go together better."""
-    given, tried = _total(robot, motion), {}
-    for factor in CHECK.times:
-        qd, qdd = motion.qd / factor, motion.qdd / factor**2
-        tried[factor] = _total(robot, replace(motion, qd=qd, qdd=qdd)) - given
-    best = max(tried, key=tried.__getitem__)
-    if tried[best] < CHECK.world:
-        return []
-    words = (
-        "Weight and inertia of this arm do not go together in the time that is given; "
-        f"with time times {best:g} they fit better by {tried[best]:.0f} nats."
-    )
-    certain = tried[best] > CHECK.certain_time
-    return [Fault("time_unit", (), certain, words, (Repair("t", scale=best),))]

@@ -19,8 +19,11 @@ from residual.check.rules import CHECK
 from residual.recording import Array
 from residual.robot.robot import Robot
 
-# Logs in the order that they say are the rule, and need none of it.
-
+GEAR = 100.0  # a usual ratio: motors' torques are so much smaller
+ROUNDS = 3
+_ROUGH = 0.08  # what a rough model may leave of a torque
+_COUPLED = 0.01  # of the strongest channel's rms: what wrists feel of other joints
+_EXACT = 1e-6  # of the nominal torque's mean square: no model is nearer
 # Noise and all that the model lacks, as a share of the channel's rms.
 # A rough model is not said to be nearer than 5 %: what is left is no witness.
 _SIGMAS = np.geomspace(0.05, 1.3, 8)
@@ -58,7 +61,7 @@ class Scores:
         sigma, var = _SIGMAS[best], self._variance(channel, given)[best, 0]
         c = factor * self.channel[:, channel] - self.model
         bend = 0.5 * float(np.sum((c / (self.values + var)) ** 2))
-        missed = self.rows * max(0.0, float(np.log(sigma / CHECK.rough)))
+        missed = self.rows * max(0.0, float(np.log(sigma / _ROUGH)))
         return bend + missed if self.power[channel] else 0.0
 
     def of(self, channel: int, factor: float) -> float:
@@ -76,8 +79,8 @@ class Scores:
         """Square of noise and of all that the model lacks. Shape (sigmas, k)."""
         n = max(self.rows, 1)
         var = (_SIGMAS[:, None] * factor) ** 2 * self.power[channel] / n
-        var += (CHECK.coupled * factor) ** 2 * self.strongest
-        return var + CHECK.exact * self.own / n + 1e-300
+        var += (_COUPLED * factor) ** 2 * self.strongest
+        return var + _EXACT * self.own / n + 1e-300
 
     def _table(self, channel: int, factor: Array) -> Array:
         """Evidence for each size of what the model lacks. Shape (sigmas, k)."""
@@ -143,7 +146,7 @@ def best_order(value: Array) -> Array:
 
 
 # N m, N mm, kN m, N cm, and torques of the motors.
-TORQUE_UNITS = (1.0, 1e-3, 1e3, 1e-2, CHECK.gear)
+TORQUE_UNITS = (1.0, 1e-3, 1e3, 1e-2, GEAR)
 ANGLE_UNITS = (np.pi / 180, 180 / np.pi)
 
 
@@ -153,7 +156,7 @@ class Reading:
 
     angle_order: tuple[int, ...]  # channel of each joint's angle, from 0
     angle_sign: tuple[int, ...]  # sign of each joint's angle
-    angle_unit: float  # factor on all angles; 1 / CHECK.gear for each joint's own gear
+    angle_unit: float  # factor on all angles; 1 / GEAR for each joint's own gear
     torque_order: tuple[int, ...]  # channel of each joint's torque, from 0
     torque_sign: tuple[int, ...]  # sign of each joint's torque
     torque_unit: float  # factor on all torques
@@ -195,7 +198,7 @@ def as_given(dof: int) -> Reading:
 def best_reading(robot: Robot, motion: Motion) -> Judged:
     """Search the reading with the most evidence, one change of the angles at a time."""
     best = _with_torques(robot, motion, as_given(robot.dof), TORQUE_UNITS)
-    for _ in range(CHECK.rounds):
+    for _ in range(ROUNDS):
         tried = []
         for other in _changed(best.reading, robot.gear_ratio is not None):
             same_unit = other.angle_unit == best.reading.angle_unit
@@ -226,19 +229,19 @@ def read_by(robot: Robot, motion: Motion, reading: Reading) -> Motion:
 
 def _angle_factors(robot: Robot, reading: Reading) -> Array:
     unit = np.full(robot.dof, reading.angle_unit)
-    if reading.angle_unit == 1 / CHECK.gear and robot.gear_ratio is not None:
+    if reading.angle_unit == 1 / GEAR and robot.gear_ratio is not None:
         unit = 1 / _gears(robot)
     return np.array(reading.angle_sign) * unit
 
 
 def _gears(robot: Robot) -> Array:
     known = robot.gear_ratio is not None
-    return np.abs(robot.gear_ratio) if known else np.full(robot.dof, CHECK.gear)
+    return np.abs(robot.gear_ratio) if known else np.full(robot.dof, GEAR)
 
 
 def _torques(reading: Reading, gears: Array) -> list[tuple[int, float]]:
     unit = reading.torque_unit
-    units = gears if unit == CHECK.gear else np.full(len(gears), unit)
+    units = gears if unit == GEAR else np.full(len(gears), unit)
     factors = [sign * u for sign, u in zip(reading.torque_sign, units, strict=True)]
     return list(zip(reading.torque_order, factors, strict=True))
 
@@ -255,7 +258,7 @@ def _with_torques(
     dof = robot.dof
     scores = _scores(robot, motion, reading)
     gears, factors = _gears(robot), np.array([(u, -u) for u in units])
-    motors = np.array(units)[:, None] == CHECK.gear
+    motors = np.array(units)[:, None] == GEAR
     rows = []
     for own, gear in zip(scores, gears, strict=True):
         tried = np.where(motors, np.sign(factors) * gear, factors).ravel()
@@ -312,7 +315,7 @@ def _changed(reading: Reading, geared: bool) -> Iterator[Reading]:
     """Other angles, one change away."""
     order, dof = reading.angle_order, len(reading.angle_order)
     if reading.angle_unit == 1.0:
-        for unit in (*ANGLE_UNITS, *((1 / CHECK.gear,) if geared else ())):
+        for unit in (*ANGLE_UNITS, *((1 / GEAR,) if geared else ())):
             yield replace(reading, angle_unit=unit)
     both = zip(reading.angle_sign, reading.torque_sign, strict=True)
     # Angles that are turned look like torques that are.

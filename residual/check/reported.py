@@ -7,18 +7,15 @@ a rough body bend to the torque of any joint, the robot file as it is bends to n
 explains most of what friction leaves of a torque, and nothing of an exchanged one.
 """
 
-from collections.abc import Sequence
-from dataclasses import dataclass, replace
-from itertools import combinations
+from dataclasses import dataclass
 
 import numpy as np
 
 from residual.check.motion import Motion, rms, torque_of_file
-from residual.check.physics import bent
-from residual.check.reading import Reading, as_given, exchanged, judge
+from residual.check.reading import GEAR
 from residual.check.result import Fault, Repair
 from residual.check.rules import CHECK
-from residual.errors import joints_listed, listed
+from residual.errors import joints_listed
 from residual.recording import Array
 from residual.robot.dynamics import gravity_torque
 from residual.robot.robot import Robot
@@ -55,7 +52,7 @@ def shares_of(robot: Robot, motion: Motion, removed: bool = False) -> Shares:
     _, nominal = torque_of_file(robot, motion)
     weight = gravity_torque(robot.model, motion.q, robot.model.gravity.linear)
     strong = rms(weight)
-    weight[:, strong <= CHECK.weightless * strong.max()] = 0.0
+    weight[:, strong <= 1e-6 * strong.max()] = 0.0
     nominal = nominal - weight if removed else nominal
     rows = [
         _joint(motion, j, nominal[:, j], weight[:, j], removed)
@@ -74,10 +71,10 @@ def _joint(
 ) -> tuple:
     """The shares of one joint, in the order of the record."""
     use = motion.moving[:, j]
-    if use.sum() < CHECK.fewest:
+    if use.sum() < 20:
         return _SILENT
     tau, qd, qdd = (x[use, j] for x in (motion.tau, motion.qd, motion.qdd))
-    slow = max(CHECK.turns * float(rms(qd)), _NOTHING)
+    slow = max(0.05 * float(rms(qd)), _NOTHING)
     rest = np.column_stack([qd, np.tanh(qd / slow), np.ones_like(qd), qdd])
     _, _, without = _fit(rest, tau, motion.spread)
     columns = [nominal[use], *([weight[use]] if removed else []), rest]
@@ -124,7 +121,7 @@ def torque_factors(shares: Shares) -> Array | None:
     """
     sharp = shares.whole_sd < CHECK.sharp * np.abs(shares.whole)
     shows = sharp & (shares.seen > CHECK.shows)
-    few = min(CHECK.joints_least, len(shows))
+    few = min(2, len(shows))
     own = shares.whole[shows & carries(shares)]
     if len(own) < few:  # of the strongest, one may hide an effect
         own = shares.whole[shows & carries(shares, CHECK.tells)]
@@ -177,7 +174,7 @@ def unit_fault(robot: Robot, scaled: Array, shares: Shares) -> Fault:
         'unit = "A" in the line tau of --map; the factors of the line here are rough.'
     )
     repair = Repair("tau", joints, scale=tuple(float(f"{f:.2g}") for f in rough))
-    geared = np.median(own) > CHECK.gear / 3  # so small is a motor's torque
+    geared = np.median(own) > GEAR / 3  # so small is a motor's torque
     kind = "gear_ratio" if geared else "torque_unit"
     return Fault(kind, (), certain, words, (repair,))
 
@@ -186,51 +183,5 @@ def _alike(away: Array) -> bool:
     """Whether factors are one another but for what a rough file or a load does."""
     off = np.abs(np.log(away))
     return bool(
-        off.max() < np.log(CHECK.unlike) and np.median(off) < np.log(CHECK.unit_same)
+        off.max() < np.log(CHECK.unlike) and np.median(off) < np.log(CHECK.unit_off)
     )
-
-
-def joints_exchanged(robot: Robot, motion: Motion) -> list[Fault]:
-    """Find two joints whose angles and torques are those of each other."""
-    given = shares_of(robot, motion)
-    poor = carries(given) & (given.seen < CHECK.poor)
-    pairs = [p for p in combinations(range(robot.dof), 2) if poor[list(p)].any()]
-    tried = {pair: _gain(robot, motion, given, pair) for pair in pairs}
-    best = max(tried, key=tried.__getitem__, default=None)
-    if best is None or tried[best] < CHECK.exchange_worth:
-        return []
-    same = as_given(robot.dof)
-    order = exchanged(same.angle_order, *best)
-    other = Reading(order, same.angle_sign, 1.0, order, same.torque_sign, 1.0)
-    swapped = judge(robot, motion, other)
-    more = swapped.nats - judge(robot, motion, same).nats
-    if more < CHECK.exchange_agrees or bent(swapped) > CHECK.bent:
-        return []
-    joints, channels = tuple(j + 1 for j in best), tuple(i + 1 for i in order)
-    seen = listed((100 * given.seen[j] for j in best), ".0f")
-    words = (
-        f"q and tau of {joints_listed(joints)} are those of each other: the robot file "
-        f"explains {seen} % of what friction leaves of these torques, expected 70 % at "
-        f"least; in the order {listed(channels)} it does, better by {tried[best]:.0f} "
-        "nats."
-    )
-    repairs = tuple(Repair(signal, order=channels) for signal in ("q", "tau"))
-    certain = tried[best] > CHECK.exchange_certain
-    return [Fault("joint_order", joints, certain, words, repairs)]
-
-
-def _gain(robot: Robot, motion: Motion, given: Shares, pair: Sequence[int]) -> float:
-    """What exchanging two joints (from 0) explains more of their torques [nats]."""
-    order = list(exchanged(range(robot.dof), *pair))
-    turned = motion.with_angles(order, np.ones(robot.dof))
-    turned = replace(turned, tau=motion.tau[:, order])
-    other, both = shares_of(robot, turned), list(pair)
-    share = other.whole[both]
-    if (other.seen[both] < CHECK.good).any() or not carries(other)[both].any():
-        return 0.0
-    if not ((share > 1 / CHECK.unlike) & (share < CHECK.unlike)).all():
-        return 0.0
-    rows = motion.spread * turned.moving.sum(axis=0)
-    more = np.log((1 - given.seen) / (1 - other.seen))
-    strong = carries(given) | carries(other)
-    return float(0.5 * np.sum((rows * more)[strong]))

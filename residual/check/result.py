@@ -11,83 +11,43 @@ from residual.quantity import plain
 SCHEMA = 1
 MOUNTING, INTERLEAVED = "mounting", "interleaved"
 # Stored checks have them. Whether an arm has them is a diagnosis's to say.
-FORMER = ("torque_scale", "friction_removed", "delay")
+FORMER = ("torque_scale", "friction_removed", "delay", "filtered")
 KINDS: tuple[str, ...] = (
     MOUNTING,
-    "torque_sign",
-    "angle_sign",
-    "joint_order",
-    "torque_unit",
-    "angle_unit",
-    "time_unit",
-    "gear_ratio",
-    "gravity_removed",
-    "commanded",
-    "clock",
-    INTERLEAVED,
-    "spike",
-    "frozen",
-    "constant",
-    "quantised",
-    "saturated",
-    "filtered",
-    "velocity_mismatch",
-    "out_of_range",
-    "lockstep",
-    "too_short",
-    "no_reversal",
-    "robot_file",
-    "wrong_robot",
-    *FORMER,
+    *("torque_sign", "angle_sign", "joint_order", "torque_unit", "angle_unit"),
+    *("time_unit", "gear_ratio", "gravity_removed", "commanded", "clock", INTERLEAVED),
+    *("spike", "frozen", "constant", "quantised", "saturated", "velocity_mismatch"),
+    *("out_of_range", "lockstep", "too_short", "no_reversal"),
+    *("robot_file", "wrong_robot", *FORMER),
 )
 
 
 @dataclass(frozen=True, slots=True)
 class Repair:
-    """How a signal of the log, or the robot file, has to be read.
+    """How a signal of the log, or the robot file, has to be read; None: as it is."""
 
-    Attributes:
-        signal: "q", "qd", "tau", "q_ref", "t" or "robot".
-        joints: Joints that it concerns, from 1; () for all.
-        sign: Sign of each of the joints; None where it stays.
-        scale: Factor on the signal, one for all or one for each of the joints; None
-            where it stays.
-        order: The log's channel (from 1) that is the signal of joint 1, 2, ...; None
-            where it stays.
-        gravity: Gravity in the base frame, for robot.toml [m/s^2]; None where it stays.
-        unwrap: Whether whole turns between two samples are to be undone.
-    """
-
-    signal: str
-    joints: tuple[int, ...] = ()
-    sign: tuple[int, ...] | None = None
+    signal: str  # "q", "qd", "tau", "q_ref", "t" or "robot"
+    joints: tuple[int, ...] = ()  # that it concerns, from 1; () for all
+    sign: tuple[int, ...] | None = None  # of each of the joints
+    # Factor on the signal, one for all or one for each of the joints.
     scale: tuple[float, ...] | float | None = None
+    # The log's channel (from 1) that is the signal of joint 1, 2, ...
     order: tuple[int, ...] | None = None
-    gravity: tuple[float, ...] | None = None
-    unwrap: bool = False
+    gravity: tuple[float, ...] | None = None  # in the base frame [m/s^2]
+    unwrap: bool = False  # whole turns between two samples are to be undone
 
 
 @dataclass(frozen=True, slots=True)
 class Fault:
-    """One thing that is wrong with a log or with the robot file.
+    """One thing that is wrong with a log or with the robot file."""
 
-    Attributes:
-        kind: One of KINDS (docs/check.md).
-        joints: Its joints, from 1; () for all.
-        certain: Whether the reading given is excluded; else it is a warning.
-        evidence: One or two sentences, with numbers.
-        repairs: What mends it, until it is told by lines; empty where nothing can.
-        log: Id of the recording, until it is in the evidence; "" for all of them.
-        repair: Lines for COLUMNS.toml or robot.toml; None where no line mends it.
-    """
-
-    kind: str
-    joints: tuple[int, ...]
-    certain: bool
-    evidence: str
-    repairs: tuple[Repair, ...] = ()
-    log: str = ""
-    repair: str | None = None
+    kind: str  # one of KINDS (docs/check.md)
+    joints: tuple[int, ...]  # from 1; () for all
+    certain: bool  # the reading given is excluded; else it is a warning
+    evidence: str  # one or two sentences, with numbers
+    repairs: tuple[Repair, ...] = ()  # until `repair` has them as lines
+    log: str = ""  # id of the recording, until it is in the evidence; "" for all
+    repair: str | None = None  # lines for COLUMNS.toml or robot.toml
 
     @property
     def where(self) -> str:
@@ -114,13 +74,9 @@ _TOLD = ("kind", "joints", "certain", "evidence", "repair")  # of a fault, as JS
 
 @dataclass(frozen=True, slots=True, repr=False)
 class LogCheck:
-    """What is wrong with the logs of one command.
+    """What is wrong with the logs of one command."""
 
-    Attributes:
-        faults: The faults, certain ones first.
-    """
-
-    faults: tuple[Fault, ...] = ()
+    faults: tuple[Fault, ...] = ()  # certain ones first
 
     @property
     def verdict(self) -> str:

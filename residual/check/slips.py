@@ -30,6 +30,10 @@ from residual.recording import Array
 from residual.robot.dynamics import gravity_torque
 from residual.robot.robot import Robot
 
+_TIMES = (0.1, 0.5, 2.0, 10.0)  # true time over the one given
+_ALONE = {"joint_order", "time_unit"}  # what single readings may not see
+_NEAREST = 0.02  # of a torque: no file is nearer
+
 
 @dataclass(frozen=True, eq=False, slots=True)
 class Slips:
@@ -39,6 +43,7 @@ class Slips:
     robot: Robot
     motion: Motion
     nats: float  # log evidence of the torques as they are in the log, less the odds
+    alone: bool = False  # one slip, of signs and units as given
 
     @property
     def pair(self) -> bool:
@@ -54,10 +59,11 @@ def slips(robot: Robot, motion: Motion) -> Slips | None:
         None where there is none, or where two do not make it this arm's log.
     """
     given = _Tried((), robot, motion, shares_of(robot, motion))
-    if _fine(given.shares):
+    fine = _fine(given.shares)
+    best = max(_tried(given, fine), key=lambda tried: tried.nats)
+    start = best if best.nats - given.nats > CHECK.doubt else given
+    if fine and start is given:
         return None
-    best = max(_tried(given), key=lambda tried: tried.nats)
-    start = best if best.nats - given.nats > CHECK.exchange_worth else given
     return _whole(start) or _rough(start)
 
 
@@ -73,21 +79,23 @@ def _whole(best: "_Tried") -> Slips | None:
         best = replace(best, faults=(*best.faults, unit), motion=motion)
     elif len(best.faults) == 1 and not _fine(best.shares):
         again = max(_tried(best), key=lambda tried: tried.nats)
-        more = again.nats - best.nats > CHECK.exchange_worth
+        more = again.nats - best.nats > CHECK.doubt
         best = again if more else best
     kinds = {fault.kind for fault in best.faults}
-    if factors is None and len(kinds) < 2 and REMOVED not in kinds:
-        return None  # one kind: single readings of the columns say it all
+    alone = factors is None and len(kinds) < 2 and REMOVED not in kinds
+    if alone and not (kinds <= _ALONE and len(best.faults) == 1 and _good(best)):
+        return None  # single readings of the columns say it all
     robot, motion = best.robot, best.motion
     # What is left of a weight that was taken out strains a body that has none.
     removed = REMOVED in kinds
     strain = 0.0 if removed else bent(judge(robot, motion, as_given(robot.dof)))
-    if strain > (CHECK.bent if len(best.faults) > 1 else CHECK.bent_as_given):
+    unit_alone = len(best.faults) == 1 and not alone
+    if strain > (CHECK.certain if unit_alone else CHECK.doubt):
         return None
     rows = motion.spread * motion.moving.sum(axis=0)
     nats = nats_of(robot, motion) + float(rows @ np.log(np.abs(factor)))
     nats -= CHECK.odds * len(best.faults)
-    return Slips(best.faults, robot, motion, nats)
+    return Slips(best.faults, robot, motion, nats, alone)
 
 
 def _rough(start: "_Tried") -> Slips | None:
@@ -132,7 +140,7 @@ class _Tried:
     def nats(self) -> float:
         """What the file explains of the torques, less the odds of their factors."""
         rows = self.motion.spread * self.motion.moving.sum(axis=0)
-        left = np.maximum(1 - self.shares.seen, CHECK.nearest**2)
+        left = np.maximum(1 - self.shares.seen, _NEAREST**2)
         # Without weight only inertia is left to say that nothing else is wrong.
         removed = any(fault.kind == REMOVED for fault in self.faults)
         most = CHECK.removed_alike if removed else CHECK.unit_off
@@ -153,16 +161,30 @@ def _fine(shares: Shares) -> bool:
     )
 
 
-def _tried(start: _Tried) -> Iterator[_Tried]:
+def _good(tried: _Tried) -> bool:
+    """Whether the joints of its slip, or all, have the torque of the file by it."""
+    (fault,) = tried.faults
+    if not fault.joints:
+        return _fine(tried.shares)
+    at = [j - 1 for j in fault.joints]
+    whole, seen = tried.shares.whole[at], tried.shares.seen[at]
+    near = (whole > 1 / CHECK.unlike) & (whole < CHECK.unlike)
+    shows = carries(tried.shares)[at].any()
+    return bool(near.all() and (seen > CHECK.poor).all() and shows)
+
+
+def _tried(start: _Tried, only_time: bool = False) -> Iterator[_Tried]:
     """Other worlds and other columns, one change away."""
-    for kind, words, repairs, robot, motion in _changed(start.robot, start.motion):
+    robot, motion = start.robot, start.motion
+    changes = _clocks(robot, motion) if only_time else _changed(robot, motion)
+    for kind, words, repairs, robot, motion in changes:
         removed = kind == REMOVED
         shares = shares_of(start.robot if removed else robot, motion, removed)
         joints = tuple(sorted({j for r in repairs for j in r.joints}))
         repairs = tuple(replace(r, joints=()) if r.order else r for r in repairs)
         fault = Fault(kind, joints, True, f"{words}.", repairs)
         tried = _Tried((*start.faults, fault), robot, motion, shares)
-        certain = tried.nats - start.nats > CHECK.exchange_certain
+        certain = tried.nats - start.nats > CHECK.certain
         fault = replace(fault, certain=bool(certain))
         yield replace(tried, faults=(*start.faults, fault))
 
@@ -201,7 +223,11 @@ def _changed(robot: Robot, motion: Motion) -> Iterator[_Change]:
         repair = Repair("q", (j + 1,), sign=(-1,))
         rows = motion.with_angles(range(robot.dof), sign)
         yield "angle_sign", words, [repair], robot, rows
-    for factor in CHECK.times:
+    yield from _clocks(robot, motion)
+
+
+def _clocks(robot: Robot, motion: Motion) -> Iterator[_Change]:
+    for factor in _TIMES:
         words = f"With time times {factor:g} weight and inertia go together"
         rows = replace(motion, qd=motion.qd / factor, qdd=motion.qdd / factor**2)
         if _light(robot, rows):

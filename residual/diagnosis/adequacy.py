@@ -55,8 +55,10 @@ def adequacy(
         if (structured[j] > THRESHOLDS.flag_share and structured[j] > 0.5 * first[j])
         or structured[j] > 2 * THRESHOLDS.flag_share
     ]
-    periods = [repeat(track) for track in tracks]
-    kinds = tuple(_kind(design, periods, after, noise, j) for j in range(design.dof))
+    periods = [find_period(track) for track in tracks]
+    kinds = tuple(
+        _residual_kind(design, periods, after, noise, j) for j in range(design.dof)
+    )
     least = np.maximum(THRESHOLDS.doubt_share, THRESHOLDS.doubt_noises * noise)
     doubted = sorted({*flagged, *np.flatnonzero(structured > least).tolist()})
     kinds = tuple(k if j in doubted else None for j, k in enumerate(kinds))
@@ -70,7 +72,7 @@ def _structured(design: Design, fitted: Fit, noise: Array) -> Array:
     return np.sqrt(np.maximum(left - noise**2 * doubt, 0))
 
 
-def _kind(
+def _residual_kind(
     design: Design, periods: list[int | None], fitted: Fit, noise: Array, j: int
 ) -> str | None:
     """Where a log repeats itself: does the residual repeat with it?"""
@@ -90,7 +92,7 @@ def _kind(
     return "repeatable" if same / count >= own else "time-driven"
 
 
-def repeat(track: Track) -> int | None:
+def find_period(track: Track) -> int | None:
     """Rows after which the motion repeats, found from q itself; None where it never."""
     q = track.q[:: track.step]
     m = len(q)
@@ -104,7 +106,9 @@ def repeat(track: Track) -> int | None:
     return period
 
 
-def carried(model: Model, tracks: Sequence[Track], moved: Sequence[Track]) -> Array:
+def angle_noise_torque(
+    model: Model, tracks: Sequence[Track], moved: Sequence[Track]
+) -> Array:
     """Torque noise that the angles' noise makes of a model, on moving rows.
 
     Effective variance (Orear 1982): what scatters about a model is the noise of what is

@@ -12,14 +12,14 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from residual.diagnosis.gate import STATIC, leave_out
-from residual.diagnosis.search import Task, best, refined, search
+from residual.diagnosis.gate import STATIC, left_out_errors
+from residual.diagnosis.search import Task, rank_additions, refine_shape, search
 from residual.diagnosis.select import Selection
 from residual.effects import registry
 from residual.effects.base import Trait
 from residual.evidence.columns import Group
 from residual.evidence.fit import Fit, Prior
-from residual.evidence.priors import HELD, held_at, without_slots
+from residual.evidence.priors import HELD, with_held, without_slots
 from residual.evidence.rules import THRESHOLDS
 from residual.model.known_values import known_values
 from residual.model.model import with_slots
@@ -72,7 +72,7 @@ class _FreeConstants:
     def holding(self, joints: Sequence[int]) -> "_FreeConstants":
         """The same with some constants at zero, fitted anew."""
         slots = np.array([self.free[j] for j in joints], dtype=int)
-        task = replace(self.task, prior=held_at(self.task.prior, slots))
+        task = replace(self.task, prior=with_held(self.task.prior, slots))
         fitted = task.settle(task.fit(self.fit.members, self.fit, rounds=4))
         free = {j: slot for j, slot in self.free.items() if j not in joints}
         return _FreeConstants(task, fitted, free)
@@ -84,7 +84,7 @@ class _FreeConstants:
 
     def left_out(self) -> Array:
         """Squared error of each fold, predicted from the others. (folds, dof)."""
-        return leave_out(self.task, self.fit)
+        return left_out_errors(self.task, self.fit)
 
     def deviations(self, j: int) -> float:
         """Of a constant from nothing."""
@@ -93,7 +93,7 @@ class _FreeConstants:
         return float(abs(self.fit.theta[slot]) / sd)
 
 
-def settled(
+def settle_constants(
     selection: Selection, nominal: Nominal, paid: Sequence[int] | None = None
 ) -> tuple[Selection, tuple[int, ...]]:
     """Hold the constants that do not pay at zero, and search on without them.
@@ -113,19 +113,19 @@ def settled(
     if paid is not None:
         now = now.holding([j for j in slots if j not in paid]).searched()
     for turn in range(ROUNDS):
-        before, now = now.places, _pruned(now)
+        before, now = now.places, _prune(now)
         if turn or paid is not None:
-            now = _released(now, selection.task, slots)
-        now = _simpler(_replaced(now))
+            now = _release(now, selection.task, slots)
+        now = _simplify(_replace_by_name(now))
         if now.places == before:
             break
         now = now.searched()
     held = [slot for j, slot in slots.items() if j not in now.free]
-    wide = held_at(selection.wide, np.array(held, dtype=int))
+    wide = with_held(selection.wide, np.array(held, dtype=int))
     return Selection(now.task, now.fit, wide), tuple(now.free)
 
 
-def _released(
+def _release(
     now: _FreeConstants, free: Task, slots: Mapping[int, int]
 ) -> _FreeConstants:
     """Free a held constant that would pay beside what was found since.
@@ -139,11 +139,11 @@ def _released(
     for j in held:
         more = every.holding([i for i in held if i != j])
         if _pays(more, j, more.left_out()[:, j], left[:, j]):
-            return _pruned(replace(more, free={**now.free, j: slots[j]}))
+            return _prune(replace(more, free={**now.free, j: slots[j]}))
     return now
 
 
-def _pruned(now: _FreeConstants) -> _FreeConstants:
+def _prune(now: _FreeConstants) -> _FreeConstants:
     """Hold the constants that do not pay, the one that is missed least first."""
     while now.free:
         full, power = now.left_out(), now.task.design.tau_power.sum(axis=0)
@@ -169,7 +169,7 @@ def _pays(now: _FreeConstants, j: int, full: Array, left: Array) -> bool:
     return clear and now.deviations(j) >= SURE
 
 
-def _replaced(now: _FreeConstants) -> _FreeConstants:
+def _replace_by_name(now: _FreeConstants) -> _FreeConstants:
     """One name in the place of several constants, where beside it they pay no more.
 
     A load is a constant to each joint that hardly turns. The name must win what any
@@ -181,7 +181,7 @@ def _replaced(now: _FreeConstants) -> _FreeConstants:
         return now
     bare = now.holding(list(now.free))
     tried = 0
-    for value, group, _ in best(bare.task, bare.fit, looks=2 * SWAPS):
+    for value, group, _ in rank_additions(bare.task, bare.fit, looks=2 * SWAPS):
         if group.effect.family == STATIC and len(group.ids) == max(len(group.parts), 1):
             continue  # no more than a constant where its joints move
         if value < now.task.rules.min_nats or tried == SWAPS:
@@ -189,8 +189,8 @@ def _replaced(now: _FreeConstants) -> _FreeConstants:
         tried += 1
         members = (*now.fit.members, *(group.parts or (group,)))
         task = now.task
-        fitted = task.fit(refined(task, members, now.fit), now.fit, rounds=4)
-        other = _pruned(_FreeConstants(task, task.settle(fitted), now.free))
+        fitted = task.fit(refine_shape(task, members, now.fit), now.fit, rounds=4)
+        other = _prune(_FreeConstants(task, task.settle(fitted), now.free))
         if len(other.free) + 1 < len(now.free):
             weight = other.fit.weight(task.design.rows)
             fall = (now.left_out() - other.left_out()).sum(axis=0) @ weight
@@ -199,7 +199,7 @@ def _replaced(now: _FreeConstants) -> _FreeConstants:
     return now
 
 
-def _simpler(now: _FreeConstants) -> _FreeConstants:
+def _simplify(now: _FreeConstants) -> _FreeConstants:
     """A name that needs no constant in the place of its kin that needs one.
 
     A spring over little travel is a gas spring and a constant.
@@ -211,7 +211,7 @@ def _simpler(now: _FreeConstants) -> _FreeConstants:
         bare = now.holding([j])
         rest = tuple(g for g in now.fit.members if g is not group)
         without = bare.task.fit(rest, now.fit)
-        for _, other, _ in best(bare.task, without, instead=group):
+        for _, other, _ in rank_additions(bare.task, without, instead=group):
             if other.effect.family != STATIC or other.joints != group.joints:
                 continue
             fitted = bare.task.settle(bare.task.fit((*rest, other), without))

@@ -12,7 +12,7 @@ import numpy as np
 from scipy.linalg import solve_triangular
 from scipy.special import ndtr
 
-from residual.diagnosis.gate import left_out
+from residual.diagnosis.gate import left_out_of
 from residual.diagnosis.search import Task
 from residual.effects.base import Effect, PlacedEffect, Trait
 from residual.evidence.design import Group
@@ -33,15 +33,19 @@ class DetectionModel:
     systems: tuple[System, ...]
     inverses: Array  # posterior covariances of those, (priors, m, m)
     scores: tuple[float, ...]  # evidence of the fit under each prior [nats]
-    others: Array  # covariance under the chosen prior without each fold, (folds, m, m)
+    fold_covariances: (
+        Array  # covariance under the chosen prior without each fold, (folds, m, m)
+    )
     grams: Array  # gram of the fit on each fold, (folds, dof, m, m)
-    left: Array  # squared error of all folds, each predicted from the others, (dof,)
+    left_out: (
+        Array  # squared error of all folds, each predicted from the others, (dof,)
+    )
 
     @classmethod
     def of(cls, task: Task, fitted: Fit, priors: Sequence[Prior]) -> "DetectionModel":
         """Solve once what all effects have in common."""
         design = task.design
-        every, scores = _near(task, fitted, priors)
+        every, scores = _near_priors(task, fitted, priors)
         systems = [System.of(design, p, fitted.members) for p in every]
         weight = fitted.weight(design.rows)
         whole, grams = systems[0], [own.gram for own in systems[0].folds(design)]
@@ -56,7 +60,7 @@ class DetectionModel:
             tuple(scores),
             np.stack(others),
             np.stack(grams),
-            left_out(task, fitted, whole).sum(axis=0),
+            left_out_of(task, fitted, whole).sum(axis=0),
         )
 
     @property
@@ -74,16 +78,16 @@ class ExpectedEffect:
     fall: Array
     bent: Array  # prior energy of that refit under each prior, (priors,)
     occam: Array  # occam factor of its coefficients under each prior [nats], (priors,)
-    held: float  # its own prior energy
+    prior_energy: float  # its own prior energy
     # Squared error that it adds to each fold predicted from the others, under the
     # chosen prior, (folds, dof).
-    out: Array
+    fold_errors: Array
     torque: Array  # its own mean square torque, in shares of rms squared, (dof,)
     count: int  # number of its coefficients
     cost: float  # price of the choice [nats]
 
 
-def expected(
+def expect_effect(
     bench: DetectionModel, group: Group, directions: Sequence[Array]
 ) -> list[ExpectedEffect]:
     """What a group does in each of some directions."""
@@ -93,22 +97,22 @@ def expected(
     pull = np.tensordot(weight, across, 1)
     moved = bench.inverses @ pull
     # A prior bends the fit; what it leaves is the data's own affair.
-    falls = _added(bench.systems[0].gram, every, across, moved[:, None])
+    falls = _added_error(bench.systems[0].gram, every, across, moved[:, None])
     precisions = np.stack([system.precision for system in bench.systems])
     bends = moved.transpose(0, 2, 1) @ precisions @ moved
     known = np.tensordot(falls, weight, (1, 0)) + bends
     log_det = np.linalg.slogdet(known + group.precision)[1]
-    without = bench.others @ (pull - np.tensordot(mixed, weight, (1, 0)))
-    outs = _added(bench.grams, own, mixed, without[:, None])
+    without = bench.fold_covariances @ (pull - np.tensordot(mixed, weight, (1, 0)))
+    outs = _added_error(bench.grams, own, mixed, without[:, None])
     occam = 0.5 * np.maximum(log_det - group.log_det, 0.0)
     return [
         ExpectedEffect(
-            fall=_along(falls, u),
+            fall=_quadratic_form(falls, u),
             bent=np.einsum("k,pkl,l->p", u, bends, u),
             occam=occam,
-            held=float(u @ group.precision @ u),
-            out=_along(outs, u),
-            torque=_along(every, u) / design.rows / design.rms**2,
+            prior_energy=float(u @ group.precision @ u),
+            fold_errors=_quadratic_form(outs, u),
+            torque=_quadratic_form(every, u) / design.rows / design.rms**2,
             count=len(group.ids),
             cost=task.candidates.cost(group),
         )
@@ -116,7 +120,7 @@ def expected(
     ]
 
 
-def found(bench: DetectionModel, one: ExpectedEffect, sizes: Array) -> Array:
+def is_detected(bench: DetectionModel, one: ExpectedEffect, sizes: Array) -> Array:
     """Whether effects of some sizes are found, if the noise does as on average.
 
     The estimate of the size is the one thing that chance moves; every rule below rises
@@ -134,7 +138,7 @@ def found(bench: DetectionModel, one: ExpectedEffect, sizes: Array) -> Array:
     rise = np.log1p(fall / np.maximum(fitted.sse, 1e-300))
     spared = 0.5 * square * one.bent
     lost = 0.5 * rise @ fitted.counted + spared  # by the fit without it
-    paid = one.occam + 0.5 * square * one.held - 0.5 * one.count
+    paid = one.occam + 0.5 * square * one.prior_energy - 0.5 * one.count
     net = lost - paid - one.cost
     scores = np.array(bench.scores)
     named = scores - paid - one.cost - THRESHOLDS.nats_per_name
@@ -168,13 +172,13 @@ def _confirmed(bench: DetectionModel, one: ExpectedEffect, square: Array) -> Arr
     acts = one.torque > 0
     # What its coefficients catch of the noise makes it predict worse.
     caught = one.count / max(acts.sum(), 1) * fitted.sse / fitted.counted
-    fall = np.maximum(square * one.out.sum(axis=0) - acts * caught, 0)
+    fall = np.maximum(square * one.fold_errors.sum(axis=0) - acts * caught, 0)
     power = np.maximum(design.tau_power.sum(axis=0), 1e-30)
-    share = fall / np.maximum(bench.left + fall, 1e-300)
+    share = fall / np.maximum(bench.left_out + fall, 1e-300)
     enough = rules.lower(np.sqrt(fall / power), share)
     # A fold is better with it by a normal chance of this many standard deviations.
-    sure = np.sqrt(square[..., None] * np.maximum(one.out, 0) * bench.weight)
-    folds = one.out > 1e-3 * np.maximum(one.out.max(axis=0), 1e-300)
+    sure = np.sqrt(square[..., None] * np.maximum(one.fold_errors, 0) * bench.weight)
+    folds = one.fold_errors > 1e-3 * np.maximum(one.fold_errors.max(axis=0), 1e-300)
     better = np.where(folds, ndtr(0.5 * sure), 0).sum(axis=1)
     better = better / np.maximum(folds.sum(axis=0), 1)
     return np.any(
@@ -182,7 +186,7 @@ def _confirmed(bench: DetectionModel, one: ExpectedEffect, square: Array) -> Arr
     )
 
 
-def _near(task: Task, fitted: Fit, priors: Sequence[Prior]) -> tuple[list, list]:
+def _near_priors(task: Task, fitted: Fit, priors: Sequence[Prior]) -> tuple[list, list]:
     """The chosen prior and those that the search could turn to, with their evidence."""
     design, every = task.design, [task.prior, *priors]
     scores = [
@@ -221,7 +225,7 @@ def _blocks(bench: DetectionModel, group: Group) -> tuple[Array, Array]:
     return own, mixed
 
 
-def _added(gram: Array, own: Array, mixed: Array, moved: Array) -> Array:
+def _added_error(gram: Array, own: Array, mixed: Array, moved: Array) -> Array:
     """Squared error of a group less what the moved fit imitates. Shape (..., k, k).
 
     Args:
@@ -235,7 +239,7 @@ def _added(gram: Array, own: Array, mixed: Array, moved: Array) -> Array:
     return own - across - np.swapaxes(across, -1, -2) + turned @ (gram @ moved)
 
 
-def _along(form: Array, u: Array) -> Array:
+def _quadratic_form(form: Array, u: Array) -> Array:
     """Quadratic forms along a direction. Shape (...) of (..., k, k)."""
     return np.maximum(np.einsum("k,...kl,l->...", u, form, u), 0)
 
@@ -270,7 +274,9 @@ def lookalikes(
     ]
     out = []
     for group, theta in effects:
-        pull = _seen(task, group, theta, weight) - half.T @ (half[:, group.ids] @ theta)
+        pull = _products(task, group, theta, weight) - half.T @ (
+            half[:, group.ids] @ theta
+        )
         every = theta @ pull[group.ids]
         lost: dict[tuple, float] = {}
         for members, ids, root in bases:
@@ -290,7 +296,7 @@ def lookalikes(
     return out
 
 
-def _seen(task: Task, group: Group, theta: Array, weight: Array) -> Array:
+def _products(task: Task, group: Group, theta: Array, weight: Array) -> Array:
     """Weighted products of an effect's torque with all columns. Shape (size,)."""
     design, out = task.design, np.zeros(task.design.size)
     for j in range(design.dof):
@@ -342,7 +348,7 @@ def minimum_detectable(
             continue
         if len({robot.prismatic[j] for j in first.joints}) > 1 and first.parts:
             continue  # of several units
-        least = _least(bench, groups)
+        least = _smallest_effect(bench, groups)
         if least is not None:
             sizes.append(least)
     alike = lookalikes(
@@ -354,7 +360,7 @@ def minimum_detectable(
         Detectable(
             name=x.group.effect.name,
             joints=tuple(j + 1 for j in x.group.joints),
-            value=_there_is(bench, x),
+            value=_possible_size(bench, x),
             unit=next(iter(x.group.effect.units(x.group.joints, robot).values())),
             confusable=near,
         )
@@ -371,7 +377,7 @@ class _SmallestEffect:
     theta: Array
 
 
-def _there_is(bench: DetectionModel, least: _SmallestEffect) -> float | None:
+def _possible_size(bench: DetectionModel, least: _SmallestEffect) -> float | None:
     """The size; None where no arm has an effect as large."""
     design, group = bench.task.design, least.group
     limits = limits_of(design, bench.fitted, group)
@@ -383,7 +389,9 @@ def _there_is(bench: DetectionModel, least: _SmallestEffect) -> float | None:
     return None
 
 
-def _least(bench: DetectionModel, groups: Sequence[Group]) -> _SmallestEffect | None:
+def _smallest_effect(
+    bench: DetectionModel, groups: Sequence[Group]
+) -> _SmallestEffect | None:
     """The size as its first parameter tells it; None where no size is found."""
     effect, middle = groups[0].effect, groups[len(groups) // 2]
     if _by_shape_alone(effect, middle):
@@ -393,24 +401,26 @@ def _least(bench: DetectionModel, groups: Sequence[Group]) -> _SmallestEffect | 
             PlacedEffect(effect, last.joints, (c * last.shape[0],)) for c in CLIPS
         ]
         for clip in bench.task.design.add(levels):
-            (one,) = expected(bench, clip, [np.ones(1)])
-            if one.torque.any() and found(bench, one, np.ones(1)).all():
+            (one,) = expect_effect(bench, clip, [np.ones(1)])
+            if one.torque.any() and is_detected(bench, one, np.ones(1)).all():
                 return _SmallestEffect(clip.shape[0], clip, np.ones(1))
         return None
     if _of_its_own_shape(effect, middle):
         sizes = np.array([_smallest(bench, g) for g in groups])
         shapes = np.abs([g.shape[0] for g in groups])
         i = int(np.argmin(np.abs(np.log(sizes / shapes))))
-        return _known(sizes[i], sizes[i], bench, groups[i])
-    size, middle = _middle(bench, groups)
+        return _with_direction(sizes[i], sizes[i], bench, groups[i])
+    size, middle = _median_shape(bench, groups)
     if len(middle.ids) > 1 or not np.isfinite(size):
-        return _known(size, size, bench, middle)
+        return _with_direction(size, size, bench, middle)
     robot = bench.task.design.states[0].robot
     told = effect.values(np.array([size]), middle.shape, robot)
-    return _known(abs(told[0]), size, bench, middle)
+    return _with_direction(abs(told[0]), size, bench, middle)
 
 
-def _middle(bench: DetectionModel, groups: Sequence[Group]) -> tuple[float, Group]:
+def _median_shape(
+    bench: DetectionModel, groups: Sequence[Group]
+) -> tuple[float, Group]:
     """Smallest coefficient that is found, and the shape that it is of.
 
     The usual shape, or the middle of those that an effect may hide in: friction that
@@ -423,7 +433,7 @@ def _middle(bench: DetectionModel, groups: Sequence[Group]) -> tuple[float, Grou
     return float(np.median(sizes)), made[int(np.argsort(sizes)[len(sizes) // 2])]
 
 
-def _known(
+def _with_direction(
     value: float, size: float, bench: DetectionModel, group: Group
 ) -> _SmallestEffect | None:
     if not np.isfinite(value):
@@ -434,27 +444,27 @@ def _known(
 def _smallest(bench: DetectionModel, group: Group) -> float:
     """Smallest coefficient that is found; of several directions the median."""
     sizes = []
-    for one in expected(bench, group, directions(bench, group)):
+    for one in expect_effect(bench, group, directions(bench, group)):
         known = bench.weight @ one.fall[0] + one.bent[0]
         if known <= 0:
             sizes.append(np.inf)
             continue
-        sizes.append(_first(bench, one, np.sqrt(2 / known)))
+        sizes.append(_first_detected(bench, one, np.sqrt(2 / known)))
     return float(np.median(sizes))
 
 
-def _first(bench: DetectionModel, one: ExpectedEffect, unit: float) -> float:
+def _first_detected(bench: DetectionModel, one: ExpectedEffect, unit: float) -> float:
     """First size that is found, climbing from what is worth a nat.
 
     Far above it an effect may be lost again, since its own prior does not believe it.
     """
     ladder = unit * np.geomspace(1, WIDEST, STEPS)
-    seen = found(bench, one, ladder)
+    seen = is_detected(bench, one, ladder)
     if seen[0] or not seen.any():
         return float(ladder[0]) if seen[0] else np.inf
     step = int(np.argmax(seen))
     between = np.geomspace(ladder[step - 1], ladder[step], FINER + 1)[1:]
-    return float(between[int(np.argmax(found(bench, one, between)))])
+    return float(between[int(np.argmax(is_detected(bench, one, between)))])
 
 
 def directions(bench: DetectionModel, group: Group) -> list[Array]:
@@ -464,8 +474,8 @@ def directions(bench: DetectionModel, group: Group) -> list[Array]:
     one vector come in any direction; of others the first coefficient is the size.
     """
     effect, count = group.effect, len(group.ids)
-    if effect.usual is not None:
-        return effect.usual(bench.task.design.states, group.joints)
+    if effect.unit_directions is not None:
+        return effect.unit_directions(bench.task.design.states, group.joints)
     if not _one_vector(effect, group):
         return [np.eye(count)[0]]
     every = [np.array(u, dtype=float) for u in product((-1, 0, 1), repeat=count)]

@@ -9,16 +9,16 @@ from collections.abc import Sequence
 from residual.changes.compare import compare_epochs
 from residual.check.result import LogCheck
 from residual.diagnosis.constants import nominal_with_constants
-from residual.diagnosis.doubts import stand
+from residual.diagnosis.doubts import doubt_names
 from residual.diagnosis.errors_in_variables import noise_notes
-from residual.diagnosis.findings import clouds, folded
+from residual.diagnosis.findings import clouds, split_background
 from residual.diagnosis.held_out import three_models
 from residual.diagnosis.open_question import open_question
 from residual.diagnosis.outcome import Progress, examine
 from residual.diagnosis.reference import plain_fit
 from residual.diagnosis.unexplained import examine_leftover
 from residual.diagnosis.verdict import conclude, signal_notes
-from residual.errors import InputError, listed
+from residual.errors import InputError
 from residual.evidence.rules import THRESHOLDS
 from residual.model.compare import compare, prepare_held_out, worse_joints
 from residual.model.model import Model
@@ -72,14 +72,14 @@ def diagnose(
         fit, held_out = hold_out_end(fit)
     if isinstance(declared, Model) and not baseline:
         raise InputError(
-            "An adopted model comes without the logs behind it, so what changed since "
-            "cannot be told. Give them as the baseline."
+            "The adopted model has no logs, so changes since then cannot be found: "
+            "give its logs as the baseline."
         )
     if baseline and not alone:
         if robot.known_values:
             raise InputError(
-                f"Known values ({listed(robot.known_values)}) hold for one arm state; "
-                "a baseline compares two. Leave out either."
+                f"Known values ({', '.join(robot.known_values)}) belong to one "
+                "state of the arm; a baseline compares two. Leave out one of them."
             )
         epochs = robot, baseline, fit, held_out
         return compare_epochs(*epochs, declared, same_run, tell, check, warnings)
@@ -90,26 +90,26 @@ def diagnose(
         nominal = Nominal(begin(logs, declared), (GIVEN,) * len(declared.terms))
     else:
         nominal = nominal_with_constants(logs, declared_names(logs.robot, declared))
-    examined = examine(logs, nominal, THRESHOLDS, tell)
+    outcome = examine(logs, nominal, THRESHOLDS, tell)
     # Every name is doubted, on held-out motion too; what stands is in the models.
     tell("proof", 0.0)
-    proof = prepare_held_out(held_out, examined.nominal.model)
-    standing = stand(examined, proof, fit, tell)
-    examined, judged = standing.examined, standing.judged
-    models, bodies = three_models(examined, judged)
+    proof = prepare_held_out(held_out, outcome.nominal.model)
+    standing = doubt_names(outcome, proof, fit, tell)
+    outcome, validation = standing.outcome, standing.validation
+    models, bodies = three_models(outcome, validation)
     augmented = models["augmented"]
-    remains = examine_leftover(examined, judged.fit, augmented)
-    named, background = folded(standing.named, examined.logs.robot.dof)
-    question = open_question(examined, judged.fit, named)
+    remains = examine_leftover(outcome, validation.fit, augmented)
+    named, background = split_background(standing.named, outcome.logs.robot.dof)
+    question = open_question(outcome, validation.fit, named)
     if check is not None and check.certain:
         named, models["augmented"] = (), models["identified"]
     elif remains.correction is not None:  # tables for the rest are a model too
         models["plsr"] = remains.correction
     # The error of every model on the held-out logs, beside plain least squares.
-    filters = examined.logs.filters
+    filters = outcome.logs.filters
     errors, proofs = compare(models, proof, filters)
     reference, _ = compare({PLAIN: plain_fit(logs)}, proof, filters)
-    small = examined.logs.too_small
+    small = outcome.logs.too_small
     errors = {name: e.without(small) for name, e in (errors | reference).items()}
     verdict = conclude(
         standing,
@@ -121,7 +121,7 @@ def diagnose(
         errors,
         error_tables(
             {name: errors.get(name) for name in (*STAGES, PLAIN)},
-            min(t.cutoff for t in examined.logs.tracks),
+            min(t.cutoff for t in outcome.logs.tracks),
             [r.id for r in held_out],
             same_run,
             worse_joints(models, proof),
@@ -134,10 +134,10 @@ def diagnose(
         verdict=verdict,
         models=models,
         proofs=proofs,
-        clouds=clouds(examined, judged.fit, named),
+        clouds=clouds(outcome, validation.fit, named),
         notes=(
-            *signal_notes(examined),
-            *noise_notes(standing.checks, [t for t, _ in judged.kept]),
+            *signal_notes(outcome),
+            *noise_notes(standing.checks, [t for t, _ in validation.kept]),
             *bodies.notes,
         ),
         left=tuple(one.cloud for one in remains.joints),

@@ -10,15 +10,15 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from residual.diagnosis.errors_in_variables import NoiseCheck, checked, drop_noise
+from residual.diagnosis.errors_in_variables import NoiseCheck, check_noise, drop_noise
 from residual.diagnosis.findings import NamedEffect, findings
 from residual.diagnosis.gate import GateResult
 from residual.diagnosis.held_out import (
     HeldOutResult,
-    found_again,
-    harmful,
-    judge_held_out,
-    without,
+    count_splits,
+    drop_names,
+    find_harmful,
+    validate_names,
 )
 from residual.diagnosis.outcome import (
     Progress,
@@ -29,11 +29,11 @@ from residual.diagnosis.outcome import (
     with_constants,
     without_refuted,
 )
-from residual.diagnosis.search import least
+from residual.diagnosis.search import needed_nats
 from residual.effects.base import Trait
 from residual.errors import listed
 from residual.evidence.design import Group
-from residual.evidence.embodied import embodied
+from residual.evidence.embodied import with_possible_bodies
 from residual.evidence.fit import as_model
 from residual.evidence.rules import THRESHOLDS
 from residual.model.compare import HeldOutLog
@@ -57,7 +57,7 @@ class LogisticCurve:
     gain: float  # of the part of the held-out error that it removes, over MOST_GAIN
 
 
-# 70 names of 8 measured arms, seed 1 of `benchmarks/measured_parts/known.py`.
+# 70 names of 8 measured arms, seed 1 of `benchmarks/measured_parts/added.py`.
 CURVE = LogisticCurve(level=-3.10, nats=0.41, parts=1.88, gain=2.59)
 # Of a constant, whose evidence is no measure (it is tested on left-out parts): 24 of
 # the same and of simulated arms; the level 0.2 under the fit, as few of them are false.
@@ -86,8 +86,8 @@ def confidence(tested: GateResult, gain: float, splits: Splits) -> float:
 
 
 def substitutes(
-    examined: SearchOutcome,
-    judged: HeldOutResult,
+    outcome: SearchOutcome,
+    validation: HeldOutResult,
     held_out: Sequence[HeldOutLog],
     late: Sequence[GateResult],
     fallen: Sequence[Group],
@@ -100,47 +100,49 @@ def substitutes(
     """
     out = []
     for one in late:
-        if not _is_more(examined, judged, one, fallen):
-            out.append((one, "withdrawn: it only says what a withdrawn name said"))
-        elif not _is_proven(examined, judged, held_out, one):
-            why = "it came up in place of another, and held-out motion is not clear"
+        if not _is_more(outcome, validation, one, fallen):
+            out.append((one, "withdrawn: it only repeats a withdrawn effect"))
+        elif not _is_proven(outcome, validation, held_out, one):
+            why = "it replaces a withdrawn effect without a clear held-out gain"
             out.append((one, f"withdrawn: {why}"))
     return out
 
 
 def _is_more(
-    examined: SearchOutcome,
-    judged: HeldOutResult,
+    outcome: SearchOutcome,
+    validation: HeldOutResult,
     one: GateResult,
     fallen: Sequence[Group],
 ) -> bool:
     """Whether a name would carry its weight with the fallen ones beside it, too."""
-    task = examined.task
-    names = [t.group for t, _ in judged.kept if t is not one]
-    without = task.settle(task.fit((*names, *fallen), judged.fit))
-    with_it = task.settle(task.fit((*names, *fallen, one.group), judged.fit))
+    task = outcome.task
+    names = [t.group for t, _ in validation.kept if t is not one]
+    without = task.settle(task.fit((*names, *fallen), validation.fit))
+    with_it = task.settle(task.fit((*names, *fallen, one.group), validation.fit))
     return task.net_gain(with_it, without, one.group) >= task.rules.min_nats
 
 
 def _is_proven(
-    examined: SearchOutcome,
-    judged: HeldOutResult,
+    outcome: SearchOutcome,
+    validation: HeldOutResult,
     held_out: Sequence[HeldOutLog],
     one: GateResult,
 ) -> bool:
     """Whether a name lowers the held-out error beyond chance where it acts."""
-    rest = refit(examined, [t for t, _ in judged.kept if t is not one])
-    after = examined.error(judged.fit, held_out)
-    before = examined.error(rest, held_out)
-    rms = examined.task.design.rms
-    joints = sorted({*one.group.effect.rows(one.group.joints, len(rms)), one.seen})
+    rest = refit(outcome, [t for t, _ in validation.kept if t is not one])
+    after = outcome.error(validation.fit, held_out)
+    before = outcome.error(rest, held_out)
+    rms = outcome.task.design.rms
+    joints = sorted(
+        {*one.group.effect.rows(one.group.joints, len(rms)), one.shown_joint}
+    )
     fall = ((before - after) / rms**2)[:, joints].sum(axis=1)
     scatter = np.sqrt(((fall - fall.mean()) ** 2).sum())
     return bool(fall.sum() >= THRESHOLDS.late_deviations * scatter)
 
 
-NOISE = "withdrawn: noise of the angles makes all of it, or too much to believe it"
-ALONE = "withdrawn: it carries too little alone, now that others are refuted"
+NOISE = "withdrawn: encoder noise explains all or much of it"
+ALONE = "withdrawn: its evidence is too weak without the refuted effects"
 
 
 @dataclass(frozen=True, eq=False, slots=True)
@@ -161,8 +163,8 @@ class Withdrawal:
 class DoubtResult:
     """What stands after every name was doubted."""
 
-    examined: SearchOutcome  # the diagnosis of the last search
-    judged: HeldOutResult  # its names with their gain on held-out motion
+    outcome: SearchOutcome  # the diagnosis of the last search
+    validation: HeldOutResult  # its names with their gain on held-out motion
     # What noise of the angles does to their fit; None where nobody looked.
     checks: NoiseCheck | None
     named: tuple[NamedEffect, ...]  # the findings, most important first
@@ -172,8 +174,8 @@ class DoubtResult:
     gains: Mapping[GateResult, float] = field(default_factory=dict)  # of all that stood
 
 
-def stand(
-    examined: SearchOutcome,
+def doubt_names(
+    outcome: SearchOutcome,
     proof: Sequence[HeldOutLog],
     recordings: Sequence[Recording],
     tell: Progress,
@@ -184,34 +186,34 @@ def stand(
         recordings: The fit logs, in the diagnosis' order.
     """
     gone: list[Withdrawal] = []
-    first = {_place(t) for t in (*examined.tested, *examined.withdrawn)}
+    first = {_place_of(t) for t in (*outcome.tested, *outcome.withdrawn)}
     for turn in range(1, THRESHOLDS.doubt_rounds + 1):
         last = turn == THRESHOLDS.doubt_rounds
         fallen = [w.tested.group for w in gone if w.explains]
-        now = _doubted(examined, proof, recordings, first, fallen, last)
+        now = _doubt_once(outcome, proof, recordings, first, fallen, last)
         gone += now.withdrawn
         tell("proof", turn / (THRESHOLDS.doubt_rounds + 1))
         if not now.withdrawn or last:
             break
         kin = [w.tested.group for w in gone if w.with_kin]
-        examined = search_again(examined, [w.tested.group for w in gone], kin)
+        outcome = search_again(outcome, [w.tested.group for w in gone], kin)
     now = _with_constants(replace(now, withdrawn=tuple(gone)), proof, recordings)
-    known = {_place(t) for f in now.named for t in f.tested}
-    gone = [w for w in now.withdrawn if _place(w.tested) not in known]
-    tested = [t for t, _ in now.judged.kept]
-    again = found_again(now.examined.task, now.judged.fit, tested)
+    known = {_place_of(t) for f in now.named for t in f.tested}
+    gone = [w for w in now.withdrawn if _place_of(w.tested) not in known]
+    tested = [t for t, _ in now.validation.kept]
+    again = count_splits(now.outcome.task, now.validation.fit, tested)
     splits = dict(zip(tested, again, strict=True))
     now = replace(now, splits=splits, withdrawn=tuple(gone))
-    return _parted(now, proof, recordings)
+    return _split_suspected(now, proof, recordings)
 
 
-def _parted(
+def _split_suspected(
     now: DoubtResult, proof: Sequence[HeldOutLog], recordings: Sequence[Recording]
 ) -> DoubtResult:
     """What is sure, and apart from it what is only suspected: that is in no model."""
     sure = _confidences(now)
-    gains = dict(now.judged.kept)
-    every = [_weighed(f, sure, gains) for f in now.named]
+    gains = dict(now.validation.kept)
+    every = [_with_confidence(f, sure, gains) for f in now.named]
     weak = {
         t
         for f in every
@@ -219,26 +221,28 @@ def _parted(
         if s.probability < SURE
     }
     some = [part for f in every if (part := f.only(weak))]
-    judged = without(now.examined, now.judged, list(weak)) if weak else now.judged
-    first = replace(without_refuted(now.examined, judged.fit), fit=judged.fit)
-    examined = predictive(first)
-    if examined is not first:
-        tested = tuple(t for t, _ in judged.kept)
-        again = judge_held_out(replace(examined, tested=tested), proof)
+    validation = (
+        drop_names(now.outcome, now.validation, list(weak)) if weak else now.validation
+    )
+    first = replace(without_refuted(now.outcome, validation.fit), fit=validation.fit)
+    outcome = predictive(first)
+    if outcome is not first:
+        tested = tuple(t for t, _ in validation.kept)
+        again = validate_names(replace(outcome, tested=tested), proof)
         # A scale that a name does not stand at is none to take.
         stand_all = len(again.kept) == len(tested)
-        judged, examined = (again, examined) if stand_all else (judged, first)
-    if examined is first and not weak:
-        return replace(now, examined=first, named=tuple(every))
-    left = [t for t, _ in judged.kept]
-    checks = checked(examined, judged.fit, recordings) if left else None
-    named = findings(examined, judged.fit, left, checks)
+        validation, outcome = (again, outcome) if stand_all else (validation, first)
+    if outcome is first and not weak:
+        return replace(now, outcome=first, named=tuple(every))
+    left = [t for t, _ in validation.kept]
+    checks = check_noise(outcome, validation.fit, recordings) if left else None
+    named = findings(outcome, validation.fit, left, checks)
     return replace(
         now,
-        examined=examined,
-        judged=judged,
+        outcome=outcome,
+        validation=validation,
         checks=checks,
-        named=tuple(_weighed(f, sure, gains) for f in named),
+        named=tuple(_with_confidence(f, sure, gains) for f in named),
         suspected=tuple(some),
         gains=gains,
     )
@@ -246,19 +250,19 @@ def _parted(
 
 def _confidences(now: DoubtResult) -> dict[GateResult, float]:
     """Of each name that stands; what every drive has stands or falls together."""
-    doubted = now.examined.adequacy.doubted
+    doubted = now.outcome.adequacy.doubted
     alone = {
         t: confidence(t, gain, now.splits[t]) if t.joint in doubted else 1.0
-        for t, gain in now.judged.kept
+        for t, gain in now.validation.kept
     }
-    company = _company(now.examined, now.judged)
+    company = _common_names(now.outcome, now.validation)
     for name in {t.group.effect.name for t in company}:
         own = [t for t in company if t.group.effect.name == name]
         alone |= dict.fromkeys(own, max(alone[t] for t in own))
     return alone
 
 
-def _weighed(
+def _with_confidence(
     found: NamedEffect,
     sure: Mapping[GateResult, float],
     gains: Mapping[GateResult, float],
@@ -282,28 +286,28 @@ def _with_constants(
     now: DoubtResult, proof: Sequence[HeldOutLog], recordings: Sequence[Recording]
 ) -> DoubtResult:
     """What stands, with the constants that pay among the names."""
-    examined, own = with_constants(now.examined, now.judged.fit)
+    outcome, own = with_constants(now.outcome, now.validation.fit)
     if not own:
-        judged = replace(now.judged, fit=examined.fit)
-        return replace(now, examined=examined, judged=judged)
-    names = [t for t, _ in now.judged.kept]
-    every = replace(examined, tested=(*names, *own))
-    judged = judge_held_out(every, proof)
-    gone = [Withdrawal(t, _refuted(gain)) for t, gain in judged.refuted]
-    tested = [t for t, _ in judged.kept]
-    checks = checked(examined, judged.fit, recordings) if tested else None
+        validation = replace(now.validation, fit=outcome.fit)
+        return replace(now, outcome=outcome, validation=validation)
+    names = [t for t, _ in now.validation.kept]
+    every = replace(outcome, tested=(*names, *own))
+    validation = validate_names(every, proof)
+    gone = [Withdrawal(t, _refuted(gain)) for t, gain in validation.refuted]
+    tested = [t for t, _ in validation.kept]
+    checks = check_noise(outcome, validation.fit, recordings) if tested else None
     return replace(
         now,
-        examined=examined,
-        judged=judged,
+        outcome=outcome,
+        validation=validation,
         checks=checks,
-        named=tuple(findings(examined, judged.fit, tested, checks)),
+        named=tuple(findings(outcome, validation.fit, tested, checks)),
         withdrawn=(*now.withdrawn, *gone),
     )
 
 
-def _doubted(
-    examined: SearchOutcome,
+def _doubt_once(
+    outcome: SearchOutcome,
     proof: Sequence[HeldOutLog],
     recordings: Sequence[Recording],
     first: Collection[tuple],
@@ -319,50 +323,54 @@ def _doubted(
         first: Places of the names of the first search.
         earlier: What fell of earlier searches although it explained much.
     """
-    judged = judge_held_out(examined, proof)
+    validation = validate_names(outcome, proof)
     gone = [
         Withdrawal(
             t,
-            f"withdrawn: what joint {t.joint + 1} shows resembles it but is not "
-            "explained by it",
+            f"withdrawn: the residual of joint {t.joint + 1} resembles it, but it does "
+            "not explain the residual",
             True,
             True,
         )
-        for t in examined.withdrawn
+        for t in outcome.withdrawn
     ]
-    gone += [Withdrawal(t, _refuted(gain), True, True) for t, gain in judged.refuted]
+    gone += [
+        Withdrawal(t, _refuted(gain), True, True) for t, gain in validation.refuted
+    ]
     if last:
-        gone += [Withdrawal(t, ALONE) for t in judged.dropped]
+        gone += [Withdrawal(t, ALONE) for t in validation.dropped]
     checks, named = None, []
     while last or not gone:
-        judged, checks, noise = drop_noise(examined, judged, recordings)
-        tested = [t for t, _ in judged.kept]
-        named = findings(examined, judged.fit, tested, checks)
-        company = _company(examined, judged)
-        fallen = [(t, NOISE) for t in noise] or _weak(named, company)
-        fallen = fallen or _bodiless(examined, judged)
-        harm = [] if fallen else harmful(examined, judged, proof, company)
+        validation, checks, noise = drop_noise(outcome, validation, recordings)
+        tested = [t for t, _ in validation.kept]
+        named = findings(outcome, validation.fit, tested, checks)
+        company = _common_names(outcome, validation)
+        fallen = [(t, NOISE) for t in noise] or _find_weak(named, company)
+        fallen = fallen or _find_bodiless(outcome, validation)
+        harm = [] if fallen else find_harmful(outcome, validation, proof, company)
         fallen = fallen or harm
-        late = [t for t in tested if _place(t) not in first]
-        fallen = fallen or substitutes(examined, judged, proof, late, earlier)
+        late = [t for t in tested if _place_of(t) not in first]
+        fallen = fallen or substitutes(outcome, validation, proof, late, earlier)
         if not fallen:
             break
         gone += [Withdrawal(t, why, explains=bool(harm)) for t, why in fallen]
-        judged = without(examined, judged, [t for t, _ in fallen])
-    return DoubtResult(examined, judged, checks, tuple(named), {}, tuple(gone))
+        validation = drop_names(outcome, validation, [t for t, _ in fallen])
+    return DoubtResult(outcome, validation, checks, tuple(named), {}, tuple(gone))
 
 
-def _company(examined: SearchOutcome, judged: HeldOutResult) -> list[GateResult]:
+def _common_names(
+    outcome: SearchOutcome, validation: HeldOutResult
+) -> list[GateResult]:
     """Names that stand on half of the arm's joints or more, and came together.
 
     What every drive has is not asked joint by joint: where one hardly turned, its
     friction is no less likely for it.
     """
-    members, task = judged.fit.members, examined.task
-    return [t for t, _ in judged.kept if least(task, members, t.group) < 0]
+    members, task = validation.fit.members, outcome.task
+    return [t for t, _ in validation.kept if needed_nats(task, members, t.group) < 0]
 
 
-def _weak(
+def _find_weak(
     named: Sequence[NamedEffect], company: Sequence[GateResult]
 ) -> list[tuple[GateResult, str]]:
     """Names that are less likely than not, or may as well be nothing."""
@@ -372,34 +380,34 @@ def _weak(
             if tested in company:
                 continue
             if sure.probability < THRESHOLDS.min_probability:
-                out.append((tested, "withdrawn: something else is likelier"))
+                out.append((tested, "withdrawn: another effect is more likely"))
             elif sure.chance > (
                 THRESHOLDS.link_zero_chance
                 if tested.group.effect.of_link
                 else THRESHOLDS.zero_chance
             ):
-                why = "withdrawn: its size may as well be nothing"
+                why = "withdrawn: its size is not significantly different from zero"
                 out.append((tested, why))
     return out
 
 
-def _bodiless(
-    examined: SearchOutcome, judged: HeldOutResult
+def _find_bodiless(
+    outcome: SearchOutcome, validation: HeldOutResult
 ) -> list[tuple[GateResult, str]]:
     """Names of bodies, where the logs contradict every possible body beyond chance."""
-    named = [t for t, _ in judged.kept if Trait.BODY in t.group.effect.traits]
+    named = [t for t, _ in validation.kept if Trait.BODY in t.group.effect.traits]
     if not named:
         return []
-    model = as_model(examined.nominal, judged.fit)
-    made = embodied(examined.task.design, judged.fit, model)
-    if made.moved is None or not made.contradicted:
+    model = as_model(outcome.nominal, validation.fit)
+    made = with_possible_bodies(outcome.task.design, validation.fit, model)
+    if made.correction is None or not made.contradicted:
         return []
-    bodies = listed(made.moved.bodies)
-    why = f"withdrawn: no body can be what the logs make of {bodies}"
+    bodies = listed(made.correction.bodies)
+    why = f"withdrawn: the logs give physically impossible inertias for {bodies}"
     return [(t, why) for t in named]
 
 
-def _place(tested: GateResult) -> tuple:
+def _place_of(tested: GateResult) -> tuple:
     return tested.group.effect.name, tested.group.joints
 
 

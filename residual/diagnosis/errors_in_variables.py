@@ -16,7 +16,7 @@ import numpy as np
 from scipy.linalg import solve_triangular
 
 from residual.diagnosis.gate import GateResult
-from residual.diagnosis.held_out import HeldOutResult, without
+from residual.diagnosis.held_out import HeldOutResult, drop_names
 from residual.diagnosis.outcome import SearchOutcome
 from residual.effects.base import Trait
 from residual.evidence.design import Design
@@ -100,7 +100,7 @@ class NoiseCheck:
 
 
 def drop_noise(
-    examined: SearchOutcome, judged: HeldOutResult, recordings: Sequence[Recording]
+    outcome: SearchOutcome, validation: HeldOutResult, recordings: Sequence[Recording]
 ) -> tuple[HeldOutResult, NoiseCheck | None, tuple[GateResult, ...]]:
     """Drop the names that noise of the angles made.
 
@@ -112,14 +112,14 @@ def drop_noise(
         the names that are noise.
     """
     gone: list[GateResult] = []
-    while judged.kept:
-        checks = checked(examined, judged.fit, recordings)
-        noise = [t for t, _ in judged.kept if checks.is_noise(t)]
+    while validation.kept:
+        checks = check_noise(outcome, validation.fit, recordings)
+        noise = [t for t, _ in validation.kept if checks.is_noise(t)]
         if not noise:
-            return judged, checks, tuple(gone)
+            return validation, checks, tuple(gone)
         gone += noise
-        judged = without(examined, judged, noise)
-    return judged, None, tuple(gone)
+        validation = drop_names(outcome, validation, noise)
+    return validation, None, tuple(gone)
 
 
 def noise_notes(
@@ -131,7 +131,7 @@ def noise_notes(
     off = ", ".join(sorted({t.group.effect.name for t in tested if checks.differs(t)}))
     if checks.how == EFFECTIVE:
         share = 100 * np.nanmax(checks.share)
-        moved = f"parameters of {off} are corrected for it, " if off else ""
+        moved = f"parameters of {off} are corrected for it; " if off else ""
         said = (
             "no reference (q_ref) in every log: noise of the angles, redrawn as it was "
             f"measured, makes {share:.1f} % of a joint's residual variance at most; "
@@ -150,8 +150,8 @@ def noise_notes(
     return (said,)
 
 
-def checked(
-    examined: SearchOutcome, fitted: Fit, recordings: Sequence[Recording]
+def check_noise(
+    outcome: SearchOutcome, fitted: Fit, recordings: Sequence[Recording]
 ) -> NoiseCheck:
     """Check a fit by its reference where every log has one, else by redrawn noise.
 
@@ -159,25 +159,25 @@ def checked(
         recordings: The fit logs, in the diagnosis' order.
     """
     if all(r.q_ref is not None for r in recordings):
-        logs = examined.logs
+        logs = outcome.logs
         recordings = in_pieces(recordings, logs.filters.torque)
         asked = [replace(r, q=r.q_ref, qd=None, qdd=None) for r in recordings]
         tracks, _ = prepare(asked, logs.filters, logs.speed_floor)
-        return _by_instruments(examined, fitted, on_rows_of(logs.tracks, tracks))
-    return _by_redrawing(examined, fitted, examined.logs.shaken)
+        return _by_instruments(outcome, fitted, on_rows_of(logs.tracks, tracks))
+    return _by_redrawing(outcome, fitted, outcome.logs.shaken)
 
 
-def _by_instruments(examined: SearchOutcome, fitted: Fit, tracks) -> NoiseCheck:
+def _by_instruments(outcome: SearchOutcome, fitted: Fit, tracks) -> NoiseCheck:
     """Two-stage least squares under the fit's own prior and noise."""
-    design, other, ids = examined.task.design, *_seen(examined, fitted, tracks)
-    system = System.of(design, examined.task.prior, fitted.members)
+    design, other, ids = outcome.task.design, *_design_with(outcome, fitted, tracks)
+    system = System.of(design, outcome.task.prior, fitted.members)
     weight = fitted.weight(design.rows)
     precision, pull = system.precision.copy(), system.pull.copy()
     for j in range(design.dof):
         place, have = design.present(j, fitted.ids)
         real = design.chunks(j, place)
         instruments = other.chunks(j, other.present(j, ids)[0])
-        inner, pulled = _projected(real, instruments)
+        inner, pulled = _project(real, instruments)
         precision[np.ix_(have, have)] += weight[j] * inner
         pull[have] += weight[j] * pulled
     covariance = scaled_inverse(precision)
@@ -191,22 +191,22 @@ def _by_instruments(examined: SearchOutcome, fitted: Fit, tracks) -> NoiseCheck:
     )
 
 
-def _by_redrawing(examined: SearchOutcome, fitted: Fit, tracks) -> NoiseCheck:
+def _by_redrawing(outcome: SearchOutcome, fitted: Fit, tracks) -> NoiseCheck:
     """The normal equations without the noise that one more helping of it shows.
 
     Least squares solves (S + N) x = S b, with S what exact columns would give and N the
     noise's own: b is had back where N is known.
     """
-    design, other, ids = examined.task.design, *_seen(examined, fitted, tracks)
+    design, other, ids = outcome.task.design, *_design_with(outcome, fitted, tracks)
     if any(Trait.USES_MODEL in g.effect.traits for g in fitted.members):
         # Seen with the same model, else what it changed would be taken for noise.
-        design, own = _seen(examined, fitted, examined.logs.sketch)
+        design, own = _design_with(outcome, fitted, outcome.logs.sketch)
     else:
         own = fitted.ids
-    rows = examined.task.design.rows
+    rows = outcome.task.design.rows
     weight = fitted.weight(rows)
     start, size = np.zeros(len(ids)), len(ids)
-    start[: len(design.nominal)] = examined.nominal.model.coefficients()
+    start[: len(design.nominal)] = outcome.nominal.model.coefficients()
     noise, share = np.zeros((size, size)), np.zeros(design.dof)
     for j in range(design.dof):
         place, have = design.present(j, own)
@@ -233,16 +233,16 @@ def _by_redrawing(examined: SearchOutcome, fitted: Fit, tracks) -> NoiseCheck:
     )
 
 
-def _seen(examined: SearchOutcome, fitted: Fit, tracks) -> tuple[Design, Array]:
+def _design_with(outcome: SearchOutcome, fitted: Fit, tracks) -> tuple[Design, Array]:
     """The fit's columns as other angles give them, on the very same rows."""
-    nominal = examined.nominal
-    other = replace(examined.logs, tracks=tracks)
+    nominal = outcome.nominal
+    other = replace(outcome.logs, tracks=tracks)
     design = first_design(other, nominal, physical(as_model(nominal, fitted)))
     members = design.add([g.placed for g in fitted.members])
     return design, np.concatenate([design.nominal, *(g.ids for g in members)])
 
 
-def _projected(real: Iterable, instruments: Iterable) -> tuple[Array, Array]:
+def _project(real: Iterable, instruments: Iterable) -> tuple[Array, Array]:
     """Products of what of the columns x lies in the span of the instruments z.
 
     Args:

@@ -113,7 +113,7 @@ class NamedEffect:
 
 
 def findings(
-    examined: SearchOutcome,
+    outcome: SearchOutcome,
     fitted: Fit,
     tested: Sequence[GateResult],
     checks: NoiseCheck | None = None,
@@ -124,16 +124,16 @@ def findings(
         checks: What noise of the angles does to the fit; None where nobody looked.
     """
     sizes = {t.group: _size(fitted, t, checks) for t in tested}
-    doubts = standard_deviations(examined, fitted, sizes)
-    near = {t: alternatives(examined.task, fitted, t.group) for t in tested}
+    doubts = standard_deviations(outcome, fitted, sizes)
+    near = {t: alternatives(outcome.task, fitted, t.group) for t in tested}
     out = []
-    for members in _merged(tested, examined.logs.robot):
+    for members in _merge_joints(tested, outcome.logs.robot):
         options = [near[t] for t in members]
         known = [doubts[t.group] for t in members]
         sure = [
             MemberConfidence(p, d) for (_, p), d in zip(options, known, strict=True)
         ]
-        values = _parameters(examined, members, sizes, sure)
+        values = _parameters(outcome, members, sizes, sure)
         out.append(
             NamedEffect(
                 tuple(members),
@@ -141,14 +141,14 @@ def findings(
                 values,
                 _equivalents(members, [o[0] for o in options]),
                 tuple(sure),
-                _combined(examined, members[0], sizes, sure[0], values),
-                np.array([_torque(examined, fitted, t.group) for t in members]),
+                _combined(outcome, members[0], sizes, sure[0], values),
+                np.array([_torque(outcome, fitted, t.group) for t in members]),
             )
         )
-    return _led(sorted(out, key=lambda f: (-f.torque.max(), -f.nats)))
+    return _order_riding(sorted(out, key=lambda f: (-f.torque.max(), -f.nats)))
 
 
-def _led(found: Sequence[NamedEffect]) -> list[NamedEffect]:
+def _order_riding(found: Sequence[NamedEffect]) -> list[NamedEffect]:
     """The same, but what rides on another of its size comes before it.
 
     Friction that yields is told on top of a constant level: a contact that the model
@@ -157,14 +157,14 @@ def _led(found: Sequence[NamedEffect]) -> list[NamedEffect]:
     out = list(found)
     for one in found:
         for other in found:
-            if one.effect.rides_on == other.effect.name and _is_most(one, other):
+            if one.effect.rides_on == other.effect.name and _rides_on(one, other):
                 place = min(out.index(one), out.index(other))
                 out.remove(one)
                 out.insert(place, one)
     return out
 
 
-def _is_most(one: NamedEffect, other: NamedEffect) -> bool:
+def _rides_on(one: NamedEffect, other: NamedEffect) -> bool:
     """Whether a finding has half of the size of another on a joint of both."""
     sizes = [
         dict(zip(f.joints, np.abs(next(iter(f.parameters.values()))[0]), strict=True))
@@ -174,9 +174,9 @@ def _is_most(one: NamedEffect, other: NamedEffect) -> bool:
     return any(sizes[0][j] >= THRESHOLDS.rides_share * sizes[1][j] for j in shared)
 
 
-def _torque(examined: SearchOutcome, fitted: Fit, group: Group) -> float:
+def _torque(outcome: SearchOutcome, fitted: Fit, group: Group) -> float:
     """Largest torque of a member on any joint, as a share of the joint's own rms."""
-    design, out = examined.task.design, 0.0
+    design, out = outcome.task.design, 0.0
     for j in range(design.dof):
         if len(design.present(j, group.ids)[0]):
             own = _torque_on(design, fitted, group, j)
@@ -205,7 +205,7 @@ def public_joints(group: Group) -> tuple[int, ...]:
     return tuple(j + 1 for j in group.joints)
 
 
-def _merged(tested: Sequence[GateResult], robot: Robot) -> list[list[GateResult]]:
+def _merge_joints(tested: Sequence[GateResult], robot: Robot) -> list[list[GateResult]]:
     """Members of one local name on different joints of one unit belong together."""
     out: list[list[GateResult]] = []
     for t in sorted(tested, key=lambda t: (t.group.effect.name, t.group.joints)):
@@ -242,8 +242,8 @@ def _equivalents(members, near) -> tuple:
     return tuple((other, tuple(sorted({*joints}))) for (other, _), joints in ranked)
 
 
-def _parameters(examined: SearchOutcome, members, sizes, sure) -> dict:
-    robot = examined.logs.robot
+def _parameters(outcome: SearchOutcome, members, sizes, sure) -> dict:
+    robot = outcome.logs.robot
     effect = members[0].group.effect
     values = np.array(
         [effect.values(sizes[t.group][0], t.group.shape, robot) for t in members]
@@ -261,13 +261,13 @@ def _parameters(examined: SearchOutcome, members, sizes, sure) -> dict:
     }
 
 
-def _combined(examined: SearchOutcome, member: GateResult, sizes, sure, known) -> dict:
+def _combined(outcome: SearchOutcome, member: GateResult, sizes, sure, known) -> dict:
     """What the motion determines of a member whose parameters it does not. By formula.
 
     Returns:
         Value, standard deviation and unit of those known better than before.
     """
-    effect, robot = member.group.effect, examined.logs.robot
+    effect, robot = member.group.effect, outcome.logs.robot
     theta, _ = sizes[member.group]
     if effect.combined is None or all(clear for *_, clear in known.values()):
         return {}
@@ -282,7 +282,7 @@ def _combined(examined: SearchOutcome, member: GateResult, sizes, sure, known) -
 
 
 def clouds(
-    examined: SearchOutcome, fitted: Fit, found: Sequence[NamedEffect]
+    outcome: SearchOutcome, fitted: Fit, found: Sequence[NamedEffect]
 ) -> tuple[Cloud, ...]:
     """One cloud per finding and joint on which it acts most.
 
@@ -290,10 +290,10 @@ def clouds(
     the torque that it explains.
     """
     return tuple(
-        _cloud(examined, fitted, tested, j)
+        _cloud(outcome, fitted, tested, j)
         for finding in found
         for tested in finding.tested
-        for j in _drawn_on(examined.task.design, fitted, tested)
+        for j in _drawn_on(outcome.task.design, fitted, tested)
     )
 
 
@@ -316,28 +316,28 @@ def _drawn_on(design: Design, fitted: Fit, tested: GateResult) -> Sequence[int]:
     ]
 
 
-def _cloud(examined: SearchOutcome, fitted: Fit, tested: GateResult, j: int) -> Cloud:
-    design, group = examined.task.design, tested.group
+def _cloud(outcome: SearchOutcome, fitted: Fit, tested: GateResult, j: int) -> Cloud:
+    design, group = outcome.task.design, tested.group
     torque = _torque_on(design, fitted, group, j)
     left = design.residual(j, fitted.ids, fitted.theta)
     anchor = j if group.effect.scope == "local" else tested.joint
-    x, label, log = _variable(examined, group.effect, anchor, j)
+    x, label, log = _variable(outcome, group.effect, anchor, j)
     if x is None:
         x = torque
     return Cloud(group.effect.name, j + 1, label, x, left + torque, torque, log)
 
 
 def _variable(
-    examined: SearchOutcome, effect: Effect, anchor: int, j: int
+    outcome: SearchOutcome, effect: Effect, anchor: int, j: int
 ) -> tuple[Array | None, str, Array]:
     """The explaining variable on the rows of joint j, and which log each is of.
 
     None where that is the torque that it explains.
     """
-    slides = examined.logs.robot.prismatic[j]
+    slides = outcome.logs.robot.prismatic[j]
     values, labels, label = [], [], along(EXPLAINED) if slides else EXPLAINED
-    states = examined.task.design.states
-    for track, state in zip(examined.logs.sketch, states, strict=True):
+    states = outcome.task.design.states
+    for track, state in zip(outcome.logs.sketch, states, strict=True):
         rows = track.moving[:, j]
         if effect.variable is not None:
             x, label = effect.variable(state, anchor)
@@ -352,7 +352,7 @@ def _variable(
 # friction that is another when the arm is cold. They are no reason to look.
 
 
-def folded(
+def split_background(
     named: Sequence[NamedEffect], dof: int
 ) -> tuple[tuple[NamedEffect, ...], tuple[NamedEffect, ...]]:
     """Part the findings into those to be listed and those to be folded.

@@ -5,10 +5,10 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from residual.diagnosis.search import Task, least, spares_model
+from residual.diagnosis.search import Task, needed_nats, spares_model
 from residual.effects.base import Trait
 from residual.evidence.design import Design, Group
-from residual.evidence.fit import Fit, System, gain, possible
+from residual.evidence.fit import Fit, System, evidence_gain, possible
 from residual.evidence.rules import THRESHOLDS
 from residual.recording import Array
 from residual.signals.track import Track
@@ -29,15 +29,15 @@ class GateResult:
     share: float  # part of that joint's left-out error which it removes
     # The joint (from 0) whose left-out error falls most. Without the name the
     # parameters bend, and that may show elsewhere.
-    seen: int
+    shown_joint: int
 
 
-def leave_out(task: Task, fitted: Fit) -> Array:
+def left_out_errors(task: Task, fitted: Fit) -> Array:
     """Squared error of each fold, predicted from the others. Shape (folds, dof)."""
-    return left_out(task, fitted, System.of(task.design, task.prior, fitted.members))
+    return left_out_of(task, fitted, System.of(task.design, task.prior, fitted.members))
 
 
-def left_out(task: Task, fitted: Fit, whole: System) -> Array:
+def left_out_of(task: Task, fitted: Fit, whole: System) -> Array:
     """The same, of the normal equations of a fit. Shape (folds, dof)."""
     design, out = task.design, []
     weight = fitted.weight(design.rows)
@@ -49,25 +49,27 @@ def left_out(task: Task, fitted: Fit, whole: System) -> Array:
     return np.array(out)
 
 
-def gate(task: Task, fitted: Fit) -> list[GateResult]:
+def test_members(task: Task, fitted: Fit) -> list[GateResult]:
     """Test every member of a set: left-out error, else plausibility."""
-    full = leave_out(task, fitted)
-    return [_test(task, fitted, group, full) for group in fitted.members]
+    full = left_out_errors(task, fitted)
+    return [_test_member(task, fitted, group, full) for group in fitted.members]
 
 
-def is_seen(task: Task, fitted: Fit, group: Group) -> bool:
+def passes_gate(task: Task, fitted: Fit, group: Group) -> bool:
     """Whether one member of a set passes."""
-    return _test(task, fitted, group, leave_out(task, fitted)).by is not None
+    return (
+        _test_member(task, fitted, group, left_out_errors(task, fitted)).by is not None
+    )
 
 
-def _test(task: Task, fitted: Fit, group: Group, full: Array) -> GateResult:
+def _test_member(task: Task, fitted: Fit, group: Group, full: Array) -> GateResult:
     design, rules = task.design, task.rules
     rest = [g for g in fitted.members if g is not group]
     # Settled on its own noise, as a user would refit without the name: held to the
     # larger model's noise it would bend its parameters beyond belief instead.
     without = task.settle(task.fit(rest, fitted, rounds=4))
-    nats, big, small = gain(design, task.prior, fitted, without)
-    left = leave_out(task, without)
+    nats, big, small = evidence_gain(design, task.prior, fitted, without)
+    left = left_out_errors(task, without)
     power = np.maximum(design.tau_power.sum(axis=0), 1e-30)
     fall = (left - full).sum(axis=0) / power
     relative = np.sign(fall) * np.sqrt(abs(fall))
@@ -76,7 +78,9 @@ def _test(task: Task, fitted: Fit, group: Group, full: Array) -> GateResult:
     acts = [j for j in range(design.dof) if len(design.present(j, group.ids)[0])]
     joint = acts[int(np.argmax(fall[acts]))]
     by = None
-    if nats < least(task, fitted.members, group) or not possible(design, fitted, group):
+    if nats < needed_nats(task, fitted.members, group) or not possible(
+        design, fitted, group
+    ):
         pass
     elif np.any(
         rules.lower(relative, share) & (improved >= THRESHOLDS.min_improved_folds)
@@ -101,10 +105,10 @@ def _acting(design: Design, fitted: Fit, group: Group) -> Array:
     return power > THRESHOLDS.silent_fold_share * power.max()
 
 
-def passed(task: Task, fitted: Fit) -> tuple[Fit, list[GateResult]]:
+def drop_failed(task: Task, fitted: Fit) -> tuple[Fit, list[GateResult]]:
     """Drop the members that fail, weakest first, until all pass."""
     while True:
-        tested = gate(task, fitted)
+        tested = test_members(task, fitted)
         failed = [t for t in tested if t.by is None]
         if not failed:
             return fitted, tested

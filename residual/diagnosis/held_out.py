@@ -5,15 +5,21 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from residual.diagnosis.gate import GateResult, is_seen
+from residual.diagnosis.gate import GateResult, passes_gate
 from residual.diagnosis.outcome import SearchOutcome, refit
-from residual.diagnosis.search import Task, admissible, best, least, torque_share
+from residual.diagnosis.search import (
+    Task,
+    admissible,
+    needed_nats,
+    rank_additions,
+    torque_share,
+)
 from residual.effects.base import Trait
 from residual.errors import InputError, joints_listed
 from residual.evidence.design import Design, Group
 from residual.evidence.embodied import PossibleModel
-from residual.evidence.fit import Fit, gain
-from residual.evidence.priors import given_slots, held_at
+from residual.evidence.fit import Fit, evidence_gain
+from residual.evidence.priors import given_slots, with_held
 from residual.evidence.rules import THRESHOLDS
 from residual.model.compare import (
     Errors,
@@ -44,42 +50,42 @@ class HeldOutResult:
     dropped: tuple[GateResult, ...]
 
 
-def judge_held_out(
-    examined: SearchOutcome, held_out: Sequence[HeldOutLog]
+def validate_names(
+    outcome: SearchOutcome, held_out: Sequence[HeldOutLog]
 ) -> HeldOutResult:
     """Drop each name alone, refit the rest on the fit logs, predict the held-out logs.
 
     The worst refuted name goes first, then all are judged again.
     """
-    tested, refuted, dropped = list(examined.tested), [], []
-    fitted = examined.fit
+    tested, refuted, dropped = list(outcome.tested), [], []
+    fitted = outcome.fit
     while True:
-        gains = _gains(examined, fitted, tested, held_out)
+        gains = _held_out_gains(outcome, fitted, tested, held_out)
         if not gains or min(gains) >= 0:
             kept = tuple(zip(tested, gains, strict=True))
             return HeldOutResult(fitted, kept, tuple(refuted), tuple(dropped))
         worst = int(np.argmin(gains))
         refuted.append((tested.pop(worst), gains[worst]))
-        fitted = refit(examined, tested)
-        task, members = examined.task, fitted.members
-        alone = [t for t in tested if t.nats < least(task, members, t.group)]
+        fitted = refit(outcome, tested)
+        task, members = outcome.task, fitted.members
+        alone = [t for t in tested if t.nats < needed_nats(task, members, t.group)]
         if alone:
             tested = [t for t in tested if t not in alone]
             dropped += alone
-            fitted = refit(examined, tested)
+            fitted = refit(outcome, tested)
 
 
-def without(
-    examined: SearchOutcome, judged: HeldOutResult, gone: Sequence[GateResult]
+def drop_names(
+    outcome: SearchOutcome, validation: HeldOutResult, gone: Sequence[GateResult]
 ) -> HeldOutResult:
     """Return the verdicts without some of the kept names, the rest refitted."""
-    kept = tuple((t, gain) for t, gain in judged.kept if t not in gone)
-    return replace(judged, fit=refit(examined, [t for t, _ in kept]), kept=kept)
+    kept = tuple((t, gain) for t, gain in validation.kept if t not in gone)
+    return replace(validation, fit=refit(outcome, [t for t, _ in kept]), kept=kept)
 
 
-def harmful(
-    examined: SearchOutcome,
-    judged: HeldOutResult,
+def find_harmful(
+    outcome: SearchOutcome,
+    validation: HeldOutResult,
     held_out: Sequence[HeldOutLog],
     company: Sequence[GateResult],
 ) -> list[tuple[GateResult, str]]:
@@ -90,23 +96,23 @@ def harmful(
     single joint that gets worse is said, and no reason: of names that fell by it all
     were true (docs/benchmarks.md).
     """
-    alone = [t for t, _ in judged.kept if t not in company]
+    alone = [t for t, _ in validation.kept if t not in company]
     if not alone:
         return []
-    after = examined.error(judged.fit, held_out).sum(axis=1)
-    before = examined.error(examined.plain, held_out).sum(axis=1)
+    after = outcome.error(validation.fit, held_out).sum(axis=1)
+    before = outcome.error(outcome.plain, held_out).sum(axis=1)
     larger = rise(after, before)
     if not larger:
         return []
 
     def left(one: GateResult) -> float:
-        return examined.error(without(examined, judged, [one]).fit, held_out).sum()
+        return outcome.error(drop_names(outcome, validation, [one]).fit, held_out).sum()
 
     why = f"it raises the held-out error over all joints by {100 * larger:.0f} %"
     return [(min(alone, key=left), f"withdrawn: {why}")]
 
 
-def judgement(gain: float) -> str:
+def describe_gain(gain: float) -> str:
     """The verdict's word for a gain."""
     if gain < 0:
         return "refuted"
@@ -114,36 +120,36 @@ def judgement(gain: float) -> str:
 
 
 def three_models(
-    examined: SearchOutcome, judged: HeldOutResult
+    outcome: SearchOutcome, validation: HeldOutResult
 ) -> tuple[dict[str, Model], PossibleModel]:
     """The three models, and the bodies of the last.
 
     ValidatedIdentification and augmented differ by nothing but the effects.
     """
-    bodies = examined.model(judged.fit if judged.kept else examined.plain)
+    bodies = outcome.model(validation.fit if validation.kept else outcome.plain)
     identified = augmented = bodies.model
-    if judged.kept:
-        identified = examined.model(examined.plain, like=augmented).model
-    models = {"nominal": examined.nominal.model, "identified": identified}
+    if validation.kept:
+        identified = outcome.model(outcome.plain, like=augmented).model
+    models = {"nominal": outcome.nominal.model, "identified": identified}
     return models | {"augmented": augmented}, bodies
 
 
-def unproven(examined: SearchOutcome, augmented: Errors) -> list[str]:
+def describe_unproven(outcome: SearchOutcome, augmented: Errors) -> list[str]:
     """Sentences on joints of which the logs prove nothing, or less than it seems."""
     out = []
-    design, tracks = examined.task.design, examined.logs.tracks
+    design, tracks = outcome.task.design, outcome.logs.tracks
     every = sum(int(t.inner.sum()) for t in tracks)
-    fit = np.sqrt(examined.fit.sse / design.rows) / design.rms
+    fit = np.sqrt(outcome.fit.sse / design.rows) / design.rms
     held = augmented.per_joint("moving") / 100
     for j in range(design.dof):
-        if j in examined.logs.too_small:
+        if j in outcome.logs.too_small:
             out.append(
-                f"joint {j + 1}: its torque is little more than its step or noise, too "
-                "small to say anything of it"
+                f"joint {j + 1}: its torque is close to its resolution or noise, too "
+                "small to diagnose"
             )
         elif design.rows[j] < THRESHOLDS.standing_row_share * every:
             out.append(
-                f"joint {j + 1} hardly moves in the fit logs: nothing can be said of it"
+                f"joint {j + 1} hardly moves in the fit logs and is not diagnosed"
             )
         elif held[j] > max(
             THRESHOLDS.held_out_error_ratio * fit[j], THRESHOLDS.held_out_error_share
@@ -157,8 +163,8 @@ def unproven(examined: SearchOutcome, augmented: Errors) -> list[str]:
     return out
 
 
-def _gains(
-    examined: SearchOutcome,
+def _held_out_gains(
+    outcome: SearchOutcome,
     fitted: Fit,
     tested: Sequence[GateResult],
     held_out: Sequence[HeldOutLog],
@@ -167,46 +173,46 @@ def _gains(
 
     Only joints count on which it acts, or on which it shows.
     """
-    with_all = examined.error(fitted, held_out)
-    rms, out = examined.task.design.rms, []
+    with_all = outcome.error(fitted, held_out)
+    rms, out = outcome.task.design.rms, []
     for one in tested:
-        rest = refit(examined, [t for t in tested if t is not one])
-        less = examined.error(rest, held_out)
-        fall = _fall(one, with_all, less, rms)
+        rest = refit(outcome, [t for t in tested if t is not one])
+        less = outcome.error(rest, held_out)
+        fall = _error_fall(one, with_all, less, rms)
         if fall < THRESHOLDS.confirmed_gain and (
-            stiff := _at_nominal(examined, tested, one)
+            stiff := _at_nominal(outcome, tested, one)
         ):
             # The refit imitates it: then it is held against the value as given.
-            fall = _fall(one, with_all, examined.error(stiff, held_out), rms)
+            fall = _error_fall(one, with_all, outcome.error(stiff, held_out), rms)
         out.append(round(fall, ROUND))
     return out
 
 
 def _at_nominal(
-    examined: SearchOutcome, tested: Sequence[GateResult], one: GateResult
+    outcome: SearchOutcome, tested: Sequence[GateResult], one: GateResult
 ) -> Fit | None:
     """The fit without a wrong value, that value and no other held as it was given.
 
     Of a body all bodies are held: its neighbours would say what it may not. None where
     the name is no value that the model has.
     """
-    held = given_slots(examined.nominal.model, one.group)
+    held = given_slots(outcome.nominal.model, one.group)
     if not len(held):
         return None
-    task = examined.task
+    task = outcome.task
     members = [t.group for t in tested if t is not one]
-    stiff = replace(task, prior=held_at(task.prior, held))
-    return stiff.settle(stiff.fit(members, examined.fit, rounds=4))
+    stiff = replace(task, prior=with_held(task.prior, held))
+    return stiff.settle(stiff.fit(members, outcome.fit, rounds=4))
 
 
-def _fall(one: GateResult, with_it: Array, without: Array, rms: Array) -> float:
+def _error_fall(one: GateResult, with_it: Array, without: Array, rms: Array) -> float:
     """1 - error with over error without, where the effect acts and where it shows.
 
     Parameters that bend without the name may predict the same. So a rise by chance is
     none, and neither is a fall where the name only spares the parameters.
     """
     effect, dof = one.group.effect, len(rms)
-    joints = sorted({*effect.rows(one.group.joints, dof), one.seen})
+    joints = sorted({*effect.rows(one.group.joints, dof), one.shown_joint})
     a, b = ((e / rms**2)[:, joints].sum(axis=1) for e in (with_it, without))
     change = b - a
     if change.sum() < 0:
@@ -224,7 +230,7 @@ PARTS = 3
 SHARE = 1 - 1 / PARTS  # of the evidence that is left in what remains
 
 
-def found_again(task: Task, fitted: Fit, tested: Sequence[GateResult]) -> list[Splits]:
+def count_splits(task: Task, fitted: Fit, tested: Sequence[GateResult]) -> list[Splits]:
     """Leave out each third of the data and let each name win its place anew.
 
     Beside the other names it must again carry its threshold's share, help as a name
@@ -239,29 +245,29 @@ def found_again(task: Task, fitted: Fit, tested: Sequence[GateResult]) -> list[S
         one = replace(task, design=part, rules=rules)
         again = one.settle(one.fit(fitted.members, fitted, rounds=4))
         for i, t in enumerate(tested):
-            shown = _shown(task.design, part, fitted, t.group)
+            shown = _has_share(task.design, part, fitted, t.group)
             of[i] += shown
-            found[i] += shown and _wins(one, again, t.group)
+            found[i] += shown and _wins_again(one, again, t.group)
     return [Splits(int(k), int(n)) for k, n in zip(found, of, strict=True)]
 
 
-def _wins(task: Task, fitted: Fit, group: Group) -> bool:
+def _wins_again(task: Task, fitted: Fit, group: Group) -> bool:
     """Whether a member would be named on these logs, beside the others."""
     if Trait.CONSTANT in group.effect.traits:
-        return is_seen(task, fitted, group)
+        return passes_gate(task, fitted, group)
     rest = [g for g in fitted.members if g is not group]
     without = task.settle(task.fit(rest, fitted))
-    value, big, small = gain(task.design, task.prior, fitted, without)
+    value, big, small = evidence_gain(task.design, task.prior, fitted, without)
     own = value - task.candidates.cost(group)
     if own < task.rules.min_nats or not admissible(task, group, value, big, small):
         return False
-    rivals = best(task, without, instead=group)
+    rivals = rank_additions(task, without, instead=group)
     family = group.effect.family
     other = [v for v, g, _ in rivals if not family or g.effect.family != family]
     return max(other, default=-np.inf) < own + THRESHOLDS.class_nats
 
 
-def _shown(whole: Design, part: Design, fitted: Fit, group: Group) -> bool:
+def _has_share(whole: Design, part: Design, fitted: Fit, group: Group) -> bool:
     """Whether a part of the logs has a fair share of an effect."""
     own, every = (
         np.sum(torque_share(design, fitted, group) ** 2 * design.rows)
@@ -320,20 +326,22 @@ class AdoptionCheck:
         return not self.doubts
 
 
-def worth(model: Model, before: Model, held_out: Sequence[Recording]) -> AdoptionCheck:
+def check_adoption(
+    model: Model, before: Model, held_out: Sequence[Recording]
+) -> AdoptionCheck:
     """Hold a model against the one before it, on logs that neither was fitted to.
 
     Raises:
         InputError: If there is no log.
     """
     if not held_out:
-        raise InputError("No held-out log: a model is judged by motion unseen by it.")
+        raise InputError("No held-out log given to test the model on.")
     logs = prepare_held_out(held_out, model)
     after, then = moving_error(model, logs), moving_error(before, logs)
     power = moving_power(logs)
     had = {(t.effect.name, t.joints) for t in before.terms}
     new = [t for t in model.terms if (t.effect.name, t.joints) not in had]
-    effects = tuple(_part_shown(model, term, logs) for term in new)
+    effects = tuple(_visible_share(model, term, logs) for term in new)
     figures = [100 * float(np.sqrt(e.sum() / power.sum())) for e in (then, after)]
     # What a name must lower an error by at least, a model may raise one by.
     larger = rises(after, then, power, THRESHOLDS.min_fall)
@@ -347,7 +355,7 @@ def worth(model: Model, before: Model, held_out: Sequence[Recording]) -> Adoptio
     ]
     doubts += [e.doubt for e in effects if e.doubt]
     if effects and all(e.part is None for e in effects):
-        doubts.append("held-out motion shows none of what is new in it")
+        doubts.append("held-out motion shows none of its new effects")
     return AdoptionCheck(*figures, effects, tuple(doubts))
 
 
@@ -360,11 +368,13 @@ def _no_better(after: Array, before: Array) -> list[str]:
     factor = float(np.sqrt(after.sum() / max(before.sum(), 1e-30)))
     return [
         f"the error on held-out motion is {factor:.2f} times that of the model before, "
-        "which is no clear fall"
+        "no significant improvement"
     ]
 
 
-def _part_shown(model: Model, term: Term, logs: Sequence[HeldOutLog]) -> VisibleShare:
+def _visible_share(
+    model: Model, term: Term, logs: Sequence[HeldOutLog]
+) -> VisibleShare:
     """Weighted least squares of what is left without an effect on the effect itself."""
     rest = replace(model, terms=tuple(t for t in model.terms if t is not term))
     own, left = [], []

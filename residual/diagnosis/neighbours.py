@@ -16,7 +16,13 @@ from itertools import combinations
 import numpy as np
 from scipy.linalg import solve_triangular
 
-from residual.diagnosis.search import FIRST_LOOKS, Task, best, refined, rows_of
+from residual.diagnosis.search import (
+    FIRST_LOOKS,
+    Task,
+    joints_acted_on,
+    rank_additions,
+    refine_shape,
+)
 from residual.evidence.design import Group
 from residual.evidence.fit import Fit, System, possible
 from residual.evidence.priors import overlap, stacks
@@ -46,7 +52,7 @@ def _alternatives(task: Task, fitted: Fit, group: Group) -> tuple[list[Group], f
     rest = [g for g in fitted.members if g is not group]
     without = task.fit(rest, fitted)
     own = task.net_gain(fitted, without, group)
-    ranked = best(task, without, instead=group)
+    ranked = rank_additions(task, without, instead=group)
     had = np.maximum(without.sse, 1e-30)
     removed = np.maximum(without.sse - fitted.sse, 0) / had
     joint = int(np.argmax(removed))
@@ -63,7 +69,7 @@ def _alternatives(task: Task, fitted: Fit, group: Group) -> tuple[list[Group], f
     return near, float(inside / (inside + outside))
 
 
-def simplest(task: Task, fitted: Fit) -> Fit:
+def prefer_simpler(task: Task, fitted: Fit) -> Fit:
     """Prefer the simpler of two names that the data cannot tell apart.
 
     A member gives way to an alternative with fewer coefficients and shape parameters
@@ -74,7 +80,7 @@ def simplest(task: Task, fitted: Fit) -> Fit:
         without = task.fit(rest, fitted)
         # Priced as if alone: one of several joints has no lead over its alternative.
         own = task.net_gain(fitted, without, replace(group, fellows=1))
-        for value, other, _ in best(task, without, instead=group):
+        for value, other, _ in rank_additions(task, without, instead=group):
             if own - value < THRESHOLDS.simpler_nats and _size(other) < _size(group):
                 stand_in = replace(other, fellows=group.fellows)
                 fitted = task.settle(task.fit((*rest, stand_in), without))
@@ -102,9 +108,13 @@ def best_set(task: Task, fitted: Fit) -> Fit:
     if any(g.fellows > 1 for g in fitted.members):
         return fitted
     for _ in range(THRESHOLDS.set_rounds if fitted.members else 0):
-        own = _score(task, fitted)
-        top = max(_near(task, fitted), key=lambda f: _score(task, f), default=fitted)
-        if _score(task, top) < own + THRESHOLDS.better_set_nats or not all(
+        own = _set_score(task, fitted)
+        top = max(
+            _neighboring_fits(task, fitted),
+            key=lambda f: _set_score(task, f),
+            default=fitted,
+        )
+        if _set_score(task, top) < own + THRESHOLDS.better_set_nats or not all(
             possible(task.design, top, g) for g in top.members
         ):
             break
@@ -116,9 +126,9 @@ def rivals(task: Task, fitted: Fit, least: Sequence[Detectable]) -> list[Rival]:
     """Return all sets within 6 nats of the one named, nearest first."""
     if not fitted.members or any(g.fellows > 1 for g in fitted.members):
         return []
-    near, twins = near_sets(task, fitted), _twins(task, fitted, least)
-    known = {_places(r.members) for r in near}
-    return [*near, *(r for r in twins if _places(r.members) not in known)]
+    near, twins = near_sets(task, fitted), _body_twins(task, fitted, least)
+    known = {_places_of(r.members) for r in near}
+    return [*near, *(r for r in twins if _places_of(r.members) not in known)]
 
 
 def near_sets(task: Task, fitted: Fit) -> list[Rival]:
@@ -131,66 +141,66 @@ def near_sets(task: Task, fitted: Fit) -> list[Rival]:
 
 
 def _near_sets(task: Task, fitted: Fit) -> list[Rival]:
-    own, found = _score(task, fitted), {}
-    for other in _near(task, fitted):
-        gap = _score(task, other) - own
-        key = _places(other.members)
-        if gap > -THRESHOLDS.class_nats and key != _places(fitted.members):
+    own, found = _set_score(task, fitted), {}
+    for other in _neighboring_fits(task, fitted):
+        gap = _set_score(task, other) - own
+        key = _places_of(other.members)
+        if gap > -THRESHOLDS.class_nats and key != _places_of(fitted.members):
             known = found.get(key)
             if known is None or gap > known.nats:
                 found[key] = Rival(other.members, gap)
     return sorted(found.values(), key=lambda r: -r.nats)
 
 
-def _near(task: Task, fitted: Fit) -> Iterator[Fit]:
+def _neighboring_fits(task: Task, fitted: Fit) -> Iterator[Fit]:
     """Sets one move away: another for one, two for one, one for two, one less."""
     members = fitted.members
     for group in members:
         rest = tuple(g for g in members if g is not group)
         without = task.fit(rest, fitted)
         yield without
-        ranked = best(task, without, instead=group, looks=FIRST_LOOKS)
+        ranked = rank_additions(task, without, instead=group, looks=FIRST_LOOKS)
         for _, other, _ in ranked[:FIRST]:
-            swapped = _with(task, rest, other, without)
+            swapped = _fit_with(task, rest, other, without)
             yield swapped
-            for _, second, _ in _others(task, swapped, (group,))[:SECOND]:
-                yield _with(task, swapped.members, second, swapped)
+            for _, second, _ in _other_additions(task, swapped, (group,))[:SECOND]:
+                yield _fit_with(task, swapped.members, second, swapped)
     for one, two in combinations(members, 2):
-        if rows_of(task, one) & rows_of(task, two):
+        if joints_acted_on(task, one) & joints_acted_on(task, two):
             rest = tuple(g for g in members if g is not one and g is not two)
             without = task.fit(rest, fitted)
-            for _, other, _ in _others(task, without, (one, two))[:FIRST]:
-                yield _with(task, rest, other, without)
+            for _, other, _ in _other_additions(task, without, (one, two))[:FIRST]:
+                yield _fit_with(task, rest, other, without)
 
 
-def _others(task: Task, base: Fit, gone: Sequence[Group]) -> list:
+def _other_additions(task: Task, base: Fit, gone: Sequence[Group]) -> list:
     """Candidates on top of a fit that are none of those taken out."""
     keys = {g.key for g in gone}
-    ranked = best(task, base, looks=FIRST_LOOKS)
+    ranked = rank_additions(task, base, looks=FIRST_LOOKS)
     return [one for one in ranked if not one[1].parts and one[1].key not in keys]
 
 
-def _with(task: Task, rest: Sequence[Group], other: Group, like: Fit) -> Fit:
-    return task.fit(refined(task, (*rest, other), like), like)
+def _fit_with(task: Task, rest: Sequence[Group], other: Group, like: Fit) -> Fit:
+    return task.fit(refine_shape(task, (*rest, other), like), like)
 
 
-def _score(task: Task, fitted: Fit) -> float:
+def _set_score(task: Task, fitted: Fit) -> float:
     price = sum(task.candidates.cost(g) + task.rules.min_nats for g in fitted.members)
     return fitted.score - price
 
 
-def _places(members: Sequence[Group]) -> tuple:
+def _places_of(members: Sequence[Group]) -> tuple:
     return tuple(sorted((g.effect.name, g.joints) for g in members))
 
 
-def _twins(task: Task, fitted: Fit, least: Sequence[Detectable]) -> list[Rival]:
+def _body_twins(task: Task, fitted: Fit, least: Sequence[Detectable]) -> list[Rival]:
     """Sets with one more change of a body that the named ones take up unseen.
 
     A smaller load and a heavier link do what a load does; no evidence chooses, only
     the price of one more name.
     """
     heavy = [g for g in fitted.members if g.effect.portable.bodies is not None]
-    taken = _places(fitted.members)
+    taken = _places_of(fitted.members)
     others = [
         g
         for g in task.candidates.groups
@@ -212,12 +222,12 @@ def _twins(task: Task, fitted: Fit, least: Sequence[Detectable]) -> list[Rival]:
             0.5 * THRESHOLDS.body_change_share**2 * before > cost,
             after < THRESHOLDS.absorbed_share * before,
         )
-        if clear and taken_up and _unseen(other, least):
+        if clear and taken_up and _is_hidden(other, least):
             out.append(Rival((*fitted.members, other), -cost, twin=True))
     return out
 
 
-def _unseen(other: Group, least: Sequence[Detectable]) -> bool:
+def _is_hidden(other: Group, least: Sequence[Detectable]) -> bool:
     """Whether a usual change of a body would not be found."""
     place = other.effect.name, tuple(j + 1 for j in other.joints)
     sizes = [d.value for d in least if (d.name, d.joints) == place]

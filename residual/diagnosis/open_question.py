@@ -80,25 +80,25 @@ class Basis:
         place: Where a design's column stands among the shared ones.
     """
 
-    examined: SearchOutcome
+    outcome: SearchOutcome
     fitted: Fit
     groups: tuple[Group, ...]
     place: dict[int, int]
 
     @classmethod
     def of(
-        cls, examined: SearchOutcome, fitted: Fit, groups: Sequence[Group]
+        cls, outcome: SearchOutcome, fitted: Fit, groups: Sequence[Group]
     ) -> "Basis":
         """Number the columns of the nominal model, then those of the groups."""
         unique: dict[int, Group] = {int(g.ids[0]): g for g in groups}
-        ids = [examined.task.design.nominal, *(g.ids for g in unique.values())]
+        ids = [outcome.task.design.nominal, *(g.ids for g in unique.values())]
         place = {int(c): i for i, c in enumerate(np.concatenate(ids))}
-        return cls(examined, fitted, tuple(unique.values()), place)
+        return cls(outcome, fitted, tuple(unique.values()), place)
 
     @property
     def task(self) -> Task:
         """Data, prior and candidates."""
-        return self.examined.task
+        return self.outcome.task
 
     @property
     def weight(self) -> Array:
@@ -148,7 +148,7 @@ class Basis:
 
 
 def open_question(
-    examined: SearchOutcome, fitted: Fit, named: Sequence[NamedEffect]
+    outcome: SearchOutcome, fitted: Fit, named: Sequence[NamedEffect]
 ) -> Question:
     """Return what a diagnosis leaves open.
 
@@ -162,20 +162,20 @@ def open_question(
         for finding in named
         if finding.equivalent
         for t in finding.tested
-        if (near := alternatives(examined.task, fitted, t.group)[0])
+        if (near := alternatives(outcome.task, fitted, t.group)[0])
     ]
     classes: dict[tuple, Swap] = {
         (group.key,): Swap((group,), tuple((g,) for g in near)) for group, near in equal
     }
-    for swap in swaps(examined.task, fitted, equal):
+    for swap in swaps(outcome.task, fitted, equal):
         key = tuple(g.key for g in swap.gone)
         known = classes.get(key, Swap(swap.gone, ()))
         classes[key] = replace(known, instead=(*known.instead, *swap.instead))
-    doubted = () if named else examined.adequacy.doubted
-    strong = [found for j in doubted if (found := _strongest(examined, fitted, j))]
+    doubted = () if named else outcome.adequacy.doubted
+    strong = [found for j in doubted if (found := _strongest(outcome, fitted, j))]
     every = [g for s in classes.values() for own in s.instead for g in own]
     every += [g for groups in strong for g in groups]
-    basis = Basis.of(examined, fitted, [*fitted.members, *every])
+    basis = Basis.of(outcome, fitted, [*fitted.members, *every])
     contests = [
         basis.contest(
             [g for g in fitted.members if g not in swap.gone],
@@ -184,7 +184,7 @@ def open_question(
         )
         for swap in classes.values()
     ]
-    threshold = examined.task.rules.min_nats
+    threshold = outcome.task.rules.min_nats
     contests += [
         basis.contest(fitted.members, [*((g,) for g in groups), ()], threshold)
         for groups in strong
@@ -199,12 +199,12 @@ def places_of(groups: Sequence[Group]) -> list[Place]:
 
 def question_of(basis: Basis, contests: Sequence[Contest]) -> Question:
     """Return contests with all that it takes to look at a motion."""
-    examined, model = basis.examined, basis.examined.nominal.model
+    outcome, model = basis.outcome, basis.outcome.nominal.model
     terms = [PlacedEffect(t.effect, t.joints, t.shape) for t in model.terms]
     groups = [g.placed for g in basis.groups]
     return Question(
         nominal=model,
-        seen_with=physical(as_model(examined.nominal, basis.fitted)),
+        seen_with=physical(as_model(outcome.nominal, basis.fitted)),
         effects=(*terms, *groups),
         signals=_signals(basis),
         contests=tuple(c for c in contests if all(map(_has_spread, c.rivals))),
@@ -224,7 +224,7 @@ def _has_spread(rival: Rival) -> bool:
 
 
 def _signals(basis: Basis) -> Signals:
-    logs, filters = basis.examined.logs, basis.examined.logs.filters
+    logs, filters = basis.outcome.logs, basis.outcome.logs.filters
     tracks = logs.tracks
     cutoff = min(t.cutoff for t in tracks)
     last = max(t.t[-1] for t in tracks)
@@ -238,13 +238,13 @@ def _signals(basis: Basis) -> Signals:
     )
 
 
-def _strongest(examined: SearchOutcome, fitted: Fit, joint: int) -> list[Group]:
+def _strongest(outcome: SearchOutcome, fitted: Fit, joint: int) -> list[Group]:
     """The candidates with the most evidence on a joint, one shape of each.
 
     None that has no evidence beyond its price: where nothing speaks for a candidate, no
     motion could choose among them.
     """
-    task = examined.task
+    task = outcome.task
     dof = task.design.dof
     groups = [
         g

@@ -6,22 +6,27 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from residual.diagnosis import constants
-from residual.diagnosis.adequacy import Adequacy, adequacy, carried
+from residual.diagnosis.adequacy import Adequacy, adequacy, angle_noise_torque
 from residual.diagnosis.gate import (
     GateResult,
-    gate,
-    leave_out,
+    drop_failed,
+    left_out_errors,
     only_curves,
-    passed,
+    test_members,
     wrong_forms,
 )
-from residual.diagnosis.neighbours import best_set, simplest
-from residual.diagnosis.search import Task, every_candidate, refined, renewed
+from residual.diagnosis.neighbours import best_set, prefer_simpler
+from residual.diagnosis.search import (
+    Task,
+    every_candidate,
+    recompute_candidates,
+    refine_shape,
+)
 from residual.diagnosis.select import Selection, select
 from residual.effects import registry
 from residual.effects.base import Trait
 from residual.evidence.design import Design, Group
-from residual.evidence.embodied import PossibleModel, embodied
+from residual.evidence.embodied import PossibleModel, with_possible_bodies
 from residual.evidence.fit import Fit, Prior, as_model, fit, physical
 from residual.evidence.priors import OF_NAMES, PriorSpace, first_design, relative_prior
 from residual.evidence.rules import THRESHOLDS, EvidenceThresholds
@@ -91,19 +96,19 @@ def examine(
         settled = _refit_named(logs, nominal, selection)
         design.show_torque(physical(as_model(nominal, settled)))
         progress("features", 0.5)
-        everything = renewed(design, everything)
+        everything = recompute_candidates(design, everything)
         prior, wide = selection.task.prior, selection.wide
         again = replace(nominal, scale=prior.scale, widths=prior.widths)
         selection = select(PriorSpace(design, again), everything, rules, searching)
         selection = replace(selection, wide=wide)
     progress("gate", 0.0)
-    examined = _tested(logs, nominal, selection)
+    outcome = _tested(logs, nominal, selection)
     progress("gate", 1.0)
-    return examined
+    return outcome
 
 
 def search_again(
-    examined: SearchOutcome, fallen: Sequence[Group], kin: Sequence[Group]
+    outcome: SearchOutcome, fallen: Sequence[Group], kin: Sequence[Group]
 ) -> SearchOutcome:
     """Search the same logs again without some names; every other one is tested anew.
 
@@ -114,14 +119,14 @@ def search_again(
         examined: The diagnosis so far; its prior is kept.
         fallen: What may not be named any more.
     """
-    first = examined.start.task
+    first = outcome.start.task
     task = replace(first, candidates=first.candidates.barring(fallen, kin))
     gone = {(g.effect.name, g.joints) for g in fallen}
-    members = examined.fit.members
+    members = outcome.fit.members
     left = [g for g in members if (g.effect.name, g.joints) not in gone]
-    left = task.settle(task.fit(left, examined.start.fit, rounds=4))
-    selection = replace(examined.start, task=task, fit=left)
-    return _tested(examined.logs, examined.nominal, selection, examined.constants)
+    left = task.settle(task.fit(left, outcome.start.fit, rounds=4))
+    selection = replace(outcome.start, task=task, fit=left)
+    return _tested(outcome.logs, outcome.nominal, selection, outcome.constants)
 
 
 def _tested(
@@ -137,12 +142,12 @@ def _tested(
         paid: Joints (from 0) whose constants paid in an earlier search; then what was
             found has yet to be searched for more.
     """
-    selection, paying = constants.settled(start, nominal, paid)
+    selection, paying = constants.settle_constants(start, nominal, paid)
     if paid is None:
         found = best_set(selection.task, selection.fit)
         selection = replace(selection, fit=found)
     task, design = selection.task, selection.task.design
-    fitted, tested = passed(task, simplest(task, selection.fit))
+    fitted, tested = drop_failed(task, prefer_simpler(task, selection.fit))
     curved = only_curves(design, logs.sketch, fitted, tested)
     rest = [t for t in tested if t not in curved]
     if curved:
@@ -171,7 +176,7 @@ def _tested(
 
 
 def with_constants(
-    examined: SearchOutcome, fitted: Fit
+    outcome: SearchOutcome, fitted: Fit
 ) -> tuple[SearchOutcome, list[GateResult]]:
     """The diagnosis with the constants that pay among its effects.
 
@@ -181,19 +186,19 @@ def with_constants(
     Returns:
         The diagnosis on the model as it was declared, and the constants as names.
     """
-    if not examined.nominal.constants:
-        return replace(examined, fit=fitted), []
+    if not outcome.nominal.constants:
+        return replace(outcome, fit=fitted), []
     named = constants.as_effects(
-        examined.task, examined.nominal, examined.wide, examined.constants
+        outcome.task, outcome.nominal, outcome.wide, outcome.constants
     )
     task, groups = named.task, named.groups
     full = task.settle(task.fit((*fitted.members, *groups), fitted, rounds=4))
-    logs, nominal = examined.logs, named.nominal
+    logs, nominal = outcome.logs, named.nominal
     enough = _adequacy(logs, nominal, task.design, (full, full))
     # On noise that is noise evidence counts, of constants too.
     own = [
         t
-        for t in gate(task, full)
+        for t in test_members(task, full)
         if t.group in groups
         and t.by
         and (t.nats >= task.rules.min_nats or t.joint in enough.doubted)
@@ -203,10 +208,10 @@ def with_constants(
         full = task.settle(task.fit(members, fitted, rounds=4))
     plain = task.settle(task.fit((), full, rounds=4))
     enough = _adequacy(logs, nominal, task.design, (plain, full))
-    known = (*examined.tested, *own)
+    known = (*outcome.tested, *own)
     return (
         replace(
-            examined,
+            outcome,
             task=task,
             nominal=named.nominal,
             wide=named.wide,
@@ -219,7 +224,7 @@ def with_constants(
     )
 
 
-def predictive(examined: SearchOutcome) -> SearchOutcome:
+def predictive(outcome: SearchOutcome) -> SearchOutcome:
     """The same names with the scale of the bodies that predicts left-out parts best.
 
     Evidence compares scales as if noise were all that is left; on a measured arm it is
@@ -227,27 +232,27 @@ def predictive(examined: SearchOutcome) -> SearchOutcome:
     left-out error, in units of each joint's own, by ``scale_gain_share`` or more, the
     parameters are fitted at the best of them.
     """
-    if examined.logs.robot.prior_scale is not None:
-        return examined
-    task, fitted = examined.task, examined.fit
+    if outcome.logs.robot.prior_scale is not None:
+        return outcome
+    task, fitted = outcome.task, outcome.fit
     weight = 1 / fitted.variance / task.design.rows
-    best, least = None, leave_out(task, fitted).sum(axis=0) @ weight
+    best, least = None, left_out_errors(task, fitted).sum(axis=0) @ weight
     least *= (1 - THRESHOLDS.scale_gain_share) ** 2
     for scale in OF_NAMES:
         widths = task.prior.widths
-        prior = relative_prior(task.design, examined.nominal, scale, widths)
+        prior = relative_prior(task.design, outcome.nominal, scale, widths)
         other = replace(task, prior=prior)
         fit_there = other.settle(other.fit(fitted.members, fitted, rounds=4))
-        left = leave_out(other, fit_there).sum(axis=0) @ weight
+        left = left_out_errors(other, fit_there).sum(axis=0) @ weight
         if left < least:
             best, least = (other, fit_there), left
     if best is None:
-        return examined
+        return outcome
     task, fitted = best
     plain = task.settle(task.fit((), fitted, rounds=4))
-    enough = _adequacy(examined.logs, examined.nominal, task.design, (plain, fitted))
-    wide = max(examined.wide, task.prior, key=lambda prior: prior.scale)
-    changed = replace(examined, task=task, wide=wide, plain=plain)
+    enough = _adequacy(outcome.logs, outcome.nominal, task.design, (plain, fitted))
+    wide = max(outcome.wide, task.prior, key=lambda prior: prior.scale)
+    changed = replace(outcome, task=task, wide=wide, plain=plain)
     return replace(changed, fit=fitted, adequacy=enough)
 
 
@@ -255,7 +260,7 @@ def _adequacy(
     logs: Logs, nominal: Nominal, design: Design, fits: tuple[Fit, Fit]
 ) -> Adequacy:
     """What is left of the logs, beside the noise of torque and angles."""
-    angles = carried(as_model(nominal, fits[1]), logs.sketch, logs.shaken)
+    angles = angle_noise_torque(as_model(nominal, fits[1]), logs.sketch, logs.shaken)
     return adequacy(design, logs.sketch, *fits, angles)
 
 
@@ -288,7 +293,7 @@ def _refit_named(logs: Logs, nominal: Nominal, selection: Selection) -> Fit:
         searched = [g for g in members if g.effect.refine]
         for group in [g for g in searched if Trait.USES_MODEL in g.effect.traits]:
             others = [g for g in members if g is not group]
-            members = refined(task, (*others, group), fitted)
+            members = refine_shape(task, (*others, group), fitted)
         before, fitted = fitted.score, task.fit(members, fitted)
         if abs(fitted.score - before) < THRESHOLDS.steady_nats:
             break
@@ -315,35 +320,35 @@ def _resembles(tested: GateResult, enough: Adequacy) -> bool:
     return any(tested.fall < enough.structured[j] for j in doubted)
 
 
-def _refitted(examined: SearchOutcome, fitted: Fit, rough: Model) -> PossibleModel:
+def _refitted(outcome: SearchOutcome, fitted: Fit, rough: Model) -> PossibleModel:
     """Coefficients that go with a model's standstill and its own torque.
 
     A wide standstill changes friction on slow moving rows too, and features such as
     load friction read the model's torque: both are settled by one more fit.
     """
-    nominal, tracks = examined.nominal, examined.logs.tracks
+    nominal, tracks = outcome.nominal, outcome.logs.tracks
     base = replace(nominal.model, standstill=rough.standstill)
     design = Design(tracks, base, seen_with=rough)
     members = design.add([g.placed for g in fitted.members])
-    final = fit(design, examined.task.prior, members, fitted.counted, fitted.variance)
+    final = fit(design, outcome.task.prior, members, fitted.counted, fitted.variance)
     model = as_model(replace(nominal, model=base), final)
-    return embodied(design, final, model)
+    return with_possible_bodies(design, final, model)
 
 
-def without_refuted(examined: SearchOutcome, fitted: Fit) -> SearchOutcome:
+def without_refuted(outcome: SearchOutcome, fitted: Fit) -> SearchOutcome:
     """The diagnosis with fewer names: what remains is measured anew."""
-    if len(fitted.members) == len(examined.fit.members):
-        return examined
-    fits = examined.plain, fitted
-    design = examined.task.design
-    enough = _adequacy(examined.logs, examined.nominal, design, fits)
-    return replace(examined, fit=fitted, adequacy=enough)
+    if len(fitted.members) == len(outcome.fit.members):
+        return outcome
+    fits = outcome.plain, fitted
+    design = outcome.task.design
+    enough = _adequacy(outcome.logs, outcome.nominal, design, fits)
+    return replace(outcome, fit=fitted, adequacy=enough)
 
 
-def refit(examined: SearchOutcome, tested: Sequence[GateResult]) -> Fit:
+def refit(outcome: SearchOutcome, tested: Sequence[GateResult]) -> Fit:
     """Fit again with some of the names only."""
-    task = examined.task
+    task = outcome.task
     members = [t.group for t in tested]
     return task.settle(
-        fit(task.design, task.prior, members, examined.fit.counted, None, rounds=4)
+        fit(task.design, task.prior, members, outcome.fit.counted, None, rounds=4)
     )

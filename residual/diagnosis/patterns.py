@@ -70,7 +70,7 @@ class Curve:
 class JointResidual:
     """The leftover of one joint on the rows on which that joint moves."""
 
-    left: Array  # leftover [N m], (n,)
+    residual: Array  # leftover [N m], (n,)
     fold: Array  # fold of each row, from 0, (n,)
     log: Array  # log of each row, from 0, increasing, (n,)
     memory: float  # rows after which the leftover forgets itself (autocorrelation time)
@@ -85,7 +85,7 @@ def curves(
     Returns:
         The curves, and what they leave [N m]. Shape (n,).
     """
-    left, found = rows.left, []
+    left, found = rows.residual, []
     tables = [_CellTable.of(rows, v, bins) for v in variables for bins in BINS]
     while tables and len(found) < THRESHOLDS.max_curves:
         # A mean is no dependence: what it explains is no curve's merit.
@@ -140,7 +140,7 @@ class _CellTable:
         cls, rows: JointResidual, variable: Variable | None, bins: int
     ) -> "_CellTable":
         """Sort the rows into cells."""
-        n, folds = len(rows.left), int(rows.fold.max()) + 1
+        n, folds = len(rows.residual), int(rows.fold.max()) + 1
         codes, cells = np.zeros(n, dtype=int), 1
         if variable is not None:
             codes, cells = variable.codes(bins)
@@ -182,7 +182,7 @@ class TimeLine:
     """A leftover on its time line."""
 
     t: Array  # time of each row [s], (n,)
-    left: Array  # leftover [N m], (n,)
+    residual: Array  # leftover [N m], (n,)
     log: Array  # log of each row, from 0, (n,)
     power: float  # squared leftover beyond the noise, summed over the rows [N^2 m^2]
     cutoff: float  # highest frequency to look at [Hz]
@@ -204,7 +204,7 @@ def wave_of(line: TimeLine) -> Wave | None:
     if not low < high:
         return None
     grid = np.arange(low, high, FINE / span)
-    block = np.column_stack([line.left, _red(line)])
+    block = np.column_stack([line.residual, _red_noise(line)])
     fall, chosen = _left_out_line(line, pieces, grid, block)
     total = fall.sum(axis=0)
     chance = np.mean(np.append(total[1:], np.inf) >= total[0])
@@ -247,7 +247,7 @@ def _left_out_line(
     falls = np.zeros((len(pieces), block.shape[1]))
     for out in range(PARTS):
         train = [(g.sum(0) - g[out], c.sum(0) - c[out]) for g, c in sums]
-        fits = [_solved(g, c) for g, c in train]
+        fits = [_amplitudes(g, c) for g, c in train]
         served = sum(
             np.einsum("ifb,ifb->fb", theta, c)
             for theta, (_, c) in zip(fits, train, strict=True)
@@ -259,7 +259,7 @@ def _left_out_line(
             bend = np.einsum("ib,bij,jb->b", own, gram, own)
             falls[k] += 2 * (own * cross[:, best, every]).sum(0) - bend
     whole = [(g.sum(0), c.sum(0)[:, :, :1]) for g, c in sums]
-    served = sum((_solved(g, c) * c).sum(axis=(0, 2)) for g, c in whole)
+    served = sum((_amplitudes(g, c) * c).sum(axis=(0, 2)) for g, c in whole)
     return falls, int(np.argmax(served))
 
 
@@ -279,17 +279,17 @@ def _sums(t: Array, block: Array, grid: Array) -> tuple[Array, Array]:
     return np.array(grams), np.array(crosses)
 
 
-def _solved(gram: Array, cross: Array) -> Array:
+def _amplitudes(gram: Array, cross: Array) -> Array:
     """Amplitudes of cosine and sine, stiffened by one part in a hundred. (2, f, b)."""
     size = 0.01 * np.trace(gram, axis1=1, axis2=2) / 2 + 1e-12
     inverse = np.linalg.inv(gram + size[:, None, None] * np.eye(2))
     return np.einsum("fij,jfb->ifb", inverse, cross)
 
 
-def _red(line: TimeLine) -> Array:
+def _red_noise(line: TimeLine) -> Array:
     """Noise of the leftover's size and lag-1 correlation, row after row. (n, DRAWS)."""
     rng = np.random.default_rng(0)
-    left = line.left - line.left.mean()
+    left = line.residual - line.residual.mean()
     near = (np.diff(line.log) == 0) & (np.diff(line.t) < 2 * np.median(np.diff(line.t)))
     a = float(left[1:][near] @ left[:-1][near] / max(left @ left, 1e-300))
     a = min(max(a, 0.0), 0.9999)

@@ -15,13 +15,13 @@ from residual.evidence.fit import (
     Fit,
     Prior,
     System,
+    evidence_gain,
     fit,
-    gain,
+    fit_nominal,
     possible,
-    settled,
-    start,
+    settle,
 )
-from residual.evidence.priors import acting, forbidden, priors, screen, widened
+from residual.evidence.priors import acting, forbidden, priors, screen, with_wide_prior
 from residual.evidence.rules import THRESHOLDS, EvidenceThresholds
 from residual.model.nominal import Nominal
 from residual.recording import Array
@@ -126,7 +126,7 @@ def collect(
     price = {k: float(np.log(len(variants)) + np.log(n)) for k, n in variants.items()}
     # A model that lacks all that every drive has must gain it in one step, since each
     # alone leaves a residual in which the others cannot be seen.
-    usual = [g for g in together if g.effect.usual_in_every_drive]
+    usual = [g for g in together if g.effect.drive_order]
     for count in range(2, len(usual) + 1):
         for some in combinations(usual, count):
             parts = [part for g in some for part in g.parts]
@@ -136,7 +136,7 @@ def collect(
     return Candidates(tuple(groups), price)
 
 
-def renewed(design: Design, known: Candidates) -> Candidates:
+def recompute_candidates(design: Design, known: Candidates) -> Candidates:
     """The same candidates, seen with the model that the design looks with now.
 
     Only columns that read the model's torque are made anew.
@@ -206,15 +206,15 @@ class Task:
 
     def settle(self, fitted: Fit) -> Fit:
         """Count rows anew by the fit's own residual and fit again."""
-        return settled(self.design, self.prior, fitted)
+        return settle(self.design, self.prior, fitted)
 
     def start(self) -> Fit:
         """Fit of the nominal structure alone."""
-        return start(self.design, self.prior)
+        return fit_nominal(self.design, self.prior)
 
     def net_gain(self, big: Fit, small: Fit, group: Group) -> float:
         """Evidence of ``big`` over ``small`` less the price of the group [nats]."""
-        value, _, _ = gain(self.design, self.prior, big, small)
+        value, _, _ = evidence_gain(self.design, self.prior, big, small)
         return value - self.candidates.cost(group)
 
 
@@ -231,19 +231,19 @@ def search(task: Task, members: Sequence[Group] = ()) -> Fit:
     if members:
         current = _delete(task, task.settle(task.fit(members, current)))
     for _ in range(rules.max_effects - len(current.members)):
-        ranked = best(task, current, looks=FIRST_LOOKS)
+        ranked = rank_additions(task, current, looks=FIRST_LOOKS)
         if not ranked or ranked[0][0] < rules.min_nats:
             break
         chosen = ranked[0][1]
         members = (*current.members, *(chosen.parts or (chosen,)))
-        current = task.settle(task.fit(refined(task, members, current), current))
+        current = task.settle(task.fit(refine_shape(task, members, current), current))
         if not chosen.parts:
-            current = _swap(task, current, rows_of(task, chosen))
+            current = _swap(task, current, joints_acted_on(task, chosen))
         current = _delete(task, current)
     return current
 
 
-def best(
+def rank_additions(
     task: Task,
     base: Fit,
     instead: Group | None = None,
@@ -259,11 +259,15 @@ def best(
     """
     found = []
     own = System.of(task.design, task.prior, base.members)
-    tried = [_tried(task, base, g, own) for g in _shortlist(task, base, instead, own)]
+    tried = [
+        _try_candidate(task, base, g, own) for g in _shortlist(task, base, instead, own)
+    ]
     tried.sort(key=lambda one: task.candidates.cost(one[0]) - one[1].score)
     for group, trial, system in tried:
         trial = replace(trial, counted=base.counted)
-        value, big, small = gain(task.design, task.prior, trial, base, (system, own))
+        value, big, small = evidence_gain(
+            task.design, task.prior, trial, base, (system, own)
+        )
         value -= task.candidates.cost(group)
         if admissible(task, group, value, big, small):
             found.append((value, group, big))
@@ -272,7 +276,7 @@ def best(
     return sorted(found, key=lambda item: -item[0])
 
 
-def _tried(
+def _try_candidate(
     task: Task, base: Fit, group: Group, own: System
 ) -> tuple[Group, Fit, System]:
     """A fit with a candidate, on its own scale where it is far beyond the usual."""
@@ -284,11 +288,11 @@ def _tried(
         return group, fitted, system
 
     usual = trial(group)
-    wide = widened(usual[1], group)
+    wide = with_wide_prior(usual[1], group)
     return usual if wide is None else max(usual, trial(wide), key=lambda t: t[1].score)
 
 
-def rows_of(task: Task, group: Group) -> set[int]:
+def joints_acted_on(task: Task, group: Group) -> set[int]:
     """Joints on which a group's columns act."""
     return set(group.effect.rows(group.joints, task.design.dof))
 
@@ -300,7 +304,7 @@ def _shortlist(
     groups = task.candidates.groups
     values, floor = screen(task.design, base, groups, own), task.rules.min_nats / 4
     if instead is not None:
-        beside = acting(task.design, groups, rows_of(task, instead))
+        beside = acting(task.design, groups, joints_acted_on(task, instead))
         values = np.where(beside & ~task.candidates.unions, values, -np.inf)
         alike = values[[key == instead.key for key in task.candidates.keys]]
         floor = max(floor, THRESHOLDS.rival_share * alike.max(initial=0.0))
@@ -383,7 +387,7 @@ def torque_share(design: Design, fitted: Fit, group: Group) -> Array:
     return out
 
 
-def refined(task: Task, members: Sequence[Group], like: Fit) -> tuple[Group, ...]:
+def refine_shape(task: Task, members: Sequence[Group], like: Fit) -> tuple[Group, ...]:
     """The set with the last member's nonlinear parameter searched off the grid."""
     *others, last = members
     how = last.effect.refine
@@ -417,7 +421,7 @@ def refined(task: Task, members: Sequence[Group], like: Fit) -> tuple[Group, ...
     task.design.take_back(size)  # of all that was tried one shape is kept
     if winner is not last:
         (winner,) = task.design.add([winner.placed])
-    winner, *_ = _tried(task, replace(like, members=tuple(others)), winner, own)
+    winner, *_ = _try_candidate(task, replace(like, members=tuple(others)), winner, own)
     return (*others, winner)
 
 
@@ -430,15 +434,15 @@ def _swap(task: Task, current: Fit, where: set[int]) -> Fit:
     """
     for _ in range(2):
         for group in current.members:
-            if not where & rows_of(task, group):
+            if not where & joints_acted_on(task, group):
                 continue
             rest = tuple(g for g in current.members if g is not group)
             without = task.fit(rest, current)
             own = task.net_gain(current, without, group)
-            ranked = best(task, without, instead=group, looks=FIRST_LOOKS)
+            ranked = rank_additions(task, without, instead=group, looks=FIRST_LOOKS)
             margin = 1.0 if group.fellows == 1 else task.rules.min_nats
             if ranked and ranked[0][0] > own + margin:
-                members = refined(task, (*rest, ranked[0][1]), without)
+                members = refine_shape(task, (*rest, ranked[0][1]), without)
                 current = task.settle(task.fit(members, without))
                 break
         else:
@@ -455,13 +459,13 @@ def _delete(task: Task, current: Fit) -> Fit:
     for group in current.members:
         rest = tuple(g for g in current.members if g is not group)
         without = task.fit(rest, current)
-        value, _, _ = gain(task.design, task.prior, current, without)
-        if value < least(task, current.members, group):
+        value, _, _ = evidence_gain(task.design, task.prior, current, without)
+        if value < needed_nats(task, current.members, group):
             current = task.settle(without)
     return current
 
 
-def least(task: Task, members: Sequence[Group], group: Group) -> float:
+def needed_nats(task: Task, members: Sequence[Group], group: Group) -> float:
     """Evidence that a member must carry to stay [nats].
 
     None for one of several joints, as long as half of the arm's joints have the name;
@@ -474,5 +478,5 @@ def least(task: Task, members: Sequence[Group], group: Group) -> float:
     name = group.effect.name
     fellows = [g for g in members if g.fellows > 1 and g.effect.name == name]
     enough = group in fellows and len(fellows) >= max(2, task.design.dof / 2)
-    low = -task.rules.min_nats if group.effect.usual_in_every_drive else 0.0
+    low = -task.rules.min_nats if group.effect.drive_order else 0.0
     return low if enough else task.rules.min_nats

@@ -56,7 +56,7 @@ class _SearchRuns:
     def best(self) -> Selection:
         """The run with the most evidence."""
         counted = self.counted
-        return max(self.done.values(), key=lambda r: _worth(r, counted))
+        return max(self.done.values(), key=lambda r: _comparable_score(r, counted))
 
     def score(self, prior: Prior, run: Selection) -> float:
         """Evidence of a run's set under another prior [nats]."""
@@ -89,23 +89,25 @@ def select(
 
     runs, turns = (
         _SearchRuns(space, candidates, rules),
-        (as_given, _even, _by_kind, _beside),
+        (as_given, _even_widths, _by_kind, _adjacent_scales),
     )
     for turn, wanted in enumerate(turns):
         for prior in wanted(runs):
             runs.search(prior)
             progress((turn + len(runs.done) / (len(runs.done) + 2)) / len(turns))
     best = runs.best
-    return replace(best, fit=best.task.settle(best.fit), wide=_widest(runs, best))
+    return replace(best, fit=best.task.settle(best.fit), wide=_widest_prior(runs, best))
 
 
-def _even(runs: _SearchRuns) -> Iterable[Prior]:
+def _even_widths(runs: _SearchRuns) -> Iterable[Prior]:
     """Every width at the best scale, and at others that are best beside their own.
 
     A sharp prior with names and a wide one without are two hills of evidence.
     """
     scales, counted = runs.space.scales, runs.counted
-    worth = [_worth(run, counted) for run in runs.done.values()]  # one a scale, so far
+    worth = [
+        _comparable_score(run, counted) for run in runs.done.values()
+    ]  # one a scale, so far
     walls = [-np.inf, *worth, -np.inf]
     tops = [
         scale
@@ -122,13 +124,13 @@ def _by_kind(runs: _SearchRuns) -> Iterable[Prior]:
         best = runs.best
         if not runs.space.free or len(best.wide.widths) < 2:
             return
-        turned = _turned(runs, best)
+        turned = _best_widths(runs, best)
         if _key(turned) in runs.done:
             return
         yield turned
 
 
-def _turned(runs: _SearchRuns, best: Selection) -> Prior:
+def _best_widths(runs: _SearchRuns, best: Selection) -> Prior:
     """The prior with each kind's width at its best, one after the other."""
     prior = best.wide
     for kind in best.wide.widths:
@@ -140,13 +142,13 @@ def _turned(runs: _SearchRuns, best: Selection) -> Prior:
     return prior
 
 
-def _beside(runs: _SearchRuns) -> Iterable[Prior]:
+def _adjacent_scales(runs: _SearchRuns) -> Iterable[Prior]:
     best, scales = runs.best.wide, runs.space.scales
     at = scales.index(best.scale)
     return [runs.space.at(s, best.widths) for s in scales[max(at - 1, 0) : at + 2]]
 
 
-def _widest(runs: _SearchRuns, run: Selection) -> Prior:
+def _widest_prior(runs: _SearchRuns, run: Selection) -> Prior:
     """The widest prior within 6 nats, and none under 10 % where the scale is open.
 
     How wrong a URDF is can be estimated only as far as the wrong values can be seen;
@@ -167,7 +169,7 @@ def _widest(runs: _SearchRuns, run: Selection) -> Prior:
     return max(near, key=lambda p: p.scale)
 
 
-def neighbours(space: PriorSpace, prior: Prior) -> tuple[Prior, ...]:
+def neighbor_priors(space: PriorSpace, prior: Prior) -> tuple[Prior, ...]:
     """Priors that a search might have turned to, beside the one that it chose."""
     wanted = [(s, widths) for widths in space.even for s in space.scales]
     wanted += [(s, prior.widths) for s in space.scales]
@@ -182,7 +184,7 @@ def neighbours(space: PriorSpace, prior: Prior) -> tuple[Prior, ...]:
     return tuple(made.values())
 
 
-def _worth(run: Selection, counted: Array) -> float:
+def _comparable_score(run: Selection, counted: Array) -> float:
     """Evidence of a run with rows counted alike for all, less the price of names."""
     task, members = run.task, run.fit.members
     common = fit(task.design, task.prior, members, counted, rounds=4)

@@ -8,7 +8,7 @@ from scipy.linalg import block_diag
 from scipy.special import ndtri, stdtrit
 
 from residual.diagnosis.outcome import SearchOutcome
-from residual.diagnosis.search import refined
+from residual.diagnosis.search import refine_shape
 from residual.effects.base import Effect, PlacedEffect, Shape, Trait
 from residual.evidence.design import Design, Group
 from residual.evidence.fit import (
@@ -40,7 +40,7 @@ class Uncertainty:
 
 
 def standard_deviations(
-    examined: SearchOutcome, fitted: Fit, sizes: Mapping[Group, tuple[Array, Array]]
+    outcome: SearchOutcome, fitted: Fit, sizes: Mapping[Group, tuple[Array, Array]]
 ) -> dict[Group, Uncertainty]:
     """Standard deviation of every parameter of every member.
 
@@ -55,14 +55,14 @@ def standard_deviations(
     Returns:
         What is known of each member.
     """
-    task, robot = examined.task, examined.logs.robot
+    task, robot = outcome.task, outcome.logs.robot
     extra = {g: _slope(task.design, g, fitted.of(g)) for g in fitted.members}
     slopes = [s for s in extra.values() if s is not None]
     members = (*fitted.members, *slopes)
     known = fitted.counted, fitted.variance, 1
-    full = fit(task.design, examined.wide, members, *known)
+    full = fit(task.design, outcome.wide, members, *known)
     covariance, between = full.covariance(), between_logs(task.design, full)
-    sharp = fit(task.design, doubtful(examined), members, *known).covariance()
+    sharp = fit(task.design, doubtful(outcome), members, *known).covariance()
     out = {}
     for g in fitted.members:
         slope, (theta, doubt) = extra[g], sizes[g]
@@ -74,22 +74,22 @@ def standard_deviations(
         own = [c[np.ix_(slots, slots)] for c in (covariance, between, sharp)]
         for c in own:
             c[: len(theta), : len(theta)] += doubt
-        form = _form_doubt(examined, fitted, g)
+        form = _form_doubt(outcome, fitted, g)
         prior = _prior_std(g, slope, jacobian)
         out[g] = _doubt(g, theta, own, jacobian, form, prior)
     return out
 
 
-def doubtful(examined: SearchOutcome) -> Prior:
+def doubtful(outcome: SearchOutcome) -> Prior:
     """The prior that a wrong value must stand out from: bodies one step rougher.
 
     Their scale is an estimate from few sums of many parameters, good to such a step.
     """
-    prior, wide = examined.task.prior, examined.wide
+    prior, wide = outcome.task.prior, outcome.wide
     if prior.scale >= wide.scale:
         return wide
     rougher = min([s for s in OF_NAMES if s > prior.scale], default=wide.scale)
-    space = PriorSpace(examined.task.design, examined.nominal)
+    space = PriorSpace(outcome.task.design, outcome.nominal)
     return space.at(min(rougher, wide.scale), prior.widths)
 
 
@@ -147,17 +147,17 @@ def between_logs(design: Design, full: Fit) -> Array:
     return wider**2 * design.folds / free * moved.T @ moved
 
 
-def _form_doubt(examined: SearchOutcome, fitted: Fit, group: Group) -> Array:
+def _form_doubt(outcome: SearchOutcome, fitted: Fit, group: Group) -> Array:
     """Half of what another form of the same effect would change. Shape (parameters,).
 
     Stribeck's curve falls as exp(-x) in one textbook and as exp(-x^2) in another: what
     logs hold of it does not reach down to standstill, where its level is said.
     """
-    task, effect = examined.task, group.effect
-    robot = examined.logs.robot
+    task, effect = outcome.task, group.effect
+    robot = outcome.logs.robot
     own = np.asarray(effect.values(fitted.of(group), group.shape, robot), dtype=float)
     anchor = group.joints[0] if group.joints else 0
-    forms = {shape[1:] for shape in effect.shapes(examined.logs.span, anchor)}
+    forms = {shape[1:] for shape in effect.shapes(outcome.logs.span, anchor)}
     units = np.array(list(effect.parameters.values()))
     sizes = [np.linalg.norm(own[units == unit]) for unit in units]
     doubt = effect.inexact * np.array(sizes)
@@ -165,7 +165,7 @@ def _form_doubt(examined: SearchOutcome, fitted: Fit, group: Group) -> Array:
         shape = (group.shape[0], *form)
         made = task.design.add([group.placed._replace(shape=shape)])
         rest = [g for g in fitted.members if g is not group]
-        *_, best = refined(task, (*rest, *made), fitted)
+        *_, best = refine_shape(task, (*rest, *made), fitted)
         theta = task.fit((*rest, best), fitted).of(best)
         doubt = np.maximum(
             doubt, abs(effect.values(theta, best.shape, robot) - own) / 2

@@ -14,7 +14,7 @@ import numpy as np
 
 from residual.calibration.choice import Training, chosen_tables
 from residual.calibration.effects import make_tables
-from residual.diagnosis.adequacy import Adequacy, repeat
+from residual.diagnosis.adequacy import Adequacy, find_period
 from residual.diagnosis.outcome import SearchOutcome
 from residual.diagnosis.patterns import (
     DIRECTION,
@@ -80,7 +80,7 @@ def depends_on(found: Sequence[JointLeftover]) -> tuple[Dependence, ...]:
     return tuple(out)
 
 
-def leftovers(
+def joint_leftovers(
     design: Design, tracks: Sequence[Track], fitted: Fit, adequacy: Adequacy
 ) -> tuple[JointLeftover, ...]:
     """Look at every joint on which more than noise remains."""
@@ -108,7 +108,7 @@ def leftovers(
             x, drawn = found[0].variable.values, found[0].fitted
             label = found[0].variable.label
         elif wave is not None:
-            y = line.left
+            y = line.residual
             x, drawn = _folded(line, wave.frequency)
             label = f"turns of {wave.frequency:.3g} Hz"
         names = np.array([t.id for t in tracks])
@@ -166,7 +166,7 @@ def _kind(
     turns = [
         wave.frequency * period * track.step / track.rate
         for track in tracks
-        if (period := repeat(track)) is not None
+        if (period := find_period(track)) is not None
     ]
     free = len(turns) < len(tracks) or any(
         abs(x - round(x)) > THRESHOLDS.off_harmonic_turns for x in turns
@@ -179,10 +179,10 @@ def _folded(line: TimeLine, frequency: float) -> tuple[Array, Array]:
     turns = line.t * frequency
     for log in np.unique(line.log):
         own = line.log == log
-        wave = line.left[own] @ np.exp(2j * np.pi * turns[own])
+        wave = line.residual[own] @ np.exp(2j * np.pi * turns[own])
         turns[own] -= np.angle(wave) / (2 * np.pi)
     wave = np.cos(2 * np.pi * turns)
-    return turns % 1, wave * (wave @ line.left) / (wave @ wave)
+    return turns % 1, wave * (wave @ line.residual) / (wave @ wave)
 
 
 def _stack(tracks: Sequence[Track], j: int, lines: Sequence[Array]) -> Array:
@@ -194,7 +194,7 @@ def _stack(tracks: Sequence[Track], j: int, lines: Sequence[Array]) -> Array:
 MOST_ROWS = 12_000  # more of the same logs change nothing but the time
 
 
-def corrected(
+def fit_correction(
     model: Model, tracks: Sequence[Track], left: Sequence[JointLeftover]
 ) -> CorrectedModel | None:
     """Fit the correction to what a model leaves on the fit logs.
@@ -279,12 +279,12 @@ class LeftoverAnalysis:
 
 
 def examine_leftover(
-    examined: SearchOutcome, fitted: Fit, augmented: Model
+    outcome: SearchOutcome, fitted: Fit, augmented: Model
 ) -> LeftoverAnalysis:
     """Look at what the names leave on the fit logs; nothing held out has a part."""
-    told, tracks = examined.adequacy, examined.logs.sketch
-    found = leftovers(examined.task.design, tracks, fitted, told)
-    made = corrected(augmented, tracks, found)
+    told, tracks = outcome.adequacy, outcome.logs.sketch
+    found = joint_leftovers(outcome.task.design, tracks, fitted, told)
+    made = fit_correction(augmented, tracks, found)
     sentences = ()
     if made is not None and made.helpless:
         on = joints_listed([j + 1 for j in made.helpless])

@@ -42,15 +42,15 @@ class _Values:
     added: Array
 
 
-def changes(examined: SearchOutcome, fitted: Fit) -> tuple[Change, ...]:
+def compare_values(outcome: SearchOutcome, fitted: Fit) -> tuple[Change, ...]:
     """Return every value that the model was given, and what the logs make of it."""
-    asked = [*_drives(examined, fitted), *_bodies(examined, fitted)]
+    asked = [*_drive_values(outcome, fitted), *_body_values(outcome, fitted)]
     every = sum(len(a.names) for a in asked)
     if not every:
         return ()
     sure = -float(ndtri(THRESHOLDS.value_change_chance / every / 2))
-    state = _Covariances.of(examined, fitted)
-    return tuple(c for a in asked for c in _told(state, a, sure))
+    state = _Covariances.of(outcome, fitted)
+    return tuple(c for a in asked for c in _value_changes(state, a, sure))
 
 
 @dataclass(frozen=True, eq=False, slots=True)
@@ -63,8 +63,8 @@ class _Covariances:
     between: Array
 
     @classmethod
-    def of(cls, examined: SearchOutcome, fitted: Fit) -> "_Covariances":
-        task = examined.task
+    def of(cls, outcome: SearchOutcome, fitted: Fit) -> "_Covariances":
+        task = outcome.task
         before = np.zeros((len(fitted.ids), len(fitted.ids)))
         p = len(task.design.nominal)
         before[:p, :p] = scaled_inverse(task.prior.precision)
@@ -79,11 +79,13 @@ class _Covariances:
         )
 
 
-def _told(state: _Covariances, asked: _Values, sure: float) -> Iterator[Change]:
+def _value_changes(
+    state: _Covariances, asked: _Values, sure: float
+) -> Iterator[Change]:
     a, p = asked.added, asked.slope.shape[1]
     after = scaled_inverse(a @ state.after @ a.T)
     prior = a @ state.before @ a.T
-    information = _positive(after - scaled_inverse(prior), prior)
+    information = _positive_information(after - scaled_inverse(prior), prior)
     covariance = np.linalg.inv(information)
     gap = covariance @ (after @ (a @ state.theta))
     # Logs that disagree pull a value that its prior holds by less than a free one.
@@ -107,20 +109,20 @@ def _told(state: _Covariances, asked: _Values, sure: float) -> Iterator[Change]:
         )
 
 
-def _drives(examined: SearchOutcome, fitted: Fit) -> list[_Values]:
+def _drive_values(outcome: SearchOutcome, fitted: Fit) -> list[_Values]:
     """Declared values, those of the same joints together."""
-    nominal = examined.nominal
+    nominal = outcome.nominal
     terms, given = zip(*nominal.declared, strict=True) if nominal.declared else ((), ())
     placed = with_slots(terms, len(nominal.model.inertial))
     together: dict[tuple, list] = {}
     for (term, own), width in zip(placed, given, strict=True):
         if width is not None:
             together.setdefault(term.joints, []).append((term, own))
-    robot = examined.logs.robot
-    return [_of_joint(robot, fitted, terms) for terms in together.values()]
+    robot = outcome.logs.robot
+    return [_joint_values(robot, fitted, terms) for terms in together.values()]
 
 
-def _of_joint(robot, fitted: Fit, terms: list[tuple[Term, slice]]) -> _Values:
+def _joint_values(robot, fitted: Fit, terms: list[tuple[Term, slice]]) -> _Values:
     names, nominal, rows, count = [], [], [], len(fitted.ids)
     for term, own in terms:
         effect = term.effect
@@ -154,11 +156,11 @@ def _findings_of(fitted: Fit, effect: Effect, term: Term) -> list[Array]:
     ]
 
 
-def _bodies(examined: SearchOutcome, fitted: Fit) -> list[_Values]:
+def _body_values(outcome: SearchOutcome, fitted: Fit) -> list[_Values]:
     """What the motion of the arm can tell of its body at all, sum by sum."""
-    robot = examined.logs.robot
+    robot = outcome.logs.robot
     base = base_parameters(robot.model)
-    inertial = examined.nominal.model.inertial
+    inertial = outcome.nominal.model.inertial
     size = np.sqrt(base.mapping**2 @ inertial_sd(robot) ** 2)
     added = np.zeros((len(base), len(fitted.ids)))
     added[:, : len(inertial)] = base.mapping
@@ -185,7 +187,7 @@ def _without_findings(added: Array, fitted: Fit) -> Array:
     return added[:, : len(fitted.ids) - members]
 
 
-def _positive(information: Array, prior: Array) -> Array:
+def _positive_information(information: Array, prior: Array) -> Array:
     """What the logs know, and a ten thousandth of the prior where they know nothing."""
     size = np.sqrt(np.diag(prior))
     values, vectors = np.linalg.eigh(information * np.outer(size, size))

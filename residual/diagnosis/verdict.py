@@ -10,14 +10,14 @@ from residual.diagnosis.detectable import minimum_detectable
 from residual.diagnosis.doubts import DoubtResult, Withdrawal
 from residual.diagnosis.findings import NamedEffect, public_joints
 from residual.diagnosis.gate import GateResult
-from residual.diagnosis.held_out import judgement, unproven
+from residual.diagnosis.held_out import describe_gain, describe_unproven
 from residual.diagnosis.neighbours import rivals
 from residual.diagnosis.open_question import places_of
 from residual.diagnosis.outcome import SearchOutcome
-from residual.diagnosis.select import neighbours
+from residual.diagnosis.select import neighbor_priors
 from residual.diagnosis.uncertainty import doubtful
 from residual.diagnosis.unexplained import JointLeftover, LeftoverAnalysis, depends_on
-from residual.diagnosis.values import changes
+from residual.diagnosis.values import compare_values
 from residual.effects import registry
 from residual.effects.base import Trait
 from residual.errors import joints_listed
@@ -46,7 +46,7 @@ from residual.verdict.result import (
     Place,
     Unexplained,
     Verdict,
-    as_embodied,
+    with_model_values,
 )
 
 
@@ -72,20 +72,20 @@ def conclude(
         errors: Errors of each model on the held-out logs; `tables` has them as values.
         logged: Warnings on the logs, which come first.
     """
-    examined, judged = standing.examined, standing.judged
-    task, robot = examined.task, examined.logs.robot
+    outcome, validation = standing.outcome, standing.validation
+    task, robot = outcome.task, outcome.logs.robot
     faulty = check is not None and bool(check.certain)
-    contradicted = (*contradictions(examined, judged.fit, errors), *bodies.doubts)
-    doubtful = len(examined.adequacy.doubted) or contradicted or faulty
-    every = neighbours(PriorSpace(task.design, examined.nominal), task.prior)
-    least = _clear_links(examined, minimum_detectable(task, judged.fit, every))
+    contradicted = (*contradictions(outcome, validation.fit, errors), *bodies.doubts)
+    doubtful = len(outcome.adequacy.doubted) or contradicted or faulty
+    every = neighbor_priors(PriorSpace(task.design, outcome.nominal), task.prior)
+    least = _clear_links(outcome, minimum_detectable(task, validation.fit, every))
     alternatives = tuple(
         Alternative(
             set=tuple(Place(g.effect.name, public_joints(g)) for g in rival.members),
             nats=plain(rival.nats),
             separated_by=LOAD if rival.twin else MOTION,
         )
-        for rival in rivals(task, judged.fit, least)
+        for rival in rivals(task, validation.fit, least)
     )
 
     def listing(some: Sequence[NamedEffect]) -> list[Finding]:
@@ -93,38 +93,40 @@ def conclude(
 
     return Verdict(
         robot=robot.name,
-        declared=tuple(examined.nominal.names),
+        declared=tuple(outcome.nominal.names),
         verdict="effects" if named else "unknown" if doubtful else "none",
-        effects=tuple(as_embodied(f, bodies) for f in listing(named)),
+        effects=tuple(with_model_values(f, bodies) for f in listing(named)),
         minimum_detectable=() if faulty else tuple(least),
-        unexplained=_unexplained(examined, remains.joints),
+        unexplained=_unexplained(outcome, remains.joints),
         error=tables,
         nominal_scale=plain(task.prior.scale),
         next_experiment=None if faulty else promised(question),
         warnings=(
             *logged,
             *(check.sentences if check else ()),
-            *warnings(examined, standing.withdrawn, tables.same_run),
-            *unproven(examined, errors["augmented"]),
+            *warnings(outcome, standing.withdrawn, tables.same_run),
+            *describe_unproven(outcome, errors["augmented"]),
             *remains.sentences,
         ),
         log_check=check,
         contradictions=contradicted,
         frames=Frames.of(robot),
-        changes=changes(examined, judged.fit),
-        alternatives=settled_by(question, places_of(judged.fit.members), alternatives),
+        changes=compare_values(outcome, validation.fit),
+        alternatives=settled_by(
+            question, places_of(validation.fit.members), alternatives
+        ),
         background=tuple(listing(background)),
-        bodies=bodies.moved,
+        bodies=bodies.correction,
         suspected=() if faulty else tuple(listing(standing.suspected)),
-        too_small=tuple(j + 1 for j in examined.logs.too_small),
+        too_small=tuple(j + 1 for j in outcome.logs.too_small),
     )
 
 
-def _clear_links(examined: SearchOutcome, least: list[Detectable]) -> list[Detectable]:
+def _clear_links(outcome: SearchOutcome, least: list[Detectable]) -> list[Detectable]:
     """Of a link at least what its description may be off by, four times."""
-    prior, model = doubtful(examined), examined.logs.robot.model
+    prior, model = doubtful(outcome), outcome.logs.robot.model
     bodies = inertial_parameters(model)
-    pull = inertial_precision(examined.logs.robot) @ np.diag(bodies)
+    pull = inertial_precision(outcome.logs.robot) @ np.diag(bodies)
     with np.errstate(divide="ignore"):  # of a link without mass nothing is known
         rough = prior.scale / np.sqrt((bodies @ pull).reshape(-1, 10).sum(axis=1))
     out = []
@@ -137,7 +139,7 @@ def _clear_links(examined: SearchOutcome, least: list[Detectable]) -> list[Detec
 
 
 def _finding(named: NamedEffect, order: int, standing: DoubtResult) -> Finding:
-    gains = {**standing.gains, **dict(standing.judged.kept)}
+    gains = {**standing.gains, **dict(standing.validation.kept)}
     gain = float(np.mean([gains[t] for t in named.tested]))
     splits = [standing.splits[t] for t in named.tested]
     parameters = {}
@@ -160,15 +162,15 @@ def _finding(named: NamedEffect, order: int, standing: DoubtResult) -> Finding:
         evidence=Evidence(
             nats=plain(named.nats),
             by="fit" if any(t.by == "fit" for t in named.tested) else "plausibility",
-            held_out=judgement(gain),
+            held_out=describe_gain(gain),
             held_out_gain=plain(gain),
             splits=min(splits, key=lambda s: s.found),
         ),
     )
 
 
-def _unexplained(examined: SearchOutcome, left: Sequence[JointLeftover]) -> Unexplained:
-    a, design, logs = examined.adequacy, examined.task.design, examined.logs
+def _unexplained(outcome: SearchOutcome, left: Sequence[JointLeftover]) -> Unexplained:
+    a, design, logs = outcome.adequacy, outcome.task.design, outcome.logs
     power = design.rows * design.rms**2
     weight = power / power.sum()
     kinds = [one.kind for one in left if one.kind]
@@ -196,41 +198,42 @@ PLACES = 20  # positions at which the inertia is looked at
 
 
 def contradictions(
-    examined: SearchOutcome, fitted: Fit, errors: dict[str, Errors]
+    outcome: SearchOutcome, fitted: Fit, errors: dict[str, Errors]
 ) -> tuple[str, ...]:
     """Return in sentences what of a fit no arm can be; empty where nothing is."""
-    if not examined.task.design.fold_rows.any():
+    if not outcome.task.design.fold_rows.any():
         return (STILL,)
-    friction, inertia = _driving(examined, fitted), _negative(examined, fitted)
+    friction, inertia = (
+        _driving_friction(outcome, fitted),
+        _negative_inertia(outcome, fitted),
+    )
     out = []
     if friction:
-        one = len(friction) == 1
         out.append(
-            f"the friction that was fitted on {joints_listed(friction)} drives the arm "
-            f"instead of braking it, which no friction does: is the sign of "
-            f"{'this torque' if one else 'these torques'} right?"
+            f"the fitted friction of {joints_listed(friction)} drives the arm: check "
+            "the sign of the torque"
         )
     if inertia:
         out.append(
-            f"the inertia that was fitted on {joints_listed(inertia)} is negative, "
-            "which no body has: are signs, units and the order of the joints right?"
+            f"the fitted inertia of {joints_listed(inertia)} is negative: check signs, "
+            "units and the order of the joints"
         )
     before, after = (errors[k].overall("moving") for k in ("nominal", "identified"))
     if after > THRESHOLDS.refit_error_ratio * before:
         out.append(
-            "the refit predicts held-out motion worse than the model as it was given "
-            f"({before:.1f} to {after:.1f} % while moving): these logs do not "
-            "determine it"
+            "the refit predicts held-out motion worse than the nominal model "
+            f"({after:.1f} % against {before:.1f} % while moving): these logs do not "
+            "determine its parameters"
         )
     return tuple(out)
 
 
-def _driving(examined: SearchOutcome, fitted: Fit) -> list[int]:
+def _driving_friction(outcome: SearchOutcome, fitted: Fit) -> list[int]:
     """Joints (from 1) on which the fitted friction feeds the motion."""
-    design, covariance = examined.task.design, fitted.covariance()
-    theta, out = _whole(examined, fitted), []
-    brakes = _marked(examined, fitted, lambda e, on: Trait.FRICTION in e.traits)
-    speeds = design.stacked([t.qd[:: t.step] for t in examined.logs.sketch])
+    design, covariance = outcome.task.design, fitted.covariance()
+    theta, out = _absolute_coefficients(outcome, fitted), []
+    brakes = _select_slots(outcome, fitted, lambda e, on: Trait.FRICTION in e.traits)
+    speeds = design.stacked([t.qd[:: t.step] for t in outcome.logs.sketch])
     for j, speed in enumerate(speeds):
         place, have = design.present(j, fitted.ids)
         mine = brakes[have]
@@ -246,11 +249,11 @@ def _driving(examined: SearchOutcome, fitted: Fit) -> list[int]:
     return out
 
 
-def _negative(examined: SearchOutcome, fitted: Fit) -> list[int]:
+def _negative_inertia(outcome: SearchOutcome, fitted: Fit) -> list[int]:
     """Joints (from 1) whose own inertia came out negative over the logged places."""
-    design, covariance = examined.task.design, fitted.covariance()
-    theta, model = _whole(examined, fitted), examined.logs.robot.model
-    q = np.concatenate([t.q for t in examined.logs.tracks])
+    design, covariance = outcome.task.design, fitted.covariance()
+    theta, model = _absolute_coefficients(outcome, fitted), outcome.logs.robot.model
+    q = np.concatenate([t.q for t in outcome.logs.tracks])
     q = q[:: max(1, len(q) // PLACES)]
     still, out = np.zeros_like(q), []
     resting = regressor(model, q, still, still)
@@ -258,8 +261,8 @@ def _negative(examined: SearchOutcome, fitted: Fit) -> list[int]:
         push = still.copy()
         push[:, j] = 1.0
         rows = regressor(model, q, still, push)[:, j] - resting[:, j]
-        rotors = _marked(
-            examined,
+        rotors = _select_slots(
+            outcome,
             fitted,
             lambda e, on, j=j: e.carries == "acceleration" and on == (j,),
         )
@@ -271,17 +274,17 @@ def _negative(examined: SearchOutcome, fitted: Fit) -> list[int]:
     return out
 
 
-def _whole(examined: SearchOutcome, fitted: Fit) -> Array:
+def _absolute_coefficients(outcome: SearchOutcome, fitted: Fit) -> Array:
     """Coefficients themselves, where a fit has their distance from the nominal."""
     theta = fitted.theta.copy()
-    base = examined.nominal.model.coefficients()
+    base = outcome.nominal.model.coefficients()
     theta[: len(base)] += base
     return theta
 
 
-def _marked(examined: SearchOutcome, fitted: Fit, wanted: Callable) -> Array:
+def _select_slots(outcome: SearchOutcome, fitted: Fit, wanted: Callable) -> Array:
     """Which of a fit's coefficients belong to effects that are wanted. (m,), bool."""
-    model = examined.nominal.model
+    model = outcome.nominal.model
     marks = [np.zeros(len(model.inertial), dtype=bool)]
     for part in (*model.terms, *fitted.members):
         count = len(part.theta) if hasattr(part, "theta") else len(part.ids)
@@ -290,7 +293,7 @@ def _marked(examined: SearchOutcome, fitted: Fit, wanted: Callable) -> Array:
 
 
 def warnings(
-    examined: SearchOutcome, withdrawn: Sequence[Withdrawal], same_run: bool
+    outcome: SearchOutcome, withdrawn: Sequence[Withdrawal], same_run: bool
 ) -> list[str]:
     """Return what qualifies the answer: a weak proof, a rough model, names withdrawn.
 
@@ -302,30 +305,30 @@ def warnings(
     if same_run:
         out.append(
             "no --holdout given: the last quarter of the longest log was held out; "
-            "the proof is weak, since it is the same run"
+            "the proof is weak: it is the same run"
         )
-    scale = examined.task.prior.scale
+    scale = outcome.task.prior.scale
     if scale > THRESHOLDS.rough_scale:
         off = "100 % or more" if scale >= 1 else f"about {100 * scale:.0f} %"
         out.append(
-            f"the inertias of the nominal model are off by {off}: too rough to blame a "
-            "single body of the arm; give --baseline"
+            f"the inertias of the nominal model are off by {off}: too rough to name a "
+            "wrong body of the arm; give --baseline"
         )
-    out += [complaint(w.tested, w.why) for w in withdrawn]
+    out += [describe_withdrawal(w.tested, w.why) for w in withdrawn]
     return list(dict.fromkeys(out))  # two ripples of a joint make one sentence
 
 
-def complaint(tested: GateResult, why: str) -> str:
+def describe_withdrawal(tested: GateResult, why: str) -> str:
     """A warning about a name that did not stand: 'ripple on joint 3: why'."""
     joints = [j + 1 for j in tested.group.joints]
     place = f" on {joints_listed(joints)}" if joints else ""
     return f"{tested.group.effect.name}{place}: {why}"
 
 
-def signal_notes(examined: SearchOutcome) -> tuple[str, ...]:
+def signal_notes(outcome: SearchOutcome) -> tuple[str, ...]:
     """Return what was understood of the signals: filter and rows."""
-    logs = examined.logs
-    rows = examined.task.design.rows
+    logs = outcome.logs
+    rows = outcome.task.design.rows
     every = sum(int(t.inner.sum()) for t in logs.tracks)
     notes = [
         f"identification filter {min(t.cutoff for t in logs.tracks):g} Hz, zero phase, "

@@ -45,10 +45,10 @@ def joint_properties() -> dict[str, tuple[str, str]]:
     Returns:
         Name and parameter of the effect, by property: what an MJCF declares.
     """
-    usual = (e for e in registry().values() if e.usual_in_every_drive)
+    usual = (e for e in registry().values() if e.drive_order)
     return {
         effect.portable.joint[0]: (effect.name, next(iter(effect.parameters)))
-        for effect in sorted(usual, key=lambda e: e.usual_in_every_drive)
+        for effect in sorted(usual, key=lambda e: e.drive_order)
     }
 
 

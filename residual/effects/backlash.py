@@ -10,7 +10,7 @@ import numpy as np
 from scipy.ndimage import gaussian_filter1d
 
 from residual.effects.base import Effect, Portable, Refinement, Trait, against_load
-from residual.effects.sensitivity import moved, rates, sensitivity
+from residual.effects.sensitivity import sensitivity, time_derivatives, torque_of_shift
 from residual.recording import Array
 
 # The coefficient is the half gap, the shape the one that the flight is drawn for; a
@@ -28,11 +28,13 @@ def _columns(state, joints, shape):
     gap = max(abs(shape[0]), TINY)
     if len(shape) > 1:
         side = gaussian_filter1d(np.sign(state.rigid[:, j]), shape[1] * state.rate)
-        return moved(state, j, side, rates(state, side))[:, :, None]
+        return torque_of_shift(state, j, side, time_derivatives(state, side))[
+            :, :, None
+        ]
     inertia = np.maximum(sensitivity(state)[2][:, j, j], 1e-9)
     push = -state.rigid[:, j] / inertia
     side = _flight(push, gap, 1 / state.rate) / gap
-    return moved(state, j, side, rates(state, side))[:, :, None]
+    return torque_of_shift(state, j, side, time_derivatives(state, side))[:, :, None]
 
 
 def _flight(push: Array, gap: float, dt: float) -> Array:

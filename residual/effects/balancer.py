@@ -23,5 +23,5 @@ EFFECT = Effect(
     # It carries what the drive need not, so it may exceed the drive's own torque.
     possible=lambda theta, shape, limits: bool(np.hypot(*theta) < MOST * limits.torque),
     portable=formula("a[0] * sin(q) + a[1] * cos(q)"),
-    told=wave(0, 1, "N m"),
+    display=wave(0, 1, "N m"),
 )

@@ -217,7 +217,7 @@ class Effect:
         from_values: (values, robot) -> (theta, shape): the inverse of ``values``.
         shapes: Values of the nonlinear parameters to start from.
         refine: How the first nonlinear parameter is searched; None where linear.
-        usual_in_every_drive: Its place, from 1, in the list of what every drive has and
+        drive_order: Its place, from 1, in the list of what every drive has and
             a model is taken to have by default; 0 for none.
         carries: What its coefficients are a part of, besides the torque of its columns:
             the inertial parameters of the last body ("body"), the drive's torque per
@@ -229,20 +229,20 @@ class Effect:
         reports: (key, values, stds) -> whether to report a parameter; None for always.
         combined: (theta, robot) -> by formula, what motion may determine where it does
             not determine the parameters: value, unit. Linear in theta.
-        usual: (states, joints) -> coefficients of an effect of size one, in its usual
-            directions; None where the first alone or a plain vector says it.
+        unit_directions: (states, joints) -> coefficients of an effect of size one, in
+            its usual directions; None where the first alone or a plain vector says it.
         far_fetched: Of two that explain the same the one with less is named first.
         inexact: One standard deviation, as a share of its size, of what other authors'
             forms of it give where logs see only a part of its range.
         family: Effects of one family on one joint exclude each other.
         outermost: How many of the last joints it is not tried on.
         rides_on: The effect that its torque is reported on top of.
-        in_any_arm: (span, joint) -> shapes in which every arm in use has a little.
+        in_any_arm: (span, joint) -> shapes of which every arm in use has a little.
         least_seen: Shapes, SI, in which logs show it less than in its usual one: the
             smallest detectable size is the median of theirs.
         frame: The frame of its vectors, in words; ``{flange}`` is its name in the URDF.
-        told: (values) -> the same as people say them, value and unit by name, such as
-            amplitude and angle; None where the parameters themselves do.
+        display: (values) -> value and unit by name as a report shows them, such as
+            amplitude and angle; None for the parameters themselves.
     """
 
     name: str
@@ -268,13 +268,13 @@ class Effect:
     )
     shapes: Callable[[Span, int], Sequence[Shape]] = lambda span, joint: ((),)
     refine: Refinement | None = None
-    usual_in_every_drive: int = 0
+    drive_order: int = 0
     carries: Carried = ""
     prior_sd: Callable[[Robot], Array] | None = None
     possible: Callable[[Array, Shape, Limits], bool] = lambda theta, shape, limits: True
     reports: Callable[[str, Array, Array], bool] | None = None
     combined: Callable[[Array, Robot], Mapping[str, tuple[float, str]]] | None = None
-    usual: Callable[[Sequence[State], Joints], Sequence[Array]] | None = None
+    unit_directions: Callable[[Sequence[State], Joints], Sequence[Array]] | None = None
     far_fetched: float = 0.0
     inexact: float = 0.0
     family: str = ""
@@ -283,7 +283,7 @@ class Effect:
     in_any_arm: Callable[[Span, int], Sequence[Shape]] = lambda span, joint: ()
     least_seen: tuple[Shape, ...] = ()
     frame: str = ""
-    told: Callable[[Array], Mapping[str, tuple[float, str]]] | None = None
+    display: Callable[[Array], Mapping[str, tuple[float, str]]] | None = None
 
     @property
     def law(self) -> str:
@@ -356,7 +356,7 @@ def wave(sin: int, cos: int, unit: str) -> Callable[[Array], Mapping]:
         unit: Of both.
     """
 
-    def told(values: Array) -> Mapping[str, tuple[float, str]]:
+    def display(values: Array) -> Mapping[str, tuple[float, str]]:
         s, c = values[sin], values[cos]
         largest = float(np.rad2deg(np.arctan2(s, c)))
         return {
@@ -364,7 +364,7 @@ def wave(sin: int, cos: int, unit: str) -> Callable[[Array], Mapping]:
             "largest at": (largest, "°"),
         }
 
-    return told
+    return display
 
 
 def against(signal: str, label: str) -> Callable[[State, int], tuple[Array, str]]:

@@ -11,7 +11,7 @@ EFFECT = Effect(
     parameters={"level": "N m"},
     columns=local(lambda state, j, shape: [state.sign[:, j]]),
     traits=Trait.PARAMETER | Trait.NOT_NEGATIVE | Trait.GROUPABLE | Trait.FRICTION,
-    usual_in_every_drive=2,
+    drive_order=2,
     possible=dissipates,
     in_any_arm=lambda span, j: ((),),
     portable=formula("a[0] * sign", joint=("friction",)),

@@ -6,7 +6,7 @@ The encoder sits on the motor, so the link is at the reading less load over stif
 import numpy as np
 
 from residual.effects.base import Effect, Portable, Trait, against_load
-from residual.effects.sensitivity import moved, rates, slow
+from residual.effects.sensitivity import low_passed, time_derivatives, torque_of_shift
 
 FUTURE = "its filter looks ahead in time"
 SOFT, HARD = 3e2, 1e7  # N m/rad: beyond, no gear of an arm
@@ -14,8 +14,8 @@ SOFT, HARD = 3e2, 1e7  # N m/rad: beyond, no gear of an arm
 
 def _columns(state, joints, shape):
     (j,) = joints
-    lag = -slow(state, state.rigid[:, j])
-    return moved(state, j, lag, rates(state, lag))[:, :, None]
+    lag = -low_passed(state, state.rigid[:, j])
+    return torque_of_shift(state, j, lag, time_derivatives(state, lag))[:, :, None]
 
 
 EFFECT = Effect(

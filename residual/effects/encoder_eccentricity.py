@@ -3,7 +3,7 @@
 import numpy as np
 
 from residual.effects.base import Effect, Portable, Trait, wave
-from residual.effects.sensitivity import turned
+from residual.effects.sensitivity import torque_of_shift_with_drive
 
 MOST = 0.2  # rad
 SHIFT = (
@@ -21,7 +21,10 @@ def _columns(state, joints, shape):
         (cos, (-sin * qd, -cos * qd**2 - sin * qdd)),
         (sin, (cos * qd, -sin * qd**2 + cos * qdd)),
     )
-    return np.stack([turned(state, j, x, speeds) for x, speeds in shifts], axis=2)
+    return np.stack(
+        [torque_of_shift_with_drive(state, j, x, speeds) for x, speeds in shifts],
+        axis=2,
+    )
 
 
 EFFECT = Effect(
@@ -41,5 +44,5 @@ EFFECT = Effect(
     variable=None,
     possible=lambda theta, shape, limits: bool(np.hypot(*theta) < MOST),
     portable=Portable(shift=SHIFT),
-    told=wave(1, 0, "rad"),
+    display=wave(1, 0, "rad"),
 )

@@ -21,7 +21,7 @@ EFFECT = Effect(
     from_values=lambda values, robot: _body.theta_from(_JOINT, values),
     traits=Trait.PARAMETER | Trait.IN_EVERY_MODEL | Trait.BODY,
     prior_sd=_body.prior_sd,
-    usual=lambda states, joints: _body.usual_in(_JOINT),
+    unit_directions=lambda states, joints: _body.usual_in(_JOINT),
     reports=_body.reports,
     variable=None,
     # Also lighter than nothing: a body that the model has and the link has lost.

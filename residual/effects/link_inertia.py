@@ -42,5 +42,5 @@ EFFECT = Effect(
     possible=lambda theta, shape, limits: bool(-1 < theta[0] < MOST),
     variable=None,
     portable=Portable(bodies=_bodies),
-    told=lambda values: {"mass and inertia": (100 * float(values[0]), "%")},
+    display=lambda values: {"mass and inertia": (100 * float(values[0]), "%")},
 )

@@ -34,7 +34,7 @@ EFFECT = Effect(
     carries="body",
     prior_sd=_body.prior_sd,
     combined=_combined,
-    usual=lambda states, joints: _body.usual_in(
+    unit_directions=lambda states, joints: _body.usual_in(
         flange_placement(states[0].robot.model)
     ),
     reports=_body.reports,

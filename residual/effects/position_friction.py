@@ -22,5 +22,5 @@ EFFECT = Effect(
     possible=within_torque,
     in_any_arm=lambda span, j: ((),),
     portable=formula("sign * (a[0] * cos(q) + a[1] * sin(q))"),
-    told=wave(1, 0, "N m"),
+    display=wave(1, 0, "N m"),
 )

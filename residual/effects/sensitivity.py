@@ -51,7 +51,9 @@ def model_of(state: State) -> pin.Model:
     return with_inertial_parameters(state.robot.model, state.inertial)
 
 
-def moved(state: State, joint: int, shift: Array, rates: tuple[Array, Array]) -> Array:
+def torque_of_shift(
+    state: State, joint: int, shift: Array, rates: tuple[Array, Array]
+) -> Array:
     """Change of all torques when joint j (from 0) is shifted [rad]. Shape (n, dof).
 
     Rates are the first and second derivative of the shift [rad/s, rad/s^2].
@@ -60,21 +62,23 @@ def moved(state: State, joint: int, shift: Array, rates: tuple[Array, Array]) ->
     return sum(slope[:, :, joint] * x[:, None] for slope, x in parts)
 
 
-def turned(state: State, joint: int, shift: Array, rates: tuple[Array, Array]) -> Array:
+def torque_of_shift_with_drive(
+    state: State, joint: int, shift: Array, rates: tuple[Array, Array]
+) -> Array:
     """The same where the drive is shifted with the joint. Shape (n, dof)."""
-    out = moved(state, joint, shift, rates)
+    out = torque_of_shift(state, joint, shift, rates)
     if state.drive is not None:
         viscous, rotor = state.drive[:, joint]
         out[:, joint] += viscous * rates[0] + rotor * rates[1]
     return out
 
 
-def slow(state: State, values: Array) -> Array:
+def low_passed(state: State, values: Array) -> Array:
     """What of a signal is slow enough to be differentiated twice. Shape (n,)."""
     return low_pass(values, min(SLOW, 0.05 * state.rate), state.rate)
 
 
-def rates(state: State, values: Array) -> tuple[Array, Array]:
+def time_derivatives(state: State, values: Array) -> tuple[Array, Array]:
     """First and second time derivative of a signal. Shapes (n,)."""
     first = np.gradient(values, 1 / state.rate)
     return first, np.gradient(first, 1 / state.rate)

@@ -13,7 +13,7 @@ def _values(theta, shape, robot):
     return np.array([stiffness, rest])
 
 
-def _usual(states, joints):
+def _unit_directions(states, joints):
     """At rest in the middle of the motion, where it shows least."""
     q = np.concatenate([s.q[:, joints[0]] for s in states])
     return [np.array([1.0, -q.mean()])]
@@ -41,7 +41,7 @@ EFFECT = Effect(
     columns=local(lambda state, j, shape: [state.q[:, j], np.ones(len(state.t))]),
     values=_values,
     from_values=lambda values, robot: (values[0] * np.array([1.0, -values[1]]), ()),
-    usual=_usual,
+    unit_directions=_unit_directions,
     family="static",
     traits=Trait.ONE_VARIABLE,
     variable=against_position,

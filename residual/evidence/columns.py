@@ -195,13 +195,13 @@ class Group:
     fellows: int = 1  # how many came together with this one in such a group
     label: str = ""  # name of the candidate; the effect's own where empty
     # What is known of the coefficients for sure, beside the usual prior.
-    given: "KnownPrior | None" = None
+    known_prior: "KnownPrior | None" = None
 
     @property
     def prior(self) -> "KnownPrior":
         """What its prior has beside the precision."""
         k = len(self.ids)
-        return self.given or KnownPrior(
+        return self.known_prior or KnownPrior(
             np.zeros((k, k)), np.zeros(k), 0.0, self.log_det
         )
 
@@ -243,7 +243,7 @@ class KnownPrior:
         )
 
 
-def sound(precision: Array) -> tuple[Array, float]:
+def regularize(precision: Array) -> tuple[Array, float]:
     """A precision that has an inverse, and its log determinant. (k, k) as given."""
     scale = np.sqrt(np.maximum(np.diag(precision), 1e-12))
     precision = precision + 1e-6 * np.diag(scale**2)
@@ -310,7 +310,7 @@ def squares_per_fold(
     return np.stack(sums, axis=1)
 
 
-def runs(labels: Array) -> Iterator[tuple[int, slice]]:
+def fold_slices(labels: Array) -> Iterator[tuple[int, slice]]:
     """Folds of rows with their rows, which follow each other."""
     folds, starts = np.unique(labels, return_index=True)
     counts = np.bincount(labels)[folds]

@@ -21,9 +21,9 @@ from residual.evidence.columns import (
     KnownPrior,
     Sums,
     fold_labels,
+    fold_slices,
+    regularize,
     rows_that_count,
-    runs,
-    sound,
     squares_per_fold,
 )
 from residual.evidence.rules import THRESHOLDS
@@ -212,7 +212,7 @@ class Design:
         first = self._columns.count((j, c))
         self._columns.write((j, c), new)
         every = self._columns.read((j, c), len(y))
-        for fold, own in runs(self._rows_labels(j, self._chunks[c])):
+        for fold, own in fold_slices(self._rows_labels(j, self._chunks[c])):
             self._sums.add(j, fold, every[:, own], first, y[own])
 
     def add(self, candidates: Sequence[PlacedEffect]) -> list[Group]:
@@ -260,10 +260,10 @@ class Design:
             precision = (
                 self.unit_information(ids, rows) / THRESHOLDS.prior_torque_share**2
             )
-        group = Group(effect, joints, shape, ids, *sound(precision))
-        return replace(group, given=self._given(group))
+        group = Group(effect, joints, shape, ids, *regularize(precision))
+        return replace(group, known_prior=self._known_prior(group))
 
-    def _given(self, group: Group) -> KnownPrior | None:
+    def _known_prior(self, group: Group) -> KnownPrior | None:
         """What is known of an effect for sure; of a change of the model's, nothing."""
         known = of_effect(self.model.robot, group.effect, group.joints)
         if not known:
@@ -337,7 +337,7 @@ class Design:
         out._columns, cross = self._columns.copy(), []
         for j, y in enumerate(target):
             x, own = self._columns.read((j, 0), len(y)), np.zeros_like(self.cross[j])
-            for fold, rows in runs(self._rows_labels(j, self._chunks[0])):
+            for fold, rows in fold_slices(self._rows_labels(j, self._chunks[0])):
                 own[fold] = x[:, rows] @ y[rows]
             cross.append(own)
         out._sums = self._sums.with_cross(cross)

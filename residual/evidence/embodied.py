@@ -29,7 +29,7 @@ class PossibleModel:
 
     model: Model  # the model
     # What could not exist as fitted freely; None where every body can.
-    moved: BodyCorrection | None
+    correction: BodyCorrection | None
     # Whether the logs contradict every possible body: beyond chance, and on some joint
     # by as much as a name must explain.
     contradicted: bool = False
@@ -37,25 +37,26 @@ class PossibleModel:
     @property
     def notes(self) -> tuple[str, ...]:
         """What was moved, and its price; nothing where every body can exist."""
-        if self.moved is None:
+        if self.correction is None:
             return ()
-        cost = 100 * max(*self.moved.price, 0.0)
+        cost = 100 * max(*self.correction.price, 0.0)
         more = f"{cost:.2g} %" if cost >= LITTLE else f"under {LITTLE:g} %"
         return (
-            f"no body can be what a free fit makes of {listed(self.moved.bodies)}: the "
-            "model has the nearest that can be (positive definite pseudo-inertia), "
-            f"which leaves {more} more of a joint's torque at most",
+            "the unconstrained fit gives physically impossible inertias for "
+            f"{listed(self.correction.bodies)}: the model uses the nearest possible "
+            "ones (positive definite pseudo-inertia), which raise the torque error of "
+            f"a joint by {more} at most",
         )
 
     @property
     def doubts(self) -> tuple[str, ...]:
         """What no arm can be, in a sentence; nothing where that may be chance."""
-        if self.moved is None or not self.contradicted:
+        if self.correction is None or not self.contradicted:
             return ()
         return (
-            f"no body can be what the logs make of {listed(self.moved.bodies)}: are "
-            "gravity, signs, units and the order of the joints right, and does nothing "
-            "else push or hold the arm?",
+            "the logs give physically impossible inertias for "
+            f"{listed(self.correction.bodies)}: check gravity, signs, units, the order "
+            "of the joints and external forces on the arm",
         )
 
 
@@ -67,7 +68,7 @@ class SeparateTerm:
     columns: tuple[Array, ...]  # its torque on the rows of each joint, (rows, k)
 
 
-def embodied(
+def with_possible_bodies(
     design: Design, fitted: Fit, model: Model, beside: Sequence[SeparateTerm] = ()
 ) -> PossibleModel:
     """Move a fitted model to the nearest one whose bodies can exist.

@@ -296,7 +296,7 @@ def autocorrelation_time(line: Array) -> float:
     return float(1 + 2 * pairs[:stop].sum())
 
 
-def gain(
+def evidence_gain(
     design: Design,
     prior: Prior,
     big: Fit,
@@ -317,15 +317,15 @@ def gain(
     return first.score - second.score, first, second
 
 
-def settled(design: Design, prior: Prior, fitted: Fit) -> Fit:
+def settle(design: Design, prior: Prior, fitted: Fit) -> Fit:
     """Count rows anew by the fit's own residual and fit again."""
     counted = effective_rows(design, fitted, range(design.dof))
     return fit(design, prior, fitted.members, counted, fitted.variance)
 
 
-def start(design: Design, prior: Prior) -> Fit:
+def fit_nominal(design: Design, prior: Prior) -> Fit:
     """Fit of the nominal structure alone."""
-    return settled(design, prior, fit(design, prior, (), design.rows / 5, rounds=4))
+    return settle(design, prior, fit(design, prior, (), design.rows / 5, rounds=4))
 
 
 BODY = 10  # inertial parameters of a link
@@ -363,11 +363,11 @@ def limits_of(design: Design, fitted: Fit, group: Group) -> Limits:
         speed=float(design.speed[on].max()),
         weight=float(sum(body.mass for body in robot.model.inertias)),
         reach=reach(robot.model),
-        had=_had(design, fitted, group),
+        had=_model_coefficients(design, fitted, group),
     )
 
 
-def _had(design: Design, fitted: Fit, group: Group) -> Array:
+def _model_coefficients(design: Design, fitted: Fit, group: Group) -> Array:
     """What the model has of the effect, as the fit moved it. Shape (k,)."""
     model, count = design.model, len(design.nominal)
     now = model.coefficients() + fitted.theta[:count]

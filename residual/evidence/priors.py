@@ -10,7 +10,7 @@ from scipy.linalg import solve_triangular
 from residual.effects import registry
 from residual.effects.base import Joints, Trait
 from residual.evidence.design import Design, Group
-from residual.evidence.fit import Fit, Prior, System, as_model, start
+from residual.evidence.fit import Fit, Prior, System, as_model, fit_nominal
 from residual.evidence.rules import THRESHOLDS
 from residual.model.known_values import EXACT, known_prior, mass_of_links, of_effect
 from residual.model.model import Model, with_slots
@@ -137,7 +137,7 @@ def relative_prior(
     for (term, own), given in zip(placed, nominal.sd, strict=True):
         ids = design.nominal[own]
         rows = term.effect.rows(term.joints, design.dof)
-        flat = _flat(design, ids, rows)
+        flat = _flat_precision(design, ids, rows)
         if given is None:
             precision[own, own] = flat
         else:
@@ -149,7 +149,7 @@ def relative_prior(
     return _prior(precision, scale, dict(widths))
 
 
-def _flat(design: Design, ids: Array, rows: Joints) -> Array:
+def _flat_precision(design: Design, ids: Array, rows: Joints) -> Array:
     """Precision of coefficients whose torque may be as large as the torque. (k, k).
 
     The same under every prior, so the design remembers it.
@@ -202,7 +202,7 @@ def given_slots(model: Model, group: Group) -> Array:
     return np.array(out, dtype=int)
 
 
-def held_at(prior: Prior, slots: Array) -> Prior:
+def with_held(prior: Prior, slots: Array) -> Prior:
     """The same prior with some coefficients held at their nominal values."""
     stiff = np.zeros(len(prior.precision))
     stiff[slots] = HELD * np.diag(prior.precision)[slots]
@@ -226,9 +226,9 @@ PRICE = float(np.log(20))  # nats: one effect in twenty is not of usual size
 # for the price of that choice.
 
 
-def widened(fitted: Fit, group: Group) -> Group | None:
+def with_wide_prior(fitted: Fit, group: Group) -> Group | None:
     """Return a group with the prior of its own size; None where it is usual."""
-    if group.parts or group.given:
+    if group.parts or group.known_prior:
         return None
     theta, count = fitted.of(group), len(group.ids)
     size = float(theta @ group.precision @ theta) / count
@@ -250,7 +250,7 @@ def first_design(logs: Logs, nominal: Nominal, named: Model | None = None) -> De
     design = Design(logs.tracks, nominal.model)
     if named is None:
         prior = relative_prior(design, nominal, THRESHOLDS.first_scale)
-        named = as_model(nominal, start(design, prior))
+        named = as_model(nominal, fit_nominal(design, prior))
     design.show_torque(named)
     return design
 

@@ -63,21 +63,3 @@ def evaluate_rows(X, packed, out):
     for r in range(X.shape[0]):
         _levels(X[r], axes, grid, starts, edges, level)
         _add_up(X[r], level, places, linear, cells, out[r])
-
-
-@njit(cache=True, fastmath=_FAST)
-def evaluate_levels(levels, packed, out):
-    """Write the correction at known levels, no slope. Shapes (n, a), ..., (n, j)."""
-    _, _, _, _, places, linear, cells = packed
-    nothing = np.empty(0)
-    for r in range(levels.shape[0]):
-        _add_up(nothing, levels[r], places, linear, cells, out[r])
-
-
-@njit(cache=True, fastmath=_FAST)
-def evaluate_row(x, packed, out):
-    """Write the correction of one row. Shapes (d,), ..., (j,)."""
-    axes, grid, starts, edges, places, linear, cells = packed
-    level = np.empty(axes.shape[0], np.uint64)
-    _levels(x, axes, grid, starts, edges, level)
-    _add_up(x, level, places, linear, cells, out)

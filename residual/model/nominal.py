@@ -22,8 +22,8 @@ MOST_SHAPES = 4
 # What a model has where nobody says otherwise, in the order of its coefficients.
 DEFAULT_DECLARED = tuple(
     effect.name
-    for effect in sorted(registry().values(), key=lambda e: e.usual_in_every_drive)
-    if effect.usual_in_every_drive
+    for effect in sorted(registry().values(), key=lambda e: e.drive_order)
+    if effect.drive_order
 )
 GIVEN, ASSUMED = 0.1, 1.0  # relative sd of a declared value, and of an assumed one
 

@@ -36,25 +36,15 @@ _TINY = 1e-9
 
 @dataclass(frozen=True, slots=True)
 class Alarm:
-    """One alarm.
+    """One alarm."""
 
-    Attributes:
-        time: When it was raised, on the clock of the log [s].
-        joint: Joint from 1.
-        sensor: "encoder" or "torque".
-        fault: frozen, jump, drift, spikes, noise, bias or lost scale.
-        kind: Number that named it, of `KINDS`.
-        score: That number over its limit, above 1.
-        until: When the last score fell below its limit [s].
-    """
-
-    time: float
-    joint: int
-    sensor: str
-    fault: str
-    kind: str
-    score: float
-    until: float
+    time: float  # when it was raised, on the clock of the log [s]
+    joint: int  # from 1
+    sensor: str  # "encoder" or "torque"
+    fault: str  # frozen, jump, drift, spikes, noise, bias or lost scale
+    kind: str  # the number that named it, of `KINDS`
+    score: float  # that number over its limit, above 1
+    until: float  # when the last score fell below its limit [s]
 
 
 @dataclass(frozen=True, eq=False, slots=True)
@@ -79,11 +69,7 @@ class Monitor:
         return _alarms(log, scores_of(log, self.size), self.limits)
 
     def scores(self, recording: Recording) -> tuple[Array, Array]:
-        """Return the score of each joint over the time of a log; above 1 is an alarm.
-
-        Returns:
-            Times [s] and scores. Shapes (m,) and (m, dof).
-        """
+        """Return times [s], (m,), and scores, (m, dof); above 1 is an alarm."""
         log = self._sight(recording)
         return log.t, (scores_of(log, self.size) / self.limits[:, None]).max(axis=0)
 
@@ -195,14 +181,8 @@ def limits_of(runs: Sequence[Array], wanted: float) -> Array:
     may be either, by Student's t of the logarithms; few runs make wide limits. Joints
     are brought to one size first, by the level that a twentieth of their blocks
     exceeds; the tail is that of the largest of all joints, since they are anything but
-    independent.
-
-    Args:
-        runs: Shapes (b, dof).
-        wanted: Probability that a block exceeds them, at most.
-
-    Returns:
-        Infinite where it never left 0. Shape (dof,).
+    independent. A block exceeds the limits with the wanted probability, at most; they
+    are infinite where the kind never left 0. Shapes (b, dof) to (dof,).
     """
     peaks, count = np.vstack(runs), len(runs)
     level = np.quantile(peaks, 0.95, axis=0)

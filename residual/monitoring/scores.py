@@ -45,30 +45,19 @@ STILL, BIAS, SCALE, TRACKING = 1, 6, 8, 10
 
 @dataclass(frozen=True, eq=False, slots=True)
 class Sight:
-    """What is seen of a log, by rows of 16 ms, before it is held against healthy ones.
+    """What is seen of a log, by rows of 16 ms, not yet compared with healthy ones."""
 
-    Attributes:
-        t: Time of the last sample of each row [s]. Shape (m,).
-        rate: Rows per second [Hz].
-        slow: The joint stands or has just stood: friction is not known. (m, dof), bool.
-        whole: No gap in its window. Shape (m,), bool.
-        expected: Torque of the model [N m]. Shape (m, dof).
-        residual: Measured minus that [N m]. Shape (m, dof).
-        tracking: Measured minus wanted position [rad]; zeros where that is not logged.
-            Shape (m, dof).
-        raw: Of the samples of each row: how far the wanted position came while a
-            reading rested [rad], for how many samples it rested, second difference of
-            tracking [rad], torque minus the median of its neighbours [N m]; the
-            largest. Shapes (m, dof).
-    """
-
-    t: Array
-    rate: float
-    slow: Array
-    whole: Array
-    expected: Array
-    residual: Array
+    t: Array  # time of the last sample of each row [s], (m,)
+    rate: float  # rows per second [Hz]
+    slow: Array  # the joint stands or has just stood: friction is not known, (m, dof)
+    whole: Array  # no gap in its window, (m,), bool
+    expected: Array  # torque of the model [N m], (m, dof)
+    residual: Array  # measured minus that [N m], (m, dof)
+    # Measured minus wanted position [rad]; zeros where that is not logged. (m, dof).
     tracking: Array
+    # The largest of the samples of each row: how far the wanted position came while a
+    # reading rested [rad], for how many samples it rested, second difference of
+    # tracking [rad], torque minus the median of its neighbors [N m]. (m, dof) each.
     raw: tuple[Array, ...]
 
 
@@ -123,11 +112,7 @@ def sight_of(model: Model, recording: Recording) -> Sight:
 
 
 def _raw(recording: Recording, late: Array) -> tuple[Array, ...]:
-    """Return what is seen of each sample, as `Sight.raw` has it. Shapes (n, dof).
-
-    Args:
-        late: Where a sample comes after a gap: nothing is told across it. (n,), bool.
-    """
+    """What is seen of each sample, as `Sight.raw` has it, but across gaps. (n, dof)."""
     from scipy.ndimage import median_filter
 
     q, tau, spread = recording.q, recording.tau, MONITOR.spread
@@ -163,10 +148,8 @@ def scores_of(log: Sight, size: Array) -> Array:
 
     Errors x are collected as |sum w f x| / sqrt(sum w f^2): the residual for f = 1 (a
     bias) and f = the expected torque (a scale, of which only a loss counts) by w = 1 /
-    size^2, tracking for f = 1.
-
-    Args:
-        size: What is usual of the residual, moving and slow [N m]. Shape (2, dof).
+    size^2, tracking for f = 1. `size` is that of the residual on healthy runs, moving
+    and slow [N m], (2, dof).
     """
     travel, count, bend, off = log.raw
     one = np.ones(off.shape)

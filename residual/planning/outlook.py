@@ -14,11 +14,12 @@ chance, which is counted in drawn logs.
 
 from collections.abc import Mapping
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 from scipy.linalg import cho_factor, cho_solve, solve_triangular
 
-from residual.planning.question import Contest, Question, Rival
+from residual.planning.question import Question, Rival
 from residual.recording import Array
 
 DRAWS = 400  # logs that a chance is counted in
@@ -28,29 +29,17 @@ Pair = tuple[int, int, int]  # contest, true rival, other rival
 
 @dataclass(frozen=True, eq=False, slots=True)
 class Refit:
-    """A rival after new rows, scaled so that its posterior precision has ones.
-
-    Attributes:
-        rival: The rival.
-        scale: Standard deviations by which coefficients are scaled. Shape (k,).
-        factor: Lower Cholesky factor of precision + G, scaled. Shape (k, k).
-        log_det: ln det(precision + G) - ln det(precision).
-        learned: How many numbers the new rows determine, tr((precision + G)^-1 G).
-    """
+    """A rival after new rows, scaled so that its posterior precision has ones."""
 
     rival: Rival
-    scale: Array
-    factor: Array
-    log_det: float
-    learned: float
+    scale: Array  # standard deviations by which coefficients are scaled, (k,)
+    factor: Array  # lower Cholesky factor of precision + G, scaled, (k, k)
+    log_det: float  # ln det(precision + G) - ln det(precision)
+    learned: float  # numbers that the new rows determine, tr((precision + G)^-1 G)
 
     @classmethod
     def of(cls, rival: Rival, gram: Array) -> "Refit":
-        """Factor once what all questions about a motion share.
-
-        Args:
-            gram: Gram of the shared columns on the motion, whitened. Shape (m, m).
-        """
+        """Factor once what all questions about a motion share: its Gram. (m, m)."""
         scale = 1 / np.sqrt(np.diag(rival.precision))
         both = np.outer(scale, scale)
         known = rival.precision * both
@@ -71,10 +60,7 @@ def expected_nats(gram: Array, a: Refit, b: Refit) -> float:
 
     0.5 (d' S_B^-1 d + tr S_B^-1 - tr S_A^-1 + ln det S_B - ln det S_A); below 0 where B
     says more surely what A says, too. The first part is what B, refitted, leaves of the
-    difference d of the two means.
-
-    Args:
-        gram: Gram of the shared columns, whitened. Shape (m, m).
+    difference d of the two means. The Gram is whitened, (m, m).
     """
     apart = np.zeros(len(gram))
     apart[a.rival.columns] += a.rival.mean
@@ -89,13 +75,8 @@ def expected_nats(gram: Array, a: Refit, b: Refit) -> float:
 def log_evidence(products: Array, gram: Array, b: Refit) -> Array:
     """Log evidence of new rows for a rival, up to what all rivals share [nats].
 
-    Args:
-        products: X' y of the shared columns, whitened; one column per draw of y.
-            Shape (m, draws).
-        gram: X' X. Shape (m, m).
-
-    Returns:
-        Shape (draws,).
+    Of X' y of the shared columns, whitened, one column per draw of y, (m, draws), and
+    X' X, (m, m). Shape (draws,).
     """
     at, mean = b.rival.columns, b.rival.mean
     own = gram[np.ix_(at, at)]
@@ -107,40 +88,29 @@ def log_evidence(products: Array, gram: Array, b: Refit) -> Array:
 def drawn_products(
     gram: Array, a: Refit, rng: np.random.Generator, draws: int
 ) -> Array:
-    """X' y of logs that A would give on a motion. Shape (m, draws).
-
-    Args:
-        gram: X' X, whitened. Shape (m, m).
-    """
+    """X' y of logs that A would give on a motion. Shape (m, draws)."""
     rival = a.rival
     scaled = rival.precision * np.outer(a.scale, a.scale)
     lower = np.linalg.cholesky(scaled)
     free = rng.normal(size=(len(rival.mean), draws))
     theta = a.scale[:, None] * solve_triangular(lower.T, free)
     theta += rival.mean[:, None]
-    return gram[:, rival.columns] @ theta + _root(gram) @ rng.normal(
-        size=(len(gram), draws)
-    )
-
-
-def _root(gram: Array) -> Array:
-    """R with R R' = G, for a G that may be singular. Shape (m, m)."""
+    # R with R R' = G, for a G that may be singular.
     size = np.sqrt(np.maximum(np.diag(gram), 1e-300))
     values, vectors = np.linalg.eigh(gram / np.outer(size, size))
-    return size[:, None] * vectors * np.sqrt(np.maximum(values, 0.0))
+    root = size[:, None] * vectors * np.sqrt(np.maximum(values, 0.0))
+    noise = rng.normal(size=(len(gram), draws))
+    return gram[:, rival.columns] @ theta + root @ noise
 
 
 @dataclass(frozen=True, eq=False, slots=True)
 class Outlook:
-    """What a motion promises, at the sizes that the logs so far found.
+    """What a motion promises, at the sizes that the logs so far found."""
 
-    Attributes:
-        nats: Expected evidence of each pair that a motion can tell apart [nats].
-        share: Of the evidence that the pairs still need, how much the worst of them
-            gets: at 1 all are expected to be apart.
-    """
-
+    # Expected evidence of each pair that a motion can tell apart [nats].
     nats: Mapping[Pair, float]
+    # Of the evidence that the pairs still need, how much the worst of them gets: at 1
+    # all are expected to be apart.
     share: float
 
     @property
@@ -152,12 +122,7 @@ class Outlook:
 def outlook(
     question: Question, gram: Array, twins: frozenset[Pair] = frozenset()
 ) -> Outlook:
-    """Weigh one motion.
-
-    Args:
-        gram: Whitened Gram of the shared columns on the motion. Shape (m, m).
-        twins: Pairs that are not asked about.
-    """
+    """Weigh one motion by its Gram, (m, m), but for pairs that it cannot tell apart."""
     nats, shares = {}, []
     for c, contest in enumerate(question.contests):
         after = [Refit.of(rival, gram) for rival in contest.rivals]
@@ -168,18 +133,14 @@ def outlook(
             nats[c, a, b] = value
             need = contest.enough - contest.lead(a, b)
             shares.append(value / need if need > 0 else np.inf)
-    share = float(min(shares, default=0.0))
-    return Outlook(nats, share)
+    return Outlook(nats, float(min(shares, default=0.0)))
 
 
-@dataclass(frozen=True, slots=True)
-class Prospect:
+class Prospect(NamedTuple):
     """What logs of a motion would bring, counted in logs as the rivals would give them.
 
-    Attributes:
-        chance: Chance that all that a motion can tell is told: the true rival leads
-            every other of which a motion can tell it by enough, old logs included.
-        nats: By how much it leads the nearest: as many logs bring more as bring less.
+    The chance that the true rival leads every other from which a motion can tell it by
+    enough, old logs included; and its median lead over the nearest [nats].
     """
 
     chance: float
@@ -191,45 +152,31 @@ def prospect(
 ) -> Prospect:
     """Draw logs of every rival, as probable as the logs so far make it.
 
-    A rival that no motion can tell from any other is left out.
-
-    Args:
-        gram: Whitened Gram on the motion. Shape (m, m).
+    A rival that no motion can tell from any other is left out. The Gram is whitened,
+    (m, m).
     """
     chances, nats = [], []
     for c, contest in enumerate(question.contests):
-        leads, odds = _drawn_leads(
-            contest, gram, {t[1:] for t in twins if t[0] == c}, rng
-        )
-        if len(leads):
-            chances.append(float(odds @ (leads >= contest.enough)))
-            nats.append(_median(leads, odds))
+        after = [Refit.of(rival, gram) for rival in contest.rivals]
+        before = np.array([rival.nats for rival in contest.rivals])
+        leads, odds = [], []  # of the true rival over the nearest [nats]
+        for a, share in enumerate(np.exp(before - before.max())):
+            pairs = (b for x, b in contest.pairs if x == a)
+            others = [b for b in pairs if (c, a, b) not in twins]
+            if not others:
+                continue
+            products = drawn_products(gram, after[a], rng, DRAWS)
+            own = before[a] + log_evidence(products, gram, after[a])
+            best = [before[b] + log_evidence(products, gram, after[b]) for b in others]
+            leads.append(own - np.max(best, axis=0))
+            odds.append(np.full(DRAWS, share))
+        if leads:
+            lead, weight = np.concatenate(leads), np.concatenate(odds)
+            weight = weight / max(weight.sum(), 1e-300)
+            chances.append(float(weight @ (lead >= contest.enough)))
+            order = np.argsort(lead)
+            half = np.searchsorted(np.cumsum(weight[order]), 0.5)
+            nats.append(float(lead[order][min(half, len(lead) - 1)]))
     if not chances:
         return Prospect(0.0, 0.0)
     return Prospect(min(float(np.prod(chances)), 1.0), min(nats))
-
-
-def _drawn_leads(
-    contest: Contest, gram: Array, twins: set, rng: np.random.Generator
-) -> tuple[Array, Array]:
-    """Leads of the true rival over the nearest [nats], and how probable each is."""
-    after = [Refit.of(rival, gram) for rival in contest.rivals]
-    before = np.array([rival.nats for rival in contest.rivals])
-    leads, odds = [np.zeros(0)], [np.zeros(0)]
-    for a, share in enumerate(np.exp(before - before.max())):
-        others = [b for x, b in contest.pairs if x == a and (a, b) not in twins]
-        if not others:
-            continue
-        products = drawn_products(gram, after[a], rng, DRAWS)
-        own = before[a] + log_evidence(products, gram, after[a])
-        best = [before[b] + log_evidence(products, gram, after[b]) for b in others]
-        leads.append(own - np.max(best, axis=0))
-        odds.append(np.full(DRAWS, share))
-    every, weight = np.concatenate(leads), np.concatenate(odds)
-    return every, weight / max(weight.sum(), 1e-300)
-
-
-def _median(values: Array, weight: Array) -> float:
-    order = np.argsort(values)
-    half = np.searchsorted(np.cumsum(weight[order]), 0.5)
-    return float(values[order][min(half, len(values) - 1)])

@@ -22,8 +22,6 @@ from residual.verdict.result import UNTOLD, Alternative, Place
 SECONDS = 20.0  # length of a motion where nobody says another [s]
 PERIODS = 2  # of it
 TRAVEL = 60.0  # s through all of the range: what cannot be told there is told nowhere
-_LEAST = 1e-3  # a share that is none
-LENGTHS = 6  # of a motion that are looked at
 SURE = 0.8  # chance from which a motion is called enough
 MOTIONS, HARMONICS = 6, 5
 TURN = np.pi  # rad to either side: what of a range is used at most
@@ -37,19 +35,14 @@ class Course:
 
     A planned motion has nothing above the identification filter but where a joint turns
     round, and there rows do not count: so nothing is filtered.
-
-    Attributes:
-        rows: Columns at the samples of the motion, or of its first period, scaled to
-            the rows that a log has of it. Shape (n, dof, m).
-        rate: Samples per second [Hz].
-        opening: Seconds from the start that do not come again in later periods [s].
-        edge: Time at both ends of a log that does not count [s].
     """
 
+    # Columns at the samples of the motion, or of its opening and first period, scaled
+    # to the rows that a log has of it. Shape (n, dof, m).
     rows: Array
-    rate: float
-    opening: float
-    edge: float
+    rate: float  # samples per second [Hz]
+    opening: float  # time from the start that no later period repeats [s]
+    edge: float  # time at both ends of a log that does not count [s]
 
     @classmethod
     def of(
@@ -59,12 +52,9 @@ class Course:
         rate: float,
         opening: float = 0.0,
     ) -> "Course":
-        """Look at a motion.
+        """Look at q, qd and qdd of a motion's opening and first period. (n, dof) each.
 
-        Args:
-            motion: q, qd and qdd of its opening and its first period. The more samples,
-                the better effects with a memory are seen. Shapes (n, dof).
-            rate: Samples per second [Hz].
+        The more samples, the better effects with a memory are seen.
         """
         signals = question.signals
         t = signals.start + np.arange(len(motion[0])) / rate
@@ -101,15 +91,7 @@ def every_column(question: Question, state: State) -> Array:
 
 
 def standing(question: Question, qd: Array, rate: float) -> Array:
-    """Return where a joint stands or turns round, and shortly before and after.
-
-    Args:
-        qd: Speeds [rad/s]. Shape (n, dof).
-        rate: Samples per second [Hz].
-
-    Returns:
-        Shape (n, dof), bool.
-    """
+    """Return where a joint stands or turns round, and next to that. (n, dof)."""
     still = np.abs(qd) < question.signals.speed_floor
     still |= np.diff(np.sign(qd), axis=0, prepend=np.sign(qd[:1])) != 0
     return widened(still, int(np.ceil(question.signals.margin * rate)))
@@ -122,14 +104,10 @@ def plan_of(
     seconds: float,
     after: float | None = None,
 ) -> dict:
-    """Return what a motion promises as `next_experiment` of a verdict has it.
+    """Return what a motion of that length [s] promises, as `next_experiment` has it.
 
-    Args:
-        seen: What all of it brings at the sizes that were found.
-        sure: What all of it brings, counted in drawn logs.
-        seconds: Length of the motion [s].
-        after: After how many of them the question is settled surely [s]; None for
-            never, and where that was not asked.
+    After how long it settles the question surely [s] is None for never, and where that
+    was not computed.
     """
     rivals = told_apart(question, seen)
     return {
@@ -145,13 +123,7 @@ def plan_of(
 
 
 def sure_words(seconds: float, after: float | None, chance: float) -> str:
-    """Return how soon and how surely a motion settles its question.
-
-    Args:
-        seconds: Length of the motion [s].
-        after: After how many of them the chance is `SURE` [s]; None for never.
-        chance: Chance that all of it settles the question.
-    """
+    """Return how soon and how surely a motion settles its question, in words."""
     whole = f"all {number(seconds)} s of it with a chance of {probability(chance)}"
     if after is None:
         return f"settled by {whole}"
@@ -182,14 +154,10 @@ def promised(question: Question) -> dict | None:
 def sure_after(
     question: Question, course: Course, seconds: float, twins: frozenset[Pair]
 ) -> tuple[Prospect, float | None]:
-    """Return what a motion brings, and how much of it settles the question surely.
+    """Return what a motion brings, and after how long it settles the question surely.
 
-    Args:
-        seconds: Length of the motion [s].
-
-    Returns:
-        What all of it brings; the length from its start at which the chance is `SURE`
-        [s], in tenths rounded up; None where all of it is not enough.
+    The length from its start at which the chance is `SURE` [s], in tenths rounded up;
+    None where all of it is not enough.
     """
 
     def at(length: float) -> Prospect:
@@ -206,27 +174,6 @@ def sure_after(
     return whole, min(float(np.ceil(10 * high) / 10), seconds)
 
 
-def until_apart(
-    question: Question, course: Course, seconds: float, twins: frozenset[Pair]
-) -> float:
-    """Return after how long of a motion all pairs are expected to be apart [s].
-
-    Between two lengths evidence grows by a power of the length.
-
-    Args:
-        seconds: Length of the motion [s]; where all of it is not enough, as much longer
-            as evidence is missing.
-    """
-    lengths = np.geomspace(2 * course.edge + 1 / course.rate, seconds, LENGTHS)
-    shares = [outlook(question, course.gram(x), twins).share for x in lengths]
-    got = np.log(np.clip(shares, _LEAST, 1 / _LEAST))
-    if got[-1] < 0:
-        return float(seconds / np.exp(got[-1]))
-    enough = int(np.argmax(got >= 0))
-    pair = slice(max(enough - 1, 0), enough + 1)
-    return float(np.exp(np.interp(0.0, got[pair], np.log(lengths[pair]))))
-
-
 def structural_twins(
     question: Question, courses: Sequence[Course] | None = None
 ) -> frozenset[Pair]:
@@ -239,9 +186,6 @@ def structural_twins(
 
     What the nominal model could do in their place is left out: it may be able to
     imitate both, and its values speak for or against that.
-
-    Args:
-        courses: Free motions; None to draw them.
     """
     courses = free_courses(question) if courses is None else courses
     gram = np.mean([c.gram(TRAVEL + 2 * c.edge) for c in courses], axis=0)
@@ -258,11 +202,7 @@ def structural_twins(
 def settled_by(
     question: Question, named: Sequence[Place], others: Sequence[Alternative]
 ) -> tuple[Alternative, ...]:
-    """Return sets as good as the named one, those marked that no motion tells from it.
-
-    Args:
-        named: The named set.
-    """
+    """Return sets as good as the named one; marks those that no motion tells apart."""
     twins = structural_twins(question) if others and question.contests else frozenset()
     same = {
         tuple(question.contests[c].rivals[i].place for i in (a, b))
@@ -281,11 +221,7 @@ def settled_by(
 
 
 def beyond(gram: Array, one: Rival, other: Rival) -> float:
-    """What one has, at its found size, beyond the other's columns [nats].
-
-    Args:
-        gram: Whitened Gram of the shared columns. Shape (m, m).
-    """
+    """What one has, at its found size, beyond the other's columns [nats]."""
     size = 1 / np.sqrt(np.maximum(np.diag(gram), 1e-300))
     scaled = gram * np.outer(size, size)
     found = np.isin(one.columns, one.own)
@@ -318,11 +254,7 @@ def free_courses(question: Question) -> list[Course]:
 def free_motion(
     robot: Robot, count: int, rng: np.random.Generator
 ) -> tuple[Array, Array, Array]:
-    """Draw one period of a motion of five harmonics, as large as its joints let it.
-
-    Returns:
-        q, qd and qdd [rad, rad/s, rad/s^2]. Shapes (count, dof).
-    """
+    """Draw a period of five harmonics, as large as the joints let it. (count, dof)."""
     lower, upper = np.maximum(robot.lower, -TURN), np.minimum(robot.upper, TURN)
     limit = np.asarray(robot.velocity_limit, dtype=float)
     speed = np.where(np.isfinite(limit) & (limit > 0), limit, UNKNOWN_SPEED)

@@ -15,37 +15,24 @@ TOGETHER = " + "  # between the names of a rival of several effects
 
 @dataclass(frozen=True, eq=False, slots=True)
 class Rival:
-    """One model that may be true, as a Gaussian over coefficients of shared columns.
+    """One model that may be true, as a Gaussian over coefficients of shared columns."""
 
-    Attributes:
-        place: The effect that makes the difference, `NOTHING` for none.
-        columns: Which of the shared columns it has. Shape (k,).
-        own: Which of these are the effect's own; empty for none. Shape (e,).
-        mean: Their posterior mean [SI]. Shape (k,).
-        precision: Their posterior precision. Shape (k, k).
-        nats: Evidence of the logs so far, less the price of the name, up to a constant
-            that is the same for all rivals of a contest.
-    """
-
-    place: Place
-    columns: Array
-    own: Array
-    mean: Array
-    precision: Array
+    place: Place  # the effect that makes the difference, `NOTHING` for none
+    columns: Array  # which of the shared columns it has, (k,)
+    own: Array  # which of these are the effect's own; empty for none, (e,)
+    mean: Array  # their posterior mean [SI], (k,)
+    precision: Array  # their posterior precision, (k, k)
+    # Evidence of the logs so far, less the price of the name [nats], up to a constant
+    # that is the same for all rivals of a contest.
     nats: float
 
 
 @dataclass(frozen=True, eq=False, slots=True)
 class Contest:
-    """Models of which one is true.
+    """Models of which one is true."""
 
-    Attributes:
-        rivals: The competing models, two or more.
-        enough: Nats by which one must lead to be believed.
-    """
-
-    rivals: tuple[Rival, ...]
-    enough: float
+    rivals: tuple[Rival, ...]  # two or more
+    enough: float  # nats by which one must lead to be believed
 
     @property
     def pairs(self) -> tuple[tuple[int, int], ...]:
@@ -59,43 +46,25 @@ class Contest:
 
 @dataclass(frozen=True, eq=False, slots=True)
 class Signals:
-    """How the logs so far were read, and so will the next one be.
+    """How the logs so far were read, and so will the next one be."""
 
-    Attributes:
-        information: Of a row's squared error, row counts and noise in it
-            [1 / N^2 m^2]. Shape (dof,).
-        speed_floor: Speed under which a joint stands [rad/s]. Shape (dof,).
-        rate: Rows per second [Hz].
-        margin: Time about a standstill that does not count [s].
-        edge: Time at both ends of a log that does not count [s].
-        start: Session time at which the next log may begin [s].
-    """
-
-    information: Array
-    speed_floor: Array
-    rate: float
-    margin: float
-    edge: float
-    start: float
+    information: Array  # of a row's squared error [1 / N^2 m^2], (dof,)
+    speed_floor: Array  # speed under which a joint stands [rad/s], (dof,)
+    rate: float  # rows per second [Hz]
+    margin: float  # time about a standstill that does not count [s]
+    edge: float  # time at both ends of a log that does not count [s]
+    start: float  # session time at which the next log may begin [s]
 
 
 @dataclass(frozen=True, eq=False, slots=True)
 class Question:
-    """What the logs so far leave open.
+    """What the logs so far leave open."""
 
-    Attributes:
-        nominal: The model that deviations are counted from.
-        seen_with: The model whose torque the effects see.
-        effects: Columns after the inertial ones: effect, joints from 0, shape.
-        signals: How logs are read.
-        contests: What is to be decided; empty if nothing is open.
-    """
-
-    nominal: Model
-    seen_with: Model
-    effects: tuple[PlacedEffect, ...]
+    nominal: Model  # the model that deviations are counted from
+    seen_with: Model  # the model whose torque the effects see
+    effects: tuple[PlacedEffect, ...]  # columns after the inertial ones
     signals: Signals
-    contests: tuple[Contest, ...]
+    contests: tuple[Contest, ...]  # empty if nothing is open
 
 
 def together(places: Sequence[Place]) -> Place:

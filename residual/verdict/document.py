@@ -59,9 +59,9 @@ def from_json(document: Mapping) -> Verdict:
         first = error.errors(include_url=False)[0]
         place = ".".join(map(str, first["loc"]))
         words = f"{place}: {first['msg']}"
-        raise InputError(f"This is no whole verdict: {words}.") from error
+        raise InputError(f"The verdict is incomplete: {words}.") from error
     except (AttributeError, KeyError, TypeError) as error:
-        raise InputError(f"This is no whole verdict: {shown(error)}.") from error
+        raise InputError(f"The verdict is incomplete: {shown(error)}.") from error
     in_order = sorted(found.effects, key=lambda effect: effect.order)
     return replace(found, effects=tuple(in_order))
 

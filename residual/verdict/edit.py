@@ -45,7 +45,7 @@ def dense_fit(design: Design) -> Model:
     weight = design.rows / np.maximum(design.power.sum(axis=0), 1e-300)
     for _ in range(ROUNDS):
         theta = _solve(design, weight)
-        left = [_left(design, j, theta) for j in range(design.dof)]
+        left = [_squared_error(design, j, theta) for j in range(design.dof)]
         weight = design.rows / np.maximum(left, 1e-12 * design.rms**2 * design.rows)
     return design.model.with_coefficients(design.model.coefficients() + theta)
 
@@ -68,7 +68,7 @@ def _sums(design: Design, j: int) -> tuple[Array, Array, Array]:
     return gram[np.ix_(place, place)], cross[place], have
 
 
-def _left(design: Design, j: int, theta: Array) -> float:
+def _squared_error(design: Design, j: int, theta: Array) -> float:
     gram, cross, have = _sums(design, j)
     own = theta[have]
     return float(design.power[:, j].sum() - 2 * own @ cross + own @ gram @ own)

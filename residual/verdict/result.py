@@ -19,8 +19,8 @@ from residual.robot.dynamics import flange_frame
 from residual.robot.robot import Robot
 
 METRIC = "100*||tau-tau_hat||/||tau||"
-STILL = "these logs show no motion, so nothing can be said of the arm"
-EXPLAINED = "torque that it explains [N m]"
+STILL = "the logs show no motion, so the arm cannot be diagnosed"
+EXPLAINED = "explained torque [N m]"
 
 Number = float | None  # None where it is not known
 
@@ -292,7 +292,7 @@ class Finding:
     @property
     def where(self) -> str:
         """Name and joints: 'payload on joint 6'."""
-        return self.name + _on(self.joints)
+        return self.name + _joints_phrase(self.joints)
 
     def __repr__(self) -> str:
         known = ", ".join(f"{k} {v}" for k, v in self.parameters.items())
@@ -419,7 +419,7 @@ class Verdict:
             odds = [f"probability {_odds(min(sure))}"] if sure else []
             said = ", ".join([*(f.where for f in self.effects), *odds])
         elif self.verdict == "unknown":
-            said += _on(self.unexplained.joints)
+            said += _joints_phrase(self.unexplained.joints)
         held_out = f"{before} -> {after}" if self.effects else before
         return f"{self.robot}: {said}; held-out {held_out}"
 
@@ -484,7 +484,7 @@ class Diagnosis:
         return f"Diagnosis({self.verdict})"
 
 
-def _on(joints: tuple[int, ...]) -> str:
+def _joints_phrase(joints: tuple[int, ...]) -> str:
     return f" on {joints_listed(joints)}" if joints else ""
 
 
@@ -493,14 +493,14 @@ def _odds(value: float) -> str:
     return "> 0.99" if value > 0.99 else f"= {value:.2f}"
 
 
-def as_embodied(found: Finding, made: PossibleModel) -> Finding:
+def with_model_values(found: Finding, made: PossibleModel) -> Finding:
     """A finding with the values of the model, where no body could be as fitted freely.
 
     The deviations stay: the true body is one that can be, and the nearest of those is
     no farther from it than the fit was.
     """
     effect, joints = registry()[found.name], tuple(j - 1 for j in found.joints)
-    if made.moved is None or effect.portable.bodies is None:
+    if made.correction is None or effect.portable.bodies is None:
         return found
     terms = made.model.terms  # what was found stands behind what the model had
     place = found.name, joints

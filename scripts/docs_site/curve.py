@@ -54,7 +54,11 @@ def points(effect: Effect) -> tuple[np.ndarray, np.ndarray, str]:
     shapes = effect.shapes(span, on[0] if on else 1)
     shape = shapes[(len(shapes) - 1) // 2] if shapes else ()
     count = effect.columns(state, on, shape).shape[2]
-    theta = effect.usual([state], on)[0] if effect.usual else np.ones(count)
+    theta = (
+        effect.unit_directions([state], on)[0]
+        if effect.unit_directions
+        else np.ones(count)
+    )
     torque = Term(effect, on, shape, theta).torque(state)
     # Of an effect on many rows, the row that it moves most.
     row = int(np.argmax(np.square(torque).sum(axis=0)))

@@ -11,7 +11,8 @@ from pathlib import Path
 from mkdocs.structure.files import File
 
 from residual.effects import registry
-from scripts.docs_site.pages import FOLDER, generated
+from scripts.docs_site.pages import FOLDER, TABLES, generated, llms_txt
+from scripts.docs_site.schemas import schemas
 
 _ROW = re.compile(r"^\| `(\w+)` \|", re.M)
 
@@ -30,7 +31,12 @@ def on_config(config):
 
 def on_files(files, config):
     """Add the generated pages before navigation is made."""
-    for place, text in generated().items():
+    made = {
+        **generated(),
+        **{place: json.dumps(schema, indent=1) for place, schema in schemas().items()},
+        "llms.txt": llms_txt(config.nav, Path(config.docs_dir)),
+    }
+    for place, text in made.items():
         files.append(File.generated(config, place, content=text))
     return files
 
@@ -47,8 +53,10 @@ def on_post_build(config):
 
 
 def on_page_markdown(markdown, page, config, files):
-    """Link the table of effects to their pages; unlink what is no page."""
+    """Fill in generated tables, link effects to their pages, unlink what is no page."""
     source = page.file.src_uri
+    for name, table in TABLES.items():
+        markdown = markdown.replace(f"<!-- generated: {name} -->", table())
     if source == "effects.md":
         markdown = _ROW.sub(_linked, markdown)
     if source.startswith(f"{FOLDER}/"):

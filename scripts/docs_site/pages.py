@@ -1,6 +1,8 @@
-"""The generated pages of the site, as Markdown: each effect, and the commands."""
+"""The generated pages and tables of the site, as Markdown."""
 
+import inspect
 import json
+import re
 import sys
 from collections import Counter, defaultdict
 from functools import cache
@@ -10,18 +12,20 @@ from pathlib import Path
 from cyclopts import Argument
 
 import modelgap as mg
-from benchmarks.hidden.drawn import is_clear
+from benchmarks.hidden.draw import is_clear
 from flows.cli.app import GROUPS, app
 from flows.report.words.phrases import sentence_case
 from residual.effects import registry
 from residual.effects.base import Trait
 from scripts.docs_site import curve
+from warehouse.query.named import NAMED, TAKES
 
-RESULTS = Path(__file__).parents[2] / "benchmarks" / "results"
+ROOT = Path(__file__).parents[2]
+RESULTS = ROOT / "benchmarks" / "results"
 FILES = ("diagnosis.json",)
 RIGHT = ("right", "class")  # by its own name, or by an equivalent
 NOT_MEASURED = "not measured"
-EXAMPLE = Path(__file__).parents[2] / "examples" / "hidden"
+EXAMPLE = ROOT / "examples" / "hidden"
 FOLDER = "effects"
 _WHERE = {
     "local": "one joint; its torque is on that joint alone",
@@ -29,6 +33,13 @@ _WHERE = {
     "link": "one joint, and through the arm on the torque of all others",
     "flange": "the flange, reported at the last joint",
     "global": "the whole arm; reported without a joint",
+}
+_PLACE = {
+    "local": "joint",
+    "pair": "pair",
+    "link": "link",
+    "flange": "tool, last joint",
+    "global": "all",
 }
 _WRONG_VALUE = (
     " Where the model has it already, a verdict means that its value is wrong, and the "
@@ -39,7 +50,95 @@ _WRONG_VALUE = (
 def generated() -> dict[str, str]:
     """Return every generated page by its place below docs/."""
     pages = {f"{FOLDER}/{name}.md": _effect(name) for name in registry()}
-    return {**pages, "commands.md": commands_page()}
+    return {
+        **pages,
+        "commands.md": commands_page(),
+        "glossary.md": glossary_page(),
+        "python.md": python_page(),
+    }
+
+
+def glossary_page() -> str:
+    """Return the glossary of CONTRIBUTING.md as a page."""
+    text = (ROOT / "CONTRIBUTING.md").read_text(encoding="utf-8")
+    section = re.search(r"^## (Glossary\n.*?)^By contributing", text, re.S | re.M)[1]
+    return f"# {section}"
+
+
+def python_page() -> str:
+    """Return every public function and class with its signature and docstring."""
+    return "# Signatures\n\n" + "\n\n".join(map(_public, mg.__all__)) + "\n"
+
+
+def _public(name: str) -> str:
+    subject = getattr(mg, name)
+    about, _, more = (getdoc(subject) or "").partition("\n\n")
+    parts = [f"## {name}", " ".join(about.split())]
+    if inspect.isfunction(subject):
+        call = f"mg.{name}({', '.join(_parameters(subject))})"
+        parts.append(f"```python\n{call}\n```")
+    if more:
+        parts.append(f"```text\n{more}\n```")
+    return "\n\n".join(parts)
+
+
+def _parameters(function) -> list[str]:
+    return [
+        parameter.name
+        if parameter.default is parameter.empty
+        else f"{parameter.name}={parameter.default!r}"
+        for parameter in inspect.signature(function).parameters.values()
+    ]
+
+
+def effects_table() -> str:
+    """Return a row per effect: where it acts, its parameters and units."""
+    rows = [
+        f"| `{name}` | {effect.sentence} | {_PLACE[effect.scope]} | {_units(effect)} |"
+        for name, effect in registry().items()
+    ]
+    head = "| name | the robot has | acts on | parameters [unit] |"
+    return "\n".join([head, "| --- | --- | --- | --- |", *rows])
+
+
+def _units(effect) -> str:
+    keys: dict[str, list[str]] = defaultdict(list)
+    for key, unit in effect.parameters.items():
+        keys[unit].append(f"`{key}`")
+    return ", ".join(f"{', '.join(names)} [{unit}]" for unit, names in keys.items())
+
+
+def named_queries_table() -> str:
+    """Return a row per named query of the store."""
+    rows = [
+        f"| `{name}` | {about} | {_values(name)} |"
+        for name, (about, _) in NAMED.items()
+    ]
+    return "\n".join(["| name | answer | takes |", "| --- | --- | --- |", *rows])
+
+
+def _values(name: str) -> str:
+    keys = TAKES.get(name, {})
+    return ", ".join(f"`--with {key}=`: {about}" for key, about in keys.items())
+
+
+# What stands in a page as <!-- generated: NAME -->.
+TABLES = {"effects": effects_table, "named_queries": named_queries_table}
+
+
+def llms_txt(nav: list, folder: Path) -> str:
+    """Return the index of the pages for language models (llmstxt.org)."""
+    lines = ["# modelgap", "", "> Names the effect that a robot's dynamic model lacks."]
+    made = generated()
+    for section in nav:
+        for heading, entries in section.items():
+            lines += ["", f"## {heading}", ""]
+            for entry in entries:
+                place = entry if isinstance(entry, str) else next(iter(entry.values()))
+                text = made.get(place) or (folder / place).read_text(encoding="utf-8")
+                title = re.search(r"^# (.*)", text, re.M)[1]
+                lines.append(f"- [{title}]({place.removesuffix('.md')}.html)")
+    return "\n".join(lines) + "\n"
 
 
 def _effect(name: str) -> str:

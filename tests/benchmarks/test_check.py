@@ -10,7 +10,6 @@ from residual.check.result import (
     FORMER,
     INTERLEAVED,
     KINDS,
-    MOUNTING,
     Fault,
     LogCheck,
     Repair,
@@ -28,10 +27,8 @@ def spoil(own, kind, size=0, seed=1):
 
 
 def test_every_kind_of_fault_can_be_made():
-    # How an arm is mounted is a fault of the file: `benchmarks/check_parts/slips.py`.
-    # Of interleaved arms nothing is left to be checked: tests/warehouse/test_read_log.
-    assert set(cases.FAULTS) == set(KINDS) - {MOUNTING, INTERLEAVED, *FORMER}
-    assert set(cases.EXCLUDED) < set(KINDS)
+    # Interleaved arms are separated by the reader: tests/warehouse/test_read_log.
+    assert set(cases.FAULTS) == set(KINDS) - {INTERLEAVED, *FORMER}
 
 
 @pytest.mark.parametrize("kind", cases.FAULTS)
@@ -41,6 +38,8 @@ def test_every_kind_of_fault_can_be_made():
 def test_a_fault_changes_logs_or_robot_and_leaves_the_host_as_it_was(six, kind, size):
     before = [table_of(log) for log in six.logs]
     made = spoil(six, kind, size)
+    if made is None:
+        return  # a kind with two sizes
     assert made.kind == kind
     assert set(made.joints) <= set(range(1, 7))
     robot = judge.given(six, made)
@@ -108,8 +107,8 @@ def sound(host=SIX, effect="", *faults):
 
 def test_one_certain_fault_of_sound_logs_is_a_miss():
     rows = [sound()] * 99 + [sound(SIX, "", ("torque_sign", [1], True))]
-    told = bars.figures(rows, (), deciding=True)
+    told = bars.figures(rows, deciding=True)
     assert told["false_certain"]["ok"] is False
     assert told["false_faults"]["ok"] is True  # one in a hundred
     assert told["faults_found_measured"]["value"] is None
-    assert bars.figures(rows, (), deciding=False)["false_certain"]["ok"] is None
+    assert bars.figures(rows, deciding=False)["false_certain"]["ok"] is None

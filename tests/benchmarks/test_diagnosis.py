@@ -2,7 +2,7 @@
 
 from benchmarks.diagnosis_parts import bars
 from benchmarks.harness.cases import run_kept
-from flows.workers.processes import Here
+from flows.workers.processes import InlineExecutor
 
 ROW = {
     "outcome": "right",
@@ -20,7 +20,6 @@ ROW = {
     "unexplained": [],
     "error_after": 4.4,
     "error_oracle": 4.0,
-    "gap_closed": None,
     "z": 0.5,
     "names": [],
     "seconds": 1.0,
@@ -63,12 +62,12 @@ def test_results_are_kept_line_by_line_and_a_torn_one_is_done_again(tmp_path, ca
         return {"number": number}
 
     jobs = {"one": 1, "two": 2, "three": 3}
-    first = run_kept(path, str, Here(), work, jobs)
+    first = run_kept(path, str, work, jobs, InlineExecutor())
     assert first["three"] == {"error": "ValueError: no"}
     path.write_text(path.read_text()[:-9])  # killed within the last line
     asked.clear()
-    again = run_kept(path, str, Here(), work, jobs)
+    again = run_kept(path, str, work, jobs, InlineExecutor())
     assert asked == [2, 3]
     assert again["one"] == {"number": 1}
-    run_kept(path, str, Here(), work, {"one": 1, "two": 2})
+    run_kept(path, str, work, {"one": 1, "two": 2}, InlineExecutor())
     assert asked == [2, 3]

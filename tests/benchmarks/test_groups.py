@@ -10,33 +10,9 @@ from benchmarks.harness.figures import (
     figure,
     finish,
     function_of,
-    merged,
     missing,
     partial,
 )
-
-GROUPS = ("one", "two", "three")
-
-
-def about(commit):
-    keys = ("dirty", "code", "date", "cores", "quick")
-    return {"commit": commit, **dict.fromkeys(keys, 0)}
-
-
-def test_groups_measured_now_take_the_place_of_their_old_figures_and_no_others():
-    first = merged({}, {"two": {"b": 1, "gone": 2}}, about("aa"), GROUPS)
-    second = merged(first, {"one": {"a": 3}}, about("bb"), GROUPS)
-    assert list(second["figures"].items()) == [("a", 3), ("b", 1), ("gone", 2)]
-    assert [(k, v["commit"]) for k, v in second["by_group"].items()] == [
-        ("one", "bb"),
-        ("two", "aa"),
-    ]
-    third = merged(second, {"two": {"b": 4}}, about("cc"), GROUPS)
-    assert third["figures"] == {"a": 3, "b": 4}
-    assert {k: v["commit"] for k, v in third["by_group"].items()} == {
-        "one": "bb",
-        "two": "cc",
-    }
 
 
 def test_the_exit_code_is_one_for_a_missed_bar_only(capsys):

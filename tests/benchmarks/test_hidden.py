@@ -2,15 +2,12 @@
 
 from dataclasses import replace
 
-import pyarrow.parquet as pq
 import pytest
 
-from benchmarks import diagnosis
-from benchmarks.hidden.drawn import Hidden, draw_sized, measured, vocabulary
+from benchmarks.hidden.draw import Hidden, draw_sized, measured, vocabulary
 from benchmarks.hidden.score import (
     Name,
     case_row,
-    confusion,
     estimate,
     members,
     paired,
@@ -109,7 +106,7 @@ def test_a_finding_on_two_joints_is_two_names_and_a_pair_of_gears_is_one():
     assert (found["value"], found["std"]) == (2.0, 0.2)
 
 
-def test_a_row_has_size_parameter_and_the_share_of_the_gap():
+def test_a_row_has_size_and_parameter():
     effect = PlantEffect("stribeck", (2,), (("level", 1.2), ("velocity", 0.05)))
     hidden = [Hidden(effect, (2,), 1.2, 6.0)]
     truth = [dict(effect.parameters)]
@@ -117,33 +114,8 @@ def test_a_row_has_size_parameter_and_the_share_of_the_gap():
     told = [made[key] for key in ("outcome", "parameter", "multiple")]
     assert told == ["right", "level", 6.0]
     assert made["z"] == pytest.approx(-2.0)
-    assert made["gap_closed"] == pytest.approx(0.9)
-    flat = case_row("single", hidden, truth, verdict(), 7.99)
-    assert flat["gap_closed"] is None  # there is no gap worth the name
-    assert flat["z"] is None
-
-
-def test_what_is_taken_for_what_is_printed_and_written(tmp_path, capsys):
-    def row(effect, outcome, first=None, flags=()):
-        told = {"named_first": first, "unexplained": list(flags)}
-        return {"effect": effect, "outcome": outcome} | told
-
-    rows = [
-        row("stribeck", "right", "stribeck"),
-        row("stribeck", "class", "coulomb"),
-        row("stribeck", "wrong", "offset"),
-        row("stribeck", "nothing"),
-        row("x_wall", "flagged", None, [4]),
-        row(None, "right"),
-    ]
-    diagnosis.show_confusion({"singles": rows, "pairs": rows}, tmp_path / "all.json")
-    assert "stribeck                   4  stribeck 2, none 1, offset 1" in (
-        capsys.readouterr().out
-    )
-    written = pq.read_table(tmp_path / "all_confusion.parquet").to_pylist()
-    assert written == confusion(rows)
-    assert written[0] == {"hidden": "none", "said": "none", "cases": 1}
-    assert written[-1] == {"hidden": "x_wall", "said": "unknown", "cases": 1}
+    assert (made["error_after"], made["error_oracle"]) == (4.4, 4.0)
+    assert case_row("single", hidden, truth, verdict(), 7.99)["z"] is None
 
 
 def test_a_name_gives_way_to_another_if_it_has_a_second_choice():
@@ -151,7 +123,7 @@ def test_a_name_gives_way_to_another_if_it_has_a_second_choice():
     assert paired("ab", said, lambda truth, own: truth in own) == {0: 1, 1: 0}
 
 
-def test_every_effect_that_is_looked_for_is_drawn_and_no_fault_of_a_sensor():
+def test_every_effect_of_the_diagnosis_is_drawn_and_no_fault_of_a_sensor():
     named, strange = vocabulary(load_robot("irb140"))
     assert set(registry()) == set(named)
     assert strange

@@ -2,14 +2,11 @@
 
 import pytest
 
-from benchmarks.hidden import oracle as told
 from benchmarks.hidden.oracle import oracle
 from benchmarks.synthetic.logs import LogPlan, make
 from benchmarks.synthetic.quasi_static import Plant
 from residual.errors import UnknownNameError
-from residual.model.nominal import prepare_logs, start_nominal
 from residual.robot.robot import load_robot
-from residual.signals.track import Filters
 from sim.engine.records import Hidden
 
 PLAN = (
@@ -43,14 +40,3 @@ def test_the_right_effect_predicts_better_than_another_and_than_none(logs):
 def test_an_effect_that_has_no_name_cannot_be_told(logs):
     with pytest.raises(UnknownNameError):
         oracle(load_robot("irb140"), *logs, [("x_wall", (2,))])
-
-
-def _told(joints):
-    robot = load_robot("irb140")
-    plan = [LogPlan(f"{i}", "fit", "fourier", 3.0, 125.0) for i in range(2)]
-    logs = make(Plant(robot, (), 4), tuple(plan), 4)
-    ready = prepare_logs(robot, logs, None, Filters())
-    nominal = start_nominal(ready, ("viscous", "coulomb", "rotor_inertia"))
-    design = told.first_design(ready, nominal)
-    wanted = told.placed("ripple", joints, 6)
-    return design, told._best(design, ready, nominal, wanted)[1]

@@ -13,12 +13,11 @@ def test_both_ends_of_the_seeds_are_included():
 def test_a_quick_run_takes_seeds_of_its_own(monkeypatch):
     def read(*words):
         monkeypatch.setattr("sys.argv", ["benchmark", *words])
-        return read_options("about", "8:9", ("a", "b"), more="also")
+        return read_options("about", "8:9", ("a", "b"))
 
     assert read().seeds == "8:9"
     assert read("--quick").seeds == "1:1"
     assert read("--groups", "b").groups == ["b"]
-    assert read("--more").more
     assert [(read(*w).deciding, read(*w).whole) for w in ((), ("--groups", "b"))] == [
         (True, True),
         (True, False),

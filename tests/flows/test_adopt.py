@@ -13,7 +13,7 @@ from flows.steps.adopt import Adopt, adopt, list_adoptions, roll_back
 from flows.steps.models import choose, chosen_to_watch
 from flows.storage import diagnosis as keep
 from flows.storage.diagnosis import read_known, read_models, read_verdict
-from residual.diagnosis.held_out import worth
+from residual.diagnosis.held_out import check_adoption
 from residual.errors import InputError
 from tests.flows.adopted_arm import ROBOT, diagnosed
 from warehouse.layout import find, read_record
@@ -43,7 +43,7 @@ def test_after_adoption_the_next_diagnosis_finds_nothing(fresh, arm_nights):
     store, _first, second, id = fresh
     assert [e.name for e in read_verdict(store, id).effects] == ["spring"]
     number, judgment = adopt(Adopt(id, "seen twice", store=store))
-    assert judgment.worth.after < 0.2 * judgment.worth.before
+    assert judgment.check.after < 0.2 * judgment.check.before
     again = arm_nights.again
     assert read_verdict(store, again).effects == ()
     assert "spring" in read_verdict(store, again).declared
@@ -167,7 +167,7 @@ def test_a_wrong_correction_is_refused_on_motion_of_another_night(made, how, par
     store, _, second, id = made
     before = read_models(store, id)["nominal"]
     model = _wrong(read_known(store, id), how)
-    seen = worth(model, before, [read_run(store, run) for run in second[1]])
+    seen = check_adoption(model, before, [read_run(store, run) for run in second[1]])
     (spring,) = seen.effects
     assert spring.part == pytest.approx(part, abs=0.15)
     assert seen.passed == (how == "right")

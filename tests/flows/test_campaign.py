@@ -14,7 +14,7 @@ from flows.specs.experiment import experiment_of
 from flows.steps import campaign, experiment
 from flows.steps.campaign import run_all
 from flows.steps.experiment import plan
-from flows.workers.processes import Done, Here, Processes, spread
+from flows.workers.processes import InlineExecutor, JobResult, Processes, spread
 from residual.errors import InputError
 from tests.waiting import PATIENCE, until
 
@@ -49,7 +49,7 @@ def done(monkeypatch):
 def test_one_failure_is_reported_and_the_others_go_on(tmp_path, done):
     planned = plan(specs(4), tmp_path)
     told = []
-    summary = run_all(planned, tmp_path, lambda *a: told.append(a), Here())
+    summary = run_all(planned, tmp_path, lambda *a: told.append(a), InlineExecutor())
     assert done == [0, 1, 2, 3]
     assert list(summary.failed.values()) == [
         "seed=1: joint 2 at 1.2 s: 0.3 rad beyond",
@@ -60,10 +60,10 @@ def test_one_failure_is_reported_and_the_others_go_on(tmp_path, done):
 
 
 def test_the_same_command_completes_what_was_left(tmp_path, done):
-    run_all(plan(specs(1), tmp_path), tmp_path, executor=Here())
+    run_all(plan(specs(1), tmp_path), tmp_path, executor=InlineExecutor())
     planned = plan(specs(5), tmp_path)
     assert [p.stored for p in planned] == [True, False, False, False, False]
-    summary = run_all(planned, tmp_path, executor=Here())
+    summary = run_all(planned, tmp_path, executor=InlineExecutor())
     assert done == [0, 1, 2, 3, 4]
     assert summary.new == (planned[3].run_id, planned[4].run_id)
 
@@ -91,7 +91,7 @@ def test_a_dry_run_plans_the_motions_and_says_which_break_a_limit(tmp_path, caps
 def test_a_campaign_with_a_failure_ends_with_1_and_says_which(
     tmp_path, done, monkeypatch, capsys
 ):
-    monkeypatch.setattr(campaign, "Processes", lambda workers: Here())
+    monkeypatch.setattr(campaign, "Processes", lambda workers: InlineExecutor())
     (tmp_path / "C.toml").write_text("[grid]\nseed = [0, 1]\n")
     words = ["campaign", str(tmp_path / "C.toml"), "--store", str(tmp_path / "s")]
     assert main(words) == 1
@@ -108,7 +108,7 @@ def pool():
         yield made
 
 
-def by_index(pool, work, jobs) -> list[Done]:
+def by_index(pool, work, jobs) -> list[JobResult]:
     return sorted(spread(pool, work, jobs), key=lambda d: d.index)
 
 

@@ -77,9 +77,9 @@ def test_faults_are_told_with_evidence_and_the_line_that_mends_them(log, found, 
     found(LATE, SIGN)
     assert run("check A.csv --robot irb140") == 0
     said = capsys.readouterr().out
-    assert "unusable as they are: 1 certain and 1 suspected faults" in said
-    assert "Torque counts the other way round (joint 2): torque_sign, certain." in said
-    assert "To mend it (--map):" in said
+    assert "unusable: 1 certain and 1 suspected faults" in said
+    assert "Torque has the opposite sign (joint 2): torque_sign, certain." in said
+    assert "Fix (--map):" in said
     assert 'tau = {columns = ["tau1", "tau2", "tau3", "tau4", "tau5", "tau6"], ' in said
     assert said.index("joint 2") < said.index("A: Torque is late by 8 ms.")
 
@@ -181,7 +181,7 @@ def test_every_kind_has_its_words():
     fault = Fault("gear_ratio", (1, 2, 3), False, "")
     assert title(fault) == "a gear ratio is missing or wrong (joints 1 to 3)"
     only = LogCheck((fault,))
-    assert summary(only) == "The logs are usable, with care: 1 suspected fault."
+    assert summary(only) == "The logs are usable with care: 1 suspected fault."
     assert "gear ratio, joints 1, 2, 3 (suspect)" in repr(only)
 
 

@@ -52,7 +52,7 @@ def test_a_verdict_says_by_itself_what_a_motion_could_settle(place):
     assert (plan["expected_nats"] >= 6) == (plan["chance"] >= 0.5)
     assert plan["sure_after"] is None  # that is asked of a designed motion
     page = (place / "v.html").read_text()
-    assert "The next experiment" in page
+    assert "Next experiment" in page
     assert "modelgap next designs it for this arm" in page
 
 
@@ -60,8 +60,8 @@ def test_a_program_is_found_written_and_explained(here, capsys):
     files = ("--out", "p.csv", "--json", "n.json")
     assert main(["next", *GIVEN, "--seconds", "8", *files]) == 0
     shown = capsys.readouterr().out
-    assert "next experiment: " in shown
-    assert "the question is settled " in shown
+    assert "Next experiment: " in shown
+    assert "The question is settled " in shown
     assert "settled after" in shown
     assert "wrote p.csv" in shown
     table = np.genfromtxt("p.csv", delimiter=",", names=True)
@@ -106,5 +106,5 @@ def test_where_nothing_is_open_nothing_is_proposed(here, capsys, monkeypatch):
     )
     monkeypatch.setattr("residual.diagnosis.open_question.near_sets", lambda *_: [])
     assert main(["next", *GIVEN, "--out", "nothing.csv"]) == 0
-    assert "nothing is open" in capsys.readouterr().out
+    assert "Nothing is open" in capsys.readouterr().out
     assert not Path("nothing.csv").exists()

@@ -8,16 +8,13 @@ import re
 import shutil
 import subprocess
 import sys
-from pathlib import Path
 
 import pyarrow.parquet as pq
 import pytest
 
-from flows.cli import sql as sql_command
 from tests.checkout import ROOT
 from tests.warehouse import store_samples as made
 from warehouse.quarantine import quarantine
-from warehouse.query.store import open_store
 from warehouse.schema import all_views
 
 
@@ -190,28 +187,6 @@ def test_an_answer_goes_into_a_file_in_every_format(run, tmp_path):
 def test_without_a_terminal_the_query_is_read(run, monkeypatch):
     monkeypatch.setattr("sys.stdin", io.StringIO("SELECT count(*) AS n\nFROM runs;\n"))
     assert answer(run, "sql") == [{"n": 3}]
-
-
-def test_the_prompt_answers_until_the_end(ids, tmp_path, monkeypatch, capsys):
-    asked = ["SELECT count(*) AS n", "FROM runs;", "nonsense;", "^C"]
-    asked += ["SELECT 'cancelled'", "^C", "COPY runs TO 'file';"]
-    lines = iter([*asked, "SELECT 7 AS seven", "", "^D"])
-
-    def typed(_):
-        line = next(lines)
-        if line[:1] == "^":
-            raise KeyboardInterrupt if line == "^C" else EOFError
-        return line
-
-    monkeypatch.setattr("builtins.input", typed)
-    with open_store(Path(ids["store"])) as store:
-        sql_command.prompt(store, "csv")
-    out = capsys.readouterr().out
-    assert "n\n3\n" in out
-    assert "Parser Error" in out
-    assert "Only one SELECT" in out
-    assert "seven\n7\n" in out
-    assert "'cancelled'" not in out
 
 
 def test_what_the_page_says_packs_a_record_with_all_that_it_needs(run, ids, tmp_path):

@@ -25,7 +25,7 @@ def test_a_motion_is_planned_shown_and_written(here, capsys):
     shown = capsys.readouterr().out
     assert "move_stop_move motion of irb140: 8 s at 250 Hz, period 8 s" in shown
     assert "condition number" in shown
-    assert "share of limits" in shown
+    assert "Share of the limits" in shown
     assert "wrote out.csv" in shown
     picture = Image.open(here / "out.png")
     assert picture.format == "PNG"

@@ -12,7 +12,7 @@ from flows.requests import Campaign
 from flows.settings import API, PAGES, quiet_prefect
 from flows.steps import campaign
 from flows.steps.experiment import run_id_of
-from flows.workers.processes import RUNNER, Here
+from flows.workers.processes import RUNNER, InlineExecutor
 from residual.errors import InputError, RunError
 from tests.flows.faked_night import NAME, faked
 from tests.waiting import until
@@ -131,7 +131,7 @@ def test_each_experiment_is_a_task_run_and_a_lost_process_is_one_try(
         return id
 
     monkeypatch.setattr(campaign.experiment, "run", run)
-    monkeypatch.setattr(flows, "Processes", lambda _: Here())
+    monkeypatch.setattr(flows, "Processes", lambda _: InlineExecutor())
     monkeypatch.setattr(flows.tasks.experiment, "retry_delay_seconds", 0)
     (tmp_path / "C.toml").write_text(f"[grid]\nseed = {list(range(12))}\n")
     told = tmp_path / "C.toml", tmp_path / "store"
@@ -167,7 +167,7 @@ def test_a_large_campaign_has_some_experiments_in_each_task(
         asked.append((label, len(batch)))
         return Future()
 
-    monkeypatch.setattr(flows, "Processes", lambda _: Here())
+    monkeypatch.setattr(flows, "Processes", lambda _: InlineExecutor())
     monkeypatch.setattr(flows.tasks.experiment, "submit", submit)
     monkeypatch.setattr(flows, "get_run_logger", logging.getLogger)
     (tmp_path / "C.toml").write_text(f"[grid]\nseed = {list(range(402))}\n")
@@ -199,7 +199,7 @@ def test_a_finding_is_told_once(flows, order, monkeypatch, tmp_path):
     from flows.pipelines import project as projects
 
     told = []
-    monkeypatch.setattr(artifacts, "tell", lambda name, about: told.append(name))
+    monkeypatch.setattr(artifacts, "send_event", lambda name, about: told.append(name))
     found = SimpleNamespace(effects=("spring",), robot="irb140")
     monkeypatch.setattr(projects, "read_verdict", lambda *_: found)
     monkeypatch.setattr(projects, "headline", lambda _: "a spring on joint 2")

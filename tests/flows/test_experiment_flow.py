@@ -96,7 +96,7 @@ def test_a_divergence_crosses_to_the_parent_process_as_words(tmp_path, monkeypat
     import pickle
 
     from flows.steps import campaign
-    from flows.workers.processes import plainly
+    from flows.workers.processes import run_job
     from sim.plant.stepping import DivergedError
 
     def diverge(spec, store, campaign):
@@ -105,7 +105,7 @@ def test_a_divergence_crosses_to_the_parent_process_as_words(tmp_path, monkeypat
     monkeypatch.setattr(campaign.experiment, "run", diverge)
     planned = experiment.PlannedExperiment("one", spec(), "ab", False)
     with pytest.raises(InputError) as caught:
-        plainly(campaign.run_one, planned, str(tmp_path))
+        run_job(campaign.run_one, planned, str(tmp_path))
     assert "1.250 s" in str(pickle.loads(pickle.dumps(caught.value)))
 
 

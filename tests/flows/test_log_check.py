@@ -93,10 +93,10 @@ def test_trusted_logs_with_a_certain_fault_let_nothing_be_named(place, found, na
     assert [f["repair"] for f in check["faults"]] == [LINE, None]
     said = headline(typed({"log_check": check, "verdict": "unknown"}))
     assert said.startswith(
-        "Nothing is named, since the logs cannot be trusted: torque counts the other "
-        "way round (joint 2)."
+        "No effect is named, because the logs are faulty: torque has the opposite "
+        "sign (joint 2)."
     )
-    assert "cannot be trusted" in Path("o.html").read_text(encoding="utf-8")
+    assert "the logs are faulty" in Path("o.html").read_text(encoding="utf-8")
 
 
 def test_a_doubt_is_a_warning_and_the_names_stand(place, found, named):

@@ -7,7 +7,7 @@ from flows.specs.experiment import experiment_of
 from flows.steps import campaign
 from flows.steps.campaign import run_all
 from flows.steps.experiment import plan
-from flows.workers.processes import Here
+from flows.workers.processes import InlineExecutor
 from tests.warehouse import store_samples as made
 from warehouse import remote
 
@@ -20,7 +20,7 @@ def test_a_campaign_gives_its_workers_the_name_of_the_store(
     store = store_folder(bucket_store)
     given = []
 
-    class Elsewhere(Here):
+    class Elsewhere(InlineExecutor):
         def submit(self, work, *words):
             given.append(words[0].keywords["store"])
             monkeypatch.setenv(remote.CACHE, str(tmp_path / "another machine"))

@@ -62,7 +62,7 @@ def test_twins_are_told_as_such(made):
     _, question = asked("coulomb_asymmetry", 4)
     assert promised(question) is None  # nothing but the twins is open
     ranking = Ranking(question, structural_twins(question), found.ranked)
-    assert any("are one torque on every motion" in line for line in told(ranking))
+    assert any("are the same torque on every motion" in line for line in told(ranking))
 
 
 @pytest.mark.parametrize(

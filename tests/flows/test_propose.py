@@ -30,7 +30,9 @@ def nights(server, made, monkeypatch):
 
     told = []
     monkeypatch.setattr(
-        loop.artifacts, "tell", lambda event, about: told.append(about["diagnosis"])
+        loop.artifacts,
+        "send_event",
+        lambda event, about: told.append(about["diagnosis"]),
     )
     yield loop, made, told
     store = made[0]
@@ -47,7 +49,7 @@ def in_a_flow(task, *given):
 def test_what_passes_the_gate_is_proposed_once_and_nothing_is_adopted(nights):
     tasks, (store, _, id), told = nights
     page = in_a_flow(tasks.adopt_or_propose, id, str(store), False)
-    assert "Side by side" in Path(page).read_text(encoding="utf-8")
+    assert "Comparison" in Path(page).read_text(encoding="utf-8")
     assert told == [id]
     assert adopted(store, ROBOT) is None or adopted(store, ROBOT)[1].model_id is None
     # The same finding of another night, unanswered as yet, is no new proposal.
@@ -84,5 +86,5 @@ def test_both_models_stand_side_by_side_on_the_page_and_in_the_question(made):
     for text in (proposal_page(proposal), proposal_markdown(proposal)):
         assert "nominal model" in text
         assert "spring on joint 2: stiffness" in text
-        assert "is there 1.0" in text or "is there 0.9" in text
+        assert "confirmed at 1.0" in text or "confirmed at 0.9" in text
     assert f"modelgap adopt {id}" in proposal_page(proposal)

@@ -16,10 +16,10 @@ from flows.service import api, up
 from flows.service.request import (
     DATABASE,
     ServiceRequest,
-    checked,
+    check_request,
+    database_label,
     database_url,
     server_environment,
-    shown_database,
     worker_environment,
 )
 from flows.service.state import (
@@ -119,20 +119,20 @@ def test_two_at_once_on_one_store_are_told_apart(tmp_path):
 )
 def test_what_cannot_be_or_must_be_said_twice_is_refused(tmp_path, wish, words):
     with pytest.raises(InputError) as caught:
-        checked(ServiceRequest(tmp_path, **wish))
+        check_request(ServiceRequest(tmp_path, **wish))
     assert words in str(caught.value)
     assert "s3cret" not in str(caught.value)
 
 
 def test_the_network_is_open_once_it_is_said_so(tmp_path):
-    checked(ServiceRequest(tmp_path, host="0.0.0.0", trust_network=True))
+    check_request(ServiceRequest(tmp_path, host="0.0.0.0", trust_network=True))
     for host in ("127.0.0.1", "::1", "localhost"):
-        checked(ServiceRequest(tmp_path, host=host))
+        check_request(ServiceRequest(tmp_path, host=host))
 
 
 def test_a_password_goes_to_the_server_and_nowhere_else(tmp_path, monkeypatch):
     monkeypatch.setenv(DATABASE, SECRET)
-    running = Running("127.0.0.1", 4300, shown_database(SECRET))
+    running = Running("127.0.0.1", 4300, database_label(SECRET))
     server = server_environment(running, tmp_path, SECRET)
     with_it = [k for k, v in server.items() if "s3cret" in v]
     assert with_it == ["PREFECT_SERVER_DATABASE_CONNECTION_URL"]
@@ -187,7 +187,7 @@ def test_a_second_up_must_not_contradict_the_first(tmp_path, sleeper):
 def test_a_history_elsewhere_is_not_silently_begun_anew(tmp_path):
     home = tmp_path / "_prefect"
     home.mkdir()
-    write_running(home, Running("127.0.0.1", 4300, shown_database(SECRET)))
+    write_running(home, Running("127.0.0.1", 4300, database_label(SECRET)))
     with pytest.raises(InputError, match=r"db\.lab:5432.*MODELGAP_DATABASE_URL"):
         up.up(ServiceRequest(tmp_path), print)
 

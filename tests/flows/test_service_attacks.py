@@ -3,11 +3,8 @@
 import http.client
 import json
 from base64 import b64encode
-from collections.abc import Iterator
-from contextlib import contextmanager, suppress
+from contextlib import suppress
 from functools import partial
-from http.server import BaseHTTPRequestHandler, HTTPServer
-from threading import Thread
 from types import SimpleNamespace
 
 import pytest
@@ -154,58 +151,6 @@ def greeted(opening, first: dict) -> bool:
             return False
 
 
-ATTACK = """
-(async () => {
-  const told = {};
-  const ask = async (name, path, options) => {
-    try { told[name] = (await fetch("%(ui)s/api" + path, options)).status; }
-    catch (error) { told[name] = "failed"; }
-  };
-  const blob = new Blob([JSON.stringify({name: "attack"})]);
-  const rule = new Blob([JSON.stringify(%(rule)s)]);
-  await ask("blind", "/flows/", {method: "POST", mode: "no-cors", body: blob});
-  await ask("rule", "/automations/", {method: "POST", mode: "no-cors", body: rule});
-  await ask("plain", "/flows/", {method: "POST", body: '{"name": "attack"}'});
-  await ask("json", "/flows/", {method: "POST", body: '{"name": "attack"}',
-                                headers: {"Content-Type": "application/json"}});
-  await ask("read", "/admin/settings", {});
-  told.socket = await new Promise((done) => {
-    const socket = new WebSocket("%(ws)s/events/in", "prefect");
-    socket.onopen = () => done("open");
-    socket.onerror = () => done("failed");
-  });
-  told.framed = await new Promise((done) => {
-    const frame = document.createElement("iframe");
-    frame.onload = () => { try { done(frame.contentDocument ? "seen" : "empty"); }
-                           catch (error) { done("empty"); } };
-    frame.src = "%(ui)s/";
-    document.body.append(frame);
-  });
-  return told;
-})()
-"""
-
-
-@contextmanager
-def evil_pages() -> Iterator[int]:
-    """Serve an empty page; gives its port."""
-
-    class Page(BaseHTTPRequestHandler):
-        def do_GET(self):
-            self.send_response(200)
-            self.send_header("Content-Type", "text/html")
-            self.end_headers()
-            self.wfile.write(b"<!doctype html><body>evil</body>")
-
-        def log_message(self, *_):
-            pass
-
-    with HTTPServer(("127.0.0.1", 0), Page) as server:
-        Thread(target=server.serve_forever, daemon=True).start()
-        yield server.server_port
-        server.shutdown()
-
-
 @pytest.fixture
 def tab(tmp_path):
     """A browser; every name but those of the attacks leads nowhere."""
@@ -214,30 +159,6 @@ def tab(tmp_path):
     evil = "MAP evil.example 127.0.0.1, MAP * ~NOTFOUND, EXCLUDE 127.0.0.1"
     with browser(tmp_path, f"--host-resolver-rules={evil}") as tab:
         yield tab
-
-
-@pytest.mark.long
-@pytest.mark.parametrize("name", ["evil.example", "127.0.0.1"])
-def test_a_page_of_another_address_gives_no_orders(paged, tab, name):
-    given = {
-        "ui": paged.ui,
-        "ws": paged.api.url.replace("http", "ws"),
-        "rule": json.dumps(RULE),
-    }
-    with evil_pages() as port:
-        # As after a visit by its owner: what the browser keeps must not help.
-        tab.log_in(paged.ui, paged.api.key)
-        tab.open(f"http://{name}:{port}/")
-        tab.wait(
-            "document.body?.innerText === 'evil'", "the page of the attack is open"
-        )
-        told = tab.run(ATTACK % given)
-    # 0: sent, and the page may not see what came.
-    assert told.pop("blind") in (0, "failed")
-    assert told.pop("rule") in (0, "failed")
-    assert told.pop("framed") == "empty"
-    assert set(told.values()) == {"failed"}, told
-    assert made(paged) == []
 
 
 @pytest.mark.long

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from flows.report.diagnosis import tiles_of
-from flows.report.tables import size_of
+from flows.report.tables import size_of, sizes
 from residual.diagnosis.result import Diagnosis
 from residual.effects import registry
 from tests.flows.report_outcomes import effect, given_value, parameter
@@ -31,7 +31,9 @@ def test_a_balancer_is_an_amplitude_and_where_it_is_largest():
     said = verdict("balancer", (2,), sin=(16.3, 0.4, "N m"), cos=(-5.0, 0.3, "N m"))
     label, value, note = tile(said)
     assert label == "Amplitude"
-    assert value == "17.05 ± 0.39 N m, largest at 107.1 ± 1.0 °"
+    assert value == "17.05 ± 0.39 N m"
+    texts = [size.text for size in sizes(said.effects[0], said)]
+    assert texts == [value, "107.1 ± 1.0 °"]
     assert note == "of a balancer on joint 2 (shoulder_lift)"
 
 
@@ -41,7 +43,7 @@ def test_the_wave_is_largest_where_it_is_told_to_be(angle):
     balancer, q = registry()["balancer"], np.linspace(-np.pi, np.pi, 7201)
     values = 4.0 * np.array([np.sin(angle), np.cos(angle)])
     wave = values[0] * np.sin(q) + values[1] * np.cos(q)
-    told = balancer.told(values)
+    told = balancer.display(values)
     assert told["amplitude"][0] == pytest.approx(wave.max(), rel=1e-6)
     there = np.deg2rad(told["largest at"][0])
     assert np.cos(there - q[np.argmax(wave)]) == pytest.approx(1, abs=1e-6)
@@ -61,6 +63,6 @@ def test_every_effect_tells_what_it_tells_in_numbers():
     """Whatever its values are."""
     for own in registry().values():
         assert own.frame.format(flange="tool0").count("{") == 0
-        if own.told:
-            told = own.told(np.linspace(0.1, 0.2, len(own.parameters)))
+        if own.display:
+            told = own.display(np.linspace(0.1, 0.2, len(own.parameters)))
             assert all(np.isfinite(v) and unit for v, unit in told.values())

@@ -7,7 +7,7 @@ import tempfile
 from functools import cache
 from pathlib import Path
 
-from benchmarks.store_parts.made import records, run
+from benchmarks.store_parts.records import records, run
 from flows.report.answers import as_bytes
 from residual.errors import InputError
 from tests.checkout import listing

@@ -11,7 +11,8 @@ import yaml
 
 from residual.effects import registry
 from scripts.docs_site import curve
-from scripts.docs_site.pages import how_often_found
+from scripts.docs_site.pages import generated, how_often_found
+from scripts.docs_site.schemas import schemas
 from tests.pages.page import ROOT
 
 
@@ -36,6 +37,13 @@ def test_it_is_built_strictly_and_asks_nothing_of_a_network(tmp_path):
         assert "hidden on a simulated arm" in page or "Not measured" in page
     # What the theme asks for where a page is opened from the disk.
     assert (tmp_path / "search" / "search_index.js").is_file()
+    index = (tmp_path / "llms.txt").read_text(encoding="utf-8")
+    linked = re.findall(r"\]\(([^)]+)\)", index)
+    assert len(linked) > 50
+    assert [page for page in linked if not (tmp_path / page).is_file()] == []
+    for place, schema in schemas().items():
+        text = (tmp_path / place).read_text(encoding="utf-8")
+        assert json.loads(text) == schema
     home = (tmp_path / "index.html").read_text(encoding="utf-8")
     assert "img/report.png" in home
     assert "http.server -b 127.0.0.1 -d site" in home
@@ -51,7 +59,7 @@ def test_the_navigation_lists_pages_that_exist_and_each_once():
     listed = yaml.safe_load((ROOT / "mkdocs.yml").read_text(encoding="utf-8"))["nav"]
     pages = re.findall(r"[\w/]+\.md", json.dumps(listed))
     assert len(pages) == len(set(pages))
-    written = [page for page in pages if page != "commands.md"]
+    written = [page for page in pages if page not in generated()]
     assert [page for page in written if not (ROOT / "docs" / page).is_file()] == []
 
 

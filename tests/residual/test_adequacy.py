@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from residual.diagnosis import gate, outcome
-from residual.diagnosis.adequacy import adequacy, repeat
+from residual.diagnosis.adequacy import adequacy, find_period
 from residual.diagnosis.diagnose import diagnose
 from residual.evidence.fit import fit
 from residual.signals.track import Filters, prepare
@@ -108,7 +108,7 @@ def periodic(period=4.0, duration=13.0, noise=0.0, seed=0):
 @pytest.mark.parametrize("period", [3.2, 4.0, 5.6])
 def test_the_period_of_a_program_is_found_from_the_motion_itself(period):
     (track,), _ = prepare([periodic(period)], Filters())
-    rows = repeat(track)
+    rows = find_period(track)
     assert rows * track.step / track.rate == pytest.approx(period, abs=0.04)
 
 
@@ -116,7 +116,7 @@ def test_a_motion_that_never_repeats_has_no_period():
     t = np.arange(1600) / 125
     q = np.column_stack([np.sin(t) + 0.3 * np.sin(np.e * t), np.sin(np.sqrt(2) * t)])
     (track,), _ = prepare([recording(t, q, q)], Filters())
-    assert repeat(track) is None
+    assert find_period(track) is None
 
 
 @pytest.mark.parametrize(

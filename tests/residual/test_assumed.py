@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from benchmarks.synthetic.logs import Case
-from residual.diagnosis.values import changes
+from residual.diagnosis.values import compare_values
 from residual.model.nominal import declared_names
 from residual.robot.robot import load_robot
 from sim.engine.records import PlantSpec, TrajectorySpec
@@ -65,7 +65,7 @@ def test_the_one_value_that_is_far_off_is_named(logs, name, joint):
 
 def off_on(robot, logs):
     seen, _ = examined_on(robot, logs)
-    told = [c for c in changes(seen, seen.fit) if c.beyond and c.name in KEYS]
+    told = [c for c in compare_values(seen, seen.fit) if c.beyond and c.name in KEYS]
     return {(c.name, c.joints): c.identified / c.nominal for c in told}
 
 

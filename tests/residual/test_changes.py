@@ -1,6 +1,6 @@
 """What the logs say of a value alone, and sets of effects that are as good."""
 
-from residual.diagnosis.neighbours import _score, best_set, rivals
+from residual.diagnosis.neighbours import _set_score, best_set, rivals
 from tests.residual.linear import GEAR, LINE, OTHER, PLANE, Problem
 
 
@@ -27,7 +27,7 @@ def test_two_names_give_way_to_the_one_that_does_what_both_do(rng):
     start = task.settle(task.fit(wrong, task.start()))
     found = best_set(task, start)
     assert places(found) == [("plane", (0,))]
-    assert _score(task, found) > _score(task, start)
+    assert _set_score(task, found) > _set_score(task, start)
 
 
 def test_one_name_gives_way_to_the_two_that_are_there(rng):

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from residual.diagnosis.outcome import examine
-from residual.diagnosis.unexplained import corrected, leftovers
+from residual.diagnosis.unexplained import fit_correction, joint_leftovers
 from residual.evidence.rules import EvidenceThresholds
 from residual.model.compare import compare, prepare_held_out
 from residual.model.nominal import DEFAULT_DECLARED, prepare_logs, start_nominal
@@ -40,9 +40,9 @@ def made():
         nominal = start_nominal(logs, DEFAULT_DECLARED)
         diagnosis = examine(logs, nominal, EvidenceThresholds(max_effects=0), quiet)
         told, design = diagnosis.adequacy, diagnosis.task.design
-        left = leftovers(design, logs.tracks, diagnosis.fit, told)
+        left = joint_leftovers(design, logs.tracks, diagnosis.fit, told)
         model = diagnosis.model(diagnosis.fit).model
-        tables = corrected(model, logs.tracks, left)
+        tables = fit_correction(model, logs.tracks, left)
         models = {"augmented": model, "plsr": tables}
         errors, _ = compare(models, prepare_held_out(held, nominal.model), logs.filters)
         errors = {k: e.per_joint("filtered") for k, e in errors.items()}
@@ -69,4 +69,4 @@ def test_what_time_makes_is_left_alone(made):
 
 def test_without_a_leftover_there_is_no_correction(made):
     diagnosis, _, tables, _ = made[WALL]
-    assert corrected(tables.model, diagnosis.logs.tracks, ()) is None
+    assert fit_correction(tables.model, diagnosis.logs.tracks, ()) is None

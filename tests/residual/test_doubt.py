@@ -67,7 +67,7 @@ def test_finding_nothing_in_what_cannot_be_is_no_answer(upside_down):
     assert upside_down.effects == ()
     assert upside_down.verdict == "unknown"
     said = upside_down.contradictions[0]
-    assert "friction that was fitted on joints 1, 2 drives the arm" in said
+    assert "fitted friction of joints 1, 2 drives the arm" in said
 
 
 def test_a_name_says_how_often_it_was_found_again_and_what_is_determined():

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from scipy.stats import multivariate_normal
 
-from residual.evidence.fit import System, effective_rows, fit, gain
+from residual.evidence.fit import System, effective_rows, evidence_gain, fit
 from residual.evidence.priors import screen
 from tests.residual.linear import (
     DOF,
@@ -179,7 +179,7 @@ def test_a_gain_counts_rows_by_what_the_larger_set_leaves(rng):
     big, small = (every_row_counts(problem, m, rounds=5) for m in ([group], []))
     poor = effective_rows(problem.design, small, range(DOF))
     small, big = replace(small, counted=poor), replace(big, counted=poor)
-    value, first, second = gain(problem.design, problem.prior, big, small)
+    value, first, second = evidence_gain(problem.design, problem.prior, big, small)
     np.testing.assert_array_equal(first.counted, second.counted)
     assert poor[0] < 100
     assert first.counted[0] > 300

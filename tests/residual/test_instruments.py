@@ -81,13 +81,13 @@ def test_with_a_fine_encoder_both_agree_and_it_is_said():
 
 def test_without_a_reference_redrawn_noise_frees_a_parameter_too(monkeypatch):
     fits = []
-    look = instruments.checked
+    look = instruments.check_noise
 
     def keep(*args):
         fits.append(look(*args))
         return fits[-1]
 
-    monkeypatch.setattr(instruments, "checked", keep)
+    monkeypatch.setattr(instruments, "check_noise", keep)
     outcome = diagnosed(COARSE, reference=False)
     value, std = inertia(outcome)
     assert said(outcome, "parameters of rotor_inertia are corrected for it")

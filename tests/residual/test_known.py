@@ -152,5 +152,5 @@ def test_words_of_the_command_are_names_and_numbers():
 def test_a_baseline_compares_two_states_and_takes_no_known_value():
     robot = with_known(arm(TWO), {"payload.mass": 2.0})
     logs = plain_logs(robot, range(2), np.zeros(2))
-    with pytest.raises(InputError, match="of one state of the arm"):
+    with pytest.raises(InputError, match="belong to one state of the arm"):
         diagnose(robot, logs[:2], logs[2:])

@@ -58,4 +58,4 @@ def test_a_change_that_a_refit_explains_far_better_is_not_confirmed(word):
     now, before = (read_log(f"{DATA}/ur10e/{d}.csv", robot)[0] for d in days)
     verdict = diagnose(robot, [now], [before]).verdict
     assert [e.evidence.held_out for e in verdict.effects] == [word]
-    assert ("does not explain" in verdict.warnings[-1]) is (word == "neutral")
+    assert ("do not explain" in verdict.warnings[-1]) is (word == "neutral")

@@ -10,14 +10,14 @@ import pytest
 
 from residual.diagnosis.detectable import minimum_detectable
 from residual.diagnosis.findings import findings
-from residual.diagnosis.gate import gate, leave_out, passed
-from residual.diagnosis.neighbours import alternatives, simplest
+from residual.diagnosis.gate import drop_failed, left_out_errors, test_members
+from residual.diagnosis.neighbours import alternatives, prefer_simpler
 from residual.diagnosis.search import (
     admissible,
-    best,
     collect,
     lowers_error,
-    refined,
+    rank_additions,
+    refine_shape,
     search,
     spares_model,
     torque_share,
@@ -82,7 +82,7 @@ def test_where_nothing_is_missing_nothing_is_found():
         problem = Problem.draw(rng, rows=100, colour=0.8 * (seed % 2))
         task, fitted = found(problem)
         assert fitted.members == ()
-        value = best(
+        value = rank_additions(
             replace(task, rules=EvidenceThresholds(min_nats=-99, min_fall_share=0)),
             fitted,
         )
@@ -149,7 +149,7 @@ def test_an_effect_that_a_refit_imitates_is_named_by_plausibility(imitated):
     fitted = search(task)
     assert keys(fitted) == [("twin", (1,))]
     np.testing.assert_allclose(fitted.of(fitted.members[0]), size, rtol=0.1)
-    (tested,) = gate(task, fitted)
+    (tested,) = test_members(task, fitted)
     assert tested.by == "plausibility"
     assert tested.nats > task.rules.min_plausible_nats
 
@@ -182,7 +182,7 @@ def test_a_left_out_log_is_predicted_by_a_fit_of_the_others(rng):
     members = problem.design.add([(PLANE, (0,), ())])
     task = problem.task(members)
     fitted = task.settle(task.fit(members, task.start()))
-    errors = leave_out(task, fitted)
+    errors = left_out_errors(task, fitted)
     weight = fitted.counted / problem.design.rows / fitted.variance
     for k in range(len(problem.logs)):
         others = [i for i in range(len(problem.logs)) if i != k]
@@ -198,7 +198,7 @@ def test_a_left_out_log_is_predicted_by_a_fit_of_the_others(rng):
 def test_the_gate_lets_pass_what_repeats_in_logs_that_were_left_out(rng):
     problem = Problem.draw(rng, [(LINE, (0,), [3.0])], rows=200)
     task, fitted = found(problem)
-    after, (tested,) = passed(task, fitted)
+    after, (tested,) = drop_failed(task, fitted)
     assert keys(after) == [("line", (0,))]
     assert (tested.by, tested.joint) == ("fit", 0)
     assert tested.fall > task.rules.min_fall
@@ -217,8 +217,8 @@ def test_the_gate_stops_what_is_there_in_one_log_of_four_only(rng):
     (group,) = problem.design.add([(LINE, (0,), ())])
     task = problem.task([group])
     fitted = task.settle(task.fit([group], task.start()))
-    assert gate(task, fitted)[0].by is None
-    after, tested = passed(task, fitted)
+    assert test_members(task, fitted)[0].by is None
+    after, tested = drop_failed(task, fitted)
     assert (after.members, tested) == ((), [])
 
 
@@ -255,7 +255,7 @@ def test_of_two_names_that_explain_the_same_the_simpler_is_taken(rng):
     both = problem.design.add([(LINE, (0,), ()), (wider, (0,), ())])
     task = problem.task(both)
     fitted = task.settle(task.fit([both[1]], task.start()))
-    assert keys(simplest(task, fitted)) == [("line", (0,))]
+    assert keys(prefer_simpler(task, fitted)) == [("line", (0,))]
 
 
 # -- the scale of the prior --------------------------------------------------------
@@ -377,7 +377,7 @@ def test_error_bars_of_a_searched_shape_hold_the_truth():
         problem = Problem(logs, build(logs), problem.prior)
         group = problem.design.add([(WAVE, (0,), (7.2,))])
         task = problem.task(group)
-        members = refined(task, group, task.fit(group, task.start()))
+        members = refine_shape(task, group, task.fit(group, task.start()))
         fitted = task.settle(task.fit(members, task.start()))
         diagnosis = judged_by(task)
         exact = {members[0]: (fitted.of(members[0]), np.zeros((2, 2)))}
@@ -392,7 +392,7 @@ def test_findings_of_one_name_are_merged_and_the_largest_comes_first(rng):
     problem = Problem.draw(rng, truth, rows=200)
     task, fitted = found(problem)
     diagnosis = judged_by(task)
-    first, second = findings(diagnosis, fitted, gate(task, fitted))
+    first, second = findings(diagnosis, fitted, test_members(task, fitted))
     assert (first.effect.name, first.joints) == ("plane", (1,))
     assert (second.effect.name, second.joints) == ("line", (1, 2))
     values, sds, unit, _ = second.parameters["a"]
@@ -413,7 +413,7 @@ def test_what_rides_on_another_of_its_size_is_named_before_it(rng, yields, first
         replace(t, group=replace(t.group, effect=riding))
         if t.group.effect is PLANE
         else t
-        for t in gate(task, fitted)
+        for t in test_members(task, fitted)
     ]
     groups = {t.group.key: t.group for t in tested}
     fitted = replace(fitted, members=tuple(groups[g.key] for g in fitted.members))

@@ -5,7 +5,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from residual.changes.contrast import SQUARES, expected_worth, worth_of
+from residual.changes.contrast import SQUARES, expected_evidence, log_evidence
 from residual.changes.joint import OWN, JointRows
 from residual.changes.rows import Layout
 from sim.engine.records import Hidden
@@ -63,7 +63,7 @@ def test_evidence_is_a_bayes_factor(information, theta, precision):
     """Of one coefficient, in closed form, at the likeliest of the prior's sizes."""
     known, prior = np.array([[information]]), np.array([[precision]])
     pull = known @ [theta]
-    worth = float(worth_of(known, pull, prior, None))
+    worth = float(log_evidence(known, pull, prior, None))
     variances = SQUARES / precision + 1 / information
     logs = [
         -0.5 * np.log(v * information) + 0.5 * theta**2 * (information - 1 / v)
@@ -71,7 +71,7 @@ def test_evidence_is_a_bayes_factor(information, theta, precision):
     ]
     assert worth == pytest.approx(max(logs) - np.log(len(SQUARES)), abs=1e-6)
     sizes = np.array([0.0, abs(theta)])
-    both = expected_worth(known, np.ones(1), prior, 20.0, sizes)
+    both = expected_evidence(known, np.ones(1), prior, 20.0, sizes)
     assert both[0] <= both[1]
 
 

@@ -4,7 +4,6 @@ import numpy as np
 import pinocchio as pin
 import pytest
 
-from benchmarks.plant_parts.energy import balance
 from residual.robot.dynamics import flange_placement, inertial_parameters
 from sim.draw import draw_hidden
 from sim.engine.bullet import World, urdf_of
@@ -12,6 +11,7 @@ from sim.engine.records import PlantSpec, stream
 from sim.plant import tables as at
 from sim.plant.arm import build_arm
 from sim.plant.catalogue import acting, changed, kinds
+from tests.sim.energy import balance
 from tests.sim.plant_cases import ROBOT, drive, effect, motion
 
 pytestmark = pytest.mark.usefixtures("compiled_plant")

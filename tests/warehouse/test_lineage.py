@@ -9,7 +9,7 @@ from flows.cli import main
 from residual.errors import InputError
 from residual.recording import Recording
 from warehouse.commit import commit_record, commit_run
-from warehouse.query.lineage import old_runs
+from warehouse.query.named import NAMED
 from warehouse.runs import read_run
 
 YEARS = "2020-01-01T00:00:00Z"
@@ -47,9 +47,10 @@ def test_what_a_record_or_an_alarm_refers_to_stays(store):
         {"alarms": table},
         parents={"watched": [alarmed]},
     )
-    assert {old.id for old in old_runs(store, 30, keep=["healthy"])} == {free, listed}
-    assert {old.id for old in old_runs(store, 30)} == {free, listed, tagged}
-    assert old_runs(store, 30, robot="other") == []
+    with warehouse.open(store) as opened:
+        rows = opened.sql(NAMED["old_runs"][1], {"days": "30"}).to_pylist()
+        assert {row["run_id"] for row in rows} == {free, listed, tagged}
+        assert opened.sql(NAMED["old_runs"][1], {"days": "90000"}).num_rows == 0
 
 
 def test_a_run_that_is_moved_by_the_list_is_whole_in_the_other_folder(
@@ -58,11 +59,10 @@ def test_a_run_that_is_moved_by_the_list_is_whole_in_the_other_folder(
     id = run(store, 1)
     kept = run(store, 2, recorded_at=None)
     before = read_run(store, id)
-    words = ["prune", "--older-than", "30", "--store", str(store)]
-    assert main(words) == 0
-    shown = capsys.readouterr()
-    assert "1 runs of" in shown.err
-    (place,) = shown.out.split()
+    words = ["sql", "--named", "old_runs", "--with", "days=30", "--format", "csv"]
+    assert main([*words, "--store", str(store)]) == 0
+    _, row = capsys.readouterr().out.split()
+    place = row.split(",")[0]
     (tmp_path / "old" / place).parent.mkdir(parents=True)
     (store / place).rename(tmp_path / "old" / place)
     np.testing.assert_array_equal(read_run(tmp_path / "old", id).q, before.q)

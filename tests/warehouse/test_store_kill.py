@@ -13,7 +13,7 @@ from tests.warehouse.store_campaign import RUNS, campaign
 from warehouse.layout import list_folders
 from warehouse.runs import open_seal, read_run
 
-KILLS = 10
+KILLS = 6
 
 
 @pytest.fixture(scope="module")
@@ -62,7 +62,7 @@ def test_killed_at_any_moment_it_is_consistent_and_can_be_completed(
     seen = []
     for kill in range(KILLS):
         # A new store now and then, so that kills meet every stage of a campaign.
-        store = killed / str(kill // 5)
+        store = killed / str(kill // 3)
         started = processes.Event()
         process = processes.Process(target=campaign, args=(store, started))
         process.start()

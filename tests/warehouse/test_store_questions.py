@@ -1,8 +1,6 @@
 """What an engineer asks of months of runs."""
 
-import re
 from datetime import date
-from pathlib import Path
 
 import pyarrow as pa
 import pytest
@@ -12,10 +10,8 @@ from tests.warehouse import store_samples as made
 from tests.warehouse.test_store_verdicts import MODEL
 from warehouse.commit import commit_record, commit_run
 from warehouse.quarantine import quarantine
-from warehouse.query.named import NAMED, TAKES
+from warehouse.query.named import NAMED
 from warehouse.schema import VIEWS, arrow_schema
-
-DOCS = Path(__file__).parents[2] / "docs" / "sql.md"
 
 
 def measured(seed):
@@ -111,17 +107,12 @@ def test_what_is_open_and_what_is_latest(told, ask):
     assert (latest["diagnosis_id"], latest["effect"]) == (told[3][1], None)
 
 
-def test_runs_by_robot_tag_and_campaign(told, ask):
+def test_runs_by_robot_and_motion(told, ask):
     rows = named(ask, "runs_per_robot")
     assert {(r["serial"], r["trajectory"], r["runs"]) for r in rows} == {
         (None, "fourier", 2),
         ("A7", "welding", 2),
     }
-    tags = {r["tag"]: r["runs"] for r in named(ask, "runs_by_tag")}
-    assert tags == {"cell=4": 2, "after service": 2}
-    (campaign,) = named(ask, "campaigns")
-    assert (campaign["campaign"], campaign["runs"]) == ("march", 3)
-    assert campaign["quarantined"] == 1
 
 
 def identified(store, serial, day, value):
@@ -202,12 +193,3 @@ def test_errors_of_identifications_are_told_by_motion_too(fleet):
 
 def test_runs_without_a_diagnosis(ask):
     assert named(ask, "never_diagnosed") == []  # the third is in quarantine
-
-
-def test_there_are_twenty_questions_and_the_page_has_them_all():
-    page = DOCS.read_text(encoding="utf-8")
-    listed = re.findall(r"^\| `(\w+)` \|", page, re.MULTILINE)
-    assert sorted(listed) == sorted(NAMED)
-    assert len(NAMED) >= 20
-    for name, values in TAKES.items():
-        assert all(f"--named {name} --with {key}=" in page for key in values)

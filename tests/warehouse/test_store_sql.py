@@ -289,8 +289,6 @@ def damage(path, how):
         path.write_bytes(b"")
     elif how == "gone":
         path.unlink()
-    elif how == "bits":
-        path.write_bytes(data[:4] + bytes(200) + data[204:])
     else:
         # Also in the middle of a page, where DuckDB sees nothing by itself.
         made.flip(path, int(how * len(data)))
@@ -298,11 +296,11 @@ def damage(path, how):
 
 @pytest.mark.parametrize(
     ("how", "which"),
-    [("torn", 2), *((how, 0) for how in ("empty", "gone", "bits", 0.001, 0.5, 0.999))],
+    [("torn", 2), *((how, 0) for how in ("empty", "gone", 0.001, 0.5, 0.999))],
 )
 def test_a_damaged_file_is_named_and_the_others_are_read(tmp_path, how, which):
     for seed in range(3):
-        made.commit(tmp_path, seed, rows=4000)
+        made.commit(tmp_path, seed, rows=1000)
     ids = [r["run_id"] for r in ask(tmp_path, "FROM runs")]
     id = sorted(ids)[which]
     path = find_run(tmp_path, id).folder / "part-0.parquet"

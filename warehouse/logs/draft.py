@@ -297,28 +297,25 @@ class _Drafter:
 
     def _angle(self, name: str, family: Family) -> str:
         """Return the unit of angles by what the joints of the robot can reach."""
-        usual, q = self.preset.angle or "rad", self._read(family.columns)
+        q = self._read(family.columns)
         if q is None:
             self._doubt(name, "no unit is stated, and its numbers cannot be read")
-            return usual
-        low, high = np.nanmin(q, axis=0), np.nanmax(q, axis=0)
-        if self._reach(low, high) > LIMIT_SLACK:
-            sure = self._reach(np.deg2rad(low), np.deg2rad(high)) <= LIMIT_SLACK
+        elif self._reach(q) > LIMIT_SLACK:
+            sure = self._reach(np.deg2rad(q)) <= LIMIT_SLACK
             self._doubt(
                 name,
-                f"no unit is stated; up to {max(-low.min(), high.max()):.4g} is beyond "
-                f"the joints' limits in rad, {'inside' if sure else 'still beyond'} "
-                "them in degrees",
+                f"no unit is stated; up to {np.nanmax(np.abs(q)):.4g} is beyond the "
+                f"joints' limits in rad, {'inside' if sure else 'still beyond'} them "
+                "in degrees",
             )
             return "deg"
-        if usual == "deg":
+        elif self.preset.angle == "deg":
             self._doubt(name, "degrees by the format; radians fit too")
-        elif (high - low).max() < LIMIT_SLACK:
-            self._doubt(name, "radians? It hardly moves, and degrees would fit too")
-        return usual
+        return self.preset.angle or "rad"
 
-    def _reach(self, low: Array, high: Array) -> float:
+    def _reach(self, q: Array) -> float:
         """How far angles lie beyond the limits of the joints, at the most [rad]."""
+        low, high = np.nanmin(q, axis=0), np.nanmax(q, axis=0)
         beyond = np.maximum(self.robot.lower - low, high - self.robot.upper)
         free = ~np.isfinite(self.robot.upper)
         turns = np.where(free, np.maximum(-low, high) - TURNS, 0)

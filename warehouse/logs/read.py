@@ -1,7 +1,7 @@
 """One log: opened by what is in it, read into a checked recording."""
 
 import re
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from datetime import datetime, timedelta
 from pathlib import Path
@@ -43,8 +43,7 @@ Array = np.ndarray
 LARGEST = 1e30  # in any SI unit: no sensor measures more, and sums of squares overflow
 LARGE = 1 << 26  # bytes of one signal: some twenty minutes at 1 kHz
 # What the files of each format begin with; all others are text.
-_SQLITE, _ROS1 = b"SQLite format 3\0", b"#ROSBAG V"
-_MCAP, _PARQUET = b"\x89MCAP", b"PAR1"
+_BAGS, _PARQUET = (b"SQLite format 3\0", b"#ROSBAG V", b"\x89MCAP"), b"PAR1"
 _BINARY = re.compile(rb"[\x00-\x08\x0b\x0e-\x1f]")  # control characters
 
 
@@ -129,9 +128,6 @@ def put_away(values: Array) -> Array:
     return values
 
 
-Reader = Callable[[Path, bytes, ColumnMap, Sequence[str]], LogFile | None]
-
-
 def open_log(path: Path, columns: ColumnMap, joints: Sequence[str]) -> LogFile:
     """Open a log by the first reader that knows what is in it: plug-ins, then ours.
 
@@ -142,16 +138,20 @@ def open_log(path: Path, columns: ColumnMap, joints: Sequence[str]) -> LogFile:
         path: An existing file, or the folder of a ROS 2 bag.
         joints: Names of the robot's joints in the URDF, joint 1 first.
     """
-    head = b"" if path.is_dir() else _head(path)
-    readers: list[Reader] = [*plugins("modelgap.readers").values(), _open_ours]
-    opened = (reader(path, head, columns, joints) for reader in readers)
-    return next(log for log in opened if log is not None)
-
-
-def _open_ours(
-    path: Path, head: bytes, columns: ColumnMap, joints: Sequence[str]
-) -> LogFile:
-    if path.is_dir() or head.startswith((_SQLITE, _ROS1, _MCAP)):
+    head = b""
+    if not path.is_dir():
+        try:
+            with path.open("rb") as file:
+                head = file.read(HEAD)
+        except OSError as error:
+            raise InputError(f"Cannot read {path}: {error.strerror}.") from error
+        if not head.strip():
+            raise InputError(f"{path.name} is empty, expected a log with samples.")
+    for reader in plugins("modelgap.readers").values():
+        log = reader(path, head, columns, joints)
+        if log is not None:
+            return log
+    if path.is_dir() or head.startswith(_BAGS):
         return open_bag(path, joints, columns.bag)
     if head.startswith(_PARQUET):
         return ParquetLog(path)
@@ -161,17 +161,6 @@ def _open_ours(
             "of them or CSV text (UTF-8). Export the log as one of them."
         )
     return CsvLog(path, head, columns.csv)
-
-
-def _head(path: Path) -> bytes:
-    try:
-        with path.open("rb") as file:
-            head = file.read(HEAD)
-    except OSError as error:
-        raise InputError(f"Cannot read {path}: {error.strerror}.") from error
-    if not head.strip():
-        raise InputError(f"{path.name} is empty, expected a log with samples.")
-    return head
 
 
 @dataclass(frozen=True, slots=True)
@@ -267,27 +256,23 @@ class TableLog(LogFile):
     def __init__(self, table: Any, name: str) -> None:
         self.name = name
         names = getattr(table, "column_names", None)
-        if names is None:
-            names = getattr(table, "columns", table)
         self._columns: dict[str, Array] = {}
-        for key in names:
-            self._columns |= self._parts(str(key), table[key])
+        for key in getattr(table, "columns", table) if names is None else names:
+            try:
+                values = np.asarray(table[key])
+            except (TypeError, ValueError):  # rows of different lengths
+                values = np.empty((), object)
+            if values.ndim == 2:  # q1, q2, ...
+                parts = {f"{key}{j}": part for j, part in enumerate(values.T, 1)}
+                self._columns |= parts
+            elif values.ndim == 1:
+                self._columns[str(key)] = values
+            else:
+                raise InputError(
+                    f"{name}: column '{shortened(str(key))}' has shape {values.shape}, "
+                    "expected one value per sample, or one per sample and joint."
+                )
         self.columns = tuple(self._columns)
-
-    def _parts(self, key: str, given: Any) -> dict[str, Array]:
-        """Return the column of a key; of one with a column per joint: q1, q2, ..."""
-        try:
-            values = np.asarray(given)
-        except (TypeError, ValueError):  # rows of different lengths
-            values = np.empty((), object)
-        if values.ndim == 2:
-            return {f"{key}{j + 1}": column for j, column in enumerate(values.T)}
-        if values.ndim != 1:
-            raise InputError(
-                f"{self.name}: column '{shortened(key)}' has shape {values.shape}, "
-                "expected one value per sample, or one per sample and joint."
-            )
-        return {key: values}
 
     def read(self, columns: tuple[str, ...]) -> dict[str, Array]:
         """Return the values of some columns, NaN where empty."""
@@ -298,19 +283,18 @@ class TableLog(LogFile):
                 f"{self.name}: its columns differ in length ({shortened(some)}), "
                 "expected as many samples in each."
             )
-        return {name: self._number(name) for name in columns}
-
-    def _number(self, name: str) -> Array:
-        values = self._columns[name]
-        try:
-            if values.dtype.kind in "fiuO":
-                return values.astype(float)
-        except (TypeError, ValueError):
-            pass
-        raise InputError(
-            f"{self.name}: column '{shortened(name)}' holds {values.dtype}, expected "
-            "numbers."
-        )
+        for name in columns:
+            kind = self._columns[name].dtype
+            try:
+                if kind.kind not in "fiuO":
+                    raise TypeError
+                self._columns[name] = self._columns[name].astype(float)
+            except (TypeError, ValueError) as error:
+                raise InputError(
+                    f"{self.name}: column '{shortened(name)}' holds {kind}, expected "
+                    "numbers."
+                ) from error
+        return {name: self._columns[name] for name in columns}
 
 
 def read_table(
@@ -347,9 +331,20 @@ def read_opened(
     if chosen.nanoseconds:
         table[chosen.time] = table[chosen.time] + 1e-9 * table.pop(chosen.nanoseconds)
     table, again = once(table, chosen.time)
-    first = _first(table[chosen.time]) * columns.time_unit_seconds
+    t = table[chosen.time]
+    first = t[np.isfinite(t).argmax()] if len(t) else np.nan
     moved = _locked_that_move(log, robot, label)
     recording, doubts = _samples(table, chosen, columns, robot, label, log.name, window)
+    start = from_seconds(recording.t[0])
+    if log.recorded_at is not None:
+        start = log.recorded_at + timedelta(
+            seconds=float(recording.t[0] - first * columns.time_unit_seconds)
+        )
+    scale = columns.time_scale
+    slower = "" if scale == 1 else f"times {scale:.6g}"
+    clock = [f"t: {slower}"] if slower else []
+    clock += [] if columns.time_unit == "s" else [f"t: {columns.time_unit} to s"]
+    joints = chosen.signals.items()
     understood = Understood(
         id=label,
         file=file,
@@ -359,12 +354,15 @@ def read_opened(
         duration=recording.duration,
         used=chosen.used,
         ignored=chosen.ignored,
-        conversions=_conversions(chosen, columns),
+        conversions=(*clock, *filter(None, (describe(n, s) for n, s in joints))),
         warnings=odd(recording),
         notes=(*log.notes, *again),
-        channels=_channels(chosen, columns),
+        channels=(
+            ("t", chosen.time, columns.time_unit, slower),
+            *(channel for n, s in joints for channel in channels_of(n, s)),
+        ),
         doubts=(*doubts, *moved),
-        recorded_at=_moment(log, first, recording),
+        recorded_at=start,
     )
     return recording, understood
 
@@ -387,18 +385,6 @@ def _locked_that_move(log: LogFile, robot: Robot, label: str) -> tuple[Doubt, ..
         "what fingers carry is small."
     )
     return (Doubt("robot_file", (), words, certain=False),)
-
-
-def _first(t: Array) -> float:
-    finite = np.isfinite(t)
-    return float(t[finite.argmax()]) if finite.any() else np.nan
-
-
-def _moment(log: LogFile, first: float, recording: Recording) -> datetime | None:
-    """When the first sample that is kept was taken: the file says, or its own clock."""
-    if log.recorded_at is None:
-        return from_seconds(recording.t[0])
-    return log.recorded_at + timedelta(seconds=float(recording.t[0] - first))
 
 
 def _samples(
@@ -453,25 +439,3 @@ def _samples(
 def _rows(keep: Array) -> slice | Array:
     """Numbers of the rows to keep; of all of them a slice, which copies nothing."""
     return slice(None) if keep.all() else np.flatnonzero(keep)
-
-
-def _conversions(chosen: Selection, columns: ColumnMap) -> tuple[str, ...]:
-    """Return every change of unit, side, sign, scale or zero, in words."""
-    words = []
-    if columns.time_scale != 1:
-        words.append(f"t: times {columns.time_scale:.6g}")
-    if columns.time_unit != "s":
-        words.append(f"t: {columns.time_unit} to s")
-    words += [describe(name, signal) for name, signal in chosen.signals.items()]
-    return tuple(word for word in words if word)
-
-
-def _channels(
-    chosen: Selection, columns: ColumnMap
-) -> tuple[tuple[str, str, str, str], ...]:
-    """Return channel, column, unit and what is done to it, one by one."""
-    scale = columns.time_scale
-    slower = "" if scale == 1 else f"times {scale:.6g}"
-    channels = [("t", chosen.time, columns.time_unit, slower)]
-    channels += [c for n, s in chosen.signals.items() for c in channels_of(n, s)]
-    return tuple(channels)

@@ -170,7 +170,13 @@ class CsvLog(LogFile):
         self.columns = tuple(name.strip() for name in header)
         self.units = found.units
         self.recorded_at, unzoned = from_lines(lines[: found.names])
-        self.notes = _notes(found, unzoned)
+        stated = ", ".join(f"{name}: {unit}" for name, unit in found.units.items())
+        notes = {
+            f"{unzoned} has no time zone and is not used; see --recorded-at": unzoned,
+            f"{found.above} lines above the names": found.above,
+            f"units as the file says ({stated})": stated,
+        }
+        self.notes = tuple(text for text, told in notes.items() if told)
         filled = [name for name in self.columns if name]
         if 2 * sum(map(is_number, filled)) > len(filled):
             raise InputError(
@@ -186,9 +192,10 @@ class CsvLog(LogFile):
         try:
             table = self._table(places, wanted, threads=True)
         except (pa.ArrowException, OSError, UnicodeDecodeError) as error:
-            raise InputError(
-                self._explain(self._line(places, wanted, error))
-            ) from error
+            try:  # once more alone: only then the parser counts lines
+                table = self._table(places, wanted, threads=False)
+            except (pa.ArrowException, OSError, UnicodeDecodeError) as again:
+                raise InputError(self._explain(str(again))) from error
         values = {}
         for column, place in zip(columns, wanted, strict=True):
             values[column] = table.column(place).to_numpy()
@@ -212,14 +219,6 @@ class CsvLog(LogFile):
                 decimal_point=self._form.decimal,
             ),
         )
-
-    def _line(self, places: list[str], wanted: list[str], error: Exception) -> str:
-        """Return what the parser says where it counts lines, which it does alone."""
-        try:
-            self._table(places, wanted, threads=False)
-        except (pa.ArrowException, OSError, UnicodeDecodeError) as told:
-            return str(told)
-        return str(error)
 
     def _explain(self, error: str) -> str:
         """Turn what the parser says into what the user can do."""
@@ -263,18 +262,6 @@ def guess_form(path: Path) -> CsvFormat:
     return CsvFormat(decimal="," if comma > point else ".")
 
 
-def _notes(found: Layout, unzoned: str | None) -> tuple[str, ...]:
-    notes = []
-    if unzoned:
-        notes.append(f"{unzoned} has no time zone and is not used; see --recorded-at")
-    if found.above:
-        notes.append(f"{found.above} lines above the names")
-    if found.units:
-        stated = ", ".join(f"{name}: {unit}" for name, unit in found.units.items())
-        notes.append(f"units as the file says ({stated})")
-    return tuple(notes)
-
-
 def _decode(head: bytes) -> tuple[str, str]:
     # The cut may fall inside a character; those up to the last line end are whole.
     whole = head[: head.rfind(b"\n") + 1] or head
@@ -312,9 +299,11 @@ def find_layout(lines: Sequence[str], form: CsvFormat) -> Layout | None:
     """Find the table in the first lines of a file; None with nothing above it."""
     rows = [i for i, line in enumerate(lines) if i >= form.skip and line.strip()]
     for place, row in enumerate(rows[: _ABOVE + 1]):
-        separator = form.separator or _separator(lines, rows[:place], row)
+        # Of the line of names: in a line of numbers a comma may be the decimal one.
+        separator = form.separator or sniff(lines[rows[place - 1] if place else row])
         fields = split(lines[row], separator)
-        if place and _is_sample(fields):
+        filled = [field for field in fields if field.strip()]
+        if place and len(filled) >= 2 and all(map(is_number, filled)):
             break
     else:
         return None
@@ -340,22 +329,12 @@ def find_layout(lines: Sequence[str], form: CsvFormat) -> Layout | None:
     )
 
 
-def _separator(lines: Sequence[str], above: Sequence[int], row: int) -> str:
-    # Of the line of names: in a line of numbers a comma may be the decimal one.
-    return sniff(lines[above[-1]] if above else lines[row])
-
-
 def _clean(fields: list[str]) -> list[str]:
     """Names without blanks, and without what a separator at the end leaves."""
     fields = [field.strip().strip('"') for field in fields]
     while fields and not fields[-1]:
         fields.pop()
     return fields
-
-
-def _is_sample(fields: list[str]) -> bool:
-    filled = [field for field in fields if field.strip()]
-    return len(filled) >= 2 and all(map(is_number, filled))
 
 
 def _are_units(fields: list[str]) -> bool:

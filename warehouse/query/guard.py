@@ -118,7 +118,21 @@ def _explained(text: str) -> str:
 def _tables(connection: duckdb.DuckDBPyConnection, text: str) -> frozenset[str]:
     """Return tables and views of a SELECT in which nothing can write."""
     named = set()
-    for node in _nodes(_tree(connection, text)):
+    # fetchall: DuckDB 2.0 takes no further work before a result is read to its end.
+    asked = connection.execute("SELECT json_serialize_sql(?)", [text])
+    try:
+        tree = json.loads(asked.fetchall()[0][0])
+    except RecursionError as error:
+        raise InputError(_DEEP) from error
+    if tree.get("error"):
+        raise InputError(f"{_ONLY}, got something that is neither.")
+    parts = [tree["statements"]]
+    while parts:
+        node = parts.pop()
+        if not isinstance(node, dict):
+            parts += node if isinstance(node, list) else ()
+            continue
+        parts += node.values()
         kind = str(node.get("type", ""))
         if kind == "BASE_TABLE":
             named.add(str(node.get("table_name")).lower())
@@ -133,30 +147,6 @@ def _tables(connection: duckdb.DuckDBPyConnection, text: str) -> frozenset[str]:
                     "See modelgap sql --schema."
                 )
     return frozenset(named)
-
-
-def _tree(connection: duckdb.DuckDBPyConnection, text: str) -> list:
-    # fetchall: DuckDB 2.0 takes no further work before a result is read to its end.
-    asked = connection.execute("SELECT json_serialize_sql(?)", [text])
-    try:
-        tree = json.loads(asked.fetchall()[0][0])
-    except RecursionError as error:
-        raise InputError(_DEEP) from error
-    if tree.get("error"):
-        raise InputError(f"{_ONLY}, got something that is neither.")
-    return tree["statements"]
-
-
-def _nodes(tree: object) -> Iterator[dict]:
-    """Give every table of a tree of JSON, without a limit to its depth."""
-    todo = [tree]
-    while todo:
-        part = todo.pop()
-        if isinstance(part, dict):
-            yield part
-            todo += part.values()
-        elif isinstance(part, list):
-            todo += part
 
 
 def first_line(error: Exception) -> str:
@@ -230,8 +220,7 @@ def limited(
     timer.start()
     try:
         yield
-    except (duckdb.Error, pa.ArrowException, OSError) as error:
-        # Between two batches of an answer Arrow says OSError of it.
+    except (duckdb.Error, InputError) as error:
         if late.is_set():
             raise InputError(
                 f"The query was stopped after {seconds:g} s. Ask for less, or give it "
@@ -242,7 +231,7 @@ def limited(
         timer.cancel()
 
 
-def explain(error: duckdb.Error) -> str:
+def explain(error: Exception) -> str:
     """Return what an error means for who asked, in one line."""
     if isinstance(error, duckdb.PermissionException):
         what = first_line(error).removeprefix("Permission Error: ")

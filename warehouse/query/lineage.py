@@ -1,33 +1,10 @@
-"""What a record was made from, what was made from it, and runs that nothing needs.
+"""What a record was made from, and what was made from it."""
 
-A run is needed while a model, a diagnosis, a validation or an adoption was made from
-it, or an alarm was raised on it. That it was only looked at (watched without an alarm,
-or listed in a batch) binds nothing; an old one may go to a folder that keeps it.
-"""
-
-from collections.abc import Sequence
 from dataclasses import dataclass
-from datetime import UTC, datetime, timedelta
-from pathlib import Path
 
-from warehouse.files import read_sums
-from warehouse.ids import seal_folder
-from warehouse.layout import find, find_run
-from warehouse.query.store import Store, open_store
-from warehouse.remote import is_there
+from warehouse.layout import find
+from warehouse.query.store import Store
 from warehouse.schema import KINDS
-
-LOOKED_AT = ("batch", "watched")
-_QUERY = """
-    SELECT run_id FROM runs
-    WHERE coalesce(recorded_at, created) < $before
-      AND ($robot IS NULL OR robot = $robot)
-      AND NOT list_has_any(coalesce(tags, []), $keep)
-      AND run_id NOT IN
-          (SELECT parent FROM lineage WHERE NOT list_contains($looked_at, role))
-      AND run_id NOT IN (SELECT run_id FROM alarms WHERE run_id IS NOT NULL)
-    ORDER BY coalesce(recorded_at, created), run_id
-"""
 
 
 @dataclass(frozen=True, slots=True)
@@ -62,34 +39,3 @@ def tree(store: Store, id: str, down: bool = False) -> Relative:
         return Relative(id, kind, role, relatives=relatives)
 
     return grown(find(store.path, id).id, "")
-
-
-@dataclass(frozen=True, slots=True)
-class Old:
-    """A run that nothing refers to."""
-
-    id: str
-    size: int  # bytes of its files
-    places: tuple[str, ...]  # its folder in the store, and that of its sealed half
-
-
-def old_runs(
-    store: Path, days: float, robot: str | None = None, keep: Sequence[str] = ()
-) -> list[Old]:
-    """Return runs that may leave a store; nothing is changed.
-
-    Args:
-        days: How old they are at least, by their recording, else by their commit [d].
-    """
-    before = datetime.now(UTC).replace(tzinfo=None) - timedelta(days=days)
-    asked = {"before": before, "robot": robot, "keep": list(keep)}
-    with open_store(store) as opened:
-        found = opened.sql(_QUERY, asked | {"looked_at": list(LOOKED_AT)})
-    old = []
-    for id in found.column(0).to_pylist():
-        seal = seal_folder(store, id)
-        parts = [find_run(store, id).folder, *([seal] if is_there(seal) else [])]
-        size = sum(s["bytes"] for part in parts for s in read_sums(part).values())
-        places = tuple(part.relative_to(store).as_posix() for part in parts)
-        old.append(Old(id, size, places))
-    return old

@@ -304,27 +304,6 @@ NAMED = {
         GROUP BY ALL ORDER BY robot, serial, runs DESC, trajectory
         """,
     ),
-    "runs_by_tag": (
-        "runs by the tags that they were given, and arm",
-        """
-        SELECT tag, robot, serial, count(*) AS runs,
-               min(coalesce(recorded_at, created)) AS first,
-               max(coalesce(recorded_at, created)) AS last
-        FROM (SELECT *, unnest(tags) AS tag FROM runs)
-        GROUP BY ALL ORDER BY tag, robot, serial
-        """,
-    ),
-    "campaigns": (
-        "campaigns: how many runs, how much motion, how many in quarantine",
-        """
-        SELECT campaign, robot, serial, count(*) AS runs,
-               round(sum(duration_s), 1) AS seconds,
-               count(*) FILTER (quarantined) AS quarantined,
-               min(created) AS first, max(created) AS last
-        FROM runs WHERE campaign IS NOT NULL
-        GROUP BY ALL ORDER BY last DESC, campaign
-        """,
-    ),
     "never_diagnosed": (
         "runs that went into no diagnosis, oldest first",
         """
@@ -337,6 +316,25 @@ NAMED = {
         ORDER BY since, run_id
         """,
     ),
+    "old_runs": (
+        "folders of runs older than some days that no record needs, oldest first",
+        """
+        SELECT unnest([folder, concat('sealed/run_id=', run_id)][:kept]) AS folder,
+               run_id, robot, serial, since
+        FROM (
+            SELECT *, coalesce(recorded_at, created) AS since,
+                   concat('samples/robot=', robot, '/run_id=', run_id) AS folder,
+                   if(source = 'simulated', 2, 1) AS kept
+            FROM runs
+        )
+        WHERE since < make_timestamp(epoch_us(now())) - to_days(try_cast($days AS INT))
+              -- That a run was looked at binds nothing.
+              AND run_id NOT IN (
+                  SELECT parent FROM lineage WHERE role NOT IN ('batch', 'watched'))
+              AND run_id NOT IN (FROM (SELECT run_id FROM alarms) WHERE run_id NOT NULL)
+        ORDER BY since, run_id, folder
+        """,
+    ),
 }
 
 # Values that a query needs, by query.
@@ -346,4 +344,5 @@ TAKES: dict[str, dict[str, str]] = {
     "parameter_drift": {"name": "part of the parameter's name"},
     "first_run_with": {"effect": "name of the effect, such as payload"},
     "model_on": {"date": "a day or a time, such as 2026-03-01"},
+    "old_runs": {"days": "least age in days, by the recording, else by the commit"},
 }

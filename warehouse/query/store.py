@@ -38,6 +38,9 @@ from warehouse.schema import (
 )
 from warehouse.sums import damaged
 
+# What a damaged file may raise: also Arrow between two batches, and DuckDB where its
+# message quotes bytes that are no text.
+_FAILURES = (duckdb.Error, pa.ArrowException, OSError, UnicodeDecodeError)
 _BATCH = 100_000  # samples that are fetched at once
 _AT_ONCE = 2  # files that are hashed or fetched
 _HASHED = "hashed.json"
@@ -185,8 +188,8 @@ class Store:
                     answer = self._read(query, values)
                 except duckdb.InterruptException:
                     raise
-                except duckdb.Error as refused:
-                    error = refused
+                except _FAILURES as failure:
+                    error = failure
                 files = set(self._files())
                 opened = [path for (path,) in self._connection.sql(_OPENED).fetchall()]
                 gone = [f for f in files if samples and error and not os.path.exists(f)]
@@ -301,7 +304,7 @@ class Store:
             try:
                 self._view("samples", " UNION ALL BY NAME ".join(parts))
                 self._viewed = True
-            except duckdb.Error as error:
+            except _FAILURES as error:
                 gone = [path for path in self._files() if not os.path.exists(path)]
                 broken = self._faults([*gone, *(each[0] for each in forms.values())])
                 if not broken:

@@ -1,13 +1,12 @@
-"""Effects, joints and lists in words, and what only experiments of our own show."""
+"""Effects, joints and lists in words, and the truth of a simulated experiment."""
 
-import base64
 import tomllib
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cache
-from itertools import pairwise
 from pathlib import Path
 
+import numpy as np
 from markupsafe import Markup
 
 from residual.diagnosis.result import Detectable, Edit, Finding, Place, Verdict
@@ -64,22 +63,13 @@ def joint_words(joints: Iterable[int], dof: int | None = None) -> str:
         return f"joint {numbers[0]}"
     if len(numbers) == dof:
         return "both joints" if dof == 2 else f"all {count(len(numbers))} joints"
-    return f"joints {listing(_runs(numbers))}"
-
-
-def _runs(numbers: list[int]) -> list[str]:
-    """Return numbers as text, three or more in a row drawn together."""
-    groups = [[numbers[0]]]
-    for last, value in pairwise(numbers):
-        if value == last + 1:
-            groups[-1].append(value)
-        else:
-            groups.append([value])
-    words = []
-    for group in groups:
-        short = len(group) < 3
-        words += map(str, group) if short else [f"{group[0]} to {group[-1]}"]
-    return words
+    runs = np.split(numbers, np.flatnonzero(np.diff(numbers) > 1) + 1)
+    words = [
+        word
+        for run in runs
+        for word in ([f"{run[0]} to {run[-1]}"] if len(run) > 2 else map(str, run))
+    ]
+    return f"joints {listing(words)}"
 
 
 def noun(name: str) -> str:
@@ -110,15 +100,6 @@ def place(effect: At, dof: int | None = None) -> str:
     return own.place.format(joints=words, links=words.replace("joint", "link"))
 
 
-def kind(name: str) -> str:
-    """Return an effect in words without its joint: 'a spring', 'inertia of a link'."""
-    own = effect_named(name)
-    if own.place.startswith("of "):
-        where = own.place.format(joints="a joint", links="a link")
-        return f"{noun(name).removeprefix('the ')} {where}"
-    return noun(name)
-
-
 def phrase(effect: At, dof: int | None = None) -> str:
     """Return an effect with its place: 'a balancer on joint 2'."""
     return f"{noun(effect.name)} {place(effect, dof)}".strip()
@@ -134,42 +115,27 @@ def alternatives(effect: Finding, dof: int | None = None) -> list[str]:
     return words
 
 
-# The edit test, and what only a simulated experiment can show: the truth.
+# What only a simulated experiment can show: the hidden effect, and the edit test.
 
 
 def edit_sentence(edit: Edit) -> str:
-    """Return what is left of one effect that was taken out of the model again."""
-    effect = phrase(Place(edit.name, edit.joints))
-    words = f"{effect}, taken out again: error {percent(edit.error)} of torque"
+    """Return the error of the model without one effect, on logs that never had it."""
+    place = Place(edit.name, edit.joints)
     parts = {
         "with it": edit.kept,
         "least squares": edit.least_squares,
-        "with the baseline's own parameters": edit.reference,
+        "best possible": edit.reference,
     }
-    words += "".join(f"; {k} {percent(v)}" for k, v in parts.items() if known(v))
-    return sentence_case(f"{words}.")
+    listed = "; ".join(f"{k} {percent(v)}" for k, v in parts.items() if known(v))
+    return (
+        f"Edit test: without {phrase(place)} the model predicts logs that never had "
+        f"it to {percent(edit.error)} of torque{listed and f' ({listed})'}."
+    )
 
 
 def baseline_sentences(verdict: Verdict) -> list[str]:
-    """Return what is left on the baseline of each effect of a verdict, by name."""
+    """Return the edit test of each effect of a verdict on its baseline."""
     return [edit_sentence(edit) for edit in verdict.edit or () if known(edit.error)]
-
-
-_JUDGED = {
-    "right": "the first name is what was hidden",
-    "class": "what was hidden is among the effects that these logs cannot tell apart",
-    "wrong": "the first name is not what was hidden",
-    "missed": "something was hidden and nothing was named",
-    "clean": "nothing was hidden and nothing was named",
-    "false alarm": "nothing was hidden and something was named",
-}
-
-# On purpose: a diagnosis that shared the arm's formulas would confirm itself.
-FORMS = (
-    "The arm's laws are written otherwise than the diagnosis's (a hose softens, a "
-    "textbook spring does not). Standard deviations assume the named form, so a size "
-    "may be off by more."
-)
 
 
 @dataclass(frozen=True, slots=True)
@@ -180,16 +146,18 @@ class Hidden:
         name: Its name.
         joints: Its joints as the verdict counts them, from 1.
         parameters: Value of each parameter, SI.
+        edit: Its edit test; None where the verdict does not name it.
     """
 
     name: str
     joints: tuple[int, ...]
     parameters: Mapping[str, float]
+    edit: Edit | None = None
 
 
 @dataclass(frozen=True, slots=True)
 class Staged:
-    """What the report of a staged experiment has beyond any other.
+    """What the report of a simulated experiment has beyond any other.
 
     Attributes:
         gif: The arm in motion; empty for no picture.
@@ -203,32 +171,6 @@ class Staged:
     hidden: tuple[Hidden, ...]
     verdict: Verdict
 
-    @property
-    def uri(self) -> str:
-        """The picture as a data address."""
-        return "data:image/gif;base64," + base64.b64encode(self.gif).decode()
-
-    @property
-    def judged(self) -> str:
-        """In a sentence, how verdict and truth compare."""
-        return sentence_case(_JUDGED[judge(self.hidden, self.verdict)]) + "."
-
-    @property
-    def forms(self) -> str:
-        """Why sizes need not agree; empty where nothing was found."""
-        return FORMS if self.hidden and self.verdict.effects else ""
-
-    @property
-    def rows(self) -> list[tuple[str, str, str]]:
-        """Rows (what, hidden, found): the effect, then its parameters."""
-        found = self.verdict.effects
-        first = found[0] if found else None
-        rows = []
-        for hidden in self.hidden or (None,):
-            match = _same(hidden, found) or first
-            rows += _rows(hidden, match)
-        return rows
-
 
 def judge(hidden: Sequence[Hidden], verdict: Verdict) -> str:
     """Compare a verdict with the truth.
@@ -240,39 +182,34 @@ def judge(hidden: Sequence[Hidden], verdict: Verdict) -> str:
         "right": the first name is it. "class": it is an equivalent of the first name.
         "wrong", "missed"; where nothing was hidden "clean" or "false alarm".
     """
-    found = verdict.effects
     if not hidden:
-        return "false alarm" if found else "clean"
-    if not found:
+        return "false alarm" if verdict.effects else "clean"
+    if not verdict.effects:
         return "missed"
-    truth = {_key(one.name, one.joints) for one in hidden}
-    first = found[0]
-    if _key(first.name, first.joints) in truth:
+    truth, first = {place_key(effect) for effect in hidden}, verdict.effects[0]
+    if place_key(first) in truth:
         return "right"
-    others = {_key(e.name, e.joints) for e in first.equivalent}
-    return "class" if others & truth else "wrong"
+    return "class" if truth & {*map(place_key, first.equivalent)} else "wrong"
 
 
-def _rows(hidden: Hidden | None, found: Finding | None) -> list[tuple[str, str, str]]:
-    there = Place(hidden.name, hidden.joints) if hidden else None
-    named = [phrase(e) if e else "nothing" for e in (there, found)]
-    rows = [("effect", *map(sentence_case, named))]
-    units = effect_named(hidden.name).parameters if hidden else {}
-    true = dict(hidden.parameters) if hidden else {}
-    theirs = found.parameters if found else {}
-    for key in dict.fromkeys([*theirs, *true]):
-        own = theirs.get(key)
-        value = measured(true.get(key), None, own.unit if own else units.get(key))
-        rows.append((key.replace("_", " "), value, str(own) if own else MISSING))
+def truth_rows(staged: Staged) -> list[tuple[str, str, str]]:
+    """Return rows (quantity, hidden, named): the effect, then its parameters."""
+    named, rows = staged.verdict.effects, []
+    for hidden in staged.hidden or (None,):
+        same = [e for e in named if hidden and place_key(e) == place_key(hidden)]
+        finding = next(iter([*same, *named]), None)
+        pair = [phrase(e) if e else "nothing" for e in (hidden, finding)]
+        rows.append(("effect", *map(sentence_case, pair)))
+        units = effect_named(hidden.name).parameters if hidden else {}
+        true = hidden.parameters if hidden else {}
+        fitted = finding.parameters if finding else {}
+        for key in dict.fromkeys([*fitted, *true]):
+            unit = fitted[key].unit if key in fitted else units.get(key)
+            value = measured(true.get(key), None, unit)
+            rows.append((key.replace("_", " "), value, str(fitted.get(key, MISSING))))
     return rows
 
 
-def _same(hidden: Hidden | None, found: Sequence[Finding]) -> Finding | None:
-    if hidden is None:
-        return None
-    key = _key(hidden.name, hidden.joints)
-    return next((e for e in found if _key(e.name, e.joints) == key), None)
-
-
-def _key(name: str, joints: Iterable[int]) -> tuple[str, tuple[int, ...]]:
-    return name, tuple(sorted(joints))
+def place_key(effect: At | Hidden) -> tuple[str, tuple[int, ...]]:
+    """Return name and sorted joints, by which two places are the same."""
+    return effect.name, tuple(sorted(effect.joints))

@@ -5,6 +5,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from flows.storage.diagnosis import store_report
+from tests.flows.report_outcomes import given_value
 from tests.warehouse import store_samples as made
 from warehouse.commit import commit_record
 from warehouse.layout import read_record
@@ -28,6 +29,9 @@ class Nights:
     watched: str
 
 
+OFF = given_value("viscous", 1)
+
+
 def fill(
     store: Path, stored: bytes = STORED, files: Mapping[str, bytes] | None = None
 ) -> Nights:
@@ -35,7 +39,9 @@ def fill(
     runs = tuple(made.commit(store, seed) for seed in range(4))
     missing = diagnose(store, runs[:2], made.verdict())
     nothing = diagnose(
-        store, runs[2:], made.verdict(verdict="none", effects=[], robot=EVIL)
+        store,
+        runs[2:],
+        made.verdict(verdict="none", effects=[], robot=EVIL, changes=[OFF]),
     )
     about = {"robot": "two_link", "kind": "nightly"}
     page = store_report(store, about, missing, {"report.html": stored, **(files or {})})

@@ -36,8 +36,8 @@ def test_it_says_what_was_found_by_robot_and_night_and_what_waits(nights):
     when, night, robot, _, words, error = found["something missing"]
     assert night == f"{night_of(datetime.fromisoformat(when))}"
     assert robot == "two_link"
-    assert words.startswith("two_link #1: payload")
-    assert error == "8.6 → 5.6 %"
+    assert words.startswith("two_link #1: The model lacks a payload")
+    assert error == "20.0 → 5.6 %"
     assert f"modelgap adopt {nights.missing[:8]}" in found["waits for a decision"][4]
     assert found["alarm"][4] == "in 1 run: joint 2: torque gain drop"
     assert found["log refused"][4] == "bad.csv: no &lt;t&gt;"

@@ -22,6 +22,6 @@ def test_it_says_id_time_version_commit_data_and_what_makes_it_again(
     assert diagnosis in foot["Diagnosis"]
     assert all(run in foot["Fit"] for run in (RUN, "bc" * 10))
     assert HELD in foot["Held out"]
-    assert f"modelgap rerun {diagnosis}" in foot["Again"]
+    assert f"modelgap rerun {diagnosis}" in foot["Command"]
     assert foot["Stored"].startswith("20")
-    assert foot["By modelgap"][0].isdigit()
+    assert foot["Program"].startswith("modelgap ")

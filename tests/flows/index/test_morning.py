@@ -109,7 +109,7 @@ def test_a_morning_is_one_row_for_each_thing_that_happened(project, morning):
     id, _, _ = morning
     page = seen(project.store)
     name = project.arm(project.robot("cell")).name
-    assert page.count(f"{name} #1: payload") == 1
+    assert page.count(f"{name} #1: The model lacks a payload") == 1
     assert f"{name} #2" not in page
     assert page.count("in 4 runs: joint 1: torque bias, joint 2: torque bias") == 1
     assert "torque torque" not in page
@@ -203,7 +203,7 @@ def test_four_loads_and_a_refused_log_are_one_story_from_the_inbox_on(project, c
         rows = opened.sql("SELECT verdict FROM diagnoses ORDER BY created").to_pylist()
     assert [row["verdict"] for row in rows] == ["none", "effects"]
     page = seen(project.store)
-    assert re.search(r"small_arm #2: payload", page)
+    assert re.search(r"small_arm #2: The model lacks a payload", page)
     assert page.lower().count("in 4 runs: ") == 1
     assert "rejected/bad.csv" in page  # where the line that drafts its map finds it
     lately = datetime(2020, 1, 1)

@@ -18,12 +18,12 @@ from flows.inbox.take import (
     STORED,
     WAITING,
     Job,
-    alone,
-    at_rest,
+    import_all,
     inboxes,
-    look,
+    list_logs,
+    locked,
     take,
-    take_all,
+    unchanged,
 )
 from flows.project.read import read_project
 from tests.residual.arms import urdf_text
@@ -98,25 +98,27 @@ def test_what_grows_is_waited_for(place, csv):
     with file.open("w") as writer:
         writer.write(csv[0])
         writer.flush()
-        before = look(place / "in")
+        before = list_logs(place / "in")
         writer.write("9")
-    assert at_rest(before, look(place / "in")) == {}
+    assert unchanged(before, list_logs(place / "in")) == {}
     (inbox,) = inboxes(read_project(place))
     job = Job(file, before["a.csv"], inbox.request(file))
     file.write_text(csv[0] + "9")
-    assert take(job).what == WAITING
+    assert take(job).status == WAITING
     assert not Path("store/samples").exists()
     (place / "in/empty.csv").touch()
-    assert "empty.csv" not in at_rest(look(place / "in"), look(place / "in"))
+    assert "empty.csv" not in unchanged(
+        list_logs(place / "in"), list_logs(place / "in")
+    )
 
 
 def test_another_log_of_a_name_that_is_taken_loses_nothing(place, csv):
     (inbox,) = inboxes(read_project(place))
     for text in csv:
         (place / "in/a.csv").write_text(text)
-        resting = look(place / "in")
-        (done,) = take_all(inbox, resting, lambda runs: None)
-        assert done.what == STORED
+        resting = list_logs(place / "in")
+        (done,) = import_all(inbox, resting, lambda runs: None)
+        assert done.status == STORED
     assert (place / "in/done/a.csv").read_text() == csv[0]
     assert (place / "in/done/a-2.csv").read_text() == csv[1]
 
@@ -124,10 +126,10 @@ def test_another_log_of_a_name_that_is_taken_loses_nothing(place, csv):
 def test_two_do_not_take_from_one_inbox_at_once(place, csv):
     (place / "in/a.csv").write_text(csv[0])
     (inbox,) = inboxes(read_project(place))
-    with alone(place / "in") as ours:
+    with locked(place / "in") as ours:
         assert ours
-        (taken,) = take_all(inbox, look(place / "in"), lambda runs: None)
-    assert (taken.what, (place / "in/a.csv").exists()) == (WAITING, True)
+        (taken,) = import_all(inbox, list_logs(place / "in"), lambda runs: None)
+    assert (taken.status, (place / "in/a.csv").exists()) == (WAITING, True)
 
 
 @pytest.mark.parametrize("when", ["told", "moved"])
@@ -138,14 +140,15 @@ def test_a_kill_between_any_two_steps_loses_and_doubles_nothing(place, csv, when
     killed = f"""
 import os, signal
 from flows.inbox import take as run
-from flows.inbox.take import look
+from flows.inbox.take import list_logs
 from flows.project.read import read_project
 def die(*_): os.kill(os.getpid(), signal.SIGKILL)
 if {when!r} == "moved":
     put, count = run.archive, []
     run.archive = lambda taken: die() if count else count.append(put(taken))
 (inbox,) = run.inboxes(read_project("."))
-for _ in run.take_all(inbox, look(inbox.folder), die if {when!r} == "told" else id):
+told = die if {when!r} == "told" else id
+for _ in run.import_all(inbox, list_logs(inbox.folder), told):
     pass
 """
     died = subprocess.run(
@@ -157,17 +160,17 @@ for _ in run.take_all(inbox, look(inbox.folder), die if {when!r} == "told" else 
     assert sorted(p.name for p in Path("in/done").iterdir()) == ["a.csv", "b.csv"]
     names = sorted(p.name for p in Path("in/rejected").iterdir())
     assert names == ["bad.csv", "bad.csv.txt"]
-    assert look(place / "in") == {}
+    assert list_logs(place / "in") == {}
 
 
 def test_a_log_that_was_stored_before_a_kill_is_told_again(place, csv):
     file = place / "in/a.csv"
     file.write_text(csv[0])
     (inbox,) = inboxes(read_project(place))
-    first = take(Job(file, look(place / "in")["a.csv"], inbox.request(file)))
+    first = take(Job(file, list_logs(place / "in")["a.csv"], inbox.request(file)))
     heard = []
-    (again,) = take_all(inbox, look(place / "in"), heard.append)
-    assert (first.what, again.what, heard) == (STORED, KNOWN, [[first.run]])
+    (again,) = import_all(inbox, list_logs(place / "in"), heard.append)
+    assert (first.status, again.status, heard) == (STORED, KNOWN, [[first.run]])
     assert (place / "in/done/a.csv").exists()
 
 
@@ -178,7 +181,9 @@ def test_what_a_diagnosis_took_is_not_taken_again(place, csv):
     assert new_runs(project.store, arm, robot) is None
     for number, text in enumerate(csv):
         (place / f"in/{number}.csv").write_text(text)
-    runs = [t.run for t in take_all(inbox, look(place / "in"), lambda runs: None)]
+    runs = [
+        t.run for t in import_all(inbox, list_logs(place / "in"), lambda runs: None)
+    ]
     batch = new_runs(project.store, arm, robot)
     assert sorted(batch.runs) == sorted(runs)
     assert (batch.request.held_out, batch.request.baseline) == ((), ())
@@ -214,7 +219,7 @@ def test_no_name_of_a_log_ends_a_run_of_the_inbox(place, csv, capsys, name, good
     words = "2 stored, 0 known, 0 refused" if good else "0 stored, 0 known, 2 refused"
     assert f"{words}, 0 waiting" in told
     assert "\x1b" not in told
-    assert look(place / "in") == {}
+    assert list_logs(place / "in") == {}
     notes = [p for p in Path("in").rglob("*.txt")]
     assert len(notes) == (0 if good else 2)
     assert all("missing column" in note.read_text() for note in notes)
@@ -236,8 +241,8 @@ def test_a_log_that_cannot_be_moved_waits_and_stops_no_other(place, csv, monkeyp
 
     monkeypatch.setattr(run, "archive", archive)
     (inbox,) = inboxes(read_project(place))
-    found = list(take_all(inbox, look(place / "in"), lambda runs: None))
-    assert [(t.what, t.why) for t in found] == [
+    found = list(import_all(inbox, list_logs(place / "in"), lambda runs: None))
+    assert [(t.status, t.why) for t in found] == [
         (WAITING, "stored; it cannot be moved: not yours"),
         (STORED, ""),
     ]

@@ -65,27 +65,27 @@ def test_a_planned_motion_is_seen_as_its_log_will_be():
 
 def test_a_candidate_without_evidence_is_no_rival_of_nothing(monkeypatch):
     """A joint is doubted, and nothing speaks for any candidate there."""
-    examined, *_ = seen("spring", 2)
-    doubted = replace(examined, adequacy=replace(examined.adequacy, doubted=(2,)))
-    (contest,) = open_question(doubted, examined.plain, []).contests
+    outcome, *_ = seen("spring", 2)
+    doubted = replace(outcome, adequacy=replace(outcome.adequacy, doubted=(2,)))
+    (contest,) = open_question(doubted, outcome.plain, []).contests
     assert contest.rivals[-1].place == NOTHING
     assert {"spring", "balancer"} & {r.place.name for r in contest.rivals}
     assert len(contest.rivals) <= 1 + gather.CANDIDATES
     monkeypatch.setattr(gather, "screen", lambda *words: np.zeros(len(words[2])))
-    assert open_question(doubted, examined.plain, []).contests == ()
+    assert open_question(doubted, outcome.plain, []).contests == ()
 
 
 def test_sets_that_are_as_good_are_rivals_of_what_they_would_replace(monkeypatch):
-    examined, fitted, named = seen("spring", 2)
+    outcome, fitted, named = seen("spring", 2)
     gone, *rest = fitted.members
     others = [
         g
-        for g in examined.task.candidates.groups
+        for g in outcome.task.candidates.groups
         if g.effect.name in ("offset", "coulomb_asymmetry") and g.joints == (5,)
     ][:2]
     sets = [Rival((*rest, *others), -1.0), Rival(tuple(rest), -2.0)]
     monkeypatch.setattr("residual.diagnosis.open_question.near_sets", lambda *_: sets)
-    contest = open_question(examined, fitted, named).contests[-1]
+    contest = open_question(outcome, fitted, named).contests[-1]
     names = TOGETHER.join(g.effect.name for g in others)
     places = [r.place for r in contest.rivals]
     assert [p.name for p in places] == ["spring", "balancer", names, NOTHING.name]
@@ -104,9 +104,9 @@ def test_sets_that_are_as_good_are_rivals_of_what_they_would_replace(monkeypatch
 def test_a_rival_whose_precision_cannot_be_inverted_makes_nothing_be_promised():
     """As of logs that no arm of that description gives, and that are trusted all the
     same."""
-    examined, fitted, named = seen("spring", 2)
-    question = open_question(examined, fitted, named)
-    basis = gather.Basis.of(examined, fitted, fitted.members)
+    outcome, fitted, named = seen("spring", 2)
+    question = open_question(outcome, fitted, named)
+    basis = gather.Basis.of(outcome, fitted, fitted.members)
     (contest,) = question.contests
     first, *others = contest.rivals
     flat = np.ones_like(first.precision)

@@ -4,7 +4,7 @@ import pytest
 from obstore.store import MemoryStore
 
 from tests.warehouse.objects.buckets import folder_for
-from warehouse import catalogue, remote
+from warehouse import remote
 from warehouse.bucket import Bucket
 
 
@@ -14,7 +14,6 @@ def own_cache(tmp_path, monkeypatch):
     monkeypatch.setenv(remote.CACHE, str(tmp_path / "cache"))
     remote.forget()
     yield
-    catalogue.forget_waiting()
     remote.forget()
 
 

@@ -10,7 +10,7 @@ import warehouse
 from residual.errors import InputError
 from tests.warehouse import store_samples as made
 from tests.warehouse.objects.buckets import Breaking, Careless, KilledError, folder_for
-from warehouse import catalogue, remote
+from warehouse import remote
 from warehouse.commit import commit_run
 from warehouse.layout import find, list_folders
 from warehouse.numbered import ADOPTED, Adoption, MeanwhileError, commit_adoption
@@ -91,7 +91,6 @@ def every_commit(store):
     run = made.commit(store, 5)
     made.store_verdict(store, made.verdict([run]), {"stage": "augmented"}, [run])
     quarantine(store, run, "for a test")
-    catalogue.flush()
     return run
 
 
@@ -103,7 +102,6 @@ def test_killed_at_any_change_nothing_partial_is_visible(memory, tmp_path):
         place = folder_for(Breaking(bucket, at), tmp_path / "cache" / f"killed-{at}")
         with contextlib.suppress(KilledError):
             run = every_commit(place)
-        catalogue.forget_waiting()
         other = forget_copies(place, bucket, tmp_path, f"later-{at}")
         seen.add(check(other))
         last = every_commit(other)

@@ -1,12 +1,12 @@
-"""How every figure looks, and its curves in few bytes.
+"""The look of every figure, and its curves in few bytes.
 
 A figure is a plain mapping with ``data`` and ``layout`` as plotly's schema has them
-(https://plotly.com/python/reference/); the page's script draws it.
+(https://plotly.com/python/reference/); the script of the page draws it.
 """
 
 import base64
 from collections.abc import Mapping
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 
@@ -14,13 +14,6 @@ Array = np.ndarray
 
 _BIN_COUNTS = (24, 48, 96, 192)
 _LEAST_IN_BIN = 8
-
-
-class Bins(NamedTuple):
-    """Medians of a cloud over bins of its variable; NaN where a bin is thin."""
-
-    x: Array
-    median: Array
 
 
 def envelope(t: Array, y: Array, buckets: int = 450) -> tuple[Array, Array]:
@@ -36,14 +29,13 @@ def envelope(t: Array, y: Array, buckets: int = 450) -> tuple[Array, Array]:
     return t[rows], y[rows]
 
 
-def spans(t: Array, where: Array) -> list[tuple[float, float]]:
+def spans(t: Array, flags: Array) -> list[tuple[float, float]]:
     """Return (start, length) of each stretch of time where the flag is set."""
-    padded = np.concatenate([[False], where, [False]])
-    edges = np.flatnonzero(padded[1:] != padded[:-1])
+    ends = np.flatnonzero(np.diff(flags, prepend=False, append=False))
     last = len(t) - 1
     return [
         (float(t[a]), float(t[min(b, last)] - t[a]))
-        for a, b in zip(edges[::2], edges[1::2], strict=True)
+        for a, b in zip(ends[::2], ends[1::2], strict=True)
     ]
 
 
@@ -57,6 +49,11 @@ def draw(count: int, most: int) -> Array:
     return np.sort(np.random.default_rng(0).choice(count, most, replace=False))
 
 
+def _bins(x: Array, edges: Array) -> Array:
+    """Number of the bin of each x. Shape (n,)."""
+    return np.clip(np.searchsorted(edges, x, side="right") - 1, 0, len(edges) - 2)
+
+
 def edges(x: Array, fitted: Array) -> Array:
     """Return bin edges fine enough for the fitted effect, with one at zero.
 
@@ -68,97 +65,81 @@ def edges(x: Array, fitted: Array) -> Array:
     if high <= low:
         return np.array([low - 0.5, low + 0.5])
     for count in _BIN_COUNTS:
-        found = np.linspace(low, high, count + 1)
+        bounds = np.linspace(low, high, count + 1)
         if low < 0 < high:
-            found[np.argmin(np.abs(found[1:-1])) + 1] = 0.0
-        if len(x) < _LEAST_IN_BIN * count or _within(x, fitted, found) < 0.1:
+            bounds[np.argmin(np.abs(bounds[1:-1])) + 1] = 0.0
+        bins = _bins(x, bounds)
+        sizes = np.maximum(np.bincount(bins, minlength=count), 1)
+        means = np.bincount(bins, fitted, count) / sizes
+        within = np.mean((fitted - means[bins]) ** 2)
+        if len(x) < _LEAST_IN_BIN * count or within <= 0.1 * fitted.var():
             break
-    return found
+    return bounds
 
 
-def medians(x: Array, y: Array, at: Array) -> Bins:
-    """Return the medians of x and y in each bin of x."""
-    place = np.clip(np.searchsorted(at, x, side="right") - 1, 0, len(at) - 2)
-    order = np.argsort(place, kind="stable")
-    groups = np.split(order, np.searchsorted(place[order], np.arange(1, len(at) - 1)))
-    rows = np.full((2, len(groups)), np.nan)
-    for i, group in enumerate(groups):
-        if len(group) >= _LEAST_IN_BIN:
-            rows[:, i] = np.median(x[group]), np.median(y[group])
-    return Bins(*rows)
+def medians(x: Array, y: Array, edges: Array) -> tuple[Array, Array]:
+    """Return the medians of x and y in each bin of x that is not thin."""
+    bins = _bins(x, edges)
+    groups = [np.flatnonzero(bins == i) for i in range(len(edges) - 1)]
+    groups = [rows for rows in groups if len(rows) >= _LEAST_IN_BIN]
+    pairs = [(np.median(x[rows]), np.median(y[rows])) for rows in groups]
+    return tuple(np.array(pairs).reshape(-1, 2).T)
 
 
-def _within(x: Array, fitted: Array, at: Array) -> float:
-    """Return the part of the fitted effect's variance that lies inside bins."""
-    total = fitted.var()
-    if total <= 0:
-        return 0.0
-    place = np.clip(np.searchsorted(at, x, side="right") - 1, 0, len(at) - 2)
-    counts = np.maximum(np.bincount(place, minlength=len(at) - 1), 1)
-    means = np.bincount(place, fitted, len(at) - 1) / counts
-    return float(np.mean((fitted - means[place]) ** 2) / total)
-
-
-# Okabe and Ito's palette (https://jfly.uni-koeln.de/color/): told apart with every
-# common colour blindness; of it those that stand out on white.
-MEASURED, NOMINAL, BEFORE, AFTER = "#1d2429", "#6f7780", "#d55e00", "#0072b2"
-STAGES = {"nominal": NOMINAL, "identified": BEFORE, "augmented": AFTER}
+# Okabe and Ito's palette (https://jfly.uni-koeln.de/color/): distinct in every
+# common color blindness; of it those that stand out on white.
+MEASURED, EXPLAINED = "#1d2429", "#0072b2"
+STAGES = {"nominal": "#6f7780", "identified": "#d55e00", "augmented": EXPLAINED}
 STAGES["plsr"] = "#009e73"
 SAMPLES, SOFT, GRID, STANDING = "#8b959e", "#56606a", "#e3e7ea", "#eef1f3"
 JOINTS = ("#0072b2", "#d55e00", "#009e73", "#cc79a7", "#1d2429", "#e69f00", "#56b4e9")
 LABELS = {
-    "nominal": "nominal (as given)",
-    "identified": "before (refitted)",
-    "augmented": "after (with the findings)",
-    "plsr": "after, and tables of the rest",
+    "nominal": "nominal",
+    "identified": "identified (refit)",
+    "augmented": "augmented (with findings)",
+    "plsr": "augmented, and tables of the residual",
 }
 _FONT = "system-ui, -apple-system, 'Segoe UI', 'Helvetica Neue', Arial, sans-serif"
-_GAP = 5.0  # usual steps of time: over more no line is drawn
+_GAP = 5.0  # median steps of time: over more no line is drawn
 
 Trace = dict[str, Any]
 Plot = dict[str, Any]
 
 
 def packed(values: Array) -> dict[str, str]:
-    """Return values as the library reads them: four bytes each, as base64."""
+    """Return values as plotly reads them: four bytes each, as base64."""
     code = base64.b64encode(np.asarray(values, "<f4").tobytes()).decode()
     return {"dtype": "f4", "bdata": code}
 
 
 def over_time(t: Array, y: Array, most: int) -> Trace:
-    """Return a curve over time of at most about so many points, broken at gaps.
+    """Return a curve over time, thinned to about so many points, broken at gaps.
 
     Args:
         t: Time [s]. Shape (n,).
         y: Its values. Shape (n,).
-        most: Points: of more the least and the largest of each bin are taken.
+        most: Number of points.
     """
     steps = np.diff(t)
-    usual = np.median(steps) if len(steps) else 0.0
-    cuts = np.flatnonzero(steps > _GAP * usual) + 1
-    parts, xs, ys = np.split(np.arange(len(t)), cuts), [], []
-    for rows in parts:
-        buckets = max(8, most * len(rows) // (2 * len(t)))
-        x, values = envelope(t[rows], y[rows], buckets)
+    gaps = np.flatnonzero(steps > _GAP * np.median(steps)) + 1 if len(steps) else []
+    xs, ys = [], []
+    for rows in np.split(np.arange(len(t)), gaps):
+        x, values = envelope(t[rows], y[rows], max(8, most * len(rows) // (2 * len(t))))
         xs += [x, [x[-1]]]
         ys += [values, [np.nan]]
     return {"x": packed(np.concatenate(xs)), "y": packed(np.concatenate(ys))}
 
 
-def line(name: str, colour: str, width: float = 1.5, **more: Any) -> Trace:
-    """Return what a line looks like; its points come beside it."""
-    style = {"color": colour, "width": width, **more.pop("line", {})}
+def line(name: str, color: str, width: float = 1.5, **more: Any) -> Trace:
+    """Return the style of a line, without its points."""
+    style = {"color": color, "width": width, **more.pop("line", {})}
     return {"type": "scatter", "mode": "lines", "name": name, "line": style, **more}
 
 
-def dots(name: str, x: Array, y: Array, marker: Mapping) -> Trace:
+def dots(name: str, x: Array, y: Array, **marker: Any) -> Trace:
     """Return points, drawn as marks."""
-    place = {"x": packed(x), "y": packed(y)}
-    return (
-        {"type": "scatter", "mode": "markers", "name": name}
-        | place
-        | {"marker": dict(marker)}
-    )
+    place = {"x": packed(x), "y": packed(y), "marker": marker}
+    return {"type": "scatter", "mode": "markers", "name": name} | place
 
 
 def axis(title: str, **more: Any) -> dict[str, Any]:
@@ -210,5 +191,5 @@ def layout(title: str, x: Mapping, y: Mapping, **more: Any) -> dict[str, Any]:
 
 
 def escape(text: str) -> str:
-    """Return text that the library takes for no mark-up of its own."""
+    """Return text in which plotly sees no markup."""
     return text.replace("&", "&amp;").replace("<", "&lt;").replace(">", "&gt;")

@@ -1,28 +1,22 @@
-"""A known change in a measured log, by formulas of their own, and how large it is.
+"""Size of a change in a log, and known effects that are added to measured logs.
 
-None of these is a formula of the program or of its simulated arms; signs and keys are
-those of the vocabulary, so that a truth can be held beside a verdict. What changes an
-angle changes what the encoder reads, not the motion: its torque was measured.
-
-A size is RMS of the change's torque over RMS of the joint's torque, both low-pass
-filtered, on rows of the second epoch where the joint moves. What a change does to
-angles counts by the torque of the rigid body at the angles read:
+No formula here is one of the program or of its simulated arms; signs and keys are those
+of the program's effects. A size is RMS of the change's torque over RMS of the joint's
+torque, both low-pass filtered, on rows where the joint moves. A change of angles counts
+by the torque of the rigid body at the angles read:
 
     effect = (tau - RNEA(q)) with it  -  (tau - RNEA(q)) without it
-
-Nothing here knows of any method, and sensors add nothing.
 """
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
-import pinocchio as pin
 from scipy.signal import butter, sosfiltfilt
 
 from residual.recording import Recording
-from residual.robot.dynamics import flange_placement, inverse_dynamics, regressor
+from residual.robot.dynamics import regressor
 from residual.robot.robot import Robot
 
 Array = np.ndarray
@@ -80,10 +74,6 @@ def moving(log: Smooth) -> Array:
     return (speed > _SLOW * np.quantile(speed, 0.95, axis=0)) & inside[:, None]
 
 
-def rigid_body(model: pin.Model) -> RigidBody:
-    return lambda q, qd, qdd: inverse_dynamics(model, q, qd, qdd)
-
-
 def shares(rigid: RigidBody, with_: Recording, without: Recording) -> Shares:
     """Return what a change does in one log, beside the same motion without it."""
     one, other = smooth(with_), smooth(without)
@@ -138,9 +128,6 @@ Values = Mapping[str, float]
 
 _TURN = 0.012  # rad/s: over which dry friction turns round
 _FLOOR = 0.15  # of a joint's torque, below which teeth are never pressed
-_STEEL = 7850.0  # kg/m^3
-_CARRIED = 3.0  # Hz, of the torque that a gear is seen to carry
-_SIDE = 0.05  # of a joint's torque, over which a gear goes through its play
 
 
 @dataclass(frozen=True, eq=False, slots=True)
@@ -181,18 +168,6 @@ def state(log: Recording, body: Body) -> State:
     return State(log, *motion, back(even.tau), body.rigid(*motion), body)
 
 
-def changed(at: State, name: str, joints: Sequence[int], values: Values) -> Recording:
-    """Return a log with a change added; joints from 1, () for the whole arm."""
-    if name in WHOLE:
-        return replace(at.log, tau=WHOLE[name](at, values))
-    (joint,) = joints
-    of_torque = name in TORQUE
-    column = (TORQUE if of_torque else ANGLE)[name](at, joint - 1, values)
-    out = (at.log.tau if of_torque else at.log.q).copy()
-    out[:, joint - 1] += column
-    return replace(at.log, tau=out) if of_torque else replace(at.log, q=out)
-
-
 def _way(at: State, j: int) -> Array:
     """Return the direction of motion, -1 to 1. Shape (n,)."""
     return at.qd[:, j] / np.hypot(at.qd[:, j], _TURN)
@@ -212,84 +187,13 @@ def _stribeck(at: State, j: int, p: Values) -> Array:
     return p["level"] * fading * _way(at, j)
 
 
-def _backlash(at: State, j: int, p: Values) -> Array:
-    side = at.load[:, j] / np.hypot(at.load[:, j], _SIDE * at.body.torque[j])
-    return p["half_gap"] * side
-
-
-def _elasticity(at: State, j: int, p: Values) -> Array:
-    """A twist by what the gear carries, as far as that is more than noise.
-
-    Torque of angles that were differentiated twice is noise above some Hertz, and the
-    torque of this twist differentiates them twice again.
-    """
-    rate = (len(at.log.t) - 1) / (at.log.t[-1] - at.log.t[0])
-    sos = butter(4, 2 * _CARRIED / rate, output="sos")
-    return sosfiltfilt(sos, at.load[:, j]) / p["stiffness"]
-
-
-def _eccentricity(at: State, j: int, p: Values) -> Array:
-    x = at.log.q[:, j]
-    return -p["cos"] * np.cos(x) - p["sin"] * np.sin(x)
-
-
-def _payload(at: State, p: Values) -> Array:
-    """A steel ball, its centre given in the frame of the flange."""
-    radius = (3 * p["mass"] / (4 * np.pi * _STEEL)) ** (1 / 3)
-    own = 0.4 * p["mass"] * radius**2 * np.eye(3)
-    centre = np.array([p["com_x"], p["com_y"], p["com_z"]])
-    model = at.body.robot.model
-    ball = flange_placement(model).act(pin.Inertia(p["mass"], centre, own))
-    columns = regressor(model, at.q, at.qd, at.qdd)[:, :, -10:]
-    return at.log.tau + columns @ ball.toDynamicParameters()
-
-
-def _base_tilt(at: State, p: Values) -> Array:
-    """What weight becomes when |g| (tilt_x, tilt_y, 0) is added to gravity."""
-    model = at.body.robot.model
-    upright = model.gravity.linear
-    leaning = upright + np.linalg.norm(upright) * np.array(
-        [p["tilt_x"], p["tilt_y"], 0.0]
-    )
-    leaning *= np.linalg.norm(upright) / np.linalg.norm(leaning)
-    still = np.zeros_like(at.q)
-    weight = []
-    for field in (leaning, upright):
-        other = pin.Model(model)
-        other.gravity.linear = field
-        weight.append(regressor(other, at.q, still, still) @ at.body.theta)
-    return at.log.tau + weight[0] - weight[1]
-
-
-def _delay(at: State, p: Values) -> Array:
-    t = at.log.t
-    late = [np.interp(t - p["delay"], t, column) for column in at.log.tau.T]
-    return np.column_stack(late)
-
-
 TORQUE: Mapping[str, Callable[[State, int, Values], Array]] = {
     "offset": lambda at, j, p: np.full(len(at.q), p["torque"]),
-    "coulomb": lambda at, j, p: p["level"] * _way(at, j),
-    "viscous": lambda at, j, p: p["coefficient"] * at.qd[:, j],
     "spring": lambda at, j, p: p["stiffness"] * (at.q[:, j] - p["rest"]),
     "load_friction": _load_friction,
-    "torque_gain": lambda at, j, p: p["gain"] * at.log.tau[:, j],
     "ripple": _ripple,
     "stribeck": _stribeck,
-    "coulomb_asymmetry": lambda at, j, p: p["level"] * np.abs(_way(at, j)),
     "quadratic_viscous": lambda at, j, p: (
         p["coefficient"] * at.qd[:, j] * np.abs(at.qd[:, j])
     ),
 }
-ANGLE: Mapping[str, Callable[[State, int, Values], Array]] = {
-    "elasticity": _elasticity,
-    "backlash": _backlash,
-    "encoder_offset": lambda at, j, p: np.full(len(at.q), -p["angle"]),
-    "encoder_eccentricity": _eccentricity,
-}
-WHOLE: Mapping[str, Callable[[State, Values], Array]] = {
-    "payload": _payload,
-    "base_tilt": _base_tilt,
-    "delay": _delay,
-}
-KNOWN = frozenset({*TORQUE, *ANGLE, *WHOLE})

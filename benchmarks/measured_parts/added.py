@@ -1,22 +1,19 @@
 """A known effect added to the logs of a measured arm: which, where and how large.
 
-The formulas are none of the library's (``changes_parts.added``, and two here); a size
-is the RMS of the effect over that of the joint's torque, where the joint moves. The
-list of the seed that decides is a file of the repository, made before any method ran.
+The formulas are none of the program's; a size is the RMS of the effect over that of the
+joint's torque, where the joint moves.
 """
 
-import json
-from collections.abc import Iterable, Iterator, Mapping, Sequence
-from dataclasses import asdict, dataclass, replace
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass, replace
 from functools import lru_cache
-from pathlib import Path
 
 import numpy as np
 
-from benchmarks.changes_parts import added
-from benchmarks.changes_parts.added import Body, shares, size_of, solved
+from benchmarks.changes_parts import sizes
 from benchmarks.changes_parts.real import plain_body
-from benchmarks.harness.figures import Figures, figure
+from benchmarks.changes_parts.sizes import Body, shares, size_of, solved
+from benchmarks.harness.figures import NO_BAR, Figures, figure
 from benchmarks.measured_parts import arms, greedy
 from residual.diagnosis.diagnose import diagnose
 from residual.diagnosis.result import Finding
@@ -38,24 +35,21 @@ SPLITS = (
     "krang train | test",
 )
 SIZES = (0.10, 0.20)
-DECIDING = 148201  # 148101 was used once; 1 is for development
-LIST = Path(__file__).parent / "known.json"
 BARS = (0.60, 0.80)  # named first, of each size
 ANOTHER = 0.05  # another new name
-FOR_INFO = "for information, no bar of its own"
 ANCHORS = 0.25  # of a gas spring: the shorter lever over the longer
 _TIMES = ("torque", "stiffness", "coefficient", "amplitude", "level", "force")
 _LEAST_MOVING = 0.2  # of the rows on which a joint must move to be given an effect
 
 
-def _gas_spring(at: added.State, j: int, p: Values) -> Array:
+def _gas_spring(at: sizes.State, j: int, p: Values) -> Array:
     """A force along the line between two anchors, one on each link."""
     angle = at.q[:, j] - p["rest"]
     length = np.sqrt(1 + ANCHORS**2 - 2 * ANCHORS * np.cos(angle))
     return p["force"] * np.sin(angle) / length
 
 
-def _turning(at: added.State, j: int, p: Values) -> Array:
+def _turning(at: sizes.State, j: int, p: Values) -> Array:
     """Dry friction of a bent axis: stronger at one angle than at the other."""
     way = at.qd[:, j] / np.hypot(at.qd[:, j], 0.012)
     return p["level"] * np.cos(at.q[:, j] - p["phase"]) * way
@@ -63,7 +57,7 @@ def _turning(at: added.State, j: int, p: Values) -> Array:
 
 FORMULAS = {
     **{
-        name: added.TORQUE[name]
+        name: sizes.TORQUE[name]
         for name in (
             "offset",
             "spring",
@@ -80,56 +74,34 @@ FORMULAS = {
 
 @dataclass(frozen=True, slots=True)
 class Case:
-    """One effect in the logs of one split, fitted and held out alike."""
+    """One effect in the logs of one split; "" for the logs as they are."""
 
+    seed: int
     split: str
-    effect: str
-    joint: int  # from 1
-    target: float  # size asked for
-    values: Mapping[str, float]  # parameters of the formula, SI
-    size: float  # what it came to on the fit logs
+    effect: str = ""
+    target: float = 0.0  # size
 
     @property
     def name(self) -> str:
         """Key of its result."""
-        return f"{self.split} {self.effect} {self.joint} {self.target:g}"
+        return f"added {self.seed} {self.split} {self.effect} {self.target:g}"
 
 
 def cases(seed: int) -> list[Case]:
-    """Return the list of a seed."""
-    if seed == DECIDING and LIST.exists():
-        rows = json.loads(LIST.read_text(encoding="utf-8"))
-        return [Case(**row) for row in rows]
-    return list(_drawn(seed))
-
-
-def write_list() -> None:
-    """Write the list of the seed that decides."""
-    rows = [asdict(case) for case in _drawn(DECIDING)]
-    text = ",\n".join(json.dumps(row) for row in rows)
-    LIST.write_text(f"[\n{text}\n]\n", encoding="utf-8")
-
-
-def _drawn(seed: int) -> Iterator[Case]:
+    """Return the cases of a seed: of each split half of the effects at each size."""
+    out = []
     for i, split in enumerate(SPLITS):
+        out.append(Case(seed, split))
         for k, effect in enumerate(FORMULAS):
-            rng = np.random.default_rng([seed, i, k])
-            for _ in range(20):
-                joint, values = _draw(split, effect, rng)
-                found = [_sized(split, effect, joint, values, size) for size in SIZES]
-                if None not in found:
-                    break
-            for target, one in zip(SIZES, found, strict=True):
-                if one is not None:
-                    factor, size = one
-                    many = _times(values, factor)
-                    yield Case(split, effect, joint, target, many, round(size, 4))
+            target = SIZES[(seed + i + k) % len(SIZES)]
+            out.append(Case(seed, split, effect, target))
+    return out
 
 
 def _draw(split: str, effect: str, rng: np.random.Generator) -> tuple[int, dict]:
     body = plain_body(arms.SPLITS[split].arm)
     moves = np.mean(
-        [added.moving(s).mean(axis=0) for s in map(added.smooth, logs_of(split)[0])],
+        [sizes.moving(s).mean(axis=0) for s in map(sizes.smooth, logs_of(split)[0])],
         axis=0,
     )
     joint = int(rng.choice(1 + np.flatnonzero(moves > _LEAST_MOVING)))
@@ -164,7 +136,7 @@ def _sized(
     """Return what times the parameters have a size, and that size."""
     body = plain_body(arms.SPLITS[split].arm)
     fit, _ = logs_of(split)
-    states = [added.state(log, body) for log in fit]
+    states = [sizes.state(log, body) for log in fit]
 
     def size_at(factor: float) -> float | None:
         many = _times(values, factor)
@@ -174,7 +146,7 @@ def _sized(
     return solved(size_at, target)
 
 
-def _added(at: added.State, effect: str, joint: int, values: Values) -> Recording:
+def _added(at: sizes.State, effect: str, joint: int, values: Values) -> Recording:
     tau = at.log.tau.copy()
     tau[:, joint - 1] += FORMULAS[effect](at, joint - 1, values)
     return replace(at.log, tau=tau)
@@ -187,34 +159,37 @@ def logs_of(split: str) -> tuple[tuple[Recording, ...], tuple[Recording, ...]]:
     return tuple(logs["fit"]), tuple(logs["held_out"])
 
 
-def with_effect(case: Case) -> tuple[list[Recording], list[Recording]]:
-    """Return the logs of a case, fit and held out."""
-    body: Body = plain_body(arms.SPLITS[case.split].arm)
-
-    def changed(logs: Sequence[Recording]) -> list[Recording]:
-        states = [added.state(log, body) for log in logs]
-        return [_added(at, case.effect, case.joint, case.values) for at in states]
-
-    fit, held_out = logs_of(case.split)
-    return changed(fit), changed(held_out)
-
-
-def measure(name: str) -> dict:
-    """Diagnose the logs of a case, or of a split without any effect added."""
-    case = {c.name: c for c in cases(DECIDING)}.get(name)
-    split = case.split if case else name
-    fit, held_out = with_effect(case) if case else map(list, logs_of(split))
-    robot = arms.robot_of(arms.SPLITS[split].arm)
+def measure(case: Case) -> dict:
+    """Diagnose the logs of a case; beside it the names of the peer."""
+    (fit, held_out), truth = logs_of(case.split), None
+    if case.effect:
+        k = list(FORMULAS).index(case.effect)
+        rng = np.random.default_rng([case.seed, SPLITS.index(case.split), k])
+        sized = None
+        while sized is None:
+            joint, values = _draw(case.split, case.effect, rng)
+            sized = _sized(case.split, case.effect, joint, values, case.target)
+        values, truth = _times(values, sized[0]), [case.effect, joint]
+        body: Body = plain_body(arms.SPLITS[case.split].arm)
+        fit, held_out = (
+            [_added(sizes.state(log, body), *truth, values) for log in logs]
+            for logs in (fit, held_out)
+        )
+    robot = arms.robot_of(arms.SPLITS[case.split].arm)
     verdict = diagnose(robot, fit, held_out=held_out).verdict
     return {
-        "case": name,
-        "split": split,
-        "truth": [case.effect, case.joint] if case else None,
-        "target": case.target if case else 0.0,
+        "split": case.split,
+        "truth": truth,
+        "target": case.target,
         "named": _names(verdict.effects),
         "suspected": _names(verdict.suspected),
         "peer": [[n.split()[0], j, []] for n, j in greedy.names(robot, fit)],
     }
+
+
+def summary(row: Mapping) -> str:
+    names = [x[:2] for x in row["named"]]
+    return f"{row['truth']} -> {names}; peer {[x[:2] for x in row['peer']]}"
 
 
 def _names(found: Iterable[Finding]) -> list[list]:
@@ -238,7 +213,7 @@ def figures(rows: Sequence[Mapping]) -> Figures:
         out[f"added_{size}_first"] = figure(first, bar, n, ok=ok, at_least=True)
         some = [any(_is(x, r["truth"]) for x in r["suspected"]) for r in own]
         out[f"added_{size}_suspected"] = figure(
-            float(np.mean(some)), None, len(own), why=FOR_INFO
+            float(np.mean(some)), None, len(own), why=NO_BAR
         )
         out[f"added_{size}_another"] = figure(others, ANOTHER, n)
         peer = _judged(own, rows, ("peer",))

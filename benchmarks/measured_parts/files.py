@@ -1,0 +1,104 @@
+"""Robot files of installed packages: are they read, and read right?
+
+A file is read if it is an arm or names its arms, one of which is then taken; files that
+are no arm must be refused with an InputError. It is right if the torque at random
+states equals that of Pinocchio's own reading of the file, of the same joints, with the
+others at zero.
+"""
+
+from importlib.util import find_spec
+from pathlib import Path
+
+import numpy as np
+import pinocchio as pin
+
+from benchmarks.harness.figures import Figures, figure, missing
+from benchmarks.harness.rates import at_least, share
+from modelgap import load_robot
+from residual.errors import InputError
+from residual.robot.robot import Robot
+
+PACKAGES = {  # and where their robots are
+    "pybullet_data": "",
+    "example_robot_data": "share/example-robot-data/robots",
+}
+_STATES, _CLOSE = 20, 1e-6  # share of the largest torque
+
+
+def figures(quick: bool) -> Figures:
+    """Return for each package the share of arms that are right, and the crashes."""
+    out: Figures = {}
+    for package, folder in PACKAGES.items():
+        root = _root(package, folder)
+        if root is None:
+            why = f"{package} is not installed"
+            out[f"files_{package}_right"] = missing(1.0, why)
+            continue
+        arms, right, refused, crashes = 0, 0, 0, []
+        for path in sorted(root.rglob("*.urdf"))[:: 5 if quick else 1]:
+            try:
+                robot = _load(path)
+                if not robot.dof:
+                    raise InputError("no joints")
+                arms += 1
+                ok = _is_right(path, robot)
+                right += ok
+                if not ok:
+                    print(f"other torque: {path.relative_to(root)}")
+            except InputError:
+                refused += 1
+            except Exception as error:
+                crashes.append(f"{path.name}: {error}")
+        entry = share(right, arms, refused=refused)
+        out[f"files_{package}_right"] = at_least(entry, 1.0)
+        count = arms + refused + len(crashes)
+        out[f"files_{package}_crashes"] = figure(len(crashes), 0, count, which=crashes)
+    return out
+
+
+def _root(package: str, folder: str) -> Path | None:
+    if folder:  # a package of Pinocchio's own prefix
+        places = [p / folder for p in Path(pin.__file__).parents]
+        return next((p for p in places if p.is_dir()), None)
+    spec = find_spec(package)
+    return Path(spec.origin).parent if spec and spec.origin else None
+
+
+def _load(path: Path) -> Robot:
+    """Load an arm; of several chains the first that the message names."""
+    try:
+        return load_robot(path)
+    except InputError as error:
+        parts = str(error).split("--tip ")
+        if len(parts) < 3:
+            raise
+        return load_robot(path, tip=parts[2].split(":")[0])
+
+
+def _is_right(path: Path, robot: Robot) -> bool:
+    whole = pin.buildModelFromUrdf(str(path))
+    names = list(robot.model.names)[1:]
+    if not all(whole.existJointName(name) for name in names):
+        return False
+    joints = [whole.joints[whole.getJointId(name)] for name in names]
+    data, other = whole.createData(), robot.model.createData()
+    whole.gravity, rng, worst, largest = (
+        robot.model.gravity,
+        np.random.default_rng(0),
+        0,
+        0,
+    )
+    for _ in range(_STATES):
+        q, v, a = rng.uniform(-1, 1, (3, robot.dof))
+        full = [pin.neutral(whole), np.zeros(whole.nv), np.zeros(whole.nv)]
+        for k, joint in enumerate(joints):
+            if joint.nq == 2:  # a continuous joint by cosine and sine
+                full[0][joint.idx_q : joint.idx_q + 2] = np.cos(q[k]), np.sin(q[k])
+            else:
+                full[0][joint.idx_q] = q[k]
+            full[1][joint.idx_v], full[2][joint.idx_v] = v[k], a[k]
+        ours = pin.rnea(robot.model, other, q, v, a)
+        peer = pin.rnea(whole, data, *full)[[joint.idx_v for joint in joints]]
+        worst = max(worst, float(np.abs(ours - peer).max()))
+        largest = max(largest, float(np.abs(peer).max()))
+    return worst <= _CLOSE * max(largest, 1e-9)

@@ -1,0 +1,128 @@
+"""Faults of sensors on the simulated arm: how many are found in time, and named.
+
+One monitor per arm, calibrated on healthy runs. Delays are from the onset to the first
+alarm on the clock of the log. Frozen encoders begin while the joint is asked to move.
+"""
+
+import multiprocessing
+from concurrent.futures import ProcessPoolExecutor
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from benchmarks.harness.figures import FEW, Figures, all_partial, figure
+from benchmarks.harness.rates import at_least, at_most, share
+from residual.errors import InputError
+from residual.identification.identify import identify
+from residual.monitoring.monitor import calibrate
+from residual.recording import Recording
+from residual.robot.robot import load_robot
+from sim.engine.records import PlantEffect, PlantSpec, Rates, TrajectorySpec, stream
+from sim.experiment import log_of
+from sim.plant.sizes import sizes
+from sim.plant.stepping import drive
+from sim.trajectories import make_reference
+
+ROBOT = load_robot("irb140")
+# Effect, its parameters on a joint of a torque range, and when an alarm is in time [s].
+FAULTS = {
+    "frozen": ("x_fault_frozen", lambda span: {}, 0.1),
+    "jump": ("encoder_offset", lambda span: {"angle": np.deg2rad(0.5)}, 0.1),
+    "spikes": ("x_fault_torque_spikes", lambda span: {"size": 0.5 * span}, 0.1),
+    "torque_bias": ("x_fault_torque_bias", lambda span: {"torque": 0.1 * span}, 1.0),
+    "gain_drop": ("torque_gain", lambda span: {"gain": -0.3}, 1.0),
+}
+ENCODERS = ("frozen", "jump")
+FAMILIES = ("fourier", "cyclic", "move_stop_move")
+_DURATION, _MOVES = 20.0, 1e-2  # s; rad in the 0.1 s after the onset
+
+
+@dataclass(frozen=True, slots=True)
+class Case:
+    """One run: an arm, a motion family, and the fault in it, if any."""
+
+    arm: int
+    family: str
+    number: int
+    fault: str = ""
+
+
+def sensor_figures(quick: bool) -> Figures:
+    """Measure shares found in time and named, and false alarms per hour."""
+    arms = (41,) if quick else (41, 42, 43)
+    healthy, faulty = (2, 1) if quick else (5, 3)  # of each family, and of each fault
+    context = multiprocessing.get_context("spawn")
+    rows, alarms, hours = [], 0, 0.0
+    with ProcessPoolExecutor(2, mp_context=context) as pool:
+        for arm in arms:
+            good = [Case(arm, f, i) for f in FAMILIES for i in range(4)]
+            still = [Case(arm, f, 1000 + i) for f in FAMILIES for i in range(healthy)]
+            bad = [
+                Case(arm, f, 2000 + 100 * k + i, fault)
+                for k, fault in enumerate(FAULTS)
+                for f in FAMILIES
+                for i in range(faulty)
+            ]
+            logs = [log for _, _, log in pool.map(record, good)]
+            monitor = calibrate(identify(ROBOT, logs).model, logs, 1.0)
+            for _, _, log in pool.map(record, still):
+                alarms += len(monitor.watch(log))
+                hours += _DURATION / 3600
+            for case, (joint, onset, log) in zip(
+                bad, pool.map(record, bad), strict=True
+            ):
+                found = monitor.watch(log)
+                alarms += sum(a.time < onset for a in found)
+                first = next((a for a in found if a.time >= onset), None)
+                sensor = "encoder" if case.fault in ENCODERS else "torque"
+                limit = FAULTS[case.fault][2]
+                in_time = first is not None and first.time - onset <= limit
+                named = first and (first.joint, first.sensor) == (joint, sensor)
+                rows.append((case.fault, in_time, bool(named)))
+    figures = {
+        f"monitor_{fault}_in_time": at_least(
+            share(*_counts([row[1] for row in rows if row[0] == fault])), 0.95
+        )
+        for fault in FAULTS
+    }
+    named = share(*_counts([row[2] for row in rows]))
+    figures["monitor_channel_named"] = at_least(named, 0.8)
+    rate = figure(alarms / hours, None, round(hours * 3600 / _DURATION), alarms=alarms)
+    figures["monitor_false_alarms_per_hour"] = at_most(rate, 1.0)
+    if quick:
+        figures = {k: f | {"ok": None} for k, f in figures.items()}
+    return all_partial(figures, FEW if quick else "")
+
+
+def _counts(hits: list[bool]) -> tuple[int, int]:
+    return sum(hits), len(hits)
+
+
+def record(case: Case) -> tuple[int, float, Recording]:
+    """Return joint (0 for none), onset on the clock of the log [s], and the log."""
+    rng = stream(case.number, f"monitoring/{case.arm}/{case.family}/{case.fault}")
+    while True:  # some draws break a limit of the arm
+        spec = TrajectorySpec(case.family, _DURATION, 3, int(rng.integers(2**31)))
+        try:
+            motion = make_reference(ROBOT, spec, Rates().control, optimised=False)
+            break
+        except InputError:
+            continue
+    start, joint, onset, effects = float(rng.uniform(0, 600)), 0, np.inf, ()
+    if case.fault:
+        first, latest = _DURATION - 8.0, _DURATION - 4.0
+        moves = False
+        while not moves:
+            joint = int(rng.integers(1, ROBOT.dof + 1))
+            onset = round(float(rng.uniform(first, latest)), 3)
+            k = round(onset * Rates().control)
+            moves = np.ptp(motion.q[k : k + 100, joint - 1]) > _MOVES
+            moves = moves or case.fault != "frozen"
+        name, parameters, _ = FAULTS[case.fault]
+        sign = float(rng.choice([-1.0, 1.0])) if name != "torque_gain" else 1.0
+        values = parameters(sizes(ROBOT).torque[joint - 1]).items()
+        scaled = tuple((key, sign * float(value)) for key, value in values)
+        effects = (PlantEffect(name, (joint,), scaled, onset),)
+    plant = PlantSpec(effects, seed=case.arm)
+    log = log_of(drive(ROBOT, motion, plant, start), motion, plant, Rates(), start)
+    return joint, start + onset, replace(log, id=f"{case.family} {case.number}")

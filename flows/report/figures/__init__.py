@@ -1,1 +1,0 @@
-"""Figures as data for the plotting library of the page: no picture is made here."""

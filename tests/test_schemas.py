@@ -1,0 +1,105 @@
+"""The JSON schemas accept what the readers accept, and refuse what they refuse."""
+
+import json
+import re
+import tomllib
+
+import pytest
+from jsonschema import Draft202012Validator, ValidationError
+
+from residual.effects import vocabulary
+from residual.errors import InputError
+from residual.robot.files import read_robot_toml
+from residual.verdict.document import from_json
+from scripts.docs_site.schemas import schemas
+from tests.checkout import ROOT
+from warehouse.logs.columns import load_columns
+
+FROZEN = [
+    ROOT / "tests" / "frozen" / f"{n}.json" for n in ("effects", "none", "unknown")
+]
+
+
+def validate(name: str, document) -> None:
+    schema = schemas()[f"schemas/{name}.json"]
+    Draft202012Validator.check_schema(schema)
+    Draft202012Validator(schema).validate(document)
+
+
+def example(page: str, heading: str, number: int = 0) -> dict:
+    """A block of TOML of a page, below a heading."""
+    text = (ROOT / "docs" / page).read_text(encoding="utf-8").split(heading)[1]
+    return tomllib.loads(re.findall(r"```toml\n(.*?)```", text, re.S)[number])
+
+
+@pytest.mark.parametrize("path", FROZEN, ids=lambda path: path.stem)
+def test_a_real_verdict_fits_its_schema(path):
+    validate("verdict", json.loads(path.read_text(encoding="utf-8")))
+
+
+@pytest.mark.parametrize("place", [(), ("error",), ("unexplained",), ("effects", 0)])
+def test_a_verdict_with_another_key_or_without_one_is_refused(place):
+    for change in (lambda part: part.update(more=1), lambda part: part.popitem()):
+        verdict = json.loads(FROZEN[0].read_text(encoding="utf-8"))
+        part = verdict
+        for key in place:
+            part = part[key]
+        change(part)
+        with pytest.raises(ValidationError):
+            validate("verdict", verdict)
+
+
+def test_the_example_of_a_verdict_fits_its_schema_and_is_read():
+    text = (ROOT / "docs" / "verdict.md").read_text(encoding="utf-8")
+    verdict = json.loads(re.search(r"```json\n(.*?)```", text, re.S)[1])
+    validate("verdict", verdict)
+    assert from_json(verdict).effects[0].name == "payload"
+
+
+def test_the_example_of_a_robot_has_every_key_of_the_schema_and_is_read():
+    robot = example("logs.md", "## robot.toml")
+    validate("robot", robot)
+    read_robot_toml(robot, 2, "robot.toml", vocabulary())
+    tables = schemas()["schemas/robot.json"]["properties"]
+    assert set(tables) - set(robot) == {"columns"}
+    for name in ("robot", "joints", "couplings", "chain", "prior"):
+        assert set(tables[name]["properties"]) == set(robot[name])
+
+
+@pytest.mark.parametrize(
+    "wrong",
+    [
+        {"robot": {"nam": "x"}},
+        {"robot": {"gravity": [0, 0]}},
+        {"joint": {}},
+        {"joints": {"torque_limit": [0, 1]}},
+        {"prior": {"scale": -1}},
+        {"declared": {"colomb": {}}},
+        {"declared": {"coulomb": {"levle": [1, 2]}}},
+    ],
+)
+def test_reader_and_schema_refuse_the_same_robot(wrong):
+    with pytest.raises(ValidationError):
+        validate("robot", wrong)
+    with pytest.raises(InputError):
+        read_robot_toml(wrong, 2, "robot.toml", vocabulary())
+
+
+def test_a_map_of_columns_fits_and_a_slip_in_it_does_not(tmp_path):
+    columns = example("logs.md", "## COLUMNS.toml")
+    validate("columns", columns)
+    wrong = columns | {"q": columns["q"] | {"sgn": [1, -1]}}
+    with pytest.raises(ValidationError):
+        validate("columns", wrong)
+    path = tmp_path / "COLUMNS.toml"
+    path.write_text('q = {columns = ["a", "b"], sgn = [1, -1]}', encoding="utf-8")
+    with pytest.raises(InputError):
+        load_columns(path)
+
+
+def test_a_spec_fits_and_a_slip_in_it_does_not():
+    spec = example("experiments.md", "# Experiments")
+    validate("spec", spec)
+    validate("spec", spec | example("experiments.md", "## Campaigns"))
+    with pytest.raises(ValidationError):
+        validate("spec", spec | {"sed": 7})
