@@ -35,12 +35,6 @@ from benchmarks.harness.rates import at_least, at_most, share
 from benchmarks.measured_parts import added, arms, files
 
 _SEEDS = "154701:154701"  # of the added effects
-# Errors that an earlier version reached before [%].
-REACHED = {
-    "ur10 60 % | 40 %": (8.4, 2.7, 4.2, 6.0, 8.6, 25.3),
-    "kr300 AB | C": (7.7, 12.8, 6.4, 19.1, 11.2, 14.8),
-}
-SPARE = 1.05
 WORSE = 1.10  # times plain least squares on one joint: more than a log decides
 REPEATED, CONSTANT = 0.7, "offset"
 LOADED_JOINTS, DAYS_NAMED, HALVED = (2, 3), 4, 0.7
@@ -111,12 +105,6 @@ def split_figures(rows: Sequence[Mapping]) -> Figures:
             {row["split"]: row["worse"] for row in rows}, len(ratios)
         ),
     }
-    for name, reached in REACHED.items():
-        if name in by_name:
-            errors = np.array(by_name[name]["filtered"]["augmented"], dtype=float)
-            worst = round(float((errors / reached).max()), 4)
-            key = f"measured_{name.split(' ')[0]}_over_reached"
-            out[key] = figure(worst, SPARE, len(reached))
     return out | _repeats(rows) | _friction(by_name) | _load(by_name)
 
 

@@ -36,9 +36,9 @@ def store_folder(option: str | None = None) -> Path:
     """
     word = str(option or os.environ.get(STORE) or _of_project())
     if is_address(word):
-        from warehouse.remote import folder_of
+        from warehouse.remote import local_folder
 
-        return folder_of(word)
+        return local_folder(word)
     place = Path(word).resolve()
     for folder in (place, *place.parents):
         if folder.exists():

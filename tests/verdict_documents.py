@@ -1,7 +1,7 @@
 """Whole verdicts for tests that look at a part of one: the rest is filled in."""
 
-from residual.diagnosis.result import Verdict
-from residual.diagnosis.verdict import from_json
+from residual.verdict.document import from_json
+from residual.verdict.result import Verdict
 
 MODELS = ("nominal", "identified", "augmented", "plsr")
 

@@ -1,7 +1,6 @@
-"""Logs of arms whose given values are off, and what changes on them.
+"""Logs of arms whose given values are off, and sets of changed values.
 
-One seed makes the arm and the motions, another the noise and what changed: all
-cases of one arm share the sizes that its logs would show.
+One seed makes the arm and the motions, another the noise and the changes.
 """
 
 import json
@@ -13,12 +12,12 @@ import numpy as np
 
 from benchmarks.harness.logs import PAUSE, RATE, sensed
 from benchmarks.synthetic.motions import make_motion
-from benchmarks.synthetic.quasi_static import Plant, true_friction, true_torque
+from benchmarks.synthetic.quasi_static import Plant, true_torque
 from residual.recording import Recording
 from residual.robot.robot import Robot, load_robot, robot_from_texts
 from sim.draw import draw_hidden, light_arm
 from sim.engine.records import Hidden, PlantEffect, Reference, stream
-from sim.plant.catalogue import multiplied, of_drives
+from sim.plant.catalogue import multiplied
 from sim.plant.sensors import WHITE_TORQUE
 from sim.plant.sizes import sizes, usual_limits
 
@@ -56,7 +55,7 @@ class Arm:
 
 
 @dataclass(frozen=True, eq=False, slots=True)
-class Made:
+class Logs:
     """The logs of one case."""
 
     robot: Robot
@@ -75,7 +74,7 @@ def six() -> Robot:
     return robot_from_texts(robot.name, robot.urdf, json.dumps(content, sort_keys=True))
 
 
-def make(arm: Arm, effects: Sequence[PlantEffect]) -> Made:
+def make(arm: Arm, effects: Sequence[PlantEffect]) -> Logs:
     """Record one case with what changed."""
     plant, seconds = arm.plant(effects), 12.0 if arm.quick else 20.0
     fit, held_out = (_QUICK_FIT, _QUICK_HELD_OUT) if arm.quick else (FIT, HELD_OUT)
@@ -84,7 +83,7 @@ def make(arm: Arm, effects: Sequence[PlantEffect]) -> Made:
         name = f"{'fit' if place < len(fit) else 'held_out'}_{place}_{family}"
         start = place * (seconds + PAUSE)
         logs.append(record(arm, plant, name, motion(arm, name, family, seconds), start))
-    return Made(arm.robot, tuple(logs[: len(fit)]), tuple(logs[len(fit) :]))
+    return Logs(arm.robot, tuple(logs[: len(fit)]), tuple(logs[len(fit) :]))
 
 
 def motion(arm: Arm, name: str, family: str, seconds: float) -> Reference:
@@ -93,44 +92,22 @@ def motion(arm: Arm, name: str, family: str, seconds: float) -> Reference:
 
 
 def record(
-    arm: Arm, plant: Plant, name: str, moved: Reference, start: float
+    arm: Arm, plant: Plant, name: str, path: Reference, start: float
 ) -> Recording:
     """Return what the sensors make of one motion."""
-    torque = true_torque(plant, moved, name, start)
+    torque = true_torque(plant, path, name, start)
     span = sizes(arm.robot).torque * _NOISE / WHITE_TORQUE
     signals = sensed(arm.robot, torque, name, arm.noise, span=span, step=_STEP)
-    return Recording(name, arm.robot.name, start + moved.t, *signals)
-
-
-def moved_values(
-    arm: Arm, effects: Sequence[PlantEffect]
-) -> dict[tuple[str, int], tuple[float, float]]:
-    """Return given and true value of each drive's numbers [SI], changes included."""
-    robot = arm.robot
-    true, given = true_friction(arm.plant(())), sizes(robot)
-    out = {}
-    for what in of_drives():
-        for joint in range(1, robot.dof + 1):
-            there, said = (
-                float(getattr(x, str(what.of_drive))[joint - 1]) for x in (true, given)
-            )
-            there += sum(
-                dict(e.parameters)[what.amount[0]]
-                for e in effects
-                if e.name == what.name and joint in e.joints
-            )
-            out[what.name, joint] = said, there
-    return out
+    return Recording(name, arm.robot.name, start + path.t, *signals)
 
 
 Rng = np.random.Generator
 
 BODIES = PAYLOAD, LINK = "payload", "link_inertia"
-DRIVES = {"rotor_inertia": "inertia", "coulomb": "level", "viscous": "coefficient"}
+DRIVES = {"coulomb": "level", "viscous": "coefficient"}
 # How often there is a load, of which share of the arm's mass, links by which share off,
 # friction by which share more, and the least share of a joint's torque [rms].
 _LOADS, _LOAD, _LINK, _DRIVE, _LEAST = 0.7, (0.01, 0.06), (0.08, 0.25), (0.2, 1.5), 0.02
-_FRICTION = ("coulomb", "viscous")
 
 
 def draw_set(arm: Arm, rng: Rng) -> list[PlantEffect]:
@@ -152,19 +129,19 @@ def draw_set(arm: Arm, rng: Rng) -> list[PlantEffect]:
     for link in links:
         scale = float(rng.uniform(*_LINK) * rng.choice([-1, 1]))
         made.append(PlantEffect(LINK, (int(link),), (("scale", scale),)))
-    given = moved_values(arm, ())
+    given = sizes(arm.robot)
     for joint in rng.choice(joints, size=int(rng.integers(0, 3)), replace=False):
-        kind = str(rng.choice(_FRICTION))
-        size = float(rng.uniform(*_DRIVE) * given[kind, int(joint)][0])
+        kind = str(rng.choice(list(DRIVES)))
+        size = float(rng.uniform(*_DRIVE) * getattr(given, kind)[joint - 1])
         made.append(PlantEffect(kind, (int(joint),), ((DRIVES[kind], size),)))
     first = motion(arm, f"fit_0_{FIT[0]}", FIT[0], 20.0)
     return [effect for effect in made if _share_of(arm, first, effect) >= _LEAST]
 
 
-def _share_of(arm: Arm, moved: Reference, effect: PlantEffect) -> float:
+def _share_of(arm: Arm, path: Reference, effect: PlantEffect) -> float:
     """Rms torque of an effect as a share of its joint's, where it is largest."""
     there, bare = (
-        true_torque(arm.plant(effects), moved, "share").tau
+        true_torque(arm.plant(effects), path, "share").tau
         for effects in ((effect,), ())
     )
     rms = [np.sqrt(np.mean(x**2, axis=0)) for x in (there - bare, bare)]

@@ -1,19 +1,16 @@
-"""What must be reached where several things changed, as figures of the rows."""
+"""Figures and bars of the rows of all groups."""
 
 from collections.abc import Mapping
 
 from benchmarks.harness.cases import crash_figures, group_figures
-from benchmarks.harness.figures import NO_BAR, Figures, figure, missing, undecided
+from benchmarks.harness.figures import Figures, figure, undecided
 from benchmarks.harness.rates import Line, Rows, at_least, counted, lines, share
-
-_NO_LIST = "the verdict has no list of changed values"
 
 
 def case_figures(rows: Mapping[str, Rows], deciding: bool) -> Figures:
     makers = {"unchanged": _unchanged, "sets": _changed}
     figures = group_figures(rows, makers)
-    every = [r for group in rows.values() for r in group if "outcome" in r]
-    figures |= _moved(every) | crash_figures(rows)
+    figures |= crash_figures(rows)
     return figures if deciding else undecided(figures)
 
 
@@ -29,7 +26,7 @@ def _exact(row: Mapping) -> bool:
     return row["exact"]
 
 
-def _told(row: Mapping) -> bool:
+def _exact_or_listed(row: Mapping) -> bool:
     return row["exact"] or row["listed"]
 
 
@@ -60,7 +57,9 @@ def _changed(rows: Rows) -> Figures:
         fair = sum(len(r["said"]) if r["listed"] else r["true"] for r in rough)
         false = counted(f for r in rough if not r["listed"] for f in _false(r))
         table = (
-            Line("rough_values_exact_or_listed", _told, 0.90, beside=_missed),
+            Line(
+                "rough_values_exact_or_listed", _exact_or_listed, 0.90, beside=_missed
+            ),
             Line("rough_values_set_exact", _exact),
         )
         out |= lines(table, rough) | {
@@ -81,18 +80,3 @@ def _false(row: Mapping) -> list[str]:
     """Names that are none of what changed, nor of a class with it."""
     there = [[p[0], p[1]] for p in row["planted"]]
     return [names[0][0] for names in row["said"] if not any(n in there for n in names)]
-
-
-def _moved(rows: Rows) -> Figures:
-    known = [r for r in rows if r["moved_due"] is not None]
-    if not known:
-        return {"moved_told": missing(0.98, _NO_LIST)} if rows else {}
-    due, told = (sum(len(r[k]) for r in known) for k in ("moved_due", "moved_told"))
-    lost = [
-        key[0] for r in known for key in r["moved_due"] if key not in r["moved_told"]
-    ]
-    false = sum(len(r["moved_false"]) for r in known)
-    return {
-        "moved_told": at_least(share(told, due), 0.98) | {"missed": counted(lost)},
-        "moved_told_within_5_percent": figure(false, None, len(known), why=NO_BAR),
-    }

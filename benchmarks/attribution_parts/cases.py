@@ -1,7 +1,4 @@
-"""Cases of each group: what is drawn, how it is diagnosed, what came of it.
-
-A verdict is compared by sets of names, and by moved values.
-"""
+"""Cases of each group: drawn, diagnosed, and compared with the truth."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass
@@ -9,21 +6,17 @@ from time import perf_counter
 
 from benchmarks.attribution_parts import arms
 from benchmarks.harness.cases import guarded
-from benchmarks.hidden.draw import smallest
 from benchmarks.hidden.score import Name, members, paired
 from flows.specs.experiment import derived_seed
 from residual.diagnosis.diagnose import diagnose
-from residual.diagnosis.result import Detectable, Verdict
+from residual.diagnosis.result import Verdict
 from residual.effects import reported_joints
 from residual.verdict.document import to_json
 from sim.engine.records import PlantEffect, stream
 
-_MOVED = 0.05  # of what is given: less is not called a change
-Values = Mapping[tuple[str, int], tuple[float, float]]
 
-
-def judged(verdict: Verdict, planted: Sequence[Name]) -> dict:
-    """Return how the set that is named compares with what changed, by sets.
+def compare(verdict: Verdict, planted: Sequence[Name]) -> dict:
+    """Compare the set of names with the set of changes.
 
     A name is true if it, or one that the verdict says the logs cannot tell from it, is
     among what changed and no other name stands for that already.
@@ -56,45 +49,6 @@ def _apart(place: Mapping) -> list[Name]:
     if len(joints) < 2 or place["name"] == "coupled_friction":
         return [Name(place["name"], joints)]
     return [Name(place["name"], (j,)) for j in joints]
-
-
-def moved(
-    verdict: Verdict, values: Values, minimum: Sequence[Detectable], body: bool
-) -> dict:
-    """Return what of the moved values is among the changes that a verdict tells.
-
-    Due are values beyond their detectable size, of the same arm without a change, and a
-    changed body, which any inertial combination tells. False is what was told of a
-    value within 5 % of what is given. None where the verdict does not have the list.
-    """
-    told = to_json(verdict).get("changes")
-    if told is None:
-        return {"moved_due": None, "moved_told": None, "moved_false": None}
-    beyond = {(c["name"], j) for c in told if c["beyond"] for j in (c["joints"] or [0])}
-    due = [key for key, pair in values.items() if _is_due(key, pair, minimum)]
-    hits = [key for key in due if key in beyond]
-    names = {name for name, _ in values}
-    if body:
-        due.append(("body", 0))
-        hits += [("body", 0)] * any(name not in names for name, _ in beyond)
-    still = [k for k, (given, true) in values.items() if _share(given, true) < _MOVED]
-    return {
-        "moved_due": [list(k) for k in due],
-        "moved_told": [list(k) for k in hits],
-        "moved_false": [list(k) for k in still if k in beyond],
-    }
-
-
-def _is_due(
-    key: tuple[str, int], pair: tuple[float, float], minimum: Sequence[Detectable]
-) -> bool:
-    least = smallest(minimum, key[0], key[1:])
-    large = _share(*pair) > _MOVED
-    return large and least is not None and abs(pair[1] - pair[0]) > float(least.value)
-
-
-def _share(given: float, true: float) -> float:
-    return abs(true - given) / max(abs(given), 1e-12)
 
 
 def _plain(name: Name) -> list:
@@ -156,14 +110,11 @@ def _row(task: Task) -> dict:
     start = perf_counter()
     verdict = diagnose(made.robot, made.fit, (), made.held_out).verdict
     seconds, names = round(perf_counter() - start, 2), planted(effects, arm)
-    body = any(e.name in arms.BODIES for e in effects)
-    sizes = list(verdict.minimum_detectable)
     return {
         **asdict(task),
         "seconds": seconds,
         "planted": [_plain(name) for name in names],
-        **judged(verdict, names),
-        **moved(verdict, arms.moved_values(arm, effects), sizes, body),
+        **compare(verdict, names),
         "outcome": verdict.verdict,
     }
 

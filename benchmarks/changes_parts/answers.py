@@ -152,7 +152,7 @@ def ask_peer(logs: Logs) -> Answer:
     start = process_time()
     changes = peer.changes(logs.robot.model, logs.first, logs.second)
     seconds = process_time() - start
-    best = next((change for change in changes if change.found), None)
+    best = next((change for change in changes if change.is_named), None)
     if best is None:
         return Answer(seconds=seconds)
     joints = (best.joint,) if best.joint else ()

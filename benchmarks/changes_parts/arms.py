@@ -11,7 +11,7 @@ from functools import lru_cache
 import numpy as np
 import pinocchio as pin
 
-from benchmarks.check_parts.arms import others, seven
+from benchmarks.check_parts.arms import other_arms, seven
 from benchmarks.harness.logs import PAUSE, RATE, sensed
 from benchmarks.synthetic import quasi_static
 from benchmarks.synthetic.motions import make_motion
@@ -63,7 +63,7 @@ def robot_of(arm: str) -> Robot:
     if arm == "seven":
         return seven()
     kind, _, number = arm.partition("-")
-    return others(7 if kind == "seven" else 6)[int(number)]
+    return other_arms(7 if kind == "seven" else 6)[int(number)]
 
 
 def true_model(case: Case) -> pin.Model:

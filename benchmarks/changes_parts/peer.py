@@ -1,9 +1,8 @@
-"""The peer: one plain regression of both epochs, candidates side by side, no search.
+"""The peer: one plain regression of both epochs, one candidate at a time.
 
-What an arm has in both epochs (inertia, friction by speed, load and angle, waves) is
-fitted together; a candidate counts only times 1[second epoch]. Its covariance is
-clustered in blocks of time and widened, joint by joint, by how much single logs of the
-first epoch differ from each other. It knows ten effects and looks for one at a time.
+Inertia, friction by speed, load and angle, and waves are fitted to both epochs; a
+candidate column counts only times 1[second epoch]. The covariance is clustered in
+blocks of time and widened joint by joint by how much logs of the first epoch differ.
 """
 
 from collections.abc import Sequence
@@ -43,7 +42,7 @@ class Change:
     share: float  # RMS of its torque over that of the joint, where it is largest
 
     @property
-    def found(self) -> bool:
+    def is_named(self) -> bool:
         """Whether it is large and sure enough to be named."""
         return self.evidence >= THRESHOLD and self.share >= LEAST_SHARE
 
@@ -66,7 +65,7 @@ class _Joint:
 
     common: Array  # what it has in both epochs, of one size. Shape (m, p).
     inverse: Array  # of the Gram matrix of these. Shape (p, p).
-    rest: Array  # torque less what these explain. Shape (m,).
+    residual: Array  # torque less what these explain. Shape (m,).
     local: Array  # candidates of its own. Shape (m, c).
     shared: dict[str, Array]  # its part of those of the arm. Each of shape (m, k).
     second: Array  # whether a row is of the second epoch. Shape (m,).
@@ -81,7 +80,7 @@ class _Joint:
     @cached_property
     def variance(self) -> float:
         """Of what is left of the torque."""
-        return max(float(self.rest @ self.rest) / len(self.rest), 1e-12)
+        return max(float(self.residual @ self.residual) / len(self.residual), 1e-12)
 
     @cached_property
     def in_second(self) -> Array:
@@ -148,7 +147,7 @@ def _shared_change(
     columns = [joint.shared[name] * joint.second[:, None] for joint in joints]
     basis = np.eye(columns[0].shape[1])
     if name == "payload":
-        basis = _told(joints, columns)
+        basis = _identifiable(joints, columns)
         columns = [each @ basis for each in columns]
     each = zip(joints, columns, strict=True)
     wald, theta, _ = _tested([(joint, joint.without_common(c)) for joint, c in each])
@@ -158,12 +157,12 @@ def _shared_change(
     return Change(evidence, name, 0, basis @ theta, share)
 
 
-def _told(joints: Sequence[_Joint], columns: Sequence[Array]) -> Array:
+def _identifiable(joints: Sequence[_Joint], columns: Sequence[Array]) -> Array:
     """Return a basis of what the logs can tell of the ten parameters. Shape (10, k)."""
     gram = np.zeros((dynamics.PER_LINK, dynamics.PER_LINK))
     for joint, each in zip(joints, columns, strict=True):
-        rest = joint.without_common(each)
-        gram += rest.T @ rest / joint.variance
+        residual = joint.without_common(each)
+        gram += residual.T @ residual / joint.variance
     size = np.sqrt(np.diag(gram)) + 1e-9
     values, vectors = np.linalg.eigh(gram / np.outer(size, size))
     return vectors[:, values > 1e-4 * values[-1]] / size[:, None]
@@ -181,12 +180,12 @@ def _tested(parts: Sequence[tuple[_Joint, Array]]) -> tuple[float, Array, Array]
     gram, score = np.zeros((size, size)), np.zeros(size)
     for joint, columns in parts:
         gram += columns.T @ columns / joint.variance
-        score += columns.T @ joint.rest / joint.variance
+        score += columns.T @ joint.residual / joint.variance
     gram += 1e-9 * np.trace(gram) / size * np.eye(size)
     theta = np.linalg.solve(gram, score)
     names = np.concatenate([joint.block for joint, _ in parts])
     each = [
-        columns * (joint.rest - columns @ theta)[:, None] / joint.variance
+        columns * (joint.residual - columns @ theta)[:, None] / joint.variance
         for joint, columns in parts
     ]
     block, place = np.unique(names, return_inverse=True)
@@ -202,7 +201,7 @@ def _tested(parts: Sequence[tuple[_Joint, Array]]) -> tuple[float, Array, Array]
 def _restless(joint: _Joint) -> float:
     """Return by how much single logs of the first epoch differ from the others.
 
-    The mean of the squared t of each log against the rest, over all of the joint's
+    The mean of the squared t of each log against the residual, over all of the joint's
     candidates, the largest tenth left out; never less than 1. With fewer than three
     logs their halves stand for logs.
     """
@@ -238,13 +237,13 @@ def _joint(logs: Sequence[_Log], later: Array, j: int) -> _Joint:
     local = all_of(log.local[j] for log in logs)
     x = x / (np.sqrt((x**2).mean(axis=0)) + 1e-12)
     inverse = np.linalg.inv(x.T @ x + 1e-5 * len(tau) * np.eye(x.shape[1]))
-    rest = _project(x, inverse, tau)
+    residual = _project(x, inverse, tau)
     # A gain acts on what the arm does, not on what nobody can explain.
-    local[:, _GAIN] = tau - rest
+    local[:, _GAIN] = tau - residual
     return _Joint(
         common=x,
         inverse=inverse,
-        rest=rest,
+        residual=residual,
         local=local,
         shared={n: all_of(log.shared[n][:, j] for log in logs) for n in _SHARED},
         second=np.repeat(later, [k.sum() for k in kept]),

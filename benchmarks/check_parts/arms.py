@@ -1,7 +1,4 @@
-"""Clean logs of arms: two synthetic, one in a physics engine, and measured ones.
-
-Beside them a log that was spoiled on purpose, and helpers that all faults use.
-"""
+"""Sound logs of simulated and measured arms, and helpers for faults in them."""
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
@@ -150,7 +147,7 @@ def seven() -> Robot:
     return chain("seven", "zyzyzyz", 0.32, 5.0)
 
 
-def others(dof: int) -> tuple[Robot, ...]:
+def other_arms(dof: int) -> tuple[Robot, ...]:
     axes = {6: ("yzyzyz", "zyzyyz", "yyzyzy"), 7: ("yzyzyzy", "zzyyzyy", "yyzzyzy")}
     dimensions = ((0.4, 12.0), (0.25, 6.0), (0.6, 25.0))
     return tuple(
@@ -161,11 +158,11 @@ def others(dof: int) -> tuple[Robot, ...]:
 
 Table = dict[str, Array]
 SIGNALS = ("t", "q", "qd", "tau")
-_TOLD_APART = 0.1  # of a joint's torque: two readings that differ by less are one
+_DIFFERENCE = 0.1  # of a joint's torque: two readings that differ by less are one
 
 
 @dataclass(frozen=True, eq=False, slots=True)
-class Spoiled:
+class FaultyLogs:
     """Logs with one fault, and the truth beside them."""
 
     kind: str  # what was done to them
@@ -178,7 +175,7 @@ class Spoiled:
     also: tuple[str, ...] = ()  # other kinds that are as right
 
 
-Fault = Callable[[Host, int, np.random.Generator], "Spoiled | None"]
+Fault = Callable[[Host, int, np.random.Generator], "FaultyLogs | None"]
 
 
 def table_of(log: Recording) -> Table:
@@ -203,7 +200,7 @@ def turned(dof: int, joints: Sequence[int]) -> Array:
     return np.array([-1.0 if j + 1 in joints else 1.0 for j in range(dof)])
 
 
-def told_apart(
+def differ(
     host: Host, angles: Callable, torques: Callable, logged: float = 0.0
 ) -> bool:
     """Whether two readings of a log differ by what the nominal model says of them.
@@ -220,7 +217,7 @@ def told_apart(
     size = np.sqrt(np.mean(own**2, axis=0)) + 1e-9
     apart = np.sqrt(np.mean((torques(own) - read) ** 2, axis=0))
     seen = apart / (np.std(torques(log.tau[::step]), axis=0) + 1e-9)
-    return bool((apart / size).max() > _TOLD_APART and seen.max() > logged)
+    return bool((apart / size).max() > _DIFFERENCE and seen.max() > logged)
 
 
 def _model_torque(host: Host, t: Array, q: Array) -> Array:

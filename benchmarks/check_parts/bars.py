@@ -1,4 +1,4 @@
-"""What must be reached, as figures of the rows of all groups."""
+"""Figures and bars of the rows of all groups."""
 
 from collections import defaultdict
 from collections.abc import Mapping
@@ -18,9 +18,8 @@ from benchmarks.harness.rates import Line, Rows, counted, lines, per
 
 # What is true of a log is no false fault.
 TRUE_OF = {
-    "ur10": ("filtered",),
     # In each run speeds 1, 3, 4, 6, 7 are proportional, and 2 and 5 are.
-    "lwr4": ("filtered", "lockstep"),
+    "lwr4": ("lockstep",),
     # The inertia of its link 5 breaks the triangle inequality.
     "gen3": ("too_short", "no_reversal", "robot_file"),
 }
@@ -71,7 +70,7 @@ def _is_measured(row: Mapping) -> bool:
     return row["host"] in MEASURED
 
 
-def _which(sound: Rows) -> dict:
+def _list_faults(sound: Rows) -> dict:
     told = [
         f"{kind}{' (certain)' if certain else ''} on {row['host']}"
         for row in sound
@@ -87,5 +86,5 @@ _OF_FAULTS = (
 )
 _EXACT = Line("repairs_exact", _is_exact, 0.90, beside=per(_is_exact, "kind"))
 _FALSE = Line(
-    "false_faults", lambda r: bool(false_of(r)), 0.02, most=True, beside=_which
+    "false_faults", lambda r: bool(false_of(r)), 0.02, most=True, beside=_list_faults
 )

@@ -1,7 +1,8 @@
-"""Cases of each group: what is spoiled, what the check says, what its lines mend."""
+"""Cases of each group: logs with faults and sound logs, checked and compared."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass
+from functools import partial
 from time import perf_counter
 
 from benchmarks.check_parts import faults, reports
@@ -11,11 +12,9 @@ from benchmarks.check_parts.arms import (
     HOSTS,
     SIX,
     Fault,
-    Host,
-    Spoiled,
     host,
 )
-from benchmarks.check_parts.judge import judged, told
+from benchmarks.check_parts.judge import compare, reported
 from benchmarks.diagnosis_parts.cases import PYBULLET, SYNTHETIC, as_form, make, the_arm
 from benchmarks.harness.cases import guarded
 from benchmarks.hidden.draw import draw_sized, vocabulary
@@ -95,31 +94,23 @@ def summary(result: Mapping) -> str:
 
 
 def _faults(task: Task) -> list[dict]:
-    kinds = _QUICK_KINDS if task.quick else FAULTS
     rows = []
-    for kind in kinds:
+    for kind in _QUICK_KINDS if task.quick else FAULTS:
         for size in range(1 if task.quick else SIZES):
-            own = host(task.host, task.seed)
-            spoiled = _spoil(own, kind, size, task.seed)
-            if spoiled is not None:
-                rows.append(_guarded(judged, own, spoiled, task, size))
+            arm = host(task.host, task.seed)
+            rng = stream(task.seed, f"fault/{arm.name}/{kind}/{size}")
+            faulty = FAULTS[kind](arm, size, rng)
+            if faulty is not None:
+                about = {"group": task.group, "host": arm.name, "seed": task.seed}
+                about |= {"size": size, "kind": kind, "joints": list(faulty.joints)}
+                rows.append(about | guarded(about, partial(compare, arm, faulty)))
     return rows
 
 
-def _spoil(own: Host, kind: str, size: int, seed: int) -> Spoiled | None:
-    return FAULTS[kind](own, size, stream(seed, f"fault/{own.name}/{kind}/{size}"))
-
-
-def _guarded(work, own: Host, spoiled: Spoiled, task: Task, size: int) -> dict:
-    about = {"group": task.group, "host": own.name, "seed": task.seed, "size": size}
-    about |= {"kind": spoiled.kind, "joints": list(spoiled.joints)}
-    return guarded(about, lambda: about | work(own, spoiled))
-
-
 def _clean(task: Task) -> list[dict]:
-    own = host(task.host, task.seed)
-    rng = stream(task.seed, f"held/{own.name}")
-    every = (own, reports.held(own, rng))
+    arm = host(task.host, task.seed)
+    rng = stream(task.seed, f"held/{arm.name}")
+    every = (arm, reports.with_held_joint(arm, rng))
     return [_sound(arm.robot, arm.logs, task, "") for arm in every if arm is not None]
 
 
@@ -145,6 +136,6 @@ def _sound(robot: Robot, logs: Sequence[Recording], task: Task, effect: str) -> 
     def timed() -> dict:
         begun = perf_counter()
         report = check(LogSets(robot, tuple(logs)))
-        return about | told(report) | {"seconds": round(perf_counter() - begun, 3)}
+        return about | reported(report) | {"seconds": round(perf_counter() - begun, 3)}
 
     return guarded(about, timed)

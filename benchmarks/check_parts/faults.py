@@ -1,4 +1,4 @@
-"""Faults that no line mends: of sensors, of clocks, of the motion, of the robot."""
+"""Faults that no line of a map repairs: of sensors, clocks, motions and robot files."""
 
 import xml.etree.ElementTree as ET
 
@@ -7,9 +7,9 @@ import numpy as np
 from benchmarks.check_parts.arms import (
     DURATION,
     RATE,
+    FaultyLogs,
     Host,
-    Spoiled,
-    others,
+    other_arms,
     recorded,
     some,
     table_of,
@@ -23,7 +23,7 @@ Array = np.ndarray
 Rng = np.random.Generator
 
 
-def clock(host: Host, size: int, rng: Rng) -> Spoiled:
+def clock(host: Host, size: int, rng: Rng) -> FaultyLogs:
     """Five times repeat, the clock starts again, or leaps three seconds ahead."""
     tables = tables_of(host)
     t = tables[0]["t"].copy()
@@ -34,10 +34,10 @@ def clock(host: Host, size: int, rng: Rng) -> Spoiled:
         t[at:] -= t[at] - t[0]
     else:
         t[at:] += 3.0
-    return Spoiled("clock", (), [tables[0] | {"t": t}, *tables[1:]])
+    return FaultyLogs("clock", (), [tables[0] | {"t": t}, *tables[1:]])
 
 
-def spike(host: Host, size: int, rng: Rng) -> Spoiled:
+def spike(host: Host, size: int, rng: Rng) -> FaultyLogs:
     """One sample of a torque is 30 times too large, of an angle 1 rad off, or 1e308."""
     name = ("tau", "q", "tau")[size]
 
@@ -47,7 +47,7 @@ def spike(host: Host, size: int, rng: Rng) -> Spoiled:
     return _of_one(host, rng, "spike", name, spoil)
 
 
-def frozen(host: Host, size: int, rng: Rng) -> Spoiled:
+def frozen(host: Host, size: int, rng: Rng) -> FaultyLogs:
     """A torque, an angle, or a torque from there on, stands while the arm moves."""
     name, share = (("tau", 0.3), ("q", 0.2), ("tau", 0.6))[size]
 
@@ -57,7 +57,7 @@ def frozen(host: Host, size: int, rng: Rng) -> Spoiled:
     return _of_one(host, rng, "frozen", name, spoil)
 
 
-def quantised(host: Host, size: int, rng: Rng) -> Spoiled:
+def quantised(host: Host, size: int, rng: Rng) -> FaultyLogs:
     """A torque comes in steps of a quarter, a half, or one of its deviation."""
     share = (0.25, 0.5, 1.0)[size]
 
@@ -65,10 +65,10 @@ def quantised(host: Host, size: int, rng: Rng) -> Spoiled:
         step = share * x.std()
         x[:] = np.round(x / step) * step
 
-    return _of_one(host, rng, "quantised", "tau", spoil, whole=True)
+    return _of_one(host, rng, "quantised", "tau", spoil, in_all_logs=True)
 
 
-def saturated(host: Host, size: int, rng: Rng) -> Spoiled:
+def saturated(host: Host, size: int, rng: Rng) -> FaultyLogs:
     """A torque ends at 60, 40 or 25 % of its largest value."""
     share = (0.6, 0.4, 0.25)[size]
 
@@ -76,10 +76,10 @@ def saturated(host: Host, size: int, rng: Rng) -> Spoiled:
         level = share * np.abs(x).max()
         np.clip(x, -level, level, out=x)
 
-    return _of_one(host, rng, "saturated", "tau", spoil, whole=True)
+    return _of_one(host, rng, "saturated", "tau", spoil, in_all_logs=True)
 
 
-def out_of_range(host: Host, size: int, rng: Rng) -> Spoiled | None:
+def out_of_range(host: Host, size: int, rng: Rng) -> FaultyLogs | None:
     """An angle lies 0.3, 0.8 or 2 rad beyond the end of its range."""
     free = [j for j in range(host.robot.dof) if np.isfinite(host.robot.upper[j])]
     if not free:
@@ -90,23 +90,25 @@ def out_of_range(host: Host, size: int, rng: Rng) -> Spoiled | None:
     off = np.zeros(host.robot.dof)
     off[joint] = host.robot.upper[joint] + beyond - highest
     moved = [table | {"q": table["q"] + off} for table in tables]
-    return Spoiled("out_of_range", (joint + 1,), moved)
+    return FaultyLogs("out_of_range", (joint + 1,), moved)
 
 
-def _of_one(host: Host, rng: Rng, kind: str, name: str, spoil, whole=False) -> Spoiled:
+def _of_one(
+    host: Host, rng: Rng, kind: str, name: str, spoil, in_all_logs=False
+) -> FaultyLogs:
     """Spoil a signal of one joint: in one log, or in all where the sensor does it."""
     (joint,), tables = some(rng, host.robot.dof, 1), tables_of(host)
     at = int(rng.integers(len(tables[0]["t"]) // 5, len(tables[0]["t"]) // 3))
     out = []
     for i, table in enumerate(tables):
         signal = table[name].copy()
-        if whole or i == 0:
+        if in_all_logs or i == 0:
             spoil(signal[:, joint - 1], at)
         out.append(table | {name: signal})
-    return Spoiled(kind, (joint,), out)
+    return FaultyLogs(kind, (joint,), out)
 
 
-def lockstep(host: Host, size: int, rng: Rng) -> Spoiled | None:
+def lockstep(host: Host, size: int, rng: Rng) -> FaultyLogs | None:
     """Two, half, or all joints move in proportion, in every log."""
     if host.plant is None:
         return None
@@ -124,10 +126,10 @@ def lockstep(host: Host, size: int, rng: Rng) -> Spoiled | None:
             qd[:, j], qdd[:, j] = ratio * qd[:, lead], ratio * qdd[:, lead]
         return Reference(motion.kind, motion.t, q, qd, qdd, None)
 
-    return _moved(host, rng, "lockstep", joints, couple)
+    return _in_motion(host, rng, "lockstep", joints, couple)
 
 
-def no_reversal(host: Host, size: int, rng: Rng) -> Spoiled | None:
+def no_reversal(host: Host, size: int, rng: Rng) -> FaultyLogs | None:
     """One, half, or all joints go one way only, at a speed that varies."""
     if host.plant is None:
         return None
@@ -146,27 +148,27 @@ def no_reversal(host: Host, size: int, rng: Rng) -> Spoiled | None:
             qdd[:, j] = -swing * rate**2 * np.sin(rate * t)
         return Reference(motion.kind, t, q, qd, qdd, None)
 
-    return _moved(host, rng, "no_reversal", joints, one_way)
+    return _in_motion(host, rng, "no_reversal", joints, one_way)
 
 
-def _moved(host: Host, rng: Rng, kind: str, joints, change) -> Spoiled:
+def _in_motion(host: Host, rng: Rng, kind: str, joints, change) -> FaultyLogs:
     logs = []
     for i in range(2):
         motion = make_motion("fourier", usual_limits(host.robot), DURATION, RATE, rng)
         label = f"{kind}_{i}"
         logs.append(recorded(host.plant, change(motion), label, 30.0 * i))
-    return Spoiled(kind, joints, [table_of(log) for log in logs])
+    return FaultyLogs(kind, joints, [table_of(log) for log in logs])
 
 
-def too_short(host: Host, size: int, rng: Rng) -> Spoiled:
+def too_short(host: Host, size: int, rng: Rng) -> FaultyLogs:
     """There is one log of 1.5, 2.5 or 4 s."""
     table = tables_of(host)[0]
     middle = table["t"][len(table["t"]) // 4]
     rows = (table["t"] >= middle) & (table["t"] < middle + (1.5, 2.5, 4.0)[size])
-    return Spoiled("too_short", (), [{k: x[rows] for k, x in table.items()}])
+    return FaultyLogs("too_short", (), [{k: x[rows] for k, x in table.items()}])
 
 
-def robot_file(host: Host, size: int, rng: Rng) -> Spoiled:
+def robot_file(host: Host, size: int, rng: Rng) -> FaultyLogs:
     """Masses in grams, lengths in millimetres, or gravity in mm/s^2."""
     tables, toml = tables_of(host), ""
     root = ET.fromstring(host.robot.urdf)
@@ -179,10 +181,10 @@ def robot_file(host: Host, size: int, rng: Rng) -> Spoiled:
         toml = "[robot]\ngravity = [0, 0, -9810.0]\n"
     urdf = ET.tostring(root, encoding="unicode")
     right = tables if size == 2 else ()
-    return Spoiled("robot_file", (), tables, right, urdf=urdf, toml=toml)
+    return FaultyLogs("robot_file", (), tables, right, urdf=urdf, toml=toml)
 
 
-def wrong_robot(host: Host, size: int, rng: Rng) -> Spoiled:
+def wrong_robot(host: Host, size: int, rng: Rng) -> FaultyLogs:
     """The robot that is given is an arm of another build."""
-    urdf = others(host.robot.dof)[size].urdf
-    return Spoiled("wrong_robot", (), tables_of(host), urdf=urdf)
+    urdf = other_arms(host.robot.dof)[size].urdf
+    return FaultyLogs("wrong_robot", (), tables_of(host), urdf=urdf)

@@ -1,11 +1,4 @@
-"""What a check says of spoiled logs: right kind and joints, and lines that mend.
-
-Whether a fault leaves a trace at all is told by the clean log and the fault alone. Two
-witnesses can tell of a change in the torque. The other joints: no body and no friction
-that is fitted to all torques carries it. The robot file: it is larger than what the
-file misses of the clean torque anyway. What neither can see is no fault of the log: a
-wrist whose torque is friction, times a factor, is a wrist of other friction.
-"""
+"""Compare what a check reports of faulty logs with the fault, and try its repairs."""
 
 import json
 import tempfile
@@ -18,7 +11,7 @@ import numpy as np
 import pyarrow as pa
 import pyarrow.parquet as pq
 
-from benchmarks.check_parts.arms import SIGNALS, Host, Spoiled, Table, table_of
+from benchmarks.check_parts.arms import SIGNALS, FaultyLogs, Host, Table, table_of
 from flows.inputs.read import LogSets, read_sets
 from flows.steps.check import check
 from residual.check.result import Fault, LogCheck
@@ -28,30 +21,30 @@ _ROUNDING = 1e-3
 _TURNED = 0.052  # of gravity: 3 degrees
 
 
-def judged(own: Host, spoiled: Spoiled) -> dict:
-    """Check spoiled logs; return what was said, and what that is worth."""
+def compare(arm: Host, faulty: FaultyLogs) -> dict:
+    """Check faulty logs; return the report compared with the fault."""
     with tempfile.TemporaryDirectory() as folder:
-        place, robot = Path(folder), given(own, spoiled)
-        sets = read(place, spoiled.tables, robot)
+        place, robot = Path(folder), given_robot(arm, faulty)
+        sets = read(place, faulty.tables, robot)
         begun = perf_counter()
         report = check(sets)
         seconds = round(perf_counter() - begun, 3)
         repairs = list(dict.fromkeys(f.repair for f in report.faults if f.repair))
-        exact = _exact(repairs, spoiled, own, robot, place)
+        exact = _exact(repairs, faulty, arm, robot, place)
     return {
-        **told(report),
-        "hit": any(is_it(f, spoiled, own.robot.dof) for f in report.faults),
+        **reported(report),
+        "hit": any(is_it(f, faulty, arm.robot.dof) for f in report.faults),
         "certain": any(f.certain for f in report.faults),
         "exact": exact,
         "seconds": seconds,
     }
 
 
-def given(own: Host, spoiled: Spoiled) -> Robot:
-    """Return the robot as it is given with spoiled logs."""
-    toml = json.loads(own.robot.toml) | tomllib.loads(spoiled.toml)
-    urdf = spoiled.urdf or own.robot.urdf
-    return robot_from_texts(own.robot.name, urdf, json.dumps(toml, sort_keys=True))
+def given_robot(arm: Host, faulty: FaultyLogs) -> Robot:
+    """Return the robot as it is given with faulty logs."""
+    toml = json.loads(arm.robot.toml) | tomllib.loads(faulty.toml)
+    urdf = faulty.urdf or arm.robot.urdf
+    return robot_from_texts(arm.robot.name, urdf, json.dumps(toml, sort_keys=True))
 
 
 def read(
@@ -70,24 +63,24 @@ def read(
     return read_sets((words, (), ()), robot, columns, folder, to_check=True)
 
 
-def told(report: LogCheck) -> dict:
-    """Return what a check said, short."""
+def reported(report: LogCheck) -> dict:
+    """Return verdict and faults of a check."""
     return {
         "verdict": report.verdict,
         "said": [[f.kind, list(f.joints), f.certain] for f in report.faults],
     }
 
 
-def is_it(fault: Fault, spoiled: Spoiled, dof: int) -> bool:
-    """Whether a fault is the one that was made: kind and joints."""
+def is_it(fault: Fault, faulty: FaultyLogs, dof: int) -> bool:
+    """Whether a reported fault has the right kind and joints."""
     every = tuple(range(1, dof + 1))
     where = tuple(sorted(fault.joints)) or every
-    kinds = (spoiled.kind, *spoiled.also)
-    return fault.kind in kinds and where == (spoiled.joints or every)
+    kinds = (faulty.kind, *faulty.also)
+    return fault.kind in kinds and where == (faulty.joints or every)
 
 
 def _exact(
-    repairs: Sequence[str], spoiled: Spoiled, own: Host, robot: Robot, folder: Path
+    repairs: Sequence[str], faulty: FaultyLogs, arm: Host, robot: Robot, folder: Path
 ) -> list[bool]:
     """Whether logs, or the robot, are the right ones once the lines are followed.
 
@@ -103,16 +96,16 @@ def _exact(
     right, gravity = {"gravity": False}, lines.pop("gravity", None)
     if gravity is not None:
         mended = tomllib.loads(gravity)["gravity"]
-        wanted = own.robot.model.gravity.linear
+        wanted = arm.robot.model.gravity.linear
         miss = np.linalg.norm(np.subtract(mended, wanted))
         right["gravity"] = bool(miss < _TURNED * np.linalg.norm(wanted))
     columns = folder / "COLUMNS.toml"
     columns.write_text("\n".join(lines.values()), encoding="utf-8")
-    logs = read(folder, spoiled.tables, robot, str(columns)).fit
+    logs = read(folder, faulty.tables, robot, str(columns)).fit
     tables = list(map(table_of, logs))
     for name in tables[0]:
-        pairs = zip(tables, spoiled.right, strict=False)
-        same = [_same(mended[name], good[name]) for mended, good in pairs]
+        pairs = zip(tables, faulty.right, strict=False)
+        same = [_is_equal(mended[name], good[name]) for mended, good in pairs]
         right["time" if name == "t" else name] = bool(same) and all(same)
     left = [right[name] for name in right if name not in (*lines, "gravity")]
     return [
@@ -121,7 +114,7 @@ def _exact(
     ]
 
 
-def _same(mended: np.ndarray, right: np.ndarray) -> bool:
+def _is_equal(mended: np.ndarray, right: np.ndarray) -> bool:
     if mended.shape != right.shape:
         return False
     if mended.ndim == 1:  # where a clock begins is of no account

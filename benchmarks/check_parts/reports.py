@@ -8,15 +8,15 @@ import numpy as np
 from benchmarks.check_parts.arms import (
     DURATION,
     RATE,
+    FaultyLogs,
     Host,
-    Spoiled,
     Table,
     changed,
+    differ,
     recorded,
     some,
     table_of,
     tables_of,
-    told_apart,
     turned,
 )
 from benchmarks.synthetic.motions import make_motion
@@ -35,7 +35,7 @@ _SHOWS = 0.25  # of the logged torque of some joint: a rough file misses as much
 _KGF_CM = 10.1972
 
 
-def gravity_removed(host: Host, size: int, rng: Rng) -> Spoiled:
+def gravity_removed(host: Host, size: int, rng: Rng) -> FaultyLogs:
     """The driver subtracts the weight: by the robot file, or 5 or 10 % off."""
     model, share = host.robot.model, (1.0, 1.05, 0.9)[size]
 
@@ -43,19 +43,19 @@ def gravity_removed(host: Host, size: int, rng: Rng) -> Spoiled:
         weight = gravity_torque(model, table["q"], model.gravity.linear)
         return table | {"tau": table["tau"] - share * weight}
 
-    return Spoiled("gravity_removed", (), [change(t) for t in tables_of(host)])
+    return FaultyLogs("gravity_removed", (), [change(t) for t in tables_of(host)])
 
 
-def mounting(host: Host, size: int, rng: Rng) -> Spoiled:
+def mounting(host: Host, size: int, rng: Rng) -> FaultyLogs:
     """The robot file has another direction of gravity, 20, 90 or 180 degrees off."""
     angle, around = np.deg2rad((20, 90, 180)[size]), rng.uniform(0, 2 * np.pi)
     level = np.sin(angle) * np.array([np.cos(around), np.sin(around)])
     gravity = (9.81 * np.array([*level, -np.cos(angle)])).tolist()
     tables, toml = tables_of(host), f"[robot]\ngravity = {gravity}\n"
-    return Spoiled("mounting", (), tables, tables, toml=toml)
+    return FaultyLogs("mounting", (), tables, tables, toml=toml)
 
 
-def commanded(host: Host, size: int, rng: Rng) -> Spoiled | None:
+def commanded(host: Host, size: int, rng: Rng) -> FaultyLogs | None:
     """Torque is the model's for the reference, without or with friction."""
     if size == 2:
         return None
@@ -68,7 +68,7 @@ def commanded(host: Host, size: int, rng: Rng) -> Spoiled | None:
             slow = 0.02 * np.sqrt(np.mean(qd**2, axis=0)) + 1e-9
             tau = tau + friction.coulomb * np.tanh(qd / slow) + friction.viscous * qd
         tables.append(_referred(log) | {"tau": _at(log.t, even, tau)})
-    return Spoiled("commanded", (), tables)
+    return FaultyLogs("commanded", (), tables)
 
 
 def _referred(log: Recording) -> Table:
@@ -97,7 +97,7 @@ def _at(t: Array, times: Array, x: Array) -> Array:
     return np.column_stack([np.interp(t, times, column) for column in x.T])
 
 
-def constant(host: Host, size: int, rng: Rng) -> Spoiled | None:
+def constant(host: Host, size: int, rng: Rng) -> FaultyLogs | None:
     """An angle keeps one value: in all logs, in one, or beside its reference."""
     dof, tables = host.robot.dof, tables_of(host)
     moves = np.min([np.ptp(table["q"], axis=0) for table in tables], axis=0)
@@ -114,10 +114,10 @@ def constant(host: Host, size: int, rng: Rng) -> Spoiled | None:
             for name, signal in dead.items():
                 signal[:, joint] = 0.0 if name == "qd" else signal[0, joint]
         out.append(table | dead)
-    return Spoiled("constant", (joint + 1,), out)
+    return FaultyLogs("constant", (joint + 1,), out)
 
 
-def held(host: Host, rng: Rng) -> Host | None:
+def with_held_joint(host: Host, rng: Rng) -> Host | None:
     """Return the arm with sound logs in which a joint is held, its encoder silent."""
     if host.plant is None:
         return None
@@ -139,24 +139,24 @@ _TRIES = 40
 _ALL = ("q", "qd", "tau")
 
 
-def torque_sign(host: Host, size: int, rng: Rng) -> Spoiled:
+def torque_sign(host: Host, size: int, rng: Rng) -> FaultyLogs:
     """Torque of one, two or all joints counts the other way round."""
     joints, also = _turnable(host, size, rng, "angle_sign")
     sign, right = turned(host.robot.dof, joints), tables_of(host)
     tables = changed(right, ("tau",), lambda x: x * sign)
-    return Spoiled("torque_sign", joints, tables, right, also=also)
+    return FaultyLogs("torque_sign", joints, tables, right, also=also)
 
 
-def angle_sign(host: Host, size: int, rng: Rng) -> Spoiled:
+def angle_sign(host: Host, size: int, rng: Rng) -> FaultyLogs:
     """Angles (and speeds) of one, two or all joints count the other way round."""
     joints, also = _turnable(host, size, rng, "torque_sign")
     sign, right = turned(host.robot.dof, joints), tables_of(host)
     tables = changed(right, ("q", "qd"), lambda x: x * sign)
-    return Spoiled("angle_sign", joints, tables, right, also=also)
+    return FaultyLogs("angle_sign", joints, tables, right, also=also)
 
 
 def _turnable(
-    host: Host, size: int, rng: Rng, other: str
+    host: Host, size: int, rng: Rng, alternative: str
 ) -> tuple[tuple[int, ...], tuple[str, ...]]:
     """Draw joints whose turned angles are not the same as their turned torques.
 
@@ -167,12 +167,12 @@ def _turnable(
     for _ in range(_TRIES):
         joints = some(rng, dof, (1, 2, dof)[size])
         sign = turned(dof, joints)
-        if told_apart(host, lambda q: q * sign, lambda tau: tau * sign):  # noqa: B023
+        if differ(host, lambda q: q * sign, lambda tau: tau * sign):  # noqa: B023
             return joints, ()
-    return joints, (other,)
+    return joints, (alternative,)
 
 
-def joint_order(host: Host, size: int, rng: Rng) -> Spoiled | None:
+def joint_order(host: Host, size: int, rng: Rng) -> FaultyLogs | None:
     """Two torques, or all signals of two joints or three, are exchanged."""
     dof, right = host.robot.dof, tables_of(host)
     names = ("tau",) if size == 0 else _ALL
@@ -180,22 +180,22 @@ def joint_order(host: Host, size: int, rng: Rng) -> Spoiled | None:
         joints = some(rng, dof, 3 if size == 2 else 2)
         order = np.arange(dof)
         order[[j - 1 for j in joints]] = np.roll([j - 1 for j in joints], 1)
-        if told_apart(host, lambda q: q[:, order], lambda x: x[:, order], _SHOWS):  # noqa: B023
+        if differ(host, lambda q: q[:, order], lambda x: x[:, order], _SHOWS):  # noqa: B023
             tables = changed(right, names, lambda x: x[:, order])  # noqa: B023
-            return Spoiled("joint_order", joints, tables, right)
+            return FaultyLogs("joint_order", joints, tables, right)
     return None
 
 
-def torque_unit(host: Host, size: int, rng: Rng) -> Spoiled:
+def torque_unit(host: Host, size: int, rng: Rng) -> FaultyLogs:
     """Torque in N mm or kgf cm, or divided by a factor for each joint (currents)."""
     if size < 2:
         return _scaled(host, "torque_unit", {"tau": (1e3, _KGF_CM)[size]})
     each = rng.uniform(8, 15, host.robot.dof)
     tables = changed(tables_of(host), ("tau",), lambda x: x / each)
-    return Spoiled("torque_unit", (), tables)
+    return FaultyLogs("torque_unit", (), tables)
 
 
-def angle_unit(host: Host, size: int, rng: Rng) -> Spoiled:
+def angle_unit(host: Host, size: int, rng: Rng) -> FaultyLogs:
     """Degrees: of angles and speeds, of angles alone, or of some joints only."""
     right, degrees, dof = tables_of(host), 180 / np.pi, host.robot.dof
     if size < 2:
@@ -204,26 +204,26 @@ def angle_unit(host: Host, size: int, rng: Rng) -> Spoiled:
     joints = some(rng, dof, 2)
     factor = np.where(turned(dof, joints) < 0, degrees, 1.0)
     tables = changed(right, ("q", "qd"), lambda x: x * factor)
-    return Spoiled("angle_unit", joints, tables, right)
+    return FaultyLogs("angle_unit", joints, tables, right)
 
 
-def time_unit(host: Host, size: int, rng: Rng) -> Spoiled:
+def time_unit(host: Host, size: int, rng: Rng) -> FaultyLogs:
     """Milliseconds, microseconds; a clock at half speed where speeds are logged."""
     known = "qd" in tables_of(host)[0]
     return _scaled(host, "time_unit", {"t": (1e3, 1e6, 2.0 if known else 1e-3)[size]})
 
 
-def gear_ratio(host: Host, size: int, rng: Rng) -> Spoiled:
+def gear_ratio(host: Host, size: int, rng: Rng) -> FaultyLogs:
     """Torques, angles, or both are of the motor; the robot file has the gears."""
     gears = np.round(rng.uniform(50, 160, host.robot.dof), 1)
     factors = ({"tau": 1 / gears}, {"q": gears, "qd": gears})
     factors = (*factors, factors[0] | factors[1])[size]
     toml = f"[joints]\ngear_ratio = {gears.tolist()}\n"
-    spoiled = _scaled(host, "gear_ratio", factors)
-    return Spoiled("gear_ratio", (), spoiled.tables, spoiled.right, toml=toml)
+    faulty = _scaled(host, "gear_ratio", factors)
+    return FaultyLogs("gear_ratio", (), faulty.tables, faulty.right, toml=toml)
 
 
-def velocity_mismatch(host: Host, size: int, rng: Rng) -> Spoiled | None:
+def velocity_mismatch(host: Host, size: int, rng: Rng) -> FaultyLogs | None:
     """Speed of a joint is negated, speeds are in deg/s, two are exchanged."""
     right, dof = tables_of(host), host.robot.dof
     if "qd" not in right[0]:
@@ -238,11 +238,11 @@ def velocity_mismatch(host: Host, size: int, rng: Rng) -> Spoiled | None:
     tables = changed(right, ("qd",), lambda x: x[:, order] * factor)
     also = ("angle_unit",) if size == 1 else ()
     where = () if size == 1 else tuple(joints)
-    return Spoiled("velocity_mismatch", where, tables, right, also=also)
+    return FaultyLogs("velocity_mismatch", where, tables, right, also=also)
 
 
-def _scaled(host: Host, kind: str, factors: dict) -> Spoiled:
+def _scaled(host: Host, kind: str, factors: dict) -> FaultyLogs:
     right = tables = tables_of(host)
     for name, factor in factors.items():
         tables = changed(tables, (name,), lambda x: x * factor)  # noqa: B023
-    return Spoiled(kind, (), tables, right)
+    return FaultyLogs(kind, (), tables, right)

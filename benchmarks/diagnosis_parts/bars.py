@@ -1,4 +1,4 @@
-"""What must be reached, as figures of the rows of all groups."""
+"""Figures and bars of the rows of all groups."""
 
 from collections.abc import Mapping
 from functools import partial
@@ -60,7 +60,7 @@ def _is_usual(row: Mapping) -> bool:
 
 
 def _per_form(rows: Rows) -> dict:
-    each = counts(rows, is_right, "what")
+    each = counts(rows, is_right, "hides")
     return {"per_form": {form: round(hits / n, 3) for form, (hits, n) in each.items()}}
 
 

@@ -1,8 +1,8 @@
-"""Cases of each group: what is drawn, how it is diagnosed, what came of it.
+"""Cases of each group: drawn, diagnosed, and compared with the truth.
 
-Synthetic arms for the bulk, PyBullet for a part. Motions go by one seed, the arm and
-its noise by another, so that several arms may be looked at in one excitation, whose
-minimum detectable sizes are known.
+Most arms are synthetic, some are in PyBullet. Motions have one seed, the arm and its
+noise another, so that several arms share motions whose minimum detectable sizes are
+known.
 """
 
 from collections.abc import Mapping, Sequence
@@ -75,7 +75,7 @@ PLANS = {
 
 
 @dataclass(frozen=True, eq=False, slots=True)
-class Made:
+class Logs:
     """One case with the truth beside it."""
 
     robot: Robot  # the arm as the diagnosis may know it
@@ -91,13 +91,13 @@ def the_arm() -> Robot:
     return load_robot("irb140")
 
 
-def make(data: str, effects: Sequence[PlantEffect], motion: int, arm: int) -> Made:
+def make(data: str, effects: Sequence[PlantEffect], motion: int, arm: int) -> Logs:
     """Record one case; forms of other authors only on synthetic arms."""
     plan = PLANS[data]
     record = _pybullet if data == PYBULLET else _synthetic
     logs, truths = record(plan, tuple(effects), motion, arm)
     count = len(plan.fit)
-    return Made(the_arm(), tuple(logs[:count]), tuple(logs[count:]), tuple(truths))
+    return Logs(the_arm(), tuple(logs[:count]), tuple(logs[count:]), tuple(truths))
 
 
 def _synthetic(plan: Plan, effects: tuple[PlantEffect, ...], motion: int, arm: int):
@@ -117,7 +117,7 @@ def _synthetic(plan: Plan, effects: tuple[PlantEffect, ...], motion: int, arm: i
 
 
 def _with_scatter(plant: Plant, effect: PlantEffect) -> dict:
-    """Return what a verdict would state: a change is against what the maker says."""
+    """Return the parameters relative to the declared values, as a verdict has them."""
     values, known = dict(effect.parameters), kinds().get(effect.name)
     if known is not None and known.of_drive:
         key, field = known.amount[0], known.of_drive
@@ -157,7 +157,7 @@ class Task:
     """One case to do."""
 
     group: str  # "bench" or a group of the benchmark
-    what: str  # effect, form, or "" where it is drawn or nothing
+    hides: str  # effect or form; "" if drawn or nothing
     data: str  # "synthetic", "pybullet" or "quick"
     motion: int  # seed of the motions
     arm: int  # seed of the arm, of what it hides, and of the noise
@@ -175,7 +175,7 @@ def tasks(group: str, seeds: range, quick: bool) -> list[Task]:
         return _quick(group, seeds[0])
     named, strange = vocabulary(the_arm())
     first = seeds[0]
-    many = {
+    cases = {
         "singles": [(e, s) for s in seeds for e in named],
         "detection": [(e, s) for s in seeds[: (len(seeds) + 1) // 2] for e in named],
         "nulls": [("", first + i) for i in range(20 * len(seeds))],
@@ -183,12 +183,12 @@ def tasks(group: str, seeds: range, quick: bool) -> list[Task]:
         "forms": [(form, s) for s in seeds for form in FORMS],
         "unknown": [(e, s) for s in seeds for e in strange],
     }
-    return [_task(group, what, first, seed) for what, seed in many[group]]
+    return [_task(group, hides, first, seed) for hides, seed in cases[group]]
 
 
-def benches(wanted: Sequence[Task]) -> list[Task]:
+def benches(tasks: Sequence[Task]) -> list[Task]:
     """Return the null cases that say the minimum detectable sizes of their motions."""
-    unique = {(t.data, t.motion) for t in wanted if t.group != "nulls"}
+    unique = {(t.data, t.motion) for t in tasks if t.group != "nulls"}
     return [
         # An arm and noise of its own, not those of a case.
         Task("bench", "", data, motion, derived_seed(motion, "bench"))
@@ -208,8 +208,12 @@ def run(job: tuple[Task, Sequence[Detectable]]) -> dict:
 def _done(task: Task, minimum: Sequence[Mapping]) -> dict:
     # Kept as plain values between two parts of the benchmark.
     minimum = [Detectable(**entry) for entry in minimum]
-    drawn, meant = _hidden(task, minimum)
-    effects = [as_form(e, task.what) for e in meant] if task.group == "forms" else meant
+    drawn, true_effects = _hidden(task, minimum)
+    effects = (
+        [as_form(e, task.hides) for e in true_effects]
+        if task.group == "forms"
+        else true_effects
+    )
     made = make(task.data, effects, task.motion, task.arm)
     begun = perf_counter()
     verdict = diagnose(made.robot, made.fit, (), made.held_out).verdict
@@ -219,9 +223,9 @@ def _done(task: Task, minimum: Sequence[Mapping]) -> dict:
         return {**about, "minimum": [asdict(d) for d in verdict.minimum_detectable]}
     truths = made.truths
     if task.group == "forms":
-        meant = _as_taken(task.what, meant, verdict)
-        truths = tuple(dict(e.parameters) for e in meant)
-    hidden = [measured(e, minimum, made.robot) for e in meant]
+        true_effects = _as_taken(task.hides, true_effects, verdict)
+        truths = tuple(dict(e.parameters) for e in true_effects)
+    hidden = [measured(e, minimum, made.robot) for e in true_effects]
     told = [(h.effect.name, h.joints) for h in hidden]
     best = None
     if task.group in _WITH_ORACLE:
@@ -235,14 +239,14 @@ def _done(task: Task, minimum: Sequence[Mapping]) -> dict:
 
 
 def _hidden(task: Task, minimum: Sequence[Detectable]) -> tuple[str, list[PlantEffect]]:
-    robot, rng = the_arm(), stream(task.arm, f"{task.group}/{task.what}")
+    robot, rng = the_arm(), stream(task.arm, f"{task.group}/{task.hides}")
     if task.group in ("bench", "nulls"):
         return NOTHING, []
     if task.group == "unknown":
-        return UNKNOWN, [draw_sized(robot, rng, task.what, None, minimum)]
+        return UNKNOWN, [draw_sized(robot, rng, task.hides, None, minimum)]
     if task.group == "pairs":
         return PAIR, _pair(rng, minimum)
-    name = FORMS[task.what][0] if task.group == "forms" else task.what
+    name = FORMS[task.hides][0] if task.group == "forms" else task.hides
     if task.group == "detection":
         return SINGLE, [draw_sized(robot, rng, name, 1.0, minimum)]
     return SINGLE, [_clear(rng, name, MULTIPLES[1:], minimum)]
@@ -277,23 +281,23 @@ def _pair(rng, minimum: Sequence[Detectable]) -> list[PlantEffect]:
     return made
 
 
-def _as_taken(form: str, meant: list[PlantEffect], verdict: Verdict) -> list:
+def _as_taken(form: str, true_effects: list[PlantEffect], verdict: Verdict) -> list:
     """Return the effect that a form was taken for, if it may be taken for it."""
     said = {e.name for e in verdict.effects}
-    name = next((n for n in FORMS[form] if n in said), meant[0].name)
-    return [PlantEffect(name, e.joints, e.parameters) for e in meant]
+    name = next((n for n in FORMS[form] if n in said), true_effects[0].name)
+    return [PlantEffect(name, e.joints, e.parameters) for e in true_effects]
 
 
-def _task(group: str, what: str, first: int, seed: int) -> Task:
+def _task(group: str, hides: str, first: int, seed: int) -> Task:
     fifth = (seed - first) % _IN_ENGINE == _IN_ENGINE - 1
-    known = kinds().get(what)
+    known = kinds().get(hides)
     engine = (known is not None and not known.on_synthetic) or (
         fifth and group in ("singles", "unknown")
     )
     # Nulls are cheap to vary: each has motions of its own.
     motion = seed if group == "nulls" else first + (seed - first) % BENCHES
     data = PYBULLET if engine else SYNTHETIC
-    return Task(group, what, data, motion, seed)
+    return Task(group, hides, data, motion, seed)
 
 
 def _quick(group: str, seed: int) -> list[Task]:
@@ -306,7 +310,8 @@ def _quick(group: str, seed: int) -> list[Task]:
         "detection": ("offset",),
     }
     return [
-        Task(group, what, "quick", seed, seed + i) for i, what in enumerate(few[group])
+        Task(group, hides, "quick", seed, seed + i)
+        for i, hides in enumerate(few[group])
     ]
 
 

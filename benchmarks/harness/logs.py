@@ -1,4 +1,4 @@
-"""Logs that several benchmarks make: synthetic arms, the physics engine, CSV files."""
+"""Logs for several benchmarks: of synthetic arms, of the physics engine, as CSV."""
 
 from dataclasses import replace
 from functools import lru_cache

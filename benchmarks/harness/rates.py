@@ -1,4 +1,4 @@
-"""Figures of rows: shares with their intervals, beside the bars that they must reach.
+"""Figures from rows: shares with intervals, and their bars.
 
 Apart from `figures`, which loads no NumPy.
 """

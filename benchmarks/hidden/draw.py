@@ -1,4 +1,4 @@
-"""What an arm hides: which effect, on which joints, and how much beside what shows."""
+"""Draw hidden effects: which, on which joints, and how large."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass

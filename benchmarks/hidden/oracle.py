@@ -1,8 +1,7 @@
-"""What one would reach who is told the missing effects: the measure of a diagnosis.
+"""Fit the true effects with their values free: the reference for a diagnosis.
 
-The same logs, model, prior and fit as the examined, but nothing is searched: the names
-and joints are given, their values are fitted. A diagnosis that predicts as well has
-lost nothing by having to find them.
+Logs, model, prior and fit are those of the diagnosis, but effects and joints are given
+instead of searched. A diagnosis that predicts as well has lost nothing by the search.
 """
 
 from collections.abc import Sequence

@@ -1,4 +1,4 @@
-"""What a verdict is worth beside the truth, as one row; and what is taken for what."""
+"""Compare a verdict with the truth of a case, as one row."""
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
@@ -35,7 +35,7 @@ class Name:
 
 
 @dataclass(frozen=True, slots=True)
-class Said:
+class Claim:
     """One name that a verdict says, at one place."""
 
     name: Name  # effect and joints
@@ -52,13 +52,13 @@ class Score:
 
     outcome: str  # ``RIGHT`` to ``FLAGGED``
     first: Name | None  # what was named first, None for nothing
-    found: int  # how many of the drawn effects are named, by name or by class
+    count: int  # how many of the drawn effects are named, by name or by class
     extra: int  # how many names are none of them and no part of them, in all
     # Whether the first name, or where there is none the flag, is on a joint of what was
     # drawn; None where nothing was drawn or nothing said.
     joint_right: bool | None
     # What was said of each drawn effect by its very name; None otherwise.
-    hits: tuple[Said | None, ...]
+    hits: tuple[Claim | None, ...]
 
 
 def score(drawn: str, truths: Sequence[Name], verdict: Verdict) -> Score:
@@ -74,19 +74,19 @@ def score(drawn: str, truths: Sequence[Name], verdict: Verdict) -> Score:
     # One finding may be on several joints, and their order says nothing.
     first = [s for s in claims if s.finding is claims[0].finding]
     right = [s for s in first if all(s is not f for f in free)]
-    found = sum(h is not None for h in (*hits, *classes))
-    state = (found == len(hits), any(c is not None for c in classes))
+    count = sum(h is not None for h in (*hits, *classes))
+    state = (count == len(hits), any(c is not None for c in classes))
     return Score(
         outcome=_outcome(drawn, bool(claims), bool(right), state, bool(flagged)),
         first=(right or first)[0].name if first else None,
-        found=found,
+        count=count,
         extra=sum(s.name not in _parts(truths, hits) for s in free),
         joint_right=_joint_right(truths, [s.name for s in first], flagged),
         hits=hits,
     )
 
 
-def _parts(truths: Sequence[Name], hits: Sequence[Said | None]) -> set[Name]:
+def _parts(truths: Sequence[Name], hits: Sequence[Claim | None]) -> set[Name]:
     """Return the names that are true beside those of what was found by its own."""
     return {
         Name(part, truth.joints)
@@ -96,27 +96,27 @@ def _parts(truths: Sequence[Name], hits: Sequence[Said | None]) -> set[Name]:
     }
 
 
-def members(verdict: Verdict) -> list[Said]:
+def members(verdict: Verdict) -> list[Claim]:
     """Return what a verdict says, one entry per place, most important first.
 
     A finding of one effect on several joints is so many names; that of a pair of
     joints that share gearing is one.
     """
     out = []
-    for found in verdict.effects:
-        alike = [Name.of(e) for e in found.equivalent]
+    for finding in verdict.effects:
+        alike = [Name.of(e) for e in finding.equivalent]
         # With a value per joint it is one thing on each.
-        one_each = any(isinstance(p.value, tuple) for p in found.parameters.values())
-        if len(found.joints) < 2 or not one_each:
-            out.append(Said(Name.of(found), tuple(alike), found))
+        one_each = any(isinstance(p.value, tuple) for p in finding.parameters.values())
+        if len(finding.joints) < 2 or not one_each:
+            out.append(Claim(Name.of(finding), tuple(alike), finding))
             continue
-        for place, joint in enumerate(found.joints):
+        for place, joint in enumerate(finding.joints):
             near = tuple(Name(a.effect, (joint,)) for a in alike if joint in a.joints)
-            out.append(Said(Name(found.name, (joint,)), near, found, place))
+            out.append(Claim(Name(finding.name, (joint,)), near, finding, place))
     return out
 
 
-def matched(truths: Sequence[Name], claims: Sequence[Said]) -> tuple:
+def matched(truths: Sequence[Name], claims: Sequence[Claim]) -> tuple:
     """Give every truth a name of its own: the same first, then one of its class.
 
     Returns:
@@ -124,11 +124,11 @@ def matched(truths: Sequence[Name], claims: Sequence[Said]) -> tuple:
         that are no truth's.
     """
     free = list(claims)
-    hits: list[Said | None] = []
+    hits: list[Claim | None] = []
     for truth in truths:
         hits.append(next((s for s in free if s.name == truth), None))
         free = [s for s in free if s is not hits[-1]]
-    classes: list[Said | None] = []
+    classes: list[Claim | None] = []
     for truth, hit in zip(truths, hits, strict=True):
         near = next((s for s in free if truth in s.alike), None)
         classes.append(near if hit is None else None)
@@ -136,7 +136,7 @@ def matched(truths: Sequence[Name], claims: Sequence[Said]) -> tuple:
     return tuple(hits), tuple(classes), free
 
 
-def paired(truths: Sequence, said: Sequence, fits: Callable) -> dict[int, int]:
+def paired(truths: Sequence, claims: Sequence, fits: Callable) -> dict[int, int]:
     """Return the number of a name for as many truths as can have one, by theirs.
 
     Augmenting paths (Kuhn 1955): a name gives way to another if it has a second choice.
@@ -145,14 +145,14 @@ def paired(truths: Sequence, said: Sequence, fits: Callable) -> dict[int, int]:
 
     def place(name: int, tried: set[int]) -> bool:
         for i, truth in enumerate(truths):
-            if i not in tried and fits(truth, said[name]):
+            if i not in tried and fits(truth, claims[name]):
                 tried.add(i)
                 if i not in owner or place(owner[i], tried):
                     owner[i] = name
                     return True
         return False
 
-    for name in range(len(said)):
+    for name in range(len(claims)):
         place(name, set())
     return owner
 
@@ -219,7 +219,7 @@ def case_row(
         "named_joints": first and list(first.joints),
         "named": len(members(verdict)),
         "outcome": judged.outcome,
-        "found": judged.found,
+        "found": judged.count,
         "extra": judged.extra,
         "joint_right": judged.joint_right,
         "unexplained": list(verdict.unexplained.joints),
@@ -235,11 +235,11 @@ def case_row(
     return row | (told[0] if drawn == SINGLE else estimate(None, {}))
 
 
-def estimate(said: Said | None, true: Mapping[str, float]) -> dict:
+def estimate(claim: Claim | None, true: Mapping[str, float]) -> dict:
     """Return the main parameter of what was rightly named, beside its truth."""
-    key = main_parameter(said.name.effect, true) if said else None
-    known = said.finding.parameters.get(key) if said else None
-    value, std = (None, None) if known is None else known.pairs[said.place or 0]
+    key = main_parameter(claim.name.effect, true) if claim else None
+    known = claim.finding.parameters.get(key) if claim else None
+    value, std = (None, None) if known is None else known.pairs[claim.place or 0]
     if value is None or std is None:
         return dict.fromkeys(("parameter", "value", "std", "truth", "z"))
     truth = float(true[str(key)])

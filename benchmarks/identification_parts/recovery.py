@@ -59,7 +59,7 @@ def _log(family: str, number: int, seed: int, noise: float) -> Recording:
 def recovery_figures(quick: bool) -> Figures:
     """Identify arms whose parameters are 10 % off, and compare with what they are."""
     seeds = 2 if quick else 20
-    rows = [_one(seed) for seed in range(1, seeds + 1)]
+    rows = [_identified(seed) for seed in range(1, seeds + 1)]
     of = {key: [row[key] for row in rows] for key in rows[0]}
     median = {key: float(np.median(values)) for key, values in of.items()}
     ratio = [c / f for c, f in zip(of["consistent"], of["free"], strict=True)]
@@ -92,39 +92,39 @@ def recovery_figures(quick: bool) -> Figures:
     }
 
 
-def _one(seed: int) -> dict[str, float]:
+def _identified(seed: int) -> dict[str, float]:
     fit, held_out = plant_logs(seed)
-    found = identify(ROBOT, fit)
+    result = identify(ROBOT, fit)
     robust = identify(ROBOT, fit, options=Options("irls"))
-    bodies = consistent(found)
-    truth = true_coefficients(found.nominal, seed)
-    theta = found.base.mapping @ truth
-    fitted = found.estimate.sd > 0
-    z = (found.estimate.theta - theta)[fitted] / found.estimate.sd[fitted]
-    size = len(found.nominal.inertial)
+    bodies = consistent(result)
+    truth = true_coefficients(result.nominal, seed)
+    theta = result.base.mapping @ truth
+    fitted = result.estimate.sd > 0
+    z = (result.estimate.theta - theta)[fitted] / result.estimate.sd[fitted]
+    size = len(result.nominal.inertial)
     friction = [
         i
-        for i, c in enumerate(found.base.columns)
+        for i, c in enumerate(result.base.columns)
         if c >= size and c < size + 2 * ROBOT.dof
     ]
-    share = found.estimate.theta[friction] / theta[friction] - 1
-    models = {"nominal": found.nominal, "free": found.model}
+    share = result.estimate.theta[friction] / theta[friction] - 1
+    models = {"nominal": result.nominal, "free": result.model}
     models |= {"irls": robust.model, "consistent": bodies.model}
     errors = torque_errors(models, held_out)
     return {
         **{name: errors[name].overall("filtered") for name in models},
-        "recovered": _recovered(found, truth, held_out),
+        "recovered": _recovered(result, truth, held_out),
         "z": float(np.sqrt(np.mean(z**2))),
         "friction": float(100 * np.sqrt(np.mean(share**2))),
-        "condition": found.estimate.condition,
+        "condition": result.estimate.condition,
         "least": bodies.least_mass_matrix,
     }
 
 
-def _recovered(found: Identification, truth: np.ndarray, held_out: list) -> float:
+def _recovered(result: Identification, truth: np.ndarray, held_out: list) -> float:
     """Torque by which the model is off the truth, over that of the nominal model."""
-    true, misses = found.nominal.with_coefficients(truth), []
-    for model in (found.model, found.nominal):
+    true, misses = result.nominal.with_coefficients(truth), []
+    for model in (result.model, result.nominal):
         tracks, _ = prepare(held_out, model.filters, model.speed_floor)
         gaps = [model.torque_on(t) - true.torque_on(t) for t in tracks]
         misses.append(float(np.linalg.norm(np.concatenate(gaps))))

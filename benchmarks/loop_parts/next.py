@@ -1,13 +1,10 @@
-"""Does one designed experiment settle what a first verdict left open, and how soon?
+"""Design one experiment after an open verdict, run it, and diagnose all logs.
 
-An arm in the physics engine hides one effect. Its first log is short and moves little;
-arms whose verdict names a class of which some motion can part some are cases. The
-designed motion is run on the arm and all logs are diagnosed together.
-
-A random and a D-optimal Fourier motion within the same limits are run on the same arm:
-as they are planned by default, and with periods of 5 s. The log Bayes factor that each
-log did bring between the truth and the rival that is nearest to it is followed along
-it, that of the first log included. At its end it is held against what was promised.
+An arm in the physics engine hides one effect; its first log is short and moves little.
+Cases are arms whose verdict names a class that some motion can separate. A random and a
+D-optimal Fourier motion within the same limits are run on the same arm. Along each log
+the log Bayes factor between the truth and its nearest rival is computed, the first log
+included, and compared at the end with what the design promised.
 """
 
 from collections.abc import Mapping, Sequence
@@ -114,7 +111,6 @@ class Case:
     effect: PlantEffect
     logs: tuple[Recording, Recording]  # first and held out
     search: Search
-    found: Diagnosis
 
 
 def summary(row: Mapping) -> str:
@@ -138,13 +134,13 @@ def _row(seed: int) -> dict:
         case.effect.name,
         tuple(reported_joints(case.effect.name, case.effect.joints, _robot().dof)),
     )
-    made = rank_motions(case.search.question, _robot(), SECONDS, seed)
-    assert made is not None
-    logs = {k: _log(case.plant, m, _LATER) for k, m in _motions(made, seed).items()}
+    ranking = rank_motions(case.search.question, _robot(), SECONDS, seed)
+    assert ranking is not None
+    logs = {k: _log(case.plant, m, _LATER) for k, m in _motions(ranking, seed).items()}
     after = diagnose(_robot(), (case.logs[0], logs[DESIGNED]), held_out=case.logs[1:])
     leads = {name: _leads(case.search, truth, log) for name, log in logs.items()}
     seconds = {name: _seconds(lead) for name, lead in leads.items()}
-    ours, best = leads[DESIGNED], made.best
+    ours, best = leads[DESIGNED], ranking.best
     edge = case.search.question.signals.edge
     return {
         "seed": seed,
@@ -165,10 +161,10 @@ def _row(seed: int) -> dict:
     }
 
 
-def _motions(made: Ranking, seed: int) -> dict[str, TrajectorySpec]:
+def _motions(ranking: Ranking, seed: int) -> dict[str, TrajectorySpec]:
     chance, best = stream(seed, "random"), derived_seed(seed, "d")
     return {
-        DESIGNED: made.best.spec,
+        DESIGNED: ranking.best.spec,
         RANDOM: _fourier(chance, SECONDS, 1.0),
         D_OPTIMAL: TrajectorySpec("fourier", SECONDS, 2, best),
     }
@@ -197,17 +193,17 @@ def _drawn(seed: int) -> Case | None:
         plant = PlantSpec(effects=(effect,), seed=derived_seed(seed, f"plant/{number}"))
         specs = [_fourier(rng, FIRST, POOR) for _ in range(2)]
         logs = tuple(_log(plant, s, 30.0 * i) for i, s in enumerate(specs))
-        found = diagnose(robot, logs[:1], held_out=logs[1:])
-        question = found.question
-        if found.effects and question.contests and promised(question):
+        first = diagnose(robot, logs[:1], held_out=logs[1:])
+        question = first.question
+        if first.effects and question.contests and promised(question):
             search = Search(question, structural_twins(question))
-            return Case(plant, effect, logs, search, found)
+            return Case(plant, effect, logs, search)
     return None
 
 
 def _settled(after: Diagnosis, truth: Place, search: Search) -> bool:
     """Whether the truth is named, beside nothing that some motion can tell from it."""
-    known = {truth, *_same(search, truth)}
+    known = {truth, *_twins(search, truth)}
     classes = [
         {Place(f.name, f.joints), *f.equivalent}
         for f in after.effects
@@ -216,7 +212,7 @@ def _settled(after: Diagnosis, truth: Place, search: Search) -> bool:
     return any(one <= known for one in classes)
 
 
-def _same(search: Search, truth: Place) -> set[Place]:
+def _twins(search: Search, truth: Place) -> set[Place]:
     """Rivals that no motion tells from the truth."""
     contests, out = search.question.contests, set()
     for c, a, b in search.twins:
@@ -302,7 +298,7 @@ def _pairs(search: Search, truth: Place) -> list[Pair]:
 
     Those that the first log has told apart already are left out.
     """
-    names = {truth, *_same(search, truth)}
+    names = {truth, *_twins(search, truth)}
     return [
         (c, a, b)
         for c, contest in enumerate(search.question.contests)

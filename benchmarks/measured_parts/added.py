@@ -139,8 +139,8 @@ def _sized(
     states = [sizes.state(log, body) for log in fit]
 
     def size_at(factor: float) -> float | None:
-        many = _times(values, factor)
-        pairs = [(_added(at, effect, joint, many), at.log) for at in states]
+        scaled = _times(values, factor)
+        pairs = [(_added(at, effect, joint, scaled), at.log) for at in states]
         return size_of([shares(body.rigid, *pair) for pair in pairs], (joint,))
 
     return solved(size_at, target)
@@ -192,11 +192,11 @@ def summary(row: Mapping) -> str:
     return f"{row['truth']} -> {names}; peer {[x[:2] for x in row['peer']]}"
 
 
-def _names(found: Iterable[Finding]) -> list[list]:
+def _names(findings: Iterable[Finding]) -> list[list]:
     """Name and joint of each member, with what cannot be told from it there."""
     return [
         [e.name, joint, [a.name for a in e.equivalent if joint in (*a.joints, 0)]]
-        for e in found
+        for e in findings
         for joint in (e.joints or (0,))
     ]
 
@@ -207,23 +207,23 @@ def figures(rows: Sequence[Mapping]) -> Figures:
     for target, bar in zip(SIZES, BARS, strict=True):
         size = f"{100 * target:g}"
         own = [row for row in rows if row["truth"] and row["target"] == target]
-        judged = _judged(own, rows, ("named", "suspected"))
+        judged = _new_names(own, rows, ("named", "suspected"))
         first, others = (float(x) for x in judged.mean(axis=0))
         n, ok = len(judged), first >= bar
         out[f"added_{size}_first"] = figure(first, bar, n, ok=ok, at_least=True)
-        some = [any(_is(x, r["truth"]) for x in r["suspected"]) for r in own]
+        some = [any(_is_truth(x, r["truth"]) for x in r["suspected"]) for r in own]
         out[f"added_{size}_suspected"] = figure(
             float(np.mean(some)), None, len(own), why=NO_BAR
         )
         out[f"added_{size}_another"] = figure(others, ANOTHER, n)
-        peer = _judged(own, rows, ("peer",))
+        peer = _new_names(own, rows, ("peer",))
         for what, value in zip(("first", "another"), peer.mean(axis=0), strict=True):
             entry = figure(float(value), None, len(peer), why="greedy selection")
             out[f"added_{size}_{what}_of_peer"] = entry
     return out
 
 
-def _judged(
+def _new_names(
     own: Sequence[Mapping], rows: Sequence[Mapping], keys: Sequence[str]
 ) -> Array:
     """Whether the added effect is first among the new names, and another is new.
@@ -244,11 +244,11 @@ def _judged(
         if tuple(row["truth"]) in known:
             continue
         new = [x for x in row[keys[0]] if tuple(x[:2]) not in known]
-        right = [_is(x, row["truth"]) for x in new]
+        right = [_is_truth(x, row["truth"]) for x in new]
         out.append((bool(right and right[0]), not all(right)))
     return np.array(out, dtype=float)
 
 
-def _is(said: Sequence, truth: Sequence) -> bool:
+def _is_truth(said: Sequence, truth: Sequence) -> bool:
     name, joint, alike = said
     return joint == truth[1] and truth[0] in (name, *alike)

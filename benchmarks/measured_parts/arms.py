@@ -1,12 +1,11 @@
-"""Logs of real arms, split into fit and held out, and plain least squares on them.
+"""Logs of real arms, split into fit and held out, and two peers on them.
 
-The peer is the usual complete robot model:
+Plain least squares is the usual complete robot model,
 
     tau = Y theta + Jr qdd + Fv qd + Fc sign(qd) + offset
 
-full inertial regressor of all links and four parameters per joint. Filter, edges and
-error are those of the diagnosis; no mask, no prior and no knowledge of the robot but
-its kinematics.
+with the full inertial regressor and four parameters per joint; it needs the kinematics
+only. PLSR is the paper's. Filter, edges and error are those of the diagnosis.
 """
 
 import json

@@ -1,9 +1,8 @@
 """A peer that names effects: greedy forward selection by left-out blocks.
 
-All inertial parameters, rotor, viscous and Coulomb friction and a constant of every
-joint are least squares with a small ridge. Then named columns enter one after another,
-as long as the best of them lowers the error of left-out blocks on its joint by a share
-``GAIN`` and does so in most blocks. It knows no prior, no noise and no class.
+Inertial parameters, rotors, viscous and Coulomb friction and constants are least
+squares with a small ridge. Named columns enter one by one while the best of them lowers
+the error of left-out blocks on its joint by a share ``GAIN``, and in most blocks.
 """
 
 from collections.abc import Iterator, Sequence

@@ -1,10 +1,8 @@
-"""Cases that each program answers, and whether it is so.
+"""Cases that each program answers: one hidden effect, two, none, or one without a name.
 
-An arm hides one effect, two, nothing, or something that has no name. A program is given
-logs to fit, logs whose torque it may predict, and two of the same arm without one of
-its effects. All cases of a seed are of one arm's description and have the same motions.
-Ours is `modelgap diagnose` of the fit logs; the last quarter of the longest is its
-proof, as always where no log is held out.
+A program gets logs to fit, logs whose torque it predicts, and two logs of the same arm
+without one of its effects. All cases of a seed have one robot file and the same
+motions. Ours is `modelgap diagnose` of the fit logs, with the default held-out part.
 """
 
 from collections.abc import Callable, Mapping, Sequence
@@ -133,7 +131,7 @@ def _answered(program: str, case: Case, truth: judge.Truth) -> dict:
     seconds = round(perf_counter() - start, 2)
     return {
         "seconds": seconds,
-        **judge.judged(truth, found),
+        **judge.compare(truth, found),
         "hidden": list(map(str, truth.effects)),
         "said": [list(map(str, names)) for names in found.findings],
     }

@@ -46,7 +46,7 @@ def class_of(name: str) -> str:
     return JOINT if drive else OTHER
 
 
-def _meets(one: Name, other: Name) -> bool:
+def _is_same_class(one: Name, other: Name) -> bool:
     """Whether two names of classes may be the same: of one class, on a common joint."""
     apart = one.joints and other.joints and not set(one.joints) & set(other.joints)
     return one.effect == other.effect and not apart
@@ -59,7 +59,7 @@ def _classed(name: Name) -> Name:
 LEVELS = ("name", "class")
 
 
-def judged(true: Truth, answer: Answer) -> dict:
+def compare(true: Truth, answer: Answer) -> dict:
     """Return what an answer is worth on one case, at both levels."""
     flag, where = bool(answer.unknown), answer.unknown
     where = tuple(where) if isinstance(where, list) else ()
@@ -68,10 +68,10 @@ def judged(true: Truth, answer: Answer) -> dict:
     classes = tuple(dict.fromkeys(map(_classed, there)))
     said = tuple(dict.fromkeys(_classed(names[0]) for names in answer.findings))
     by_name = paired(there, answer.findings, lambda truth, names: truth in names)
-    by_class = paired(classes, said, _meets)
+    by_class = paired(classes, said, _is_same_class)
     missing = [t for i, t in enumerate(classes) if i not in by_class]
     if flag:
-        missing = [t for t in missing if not _meets(t, Name(OTHER, where))]
+        missing = [t for t in missing if not _is_same_class(t, Name(OTHER, where))]
     exact = {
         "name": len(by_name) == len(there) == len(answer.findings),
         "class": not missing and len(by_class) == len(said),
@@ -109,7 +109,7 @@ def _stands_for(truth: Name, answer: Answer) -> int | None:
     for fits in (
         lambda names: truth == names[0],
         lambda names: truth in names,
-        lambda names: _meets(_classed(truth), _classed(names[0])),
+        lambda names: _is_same_class(_classed(truth), _classed(names[0])),
     ):
         for number, names in enumerate(answer.findings, start=1):
             if fits(names):

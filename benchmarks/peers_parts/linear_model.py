@@ -1,9 +1,8 @@
-"""What a program is given of a case, and what it answers.
+"""What a program gets and returns for a case, and the linear model of two peers.
 
-Least squares and sparse selection share torque as a linear model of bodies and drives.
-Angles are low-passed without phase and differentiated; torque and columns then pass the
-same filter and are thinned out, as is usual (Gautier 1997). Rows of a joint that hardly
-moves are left out, since friction there is any torque that holds.
+Angles are low-passed without phase and differentiated; torque and columns pass the same
+filter and are thinned out (Gautier 1997). Rows of a joint that hardly moves are left
+out, since dry friction there is not determined.
 """
 
 import json

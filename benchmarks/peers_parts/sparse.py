@@ -1,12 +1,11 @@
-"""A sparse selection after SAPC, from its description; not the program itself.
+"""A sparse selection written from the description of SAPC; it is not that program.
 
 "Fidelity Is Not Identification" (Kyung Hee University 2026) takes the residual against
-an uncorrected simulator and selects forward, a bounded number of groups (links, joints
-with friction and rotor, contact), by cross-validation over trajectories, where no
-correction is a candidate too. What follows is our reading of that: how a group is
-fitted, and by how much it must lower the error, is ours. So is one rule that arms need
-which are nowhere quite as stated: a correction that makes less torque than three times
-what the stated scatter of everything would make of it is none.
+an uncorrected simulator and selects a bounded number of groups (links, joints with
+friction and rotor, contact) forward, by cross-validation over trajectories; no
+correction is a candidate too. Our own choices: how a group is fitted, by how much it
+must lower the error, and that a correction must make three times the torque that the
+stated scatter of all parameters would make of it.
 """
 
 from collections.abc import Sequence

@@ -1,8 +1,8 @@
-"""Plain least squares: all that a rigid body with simple drives has, fitted freely.
+"""Plain least squares of all bodies and simple drives.
 
 Base parameters from the last body to the first, weighted by the noise of each joint. A
-body, a friction or a rotor is named where it is off by more than chance (3 sigma, for
-its number of parameters) and more than the scatter that the study states.
+body, a friction or a rotor is named if it is off by more than chance (3 sigma for its
+number of parameters) and by more than the scatter that every program knows.
 """
 
 from collections.abc import Mapping, Sequence

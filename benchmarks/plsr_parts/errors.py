@@ -1,10 +1,8 @@
-"""Errors: of the paper's table 1 on a frozen set, and of measured arms.
+"""Errors of PLSR: the paper's table 1 on a simulated set, and measured arms.
 
-The frozen set: IRB 140 whose gears stick (Fs = 1.5 Fc, 0.05 rad/s), pull harder one way
-(10 % of Fc) and under load (5 %), torque noise 1 % of range; six runs of 20 s, two
-periods each. The twin knows rigid body and rotors alone, or friction as well.
-
-Measured: unseen runs and unseen blocks of real arms.
+The set: IRB 140 with stiction (Fs = 1.5 Fc, 0.05 rad/s), direction-dependent friction
+(10 % of Fc) and load friction (5 %), torque noise of 1 % of the range; six runs of
+20 s, two periods each. The twin has rigid body and rotors alone, or friction as well.
 """
 
 from dataclasses import replace
@@ -101,7 +99,7 @@ def _plant(robot: Robot) -> PlantSpec:
     return PlantSpec(tuple(effects), scatter=0.0, noise=Noise(torque=0.01), seed=_SEED)
 
 
-def _frozen_figures(made: Calibration) -> Figures:
+def _frozen_figures(calibration: Calibration) -> Figures:
     """The paper's table 1, and what it does not show."""
     pairs = {
         "paper_form_over_ls_random": (RANDOM, PAPER_FORM, True),
@@ -110,7 +108,10 @@ def _frozen_figures(made: Calibration) -> Figures:
     }
     out = {}
     for name, (scheme, model, at_most) in pairs.items():
-        one, ls = find(made.scores, scheme, model), find(made.scores, scheme, LS)
+        one, ls = (
+            find(calibration.scores, scheme, model),
+            find(calibration.scores, scheme, LS),
+        )
         ratios = one.rmsev / ls.rmsev
         told = {"ratios": rounded(ratios), "percent": rounded(one.rmsev)}
         told |= {"ls_percent": rounded(ls.rmsev), "components": one.components}
@@ -148,34 +149,36 @@ def measured_figures(quick: bool) -> Figures:
         robot = load_robot(folder / arm / f"{arm}.urdf")
         paths = sorted((folder / arm).glob("*.csv"))
         logs = [read_log(str(p), robot)[0] for p in paths if _LOADED not in p.stem]
-        made = calibrate(robot, [Run(log) for log in logs], Settings(views=False))
-        out[f"{arm}_default_over_none"] = over_none(made)
-        out[f"{arm}_default_over_best"] = over_best(made)
+        calibration = calibrate(
+            robot, [Run(log) for log in logs], Settings(views=False)
+        )
+        out[f"{arm}_default_over_none"] = over_none(calibration)
+        out[f"{arm}_default_over_best"] = over_best(calibration)
     return out
 
 
-def over_none(made: Calibration) -> dict:
+def over_none(calibration: Calibration) -> dict:
     """Compare the default form with no compensation, worst joint on unseen runs."""
-    one, none = (find(made.scores, RUN, model) for model in (DEFAULT, NOTHING))
+    one, none = (find(calibration.scores, RUN, model) for model in (DEFAULT, NOTHING))
     ratios = one.rmsev / none.rmsev
     return figure(
         float(ratios.max()),
         NOT_WORSE,
         len(ratios),
         ratios=rounded(ratios),
-        options=[o.kind for o in made.chosen],
+        options=[o.kind for o in calibration.chosen],
     )
 
 
-def over_best(made: Calibration) -> dict:
+def over_best(calibration: Calibration) -> dict:
     """Compare the default form with the best of none, LS and PLSR, worst scheme.
 
     All joints together; PLSR with the number of components that does best there.
     """
     ratios = {}
-    for scheme in dict.fromkeys(one.scheme for one in made.scores):
+    for scheme in dict.fromkeys(one.scheme for one in calibration.scores):
         ours, *others = (
-            find(made.scores, scheme, model).overall
+            find(calibration.scores, scheme, model).overall
             for model in (DEFAULT, NOTHING, LS, PLSR)
         )
         ratios[scheme] = round(ours / min(others), 4)

@@ -87,11 +87,11 @@ def _against_ikpls(times: int) -> Figures:
     model = fit_nominal_pls(X, Y, _FORM)
     columns = dense_columns(model, X)
     peer = PLS(scale_X=False, scale_Y=False)
-    theirs = seconds(lambda: peer.fit(columns, Y, _FORM.components), times)
+    peer_time = seconds(lambda: peer.fit(columns, Y, _FORM.components), times)
     gap = _gap(model, np.asarray(peer.B)[-1])
     return {
         "fit_times_faster_than_ikpls_4000": _at_least(
-            theirs / ours, _IKPLS, times, ours=ours, peer=theirs
+            peer_time / ours, _IKPLS, times, ours=ours, peer=peer_time
         ),
         "coefficients_against_ikpls": figure(gap, _EQUAL, 1, rows=4000),
     }
@@ -105,13 +105,13 @@ def _against_sklearn() -> Figures:
     columns = dense_columns(fit_nominal_pls(X, Y, _FORM), X)
     # Its default tolerance: the one that would give our digits takes even longer.
     peer = PLSRegression(_FORM.components, scale=False)
-    theirs = seconds(lambda: peer.fit(columns, Y))
+    peer_time = seconds(lambda: peer.fit(columns, Y))
     name = "fit_times_faster_than_sklearn_1000"
-    return {name: _at_least(theirs / ours, _SKLEARN, 1, ours=ours, peer=theirs)}
+    return {name: _at_least(peer_time / ours, _SKLEARN, 1, ours=ours, peer=peer_time)}
 
 
-def _gap(model: NominalPls, theirs: np.ndarray) -> float:
-    return float(np.abs(model.coefficients() - theirs).max() / np.abs(theirs).max())
+def _gap(model: NominalPls, peer: np.ndarray) -> float:
+    return float(np.abs(model.coefficients() - peer).max() / np.abs(peer).max())
 
 
 def _at_least(value: float, bar: float, n: int, **extra: object) -> dict:

@@ -1,1 +1,1 @@
-"""Logs of arms whose motion is given and whose torque follows: cheap, many."""
+"""Synthetic arms: a given motion, and its torque without a simulation in time."""

@@ -1,10 +1,10 @@
-"""Write small cases as files: what an engineer would export.
+"""Write small cases as files, as an engineer would export them.
 
 python -m benchmarks.synthetic.examples hidden FOLDER SEED EFFECT
-    the built-in arm, in SI units, and the sealed truth beside it
+    the built-in arm in SI units, with the truth in a file
 python -m benchmarks.synthetic.examples workshop FOLDER SEED EFFECT JOINT KEY=VALUE...
-    the arm in FOLDER/arm, with an effect that neither URDF nor robot.toml has, as a
-    workshop writes logs: ms, degrees, motor torque, a joint backwards
+    the arm in FOLDER/arm, with an effect that its files do not have, in the units of a
+    workshop: ms, degrees, motor torque, one joint reversed
 """
 
 import json

@@ -1,8 +1,4 @@
-"""The same physics in other words: laws that no textbook of the diagnosis has.
-
-Each is one of the named effects as another author writes it down. Whoever names the
-effect behind it is right, whatever the exact form.
-"""
+"""Named effects as other authors write them, in forms that the diagnosis lacks."""
 
 import numpy as np
 from numba import njit

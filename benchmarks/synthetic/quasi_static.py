@@ -1,7 +1,7 @@
-"""The synthetic arm: a motion in, its true torque out, part by part.
+"""The synthetic arm: the torque that a given motion takes, part by part.
 
-There is no controller and no simulation over time, so that many logs cost little. The
-formulas of the hidden effects are deliberately not those of the diagnosis.
+There is no controller and no simulation in time, so that logs cost little. The formulas
+of the hidden effects are deliberately not those of the diagnosis.
 """
 
 from collections.abc import Sequence

@@ -62,7 +62,7 @@ class Stage:
     start: float  # session time of the first one [s]
     moves: Array  # where each joint moves, standstill well away, (n, dof)
     torque: Array  # torque of the arm as described, smooth [N m], (n, dof)
-    rest: Array  # the same less what the rigid body takes [N m], (n, dof)
+    residual: Array  # the same less what the rigid body takes [N m], (n, dof)
 
     @classmethod
     def of(cls, robot: Robot, reference: Reference, start: float = 0.0) -> Self:
@@ -106,7 +106,7 @@ def share(robot: Robot, effect: PlantEffect, stages: Sequence[Stage]) -> float:
     own, total = np.zeros((2, robot.dof))
     for stage in stages:
         rest = _torques(plant, stage.motion, stage.start)[1]
-        own += np.square((rest - stage.rest) * stage.moves).sum(axis=0)
+        own += np.square((rest - stage.residual) * stage.moves).sum(axis=0)
         total += np.square(stage.torque * stage.moves).sum(axis=0)
     rows = np.mean([stage.moves.mean(axis=0) for stage in stages], axis=0)
     shares = np.sqrt(own / np.maximum(total, 1e-30)) * (rows >= _FEWEST)

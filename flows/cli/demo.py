@@ -9,14 +9,14 @@ from rich.console import Console
 from flows.cli.app import SEEDS, check_between
 from flows.outputs import progress_bar, say
 from flows.report.diagnosis import print_diagnosis, print_truth
-from flows.report.stored import as_hidden, demo_page
-from flows.report.words.phrases import Staged
+from flows.report.stored import demo_page, hidden_effects
+from flows.report.words.phrases import Demonstration
 from flows.requests import Flag
 from flows.settings import store_folder
 from flows.steps import demo as steps
 from flows.steps.diagnose import diagnose_runs, request_of
 from flows.storage.diagnosis import read_outcome
-from warehouse.remote import shown
+from warehouse.remote import store_name
 
 # As it was once called; a demonstration is always plain now.
 Plain = Annotated[Flag, Parameter(show=False)]
@@ -42,7 +42,7 @@ def demo(*, request: steps.Demo = _DEFAULT, plain: Plain = False) -> None:
     # Before anything is started, so that a wrong word is answered at once.
     count = len(steps.specs(request))
     arm = f"the simulated {steps.ROBOT}, background {request.background}"
-    say(console, f"{count} experiments on {arm}, into {shown(place)}")
+    say(console, f"{count} experiments on {arm}, into {store_name(place)}")
     with progress_bar() as progress:
         runs = steps.run_experiments(request, progress)
         ids = diagnose_runs(request_of(runs, place), progress)
@@ -50,5 +50,7 @@ def demo(*, request: steps.Demo = _DEFAULT, plain: Plain = False) -> None:
         page = demo_page(ids, runs["fit"][0], hidden, place)
     outcome = read_outcome(place, ids[1])
     print_diagnosis(outcome, console)
-    print_truth(Staged(b"", "", as_hidden(hidden), outcome.verdict), console)
+    print_truth(
+        Demonstration(b"", "", hidden_effects(hidden), outcome.verdict), console
+    )
     say(console, f"\nreport: {page}")

@@ -51,7 +51,7 @@ def diagnose(
     """
     from flows.inputs.read import chosen, load_for
     from flows.report.diagnosis import print_diagnosis, render
-    from flows.report.page import of_request
+    from flows.report.page import origin_of_request
     from flows.steps import diagnose as steps
     from flows.steps.models import choose_for
     from residual.model.record import to_text
@@ -74,7 +74,7 @@ def diagnose(
     out.say(*result.notes[len(read.lines) :])
 
     def page() -> str:
-        origin = of_request(request, str(report))
+        origin = origin_of_request(request, str(report))
         return render(result, result.verdict.robot, origin=origin)
 
     out.write(

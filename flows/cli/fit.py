@@ -6,7 +6,7 @@ from pathlib import Path
 from flows.cli.app import Outputs
 from flows.inputs.read import chosen, load_for
 from flows.outputs import check_new_folder, in_folder, progress_bar, read_files
-from flows.report.console import show, wide
+from flows.report.console import show, wide_console
 from flows.report.models import identification as identified
 from flows.report.words.calibration import sentences
 from flows.requests import (
@@ -68,7 +68,7 @@ def identify(
     if export is not None:
         about = f"identified from {' '.join(outcome.fit)}"
         files = in_folder(export, robot_files(outcome.best, about))
-    show(wide(out.console), *identified(outcome))
+    show(wide_console(out.console), *identified(outcome))
     out.write(document=lambda: identification_document(outcome), more=files)
     out.finish(*([f"stored as a model: modelgap show {kept}"] if kept else []))
 
@@ -100,7 +100,7 @@ def calibrate(
         json: File for all figures as JSON; "-" prints it alone.
         export: New folder for the tables, their model, and evaluators in NumPy and C.
     """
-    from flows.report.calibration import render, told
+    from flows.report.calibration import render, terminal_parts
 
     request = chosen(request, logs, where)
     inputs = read_files((*request.logs, request.robot), request.columns)
@@ -123,7 +123,7 @@ def calibrate(
         ),
         in_folder(export, calibration_files(result)) if export is not None else {},
     )
-    show(wide(out.console), *told(done))
+    show(wide_console(out.console), *terminal_parts(done))
     if done.stored:
         model, validation = done.stored["model"], done.stored["validation"]
         out.say(f"stored: model {model}, validation {validation}")

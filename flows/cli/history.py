@@ -6,7 +6,7 @@ from typing import Literal
 
 from rich.console import Console
 
-from flows.report.console import show, wide
+from flows.report.console import show, wide_console
 from flows.report.records import (
     as_record,
     comparison,
@@ -19,7 +19,7 @@ from flows.settings import store_folder
 from flows.steps import diff as steps
 from flows.steps import rerun as reruns
 from residual.errors import RunError
-from warehouse.query.lineage import tree
+from warehouse.query.lineage import lineage_tree
 from warehouse.query.store import open_store
 
 Shown = Literal["table", "json"]
@@ -47,7 +47,7 @@ def diff(
     if format == "json":
         print(json.dumps(as_record(difference), indent=2, ensure_ascii=False))
     else:
-        show(wide(Console(), 1000), *comparison(difference))
+        show(wide_console(Console(), 1000), *comparison(difference))
 
 
 def lineage(
@@ -75,7 +75,7 @@ def lineage(
     directions = {"made from": up or not down, "gave": down or not up}
     with open_store(store_folder(store)) as opened:
         trees = {
-            words: tree(opened, id, words == "gave")
+            words: lineage_tree(opened, id, words == "gave")
             for words, shown in directions.items()
             if shown
         }
@@ -84,7 +84,7 @@ def lineage(
         print(json.dumps(document, indent=2))
         return
     for words, root in trees.items():
-        print_tree(root, words, wide(Console(), 1000))
+        print_tree(root, words, wide_console(Console(), 1000))
 
 
 def rerun(

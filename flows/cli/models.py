@@ -9,7 +9,7 @@ from rich.console import Console
 
 from flows.cli.app import Outputs
 from flows.outputs import check_new_folder, check_outside, read_files, say
-from flows.report.console import show, wide
+from flows.report.console import show, wide_console
 from flows.report.models import (
     ADOPTED_KEY,
     adoption_lines,
@@ -22,7 +22,7 @@ from flows.steps import adopt as steps
 from flows.steps import export as exporting
 from flows.steps import predict as predicting
 from residual.model.compare import WHOLE
-from warehouse.remote import shown
+from warehouse.remote import store_name
 
 _DEFAULT = steps.Adopt()
 
@@ -41,10 +41,13 @@ def models(*, robot: RobotName = None, store: Store = None) -> None:
     Args:
         robot: List one robot only: its name, file or folder.
     """
-    console, listed = wide(Console()), steps.list_adoptions(store, robot)
+    console, listed = wide_console(Console()), steps.list_adoptions(store, robot)
     if not listed:
         subject = f"{robot} has" if robot else "Every robot has"
-        say(console, f"{subject} its nominal model in {shown(store_folder(store))}.")
+        say(
+            console,
+            f"{subject} its nominal model in {store_name(store_folder(store))}.",
+        )
         return
     show(console, adoptions(listed), ADOPTED_KEY)
 

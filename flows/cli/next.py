@@ -7,7 +7,7 @@ from flows.cli.app import FASTEST, SEEDS, Outputs, check_between
 from flows.inputs.read import is_run
 from flows.outputs import progress_bar, read_files
 from flows.report.console import show
-from flows.report.next import comparison, nothing_open, told
+from flows.report.next import comparison, nothing_open, proposal_lines
 from flows.report.words.verdict import sentences
 from flows.requests import File, Hertz, Log, Next
 from flows.steps.experiment import as_csv
@@ -80,5 +80,5 @@ def next_(
         },
         lambda: to_json(replace(opened.verdict, next_experiment=plan)),
     )
-    show(outputs.console, *told(ranking), comparison(ranking))
+    show(outputs.console, *proposal_lines(ranking), comparison(ranking))
     outputs.finish()

@@ -22,7 +22,7 @@ from flows.storage.diagnosis import read_verdict
 from residual.diagnosis.result import Verdict
 from residual.robot.robot import Robot
 from warehouse.commit import commit_record
-from warehouse.query.store import ask
+from warehouse.query.store import query_store
 
 KIND = ROLE = "batch"
 _PROOF = 3  # of so many logs one is held out for the proof
@@ -76,7 +76,7 @@ def new_runs(store: Path, arm: Robot, table: RobotTable) -> Batch | None:
     if not store.is_dir():
         return None
     about = {"robot": arm.name, "serial": arm.serial, "healthy": table.healthy}
-    rows = ask(store, _QUERY, **about, role=ROLE)
+    rows = query_store(store, _QUERY, **about, role=ROLE)
     healthy = [row["run_id"] for row in rows if row["healthy"]]
     new = [row for row in rows if not row["taken"] and not row["healthy"]]
     runs = [row["run_id"] for row in new]
@@ -137,7 +137,7 @@ def _locked(store: Path, name: str) -> Iterator[None]:
 
 def robot_of_runs(project: Project, runs: Sequence[str]) -> RobotTable | None:
     """Return the real robot that measured runs are of; None where they are of none."""
-    rows = ask(project.store, _WHOSE, runs=list(runs))
+    rows = query_store(project.store, _WHOSE, runs=list(runs))
     for table in project.table.robot:
         if table.simulated or len(rows) != 1:
             continue

@@ -14,7 +14,7 @@ from flows.pipelines.tasks import task
 from flows.project.deployments import PROPOSED
 from flows.report.index import write_index
 from flows.report.models import adoption_lines, proposal_markdown, proposal_page
-from flows.report.page import made_of
+from flows.report.page import origin_of_record
 from flows.settings import store_folder
 from flows.steps.adopt import Adopt, Proposal, judge, keep_proposal, known_already
 from flows.steps.adopt import adopt as give
@@ -48,7 +48,7 @@ def adopt_or_propose(diagnosis: str, store: str, auto: bool) -> str | None:
     if before:
         log.info(f"proposed already: modelgap show {before}")
         return None
-    sources = made_of(place, diagnosis)
+    sources = origin_of_record(place, diagnosis)
     page = keep_proposal(place, proposal, proposal_page(proposal, sources).encode())
     write_index(place)
     about = f"a new model waits for a decision: diagnosis {diagnosis}"

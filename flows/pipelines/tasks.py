@@ -19,7 +19,7 @@ from flows.inputs.read import robot_of
 from flows.pipelines import artifacts
 from flows.project.deployments import ALARM
 from flows.report import experiments, stored
-from flows.report.calibration import told as calibrated_parts
+from flows.report.calibration import terminal_parts as calibrated_parts
 from flows.report.models import identification as identified_parts
 from flows.report.monitoring import alarm_table, meaning
 from flows.settings import HEALTHY, cores, store_folder

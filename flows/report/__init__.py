@@ -1,1 +1,1 @@
-"""The verdict told to people: in the terminal and on one HTML page."""
+"""Reports: sentences, tables, figures, in the terminal and on HTML pages."""

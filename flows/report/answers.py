@@ -15,14 +15,14 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 from rich.console import Console
 
-from flows.report.console import show, wide
+from flows.report.console import show, wide_console
 from flows.report.document import Table
 from residual.errors import InputError
 from warehouse.query.named import NAMED, TAKES
 from warehouse.query.store import Store
 from warehouse.schema import all_views
 
-# More rows than anybody reads; the other formats have all of them.
+# The table stops here; the other formats have all rows.
 MOST = 1000
 
 
@@ -59,14 +59,14 @@ def print_table(rows: pa.Table, format: str) -> None:
         cells = zip(
             *([_word(c.as_py()) for c in column] for column in shown), strict=True
         )
-        left = [i for i, is_number in enumerate(number) if not is_number]
+        text_columns = [i for i, is_number in enumerate(number) if not is_number]
         more = f"; the first {MOST} are shown, --format csv has all"
         count = f"{len(rows)} row{'' if len(rows) == 1 else 's'}" + more * (
             len(rows) > MOST
         )
         # Into a file or a pipe: as wide as it needs, nothing is cut.
-        table = Table(rows.column_names, list(cells), left=left)
-        show(wide(Console(), 10_000), table, count)
+        table = Table(rows.column_names, list(cells), text_columns=text_columns)
+        show(wide_console(Console(), 10_000), table, count)
 
 
 def as_bytes(rows: pa.Table, format: str) -> bytes:
@@ -143,7 +143,7 @@ def _field(value: object) -> object:
 
 
 def _plain(value: object) -> object:
-    """A value that JSON has; what is not finite is the text NaN, Infinity, -Infinity.
+    """A value that JSON has; a number that is not finite becomes text: NaN, Infinity.
 
     JSON has no such numbers, and null says that there is no value.
     """

@@ -5,37 +5,23 @@ from collections.abc import Sequence
 import numpy as np
 
 from flows.report import calibration_charts as figures
-from flows.report.document import Chart, Document, Note, Section, Strong, Table, Tile
+from flows.report.document import Chart, Document, Note, Section, Strong, Table
 from flows.report.page import render as render_page
 from flows.report.words.calibration import sentences
-from flows.report.words.phrases import many, sentence_case, texts
+from flows.report.words.phrases import count_noun, sentence_case, texts
 from flows.steps.calibrate import StoredCalibration
 from residual.calibration.calibrate import Calibration
 from residual.calibration.choice import PLSR as LINES
 from residual.calibration.rows import PAPER
 from residual.calibration.scores import (
-    DEFAULT,
-    LS,
     MODELS,
-    NOTHING,
-    PAPER_FORM,
-    RANDOM,
-    RUN,
     SCHEMES,
-    find,
 )
 
 _TEXT = texts()["calibration"]
 
-_TILES = (
-    (RANDOM, PAPER_FORM, "Paper form, random rows"),
-    (RUN, PAPER_FORM, "Paper form, unseen runs"),
-    (RUN, LS, "LS, unseen runs"),
-    (RUN, DEFAULT, "Default form, unseen runs"),
-)
 
-
-def told(outcome: StoredCalibration) -> list[str | Table]:
+def terminal_parts(outcome: StoredCalibration) -> list[str | Table]:
     """Return a calibration for the terminal: errors, how they are meant, warnings."""
     result = outcome.calibration
     return [
@@ -53,21 +39,28 @@ def _errors(result: Calibration) -> Table:
     joints = [f"J{j}" for j in result.rows.joints]
     heads = ["RMSEV (RMSEC) [%]", "model", *joints, "all"]
     heads += [f"mean {joint}" for joint in joints] if paper else []
-    schemes = [one.scheme for one in result.scores]
+    schemes = [score.scheme for score in result.scores]
     first = [i for i, name in enumerate(schemes) if name not in schemes[:i]]
     rows = []
-    for i, one in enumerate(result.scores):
-        same = [other.overall for other in result.scores if other.scheme == one.scheme]
-        kind = Strong if one.overall == min(same) else str  # the best of its scheme
+    for i, score in enumerate(result.scores):
+        scheme_errors = [
+            each.overall for each in result.scores if each.scheme == score.scheme
+        ]
+        kind = (
+            Strong if score.overall == min(scheme_errors) else str
+        )  # the best of its scheme
         cells = [
             kind(f"{_percent(v)} ({_percent(c)})")
-            for v, c in zip(one.rmsev, one.rmsec, strict=True)
+            for v, c in zip(score.rmsev, score.rmsec, strict=True)
         ]
-        means = [_percent(m) for m in one.mean] if paper else []
-        count = "" if one.components is None else f", A = {one.components}"
-        start = [SCHEMES[one.scheme] if i in first else "", MODELS[one.model] + count]
-        rows.append([*start, *cells, kind(_percent(one.overall)), *means])
-    return Table(heads, rows, left=(0, 1), sections=first[1:])
+        means = [_percent(m) for m in score.mean] if paper else []
+        count = "" if score.components is None else f", A = {score.components}"
+        start = [
+            SCHEMES[score.scheme] if i in first else "",
+            MODELS[score.model] + count,
+        ]
+        rows.append([*start, *cells, kind(_percent(score.overall)), *means])
+    return Table(heads, rows, text_columns=(0, 1), sections=first[1:])
 
 
 def _percent(value: float) -> str:
@@ -75,7 +68,7 @@ def _percent(value: float) -> str:
 
 
 def about_rows(result: Calibration) -> str:
-    """Return in a sentence what X and Y are, so that the errors can be read."""
+    """Return the definitions of X and Y in a sentence."""
     rows = result.rows
     if rows.mode == PAPER:
         joints = ", ".join(map(str, rows.joints))
@@ -90,8 +83,8 @@ def about_rows(result: Calibration) -> str:
             f"(declared: {declared}) identified without the held-out runs"
         )
     return (
-        f"{pair}; {len(rows.X)} rows of {many(len(rows.labels), 'run')}; errors are in "
-        "per cent of the measured torque."
+        f"{pair}; {len(rows.X)} rows of {count_noun(len(rows.labels), 'run')}; errors "
+        "are in per cent of the measured torque."
     )
 
 
@@ -101,7 +94,7 @@ def chosen_words(result: Calibration) -> str:
     for joint, option in zip(result.rows.joints, result.chosen, strict=True):
         form = option.kind
         if form == LINES:
-            count = many(option.count, "component")
+            count = count_noun(option.count, "component")
             form = f"PLSR, {count}" if option.count else "a constant"
         forms.append(f"J{joint} {form}")
     where = "runs" if result.proven else "blocks of the runs (fewer than four runs)"
@@ -118,12 +111,7 @@ def render(result: Calibration, warnings: Sequence[str] = ()) -> str:
         return Section(id, heading, parts, _TEXT.get(id, ""))
 
     words = sentences(result)
-    tiles = []
-    for scheme, model, label in _TILES:
-        one, none = (find(result.scores, scheme, m) for m in (model, NOTHING))
-        if one is not None and none is not None:
-            note = f"of the torque; no compensation {none.overall:.3g} %"
-            tiles.append(Tile(label, f"{one.overall:.3g} %", note))
+    logs = f"Logs: {', '.join(result.rows.labels)}."
     note = (
         "RMSEV on held-out rows, RMSEC in brackets on fitted rows, per cent of the "
         "measured torque, pooled over folds"
@@ -136,24 +124,22 @@ def render(result: Calibration, warnings: Sequence[str] = ()) -> str:
     )
     loadings = [
         (
-            one.family.replace("_", " "),
-            one.block,
-            str(one.pca.real),
-            ", ".join(f"{name} {value:+.2f}" for name, value in one.pca.strongest(0)),
+            block.family.replace("_", " "),
+            block.block,
+            str(block.pca.real),
+            ", ".join(f"{name} {value:+.2f}" for name, value in block.pca.strongest(0)),
         )
-        for one in result.blocks
+        for block in result.blocks
     ]
     heads = ("Motion", "Block", "Real components", "Largest loadings of the first")
-    table = Table(heads, loadings, left=(0, 1, 3))
+    table = Table(heads, loadings, text_columns=(0, 1, 3))
     pca, over_time = figures.components(result), figures.over_time(result)
     return render_page(
         Document(
             title=f"modelgap calibration: {result.robot}",
             about=f"modelgap calibration of {result.robot}",
             headline=words[0] if words else "A data-driven correction",
-            lead=words[1:],
-            tiles=tiles,
-            setting=f"{about_rows(result)} Logs: {', '.join(result.rows.labels)}.",
+            lead=[*words[1:], about_rows(result), logs],
             warnings=warnings,
             sections=(
                 Section("table", "Models and schemes", [_errors(result), below], note),

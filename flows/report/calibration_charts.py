@@ -4,7 +4,7 @@ from collections.abc import Mapping, Sequence
 
 import numpy as np
 
-from flows.report import look
+from flows.report import figure
 from flows.report.document import Chart
 from residual.calibration.calibrate import Calibration
 from residual.calibration.scores import (
@@ -31,19 +31,19 @@ MODEL_COLORS = {
 }
 _BLOCKS = {INPUT: "#0072b2", WHITE: "#b3b3b3"}
 _CLIP = 1.5  # times no compensation, above which bars are cut
-_RMSEV = look.axis("RMSEV (%)", rangemode="tozero")
+_RMSEV = figure.axis("RMSEV (%)", rangemode="tozero")
 
 
 def _chart(
     title: str, x: str, y: Mapping, data: list, alt: str, joint: int | None = None
 ) -> Chart:
-    plot = {"data": data, "layout": look.layout(title, look.axis(x), y)}
+    plot = {"data": data, "layout": figure.layout(title, figure.axis(x), y)}
     return Chart("", f"{title}: {alt}.", joint=joint, plot=plot)
 
 
 def bars(result: Calibration) -> list[Chart]:
     """Return errors as bars: schemes side by side, then joint by joint (figure 10)."""
-    schemes = list(dict.fromkeys(one.scheme for one in result.scores))
+    schemes = list(dict.fromkeys(score.scheme for score in result.scores))
     overall = {}
     for model in MODELS:
         scores = [find(result.scores, scheme, model) for scheme in schemes]
@@ -73,7 +73,7 @@ def _bars(title: str, at: list[str], rows: Mapping[str, Sequence]) -> Chart:
         f"{MODELS[m]} {', '.join(f'{v:.3g} %' for v in values if v is not None)}"
         for m, values in rows.items()
     )
-    y = look.axis("RMSEV (%)", range=[0, max(top, 1e-6)])
+    y = figure.axis("RMSEV (%)", range=[0, max(top, 1e-6)])
     return _chart(title, "", y, data, text)
 
 
@@ -82,16 +82,16 @@ def over_time(result: Calibration) -> list[Chart]:
     unseen, out = result.unseen, []
     for column, joint in enumerate(result.rows.joints if unseen else ()):
         residual = unseen.residual[:, column]
-        curves = {"residual": (look.MEASURED, residual)}
+        curves = {"residual": (figure.MEASURED, residual)}
         for name, values in unseen.corrections.items():
             curves[MODELS[name]] = MODEL_COLORS[name], values[:, column]
-        x = look.packed(unseen.t)
+        x = figure.packed(unseen.t)
         data = [
-            {**look.line(name, color, 1.0), "x": x, "y": look.packed(values)}
+            {**figure.line(name, color, 1.0), "x": x, "y": figure.packed(values)}
             for name, (color, values) in curves.items()
         ]
         reach = 1.5 * float(np.abs(residual).max()) or 1.0
-        y = look.axis("torque (N m)", range=[-reach, reach])
+        y = figure.axis("torque (N m)", range=[-reach, reach])
         alt = f"residual of {unseen.label} and corrections over time"
         out.append(_chart(f"Joint {joint}", "time (s)", y, data, alt, joint))
     return out
@@ -100,20 +100,22 @@ def over_time(result: Calibration) -> list[Chart]:
 def components(result: Calibration) -> list[Chart]:
     """Return explained variance, a chart for each motion family (figures 4 to 6)."""
     out = []
-    for family in dict.fromkeys(one.family for one in result.blocks):
-        blocks, data = [one for one in result.blocks if one.family == family], []
-        for one in blocks:
-            color = _BLOCKS.get(one.block, "#d55e00")
-            x = {"x": list(range(1, len(one.limit) + 1))}
-            data.append(look.line(one.block, color) | x | {"y": one.explained.tolist()})
-            if one.block != WHITE:
-                name, dash = f"{one.block}, chance", {"dash": "dash"}
-                style = look.line(name, color, 1.0, line=dash)
-                data.append(style | x | {"y": one.limit.tolist()})
+    for family in dict.fromkeys(block.family for block in result.blocks):
+        blocks, data = [block for block in result.blocks if block.family == family], []
+        for block in blocks:
+            color = _BLOCKS.get(block.block, "#d55e00")
+            x = {"x": list(range(1, len(block.limit) + 1))}
+            data.append(
+                figure.line(block.block, color) | x | {"y": block.explained.tolist()}
+            )
+            if block.block != WHITE:
+                name, dash = f"{block.block}, chance", {"dash": "dash"}
+                style = figure.line(name, color, 1.0, line=dash)
+                data.append(style | x | {"y": block.limit.tolist()})
         alt = "; ".join(
             f"{o.block}: {o.explained[0]:.0f} % in the first" for o in blocks
         )
-        y = look.axis("explained variance (%)", rangemode="tozero")
+        y = figure.axis("explained variance (%)", rangemode="tozero")
         out.append(_chart(family.replace("_", " "), "component", y, data, alt))
     return out
 
@@ -123,14 +125,16 @@ def curves(result: Calibration) -> list[Chart]:
     out = []
     for model in (PLSR, PAPER_FORM):
         scores = [find(result.scores, scheme, model) for scheme in (RUN, RANDOM)]
-        scores = [one for one in scores if one is not None and one.curve is not None]
+        scores = [
+            score for score in scores if score is not None and score.curve is not None
+        ]
         if scores:
-            curves = {SCHEMES[one.scheme]: one.curve for one in scores}
+            curves = {SCHEMES[score.scheme]: score.curve for score in scores}
             alt = "; ".join(
                 f"{SCHEMES[o.scheme]}: least at {o.components} components"
                 for o in scores
             )
-            at = list(range(max(len(one.curve) for one in scores)))
+            at = list(range(max(len(score.curve) for score in scores)))
             data = _by_joint(result, at, curves)
             out.append(_chart(MODELS[model], "components", _RMSEV, data, alt))
     return out
@@ -146,22 +150,22 @@ def levels(result: Calibration) -> list[Chart]:
     curves = {SCHEMES[name]: errors for name, errors in sweep.errors.items()}
     data = _by_joint(result, at, curves)
     times = {"x": at, "y": [round(s, 3) for s in sweep.seconds]}
-    y = look.axis("processor time (s)", rangemode="tozero")
+    y = figure.axis("processor time (s)", rangemode="tozero")
     return [
         _chart("Error", "levels", _RMSEV, data, alt),
-        _chart("Time", "levels", y, [look.line("time", look.SOFT) | times], alt),
+        _chart("Time", "levels", y, [figure.line("time", figure.SOFT) | times], alt),
     ]
 
 
 def _by_joint(
     result: Calibration, at: list[int], curves: Mapping[str, np.ndarray]
-) -> list[look.Trace]:
+) -> list[figure.Trace]:
     """Errors of each joint, the first scheme solid and the second dashed."""
     data = []
     for (name, errors), dash in zip(curves.items(), ("solid", "dash"), strict=False):
         for column, joint in enumerate(result.rows.joints):
-            color = look.JOINTS[column % len(look.JOINTS)]
-            style = look.line(f"joint {joint}, {name}", color, line={"dash": dash})
+            color = figure.JOINTS[column % len(figure.JOINTS)]
+            style = figure.line(f"joint {joint}, {name}", color, line={"dash": dash})
             y = [_number(v) for v in errors[:, column]]
             data.append({**style, "x": at[: len(y)], "y": y})
     return data

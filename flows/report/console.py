@@ -15,6 +15,7 @@ from residual.errors import plain
 # What a terminal without Unicode shows instead.
 _PLAIN = str.maketrans({"→": ">", "±": "+", "–": "-", "²": "2", "³": "3", "·": ","})
 _WIDE = 200
+_NONE = ("", "–")
 
 
 def show(
@@ -69,7 +70,7 @@ def line(console: Console, text: str, style: str = "") -> None:
     console.print(padded if indent else words)
 
 
-def wide(console: Console, width: int = _WIDE) -> Console:
+def wide_console(console: Console, width: int = _WIDE) -> Console:
     """Return a console that cuts nothing: into a file or a pipe as wide as it needs."""
     return console if console.is_terminal else Console(file=console.file, width=width)
 
@@ -77,7 +78,7 @@ def wide(console: Console, width: int = _WIDE) -> Console:
 def _print_table(console: Console, table: Table) -> None:
     drawn = RichTable(box=SIMPLE_HEAD, show_edge=not table.title, pad_edge=False)
     for i, head in enumerate(table.heads):
-        words = i in table.left
+        words = i in table.text_columns
         # Words wrap between words; numbers never.
         longest = max((len(w) for row in table.rows for w in row[i].split()), default=0)
         drawn.add_column(
@@ -85,23 +86,23 @@ def _print_table(console: Console, table: Table) -> None:
             justify="left" if words else "right",
             no_wrap=not words,
             min_width=min(longest, console.width // 3) if words else None,
-            max_width=table.most.get(i),
+            max_width=table.max_widths.get(i),
             overflow="fold",
         )
-    if table.title:
-        show(console, Heading(table.title), wrapped=True)
-    if drawn.__rich_measure__(console, console.options).minimum > console.width:
-        for first, *cells in table.rows:  # too narrow for columns: a record a row
-            heads = (" ".join(head.split()) for head in table.heads[1:])
-            pairs = zip(heads, cells, strict=True)
-            words = ", ".join(f"{h} {c}" for h, c in pairs if c not in ("", "–"))
-            show(console, Strong(first), f"  {words}", wrapped=True)
-        return
     for number, row in enumerate(table.rows):
         if number in table.sections:
             drawn.add_section()
         drawn.add_row(*(_readable(console, _cell(cell)) for cell in row))
-    console.print(drawn)
+    if table.title:
+        show(console, Heading(table.title), wrapped=True)
+    if drawn.__rich_measure__(console, console.options).minimum <= console.width:
+        console.print(drawn)
+        return
+    heads = [" ".join(head.split()) for head in table.heads[1:]]
+    for first, *cells in table.rows:  # too narrow for columns: a row at a time
+        pairs = zip(heads, cells, strict=True)
+        words = ", ".join(f"{head} {cell}" for head, cell in pairs if cell not in _NONE)
+        show(console, Strong(first), f"  {words}", wrapped=True)
 
 
 def _cell(text: str) -> Text:

@@ -31,18 +31,17 @@ from flows.report.page import render as render_page
 from flows.report.words import outlook
 from flows.report.words import verdict as words
 from flows.report.words.phrases import (
-    Staged,
-    baseline_sentences,
-    edit_sentence,
+    Demonstration,
+    count_noun,
+    edit_sentences,
     judge,
-    many,
     noun,
     sentence_case,
     texts,
     truth_rows,
 )
-from residual.diagnosis.result import Change, Diagnosis, Verdict
 from residual.quantity import MISSING, fraction, known, number, probability
+from residual.verdict.result import Change, Diagnosis, Verdict
 
 _TEXT = texts()["diagnosis"]
 _MANY = 3  # findings from which tables and curves are folded
@@ -52,7 +51,7 @@ _OPEN = 3  # figures of the first finding that are not
 def render(
     result: Diagnosis,
     robot_name: str,
-    staged: Staged | None = None,
+    demonstration: Demonstration | None = None,
     origin: Pairs = (),
 ) -> str:
     """Return the report page: one HTML document, the same bytes every time.
@@ -60,7 +59,7 @@ def render(
     Args:
         origin: Where it comes from, and the command that makes it again.
     """
-    return render_page(document(result, robot_name, staged, origin))
+    return render_page(document(result, robot_name, demonstration, origin))
 
 
 def print_diagnosis(result: Diagnosis, console: Console) -> None:
@@ -78,7 +77,7 @@ def print_diagnosis(result: Diagnosis, console: Console) -> None:
 def document(
     result: Diagnosis,
     robot: str = "",
-    staged: Staged | None = None,
+    demonstration: Demonstration | None = None,
     origin: Pairs = (),
     drawn: bool = True,
 ) -> Document:
@@ -91,18 +90,18 @@ def document(
     first, *lead = words.sentences(verdict)
     weak = [_TEXT["weak"]] if verdict.error.same_run and drawn else []
     sections = (
-        _staged(staged),
+        _demonstration(demonstration),
         _missing(result, charts.finding_charts(result) if drawn else ()),
-        _proof(result, charts.error_chart(result) if drawn else None),
+        _errors(result, charts.error_chart(result) if drawn else None),
         _curves(result, *(charts.motions(result) if drawn else ((), 0))),
-        _else(result),
+        _alternatives(result),
         _evidence(result),
-        _given(verdict),
-        _left(verdict, charts.left_charts(result) if drawn else ()),
-        _sizes(verdict),
+        _nominal_values(verdict),
+        _unexplained(verdict, charts.unexplained_charts(result) if drawn else ()),
+        _detectable(verdict),
         Section("notes", "Processing of the logs", [result.notes], open=False),
         _origin(verdict, origin),
-        _read(verdict),
+        _terms(verdict),
     )
     return Document(
         title=f"modelgap: {robot}",
@@ -117,91 +116,97 @@ def document(
 
 def tiles_of(result: Diagnosis) -> tuple[Tile | None, ...]:
     """Return up to four figures: size, error, probability, remainder."""
-    verdict, named, rest = result.verdict, result.effects, result.unexplained
-    size = sure = left = None
+    verdict, named, unexplained = result.verdict, result.effects, result.unexplained
+    size = sure = remaining = None
     if len(named) == 1:
-        (one,) = named
-        name, value = tables.size_of(one, verdict)
-        of = f"of {tables.title(one, verdict)}"
+        (finding,) = named
+        name, value = tables.size_of(finding, verdict)
+        of = f"of {tables.title(finding, verdict)}"
         size = Tile(sentence_case(name), value, of) if name else None
-        other = f" or {tables.others(one, result)}" if one.equivalent else ""
-        note = f"that it is {noun(one.name)}{other}"
-        sure = Tile("Probability", probability(one.probability), note)
+        alternative = (
+            f" or {tables.equivalents_text(finding, result)}"
+            if finding.equivalent
+            else ""
+        )
+        note = f"that it is {noun(finding.name)}{alternative}"
+        sure = Tile("Probability", probability(finding.probability), note)
     elif named:
-        confirmed = sum(one.evidence.held_out == "confirmed" for one in named)
+        confirmed = sum(finding.evidence.held_out == "confirmed" for finding in named)
         note = f"{confirmed} of them confirmed on unseen motion"
         size = Tile("Effects found", str(len(named)), note)
-        likely = [one.probability for one in named if known(one.probability)]
+        likely = [
+            finding.probability for finding in named if known(finding.probability)
+        ]
         weakest = probability(min(likely, default=None))
         sure = Tile("Probability", weakest, "of the least certain name")
     stages = f"nominal → {words.with_findings(verdict) if named else 'refit'}"
     fall = words.errors(verdict)
     error = Tile("Error on unseen motion", fall or MISSING, f"of the torque, {stages}")
-    if known(rest.fraction):
-        noise = f"; noise alone is {fraction(rest.noise_floor)}"
-        note = f"of the torque{noise if known(rest.noise_floor) else ''}"
-        left = Tile("Unexplained", fraction(rest.fraction), note)
-    return size, error, sure, left
+    if known(unexplained.fraction):
+        noise = f"; noise alone is {fraction(unexplained.noise_floor)}"
+        note = f"of the torque{noise if known(unexplained.noise_floor) else ''}"
+        remaining = Tile("Unexplained", fraction(unexplained.fraction), note)
+    return size, error, sure, remaining
 
 
-def _folded(figures: Sequence[Chart], title: str, grid: bool = True) -> Fold | None:
+def _fold(figures: Sequence[Chart], title: str, grid: bool = True) -> Fold | None:
     """More figures, which open at a click; in a grid where they are small."""
-    shown = f"{title} ({many(len(figures), 'figure')})"
+    shown = f"{title} ({count_noun(len(figures), 'figure')})"
     return Fold(shown, [figures] if grid else figures) if figures else None
 
 
-def truth(staged: Staged) -> list[Part]:
+def truth(demonstration: Demonstration) -> list[Part]:
     """Return the hidden effect beside the named one."""
     title = "The seal, opened after the verdict was stored"
-    text, hidden = texts()["judged"], staged.hidden
-    edits = [edit_sentence(h.edit) for h in hidden if h.edit is not None]
+    text, hidden = texts()["judged"], demonstration.hidden
     return [
-        words_table(("", "hidden", "named"), truth_rows(staged), title),
-        Note(text[judge(hidden, staged.verdict)], "callout"),
-        *edits,
-        *([Note(text["forms"])] if hidden and staged.verdict.effects else []),
+        words_table(("", "hidden", "named"), truth_rows(demonstration), title),
+        Note(text[judge(hidden, demonstration.verdict)], "callout"),
+        *([Note(text["forms"])] if hidden and demonstration.verdict.effects else []),
     ]
 
 
-def print_truth(staged: Staged, console: Console) -> None:
+def print_truth(demonstration: Demonstration, console: Console) -> None:
     """Print the hidden effect beside the named one."""
-    show(console, *truth(staged), wrapped=True)
+    show(console, *truth(demonstration), wrapped=True)
 
 
-def _staged(staged: Staged | None) -> Section:
+def _demonstration(demonstration: Demonstration | None) -> Section:
     parts: list[Part] = []
-    if staged:
+    if demonstration:
         alt = "The simulated arm moves through a part of one experiment"
-        uri = "data:image/gif;base64," + base64.b64encode(staged.gif).decode()
-        gif = [Chart(uri, alt, staged.caption)] if staged.gif else []
-        parts = [Beside((gif, truth(staged)))]
-    return Section("staged", "The experiment and the hidden effect", parts)
+        uri = "data:image/gif;base64," + base64.b64encode(demonstration.gif).decode()
+        gif = [Chart(uri, alt, demonstration.caption)] if demonstration.gif else []
+        parts = [Beside((gif, truth(demonstration)))]
+    return Section("demonstration", "The experiment and the hidden effect", parts)
 
 
 def _missing(result: Diagnosis, figures: Sequence[Sequence[Chart]]) -> Section:
     parts: list[Part | None] = []
-    for at, own in enumerate(figures):
-        parts += _finding(result, at, own)
+    for at, charts_of_finding in enumerate(figures):
+        parts += _finding(result, at, charts_of_finding)
     note = _TEXT["clouds"] if any(figures) else ""
     brief = [Heading("What is missing")] if result.effects else []
     for effect in result.effects:
         brief += tables.finding_lines(effect, result)
     brief += outlook.other_sets(result.verdict) if result.effects else ()
-    brief += baseline_sentences(result.verdict)
+    brief += edit_sentences(result.verdict)
     return Section("missing", "What is missing", parts, note, brief=brief)
 
 
 def _finding(result: Diagnosis, at: int, figures: Sequence[Chart]) -> list[Part | None]:
-    """One finding: what it does, its size, its figures."""
+    """One finding: its effect on the torque, its size, its figures."""
     effect, verdict = result.effects[at], result.verdict
     sentence = sentence_case("".join(result.sentences[at : at + 1]).strip())
     sentence += "." if sentence and sentence[-1] not in ".!?" else ""
-    text: list[Part | None] = [sentence, tables.means(result, effect)]
+    text: list[Part | None] = [sentence, tables.impact_sentence(result, effect)]
     if effect.equivalent:
         alike = Markup(
             "<b>These logs cannot separate {} from {}.</b> The probability is that of "
             "all of them together; another motion may separate them."
-        ).format(noun(effect.name), tables.others(effect, result, " or from "))
+        ).format(
+            noun(effect.name), tables.equivalents_text(effect, result, " or from ")
+        )
         text.append(Note(alike, "callout"))
     if effect.parameters or effect.combinations:
         frame = tables.frame_words(effect, verdict.frames)
@@ -213,12 +218,11 @@ def _finding(result: Diagnosis, at: int, figures: Sequence[Chart]) -> list[Part 
         return [heading, Beside((text, figures))]
     shown = _OPEN if at == 0 else 0
     more = "The other joints" if shown else "What it explains, joint by joint"
-    return [heading, *text, figures[:shown], _folded(figures[shown:], more)]
+    return [heading, *text, figures[:shown], _fold(figures[shown:], more)]
 
 
-def _proof(result: Diagnosis, bars: Chart | None) -> Section:
-    rows, worse = tables.error_rows(result), ", ".join(words.rising(result.verdict))
-    worse = worse and f"The findings raise the error (moving) on {worse}."
+def _errors(result: Diagnosis, bars: Chart | None) -> Section:
+    rows = tables.error_rows(result)
     about = "Error on unseen motion, % of the measured torque"
     table = tables.error_table(rows, tables.METRICS, about)
     few = len(result.effects) < _MANY
@@ -226,7 +230,6 @@ def _proof(result: Diagnosis, bars: Chart | None) -> Section:
         bars,
         Fold("The errors of each joint", [table], few) if table else None,
     ]
-    parts += [Note(worse, "callout")] if worse and any(parts) else []
     after = _TEXT["after" if result.effects else "no_after"]
     note = _TEXT["stages"].format(after) if bars else ""
     brief = [tables.brief_errors(result, rows)]
@@ -245,12 +248,12 @@ def _curves(
         first = 1 if at == 1 else 0
         more = "The other joints" if first else "All joints"
         parts += [Heading(title), *figures[:first]]
-        parts.append(_folded(figures[first:], more, False))
+        parts.append(_fold(figures[first:], more, False))
     few = len(result.effects) < _MANY - 1
     return Section("curves", "Measured and predicted torque", parts, note, open=few)
 
 
-def _else(result: Diagnosis) -> Section:
+def _alternatives(result: Diagnosis) -> Section:
     parts: list[Part | None] = [outlook.other_sets(result.verdict)]
     plan, brief = outlook.next_words(result.verdict), []
     if plan:
@@ -263,14 +266,14 @@ def _else(result: Diagnosis) -> Section:
 
 def _evidence(result: Diagnosis) -> Section:
     parts: list[Part] = [tables.evidence_table(result)] if result.effects else []
-    edits = baseline_sentences(result.verdict)
+    edits = edit_sentences(result.verdict)
     if parts and edits:
         parts += [Heading("The edit test"), Note(_TEXT["edits"]), edits]
     few = len(result.effects) < _MANY
     return Section("evidence", "Evidence", parts, open=few)
 
 
-def _given(verdict: Verdict) -> Section:
+def _nominal_values(verdict: Verdict) -> Section:
     off, most = outlook.off(verdict), outlook.MOST_VALUES
     heads = ("Value", "Nominal", "Identified", "Difference")
 
@@ -283,13 +286,17 @@ def _given(verdict: Verdict) -> Section:
         parts = [_TEXT["none_off"], folded] if verdict.changes else ()
         return Section("given", "Nominal values", parts)
     heading, more = "Nominal values contradicted by the logs", len(off) - most
-    rest = f"And {more} more: see 'changes' in the JSON." * (more > 0)
-    parts = [table(off[:most]), Note(rest, "soft spaced") if rest else None, folded]
-    brief = [table(off[:most], heading), rest]
+    more_values = f"And {more} more: see 'changes' in the JSON." * (more > 0)
+    parts = [
+        table(off[:most]),
+        Note(more_values, "soft spaced") if more_values else None,
+        folded,
+    ]
+    brief = [table(off[:most], heading), more_values]
     return Section("given", heading, parts, _TEXT["given"], brief=brief)
 
 
-def _left(verdict: Verdict, figures: Sequence[Chart]) -> Section:
+def _unexplained(verdict: Verdict, figures: Sequence[Chart]) -> Section:
     text = " ".join(outlook.unexplained_words(verdict))
     about = Note(_TEXT["left"], "soft spaced") if figures else None
     brief = [f"\n{text}" if text else ""]
@@ -297,7 +304,7 @@ def _left(verdict: Verdict, figures: Sequence[Chart]) -> Section:
     return Section("left", "Unexplained torque", parts, brief=brief)
 
 
-def _sizes(verdict: Verdict) -> Section:
+def _detectable(verdict: Verdict) -> Section:
     heads, rows = outlook.detectable_rows(verdict)
     heading, nothing = "Smallest detectable size of each effect", not verdict.effects
     if not rows:
@@ -324,7 +331,7 @@ def _origin(verdict: Verdict, origin: Pairs) -> Section:
     return Section("origin", "Origin of this page", [Note(note), facts], open=False)
 
 
-def _read(verdict: Verdict) -> Section:
+def _terms(verdict: Verdict) -> Section:
     """The terms of the page."""
     cutoff = number(verdict.error.cutoff_hz)
     at = "" if cutoff == MISSING else f" at {cutoff} Hz"

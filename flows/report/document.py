@@ -14,11 +14,11 @@ from markupsafe import Markup
 
 
 class Strong(str):
-    """A line or cell that stands out; of several lines the first one does."""
+    """A bold line or cell; of several lines the first one is bold."""
 
 
 def tag(name: str, text: object, look: str = "") -> Markup:
-    """Return text within a tag of a page, such as kbd for what is typed."""
+    """Return text within a tag of a page, such as kbd."""
     start = Markup('<{} class="{}">').format(name, look) if look else f"<{name}>"
     return Markup("{}{}</{}>").format(Markup(start), text, name)
 
@@ -31,8 +31,8 @@ class Table:
         heads: Titles of the columns; may be of several lines.
         rows: Cells as text; may be of several lines.
         title: Above it; empty for none.
-        left: Columns of words, from 0; all others are numbers, on the right.
-        most: Columns that wrap their words at a width [characters].
+        text_columns: Columns of words, from 0; all others are numbers, on the right.
+        max_widths: Columns that wrap their words at a width [characters].
         sections: Rows, from 0, above which a line is drawn.
         groups: Titles over neighboring columns, and how many columns each has.
         named: Column that names the row.
@@ -43,8 +43,8 @@ class Table:
     heads: Sequence[str]
     rows: Sequence[Sequence[str]]
     title: str = ""
-    left: Collection[int] = (0,)
-    most: Mapping[int, int] = field(default_factory=dict)
+    text_columns: Collection[int] = (0,)
+    max_widths: Mapping[int, int] = field(default_factory=dict)
     sections: Collection[int] = ()
     groups: Sequence[tuple[str, int]] = ()
     named: int = 0
@@ -61,11 +61,11 @@ def words_table(
     heads: Sequence[str], rows: Sequence[Sequence[str]], title: str = ""
 ) -> Table:
     """Return a table all of whose columns are words."""
-    return Table(heads, rows, title, left=range(len(heads)))
+    return Table(heads, rows, title, text_columns=range(len(heads)))
 
 
 class Tile(NamedTuple):
-    """One figure at the head of a page: its label, its value, what it means."""
+    """One figure at the head of a page: its label, its value, its meaning."""
 
     label: str
     value: str
@@ -147,7 +147,6 @@ class Section:
         id: Fragment of links to it.
         note: Small print below the heading.
         open: Whether it is unfolded at first; None for what cannot be folded.
-        shown: Whether its heading is visible, and not only read out.
         brief: What the terminal prints of it.
     """
 
@@ -156,7 +155,6 @@ class Section:
     parts: Sequence[Part | None]
     note: str = ""
     open: bool | None = None
-    shown: bool = True
     brief: Sequence[str | Table | Heading | None] = ()
 
 
@@ -168,7 +166,6 @@ class Document:
         title: Title of the window.
         about: Its subject, above the headline.
         lead: Sentences after the headline.
-        setting: Its inputs and settings.
         warnings: Lines before the sections.
         foot: Its origin.
     """
@@ -179,6 +176,5 @@ class Document:
     sections: Sequence[Section]
     lead: Sequence[str] = ()
     tiles: Sequence[Tile | None] = ()
-    setting: str = ""
     warnings: Sequence[str] = ()
     foot: Sequence[tuple[str, str]] = ()

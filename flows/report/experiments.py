@@ -1,4 +1,4 @@
-"""Experiments and their motions: validations, tracking, trajectories."""
+"""Experiments and their motions: validations and trajectories."""
 
 from collections.abc import Mapping
 
@@ -24,16 +24,12 @@ def validation(result: Validation) -> Table:
         "feed-forward,\nnominal [mrad]": result.nominal,
         "feed-forward,\nthe arm's own [mrad]": result.arm,
     }
-    return _by_joint({title: 1e3 * c for title, c in columns.items() if c is not None})
-
-
-def _by_joint(columns: Mapping[str, np.ndarray], about: str = "") -> Table:
-    """A table of numbers, a joint a row."""
+    columns = {title: 1e3 * c for title, c in columns.items() if c is not None}
     rows = [
         (str(joint), *(f"{value:.2f}" for value in row))
         for joint, row in enumerate(zip(*columns.values(), strict=True), 1)
     ]
-    return Table(("joint", *columns), rows, about, left=())
+    return Table(("joint", *columns), rows, text_columns=())
 
 
 def both_ways(result: Validation) -> Table:
@@ -56,9 +52,9 @@ def both_ways(result: Validation) -> Table:
     ]
     columns = ("τ [%]", "q̈ [%]", *["q [mrad]"][: int(driven)])
     heads = [f"{name}\n{column}" for name in result.models for column in columns]
-    about = "torque from motion (τ) and acceleration from torque (q̈), error"
-    about += "; tracking of the arm driven by that torque (q), rms" if driven else ""
-    return Table(("joint", *heads), [*rows, ["", *least]], about, left=())
+    about = "Error of torque from motion (τ) and of acceleration from torque (q̈)"
+    about += "; rms tracking error of the arm with that torque (q)" if driven else ""
+    return Table(("joint", *heads), [*rows, ["", *least]], about, text_columns=())
 
 
 def meaning(result: Validation) -> str:
@@ -102,13 +98,12 @@ def validation_page(results: Mapping[str, Validation]) -> str:
             about="modelgap validation",
             headline=first,
             lead=more,
-            sections=sections,
-            warnings=tuple(notes),
+            sections=[*sections, Section("notes", "Notes", [[*notes]])],
         )
     )
 
 
-_NEAR = 0.95  # of a limit, which stands out
+_NEAR = 0.95  # share of a limit, shown bold
 _MOST = 4000  # samples drawn
 
 
@@ -146,7 +141,7 @@ def motion_parts(
         f"{spec.kind} motion of {robot.name}: {spec.duration:g} s at {rate:g} Hz"
         f"{period}, seed {spec.seed}{rest}",
         "limits, floor and self-collision (arm as capsules) also hold between samples",
-        Table(heads, rows, "Share of the limits", left=()),
+        Table(heads, rows, "Share of the limits", text_columns=()),
         excites,
     ]
 

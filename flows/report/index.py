@@ -16,7 +16,7 @@ from flows.outputs import write_all
 from flows.report.document import Document, Section, Table, Tile, tag
 from flows.report.page import render
 from flows.report.words.outlook import off
-from flows.report.words.phrases import many
+from flows.report.words.phrases import count_noun
 from flows.report.words.verdict import claim, errors
 from flows.storage.diagnosis import read_verdict
 from residual.errors import InputError
@@ -113,9 +113,9 @@ def page_at(store: Path, address: str) -> bytes | None:
         return write_index(store).read_bytes()
     match = _FILE.fullmatch(address)
     try:
-        found = find(store, match[1]) if match else None
-        path = other_files(found).get(match[2]) if found else None
-        if path is None or found.kind != "reports":
+        record = find(store, match[1]) if match else None
+        path = other_files(record).get(match[2]) if record else None
+        if path is None or record.kind != "reports":
             return None
         check_file(path)
         return path.read_bytes()
@@ -131,7 +131,9 @@ def document(opened: Store) -> Document:
         for row in rows
     ]
     waits = sum("waits" in str(row[2]) for row in rows)
-    table = Table(_HEADS, cells, left=range(6), named=4, look="list", filters=(1, 2, 3))
+    table = Table(
+        _HEADS, cells, text_columns=range(6), named=4, look="list", filters=(1, 2, 3)
+    )
     none = Markup(
         "Nothing is stored yet. <kbd>modelgap demo</kbd> or <kbd>modelgap up</kbd> "
         "fills the store."
@@ -150,7 +152,7 @@ def document(opened: Store) -> Document:
             ),
             Tile("Waiting", str(waits), "for your decision"),
         ],
-        sections=(Section("all", "Reports", [table if cells else none], shown=False),),
+        sections=(Section("all", "Reports", [table if cells else none]),),
         foot=[("Store", opened.path.name), ("Written", written)],
     )
 
@@ -199,7 +201,7 @@ def _rows(opened: Store) -> Iterator[Row]:
         yield each["created"], each["robot"], state, text, ""
     for each in _ask(opened, _ALARMS)[:MOST]:
         alarms = ", ".join(sorted(each["what"]))
-        words = f"in {many(each['runs'], 'run')}: {alarms}"
+        words = f"in {count_noun(each['runs'], 'run')}: {alarms}"
         yield each["created"], each["robot"], "alarm", words, ""
     for each in _ask(opened, _REFUSED)[:MOST]:
         yield each["created"], each["robot"] or "?", "log refused", each["why"], ""

@@ -9,11 +9,11 @@ from flows.report.page import Pairs, render
 from flows.report.words.phrases import texts
 from flows.report.words.verdict import sentences
 from flows.steps.adopt import AdoptionEntry, Judgment, Proposal
-from residual.diagnosis.result import ErrorTables
 from residual.errors import joints_listed
 from residual.identification.prove import ValidatedIdentification
 from residual.model.compare import EDITED, WHOLE
 from residual.quantity import bare_percent, number, percent, unit_text
+from residual.verdict.result import ErrorTables
 
 _TEXT = texts()["proposal"]
 
@@ -47,7 +47,7 @@ def _parameters(outcome: ValidatedIdentification) -> Table:
         rows.append([*row, *([] if other is None else [f"{other[i]:.5g}"])])
     heads = ["parameter (sum of standard ones)", "unit", "nominal", "identified"]
     heads += ["std", "std [%]"] + (["consistent"] if consistent else [])
-    return Table(heads, rows, left=(0, 1), most={0: 58})
+    return Table(heads, rows, text_columns=(0, 1), max_widths={0: 58})
 
 
 def _fit(outcome: ValidatedIdentification) -> list[str]:
@@ -84,7 +84,7 @@ def _errors(outcome: ValidatedIdentification) -> Table:
         for name, each in outcome.accelerations.items()
         if each is not None
     ]
-    return Table(heads, rows, left=(0, 1))
+    return Table(heads, rows, text_columns=(0, 1))
 
 
 def _short(value: float) -> str:
@@ -94,13 +94,14 @@ def _short(value: float) -> str:
 def _consistency(outcome: ValidatedIdentification) -> list[str]:
     lines = []
     if outcome.consistent is not None:
-        free, own = (
+        free, constrained = (
             outcome.errors[n].overall("filtered") for n in ("identified", "consistent")
         )
         least = outcome.consistent.least_eigenvalue.min()
         lines.append(
-            f"consistent: every pseudo-inertia is positive definite (least eigenvalue "
-            f"{least:.2g} of its scale); error {own:.3g} %, unconstrained {free:.3g} %"
+            "consistent: every pseudo-inertia is positive definite (least eigenvalue "
+            f"{least:.2g} of its scale); error {constrained:.3g} %, unconstrained "
+            f"{free:.3g} %"
         )
     return lines + [
         f"least eigenvalue of M(q), 10 000 random poses, {name}: {value:.3g} kg m²"
@@ -151,29 +152,29 @@ def adoptions(listed: Sequence[AdoptionEntry]) -> Table:
     return words_table(heads, rows)
 
 
-def adoption_lines(number: str, judgment: Judgment) -> list[str]:
-    """Return what was adopted, and the result of the gate, a line each."""
+def adoption_lines(number: str, review: Judgment) -> list[str]:
+    """Return the adoption and the result of the gate, a line each."""
     return [
         f"adoption {int(number)}: the augmented model of diagnosis "
-        f"{judgment.diagnosis[:8]} is now the model of {judgment.model.robot.name}; "
+        f"{review.diagnosis[:8]} is now the model of {review.model.robot.name}; "
         "modelgap rollback restores the previous one",
-        *seen_lines(judgment),
+        *gate_lines(review),
     ]
 
 
-def seen_lines(judgment: Judgment) -> list[str]:
+def gate_lines(review: Judgment) -> list[str]:
     """Return the result of the gate for a model, a line each."""
-    lines = [f"gate failed: {doubt}" for doubt in judgment.doubts]
-    if judgment.check is None:
+    lines = [f"gate failed: {doubt}" for doubt in review.doubts]
+    if review.check is None:
         return lines
-    errors = _fall(judgment.check.before, judgment.check.after)
+    errors = _fall(review.check.before, review.check.after)
     lines.append(f"error on unseen motion: {errors}")
-    for one in judgment.check.effects:
-        where = f" on {joints_listed(one.joints)}" if one.joints else ""
+    for finding in review.check.effects:
+        where = f" on {joints_listed(finding.joints)}" if finding.joints else ""
         shown = "not confirmed by it"
-        if one.part is not None:
-            shown = f"confirmed at {one.part:.2f} times its size"
-        lines.append(f"{one.name}{where}: {shown}")
+        if finding.part is not None:
+            shown = f"confirmed at {finding.part:.2f} times its size"
+        lines.append(f"{finding.name}{where}: {shown}")
     return lines
 
 
@@ -185,9 +186,9 @@ def _fall(before: float | None, after: float | None) -> str:
 
 def _compared(proposal: Proposal) -> list[tuple[str, str, str]]:
     """Rows (quantity, present model, proposed model)."""
-    worth, rows = proposal.judgment.check, []
-    if worth:
-        errors = bare_percent(worth.before), bare_percent(worth.after)
+    check, rows = proposal.judgment.check, []
+    if check:
+        errors = bare_percent(check.before), bare_percent(check.after)
         rows.append(("error on unseen motion, %", *errors))
     rows += [
         (f"{finding.where}: {key}", "–", str(value))
@@ -208,7 +209,7 @@ def proposal_page(proposal: Proposal, origin: Pairs = ()) -> str:
     heads = ("", proposal.now, f"proposed: diagnosis {diagnosis[:8]}")
     sections = (
         Section("two", "Comparison", [words_table(heads, _compared(proposal))]),
-        Section("gate", "Result of the gate", [seen_lines(proposal.judgment)]),
+        Section("gate", "Result of the gate", [gate_lines(proposal.judgment)]),
         Section(
             "answer", "How to answer", [_TEXT["answer"], f"modelgap adopt {diagnosis}"]
         ),
@@ -229,5 +230,5 @@ def proposal_markdown(proposal: Proposal) -> str:
     """Return the same as Markdown, for the pages of Prefect."""
     rows = [("", proposal.now, "proposed"), ("---",) * 3, *_compared(proposal)]
     table = "\n".join(f"| {' | '.join(row)} |" for row in rows)
-    gate = "\n".join(f"- {line}" for line in seen_lines(proposal.judgment))
+    gate = "\n".join(f"- {line}" for line in gate_lines(proposal.judgment))
     return "\n\n".join([*sentences(proposal.verdict)[:1], table, gate])

@@ -2,7 +2,7 @@
 
 from flows.report.document import Table
 from flows.report.words.outlook import from_one_another, in_words
-from flows.report.words.phrases import joint_words, many, sentence_case
+from flows.report.words.phrases import count_noun, joint_words, sentence_case
 from flows.steps.next import Opened, Ranking
 from residual.planning.promise import sure_words, told_apart
 from residual.quantity import MISSING, fraction, probability
@@ -28,14 +28,14 @@ def _inseparable(ranking: Ranking) -> list[str]:
     return [*lines]
 
 
-def told(ranking: Ranking) -> list[str]:
-    """Return what a motion settles and how surely, a sentence each."""
+def proposal_lines(ranking: Ranking) -> list[str]:
+    """Return the question that a motion settles, and its chance, a sentence each."""
     best, spec = ranking.best, ranking.best.spec
     rivals = from_one_another(told_apart(ranking.question, best.seen))
     words = sure_words(spec.duration, best.after, best.sure.chance)
     return [
         f"Next experiment: {spec.duration:g} s of {spec.kind} motion in "
-        f"{many(spec.periods, 'period')}, to separate {rivals}.",
+        f"{count_noun(spec.periods, 'period')}, to separate {rivals}.",
         f"The question is {words}.",
         *_inseparable(ranking),
         "Range, speed, acceleration, torque, floor and self-collision are within "
@@ -44,11 +44,11 @@ def told(ranking: Ranking) -> list[str]:
 
 
 def comparison(ranking: Ranking) -> Table:
-    """Return what other motions of the same length and limits would do."""
+    """Return the ranked motions of the same length and limits."""
     rows = [
         (
             m.spec.kind.replace("_", " "),
-            many(m.spec.periods, "period"),
+            count_noun(m.spec.periods, "period"),
             MISSING if m.after is None else f"{m.after:.1f} s",
             probability(m.sure.chance),
         )

@@ -32,7 +32,7 @@ def _ids(ids: Sequence[str]) -> Markup:
     return Markup(" ").join(tag("code", id) for id in ids)
 
 
-def made_of(store: Path, id: str) -> Pairs:
+def origin_of_record(store: Path, id: str) -> Pairs:
     """Return the origin of a record of a store, for the foot of a page.
 
     Its kind and id, time and program, the ids of its inputs by role, and the command
@@ -41,10 +41,10 @@ def made_of(store: Path, id: str) -> Pairs:
     Raises:
         InputError: If there is no such record, or it is damaged.
     """
-    found = find(store, id)
-    is_run = found.kind == "runs"
+    record = find(store, id)
+    is_run = record.kind == "runs"
     columns = ["created", "lineage", "manifest" if is_run else "provenance"]
-    row = read_parquet(found.row, columns).to_pylist()[0]
+    row = read_parquet(record.row, columns).to_pylist()[0]
     source = json.loads(row[columns[-1]])
     source = (source.get("provenance") if is_run else source) or {}
     program = (source.get("versions") or {}).get("modelgap") or "unknown version"
@@ -54,18 +54,21 @@ def made_of(store: Path, id: str) -> Pairs:
     data: dict[str, list[str]] = {}
     for parent in row["lineage"] or ():
         data.setdefault(parent["role"].replace("_", " "), []).append(parent["parent"])
-    kinds = found.kind, read_record(store, found.id).get("kind")
+    kinds = record.kind, read_record(store, record.id).get("kind")
     again = "show" if {"reports", "adoptions", "tracking"} & {*kinds} else "rerun"
     return [
-        (_NOUNS.get(found.kind, found.kind[:-1]).capitalize(), tag("code", found.id)),
+        (
+            _NOUNS.get(record.kind, record.kind[:-1]).capitalize(),
+            tag("code", record.id),
+        ),
         ("Stored", f"{row['created']:%Y-%m-%d %H:%M:%S} UTC"),
         ("Program", f"modelgap {program}"),
         *((sentence_case(role), _ids(ids)) for role, ids in data.items()),
-        (_AGAIN, tag("kbd", f"modelgap {again} {found.id}")),
+        (_AGAIN, tag("kbd", f"modelgap {again} {record.id}")),
     ]
 
 
-def of_request(request: Diagnose, page: str = "report.html") -> Pairs:
+def origin_of_request(request: Diagnose, page: str = "report.html") -> Pairs:
     """Return the origin of a diagnosis that is not stored."""
     inputs = {
         "Robot": (request.robot,),
@@ -79,9 +82,9 @@ def of_request(request: Diagnose, page: str = "report.html") -> Pairs:
     return [*facts, (_AGAIN, tag("kbd", command(request, page)))]
 
 
-def of_diagnosis(store: Path, id: str) -> Pairs:
+def origin_of_diagnosis(store: Path, id: str) -> Pairs:
     """Return the origin of a diagnosis in the store, with the page made again."""
-    facts, request = made_of(store, id), read_record(store, id).get("request")
+    facts, request = origin_of_record(store, id), read_record(store, id).get("request")
     if not request:
         return facts
     again = command(Diagnose.from_record(request, None), "report.html")

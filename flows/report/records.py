@@ -17,23 +17,23 @@ _SHOWN = 40  # lines of one table
 _LISTED = 12  # channels of a rerun that are listed for people
 
 
-def comparison(found) -> list[str | Table]:
+def comparison(difference) -> list[str | Table]:
     """Return a comparison of two records: which values differ, and by how much."""
-    same = "the same values" if found.same else "different values"
-    parts = [f"{found.kind} {found.ids[0]} and {found.ids[1]}: {same}"]
-    for heading, rows in found.tables.items():
+    same = "the same values" if difference.same else "different values"
+    parts = [f"{difference.kind} {difference.ids[0]} and {difference.ids[1]}: {same}"]
+    for heading, rows in difference.tables.items():
         if not rows:
             parts.append(f"{heading}: the same")
             continue
         shown = [[_word(part) for part in row] for row in rows[:_SHOWN]]
-        parts.append(words_table((heading, *(id[:8] for id in found.ids)), shown))
+        parts.append(words_table((heading, *(id[:8] for id in difference.ids)), shown))
         parts += _more(len(rows))
-    if found.kind != "runs":
+    if difference.kind != "runs":
         # Numbers of the record are in its table; files and tables are not.
-        parts += [channel.words for channel in found.channels[:_SHOWN]]
-        return parts + _more(len(found.channels))
+        parts += [channel.words for channel in difference.channels[:_SHOWN]]
+        return parts + _more(len(difference.channels))
     rows = []
-    for c in found.channels:
+    for c in difference.channels:
         count = str(c.differing) if c.differing or not c.note else c.note
         figures = [
             "–" if v is None else f"{v:.4g}" for v in (c.first, c.largest, c.rms)
@@ -44,19 +44,19 @@ def comparison(found) -> list[str | Table]:
     return [*parts, words_table(heads, rows)]
 
 
-def as_record(found) -> dict:
+def as_record(difference) -> dict:
     """Return a comparison as JSON can hold it."""
     tables = {
         heading: [{"name": n, "one": one, "two": two} for n, one, two in rows]
-        for heading, rows in found.tables.items()
+        for heading, rows in difference.tables.items()
     }
     return {
-        "kind": found.kind,
-        "one": found.ids[0],
-        "two": found.ids[1],
-        "same": found.same,
+        "kind": difference.kind,
+        "one": difference.ids[0],
+        "two": difference.ids[1],
+        "same": difference.same,
         **tables,
-        "data": [asdict(channel) for channel in found.channels],
+        "data": [asdict(channel) for channel in difference.channels],
     }
 
 
@@ -77,8 +77,8 @@ def print_tree(root, words: str, console: Console) -> None:
 
 
 def _more(count: int) -> list[str]:
-    rest = count - _SHOWN
-    return [f"and {rest} more; --format json has all"] if rest > 0 else []
+    remaining = count - _SHOWN
+    return [f"and {remaining} more; --format json has all"] if remaining > 0 else []
 
 
 def _word(value: object) -> str:
@@ -111,41 +111,44 @@ def _value(item: object) -> str:
     return f"{' '.join(text[:60].split())} … ({len(text)} characters, --format json)"
 
 
-def rerun_lines(made) -> list[str]:
+def rerun_lines(rerun) -> list[str]:
     """Return the result of a rerun, line by line."""
-    about = f"{made.kind} {made.id}"
-    if made.reproduced and made.imported:
+    about = f"{rerun.kind} {rerun.id}"
+    if rerun.reproduced and rerun.imported:
         return [f"{about}: measured; its values are those of the import"]
-    if made.reproduced:
-        code = "" if made.same_code else "; the code has changed, the values have not"
+    if rerun.reproduced:
+        code = "" if rerun.same_code else "; the code has changed, the values have not"
         out = [f"{about}: same, bit for bit{code}"]
     else:
         out = [f"{about}: not the same"]
-        out += [f"  {channel.words}" for channel in made.differences[:_LISTED]]
-        if len(made.differences) > _LISTED:
-            out.append(f"  and {len(made.differences) - _LISTED} more")
-        out.append(f"most probable cause: {made.cause.kind}: {made.cause.why}")
-    out.append(made.changes)
-    if made.new_id:
-        out.append(f"stored, a rerun of it: modelgap show {made.new_id}")
-    if made.note_id:
-        out.append(f"kept on record: modelgap show {made.note_id}")
+        out += [f"  {channel.words}" for channel in rerun.differences[:_LISTED]]
+        if len(rerun.differences) > _LISTED:
+            out.append(f"  and {len(rerun.differences) - _LISTED} more")
+        out.append(f"most probable cause: {rerun.cause.kind}: {rerun.cause.why}")
+    out.append(rerun.changes)
+    if rerun.new_id:
+        out.append(f"stored, a rerun of it: modelgap show {rerun.new_id}")
+    if rerun.note_id:
+        out.append(f"kept on record: modelgap show {rerun.note_id}")
     return out
 
 
-def rerun_record(made) -> Mapping:
+def rerun_record(rerun) -> Mapping:
     """Return the same as JSON can hold it."""
+    keys = [
+        "id",
+        "kind",
+        "reproduced",
+        "same_code",
+        "imported",
+        "changes",
+    ]
     return {
-        "id": made.id,
-        "kind": made.kind,
-        "reproduced": made.reproduced,
-        "same_code": made.same_code,
-        "imported": made.imported,
-        "differences": [asdict(channel) for channel in made.differences],
-        "cause": made.cause and asdict(made.cause),
-        "changes": made.changes,
-        "made": made.new_id,
-        "noted": made.note_id,
+        **{key: getattr(rerun, key) for key in keys},
+        "made": rerun.new_id,
+        "noted": rerun.note_id,
+        "differences": [asdict(channel) for channel in rerun.differences],
+        "cause": rerun.cause and asdict(rerun.cause),
     }
 
 

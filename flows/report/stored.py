@@ -10,8 +10,8 @@ from flows.inputs.read import load
 from flows.outputs import json_text
 from flows.report.diagnosis import render
 from flows.report.index import write_index
-from flows.report.page import of_diagnosis
-from flows.report.words.phrases import Hidden, Staged
+from flows.report.page import origin_of_diagnosis
+from flows.report.words.phrases import Demonstration, Hidden
 from flows.report.words.verdict import sentences
 from flows.storage.diagnosis import read_outcome, store_report
 from residual.verdict.document import to_json
@@ -26,18 +26,18 @@ def diagnosis_page(
     ids: Sequence[str],
     store: Path,
     kind: str,
-    staged: Staged | None = None,
+    demonstration: Demonstration | None = None,
     files: Mapping[str, bytes] | None = None,
 ) -> Path:
     """Write the page and the verdict of a diagnosis into the store.
 
     Args:
         kind: What it reports, such as "nightly".
-        staged: What only a demonstration can show.
+        demonstration: What only a demonstration can show.
     """
     result = read_outcome(store, ids[1])
     robot = result.verdict.robot
-    page = render(result, robot, staged, of_diagnosis(store, ids[0]))
+    page = render(result, robot, demonstration, origin_of_diagnosis(store, ids[0]))
     verdict = json_text(to_json(result.verdict)).encode()
     contents = {"report.html": page.encode(), "verdict.json": verdict, **(files or {})}
     folder = store_report(store, {"robot": robot, "kind": kind}, ids[0], contents)
@@ -54,17 +54,17 @@ def demo_page(
     gif = gif_of(load(run.robot), run.t[rows], run.q[rows])
     caption = f"The first {CLIP:g} s of one experiment, in the physics engine."
     verdict = read_outcome(store, ids[1]).verdict
-    staged = Staged(gif, caption, as_hidden(hidden), verdict)
+    demonstration = Demonstration(gif, caption, hidden_effects(hidden), verdict)
     truth = (json.dumps(list(hidden), indent=2) + "\n").encode()
     files = {"truth.json": truth, "arm.gif": gif}
-    return diagnosis_page(ids, store, "demo", staged, files)
+    return diagnosis_page(ids, store, "demo", demonstration, files)
 
 
 def words(proof: str, store: Path) -> str:
-    """Return a stored verdict in a few sentences."""
+    """Return the headline of a stored verdict."""
     return " ".join(sentences(read_outcome(store, proof).verdict))
 
 
-def as_hidden(found: Sequence[Mapping]) -> tuple[Hidden, ...]:
-    """Return what a seal held as the report takes it."""
-    return _HIDDEN.validate_python(found)
+def hidden_effects(records: Sequence[Mapping]) -> tuple[Hidden, ...]:
+    """Return the records of a seal as hidden effects."""
+    return _HIDDEN.validate_python(records)

@@ -17,15 +17,6 @@ from flows.report.words.phrases import (
     sentence_case,
 )
 from flows.report.words.verdict import is_wrong_value
-from residual.diagnosis.result import (
-    PLAIN,
-    STAGES,
-    Diagnosis,
-    Finding,
-    Frames,
-    Number,
-    Verdict,
-)
 from residual.quantity import (
     MISSING,
     bare_percent,
@@ -35,6 +26,15 @@ from residual.quantity import (
     number,
     probability,
     unit_text,
+)
+from residual.verdict.result import (
+    PLAIN,
+    STAGES,
+    Diagnosis,
+    Finding,
+    Frames,
+    Number,
+    Verdict,
 )
 
 METRICS = {"moving": "moving", "filtered": "filtered", "held_out": "as logged"}
@@ -53,25 +53,25 @@ class ErrorRow:
 
 def error_rows(diagnosis: Diagnosis) -> list[ErrorRow]:
     """Return one row per joint and one for all joints together."""
-    rest, error = diagnosis.unexplained, diagnosis.errors
+    unexplained, error = diagnosis.unexplained, diagnosis.errors
     rows = []
-    for joint, share in enumerate(rest.per_joint, start=1):
+    for joint, share in enumerate(unexplained.per_joint, start=1):
         values = {
             metric: {k: v[joint - 1] for k, v in getattr(error, metric).items() if v}
             for metric in METRICS
         }
         small = ", too small" if joint in diagnosis.verdict.too_small else ""
-        flagged = joint in rest.joints
+        flagged = joint in unexplained.joints
         rows.append(ErrorRow(f"{joint}{small}", joint, values, share, flagged))
     overall = {
         "moving": error.overall_moving,
         "filtered": error.overall_filtered,
         "held_out": error.overall,
     }
-    return [*rows, ErrorRow("all", None, overall, rest.fraction, False)]
+    return [*rows, ErrorRow("all", None, overall, unexplained.fraction, False)]
 
 
-def has(rows: Sequence[ErrorRow], metric: str, stage: str) -> bool:
+def has_error(rows: Sequence[ErrorRow], metric: str, stage: str) -> bool:
     """Return whether any joint has this error."""
     return any(known(row.values[metric].get(stage)) for row in rows)
 
@@ -85,11 +85,11 @@ def error_table(
         about: Title of the table.
     """
     groups = {
-        # Least squares, a reference, stands beside the first metric only.
+        # Least squares, a reference, is shown for the first metric only.
         metric: [
             stage
             for stage in (*STAGES, *([PLAIN] if metric == next(iter(METRICS)) else []))
-            if has(rows, metric, stage)
+            if has_error(rows, metric, stage)
         ]
         for metric in metrics
     }
@@ -105,10 +105,14 @@ def error_table(
             line.append(kind(bare_percent(row.values[metric].get(stage))))
         if share:
             flag = "flagged " if row.flagged else ""
-            rest = row.unexplained
-            line.append(flag + bare_percent(100 * rest if known(rest) else None))
+            remaining = row.unexplained
+            line.append(
+                flag + bare_percent(100 * remaining if known(remaining) else None)
+            )
         cells.append(line)
-    over = [(sentence_case(METRICS[m]), len(own)) for m, own in groups.items() if own]
+    over = [
+        (sentence_case(METRICS[m]), len(shown)) for m, shown in groups.items() if shown
+    ]
     heads = [stage.replace("_", " ") for _, stage in columns]
     return Table(
         ("Joint", *heads, *(["unexplained"] if share else [])),
@@ -122,7 +126,9 @@ def error_table(
 
 def brief_errors(diagnosis: Diagnosis, rows: Sequence[ErrorRow]) -> Table | None:
     """Return the errors of the first metric known; page and JSON have all."""
-    first = next((m for m in METRICS if any(has(rows, m, s) for s in STAGES)), None)
+    first = next(
+        (m for m in METRICS if any(has_error(rows, m, s) for s in STAGES)), None
+    )
     if first is None:
         return None
     weak = ", end of the fitted run" if diagnosis.errors.same_run else ""
@@ -131,13 +137,13 @@ def brief_errors(diagnosis: Diagnosis, rows: Sequence[ErrorRow]) -> Table | None
 
 
 def title(effect: Finding, verdict: Verdict) -> str:
-    """Return a finding with its place, and what the URDF calls its joints."""
+    """Return a finding with its place and the names of its joints in the URDF."""
     names = named_joints(effect.joints, verdict.frames)
     return phrase(effect, verdict.dof) + (f" ({names})" if names else "")
 
 
 def named_joints(joints: Iterable[int], frames: Frames) -> str:
-    """Return what the URDF calls joints, where a name is more than a number."""
+    """Return the names of joints in the URDF, where a name is more than a number."""
     names = [(j, frames.joints[j - 1]) for j in joints if j <= len(frames.joints)]
     plain = r"(?:.*[_-])?(?:joint|axis|j|a|q)?[_-]?0*{}"
     return listing(
@@ -145,7 +151,9 @@ def named_joints(joints: Iterable[int], frames: Frames) -> str:
     )
 
 
-def others(effect: Finding, diagnosis: Diagnosis, between: str = " or ") -> str:
+def equivalents_text(
+    effect: Finding, diagnosis: Diagnosis, between: str = " or "
+) -> str:
     """Return the equivalents of a finding in words."""
     return between.join(alternatives(effect, diagnosis.verdict.dof))
 
@@ -180,7 +188,7 @@ def finding_lines(effect: Finding, diagnosis: Diagnosis) -> list[str]:
     verdict, evidence = diagnosis.verdict, effect.evidence
     lines = [Strong(f"{effect.order}. {title(effect, verdict)}")]
     if effect.equivalent:
-        lines.append(f"   or {others(effect, diagnosis)}")
+        lines.append(f"   or {equivalents_text(effect, diagnosis)}")
     for name, by_joint in _parameter_texts(effect, verdict).items():
         texts = [f"J{j} {text}" if j else text for j, text in by_joint.items()]
         lines.append(f"   {name} {', '.join(texts)}")
@@ -189,8 +197,8 @@ def finding_lines(effect: Finding, diagnosis: Diagnosis) -> list[str]:
     words = [f"evidence {number(evidence.nats)} nats"]
     words[0] += f" by {evidence.by}" if evidence.by else ""
     if known(effect.probability):
-        one = " (of any of these)" if effect.equivalent else ""
-        words.append(f"probability {probability(effect.probability)}{one}")
+        scope = " (of any of these)" if effect.equivalent else ""
+        words.append(f"probability {probability(effect.probability)}{scope}")
     words.append(f"held-out motion: {evidence.held_out or 'not tested'}")
     again = found_again(effect)
     words += [f"found again in {again} splits"] if again else []
@@ -215,7 +223,7 @@ def evidence_table(diagnosis: Diagnosis) -> Table:
             sentence_case(title(effect, diagnosis.verdict)),
         )
         if effect.equivalent:
-            other = tag("span", f"or {others(effect, diagnosis)}", "soft")
+            other = tag("span", f"or {equivalents_text(effect, diagnosis)}", "soft")
             name = Markup("{}<br>{}").format(name, other)
         word = evidence.held_out
         look = f"tag {word if word in ('confirmed', 'refuted') else 'neutral'}"
@@ -223,37 +231,23 @@ def evidence_table(diagnosis: Diagnosis) -> Table:
         row += [evidence.by or MISSING, tag("span", word or "not tested", look)]
         row += [fraction(evidence.held_out_gain)]
         rows.append(row + [found_again(effect) or MISSING] * again)
-    return Table(heads, rows, left=(0, 3, 4))
+    return Table(heads, rows, text_columns=(0, 3, 4))
 
 
-def means(diagnosis: Diagnosis, effect: Finding) -> str:
-    """Return in one sentence what a model without it gets wrong; empty if unknown.
+def impact_sentence(diagnosis: Diagnosis, effect: Finding) -> str:
+    """Return in one sentence the torque error without it; empty if unknown.
 
-    Of at most two joints, those where it is the largest share of the torque.
+    Of at most two joints, those where its torque is largest.
     """
     clouds = [c for c in diagnosis.clouds if c.name == effect.name and len(c.x)]
     if effect_named(effect.name).variable is not None and effect.joints:
         clouds = [c for c in clouds if c.joint in effect.joints] or clouds
-    parts = []
-    for cloud in clouds:
-        peak, unit = (
-            float(np.abs(cloud.fitted).max()),
-            diagnosis.torque_unit(cloud.joint),
-        )
-        largest = max(
-            (
-                float(np.abs(proof.tau[:, cloud.joint - 1]).max())
-                for proof in diagnosis.proofs
-                if len(proof.t) and cloud.joint <= proof.tau.shape[1]
-            ),
-            default=0.0,
-        )
-        share = peak / largest if largest else 0.0
-        of = f" ({fraction(share)} of the largest torque there)" if share else ""
-        words = f"by up to {number(peak)} {unit} on joint {cloud.joint}{of}"
-        parts.append((share, words))
-    worst = " and ".join(words for _, words in sorted(parts, reverse=True)[:2])
-    return f"Without it the predicted torque is off {worst}." if worst else ""
+    peaks = sorted((float(np.abs(c.fitted).max()), c.joint) for c in clouds)[-2:]
+    words = " and ".join(
+        f"by up to {number(peak)} {diagnosis.torque_unit(joint)} on joint {joint}"
+        for peak, joint in reversed(peaks)
+    )
+    return f"Without it the predicted torque is off {words}." if words else ""
 
 
 # Sizes of a finding as engineers state them: a change, an amplitude, a frame.
@@ -337,9 +331,9 @@ def _sizes(effect: Finding) -> Iterator[Size]:
                 yield Size(name, joint, size, std, unit)
         return
     pairs = zip(*(p.pairs for p in parameters), strict=True)
-    for joint, own in zip(joints, pairs, strict=False):
-        values = np.array([v for v, _ in own], dtype=float)
-        stds = np.array([s if known(s) else 0.0 for _, s in own])
+    for joint, joint_values in zip(joints, pairs, strict=False):
+        values = np.array([v for v, _ in joint_values], dtype=float)
+        stds = np.array([s if known(s) else 0.0 for _, s in joint_values])
         steps = [convert(values + row) for row in _STEP * np.diag(stds)]
         for name, (value, unit) in convert(values).items():
             slopes = [(step[name][0] - value) / _STEP for step in steps]
@@ -365,6 +359,6 @@ def size_of(effect: Finding, verdict: Verdict) -> tuple[str, str]:
 
 
 def frame_words(effect: Finding, frames: Frames) -> str:
-    """Return what the vectors of a finding are in; empty where it has none."""
+    """Return the frame of the vectors of a finding; empty where it has none."""
     flange = frames.flange or "the flange"
     return effect_named(effect.name).frame.format(flange=flange)

@@ -8,9 +8,9 @@ from pathlib import Path
 
 from flows.steps.rerun import compare_records, package_changes
 from residual.errors import InputError, RunError
-from warehouse.compare import Channel, compare, values_apart
-from warehouse.layout import Found, find
-from warehouse.remote import bucket_of, shown
+from warehouse.compare import Channel, compare_channels, compare_values
+from warehouse.layout import StoredRecord, find
+from warehouse.remote import bucket_of, store_name
 from warehouse.runs import read_channels, read_manifest
 from warehouse.schema import INDEX
 from warehouse.verify import open_to_others, read_row, verify_all
@@ -49,7 +49,7 @@ def diff(first: str, second: str, store: Path) -> Diff:
     return Diff(pair[0].kind, (pair[0].id, pair[1].id), tables, channels)
 
 
-def _runs(store: Path, *pair: Found) -> tuple[dict, tuple[Channel, ...]]:
+def _runs(store: Path, *pair: StoredRecord) -> tuple[dict, tuple[Channel, ...]]:
     manifests = [read_manifest(store, each.id) for each in pair]
     provenances = [each["provenance"] for each in manifests]
     spec = [
@@ -62,10 +62,10 @@ def _runs(store: Path, *pair: Found) -> tuple[dict, tuple[Channel, ...]]:
         **_provenance_tables(store, *provenances),
         "manifest": _pairs(*others),
     }
-    return tables, compare(*(read_channels(store, each.id) for each in pair))
+    return tables, compare_channels(*(read_channels(store, each.id) for each in pair))
 
 
-def _records(store: Path, *pair: Found) -> tuple[dict, tuple[Channel, ...]]:
+def _records(store: Path, *pair: StoredRecord) -> tuple[dict, tuple[Channel, ...]]:
     rows = [read_row(each) for each in pair]
     provenances = [json.loads(row["provenance"]) for row in rows]
     records = [json.loads(row["record"]) for row in rows]
@@ -95,7 +95,7 @@ def _provenance_tables(store: Path, first: Mapping, second: Mapping) -> dict:
 
 def _pairs(first: Mapping, second: Mapping) -> tuple[tuple[str, object, object], ...]:
     """Return the values that differ, by their place, both as they are."""
-    names = [channel.name for channel in values_apart(dict(first), dict(second))]
+    names = [channel.name for channel in compare_values(dict(first), dict(second))]
     return tuple((name, _at(first, name), _at(second, name)) for name in names)
 
 
@@ -119,7 +119,7 @@ def verify(place: Path) -> Iterator[str]:
     """
     if not place.is_dir():
         raise InputError(
-            f"There is no store at {shown(place)}. Say where: --store FOLDER."
+            f"There is no store at {store_name(place)}. Say where: --store FOLDER."
         )
     counts: Counter = Counter()
     damaged = 0

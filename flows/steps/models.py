@@ -138,13 +138,13 @@ def diagnosis_of(store: Path, word: str) -> str:
     ):
         return id
     if found.kind == "models":
-        from warehouse.query.store import ask
+        from warehouse.query.store import query_store
 
         query = (
             "SELECT diagnosis_id AS id FROM diagnoses WHERE model_id = $id "
             "ORDER BY created LIMIT 1"
         )
-        for row in ask(store, query, id=found.id):
+        for row in query_store(store, query, id=found.id):
             return row["id"]
     raise InputError(
         f"{word} is one of {found.kind}, expected a diagnosis or the model that one "

@@ -18,8 +18,8 @@ from residual.threads import one_blas_thread
 from warehouse.commit import commit_record
 from warehouse.layout import find, find_run, list_folders, read_record
 from warehouse.quarantine import tombstone
-from warehouse.query.store import ask
-from warehouse.remote import shown
+from warehouse.query.store import query_store
+from warehouse.remote import store_name
 from warehouse.runs import read_manifest, read_run
 from warehouse.schema import rows_table
 
@@ -190,7 +190,7 @@ def healthy_runs(
         ORDER BY coalesce(recorded_at, created) DESC, run_id LIMIT $most
     """
     values = {"tag": tag, "runs": list(runs), "first": runs[0], "most": MOST_HEALTHY}
-    rows = ask(store, query, **values)
+    rows = query_store(store, query, **values)
     return tuple(sorted(row["run_id"] for row in rows))
 
 
@@ -202,7 +202,7 @@ def diagnosis_of(runs: Sequence[str], store: Path) -> str | None:
         GROUP BY diagnosis_id HAVING count(DISTINCT parent) = $count
         ORDER BY any_value(diagnoses.created) DESC, diagnosis_id LIMIT 1
     """
-    rows = ask(store, query, runs=list(runs), count=len(set(runs)))
+    rows = query_store(store, query, runs=list(runs), count=len(set(runs)))
     return rows[0]["diagnosis_id"] if rows else None
 
 
@@ -216,7 +216,7 @@ def latest_diagnosis(runs: Sequence[str], store: Path) -> str | None:
         "serial IS NOT DISTINCT FROM $serial "
         "ORDER BY created DESC, diagnosis_id LIMIT 1"
     )
-    result = ask(store, query, robot=robot, serial=serial_of(runs[0], store))
+    result = query_store(store, query, robot=robot, serial=serial_of(runs[0], store))
     return result[0]["diagnosis_id"] if result else None
 
 
@@ -243,8 +243,9 @@ def _diagnosis_in(word: str, store: Path) -> str | None:
         return None
     if not any(id.startswith(word) for id in list_folders(store, "diagnoses")):
         raise InputError(
-            f"'{word}' is no diagnosis in {shown(store)}. Name a robot such as irb140, "
-            "or a diagnosis as in: modelgap sql 'SELECT diagnosis_id FROM diagnoses'."
+            f"'{word}' is no diagnosis in {store_name(store)}. Name a robot such as "
+            "irb140, or a diagnosis as in: "
+            "modelgap sql 'SELECT diagnosis_id FROM diagnoses'."
         )
     return find(store, word).id
 

@@ -36,12 +36,24 @@ from flows.steps.monitor import monitor
 from flows.steps.validate import validate
 from residual.errors import InputError
 from warehouse.commit import commit_record
-from warehouse.compare import Channel, compare, differing, values_apart
+from warehouse.compare import (
+    Channel,
+    compare_channels,
+    compare_values,
+    differing_channels,
+)
 from warehouse.files import read_parquet, table_hash, to_arrays
-from warehouse.ids import ID_DIGITS, data_hash, plain
-from warehouse.layout import RERUN_OF, Found, find, list_folders, needed, read_record
-from warehouse.provenance import about_changes, provenance, read_packages
-from warehouse.remote import bring, is_there
+from warehouse.ids import ID_DIGITS, data_hash, to_plain
+from warehouse.layout import (
+    RERUN_OF,
+    StoredRecord,
+    find,
+    list_folders,
+    read_record,
+    with_parents,
+)
+from warehouse.provenance import describe_uncommitted, provenance, read_packages
+from warehouse.remote import fetch_record, has_record
 from warehouse.runs import open_seal, read_manifest, robot_word
 from warehouse.schema import SAMPLES_FILE, SEALED
 from warehouse.verify import faults, list_tables, other_files, read_row
@@ -112,7 +124,7 @@ def rerun(id: str, store: Path, verify: bool = False) -> Rerun:
     return _rerun_record(record, store, verify)
 
 
-def _rerun_run(record: Found, store: Path, verify: bool) -> Rerun:
+def _rerun_run(record: StoredRecord, store: Path, verify: bool) -> Rerun:
     manifest, new = read_manifest(store, record.id), None
     then = manifest["provenance"]
     if manifest.get("spec") is None:
@@ -124,7 +136,7 @@ def _rerun_run(record: Found, store: Path, verify: bool) -> Rerun:
             )
         wrong = faults(record)
         cause = Cause("damaged", "; ".join(wrong)) if wrong else None
-        known = about_changes(then)
+        known = describe_uncommitted(then)
         return Rerun(record.id, record.kind, (), True, cause, known, imported=True)
     simulated = again(store, record.id, manifest)
     # Past the check of the hash: what was changed is to be found, not only refused.
@@ -132,7 +144,7 @@ def _rerun_run(record: Found, store: Path, verify: bool) -> Rerun:
     names = ("t", "q", "qd", "qdd", "tau", "q_ref")
     logged = {name: getattr(simulated.log, name) for name in names}
     logged = {name: values for name, values in logged.items() if values is not None}
-    differences = compare(stored, {**logged, **simulated.twin})
+    differences = compare_channels(stored, {**logged, **simulated.twin})
     if data_hash(simulated.truth) != manifest["truth_hash"]:
         # Which of its channels would tell what is hidden.
         hidden = Channel("hidden truth", "", False, note="other values")
@@ -145,7 +157,7 @@ def _rerun_run(record: Found, store: Path, verify: bool) -> Rerun:
     return _with_note(outcome, store, record.folder.parent.name[6:], new)
 
 
-def _rerun_record(record: Found, store: Path, verify: bool) -> Rerun:
+def _rerun_record(record: StoredRecord, store: Path, verify: bool) -> Rerun:
     if record.kind == "reports":
         raise InputError(
             f"{record.id} is a report: a page about a diagnosis. Make that one again: "
@@ -163,16 +175,16 @@ def _rerun_record(record: Found, store: Path, verify: bool) -> Rerun:
 
 
 def _outcome(
-    record: Found, store: Path, then: Mapping, differences: tuple[Channel, ...]
+    record: StoredRecord, store: Path, then: Mapping, differences: tuple[Channel, ...]
 ) -> Rerun:
     """Return what a rerun shows, before anything of it is kept."""
     key = "code_hash" if record.kind == "runs" else "program_hash"
     now = asdict(provenance())
-    differences, wrong = differing(differences), faults(record)
+    differences, wrong = differing_channels(differences), faults(record)
     cause = None
     if differences or wrong:
         cause = cause_of(then, now, key, wrong, store)
-    known, same = about_changes(then), then.get(key) == now[key]
+    known, same = describe_uncommitted(then), then.get(key) == now[key]
     return Rerun(record.id, record.kind, differences, same, cause, known)
 
 
@@ -262,8 +274,8 @@ def again(store: Path, run_id: str, manifest: Mapping) -> SimulatedExperiment:
     word = robot_word(store, manifest["robot"], manifest.get("robot_hash"))
     spec = spec_of({**manifest, "robot": word}, hidden)
     halves = (
-        plain(sealed_half(spec.plant_spec())),
-        plain(open_half(spec, checked_robot(spec))),
+        to_plain(sealed_half(spec.plant_spec())),
+        to_plain(open_half(spec, checked_robot(spec))),
     )
     if halves != (hidden, manifest["spec"]):
         raise InputError(f"Run {run_id} cannot be made again: {_OTHER}")
@@ -326,7 +338,7 @@ _STEPS: Mapping[str, tuple[type[Request], Callable]] = {
 
 
 @contextmanager
-def remade(store: Path, record: Found) -> Iterator[tuple[Path, Found]]:
+def remade(store: Path, record: StoredRecord) -> Iterator[tuple[Path, StoredRecord]]:
     """Make a record once more.
 
     Yields:
@@ -341,7 +353,7 @@ def remade(store: Path, record: Found) -> Iterator[tuple[Path, Found]]:
             "monitor by this version do."
         )
     verb, step = _STEPS[request["step"]]
-    before = [each for each in needed(store, record.id) if each.id != record.id]
+    before = [each for each in with_parents(store, record.id) if each.id != record.id]
     runs = [read_manifest(store, each.id) for each in before if each.kind == "runs"]
     # Where to load each robot from, such that it is the one that was used.
     robots = {
@@ -356,7 +368,7 @@ def remade(store: Path, record: Found) -> Iterator[tuple[Path, Found]]:
             seal = Path(SEALED) / f"run_id={each.id}"
             # Feed-forward of a validation is on the arm of the seal.
             hidden = "feed_forward" in (content.get("kind") or "")
-            if hidden and is_there(store / seal):
+            if hidden and has_record(store / seal):
                 _link(store / seal, temporary / seal)
         with instead(robots):
             step(verb.from_record(request, temporary))
@@ -371,7 +383,7 @@ def remade(store: Path, record: Found) -> Iterator[tuple[Path, Found]]:
 
 def _link(folder: Path, target: Path) -> None:
     target.mkdir(parents=True)
-    bring(folder)
+    fetch_record(folder)
     for path in folder.iterdir():
         # A symbolic link would not do: SQL follows it out of the store and refuses.
         try:
@@ -380,15 +392,17 @@ def _link(folder: Path, target: Path) -> None:
             shutil.copyfile(path, target / path.name)
 
 
-def keep_record(temporary: Path, store: Path, old: Found, new: Found) -> str:
+def keep_record(
+    temporary: Path, store: Path, old: StoredRecord, new: StoredRecord
+) -> str:
     """Put a record that was made again, and what was made with it, into the store.
 
     Returns:
         The id that the new one has in the store; the first one is its parent.
     """
     renamed: dict[str, str] = {}
-    for each in needed(temporary, new.id):
-        if is_there(store / each.folder.relative_to(temporary)):
+    for each in with_parents(temporary, new.id):
+        if has_record(store / each.folder.relative_to(temporary)):
             continue
         row = read_row(each)
         parents = [(p["parent"], p["role"]) for p in row["lineage"] or []]
@@ -410,7 +424,7 @@ def keep_record(temporary: Path, store: Path, old: Found, new: Found) -> str:
     return renamed[new.id]
 
 
-def _parts(record: Found) -> tuple[dict[str, pa.Table], dict[str, bytes]]:
+def _parts(record: StoredRecord) -> tuple[dict[str, pa.Table], dict[str, bytes]]:
     """Return the tables and the other files of a record, by name."""
     tables, files = dict(list_tables(record)), {}
     for path in other_files(record).values():
@@ -421,10 +435,10 @@ def _parts(record: Found) -> tuple[dict[str, pa.Table], dict[str, bytes]]:
     return tables, files
 
 
-def compare_records(record: Found, other: Found) -> tuple[Channel, ...]:
+def compare_records(record: StoredRecord, other: StoredRecord) -> tuple[Channel, ...]:
     """Return where two records of one kind differ, value by value."""
     first, second = (json.loads(read_row(each)["record"]) for each in (record, other))
-    out = values_apart(first, second, "")
+    out = compare_values(first, second, "")
     (old, old_files), (new, new_files) = _parts(record), _parts(other)
     for name in old | new:
         out += _compare_tables(name, old.get(name), new.get(name))
@@ -456,7 +470,9 @@ def _compare_tables(name: str, first: pa.Table | None, second: pa.Table | None) 
         at = f"{name}.{column}"
         if pa.types.is_floating(a.type):
             sides = [{at: c.to_numpy(zero_copy_only=False)} for c in (a, b)]
-            out += [channel for channel in compare(*sides) if not channel.equal]
+            out += [
+                channel for channel in compare_channels(*sides) if not channel.equal
+            ]
         elif not a.equals(b):
             out.append(Channel(at, "", False, len(first), note="other values"))
     return out

@@ -39,7 +39,7 @@ from sim.plant import tables as at
 from sim.plant.stepping import DivergedError, drive
 from sim.trajectories import make_reference
 from sim.twin import open_loop, track, twin_of
-from warehouse.commit import about_run, commit_record
+from warehouse.commit import commit_record, run_columns
 from warehouse.layout import find
 from warehouse.numbered import adopted
 from warehouse.provenance import plant_code_hash
@@ -152,7 +152,7 @@ def validate(request: Request) -> tuple[str, Validation]:
         if each.least_mass <= 0
     ]
     result = Validation(used, strayed, **tracked, notes=tuple(notes), models=both)
-    common = {"run_id": log.id, "trajectory": about_run(manifest)["trajectory"]}
+    common = {"run_id": log.id, "trajectory": run_columns(manifest)["trajectory"]}
     record = {
         "robot": log.robot,
         "kind": result.kind,

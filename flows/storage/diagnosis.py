@@ -18,7 +18,7 @@ from residual.model.record import to_record as model_record
 from residual.recording import Recording
 from residual.signals.splitting import sketch_of
 from residual.signals.track import Filters, thinned
-from warehouse.commit import Rows, commit_record, store_rows
+from warehouse.commit import DiagnosisRows, commit_record, store_rows
 from warehouse.files import read_parquet
 from warehouse.ids import record_folder
 from warehouse.layout import find, read_record
@@ -235,7 +235,7 @@ def store_outcome(
     serial = next((m.robot.serial for m in diagnosis.models.values()), None)
     serial_entry = {"serial": serial} if serial else {}
     motion = states_table(logs)
-    rows = Rows(
+    rows = DiagnosisRows(
         record={
             "robot": verdict.robot,
             "verdict": verdict.verdict,

@@ -38,7 +38,7 @@ def _repeated(recordings: Sequence[Recording]) -> list[Fault]:
         zip(recordings, rows, strict=True), 2
     ):
         tau, q = (len(a & b) / len(a) for a, b in zip(first, second, strict=True))
-        if len(first[0]) < CHECK.repeats_least or tau < CHECK.repeats or q > tau / 2:
+        if len(first[0]) < 50 or tau < CHECK.repeated_share or q > tau / 2:
             continue
         words = (
             f"Expected torque with the noise of a sensor, got {100 * tau:.0f} % of the "

@@ -7,7 +7,7 @@ from flows.workers.processes import InlineExecutor
 ROW = {
     "outcome": "right",
     "data": "synthetic",
-    "what": "offset",
+    "hides": "offset",
     "effect": "offset",
     "joints": [2],
     "second_effect": None,

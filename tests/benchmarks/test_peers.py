@@ -75,7 +75,7 @@ TRUTHS = {
 
 
 def _judged(kind, *findings, unknown=False):
-    return judge.judged(TRUTHS[kind], Answer(findings, unknown))
+    return judge.compare(TRUTHS[kind], Answer(findings, unknown))
 
 
 @pytest.mark.parametrize(
@@ -98,7 +98,7 @@ def _judged(kind, *findings, unknown=False):
     ],
 )
 def test_a_finding_is_compared_at_both_levels(kind, findings, unknown, right):
-    row = judge.judged(TRUTHS[kind], Answer(tuple(findings), unknown))
+    row = judge.compare(TRUTHS[kind], Answer(tuple(findings), unknown))
     assert [level for level in judge.LEVELS if row[f"exact_{level}"]] == right
 
 
@@ -108,13 +108,13 @@ def test_torque_is_compared_with_the_oracles():
     oracle, own = kept.tau + 0.1, kept.tau + 0.2
     torque = {"h_1": (kept, oracle, None), "a_1": (kept, oracle, 0)}
     answer = Answer(((COULOMB,),), False, {"h_1": own, "finding_1_a_1": oracle})
-    row = judge.judged(judge.Truth("single", (COULOMB,), torque), answer)
+    row = judge.compare(judge.Truth("single", (COULOMB,), torque), answer)
     assert row["held_out"] == pytest.approx(2.0)
     assert row["edits"] == [pytest.approx(1.0)]
 
 
 def test_figures_are_described_and_the_table_has_intervals():
-    row = judge.judged(TRUTHS["none"], Answer((), False)) | {"seconds": 1.0}
+    row = judge.compare(TRUTHS["none"], Answer((), False)) | {"seconds": 1.0}
     rows = {program: [row, {"error": "x"}] for program in bars.TITLES}
     figures = bars.all_figures(rows)
     assert set(page.descriptions()["peers"]["figures"]) == set(figures)

@@ -37,16 +37,6 @@ def test_the_hash_is_of_what_code_does(tmp_path, monkeypatch, text, same):
     assert (hashes[0] == hashes[1]) == same
 
 
-def test_robots_beside_the_code_count_and_other_files_do_not(tmp_path, monkeypatch):
-    monkeypatch.setattr(origin, "ROOT", tmp_path)
-    (tmp_path / "room").mkdir()
-    hashes = [origin.code_hash.__wrapped__("room")]
-    for name in ("notes.md", "arm.urdf"):
-        (tmp_path / "room" / name).write_text("<robot/>", encoding="utf-8")
-        hashes.append(origin.code_hash.__wrapped__("room"))
-    assert hashes[0] == hashes[1] != hashes[2]
-
-
 def test_what_the_method_cannot_import_makes_none_of_its_figures_old():
     pyproject = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))
     contracts = pyproject["tool"]["importlinter"]["contracts"]

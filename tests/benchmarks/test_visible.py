@@ -14,8 +14,8 @@ from benchmarks.synthetic.visible import (
 )
 from flows.steps import demo
 from sim.draw import draw_hidden, usual_effects
-from sim.engine.records import HIDDEN, PlantEffect, TrajectorySpec, stream
-from sim.plant.catalogue import check_effect, kinds
+from sim.engine.records import HIDDEN, TrajectorySpec, stream
+from sim.plant.catalogue import check_effect
 from sim.trajectories import make_reference
 from sim.trajectories.fourier import draw_slow
 from tests.sim.plant_cases import ROBOT
@@ -44,18 +44,6 @@ def test_whatever_is_drawn_is_five_per_cent_of_a_joint_that_moves(name):
 
 
 TABLE = demo.visible()
-
-
-def test_the_demonstration_knows_what_shows_of_every_effect():
-    assert set(TABLE) == {"", *kinds()}
-    for name, own in TABLE.items():
-        assert own["seeds"] == (OF_A_NAME if name else SEEDS)
-        for seed, (hidden, joints, values) in own["larger"].items():
-            usual = draw_hidden(ROBOT, stream(int(seed), HIDDEN), name or None)
-            assert hidden == usual.name
-            assert values.keys() == dict(usual.parameters).keys()
-            found = PlantEffect(hidden, tuple(joints), tuple(values.items()))
-            check_effect(found, ROBOT)
 
 
 def test_the_table_is_what_is_drawn_on_the_motions_of_the_demonstration():

@@ -9,7 +9,7 @@ import pytest
 from flows.cli import main
 from flows.outputs import PAUSE, plain_lines
 from flows.report.diagnosis import print_truth
-from flows.report.words.phrases import Hidden, Staged, judge
+from flows.report.words.phrases import Demonstration, Hidden, judge
 from flows.steps import demo as steps
 from flows.steps.demo import Demo
 from tests.verdict_documents import typed
@@ -34,7 +34,6 @@ def test_demo_finds_what_its_arm_hides_and_then_tells_what_that_was(
     assert all(re.match(r" *\d+% ", line) for line in done.err.splitlines())
     assert "The model lacks a payload at the flange" in done.out
     assert "The first name is the hidden effect." in done.out
-    assert "Take it out again: error" in done.out
     assert "prefect" not in done.out.lower()
     page = Path(done.out.splitlines()[-1].removeprefix("report: "))
     assert "data:image/gif;base64," in page.read_text()
@@ -109,13 +108,12 @@ def test_the_truth_stands_beside_the_verdict(capsys):
     from rich.console import Console
 
     verdict = typed({"effects": [found("spring", [2])]})
-    print_truth(Staged(b"", "", (SPRING,), verdict), Console(width=80))
+    print_truth(Demonstration(b"", "", (SPRING,), verdict), Console(width=80))
     shown = capsys.readouterr().out
     rows = [" ".join(line.split()) for line in shown.splitlines()]
     assert "stiffness 4 N m/rad 4.12 ± 0.21 N m/rad" in rows
     assert "rest 0.1 rad –" in rows
     assert "The first name is the hidden effect." in shown
-    assert "again" not in shown
 
 
 def test_progress_off_a_terminal_is_a_line_now_and_then():

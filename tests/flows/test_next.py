@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from flows.report.next import told
+from flows.report.next import proposal_lines
 from flows.steps.next import Ranking, rank_motions
 from residual.planning.promise import SURE, promised, structural_twins
 from residual.robot.dynamics import inverse_dynamics
@@ -62,7 +62,10 @@ def test_twins_are_told_as_such(made):
     _, question = asked("coulomb_asymmetry", 4)
     assert promised(question) is None  # nothing but the twins is open
     ranking = Ranking(question, structural_twins(question), found.ranked)
-    assert any("are the same torque on every motion" in line for line in told(ranking))
+    assert any(
+        "are the same torque on every motion" in line
+        for line in proposal_lines(ranking)
+    )
 
 
 @pytest.mark.parametrize(

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from plotly import graph_objects
 
-from flows.report import charts, look
+from flows.report import charts, figure
 from flows.report import page as base
 from flows.report.diagnosis import render
 from tests.flows import report_outcomes as made
@@ -59,7 +59,7 @@ def test_envelope_keeps_ends_and_every_single_peak(count: int) -> None:
     for spike in {0, count // 3, count - 1}:
         y = np.zeros(count)
         y[spike] = 5.0
-        ts, ys = look.envelope(t, y)
+        ts, ys = figure.envelope(t, y)
         assert ys.max() == 5.0
         assert (ts[0], ts[-1]) == (t[0], t[-1])
         assert np.all(np.diff(ts) > 0)
@@ -68,12 +68,12 @@ def test_envelope_keeps_ends_and_every_single_peak(count: int) -> None:
 
 def test_spans_cover_exactly_the_flagged_time() -> None:
     flags = np.array([True, False, True, True, False, True])
-    assert look.spans(np.arange(6.0), flags) == [(0.0, 1.0), (2.0, 2.0), (5.0, 0.0)]
+    assert figure.spans(np.arange(6.0), flags) == [(0.0, 1.0), (2.0, 2.0), (5.0, 0.0)]
 
 
 def test_bins_part_a_friction_step_at_zero() -> None:
     x = np.linspace(-0.7, 1.1, 2000)
-    edges = look.edges(x, np.sign(x))
+    edges = figure.edges(x, np.sign(x))
     assert 0.0 in edges
     assert np.all(np.diff(edges) > 0)
-    assert set(look.medians(x, np.sign(x), edges)[1]) == {-1.0, 1.0}
+    assert set(figure.medians(x, np.sign(x), edges)[1]) == {-1.0, 1.0}

@@ -12,10 +12,12 @@ from rich.console import Console
 
 from flows.report import charts
 from flows.report import page as base
+from flows.report.console import show
 from flows.report.diagnosis import print_diagnosis, render
-from residual.diagnosis.result import Diagnosis
-from residual.diagnosis.verdict import from_json, to_json
+from flows.report.document import Table
 from residual.model.compare import Cloud, LogProof
+from residual.verdict.document import from_json, to_json
+from residual.verdict.result import Diagnosis
 from tests.flows import report_outcomes as made
 from tests.flows.report_pages import Page
 from tests.verdict_documents import typed
@@ -27,7 +29,7 @@ NASTY = "<script>alert(1)</script>&\"'$x_1$[bold]"
 def quick(monkeypatch: pytest.MonkeyPatch) -> None:
     """Leave out the drawing, for tests of what stands around the figures."""
     monkeypatch.setattr(charts, "_cloud_plot", lambda *_: {"data": []})
-    monkeypatch.setattr(charts.look, "over_time", lambda *_: {})
+    monkeypatch.setattr(charts.figure, "over_time", lambda *_: {})
     monkeypatch.setattr(base, "library", lambda: "")
 
 
@@ -135,7 +137,6 @@ def test_everything_that_may_be_null_may_be(name: str) -> None:
     document = to_json(outcome.verdict)
     found = [p for p in paths(document) if p[:2] != ("error", "logs")]
     assert len(found) > 80
-    # Of entries of one list that are alike, the first one.
     kinds = {tuple("#" if isinstance(k, int) else k for k in p): p for p in found[::-1]}
     found = kinds.values()
     assert len(found) > 30
@@ -181,6 +182,16 @@ def test_terminal_stays_within_its_width(name: str, width: int, encoding: str) -
     assert max(len(line) for line in text.splitlines()) <= width
     assert "…" not in text
     assert "\x1b" not in text
+
+
+def test_a_table_that_is_too_wide_prints_a_row_at_a_time_and_cuts_nothing() -> None:
+    cells = [f"{n}.125" for n in range(12)]
+    file = io.StringIO()
+    table = Table(["effect", *(f"J{n}" for n in range(12))], [["ripple", *cells]])
+    show(Console(file=file, width=60, no_color=True), table)
+    words = file.getvalue().replace(",", " ").split()
+    assert {"ripple", "J11", *cells} <= set(words)
+    assert max(map(len, file.getvalue().splitlines())) <= 60
 
 
 def test_terminal_says_the_verdict_first_and_then_everything() -> None:

@@ -5,8 +5,8 @@ import pytest
 
 from flows.report.diagnosis import tiles_of
 from flows.report.tables import size_of, sizes
-from residual.diagnosis.result import Diagnosis
 from residual.effects import registry
+from residual.verdict.result import Diagnosis
 from tests.flows.report_outcomes import effect, given_value, parameter
 from tests.verdict_documents import typed
 

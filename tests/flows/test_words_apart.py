@@ -12,20 +12,20 @@ from warehouse.commit import commit_run
 
 HAS_NO_MODEL = "holds a verdict, expected a model"
 FILE = {
-    "p.json": "It is a file that holds a verdict",
-    "m.json": "that holds a model; modelgap predict takes such a file with --model",
+    "p.json": "The file holds a verdict. Expected the id of a stored diagnosis",
+    "m.json": "The file holds a model. modelgap predict takes it with --model",
 }
 CASES = {
     "export p.json --to urdf --out o": HAS_NO_MODEL,
     "predict A.csv --model p.json": HAS_NO_MODEL,
     "next m.json A.csv --robot irb140": "holds a model, expected a verdict",
     **{f"adopt {name}": said for name, said in FILE.items()},
-    **{f"show {name}": said for name, said in FILE.items()},
+    **{f"show {name} --store store": said for name, said in FILE.items()},
     **{f"rerun {name}": said for name, said in FILE.items()},
     **{f"diff {name} {name}": said for name, said in FILE.items()},
     **{f"identify A.csv --robot irb140 --model {n}": s for n, s in FILE.items()},
     **{f"diagnose A.csv --robot irb140 --model {n}": s for n, s in FILE.items()},
-    "show A.csv": "a log becomes a run with an id by modelgap import",
+    "show A.csv --store store": "modelgap import gives a log an id",
 }
 
 

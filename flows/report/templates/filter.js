@@ -1,8 +1,8 @@
 "use strict";
-// A table whose rows can be narrowed: by the values of some columns, and by words.
-// What is chosen stands behind the # of the address, so that a link can have it.
+// Filters the rows of a table by the values of some columns and by words. The fragment
+// of the address keeps the filters, so that a link can set them.
 (() => {
-  const kept = new URLSearchParams(location.hash.slice(1));
+  const state = new URLSearchParams(location.hash.slice(1));
   for (const table of document.querySelectorAll("table[data-filters]")) {
     const rows = [...table.tBodies[0].rows];
     const text = (row, column) => row.cells[column].textContent.trim();
@@ -11,13 +11,13 @@
     const inputs = [];
     const add = (name, column, input) => {
       const label = document.createElement("label");
-      input.value = kept.get(name) ?? "";
+      input.value = state.get(name) ?? "";
       label.append(`${name} `, input);
       bar.append(label);
       inputs.push({ name, column, input });
-      input.addEventListener("input", narrow);
+      input.addEventListener("input", filter);
     };
-    const narrow = () => {
+    const filter = () => {
       const chosen = inputs.filter(({ input }) => input.value);
       const fits = ({ column, input }, row) => column < 0
         ? row.textContent.toLowerCase().includes(input.value.toLowerCase())
@@ -41,6 +41,6 @@
     add("Words", -1, words);
     bar.append(count);
     table.before(bar);
-    narrow();
+    filter();
   }
 })();

@@ -1,6 +1,6 @@
 "use strict";
-// Draws each figure of the page from the data beside it: what is in sight first, then
-// one by one all that is not folded, so that a picture of the whole page has them.
+// Draws each figure of the page from the data in it: visible figures first, then one by
+// one all that are not folded, so that a picture of the whole page has them.
 (() => {
   const PAPER = 680; // px: width of a printed figure
   const boxes = [...document.querySelectorAll(".plot")];
@@ -14,25 +14,25 @@
   function draw(box) {
     if (box.dataset.drawn) return;
     box.dataset.drawn = "yes";
-    const told = JSON.parse(box.querySelector("script").textContent);
+    const figure = JSON.parse(box.querySelector("script").textContent);
     box.textContent = "";
-    const layout = { autosize: true, height: box.clientHeight, ...told.layout };
-    // With a finger one moves the page, not a part of a figure.
+    const layout = { autosize: true, height: box.clientHeight, ...figure.layout };
+    // A finger scrolls the page and does not zoom a figure.
     if (matchMedia("(pointer: coarse)").matches) layout.dragmode = false;
-    Plotly.newPlot(box, told.data, layout, config);
+    Plotly.newPlot(box, figure.data, layout, config);
   }
 
-  const seen = new IntersectionObserver(
+  const observer = new IntersectionObserver(
     (entries) => {
       for (const entry of entries) {
         if (!entry.isIntersecting) continue;
-        seen.unobserve(entry.target);
+        observer.unobserve(entry.target);
         draw(entry.target);
       }
     },
     { rootMargin: "400px" },
   );
-  for (const box of boxes) seen.observe(box);
+  for (const box of boxes) observer.observe(box);
   const next = () => {
     const folded = "details:not([open])";
     const shown = (each) => each.clientWidth > 0 && !each.closest(folded);
@@ -43,7 +43,7 @@
   };
   addEventListener("load", () => setTimeout(next));
 
-  // On paper all is drawn and nothing folded, whatever was looked at before.
+  // On paper everything is drawn and unfolded.
   const closed = [];
   addEventListener("beforeprint", () => {
     for (const fold of document.querySelectorAll("details:not([open])")) {

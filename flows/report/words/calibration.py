@@ -1,4 +1,4 @@
-"""What a calibration shows, in sentences made of its figures."""
+"""The results of a calibration in sentences."""
 
 import numpy as np
 
@@ -22,7 +22,7 @@ WORSE = 1.03  # ... from which one error is said to be above another
 
 
 def sentences(result: Calibration) -> tuple[str, ...]:
-    """Return what the tables gain on unseen runs first, then on other splits."""
+    """Return the gain of the tables on unseen runs, then on other splits."""
 
     def score(scheme: str, model: str) -> Score | None:
         return find(result.scores, scheme, model)
@@ -60,9 +60,9 @@ def sentences(result: Calibration) -> tuple[str, ...]:
     return tuple(lines)
 
 
-def _above(one: Score, other: Score) -> str:
+def _above(score: Score, reference: Score) -> str:
     """The joints on which one error is above another, as a sentence; empty for none."""
-    joints = [str(j + 1) for j in np.flatnonzero(one.rmsev > WORSE * other.rmsev)]
+    joints = [str(j + 1) for j in np.flatnonzero(score.rmsev > WORSE * reference.rmsev)]
     plural = "s" if len(joints) > 1 else ""
     return f" Worse on joint{plural} {', '.join(joints)}." if joints else ""
 

@@ -1,18 +1,22 @@
-"""What the findings leave open: the remainder, detectable sizes, the next motion."""
+"""Open questions of a verdict: unexplained torque, detectable sizes, next motion."""
 
 from collections.abc import Sequence
 
 from flows.report.words.phrases import (
     At,
-    count,
+    count_noun,
     joint_words,
     listing,
-    many,
+    number_word,
     phrase,
     place_key,
     sentence_case,
 )
-from residual.diagnosis.result import (
+from residual.errors import joints_listed
+from residual.planning.promise import sure_words
+from residual.planning.question import NOTHING, TOGETHER
+from residual.quantity import MISSING, fraction, known, measured, number, unit_text
+from residual.verdict.result import (
     LOAD,
     MOTION,
     Change,
@@ -20,10 +24,6 @@ from residual.diagnosis.result import (
     Place,
     Verdict,
 )
-from residual.errors import joints_listed
-from residual.planning.promise import sure_words
-from residual.planning.question import NOTHING, TOGETHER
-from residual.quantity import MISSING, fraction, known, measured, number, unit_text
 
 NEVER = "n.d."  # not detectable here: it would take more than an arm can have
 _WHOLE_ARM = 10**6  # column of what does not sit on one joint: after every joint
@@ -51,26 +51,32 @@ def detectable_rows(verdict: Verdict) -> tuple[list[str], list[list[str]]]:
 
 
 def unexplained_words(verdict: Verdict) -> list[str]:
-    """Return what the findings do not explain, in sentences."""
-    rest = verdict.unexplained
+    """Return the unexplained torque in sentences."""
+    unexplained = verdict.unexplained
     words = []
-    if known(rest.fraction):
-        noise = f"; noise alone is {fraction(rest.noise_floor)}"
-        source = f" (estimated from {rest.noise_model})" if rest.noise_model else ""
-        noise = noise + source if known(rest.noise_floor) else ""
-        words.append(f"Unexplained: {fraction(rest.fraction)} of the torque{noise}.")
-    if rest.joints:
-        joints = joint_words(rest.joints, verdict.dof)
-        kind = f" It is {rest.kind}." if rest.kind else ""
+    if known(unexplained.fraction):
+        noise = f"; noise alone is {fraction(unexplained.noise_floor)}"
+        source = (
+            f" (estimated from {unexplained.noise_model})"
+            if unexplained.noise_model
+            else ""
+        )
+        noise = noise + source if known(unexplained.noise_floor) else ""
+        words.append(
+            f"Unexplained: {fraction(unexplained.fraction)} of the torque{noise}."
+        )
+    if unexplained.joints:
+        joints = joint_words(unexplained.joints, verdict.dof)
+        kind = f" It is {unexplained.kind}." if unexplained.kind else ""
         words.append(f"The residual on {joints} is larger than noise.{kind}")
     by_joint: dict[int, list[str]] = {}
-    for entry in rest.depends_on:
+    for entry in unexplained.depends_on:
         by_joint.setdefault(entry.joint, []).append(_dependence(entry))
     words += [
         f"Of the residual on joint {joint}, {listing(parts)}."
         for joint, parts in by_joint.items()
     ]
-    unclear = joint_words(j for j in rest.joints if j not in by_joint)
+    unclear = joint_words(j for j in unexplained.joints if j not in by_joint)
     if unclear:
         words.append(f"The residual on {unclear} depends on no known variable.")
     return words
@@ -107,21 +113,21 @@ def other_sets(verdict: Verdict) -> list[str]:
         for other in finding.equivalent
     }
     loads = [a for a in verdict.alternatives if a.separated_by == LOAD]
-    others = [
+    sets = [
         a
         for a in verdict.alternatives
         if a.separated_by != LOAD
         and frozenset(map(place_key, a.set)) not in shown_with_finding
     ]
     lines = []
-    for each in others[:_SHOWN]:
+    for each in sets[:_SHOWN]:
         effects = listing([phrase(p, verdict.dof) for p in each.set])
         lines.append(f"Equally well supported: {effects or 'no effect at all'}.")
-    if len(others) > _SHOWN:
-        more = many(len(others) - _SHOWN, "more set")
+    if len(sets) > _SHOWN:
+        more = count_noun(len(sets) - _SHOWN, "more set")
         lines.append(f"And {more}: see 'alternatives' in the JSON.")
-    if others:
-        motion = any(a.separated_by == MOTION for a in others)
+    if sets:
+        motion = any(a.separated_by == MOTION for a in sets)
         lines.append(f"{'Another' if motion else 'No'} motion would separate them.")
     bodies = [p for a in loads for p in a.set if place_key(p) not in named]
     if bodies:
@@ -159,12 +165,12 @@ def off_words(verdict: Verdict) -> str:
         values = f"{number(c.nominal)} → {number(c.identified)} {unit_text(c.unit)}"
         parts.append(f"{_value_name(c, verdict)} ({values.strip()})")
     if len(drives) > len(shown):
-        parts.append(f"{count(len(drives) - len(shown))} more")
+        parts.append(f"{number_word(len(drives) - len(shown))} more")
     if sums:
         noun = "combination" if sums == 1 else "combinations"
-        parts.append(f"{count(sums)} {noun} of masses and inertias")
+        parts.append(f"{number_word(sums)} {noun} of masses and inertias")
     verb = "value disagrees" if len(changes) == 1 else "values disagree"
-    number_of = sentence_case(count(len(changes)))
+    number_of = sentence_case(number_word(len(changes)))
     return f"{number_of} nominal {verb} with the logs: {listing(parts)}."
 
 
@@ -202,7 +208,7 @@ def _share(change: Change) -> float:
 
 
 def next_words(verdict: Verdict) -> list[str]:
-    """Return what a verdict proposes, a sentence each; none where nothing is open."""
+    """Return the proposed experiment, a sentence each; none where nothing is open."""
     plan = verdict.next_experiment
     if not plan:
         alike = any(finding.equivalent for finding in verdict.effects)
@@ -219,7 +225,7 @@ def next_words(verdict: Verdict) -> list[str]:
             "obstacle is in the way: modelgap next designs it for this arm."
         ]
     periods = plan["parameters"].get("periods")
-    times = f" in {many(periods, 'period')}" if periods else ""
+    times = f" in {count_noun(periods, 'period')}" if periods else ""
     family = plan["family"].replace("_", "-")
     program = plan["program"]
     return [

@@ -9,10 +9,10 @@ from pathlib import Path
 import numpy as np
 from markupsafe import Markup
 
-from residual.diagnosis.result import Detectable, Edit, Finding, Place, Verdict
 from residual.effects import registry
 from residual.effects.base import Effect
 from residual.quantity import MISSING, known, measured, percent
+from residual.verdict.result import Detectable, Edit, Finding, Place, Verdict
 
 # Effects, joints and lists in words, for sentences and tables.
 
@@ -24,18 +24,18 @@ _UNKNOWN = Effect("", "", {}, columns=lambda state, joints, shape: state.tau_mod
 
 @cache
 def texts() -> dict[str, dict[str, Markup]]:
-    """Return what pages say that hangs on no figure, page by page."""
+    """Return the fixed texts of pages, by page."""
     file = Path(__file__).parents[1] / "templates" / "words.toml"
     parts = tomllib.loads(file.read_text(encoding="utf-8"))
     return {part: {k: Markup(v) for k, v in own.items()} for part, own in parts.items()}
 
 
-def count(value: int) -> str:
+def number_word(value: int) -> str:
     """Return a small number in words: 6 becomes 'six'."""
     return _NUMBERS[value] if 0 <= value < len(_NUMBERS) else str(value)
 
 
-def many(count: int, noun: str) -> str:
+def count_noun(count: int, noun: str) -> str:
     """Return how many there are: '1 run', '2 runs'."""
     return f"{count} {noun}{'' if count == 1 else 's'}"
 
@@ -62,7 +62,7 @@ def joint_words(joints: Iterable[int], dof: int | None = None) -> str:
     if len(numbers) == 1:
         return f"joint {numbers[0]}"
     if len(numbers) == dof:
-        return "both joints" if dof == 2 else f"all {count(len(numbers))} joints"
+        return "both joints" if dof == 2 else f"all {number_word(len(numbers))} joints"
     runs = np.split(numbers, np.flatnonzero(np.diff(numbers) > 1) + 1)
     words = [
         word
@@ -80,7 +80,7 @@ def noun(name: str) -> str:
 
 
 def effect_named(name: str | None) -> Effect:
-    """Return the effect of that name; one without words where nobody knows it."""
+    """Return the effect of that name; an empty one if it is unknown."""
     return registry().get(name) or _UNKNOWN
 
 
@@ -115,7 +115,7 @@ def alternatives(effect: Finding, dof: int | None = None) -> list[str]:
     return words
 
 
-# What only a simulated experiment can show: the hidden effect, and the edit test.
+# The hidden effect of a simulated experiment, and the edit test.
 
 
 def edit_sentence(edit: Edit) -> str:
@@ -124,7 +124,7 @@ def edit_sentence(edit: Edit) -> str:
     parts = {
         "with it": edit.kept,
         "least squares": edit.least_squares,
-        "best possible": edit.reference,
+        "baseline's own model": edit.reference,
     }
     listed = "; ".join(f"{k} {percent(v)}" for k, v in parts.items() if known(v))
     return (
@@ -133,7 +133,7 @@ def edit_sentence(edit: Edit) -> str:
     )
 
 
-def baseline_sentences(verdict: Verdict) -> list[str]:
+def edit_sentences(verdict: Verdict) -> list[str]:
     """Return the edit test of each effect of a verdict on its baseline."""
     return [edit_sentence(edit) for edit in verdict.edit or () if known(edit.error)]
 
@@ -146,7 +146,6 @@ class Hidden:
         name: Its name.
         joints: Its joints as the verdict counts them, from 1.
         parameters: Value of each parameter, SI.
-        edit: Its edit test; None where the verdict does not name it.
     """
 
     name: str
@@ -156,7 +155,7 @@ class Hidden:
 
 
 @dataclass(frozen=True, slots=True)
-class Staged:
+class Demonstration:
     """What the report of a simulated experiment has beyond any other.
 
     Attributes:
@@ -192,10 +191,10 @@ def judge(hidden: Sequence[Hidden], verdict: Verdict) -> str:
     return "class" if truth & {*map(place_key, first.equivalent)} else "wrong"
 
 
-def truth_rows(staged: Staged) -> list[tuple[str, str, str]]:
+def truth_rows(demonstration: Demonstration) -> list[tuple[str, str, str]]:
     """Return rows (quantity, hidden, named): the effect, then its parameters."""
-    named, rows = staged.verdict.effects, []
-    for hidden in staged.hidden or (None,):
+    named, rows = demonstration.verdict.effects, []
+    for hidden in demonstration.hidden or (None,):
         same = [e for e in named if hidden and place_key(e) == place_key(hidden)]
         finding = next(iter([*same, *named]), None)
         pair = [phrase(e) if e else "nothing" for e in (hidden, finding)]

@@ -1,22 +1,22 @@
-"""Sentences for a verdict and for a check of logs: what is missing, how sure."""
+"""Sentences for a verdict and for a check of logs."""
 
 from flows.inputs.repair import place_of
 from flows.report.words.outlook import off_words
 from flows.report.words.phrases import (
     alternatives,
-    count,
+    count_noun,
     effect_named,
     joint_words,
     listing,
-    many,
+    number_word,
     phrase,
     sentence_case,
     texts,
 )
 from residual.check.result import Fault, LogCheck
-from residual.diagnosis.result import STAGES, ErrorTables, Finding, Verdict
 from residual.effects.base import Trait
 from residual.quantity import bare_percent, known, percent, probability
+from residual.verdict.result import STAGES, ErrorTables, Finding, Verdict
 
 CLEAN = "No problems found: units, signs, joint order and timing are consistent."
 
@@ -45,7 +45,7 @@ def summary(report: LogCheck) -> str:
 
 
 def title(fault: Fault) -> str:
-    """Return what is wrong and where: 'torque has the opposite sign (joint 2)'."""
+    """Return a fault and its joints: 'torque has the opposite sign (joint 2)'."""
     joints = joint_words(fault.joints)
     meaning = MEANING.get(fault.kind, fault.kind.replace("_", " "))
     return f"{meaning} ({joints})" if joints else meaning
@@ -100,7 +100,7 @@ def sentences(verdict: Verdict) -> list[str]:
 
 
 def claim(verdict: Verdict) -> str:
-    """Return what is missing, in one sentence."""
+    """Return the claim of a verdict in one sentence."""
     faults = verdict.log_check.faults if verdict.log_check else ()
     if not verdict.trusted:
         words = listing([title(fault) for fault in verdict.log_check.certain])
@@ -139,7 +139,7 @@ def _effects(verdict: Verdict) -> str:
         words += f" (or {' or '.join(others)})" if others else ""
         (wrong if is_wrong_value(effect, verdict) else lacking).append(words)
     (wrong or lacking).extend(
-        [f"{count(len(effects) - len(shown))} more"] * (len(effects) > len(shown))
+        [f"{number_word(len(effects) - len(shown))} more"] * (len(effects) > len(shown))
     )
     clauses = [f"lacks {listing(lacking)}"] if lacking else []
     if wrong:
@@ -160,7 +160,7 @@ def is_wrong_value(effect: Finding, verdict: Verdict) -> bool:
 
 
 def error_levels(errors: ErrorTables) -> dict[str, float]:
-    """Return the held-out error of all joints by model [%], the same pair everywhere.
+    """Return the held-out error of all joints by model [%], for every text.
 
     While they move, where that is known: friction history sets the torque at
     standstill, and no model does.
@@ -172,11 +172,11 @@ def error_levels(errors: ErrorTables) -> dict[str, float]:
 
 
 def with_findings(verdict: Verdict) -> str:
-    """Return what the augmented model has beyond the identified: 'with payload'."""
+    """Return the difference of the augmented model: 'with payload'."""
     named = verdict.effects
     if len(named) == 1:
         return f"with {named[0].name.replace('_', ' ')}"
-    return f"with {many(len(named), 'finding')}"
+    return f"with {count_noun(len(named), 'finding')}"
 
 
 def error_sentence(verdict: Verdict) -> str:
@@ -218,7 +218,7 @@ def rising(verdict: Verdict) -> list[str]:
 
 
 def _more_motion(report: LogCheck | None) -> list[str]:
-    """Return what the motion is too poor for, and the motion that would help."""
+    """Return the limit of a poor motion, and the motion that would help."""
     for kind, help in _MORE_MOTION.items() if report else ():
         faults = [fault for fault in report.faults if fault.kind == kind]
         joints = joint_words(joint for fault in faults for joint in fault.joints)

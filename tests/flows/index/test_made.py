@@ -2,7 +2,7 @@
 
 import pytest
 
-from flows.report.page import made_of
+from flows.report.page import origin_of_record
 from warehouse.commit import commit_record
 
 RUN, HELD = "ab" * 10, "cd" * 10
@@ -18,7 +18,7 @@ def diagnosis(tmp_path):
 def test_it_says_id_time_version_commit_data_and_what_makes_it_again(
     tmp_path, diagnosis
 ):
-    foot = dict(made_of(tmp_path, diagnosis[:6]))
+    foot = dict(origin_of_record(tmp_path, diagnosis[:6]))
     assert diagnosis in foot["Diagnosis"]
     assert all(run in foot["Fit"] for run in (RUN, "bc" * 10))
     assert HELD in foot["Held out"]
