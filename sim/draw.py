@@ -14,7 +14,7 @@ import numpy as np
 from residual.errors import InputError, check_name
 from residual.recording import Array
 from residual.robot.robot import Robot, robot_from_texts
-from sim.effects.base import Effect, Here, Joints, Rng, Trait
+from sim.effects.base import Effect, Joints, JointSizes, Rng, Trait
 from sim.engine.records import Hidden, PlantEffect, Sizes, stream
 from sim.plant.catalogue import kinds, of_drives, vocabulary
 from sim.plant.sizes import sizes, usual_limits
@@ -63,37 +63,37 @@ def draw(robot: Robot, effect: str, rng: Rng, joint: int | None = None) -> Hidde
     Args:
         joint: Joint from 1 (the first of a pair), or None to draw it.
     """
-    what = kinds()[check_name(effect, kinds(), "effect of the plant")]
-    usual = sizes(robot)
-    joints = _joints(what, robot.dof, usual, rng, joint)
+    kind = kinds()[check_name(effect, kinds(), "effect of the plant")]
+    typical = sizes(robot)
+    joints = _joints(kind, robot.dof, typical, rng, joint)
     if not all(1 <= j <= robot.dof for j in joints):
         raise InputError(f"{effect} cannot sit on joints {joints} of {robot.dof}.")
-    values = what.usual(rng, _here(robot, usual, joints))
+    values = kind.draw(rng, _joint_sizes(robot, typical, joints))
     return Hidden(effect, joints, {key: float(v) for key, v in values.items()})
 
 
 def _joints(
-    what: Effect, dof: int, usual: Sizes, rng: Rng, joint: int | None
+    kind: Effect, dof: int, typical: Sizes, rng: Rng, joint: int | None
 ) -> Joints:
-    match what.scope:
+    match kind.scope:
         case "global":
             return ()
         case "flange":
             return (dof,)
         case "joint":
-            return (joint or what.where(rng, dof, usual),)
+            return (joint or kind.where(rng, dof, typical),)
     if dof < 2:
-        raise InputError(f"{what.name} needs two joints.")
+        raise InputError(f"{kind.name} needs two joints.")
     # The last two pairs: in a wrist the motors drive their joints together.
     first = joint or dof - int(rng.integers(1, min(3, dof)))
     return (first, first + 1)
 
 
-def _here(robot: Robot, usual: Sizes, joints: Joints) -> Here:
+def _joint_sizes(robot: Robot, typical: Sizes, joints: Joints) -> JointSizes:
     rows, space = [j - 1 for j in joints] or [0], usual_limits(robot)
-    least = (usual.torque, usual.coulomb, usual.viscous, usual.rotor)
+    least = (typical.torque, typical.coulomb, typical.viscous, typical.rotor)
     middle = (space.centre, space.amplitude)
-    return Here(
+    return JointSizes(
         robot,
         *(float(size[rows].min()) for size in least),
         *(float(size[rows[0]]) for size in middle),

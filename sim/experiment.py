@@ -33,7 +33,7 @@ def run_experiment(
     plant: PlantSpec,
     rates: Rates = Rates(),  # noqa: B008  frozen
     start: float = 0.0,
-    given: Array | Law | None = None,
+    command: Array | Law | None = None,
 ) -> PlantRun:
     """Drive the arm of a spec along a reference, and its nominal twin.
 
@@ -43,11 +43,11 @@ def run_experiment(
     Args:
         start: Time since the session began; the log's clock goes on from there, and
             the gears are as warm as after usual work for that long [s].
-        given: What drives the arm in place of the nominal model: torque along the
+        command: What drives the arm in place of the nominal model: torque along the
             reference [N m], shape (n, dof), or a law of computed torque.
     """
     _check(reference, rates, robot.dof)
-    trace = drive(robot, reference, plant, start, given)
+    trace = drive(robot, reference, plant, start, command)
     every = round(rates.control / rates.log)
     log = log_of(trace, reference, plant, rates, start)
     twin = twin_of(robot, _as_far(reference, len(trace.t)))
@@ -74,7 +74,9 @@ def log_of(
     tau = reported(trace.rows[:, at.DRIVE], trace.t, hidden)[::every]
     span = sizes(arm.robot).torque * (plant.noise.torque / WHITE_TORQUE)
     rng = stream(plant.seed, f"torque/{label}")
-    tau = logged(arm.own, tau + torque_noise(len(t), span, rates.log, rng), rates.log)
+    tau = logged(
+        arm.background, tau + torque_noise(len(t), span, rates.log, rng), rates.log
+    )
     q_ref = reference.q[: len(trace.t) : every]
     return Recording("", arm.robot.name, start + t, q, tau, q_ref=q_ref)
 
@@ -114,11 +116,11 @@ def _drawn(arm: Arm, samples: int) -> Mapping[str, Array]:
 
     The same at all of them, which takes a few bytes in a column.
     """
-    if arm.own is None:
+    if arm.background is None:
         return {}
     return {
         f"background_{name}": np.tile(value, (samples, 1))
-        for name, value in arm.own.drawn.items()
+        for name, value in arm.background.drawn.items()
     }
 
 

@@ -63,7 +63,7 @@ def track(robot: Robot, reference: Reference, plant: PlantSpec, torque: Array) -
     Returns:
         Read minus wanted position [rad]. Shape (n, dof).
     """
-    trace = drive(robot, reference, plant, given=torque)
+    trace = drive(robot, reference, plant, command=torque)
     return trace.rows[:, at.READING] - reference.q
 
 

@@ -19,7 +19,7 @@ from benchmarks.diagnosis_parts.cases import PYBULLET, SYNTHETIC, as_form, make,
 from benchmarks.harness.cases import guarded
 from benchmarks.hidden.draw import draw_sized, vocabulary
 from benchmarks.synthetic.other_forms import FORMS
-from flows.inputs.given import LogSets
+from flows.inputs.read import LogSets
 from flows.steps.check import check
 from residual.recording import Recording
 from residual.robot.robot import Robot

@@ -12,7 +12,7 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 
 from benchmarks.check_parts.arms import SIGNALS, FaultyLogs, Host, Table, table_of
-from flows.inputs.given import LogSets, read_sets
+from flows.inputs.read import LogSets, read_sets
 from flows.steps.check import check
 from residual.check.result import Fault, LogCheck
 from residual.robot.robot import Robot, robot_from_texts

@@ -19,7 +19,7 @@ from benchmarks.harness.origin import ROOT
 from flows.requests import Campaign
 from flows.settings import prefect_home, quiet_prefect
 from flows.steps import campaign as steps
-from flows.steps.experiment import Planned
+from flows.steps.experiment import PlannedExperiment
 from warehouse.ids import record_folder
 
 _BAR, _COUNT = 0.05, 100
@@ -60,7 +60,7 @@ def main(folder: Path) -> None:
     print(json.dumps(times))
 
 
-def nap(planned: Planned, store: str) -> str:
+def nap(planned: PlannedExperiment, store: str) -> str:
     """Sleep for a second and leave only the folder of a run."""
     sleep(1.0)
     record_folder(Path(store), "runs", planned.run_id, "irb140").mkdir(parents=True)

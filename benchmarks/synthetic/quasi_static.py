@@ -14,13 +14,13 @@ from residual.errors import InputError
 from residual.recording import Array
 from residual.robot.dynamics import inverse_dynamics
 from residual.robot.robot import Robot
-from sim.effects.base import State, deflection
+from sim.effects.base import SyntheticState, deflection
 from sim.engine import laws
 from sim.engine.records import CLEAN, BackgroundWord, Hidden, Reference, stream
 from sim.plant.background import (
     USUAL_SPEED,
-    Added,
     Background,
+    BackgroundTorque,
     Rubbing,
     added,
     draw_background,
@@ -68,7 +68,9 @@ class Torque:
     hidden: tuple[Array, ...]
     tau: Array  # what is reported: the sum, times a hidden torque gain, late or cut
     reading: Array  # what the encoders read, noise apart [rad], (n, dof)
-    background: Added | None = None  # what the background adds, None on a clean arm
+    background: BackgroundTorque | None = (
+        None  # what the background adds, None on a clean arm
+    )
 
 
 def true_model(plant: Plant) -> pin.Model:
@@ -121,11 +123,11 @@ def true_torque(
     """
     hidden = acting(plant.hidden if active else ())
     for effect in hidden:
-        if not effect.what.on_synthetic:
-            raise InputError(f"A synthetic arm cannot have '{effect.what.name}'.")
+        if not effect.kind.on_synthetic:
+            raise InputError(f"A synthetic arm cannot have '{effect.kind.name}'.")
     model = changed(true_model(plant), hidden)
     rigid = inverse_dynamics(model, motion.q, motion.qd, motion.qdd)
-    loads = [e.what.load(model, motion.q, e.p) for e in hidden if e.what.load]
+    loads = [e.kind.load(model, motion.q, e.p) for e in hidden if e.kind.load]
     rigid += np.sum(loads, axis=0)
     friction, own = true_friction(plant), background_of(plant)
     drives, qd, qdd = _drives(hidden, motion, rigid, own)
@@ -133,7 +135,7 @@ def true_torque(
     base = friction.coulomb * z + friction.viscous * qd + friction.rotor * qdd
     parts = []
     for i, effect in enumerate(hidden):
-        rng = stream(plant.seed, f"effect/{i}/{effect.what.name}/{log}")
+        rng = stream(plant.seed, f"effect/{i}/{effect.kind.name}/{log}")
         parts.append(_part(effect, motion, start, rigid, z, friction, rng))
     total, more, gain = rigid + base + sum(parts), None, _gain(hidden, plant.robot.dof)
     if own is not None:
@@ -145,7 +147,7 @@ def true_torque(
             load=rigid,
             coulomb=friction.coulomb,
             viscous=friction.viscous,
-            usual=USUAL_SPEED * usual_limits(plant.robot).velocity,
+            usual_speed=USUAL_SPEED * usual_limits(plant.robot).velocity,
             worked=start if worked is None else worked,
         )
         more = added(own, rubbing)
@@ -188,9 +190,9 @@ def _part(
 ) -> Array:
     """Return the torque of one additive effect on all joints. Shape (n, dof)."""
     torque, rows = np.zeros_like(rigid), list(effect.joints)
-    if effect.what.law is None:
+    if effect.kind.law is None:
         return torque
-    state = State(
+    state = SyntheticState(
         t=start + motion.t,
         q=motion.q[:, rows],
         qd=motion.qd[:, rows],
@@ -201,7 +203,7 @@ def _part(
         displacement=friction.displacement[rows],
         rng=rng,
     )
-    torque[:, rows] = effect.what.law(state, effect.p)
+    torque[:, rows] = effect.kind.law(state, effect.p)
     return torque
 
 

@@ -146,8 +146,8 @@ def _as_in_engine(effect: PlantEffect) -> tuple[Hidden, ...]:
 
 
 def _has_bristles(effect: PlantEffect) -> bool:
-    what, p, *_ = acting([effect])[0]
-    return bool(what.friction) and what.friction(p, 0.0)[0] == BRISTLE
+    kind, p, *_ = acting([effect])[0]
+    return bool(kind.friction) and kind.friction(p, 0.0)[0] == BRISTLE
 
 
 def _torques(plant: Plant, motion: Reference, start: float) -> tuple[Array, Array]:

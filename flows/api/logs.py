@@ -7,8 +7,8 @@ from typing import Any
 
 import numpy as np
 
-from flows.inputs.given import LogSets, read_sets
-from flows.inputs.given import load as load_robot
+from flows.inputs.read import LogSets, read_sets
+from flows.inputs.read import load as load_robot
 from flows.outputs import check_new_folder, write_all
 from flows.steps.check import check as check_sets
 from flows.steps.export import export_model, in_place

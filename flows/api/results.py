@@ -10,7 +10,7 @@ import pyarrow as pa
 
 from flows.api.logs import as_logs, check_robot
 from flows.api.store import Table
-from flows.inputs.given import LogSets
+from flows.inputs.read import LogSets
 from flows.outputs import Progress, write_all
 from flows.report.words.calibration import sentences
 from flows.steps.calibrate import calibrate_logs

@@ -49,7 +49,7 @@ def diagnose(
         json: File for the verdict as JSON; "-" prints it alone.
         save_model: File for the augmented model, for predict and export.
     """
-    from flows.inputs.given import chosen, load_for
+    from flows.inputs.read import chosen, load_for
     from flows.report.diagnosis import print_diagnosis, render
     from flows.report.page import origin_of_request
     from flows.steps import diagnose as steps

@@ -15,7 +15,7 @@ from flows.cli.app import (
     Outputs,
     check_between,
 )
-from flows.inputs.given import load, queried
+from flows.inputs.read import load, queried
 from flows.outputs import progress_bar, read_files, say
 from flows.report import experiments
 from flows.report.console import show
@@ -126,7 +126,7 @@ def campaign(
 
 
 def _list(
-    planned: list[steps.Planned], console: Console, rehearsed: bool
+    planned: list[steps.PlannedExperiment], console: Console, rehearsed: bool
 ) -> dict[str, str]:
     """List experiments, with their motions planned; returns why some will fail."""
     failing = {}

@@ -4,7 +4,7 @@ from dataclasses import replace
 from pathlib import Path
 
 from flows.cli.app import Outputs
-from flows.inputs.given import chosen, load_for
+from flows.inputs.read import chosen, load_for
 from flows.outputs import check_new_folder, in_folder, progress_bar, read_files
 from flows.report.console import show, wide_console
 from flows.report.models import identification as identified
@@ -115,16 +115,16 @@ def calibrate(
     out.say(*read.lines)
     with progress_bar() as progress:
         done = calibration.calibrate(request, read, runs, progress)
-    result = done.made
+    result = done.calibration
     out.write(
         {"--report": lambda: render(result, done.warnings)},
         lambda: calibration_document(
-            result, sentences(result), done.warnings, done.kept
+            result, sentences(result), done.warnings, done.stored
         ),
         in_folder(export, calibration_files(result)) if export is not None else {},
     )
     show(wide_console(out.console), *terminal_parts(done))
-    if done.kept:
-        model, validation = done.kept["model"], done.kept["validation"]
+    if done.stored:
+        model, validation = done.stored["model"], done.stored["validation"]
         out.say(f"stored: model {model}, validation {validation}")
     out.finish()

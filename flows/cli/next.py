@@ -4,7 +4,7 @@ from dataclasses import replace
 from pathlib import Path
 
 from flows.cli.app import FASTEST, SEEDS, Outputs, check_between
-from flows.inputs.given import is_run
+from flows.inputs.read import is_run
 from flows.outputs import progress_bar, read_files
 from flows.report.console import show
 from flows.report.next import comparison, nothing_open, proposal_lines

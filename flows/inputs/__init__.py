@@ -1,1 +1,1 @@
-"""What a command is given: logs, runs, robots."""
+"""Inputs of the commands: logs, runs, robots."""

@@ -1,4 +1,4 @@
-"""The line of COLUMNS.toml or robot.toml that mends a fault of a log.
+"""Write the line of COLUMNS.toml or robot.toml that fixes a fault of a log.
 
 A repair speaks of joints at the link side, in SI units; a map of columns, units, signs
 and scales of a file. The line is whole: it takes the place of the one in the map, or is

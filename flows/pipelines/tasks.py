@@ -15,7 +15,7 @@ from prefect.cache_policies import NO_CACHE
 from prefect.task_runners import TaskRunner, ThreadPoolTaskRunner
 
 from flows import requests
-from flows.inputs.given import robot_of
+from flows.inputs.read import robot_of
 from flows.pipelines import artifacts
 from flows.project.deployments import ALARM
 from flows.report import experiments, stored
@@ -29,7 +29,7 @@ from flows.steps import diagnose as diagnosis
 from flows.steps import identify as identification
 from flows.steps import monitor as monitoring
 from flows.steps import validate as validation
-from flows.steps.experiment import Planned
+from flows.steps.experiment import PlannedExperiment
 from flows.workers.processes import DASK, InlineExecutor, chosen_runner, run_job
 from residual.errors import RunError
 
@@ -64,7 +64,10 @@ again = partial(
 
 @again(name="experiment", task_run_name="{label}", tags=["simulation"])
 def experiment(
-    label: str, batch: list[Planned], store: str, executor: Executor | None = None
+    label: str,
+    batch: list[PlannedExperiment],
+    store: str,
+    executor: Executor | None = None,
 ) -> list[str]:
     """Run experiments of a campaign; return the ids of their runs.
 
@@ -104,8 +107,8 @@ def calibrate(runs: list[str], store: str | None = None) -> list[str]:
     robot = robot_of(runs, place)
     request = requests.Calibrate(tuple(runs), robot=robot, store=place)
     done = calibration.calibrate(request, *calibration.read_logs(request))
-    artifacts.publish("calibrate", list(done.kept.values()), calibrated_parts(done))
-    return list(done.kept.values())
+    artifacts.publish("calibrate", list(done.stored.values()), calibrated_parts(done))
+    return list(done.stored.values())
 
 
 def validate(

@@ -15,7 +15,7 @@ from cronsim import CronSim, CronSimError
 from pydantic import AfterValidator, ConfigDict, Field, model_validator
 from pydantic import dataclasses as tables
 
-from flows.inputs.given import load
+from flows.inputs.read import load
 from flows.outputs import write_all
 from flows.settings import HEALTHY, PROJECT, SHARED, port_is_free, store_folder
 from residual.errors import InputError

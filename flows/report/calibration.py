@@ -9,7 +9,7 @@ from flows.report.document import Chart, Document, Note, Section, Strong, Table
 from flows.report.page import render as render_page
 from flows.report.words.calibration import sentences
 from flows.report.words.phrases import count_noun, sentence_case, texts
-from flows.steps.calibrate import Calibrated
+from flows.steps.calibrate import StoredCalibration
 from residual.calibration.calibrate import Calibration
 from residual.calibration.choice import PLSR as LINES
 from residual.calibration.rows import PAPER
@@ -21,9 +21,9 @@ from residual.calibration.scores import (
 _TEXT = texts()["calibration"]
 
 
-def terminal_parts(outcome: Calibrated) -> list[str | Table]:
+def terminal_parts(outcome: StoredCalibration) -> list[str | Table]:
     """Return a calibration for the terminal: errors, how they are meant, warnings."""
-    result = outcome.made
+    result = outcome.calibration
     return [
         _errors(result),
         about_rows(result),

@@ -8,7 +8,7 @@ from flows.report.document import Document, Section, Table, words_table
 from flows.report.page import Pairs, render
 from flows.report.words.phrases import texts
 from flows.report.words.verdict import sentences
-from flows.steps.adopt import Judged, Listed, Proposal
+from flows.steps.adopt import AdoptionEntry, Judgment, Proposal
 from residual.errors import joints_listed
 from residual.identification.prove import ValidatedIdentification
 from residual.model.compare import EDITED, WHOLE
@@ -132,7 +132,7 @@ def prediction(errors: ErrorTables) -> Table | str:
     return Table(["joint", *columns], rows, about)
 
 
-def adoptions(listed: Sequence[Listed]) -> Table:
+def adoptions(listed: Sequence[AdoptionEntry]) -> Table:
     """Return the adoptions, the first one first."""
     last = {(record.robot, record.serial): id for id, record, _ in listed}
     rows = [
@@ -152,7 +152,7 @@ def adoptions(listed: Sequence[Listed]) -> Table:
     return words_table(heads, rows)
 
 
-def adoption_lines(number: str, review: Judged) -> list[str]:
+def adoption_lines(number: str, review: Judgment) -> list[str]:
     """Return the adoption and the result of the gate, a line each."""
     return [
         f"adoption {int(number)}: the augmented model of diagnosis "
@@ -162,7 +162,7 @@ def adoption_lines(number: str, review: Judged) -> list[str]:
     ]
 
 
-def gate_lines(review: Judged) -> list[str]:
+def gate_lines(review: Judgment) -> list[str]:
     """Return the result of the gate for a model, a line each."""
     lines = [f"gate failed: {doubt}" for doubt in review.doubts]
     if review.check is None:
@@ -186,7 +186,7 @@ def _fall(before: float | None, after: float | None) -> str:
 
 def _compared(proposal: Proposal) -> list[tuple[str, str, str]]:
     """Rows (quantity, present model, proposed model)."""
-    check, rows = proposal.judged.check, []
+    check, rows = proposal.judgment.check, []
     if check:
         errors = bare_percent(check.before), bare_percent(check.after)
         rows.append(("error on unseen motion, %", *errors))
@@ -205,11 +205,11 @@ def _compared(proposal: Proposal) -> list[tuple[str, str, str]]:
 
 def proposal_page(proposal: Proposal, origin: Pairs = ()) -> str:
     """Return the page of a proposal."""
-    diagnosis, robot = proposal.judged.diagnosis, proposal.verdict.robot
+    diagnosis, robot = proposal.judgment.diagnosis, proposal.verdict.robot
     heads = ("", proposal.now, f"proposed: diagnosis {diagnosis[:8]}")
     sections = (
         Section("two", "Comparison", [words_table(heads, _compared(proposal))]),
-        Section("gate", "Result of the gate", [gate_lines(proposal.judged)]),
+        Section("gate", "Result of the gate", [gate_lines(proposal.judgment)]),
         Section(
             "answer", "How to answer", [_TEXT["answer"], f"modelgap adopt {diagnosis}"]
         ),
@@ -230,5 +230,5 @@ def proposal_markdown(proposal: Proposal) -> str:
     """Return the same as Markdown, for the pages of Prefect."""
     rows = [("", proposal.now, "proposed"), ("---",) * 3, *_compared(proposal)]
     table = "\n".join(f"| {' | '.join(row)} |" for row in rows)
-    gate = "\n".join(f"- {line}" for line in gate_lines(proposal.judged))
+    gate = "\n".join(f"- {line}" for line in gate_lines(proposal.judgment))
     return "\n\n".join([*sentences(proposal.verdict)[:1], table, gate])

@@ -121,15 +121,15 @@ def rerun_lines(rerun) -> list[str]:
         out = [f"{about}: same, bit for bit{code}"]
     else:
         out = [f"{about}: not the same"]
-        out += [f"  {channel.words}" for channel in rerun.apart[:_LISTED]]
-        if len(rerun.apart) > _LISTED:
-            out.append(f"  and {len(rerun.apart) - _LISTED} more")
+        out += [f"  {channel.words}" for channel in rerun.differences[:_LISTED]]
+        if len(rerun.differences) > _LISTED:
+            out.append(f"  and {len(rerun.differences) - _LISTED} more")
         out.append(f"most probable cause: {rerun.cause.kind}: {rerun.cause.why}")
     out.append(rerun.changes)
-    if rerun.made:
-        out.append(f"stored, a rerun of it: modelgap show {rerun.made}")
-    if rerun.noted:
-        out.append(f"kept on record: modelgap show {rerun.noted}")
+    if rerun.new_id:
+        out.append(f"stored, a rerun of it: modelgap show {rerun.new_id}")
+    if rerun.note_id:
+        out.append(f"kept on record: modelgap show {rerun.note_id}")
     return out
 
 
@@ -142,12 +142,12 @@ def rerun_record(rerun) -> Mapping:
         "same_code",
         "imported",
         "changes",
-        "made",
-        "noted",
     ]
     return {
         **{key: getattr(rerun, key) for key in keys},
-        "differences": [asdict(channel) for channel in rerun.apart],
+        "made": rerun.new_id,
+        "noted": rerun.note_id,
+        "differences": [asdict(channel) for channel in rerun.differences],
         "cause": rerun.cause and asdict(rerun.cause),
     }
 

@@ -6,7 +6,7 @@ from pathlib import Path
 
 from pydantic import TypeAdapter
 
-from flows.inputs.given import load
+from flows.inputs.read import load
 from flows.outputs import json_text
 from flows.report.diagnosis import render
 from flows.report.index import write_index

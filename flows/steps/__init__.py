@@ -1,1 +1,1 @@
-"""One file per verb: a request in, a result out; reads and keeps."""
+"""The steps behind the commands, one file per verb: a request in, a result out."""

@@ -1,11 +1,11 @@
-"""Give a robot another model, with a reason, and take it back; nothing is deleted."""
+"""Adopt a model for a robot, roll it back, propose it; no record is ever deleted."""
 
 from dataclasses import asdict, dataclass
 from getpass import getuser
 from pathlib import Path
 from typing import NamedTuple
 
-from flows.inputs.given import load
+from flows.inputs.read import load
 from flows.requests import Flag, GivenWord, Request, Store, Text
 from flows.settings import store_folder
 from flows.steps.models import diagnosis_of
@@ -38,8 +38,8 @@ EDITED = 2.0
 
 
 @dataclass(frozen=True, eq=False, slots=True)
-class Judged:
-    """A model before the gate."""
+class Judgment:
+    """The judgment of the gate on a model: what speaks for it and against it."""
 
     diagnosis: str  # id of the diagnosis that found it
     model_id: str
@@ -52,13 +52,13 @@ class Judged:
 
     def as_record(self) -> dict:
         """Return what the gate saw as JSON can hold it."""
-        seen = asdict(self.check) if self.check else {}
-        seen.pop("doubts", None)
-        return {"held_out": seen, "doubts": list(self.doubts)}
+        check = asdict(self.check) if self.check else {}
+        check.pop("doubts", None)
+        return {"held_out": check, "doubts": list(self.doubts)}
 
 
 @one_blas_thread
-def judge(store: Path, word: str) -> Judged:
+def judge(store: Path, word: str) -> Judgment:
     """Hold the model of a diagnosis against the one that its robot has.
 
     The logs are those that the diagnosis held out; the model before it is the adopted
@@ -70,7 +70,7 @@ def judge(store: Path, word: str) -> Judged:
     id = diagnosis_of(store, word)
     verdict, model = read_verdict(store, id), read_known(store, id)
     parent = adopted(store, model.robot.name, model.robot.serial)
-    doubts, seen, record = _of_verdict(verdict), None, read_record(store, id)
+    doubts, check, record = _of_verdict(verdict), None, read_record(store, id)
     runs = record["request"].get("held_out")
     if not runs:
         doubts.append("no run was held out; diagnose with --holdout RUN")
@@ -79,31 +79,31 @@ def judge(store: Path, word: str) -> Judged:
             before = read_known(store, parent[1].diagnosis_id)
         else:
             before = read_models(store, id)["nominal"]
-        seen = check_adoption(model, before, [read_run(store, run) for run in runs])
-        doubts += seen.doubts
-    return Judged(id, record["model_id"], model, parent, seen, tuple(doubts))
+        check = check_adoption(model, before, [read_run(store, run) for run in runs])
+        doubts += check.doubts
+    return Judgment(id, record["model_id"], model, parent, check, tuple(doubts))
 
 
 def _of_verdict(verdict: Verdict) -> list[str]:
-    """What of a verdict speaks against its model."""
+    """Return what in a verdict speaks against its model."""
     out = []
     if not verdict.trusted:
-        out.append("a fault of its logs is certain")
+        out.append("its logs have a certain fault")
     if verdict.contradictions:
-        out.append("no arm can be as its fit says")
+        out.append("its fit is physically impossible")
     if not verdict.effects:
-        out.append("it names nothing that the model lacks")
+        out.append("it names no missing effect")
     if verdict.error.same_run:
-        out.append("its proof is the end of a log that was fitted")
+        out.append("its held-out data are the end of a fitted log")
     # The edit test: without its effects a model is that of the baseline.
-    for one in verdict.edit or ():
-        if None in (one.error, one.kept, one.reference):
+    for edit in verdict.edit or ():
+        if None in (edit.error, edit.kept, edit.reference):
             continue
-        if one.error > min(one.kept, EDITED * one.reference):
+        if edit.error > min(edit.kept, EDITED * edit.reference):
             out.append(
-                f"without {one.name} it leaves {one.error:.3g} % "
-                f"of the healthy logs' torque, with it {one.kept:.3g} %, and their own "
-                f"model {one.reference:.3g} %: the edit test is not passed"
+                f"the edit test fails: without {edit.name} the error on the healthy "
+                f"logs is {edit.error:.3g} % of the torque, with it {edit.kept:.3g} %, "
+                f"and of their own model {edit.reference:.3g} %"
             )
     return out
 
@@ -114,7 +114,7 @@ class Adopt(Request):
 
     Attributes:
         model: Id of a diagnosis, of the model that it ended with, or of an adoption.
-        note: A word about it, which is kept.
+        note: A note that is stored with the adoption.
         force: Adopt it against the gate; that needs a --note.
     """
 
@@ -124,43 +124,41 @@ class Adopt(Request):
     store: Store = None
 
 
-def adopt(request: Adopt) -> tuple[str, Judged]:
+def adopt(request: Adopt) -> tuple[str, Judgment]:
     """Let a model be the nominal one of its robot in this store from now on.
 
     Returns:
         The number of the adoption, and what the gate saw.
     """
     store = store_folder(request.store)
-    judged = judge(store, request.model)
-    robot, parent = judged.model.robot, judged.parent
-    if parent and parent[1].model_id == judged.model_id:
+    judgment = judge(store, request.model)
+    robot, parent = judgment.model.robot, judgment.parent
+    if parent and parent[1].model_id == judgment.model_id:
         raise InputError(
             f"{robot.name} has that model already, by adoption {int(parent[0])}."
         )
-    if judged.doubts and not request.force:
+    if judgment.doubts and not request.force:
         raise InputError(
-            f"Refused: {'; '.join(judged.doubts)}. {robot.name} keeps the model that "
+            f"Refused: {'; '.join(judgment.doubts)}. {robot.name} keeps the model that "
             "it has. Diagnose with more motion, or give --force and a --note with the "
             "reason."
         )
     if request.force and not request.note:
-        raise InputError(
-            "--force needs a --note: why is it to be adopted all the same?"
-        )
-    made = Adoption(
+        raise InputError("--force needs a --note: give the reason for the adoption.")
+    adoption = Adoption(
         robot=robot.name,
         serial=robot.serial,
-        action=FORCED if judged.doubts else ADOPTED,
-        model_id=judged.model_id,
-        diagnosis_id=judged.diagnosis,
+        action=FORCED if judgment.doubts else ADOPTED,
+        model_id=judgment.model_id,
+        diagnosis_id=judgment.diagnosis,
         parent=parent[0] if parent else None,
         who=_user(),
         note=request.note,
-        before=judged.check.before if judged.check else None,
-        after=judged.check.after if judged.check else None,
-        evidence=judged.as_record(),
+        before=judgment.check.before if judgment.check else None,
+        after=judgment.check.after if judgment.check else None,
+        evidence=judgment.as_record(),
     )
-    return commit_adoption(store, made), judged
+    return commit_adoption(store, adoption), judgment
 
 
 def roll_back(
@@ -175,7 +173,7 @@ def roll_back(
     robot, serial = _robot_of(place, word)
     last = adopted(place, robot, serial)
     if last is None or last[1].model_id is None:
-        raise InputError(f"{robot} has its nominal model: nothing to go back from.")
+        raise InputError(f"{robot} has its nominal model: nothing to roll back.")
     # The version under the one in force: what was rolled back is off the pile.
     pile: list[Adoption | None] = [None]
     for _, each, _ in list_adoptions(place):
@@ -186,7 +184,7 @@ def roll_back(
         else:
             pile.append(each)
     before = pile[-2]
-    made = Adoption(
+    adoption = Adoption(
         robot=robot,
         serial=serial,
         action=ROLLED_BACK,
@@ -198,10 +196,10 @@ def roll_back(
         before=last[1].after,
         after=last[1].before,
     )
-    return commit_adoption(place, made), made
+    return commit_adoption(place, adoption), adoption
 
 
-class Listed(NamedTuple):
+class AdoptionEntry(NamedTuple):
     """An adoption of a store, with its number and when it was made, in words."""
 
     number: str
@@ -211,7 +209,7 @@ class Listed(NamedTuple):
 
 def list_adoptions(
     store: str | Path | None = None, word: str | None = None
-) -> list[Listed]:
+) -> list[AdoptionEntry]:
     """Return all adoptions, the first one first.
 
     Args:
@@ -221,11 +219,11 @@ def list_adoptions(
     keys = None if word is None else _robots(place, word)
     out = []
     for id in list_folders(place, ADOPTIONS):
-        made = read_adoption(place, id)
-        if keys is None or (made.robot, made.serial) in keys:
+        adoption = read_adoption(place, id)
+        if keys is None or (adoption.robot, adoption.serial) in keys:
             path = record_folder(place, ADOPTIONS, id) / KINDS[ADOPTIONS].row
             created = read_parquet(path, ["created"]).column("created")[0].as_py()
-            out.append(Listed(id, made, f"{created:%Y-%m-%d %H:%M}"))
+            out.append(AdoptionEntry(id, adoption, f"{created:%Y-%m-%d %H:%M}"))
     return out
 
 
@@ -234,7 +232,9 @@ def _robots(store: Path, word: str | None) -> set[tuple[str, str | None]]:
 
     Of None: of all robots with an adoption.
     """
-    keys = {(made.robot, made.serial) for _, made, _ in list_adoptions(store)}
+    keys = {
+        (adoption.robot, adoption.serial) for _, adoption, _ in list_adoptions(store)
+    }
     if word is None:
         return keys
     by_name = {key for key in keys if key[0] == word}
@@ -250,10 +250,12 @@ def _robot_of(store: Path, word: str | None) -> tuple[str, str | None]:
         return keys.pop()
     if not keys:
         raise InputError(
-            f"No model was adopted in {store_name(store)}: nothing to go back from."
+            f"No model was adopted in {store_name(store)}: nothing to roll back."
         )
     names = ", ".join(f"{r} {s or ''}".strip() for r, s in sorted(keys, key=str))
-    raise InputError(f"Several robots have adopted models: {names}. Say --robot R.")
+    raise InputError(
+        f"Several robots have adopted models: {names}. Choose one: --robot R."
+    )
 
 
 def _user() -> str:
@@ -267,13 +269,13 @@ def _user() -> str:
 class Proposal:
     """What is proposed."""
 
-    judged: Judged
+    judgment: Judgment
     verdict: Verdict
 
     @property
     def now(self) -> str:
         """The model that the robot has."""
-        parent = self.judged.parent
+        parent = self.judgment.parent
         if parent is None or parent[1].diagnosis_id is None:
             return "nominal model"
         return f"adoption {int(parent[0])}, diagnosis {parent[1].diagnosis_id[:8]}"
@@ -281,10 +283,10 @@ class Proposal:
     @property
     def about(self) -> dict:
         """What makes it the same proposal as that of another night."""
-        parent = self.judged.parent
+        parent = self.judgment.parent
         return {
             "robot": self.verdict.robot,
-            "serial": self.judged.model.robot.serial,
+            "serial": self.judgment.model.robot.serial,
             "kind": "proposal",
             "parent": parent and parent[0],
             "findings": [[e.name, *e.joints] for e in self.verdict.effects],
@@ -303,5 +305,5 @@ def known_already(store: Path, proposal: Proposal) -> str | None:
 def keep_proposal(store: Path, proposal: Proposal, page: bytes) -> Path:
     """Put the page of a proposal into the store."""
     files = {"proposal.html": page}
-    folder = store_report(store, proposal.about, proposal.judged.diagnosis, files)
+    folder = store_report(store, proposal.about, proposal.judgment.diagnosis, files)
     return folder / "proposal.html"

@@ -1,10 +1,10 @@
-"""Calibrate a data-driven correction on logs or runs; what is of runs is kept."""
+"""Calibrate a data-driven correction on logs or runs; store it if all are runs."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 
-from flows.inputs.given import LogSets, check_declared, load_of, need_logs, read_sets
+from flows.inputs.read import LogSets, check_declared, load_of, need_logs, read_sets
 from flows.outputs import Progress
 from flows.requests import Calibrate
 from flows.settings import store_folder
@@ -20,18 +20,18 @@ from warehouse.runs import read_channels
 
 
 @dataclass(frozen=True, eq=False, slots=True)
-class Calibrated:
+class StoredCalibration:
     """A calibration, and where it is kept.
 
     Attributes:
-        made: The calibration.
+        calibration: The calibration.
         warnings: What is odd but usable.
-        kept: Ids of the records by kind; empty where nothing was stored.
+        stored: Ids of the records by kind; empty where nothing was stored.
     """
 
-    made: Calibration
+    calibration: Calibration
     warnings: tuple[str, ...]
-    kept: Mapping[str, str]
+    stored: Mapping[str, str]
 
 
 def read_logs(request: Calibrate) -> tuple[LogSets, tuple[Run, ...]]:
@@ -63,7 +63,7 @@ def calibrate(
     logs: LogSets,
     runs: tuple[Run, ...],
     progress: Progress | None = None,
-) -> Calibrated:
+) -> StoredCalibration:
     """Fit and validate every model; store what was found if all logs are runs.
 
     Args:
@@ -82,7 +82,7 @@ def calibrate(
     }
     stored = len(ids) == len(runs)
     kept = store_calibration(store, made, asked) if stored else {}
-    return Calibrated(made, warnings, kept)
+    return StoredCalibration(made, warnings, kept)
 
 
 @one_blas_thread

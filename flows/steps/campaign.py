@@ -1,7 +1,7 @@
-"""Many experiments over all cores: what is stored is not run again.
+"""Run many experiments over all cores; skip those that are in the store.
 
-There is no journal to go wrong: the id of a run says what it is, and a run is in the
-store whole or not at all. So whatever ends a campaign, the same command completes it.
+A campaign has no journal: the id of a run identifies its spec, and a run is in the
+store completely or not at all. So the same command completes an interrupted campaign.
 """
 
 from collections.abc import Mapping, Sequence
@@ -16,7 +16,7 @@ from flows.requests import Campaign
 from flows.settings import cores, store_folder
 from flows.specs.campaign import load_campaign
 from flows.steps import experiment
-from flows.steps.experiment import Planned, plan
+from flows.steps.experiment import PlannedExperiment, plan
 from flows.workers.processes import Processes, spread
 from residual.errors import InputError, RunError
 from warehouse.remote import store_name
@@ -28,7 +28,7 @@ Runs = dict[str, list[str]]  # ids by role
 class Summary:
     """What became of a campaign."""
 
-    planned: tuple[Planned, ...]  # all experiments, in order
+    planned: tuple[PlannedExperiment, ...]  # all experiments, in order
     # What failed and why, by the id of its run; all others are in the store.
     failed: Mapping[str, str]
     seconds: float = 0.0  # time that it took
@@ -46,7 +46,7 @@ class Summary:
 
 
 def run_all(
-    planned: Sequence[Planned],
+    planned: Sequence[PlannedExperiment],
     store: Path,
     tell: Progress | None = None,
     executor: Executor | None = None,
@@ -85,9 +85,9 @@ def outside(error: BaseException | None) -> bool:
 def advice(summary: Summary) -> str:
     """Return what to do about the failures of a campaign, in two sentences."""
     return (
-        f"{len(summary.failed)} of {len(summary.planned)} experiments failed, as said "
-        "above. What a spec asks for fails again: change it, or take it out. What was "
-        "lost with a process, a disk or a network the same command runs again."
+        f"{len(summary.failed)} of {len(summary.planned)} experiments failed (see "
+        "above). A spec that cannot run fails again: change or remove it. The same "
+        "command reruns what a lost process, disk or network stopped."
     )
 
 
@@ -99,7 +99,7 @@ def document(summary: Summary, done: bool = True) -> dict:
     """
     new = summary.new
 
-    def state(each: Planned) -> str:
+    def state(each: PlannedExperiment) -> str:
         if each.run_id in summary.failed:
             return "failed" if done else "will fail"
         if each.run_id in new:
@@ -122,7 +122,7 @@ def document(summary: Summary, done: bool = True) -> dict:
     }
 
 
-def planned_of(request: Campaign) -> list[Planned]:
+def planned_of(request: Campaign) -> list[PlannedExperiment]:
     """Return the experiments of a campaign, and which of them are stored.
 
     Raises:
@@ -155,19 +155,19 @@ def by_role(request: Campaign, summary: Summary) -> Runs:
 
 
 def failures(
-    batch: Sequence[Planned], error: BaseException, store: Path
+    batch: Sequence[PlannedExperiment], error: BaseException, store: Path
 ) -> dict[str, str]:
     """Return why experiments of a batch that failed are not in the store, by run."""
     lost = [p for p in batch if not experiment.is_stored(store, p.spec, p.run_id)]
     return {each.run_id: f"{each.label}: {_line(error)}" for each in lost}
 
 
-def run_one(planned: Planned, store: str) -> str:
+def run_one(planned: PlannedExperiment, store: str) -> str:
     """Run one experiment of a campaign; returns the id of its run."""
     return experiment.run(planned.spec, store_folder(store), planned.campaign)
 
 
-def misplaced(planned: Planned, run_id: str, store: Path) -> str:
+def misplaced(planned: PlannedExperiment, run_id: str, store: Path) -> str:
     """Return why a run that was stored is not where it should be; "" where it is."""
     # A process loads the code anew, and the id of a run is also that of its code.
     if run_id != planned.run_id:

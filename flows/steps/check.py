@@ -3,8 +3,8 @@
 from collections.abc import Sequence
 from dataclasses import replace
 
-from flows.inputs import given
-from flows.inputs.given import LogSets, load
+from flows.inputs import read as inputs
+from flows.inputs.read import LogSets, load
 from flows.inputs.repair import drafted, gravity_line, place_of, repair_lines
 from flows.requests import Check, Map
 from residual.check.check import check_logs
@@ -19,7 +19,7 @@ from warehouse.logs.window import split_spec
 
 def read_logs(request: Check) -> LogSets:
     """Read the robot and every log, also physically impossible ones."""
-    return given.read_logs(request, "to check")
+    return inputs.read_logs(request, "to check")
 
 
 def draft_map(request: Map) -> str:

@@ -1,4 +1,4 @@
-"""The main job on an arm of our own, as plain steps: ids in, ids out.
+"""Demonstrate a diagnosis on a simulated arm; each step takes and returns ids.
 
 An arm hides one effect from its model, large enough to show on its motions
 (`visible.json`). Six experiments are run on it and two more that no fit will see; they
@@ -15,7 +15,7 @@ from typing import Annotated
 
 from cyclopts import Parameter
 
-from flows.inputs.given import load
+from flows.inputs.read import load
 from flows.outputs import Progress
 from flows.requests import Number, Request, Store
 from flows.settings import store_folder
@@ -79,7 +79,7 @@ def specs(request: Demo) -> list[tuple[str, ExperimentSpec]]:
         "seed": derived_seed(request.seed, "plant"),
         "salt": f"{derived_seed(request.seed, 'salt'):08x}",
     }
-    made = []
+    experiments = []
     for kind, start, motion in motions(request.seed, (*FIT, *HELD_OUT)):
         content = {
             "robot": ROBOT,
@@ -88,8 +88,10 @@ def specs(request: Demo) -> list[tuple[str, ExperimentSpec]]:
             "trajectory": motion,
             "plant": plant,
         }
-        made.append((kind.replace("_", "-"), ExperimentSpec.model_validate(content)))
-    return made
+        experiments.append(
+            (kind.replace("_", "-"), ExperimentSpec.model_validate(content))
+        )
+    return experiments
 
 
 def run_experiments(
@@ -141,10 +143,10 @@ def _hidden_effect(request: Demo) -> list[dict]:
         return []
     if name is not None:
         check_name(name, kinds(), "effect of the plant")
-    known = visible().get(name or "")
-    if known and known["larger"]:
-        seed %= known["seeds"]
-        if larger := known["larger"].get(str(seed)):
+    entry = visible().get(name or "")
+    if entry and entry["larger"]:
+        seed %= entry["seeds"]
+        if larger := entry["larger"].get(str(seed)):
             effect, joints, values = larger
             return [{"name": effect, "joints": joints, **dict(sorted(values.items()))}]
     effect = draw_hidden(load(ROBOT), stream(seed, HIDDEN), name)

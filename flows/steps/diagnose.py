@@ -1,11 +1,11 @@
-"""Find what the model of a robot lacks: from logs, or from runs into the store."""
+"""Find the effects that a robot model lacks, from logs or from runs of the store."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
 
-from flows.inputs import given
-from flows.inputs.given import (
+from flows.inputs import read as inputs
+from flows.inputs.read import (
     LogSets,
     is_run,
     known_of,
@@ -17,7 +17,7 @@ from flows.outputs import Progress
 from flows.requests import Diagnose
 from flows.settings import store_folder
 from flows.steps.check import as_mounted, checked
-from flows.storage import diagnosis as kept
+from flows.storage import diagnosis as records
 from residual.diagnosis import diagnose as method
 from residual.errors import InputError, listed
 from residual.model.known_values import known_values
@@ -33,7 +33,7 @@ _ROLES = {"fit": "logs", "held_out": "held_out", "baseline": "baseline"}
 def read_logs(request: Diagnose, robot: Robot | None = None) -> LogSets:
     """Read every log once, and the robot where it is not loaded yet."""
     robot = _robot(request, robot)
-    read = given.read_logs(request, "to diagnose", robot)
+    read = inputs.read_logs(request, "to diagnose", robot)
     return replace(read, warnings=(*read.warnings, *_of_others(request, robot)))
 
 
@@ -65,8 +65,8 @@ def _of_others(request: Diagnose, robot: Robot) -> list[str]:
     serials = {run: serial_of(run, request.store) for run in runs}
     return [
         f"baseline run {run} is of {robot.name} {serial}, not of "
-        f"{robot.serial or 'an arm without a number'}: what differs between the two "
-        "arms is found too"
+        f"{robot.serial or 'an arm without a number'}: differences between the two "
+        "arms are findings too"
         for run, serial in serials.items()
         if serial not in (None, robot.serial)
     ]
@@ -85,7 +85,7 @@ def diagnose(
     """
     store, model = store_folder(request.store), None
     if request.model:
-        model = kept.read_known(store, request.model)
+        model = records.read_known(store, request.model)
         before = logs.baseline or _behind(request.model, logs, store)
         logs = replace(logs, baseline=before)
     how = {"declared": request.declared, "trust_log": request.trust_log}
@@ -112,7 +112,7 @@ def diagnose_logs(
     report = checked(logs, trust_log)
     logs = as_mounted(logs, report)
     # One thread: the products are small, two threads only wait for each other.
-    found = method.diagnose(
+    result = method.diagnose(
         logs.robot,
         logs.fit,
         baseline=logs.baseline,
@@ -123,14 +123,14 @@ def diagnose_logs(
         check=report,
         warnings=logs.warnings,
     )
-    return replace(found, notes=(*logs.lines, *found.notes))
+    return replace(result, notes=(*logs.lines, *result.notes))
 
 
 def _behind(diagnosis: str, logs: LogSets, store: Path) -> tuple[Recording, ...]:
     """Return the runs that an adopted model is from, but for those diagnosed now."""
     known = logs.runs or {}
     now = {known.get(log.id, log.id) for log in (*logs.fit, *logs.held_out)}
-    ids = kept.read_runs(store, diagnosis, ("fit", "held_out"))
+    ids = records.read_runs(store, diagnosis, ("fit", "held_out"))
     ids = [id for id in ids if id not in now]
     subject = f"what changed since the model of diagnosis {diagnosis[:8]}"
     if not ids:
@@ -143,7 +143,7 @@ def _behind(diagnosis: str, logs: LogSets, store: Path) -> tuple[Recording, ...]
         return tuple(read_run(store, id) for id in ids)
     except InputError as error:
         # Runs are pruned, or stayed elsewhere: the model has their motion with it.
-        motion = tuple(m for m in kept.read_motion(store, diagnosis) if m.id in ids)
+        motion = tuple(m for m in records.read_motion(store, diagnosis) if m.id in ids)
         if motion:
             return motion
         raise InputError(
@@ -177,7 +177,7 @@ def diagnose_runs(
     return keep(request, logs, diagnose(request, logs, progress))
 
 
-def keep(request: Diagnose, logs: LogSets, found: Diagnosis) -> tuple[str, str]:
+def keep(request: Diagnose, logs: LogSets, result: Diagnosis) -> tuple[str, str]:
     """Store a diagnosis of runs; one on the same runs that says the same is kept once.
 
     Args:
@@ -192,8 +192,8 @@ def keep(request: Diagnose, logs: LogSets, found: Diagnosis) -> tuple[str, str]:
     parents = {role: names for role, names in ids.items() if names}
     hash = {"robot_hash": logs.robot.content_hash}
     store, record = store_folder(request.store), record | hash
-    return kept.store_outcome(
-        store, found, parents, record, (*logs.fit, *logs.held_out)
+    return records.store_outcome(
+        store, result, parents, record, (*logs.fit, *logs.held_out)
     )
 
 

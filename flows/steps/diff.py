@@ -1,4 +1,4 @@
-"""Records of a store: two side by side, and all of them verified."""
+"""Compare two records of a store, and verify all of them."""
 
 import json
 from collections import Counter
@@ -6,7 +6,7 @@ from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 
-from flows.steps.rerun import apart, environment_apart
+from flows.steps.rerun import compare_records, package_changes
 from residual.errors import InputError, RunError
 from warehouse.compare import Channel, compare_channels, compare_values
 from warehouse.layout import StoredRecord, find
@@ -38,63 +38,65 @@ class Diff:
         return all(channel.equal for channel in self.channels)
 
 
-def diff(one: str, two: str, store: Path) -> Diff:
+def diff(first: str, second: str, store: Path) -> Diff:
     """Compare two records of one kind."""
-    found = [find(store, id) for id in (one, two)]
-    if found[0].kind != found[1].kind:
-        kinds = " and ".join(f"{each.id} is in {each.kind}" for each in found)
+    pair = [find(store, id) for id in (first, second)]
+    if pair[0].kind != pair[1].kind:
+        kinds = " and ".join(f"{each.id} is in {each.kind}" for each in pair)
         raise InputError(f"{kinds}; expected two records of one kind.")
-    both = _runs if found[0].kind == "runs" else _records
-    tables, channels = both(store, *found)
-    return Diff(found[0].kind, (found[0].id, found[1].id), tables, channels)
+    both = _runs if pair[0].kind == "runs" else _records
+    tables, channels = both(store, *pair)
+    return Diff(pair[0].kind, (pair[0].id, pair[1].id), tables, channels)
 
 
-def _runs(store: Path, *found: StoredRecord) -> tuple[dict, tuple[Channel, ...]]:
-    manifests = [read_manifest(store, each.id) for each in found]
-    known = [each["provenance"] for each in manifests]
+def _runs(store: Path, *pair: StoredRecord) -> tuple[dict, tuple[Channel, ...]]:
+    manifests = [read_manifest(store, each.id) for each in pair]
+    provenances = [each["provenance"] for each in manifests]
     spec = [
         {**(each.get("spec") or {}), "sealed": each.get("sealed_sha256")}
         for each in manifests
     ]
-    rest = [{k: v for k, v in each.items() if k not in _APART} for each in manifests]
+    others = [{k: v for k, v in each.items() if k not in _APART} for each in manifests]
     tables = {
         "spec": _pairs(*spec),
-        **_made_with(store, *known),
-        "manifest": _pairs(*rest),
+        **_provenance_tables(store, *provenances),
+        "manifest": _pairs(*others),
     }
-    return tables, compare_channels(*(read_channels(store, each.id) for each in found))
+    return tables, compare_channels(*(read_channels(store, each.id) for each in pair))
 
 
-def _records(store: Path, *found: StoredRecord) -> tuple[dict, tuple[Channel, ...]]:
-    rows = [read_row(each) for each in found]
-    known = [json.loads(row["provenance"]) for row in rows]
+def _records(store: Path, *pair: StoredRecord) -> tuple[dict, tuple[Channel, ...]]:
+    rows = [read_row(each) for each in pair]
+    provenances = [json.loads(row["provenance"]) for row in rows]
     records = [json.loads(row["record"]) for row in rows]
-    asked = [record.pop("request", None) or {} for record in records]
+    requests = [record.pop("request", None) or {} for record in records]
     tables = {
-        "request": _pairs(*asked),
-        **_made_with(store, *known),
+        "request": _pairs(*requests),
+        **_provenance_tables(store, *provenances),
         "values": _pairs(*records),
     }
-    channels = (c for c in apart(*found) if not c.name.startswith("request"))
+    channels = (c for c in compare_records(*pair) if not c.name.startswith("request"))
     return tables, tuple(channels)
 
 
-def _made_with(store: Path, one: Mapping, two: Mapping) -> dict:
-    code = [{key: side.get(key) for key in _CODE} for side in (one, two)]
-    changes = [(side.get("uncommitted") or {}).get("sha256") for side in (one, two)]
+def _provenance_tables(store: Path, first: Mapping, second: Mapping) -> dict:
+    code = [{key: side.get(key) for key in _CODE} for side in (first, second)]
+    changes = [
+        (side.get("uncommitted") or {}).get("sha256") for side in (first, second)
+    ]
     for side, sha256 in zip(code, changes, strict=True):
         side["uncommitted"] = sha256
-    packages = environment_apart(one, two, store)
+    packages = package_changes(first, second, store)
     return {
         "code": _pairs(*code),
         "environment": tuple((name, *pair) for name, pair in packages.items()),
     }
 
 
-def _pairs(one: Mapping, two: Mapping) -> tuple[tuple[str, object, object], ...]:
+def _pairs(first: Mapping, second: Mapping) -> tuple[tuple[str, object, object], ...]:
     """Return the values that differ, by their place, both as they are."""
-    names = [channel.name for channel in compare_values(dict(one), dict(two))]
-    return tuple((name, _at(one, name), _at(two, name)) for name in names)
+    names = [channel.name for channel in compare_values(dict(first), dict(second))]
+    return tuple((name, _at(first, name), _at(second, name)) for name in names)
 
 
 def _at(record: object, name: str) -> object:

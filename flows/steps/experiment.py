@@ -1,4 +1,4 @@
-"""One experiment, step by step: spec -> reference -> plant -> store, id to id."""
+"""Run one experiment on the simulated arm: spec, reference, plant, store."""
 
 import io
 from collections.abc import Iterable, Mapping, Sequence
@@ -11,7 +11,7 @@ from time import perf_counter
 import numpy as np
 from pydantic import TypeAdapter
 
-from flows.inputs.given import load
+from flows.inputs.read import load
 from flows.specs.experiment import NOMINAL, ControllerTable, ExperimentSpec
 from flows.steps.models import choose, model_to_drive
 from residual.calibration.rows import Run
@@ -43,7 +43,7 @@ _PLANT = TypeAdapter(PlantSpec)
 
 
 @dataclass(frozen=True, slots=True)
-class Planned:
+class PlannedExperiment:
     """An experiment whose id is known before it is run."""
 
     label: str  # what it is, for people
@@ -54,7 +54,7 @@ class Planned:
 
 
 @dataclass(frozen=True, eq=False, slots=True)
-class Simulated:
+class SimulatedExperiment:
     """An experiment that was run and is not stored yet."""
 
     log: Recording  # what the arm logged
@@ -68,19 +68,19 @@ def plan(
     specs: Iterable[tuple[str, ExperimentSpec]],
     store: Path,
     campaign: str | None = None,
-) -> list[Planned]:
+) -> list[PlannedExperiment]:
     """Return what would run and what is there; the same experiment only once.
 
     Args:
         campaign: Name of the campaign that they are of.
     """
-    planned: dict[str, Planned] = {}
-    for label, asked in specs:
-        spec = settled(asked, store)
+    planned: dict[str, PlannedExperiment] = {}
+    for label, requested in specs:
+        spec = settled(requested, store)
         id = run_id_of(spec)
         if id not in planned:
             stored = is_stored(store, spec, id)
-            planned[id] = Planned(label, spec, id, stored, campaign)
+            planned[id] = PlannedExperiment(label, spec, id, stored, campaign)
     return list(planned.values())
 
 
@@ -107,14 +107,16 @@ def run(spec: ExperimentSpec, store: Path, campaign: str | None = None) -> str:
     id = run_id_of(spec)
     if is_stored(store, spec, id):
         return id
-    made = make(spec, store)
+    simulated = make(spec, store)
     keep_robot(store, spec.robot, checked_robot(spec))
     if campaign is not None:
-        made = replace(made, manifest={**made.manifest, "campaign": campaign})
-    return keep(made, store)
+        simulated = replace(
+            simulated, manifest={**simulated.manifest, "campaign": campaign}
+        )
+    return keep(simulated, store)
 
 
-def make(spec: ExperimentSpec, store: Path | None = None) -> Simulated:
+def make(spec: ExperimentSpec, store: Path | None = None) -> SimulatedExperiment:
     """Run one experiment, whether or not it is stored; nothing is written.
 
     Args:
@@ -122,7 +124,7 @@ def make(spec: ExperimentSpec, store: Path | None = None) -> Simulated:
         store: Where that model is; None where the nominal one drives.
     """
     robot, model = checked_robot(spec), spec.controller.model
-    made, timings = _simulate(spec, robot, store)
+    simulated, timings = _simulate(spec, robot, store)
     manifest = {
         "spec": open_half(spec, robot),
         "robot": spec.robot,
@@ -131,19 +133,25 @@ def make(spec: ExperimentSpec, store: Path | None = None) -> Simulated:
         "timings": timings,
         "parents": {} if model == NOMINAL else {"controller": [model]},
     }
-    return Simulated(
-        made.log, made.twin, made.truth, manifest, sealed_half(spec.plant_spec())
+    return SimulatedExperiment(
+        simulated.log,
+        simulated.twin,
+        simulated.truth,
+        manifest,
+        sealed_half(spec.plant_spec()),
     )
 
 
-def keep(made: Simulated, store: Path, parents: Mapping | None = None) -> str:
+def keep(
+    simulated: SimulatedExperiment, store: Path, parents: Mapping | None = None
+) -> str:
     """Store an experiment that was run."""
-    lineage = {**made.manifest.get("parents", {}), **(parents or {})}
-    manifest = {**made.manifest, "parents": lineage}
+    lineage = {**simulated.manifest.get("parents", {}), **(parents or {})}
+    manifest = {**simulated.manifest, "parents": lineage}
     if not lineage:
         del manifest["parents"]
-    sealed = Seal(made.hidden, made.truth)
-    return commit_run(store, made.log, manifest, sealed, made.twin)
+    sealed = Seal(simulated.hidden, simulated.truth)
+    return commit_run(store, simulated.log, manifest, sealed, simulated.twin)
 
 
 def load_engine() -> None:
@@ -239,10 +247,10 @@ def _simulate(spec: ExperimentSpec, robot: Robot, store: Path | None) -> tuple:
         )
     clock.append(perf_counter())
     plant = spec.plant_spec()
-    made = run_experiment(robot, reference, plant, rates, spec.start, given)
+    simulated = run_experiment(robot, reference, plant, rates, spec.start, given)
     clock.append(perf_counter())
     seconds = (round(b - a, 3) for a, b in pairwise(clock))
-    return made, dict(zip(("reference_s", "plant_s"), seconds, strict=True))
+    return simulated, dict(zip(("reference_s", "plant_s"), seconds, strict=True))
 
 
 @lru_cache(maxsize=12)
@@ -251,7 +259,7 @@ def reference_of(robot: Robot, spec: TrajectorySpec, rate: float) -> Reference:
     return make_reference(robot, spec, rate)
 
 
-def refusal_of(planned: Planned) -> str | None:
+def refusal_of(planned: PlannedExperiment) -> str | None:
     """Plan the motion of an experiment; nothing is simulated, nothing is written.
 
     Returns:

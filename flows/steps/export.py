@@ -9,7 +9,7 @@ from dataclasses import asdict
 from functools import partial
 from pathlib import Path
 
-from flows.inputs.given import read_sets
+from flows.inputs.read import read_sets
 from flows.requests import Export
 from flows.settings import store_folder
 from flows.steps.models import read_model

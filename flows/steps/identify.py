@@ -1,11 +1,11 @@
-"""Identify a robot's model from logs or runs, and keep it where it is from runs."""
+"""Identify the model of a robot from logs or runs; store it if all are runs."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
 
-from flows.inputs import given
-from flows.inputs.given import LogSets, is_run
+from flows.inputs import read as inputs
+from flows.inputs.read import LogSets, is_run
 from flows.requests import Identify
 from flows.settings import store_folder
 from flows.steps.check import as_mounted, checked
@@ -21,7 +21,7 @@ from residual.threads import one_blas_thread
 def read_logs(request: Identify, robot: Robot | None = None) -> LogSets:
     """Read every log once, and the robot where it is not loaded yet."""
     _options(request)
-    return given.read_logs(request, "to identify from", robot)
+    return inputs.read_logs(request, "to identify from", robot)
 
 
 def identify(
@@ -35,7 +35,7 @@ def identify(
     known = None
     if request.model:
         known = read_known(store_folder(request.store), request.model)
-    made = identify_logs(
+    result = identify_logs(
         logs,
         request.declared if known is None else known,
         _options(request),
@@ -44,8 +44,8 @@ def identify(
     )
     count = len(request.logs) + len(request.held_out)
     if request.store is None and len(logs.runs) < count:
-        return made, None
-    return made, _keep(made, request, logs.runs)
+        return result, None
+    return result, _keep(result, request, logs.runs)
 
 
 @one_blas_thread
@@ -63,11 +63,11 @@ def identify_logs(
     """
     report = checked(logs, trust_log)
     logs = as_mounted(logs, report)
-    made = identify_and_prove(
+    result = identify_and_prove(
         logs.robot, logs.fit, logs.held_out, known, options, consistent
     )
-    warnings = (*logs.warnings, *report.sentences, *made.warnings)
-    return replace(made, warnings=warnings)
+    warnings = (*logs.warnings, *report.sentences, *result.warnings)
+    return replace(result, warnings=warnings)
 
 
 def _options(request: Identify) -> Options:
@@ -75,19 +75,19 @@ def _options(request: Identify) -> Options:
 
 
 def _keep(
-    made: ValidatedIdentification, request: Identify, runs: Mapping[str, str]
+    result: ValidatedIdentification, request: Identify, runs: Mapping[str, str]
 ) -> str:
     # A held-out part of a fitted run is no run of its own.
-    roles = {"fit": made.fit, "held_out": () if made.same_run else made.held_out}
+    roles = {"fit": result.fit, "held_out": () if result.same_run else result.held_out}
     by_role = {role: [runs[i] for i in ids if i in runs] for role, ids in roles.items()}
     if request.model:
         by_role["nominal"] = [request.model]
     record = request.to_record() | {
         "logs": [_whole(word, runs) for word in request.logs],
         "held_out": [_whole(word, runs) for word in request.held_out],
-        "robot_hash": made.robot.content_hash,
+        "robot_hash": result.robot.content_hash,
     }
-    return store_identification(store_folder(request.store), made, record, by_role)
+    return store_identification(store_folder(request.store), result, record, by_role)
 
 
 def _whole(word: str, runs: Mapping[str, str]) -> str:

@@ -1,4 +1,4 @@
-"""Measured logs into the store: what is understood of them, and the runs they are."""
+"""Import measured logs into the store as runs."""
 
 import hashlib
 import re
@@ -8,7 +8,7 @@ from dataclasses import dataclass, replace
 from datetime import datetime
 from pathlib import Path
 
-from flows.inputs.given import LogSets, load, need_logs, offer_map
+from flows.inputs.read import LogSets, load, need_logs, offer_map
 from flows.requests import Import
 from flows.settings import store_folder
 from flows.steps.check import checked
@@ -67,10 +67,10 @@ def read_logs(request: Import) -> tuple[Robot, tuple[Log, ...]]:
     ]
     first: dict[str, str] = {}
     for log in logs:
-        same = first.setdefault(log.run_id, log.known.id)
-        if same != log.known.id:
+        twin = first.setdefault(log.run_id, log.known.id)
+        if twin != log.known.id:
             raise InputError(
-                f"'{same}' and '{log.known.id}' hold the same samples: they are one "
+                f"'{twin}' and '{log.known.id}' hold the same samples: they are one "
                 "run. Name it once."
             )
     return robot, tuple(logs)
@@ -92,9 +92,11 @@ def check_logs(
         doubts=tuple((log.known.id, d) for log in read for d in log.known.doubts),
     )
     report = checked(sets, request.trust_log)
-    found = {"log_check": report.to_json()}
-    kept = (replace(log, manifest={**log.manifest, **found}) for log in read)
-    return tuple(kept), report
+    check_record = {"log_check": report.to_json()}
+    with_check = (
+        replace(log, manifest={**log.manifest, **check_record}) for log in read
+    )
+    return tuple(with_check), report
 
 
 def store_log(log: Log, request: Import, robot: Robot) -> str:
@@ -153,7 +155,7 @@ def check_tags(tags: Sequence[str]) -> list[str]:
             )
         if values.setdefault(key, tag) != tag:
             raise InputError(
-                f"tags '{values[key]}' and '{tag}' say two things of one key. Keep one."
+                f"tags '{values[key]}' and '{tag}' set one key twice. Keep one."
             )
     return sorted(values.values())
 

@@ -1,14 +1,14 @@
-"""A word to a model: which model of a robot a command goes by, and the model itself.
+"""Resolve which model a command uses, and read that model.
 
-A word is a file, the id of a record of the store or its beginning, "nominal", or a
-robot, which has the model that was adopted for it.
+A model is named by a file, by the id of a record of the store or its beginning, by
+"nominal", or by a robot, which has the model that was adopted for it.
 """
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
-from flows.inputs.given import is_run, load_of, robot_of
+from flows.inputs.read import is_run, load_of, robot_of
 from flows.requests import Diagnose, Identify
 from flows.settings import store_folder
 from flows.storage.calibration import CORRECTED
@@ -33,11 +33,11 @@ AUGMENTED = "augmented"
 
 @dataclass(frozen=True, slots=True)
 class Choice:
-    """The model that a command goes by."""
+    """The model that a command uses."""
 
     # Id of the diagnosis that it is from, None for the nominal model.
     diagnosis: str | None = None
-    line: str | None = None  # what to say of it, None where there was nothing to choose
+    line: str | None = None  # what to print about it; None where there is no choice
 
     @property
     def lines(self) -> tuple[str, ...]:
@@ -52,7 +52,7 @@ def choose(
     logs: Sequence[str] = (),
     instead: str | None = None,
 ) -> Choice:
-    """Return the model to go by.
+    """Return the model that a command uses.
 
     The store is asked where the logs are runs of it, or where --store names it; what is
     in it has no say about files alone.
@@ -71,8 +71,7 @@ def choose(
     if model is not None and model != NOMINAL:
         if instead:
             raise InputError(
-                f"--model and {instead} each say what the nominal model is. "
-                "Give one of them."
+                f"--model and {instead} both set the nominal model. Give only one."
             )
         id = diagnosis_of(place, model)
         _check_robot(robot, place, id)

@@ -1,10 +1,10 @@
-"""Watch the sensors of runs."""
+"""Monitor the sensors of runs against healthy runs of the same arm."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass, field
 from pathlib import Path
 
-from flows.inputs.given import is_run, load_of, serial_of
+from flows.inputs.read import is_run, load_of, serial_of
 from flows.requests import Monitor as Request
 from flows.settings import HEALTHY, store_folder
 from flows.steps.models import AUGMENTED, check_description, in_force
@@ -41,12 +41,11 @@ class MonitoringResult:
         out, hours = [], self.monitor.hours
         if self.monitor.per_hour * hours < 1:
             out.append(
-                f"The healthy runs last {60 * hours:.3g} min in all: that alarms are "
-                f"false at most {self.monitor.per_hour:g} times an hour is "
-                "extrapolated."
+                f"The healthy runs last {60 * hours:.3g} min in total: the rate of "
+                f"{self.monitor.per_hour:g} false alarms an hour is extrapolated."
             )
         if not self.monitor.referenced:
-            out.append("q_ref is not logged: no errors of tracking.")
+            out.append("q_ref is not logged: tracking errors are not monitored.")
         return tuple(out)
 
 
@@ -78,13 +77,13 @@ def monitor(request: Request) -> tuple[str, MonitoringResult, dict[str, Recordin
         check_description(robot, run, read_manifest(store, run.id), by)
     if not diagnosis:
         model = identify(robot, list(healthy.values())).model
-    found = watch(model, healthy, watched, request.per_hour)
+    result = watch(model, healthy, watched, request.per_hour)
     record = {
         "robot": robot.name,
         "kind": "monitor",
         "model_id": diagnosis and read_record(store, diagnosis)["model_id"],
-        "alarms": {id: len(alarms) for id, alarms in found.alarms.items()},
-        "watched_s": found.seconds,
+        "alarms": {id: len(alarms) for id, alarms in result.alarms.items()},
+        "watched_s": result.seconds,
         "request": request.to_record()
         | {
             "model": diagnosis or request.model,
@@ -93,19 +92,19 @@ def monitor(request: Request) -> tuple[str, MonitoringResult, dict[str, Recordin
             "robot": None if diagnosis else request.model,
             "robot_hash": robot.content_hash,
         },
-        "notes": found.notes,
-        "monitor": found.monitor.to_record(),
+        "notes": result.notes,
+        "monitor": result.monitor.to_record(),
     }
     rows = [
         {"run_id": id, **asdict(alarm)}
-        for id, alarms in found.alarms.items()
+        for id, alarms in result.alarms.items()
         for alarm in alarms
     ]
     parents = {"calibration": list(healthy), "watched": list(watched)}
     if diagnosis:
         parents["diagnosis"] = [diagnosis]
     tables = {"alarms": rows_table("alarms", rows)}
-    return commit_record(store, "validations", record, tables, parents), found, watched
+    return commit_record(store, "validations", record, tables, parents), result, watched
 
 
 @one_blas_thread
@@ -120,7 +119,7 @@ def watch(
     return MonitoringResult(
         monitor=made,
         calibration=tuple(healthy),
-        alarms={id: made.watch(run) for id, run in watched.items()},
+        alarms={id: calibrated.watch(run) for id, run in watched.items()},
         seconds=sum(run.duration for run in watched.values()),
     )
 
@@ -165,9 +164,11 @@ def watch_new(
         healthy = _behind(diagnosis, store) if diagnosis else ()
     new = tuple(run for run in runs if run not in healthy)
     if not new:
-        return NewRuns(why="No run that is not one of the healthy ones.")
+        return NewRuns(why="All runs are healthy reference runs.")
     if len(healthy) < LEAST_RUNS:
-        return NewRuns(why=f"{len(healthy)} healthy runs, {LEAST_RUNS} are the least.")
+        return NewRuns(
+            why=f"{len(healthy)} healthy runs, at least {LEAST_RUNS} needed."
+        )
     return NewRuns(*monitor(Request(model, new, good=healthy, store=store)))
 
 
@@ -184,8 +185,8 @@ def healthy_runs(
                           AND new.serial IS NOT DISTINCT FROM own.serial)
         ORDER BY coalesce(recorded_at, created) DESC, run_id LIMIT $most
     """
-    given = {"tag": tag, "runs": list(runs), "first": runs[0], "most": MOST_HEALTHY}
-    rows = query_store(store, query, **given)
+    values = {"tag": tag, "runs": list(runs), "first": runs[0], "most": MOST_HEALTHY}
+    rows = query_store(store, query, **values)
     return tuple(sorted(row["run_id"] for row in rows))
 
 
@@ -211,8 +212,8 @@ def latest_diagnosis(runs: Sequence[str], store: Path) -> str | None:
         "serial IS NOT DISTINCT FROM $serial "
         "ORDER BY created DESC, diagnosis_id LIMIT 1"
     )
-    found = query_store(store, query, robot=robot, serial=serial_of(runs[0], store))
-    return found[0]["diagnosis_id"] if found else None
+    result = query_store(store, query, robot=robot, serial=serial_of(runs[0], store))
+    return result[0]["diagnosis_id"] if result else None
 
 
 def usable_runs(store: Path, ids: Sequence[str]) -> dict[str, Recording]:

@@ -7,7 +7,7 @@ from pathlib import Path
 
 import numpy as np
 
-from flows.inputs.given import LogSets, is_run
+from flows.inputs.read import LogSets, is_run
 from flows.outputs import Progress
 from flows.requests import Diagnose, Next
 from flows.settings import store_folder

@@ -1,4 +1,4 @@
-"""Torque of a model on logs, whole and with effects taken out of it."""
+"""Predict the torque of logs with a model, and with effects removed from it."""
 
 import io
 from collections.abc import Sequence
@@ -10,7 +10,7 @@ import pyarrow as pa
 import pyarrow.csv as pc
 import pyarrow.parquet as pq
 
-from flows.inputs.given import LogSets, need_logs, read_sets
+from flows.inputs.read import LogSets, need_logs, read_sets
 from flows.requests import Predict
 from flows.settings import store_folder
 from flows.steps.models import read_model
@@ -56,26 +56,26 @@ def parse_edits(words: Sequence[str]) -> Edits:
     return out
 
 
-def tables(made: Prediction) -> ErrorTables:
+def tables(prediction: Prediction) -> ErrorTables:
     """Return the errors against what was measured, by model [%]."""
-    ids = [log.id for log in made.logs]
-    return error_tables(dict(made.errors), made.cutoff, ids)
+    ids = [log.id for log in prediction.logs]
+    return error_tables(dict(prediction.errors), prediction.cutoff, ids)
 
 
-def document(made: Prediction, request: Predict) -> dict:
+def document(prediction: Prediction, request: Predict) -> dict:
     """Return errors as plain values, in the form that a verdict has them."""
     return {
         "schema": 1,
-        "model": repr(made.models[WHOLE]),
+        "model": repr(prediction.models[WHOLE]),
         "without": list(request.without),
-        "error": plain(asdict(tables(made))),
+        "error": plain(asdict(tables(prediction))),
     }
 
 
-def samples(made: Prediction) -> pa.Table:
+def samples(prediction: Prediction) -> pa.Table:
     """Return log, time, measured torque and that of each model, a row per sample."""
     parts = []
-    for log, torque in zip(made.logs, made.torque, strict=True):
+    for log, torque in zip(prediction.logs, prediction.torque, strict=True):
         columns = {"log": [log.id] * len(log.t), "t": log.t}
         for name, values in (("tau", log.tau), *torque.items()):
             head = _NAMES.get(name, name)
@@ -93,11 +93,11 @@ def check_form(path: Path) -> None:
         raise InputError(f"--out {path}: expected a file *.csv or *.parquet.")
 
 
-def written(made: Prediction, path: Path) -> bytes:
+def written(prediction: Prediction, path: Path) -> bytes:
     """Return the samples in the form that a file name asks for."""
     sink = io.BytesIO()
     if path.suffix == ".csv":
-        pc.write_csv(samples(made), sink)
+        pc.write_csv(samples(prediction), sink)
     else:
-        pq.write_table(samples(made), sink, compression="zstd")
+        pq.write_table(samples(prediction), sink, compression="zstd")
     return sink.getvalue()

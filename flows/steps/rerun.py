@@ -1,4 +1,4 @@
-"""Make a record again, and say whether it is the same, bit for bit; if not, why."""
+"""Rerun a record, compare the values bit for bit, and name the cause of a change."""
 
 import json
 import os
@@ -11,7 +11,7 @@ from tempfile import TemporaryDirectory
 
 import pyarrow as pa
 
-from flows.inputs.given import instead
+from flows.inputs.read import instead
 from flows.requests import (
     Calibrate,
     Diagnose,
@@ -24,7 +24,7 @@ from flows.specs.experiment import ExperimentSpec
 from flows.steps import calibrate, experiment, identify
 from flows.steps.diagnose import diagnose_runs
 from flows.steps.experiment import (
-    Simulated,
+    SimulatedExperiment,
     checked_robot,
     make,
     open_half,
@@ -77,18 +77,18 @@ class Cause:
 
 @dataclass(frozen=True, eq=False, slots=True)
 class Rerun:
-    """What a rerun gave."""
+    """The result of a rerun."""
 
     id: str  # id of the record
     kind: str  # its kind, such as "runs"
     # Where the values differ, the earliest first; empty where none does.
-    apart: tuple[Channel, ...]
+    differences: tuple[Channel, ...]
     same_code: bool  # whether the code is the one that made the record
     cause: Cause | None  # why values differ; None where they do not
     changes: str  # which uncommitted change of the code the record was made with
-    made: str | None = None  # id of the new record; None where nothing new was stored
+    new_id: str | None = None  # id of the new record; None where nothing new was stored
     # Id of the validation that says what differs; None where there is none.
-    noted: str | None = None
+    note_id: str | None = None
     # Whether it was measured: then its values were checked, not made.
     imported: bool = False
 
@@ -102,8 +102,12 @@ class Rerun:
         """What differs and why, in one line."""
         if self.cause is None:
             return "same, bit for bit"
-        where = self.apart[0].words if self.apart else "the stored record is damaged"
-        more = len(self.apart) - 1
+        where = (
+            self.differences[0].words
+            if self.differences
+            else "the stored record is damaged"
+        )
+        more = len(self.differences) - 1
         where += f" (and {more} more)" if more > 0 else ""
         return f"{where}; cause: {self.cause.kind} ({self.cause.why})"
 
@@ -150,7 +154,7 @@ def _rerun_run(record: StoredRecord, store: Path, verify: bool) -> Rerun:
         return outcome
     if not outcome.same_code:
         new = experiment.keep(simulated, store, {RERUN_OF: [record.id]})
-    return _noted(outcome, store, record.folder.parent.name[6:], new)
+    return _with_note(outcome, store, record.folder.parent.name[6:], new)
 
 
 def _rerun_record(record: StoredRecord, store: Path, verify: bool) -> Rerun:
@@ -160,14 +164,14 @@ def _rerun_record(record: StoredRecord, store: Path, verify: bool) -> Rerun:
             "modelgap lineage names it."
         )
     row, id = read_row(record), None
-    with made_again(store, record) as (own, new):
+    with remade(store, record) as (temporary, new):
         then = json.loads(row["provenance"])
-        outcome = _outcome(record, store, then, apart(record, new))
+        outcome = _outcome(record, store, then, compare_records(record, new))
         if verify:
             return outcome
         if new.id != record.id and not outcome.same_code:
-            id = keep_record(own, store, record, new)
-    return _noted(outcome, store, row["robot"], id)
+            id = keep_record(temporary, store, record, new)
+    return _with_note(outcome, store, row["robot"], id)
 
 
 def _outcome(
@@ -184,23 +188,23 @@ def _outcome(
     return Rerun(record.id, record.kind, differences, same, cause, known)
 
 
-def _noted(outcome: Rerun, store: Path, robot: str, new: str | None) -> Rerun:
+def _with_note(outcome: Rerun, store: Path, robot: str, new: str | None) -> Rerun:
     """Keep on record that a rerun did not reproduce; of one that did, nothing."""
     if outcome.cause is None:
-        return replace(outcome, made=new)
+        return replace(outcome, new_id=new)
     record = {
         "robot": robot,
         "kind": KIND,
         "verdict": outcome.verdict,
         "cause": outcome.cause.kind,
         "why": outcome.cause.why,
-        "differing": len(outcome.apart),
-        "differences": [asdict(c) for c in outcome.apart[:_MOST_DIFFERENCES]],
+        "differing": len(outcome.differences),
+        "differences": [asdict(c) for c in outcome.differences[:_MOST_DIFFERENCES]],
         "changes": outcome.changes,
     }
     parents = {RERUN_OF: [outcome.id], **({KIND: [new]} if new else {})}
-    noted = commit_record(store, "validations", record, parents=parents)
-    return replace(outcome, made=new, noted=noted)
+    note_id = commit_record(store, "validations", record, parents=parents)
+    return replace(outcome, new_id=new, note_id=note_id)
 
 
 # Why values differ.
@@ -227,7 +231,7 @@ def cause_of(
             for side in (then, now)
         )
         return Cause("code", f"{code} was {old}, is {new}")
-    if packages := environment_apart(then, now, store):
+    if packages := package_changes(then, now, store):
         named = [
             f"{k} {a or 'none'} -> {b or 'none'}" for k, (a, b) in packages.items()
         ]
@@ -240,7 +244,7 @@ def cause_of(
     return Cause("nondeterminism", same)
 
 
-def environment_apart(
+def package_changes(
     then: Mapping, now: Mapping, store: Path
 ) -> dict[str, tuple[str | None, str | None]]:
     """Return the packages whose version differs: then and now, by name."""
@@ -264,7 +268,7 @@ def environment_apart(
 # A run once more, from its manifest and its seal.
 
 
-def again(store: Path, run_id: str, manifest: Mapping) -> Simulated:
+def again(store: Path, run_id: str, manifest: Mapping) -> SimulatedExperiment:
     """Run the experiment of a run once more; nothing is written."""
     hidden = open_seal(store, run_id).spec
     word = robot_word(store, manifest["robot"], manifest.get("robot_hash"))
@@ -334,9 +338,7 @@ _STEPS: Mapping[str, tuple[type[Request], Callable]] = {
 
 
 @contextmanager
-def made_again(
-    store: Path, record: StoredRecord
-) -> Iterator[tuple[Path, StoredRecord]]:
+def remade(store: Path, record: StoredRecord) -> Iterator[tuple[Path, StoredRecord]]:
     """Make a record once more.
 
     Yields:
@@ -360,23 +362,23 @@ def made_again(
         if each.get("robot")
     }
     with TemporaryDirectory(prefix="modelgap-rerun-") as folder:
-        own = Path(folder).resolve()
+        temporary = Path(folder).resolve()
         for each in before:
-            _link(each.folder, own / each.folder.relative_to(store))
+            _link(each.folder, temporary / each.folder.relative_to(store))
             seal = Path(SEALED) / f"run_id={each.id}"
             # Feed-forward of a validation is on the arm of the seal.
             hidden = "feed_forward" in (content.get("kind") or "")
             if hidden and has_record(store / seal):
-                _link(store / seal, own / seal)
+                _link(store / seal, temporary / seal)
         with instead(robots):
-            step(verb.from_record(request, own))
-        new = set(list_folders(own, record.kind)) - {each.id for each in before}
+            step(verb.from_record(request, temporary))
+        new = set(list_folders(temporary, record.kind)) - {each.id for each in before}
         if len(new) != 1:
             raise InputError(
                 f"Making {record.id} again gave {len(new)} records of {record.kind}, "
                 "expected 1. Its request does not fit this version of the program."
             )
-        yield own, find(own, new.pop())
+        yield temporary, find(temporary, new.pop())
 
 
 def _link(folder: Path, target: Path) -> None:
@@ -390,15 +392,17 @@ def _link(folder: Path, target: Path) -> None:
             shutil.copyfile(path, target / path.name)
 
 
-def keep_record(own: Path, store: Path, old: StoredRecord, new: StoredRecord) -> str:
+def keep_record(
+    temporary: Path, store: Path, old: StoredRecord, new: StoredRecord
+) -> str:
     """Put a record that was made again, and what was made with it, into the store.
 
     Returns:
         The id that the new one has in the store; the first one is its parent.
     """
     renamed: dict[str, str] = {}
-    for each in with_parents(own, new.id):
-        if has_record(store / each.folder.relative_to(own)):
+    for each in with_parents(temporary, new.id):
+        if has_record(store / each.folder.relative_to(temporary)):
             continue
         row = read_row(each)
         parents = [(p["parent"], p["role"]) for p in row["lineage"] or []]
@@ -431,13 +435,13 @@ def _parts(record: StoredRecord) -> tuple[dict[str, pa.Table], dict[str, bytes]]
     return tables, files
 
 
-def apart(record: StoredRecord, other: StoredRecord) -> tuple[Channel, ...]:
+def compare_records(record: StoredRecord, other: StoredRecord) -> tuple[Channel, ...]:
     """Return where two records of one kind differ, value by value."""
-    one, two = (json.loads(read_row(each)["record"]) for each in (record, other))
-    out = compare_values(one, two, "")
+    first, second = (json.loads(read_row(each)["record"]) for each in (record, other))
+    out = compare_values(first, second, "")
     (old, old_files), (new, new_files) = _parts(record), _parts(other)
     for name in old | new:
-        out += _table_apart(name, old.get(name), new.get(name))
+        out += _compare_tables(name, old.get(name), new.get(name))
     out += [
         Channel(name, "", False, note="another file")
         for name in old_files | new_files
@@ -446,14 +450,23 @@ def apart(record: StoredRecord, other: StoredRecord) -> tuple[Channel, ...]:
     return tuple(out)
 
 
-def _table_apart(name: str, one: pa.Table | None, two: pa.Table | None) -> list:
+def _compare_tables(name: str, first: pa.Table | None, second: pa.Table | None) -> list:
     """Return where two tables differ, column by column."""
-    if one is None or two is None or one.schema != two.schema or len(one) != len(two):
-        hashes = {None if side is None else table_hash(side) for side in (one, two)}
+    if (
+        first is None
+        or second is None
+        or first.schema != second.schema
+        or len(first) != len(second)
+    ):
+        hashes = {
+            None if side is None else table_hash(side) for side in (first, second)
+        }
         note = "another number of rows or other columns"
         return [Channel(name, "", False, note=note)] if len(hashes) > 1 else []
     out = []
-    for column, a, b in zip(one.column_names, one.columns, two.columns, strict=True):
+    for column, a, b in zip(
+        first.column_names, first.columns, second.columns, strict=True
+    ):
         at = f"{name}.{column}"
         if pa.types.is_floating(a.type):
             sides = [{at: c.to_numpy(zero_copy_only=False)} for c in (a, b)]
@@ -461,5 +474,5 @@ def _table_apart(name: str, one: pa.Table | None, two: pa.Table | None) -> list:
                 channel for channel in compare_channels(*sides) if not channel.equal
             ]
         elif not a.equals(b):
-            out.append(Channel(at, "", False, len(one), note="other values"))
+            out.append(Channel(at, "", False, len(first), note="other values"))
     return out

@@ -19,7 +19,7 @@ from pathlib import Path
 import numpy as np
 from scipy.interpolate import CubicSpline
 
-from flows.inputs.given import load
+from flows.inputs.read import load
 from flows.requests import Validate as Request
 from flows.settings import store_folder
 from flows.steps.experiment import plant_of
@@ -122,7 +122,7 @@ def validate(request: Request) -> tuple[str, Validation]:
     models = _models(request, store, robot, log)
     both = {name: both_ways(model, log) for name, model in models.items()}
     tracked = {}
-    notes = ["No feed-forward: that needs the arm, and none is sealed with the run."]
+    notes = ["No feed-forward: no simulated arm is sealed with the run."]
     # A seal that was taken out is no error, one that is broken is.
     if manifest["sealed_sha256"] and has_seal(store, log.id):
         notes = _notes(manifest)
@@ -142,31 +142,33 @@ def validate(request: Request) -> tuple[str, Validation]:
             error = track(robot, reference, plant, torque)
             both[name] = replace(both[name], tracking=_rms(error))
     if used < window:
-        notes.insert(0, f"Windows of {window:g} s run away; {used:g} s were taken.")
+        notes.insert(
+            0, f"The model diverges in windows of {window:g} s; they last {used:g} s."
+        )
     notes += [
         f"M(q) of the {name} model is not positive definite: {each.least_mass:.3g} "
         f"kg m^2 at some pose of {POSES}. It predicts torque, but cannot be simulated."
         for name, each in both.items()
         if each.least_mass <= 0
     ]
-    made = Validation(used, strayed, **tracked, notes=tuple(notes), models=both)
-    same = {"run_id": log.id, "trajectory": run_columns(manifest)["trajectory"]}
+    result = Validation(used, strayed, **tracked, notes=tuple(notes), models=both)
+    common = {"run_id": log.id, "trajectory": run_columns(manifest)["trajectory"]}
     record = {
         "robot": log.robot,
-        "kind": made.kind,
+        "kind": result.kind,
         "window_s": used,
         "request": replace(request, run=log.id).to_record()
         | {"robot": word, "robot_hash": robot.content_hash},
         "unit": "rad",
-        "notes": made.notes,
+        "notes": result.notes,
         "least_mass_matrix": {name: each.least_mass for name, each in both.items()},
     }
     named = (request.model, request.adopted)
     ids = dict.fromkeys(id for id in named if id not in (None, NOMINAL))
     parents = {"run": [log.id], **({"model": list(ids)} if ids else {})}
-    rows = [{**same, **row} for row in _error_rows(made)]
+    rows = [{**common, **row} for row in _error_rows(result)]
     tables = {"errors": rows_table("errors", rows)}
-    return commit_record(store, "validations", record, tables, parents), made
+    return commit_record(store, "validations", record, tables, parents), result
 
 
 def both_ways(model: AnyModel, log: Recording) -> BothWays:
@@ -239,7 +241,7 @@ def open_loop_error(robot: Robot, log: Recording, window: float) -> tuple[Array,
         except DivergedError:
             window /= 2
     raise InputError(
-        f"Under the torque of run {log.id} the nominal model runs away within "
+        f"Under the torque of run {log.id} the nominal model diverges within "
         f"{2 * window:g} s. Check units and signs of the log, and the robot's inertias."
     )
 
@@ -280,24 +282,24 @@ def _notes(manifest: Mapping) -> list[str]:
     notes, start = [], manifest["spec"].get("start", 0.0)
     if manifest["provenance"]["code_hash"] != plant_code_hash():
         notes.append(
-            "The code of the plant has changed since this run: feed-forward is on the "
-            "arm as it is simulated today, not quite the one that was logged."
+            "The plant code has changed since this run: feed-forward drives the arm of "
+            "today's code, not exactly the logged one."
         )
     if start > 0:
         notes.append(
-            f"The run began {start:g} s into its session, feed-forward begins at 0: "
-            "what was warm is cold."
+            f"The run began {start:g} s into its session; feed-forward starts at 0 s, "
+            "with cold gears."
         )
     return notes
 
 
-def _error_rows(made: Validation) -> list[dict]:
+def _error_rows(result: Validation) -> list[dict]:
     figures = [
-        (NOMINAL, OPEN_LOOP, made.open_loop),
-        (NOMINAL, FEED_FORWARD, made.nominal),
-        ("arm", FEED_FORWARD, made.arm),
+        (NOMINAL, OPEN_LOOP, result.open_loop),
+        (NOMINAL, FEED_FORWARD, result.nominal),
+        ("arm", FEED_FORWARD, result.arm),
     ]
-    for name, each in made.models.items():
+    for name, each in result.models.items():
         figures += [
             (name, TORQUE, each.torque),
             (name, ACCELERATION, each.acceleration),

@@ -1,1 +1,1 @@
-"""Results as records of the store, and back."""
+"""Write results as records of the store, and read them back."""

@@ -1,4 +1,4 @@
-"""A calibration as one JSON document, as files, and as records of the store."""
+"""Write a calibration as a JSON document, as files, and as records of the store."""
 
 import math
 from collections.abc import Iterable, Iterator, Mapping, Sequence
@@ -21,25 +21,25 @@ STAGE, KIND, CORRECTED = "calibrated", "calibration", "corrected.json"
 
 
 def document(
-    made: Calibration,
+    calibration: Calibration,
     words: Sequence[str],
     warnings: Sequence[str],
     kept: Mapping[str, str],
 ) -> dict:
     """Return all figures of a calibration; what is not known is null."""
-    rows, sweep = made.rows, made.sweep
-    sizes = [len(axis.edges) + 1 for axis in made.paper.axes]
-    options = zip(rows.joints, made.chosen, strict=True)
+    rows, sweep = calibration.rows, calibration.sweep
+    sizes = [len(axis.edges) + 1 for axis in calibration.paper.axes]
+    options = zip(rows.joints, calibration.chosen, strict=True)
     return {
         "schema": 1,
-        "robot": made.robot,
+        "robot": calibration.robot,
         "mode": rows.mode,
-        "declared": list(made.declared),
+        "declared": list(calibration.declared),
         "logs": list(rows.labels),
         "families": [f or None for f in rows.families],
         "rows": len(rows.X),
         "joints": list(rows.joints),
-        "variables": list(made.lookup.names),
+        "variables": list(calibration.lookup.names),
         "metric": "100*||tau-tau_hat||/||tau||",
         "table": [
             {
@@ -51,15 +51,15 @@ def document(
                 "rmsev_mean_of_subsets": _numbers(score.mean),
                 "overall": _numbers([score.overall])[0],
             }
-            for score in made.scores
+            for score in calibration.scores
         ],
         "default": {
-            "proven": made.proven,
+            "proven": calibration.proven,
             "options": [{"joint": j, **asdict(o)} for j, o in options],
         },
         "paper_form": {
             "levels": dict(zip(rows.names, sizes, strict=True)),
-            "components": made.components,
+            "components": calibration.components,
         },
         "components": [
             {
@@ -70,7 +70,7 @@ def document(
                 "real": block.pca.real,
                 "first": [[key, round(x, 4)] for key, x in block.pca.strongest(0)],
             }
-            for block in made.blocks
+            for block in calibration.blocks
         ],
         "levels": sweep
         and {
@@ -79,7 +79,7 @@ def document(
             "seconds": [round(s, 3) for s in sweep.seconds],
         },
         "words": list(words),
-        "notes": list(made.notes),
+        "notes": list(calibration.notes),
         "warnings": list(warnings),
         "stored": dict(kept) or None,
     }
@@ -92,15 +92,15 @@ def _numbers(values: Iterable[float]) -> list[float | None]:
     ]
 
 
-def calibration_files(made: Calibration) -> dict[str, bytes]:
+def calibration_files(calibration: Calibration) -> dict[str, bytes]:
     """Return what a calibration is exported as, content by file name.
 
     Returns:
         The tables and their evaluator (`export_lookup`); where they correct a model,
         `corrected.json` with both, and both as a C header.
     """
-    files = export_lookup(made.lookup)
-    whole = corrected_model(made)
+    files = export_lookup(calibration.lookup)
+    whole = corrected_model(calibration)
     if whole is None:
         return files
     (record,) = to_json(whole).files.values()
@@ -108,7 +108,7 @@ def calibration_files(made: Calibration) -> dict[str, bytes]:
 
 
 def store_calibration(
-    store: Path, made: Calibration, request: Mapping
+    store: Path, calibration: Calibration, request: Mapping
 ) -> dict[str, str]:
     """Put the tables and the errors into the store.
 
@@ -118,31 +118,33 @@ def store_calibration(
     """
     ids = request["logs"]
     model = {
-        "robot": made.robot,
+        "robot": calibration.robot,
         "stage": STAGE,
         "request": request,
-        "mode": made.rows.mode,
-        "declared": list(made.declared),
+        "mode": calibration.rows.mode,
+        "declared": list(calibration.declared),
         # None for the simulated twin.
-        "nominal": None if made.nominal is None else to_record(made.nominal),
-        "options": [asdict(o) for o in made.chosen],
-        "variables": list(made.lookup.names),
-        "joints": list(made.rows.joints),
+        "nominal": None
+        if calibration.nominal is None
+        else to_record(calibration.nominal),
+        "options": [asdict(o) for o in calibration.chosen],
+        "variables": list(calibration.lookup.names),
+        "joints": list(calibration.rows.joints),
     }
     parents = {"fit": list(ids)}
-    files = calibration_files(made)
+    files = calibration_files(calibration)
     model_id = commit_record(store, "models", model, parents=parents, files=files)
     record = {
-        "robot": made.robot,
+        "robot": calibration.robot,
         "kind": KIND,
         "model_id": model_id,
         "request": request,
-        "mode": made.rows.mode,
-        "notes": list(made.notes),
+        "mode": calibration.rows.mode,
+        "notes": list(calibration.notes),
     }
-    rows = [row for score in made.scores for row in _rows(score, ids)]
-    known = [row for row in rows if row["value"] == row["value"]]  # no NaN
-    tables = {"errors": rows_table("errors", known)}
+    rows = [row for score in calibration.scores for row in _rows(score, ids)]
+    finite = [row for row in rows if row["value"] == row["value"]]  # no NaN
+    tables = {"errors": rows_table("errors", finite)}
     parents = {"model": [model_id], "run": list(ids)}
     validation = commit_record(store, "validations", record, tables, parents)
     return {"model": model_id, "validation": validation}
@@ -161,5 +163,5 @@ def _rows(score: Score, ids: Sequence[str]) -> Iterator[dict]:
         return
     for id, values in zip(ids, relative_error(score.miss, score.power), strict=True):
         for joint, value in enumerate(values, 1):
-            own = {**same, "run_id": id, "joint": joint}
-            yield {**own, "metric": metric, "value": float(value)}
+            row_of_run = {**same, "run_id": id, "joint": joint}
+            yield {**row_of_run, "metric": metric, "value": float(value)}

@@ -1,4 +1,4 @@
-"""A diagnosis and its report as records of the store."""
+"""Write a diagnosis and its report as records of the store, and read them back."""
 
 from collections.abc import Iterator, Mapping, Sequence
 from itertools import groupby, product
@@ -29,22 +29,22 @@ STATES = "states"  # the table, and its file in the folder of a model
 _DAMAGED = (AttributeError, IndexError, KeyError, OverflowError, TypeError, ValueError)
 
 
-def to_record(found: Diagnosis) -> tuple[dict, dict[str, pa.Table]]:
+def to_record(diagnosis: Diagnosis) -> tuple[dict, dict[str, pa.Table]]:
     """Return a diagnosis as JSON and tables: what it says, and its curves.
 
     Args:
         found: The diagnosis; its verdict and models are kept elsewhere.
     """
     # A cloud without a name is what a joint keeps.
-    clouds = (*found.clouds, *found.left)
+    clouds = (*diagnosis.clouds, *diagnosis.left)
     record = {
-        "sentences": list(found.sentences),
-        "notes": list(found.notes),
-        "proofs": [p.id for p in found.proofs],
-        "models": list(found.proofs[0].tau_hat) if found.proofs else [],
+        "sentences": list(diagnosis.sentences),
+        "notes": list(diagnosis.notes),
+        "proofs": [p.id for p in diagnosis.proofs],
+        "models": list(diagnosis.proofs[0].tau_hat) if diagnosis.proofs else [],
         "clouds": [[c.name, c.joint, c.variable] for c in clouds],
     }
-    tables = {PROOFS: _stacked(map(_proof_columns, found.proofs))}
+    tables = {PROOFS: _stacked(map(_proof_columns, diagnosis.proofs))}
     columns = ("x", "residual", "fitted", "log")
     tables[CLOUDS] = _stacked({k: getattr(c, k) for k in columns} for c in clouds)
     return record, {name: t for name, t in tables.items() if t is not None}
@@ -57,8 +57,8 @@ def from_record(
     proofs = _parts(tables.get(PROOFS), len(record["proofs"]))
     parts = _parts(tables.get(CLOUDS), len(record["clouds"]))
     clouds = [
-        Cloud(*about, part["x"], part["residual"], part["fitted"], part["log"])
-        for about, part in zip(record["clouds"], parts, strict=True)
+        Cloud(*header, part["x"], part["residual"], part["fitted"], part["log"])
+        for header, part in zip(record["clouds"], parts, strict=True)
     ]
     return Diagnosis(
         verdict=verdict,
@@ -77,14 +77,14 @@ def from_record(
 def effect_rows(effects: Sequence[Finding]) -> Iterator[dict]:
     """Rows of the view effects: one per parameter, and per joint with its own value."""
     for effect in effects:
-        same = {"order": effect.order, "name": effect.name}
-        same["probability"] = effect.probability
+        common = {"order": effect.order, "name": effect.name}
+        common["probability"] = effect.probability
         if not effect.parameters:
-            yield same | {"joints": effect.joints}
+            yield common | {"joints": effect.joints}
         for key, parameter in effect.parameters.items():
             many = isinstance(parameter.value, tuple)
             places = [[j] for j in effect.joints] if many else [effect.joints]
-            own = same | {"parameter": key, "unit": parameter.unit}
+            own = common | {"parameter": key, "unit": parameter.unit}
             for joints, (value, std) in zip(places, parameter.pairs, strict=True):
                 yield own | {"joints": joints, "value": value, "std": std}
 
@@ -99,34 +99,34 @@ def error_rows(errors: ErrorTables) -> Iterator[dict]:
     for metric, (by_joint, overall) in metrics.items():
         for stage, values in by_joint.items():
             for joint, value in enumerate(values or (), 1):
-                same = {"metric": metric, "stage": stage}
-                yield same | {"joint": joint, "value": value}
+                common = {"metric": metric, "stage": stage}
+                yield common | {"joint": joint, "value": value}
         for stage, value in overall.items():
             if value is not None:
                 yield {"metric": metric, "stage": stage, "joint": None, "value": value}
 
 
-def errors_by_run(found: Diagnosis) -> list[dict]:
+def errors_by_run(diagnosis: Diagnosis) -> list[dict]:
     """Return the errors on every held-out log by itself, as rows of the view errors.
 
     Filtered and moving errors [%], in the words of docs/method.md section 6.
     """
     rows = []
     # Torques and forces have no sum.
-    units = {found.torque_unit(j) for j in range(1, found.verdict.dof + 1)}
-    for proof in found.proofs:
+    units = {diagnosis.torque_unit(j) for j in range(1, diagnosis.verdict.dof + 1)}
+    for proof in diagnosis.proofs:
         samples = {"filtered": np.ones_like(proof.moving), "moving": proof.moving}
         for (stage, tau_hat), (metric, taken) in product(
             proof.tau_hat.items(), samples.items()
         ):
             miss = np.where(taken, proof.tau - tau_hat, 0.0)
             power = np.where(taken, proof.tau, 0.0)
-            same = {"run_id": proof.id, "stage": stage, "metric": metric}
+            common = {"run_id": proof.id, "stage": stage, "metric": metric}
             for joint in range(proof.tau.shape[1]):
                 value = _relative(miss[:, joint], power[:, joint])
-                rows.append({**same, "joint": joint + 1, "value": value})
+                rows.append({**common, "joint": joint + 1, "value": value})
             if len(units) == 1:
-                rows.append({**same, "joint": None, "value": _relative(miss, power)})
+                rows.append({**common, "joint": None, "value": _relative(miss, power)})
     return [row for row in rows if row["value"] is not None]
 
 
@@ -213,7 +213,7 @@ def states_table(recordings: Sequence[Recording]) -> pa.Table | None:
 
 def store_outcome(
     store: Path,
-    found: Diagnosis,
+    diagnosis: Diagnosis,
     runs: Mapping[str, list[str]],
     request: Mapping | None = None,
     logs: Sequence[Recording] = (),
@@ -226,15 +226,14 @@ def store_outcome(
     Returns:
         The ids of the diagnosis and of the validation, which has the curves.
     """
-    asked, verdict = {"request": request}, found.verdict
-    each = errors_by_run(found) if runs.get("held_out") else []
-    same = found.known is None or found.known is found.models.get("augmented")
-    kept = {}
-    if not same:
-        kept = {"known": {"model": model_record(found.known)}}
-        del kept["known"]["model"]["robot"]  # it stands there once
-    serial = next((m.robot.serial for m in found.models.values()), None)
-    whose = {"serial": serial} if serial else {}
+    request_entry, verdict = {"request": request}, diagnosis.verdict
+    each = errors_by_run(diagnosis) if runs.get("held_out") else []
+    known, content = diagnosis.known, {}
+    if known is not None and known is not diagnosis.models.get("augmented"):
+        content = {"known": {"model": model_record(known)}}
+        del content["known"]["model"]["robot"]  # it stands there once
+    serial = next((m.robot.serial for m in diagnosis.models.values()), None)
+    serial_entry = {"serial": serial} if serial else {}
     motion = states_table(logs)
     rows = DiagnosisRows(
         record={
@@ -243,19 +242,19 @@ def store_outcome(
             "nominal_scale": verdict.nominal_scale,
             "unexplained": verdict.unexplained.fraction,
             "document": to_json(verdict),
-            **asked,
-            **whose,
+            **request_entry,
+            **serial_entry,
         },
-        model=asked | {"models": models_record(found.models)} | kept,
+        model=request_entry | {"models": models_record(diagnosis.models)} | content,
         nominal=(request or {}).get("model"),
-        effects=list(effect_rows(found.effects)),
-        errors=[*error_rows(found.errors), *each],
+        effects=list(effect_rows(diagnosis.effects)),
+        errors=[*error_rows(diagnosis.errors), *each],
         beside={} if motion is None else {STATES: motion},
     )
     diagnosis_id = store_rows(store, rows, runs)
-    proof, curves = to_record(found)
-    about = {"robot": verdict.robot, "kind": "held_out", "diagnosis": diagnosis_id}
-    record = proof | asked | about
+    proof, curves = to_record(diagnosis)
+    header = {"robot": verdict.robot, "kind": "held_out", "diagnosis": diagnosis_id}
+    record = proof | request_entry | header
     parents = {
         "diagnosis": [diagnosis_id],
         "held_out": runs.get("held_out", []),
@@ -298,13 +297,13 @@ def checked_verdict(document: object) -> Verdict:
 def read_models(store: Path, diagnosis_id: str) -> dict[str, Model | CorrectedModel]:
     """Return the models of a diagnosis, by name."""
     model_id = read_record(store, diagnosis_id)["model_id"]
-    kept = read_record(store, model_id).get("models")
-    if not kept:
+    content = read_record(store, model_id).get("models")
+    if not content:
         raise InputError(
             f"Diagnosis {diagnosis_id} was stored without its models. Diagnose its "
             "runs again."
         )
-    return read_models_record(kept)
+    return read_models_record(content)
 
 
 def read_known(store: Path, diagnosis_id: str) -> Model:
@@ -347,9 +346,9 @@ def read_runs(store: Path, diagnosis_id: str, roles: Sequence[str]) -> tuple[str
     return tuple(p["parent"] for role in roles for p in lineage if p["role"] == role)
 
 
-def models_record(found: Mapping[str, Model | CorrectedModel]) -> dict:
+def models_record(diagnosis: Mapping[str, Model | CorrectedModel]) -> dict:
     """Return models as plain values; their robot, which is one, stands there once."""
-    records = {name: model_record(model) for name, model in found.items()}
+    records = {name: model_record(model) for name, model in diagnosis.items()}
     robots = [record.pop("robot") for record in records.values()]
     return {"robot": robots[0], "models": records} if robots else {}
 
@@ -364,7 +363,10 @@ def read_models_record(record: Mapping) -> dict[str, Model | CorrectedModel]:
 
 
 def store_report(
-    store: Path, about: Mapping[str, str], diagnosis_id: str, files: Mapping[str, bytes]
+    store: Path,
+    header: Mapping[str, str],
+    diagnosis_id: str,
+    files: Mapping[str, bytes],
 ) -> Path:
     """Put the files of a report into the store.
 
@@ -372,5 +374,5 @@ def store_report(
         about: `robot`, and `kind`: what it reports, such as "demo".
     """
     parents = {"diagnosis": [diagnosis_id]}
-    id = commit_record(store, "reports", about, None, parents, files)
+    id = commit_record(store, "reports", header, None, parents, files)
     return record_folder(store, "reports", id)

@@ -1,4 +1,4 @@
-"""What was identified: a document that programs read, and a record of the store."""
+"""Write an identification as a JSON document and as a record of the store."""
 
 from collections.abc import Mapping, Sequence
 from pathlib import Path
@@ -112,9 +112,9 @@ def store_identification(
     }
     held_out = runs.get("held_out") or runs.get("fit") or ()
     one = held_out[0] if len(held_out) == 1 and not outcome.same_run else None
-    same = {"run_id": one, "trajectory": None}
+    common = {"run_id": one, "trajectory": None}
     errors = [
-        {**same, "stage": stage, "metric": metric, "joint": joint, "value": value}
+        {**common, "stage": stage, "metric": metric, "joint": joint, "value": value}
         for kind, metric in zip(KINDS, ("held_out", *KINDS[1:]), strict=True)
         for stage, error in figures["error"][kind].items()
         for joint, value in (*enumerate(error["joints"], 1), (None, error["overall"]))

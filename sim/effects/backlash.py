@@ -22,7 +22,7 @@ EFFECT = Effect(
     amount=("half_gap",),
     traits=frozenset({Trait.RARE}),
     where=first_joints,
-    usual=lambda rng, here: {"half_gap": rng.uniform(5e-4, 3e-3)},
+    draw=lambda rng, sizes: {"half_gap": rng.uniform(5e-4, 3e-3)},
     transmission=lambda p: (0.0, p["half_gap"]),
     lead=_lead,
 )

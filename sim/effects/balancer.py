@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from sim.effects.base import Effect, Here, Rng, balanced, sign, split
+from sim.effects.base import Effect, JointSizes, Rng, balanced, sign, split
 from sim.engine import laws
 
 
@@ -20,9 +20,9 @@ def _row(p, joints):
     return laws.GAS_SPRING, size / laws.gas_spring_peak(), zero
 
 
-def _usual(rng: Rng, here: Here) -> dict[str, float]:
+def _draw(rng: Rng, sizes: JointSizes) -> dict[str, float]:
     """Near the phase that helps against weight: where else would one mount it?"""
-    size = sign(rng) * rng.uniform(0.05, 0.15) * here.torque
+    size = sign(rng) * rng.uniform(0.05, 0.15) * sizes.torque
     return split(size, np.pi / 2 + rng.uniform(-0.5, 0.5))
 
 
@@ -31,7 +31,7 @@ EFFECT = Effect(
     parameters={"cos": "N m", "sin": "N m"},
     amount=("cos", "sin"),
     where=balanced,
-    usual=_usual,
+    draw=_draw,
     torque=_row,
     law=_law,
 )

@@ -21,7 +21,7 @@ OfDrive = Literal["viscous", "coulomb", "rotor"]  # fields of Sizes
 
 
 @dataclass(frozen=True, eq=False, slots=True)
-class State:
+class SyntheticState:
     """The true state of a synthetic arm during one log, for one hidden effect.
 
     Kinematics and friction have one column per joint of the effect (k of them), in the
@@ -52,8 +52,8 @@ class State:
 
 
 @dataclass(frozen=True, eq=False, slots=True)
-class Here:
-    """What is usual on the joints where an effect is drawn: of several the least.
+class JointSizes:
+    """Usual sizes on the joints where an effect is drawn: of several the least.
 
     Attributes:
         robot: The arm.
@@ -90,38 +90,38 @@ class Moving(NamedTuple):
     qd: Array
 
 
-def any_joint(rng: Rng, dof: int, usual: Sizes) -> int:
+def any_joint(rng: Rng, dof: int, sizes: Sizes) -> int:
     """Draw a joint, from 1."""
     return int(rng.integers(1, dof + 1))
 
 
-def anywhere(rng: Rng, dof: int, usual: Sizes) -> int:
+def anywhere(rng: Rng, dof: int, sizes: Sizes) -> int:
     """Draw a joint, from 1, after a number that old draws need to keep their seeds."""
     rng.uniform()
-    return any_joint(rng, dof, usual)
+    return any_joint(rng, dof, sizes)
 
 
-def first_joints(rng: Rng, dof: int, usual: Sizes) -> int:
+def first_joints(rng: Rng, dof: int, sizes: Sizes) -> int:
     """Draw one of the first three, which carry the arm: there gears and range show."""
     return int(rng.integers(1, min(3, dof) + 1))
 
 
-def loaded(rng: Rng, dof: int, usual: Sizes) -> int:
+def loaded(rng: Rng, dof: int, sizes: Sizes) -> int:
     """Draw one with weight to carry nine times in ten, else one of the first half."""
     if rng.uniform() < 0.1:
         return int(rng.integers(1, max(2, dof // 2 + 1)))
-    return _heaviest(rng, usual)
+    return _heaviest(rng, sizes)
 
 
-def balanced(rng: Rng, dof: int, usual: Sizes) -> int:
+def balanced(rng: Rng, dof: int, sizes: Sizes) -> int:
     """Draw one with weight to balance, after a number as in `anywhere`."""
     rng.uniform()
-    return _heaviest(rng, usual)
+    return _heaviest(rng, sizes)
 
 
-def _heaviest(rng: Rng, usual: Sizes) -> int:
+def _heaviest(rng: Rng, sizes: Sizes) -> int:
     """Draw one of the two joints that carry most."""
-    most = sorted(usual.loaded, key=lambda j: -usual.torque[j - 1])[:2]
+    most = sorted(sizes.loaded, key=lambda j: -sizes.torque[j - 1])[:2]
     return int(rng.choice(most))
 
 
@@ -138,7 +138,7 @@ class Trait(Enum):
 class Effect:
     """One effect that an arm may hide.
 
-    Most effects need `name`, `parameters`, `amount`, `usual`, one function of the plant
+    Most effects need `name`, `parameters`, `amount`, `draw`, one function of the plant
     (`push` is the most general) and `law`; all other fields have defaults. Each
     function takes the values p with defaults filled in. Those of the plant in the
     physics engine and of the synthetic arm need not be the same formula, and none is
@@ -159,8 +159,8 @@ class Effect:
         along: Parameters that grow along without being the size.
         also: Names in the vocabulary for a part of its torque, true beside its own.
         traits: What sets it apart (`Trait`).
-        where: (rng, dof, usual sizes) -> a joint, from 1, of the usual ones.
-        usual: (rng, here) -> usual values.
+        where: (rng, dof, sizes) -> a joint, from 1, of the usual ones.
+        draw: (rng, sizes) -> values of usual size.
 
         body: (model, joints, p) -> the changed rigid body. On both arms.
         encoder: p -> constant, cosine and sine of true minus reading [rad]. Both arms.
@@ -198,7 +198,7 @@ class Effect:
     also: tuple[str, ...] = ()
     traits: frozenset[Trait] = frozenset()
     where: Callable[[Rng, int, Sizes], int] = anywhere
-    usual: Callable[[Rng, Here], dict[str, float]] | None = None
+    draw: Callable[[Rng, JointSizes], dict[str, float]] | None = None
 
     body: Callable[[pin.Model, Joints, Values], pin.Model] | None = None
     encoder: Callable[[Values], tuple[float, float, float]] | None = None
@@ -214,7 +214,7 @@ class Effect:
     begins: Callable[[Values], float] | None = None
     drift: Callable[[Values], float] | None = None
 
-    law: Callable[[State, Values], Array] | None = None
+    law: Callable[[SyntheticState, Values], Array] | None = None
     load: Callable[[pin.Model, Array, Values], Array] | None = None
     lead: Callable[[Array, float, Values], Array] | None = None
 

@@ -20,7 +20,7 @@ EFFECT = Effect(
     scope="global",
     amount=("tilt_x", "tilt_y"),
     traits=frozenset({Trait.RARE}),
-    usual=lambda rng, here: split(
+    draw=lambda rng, sizes: split(
         np.deg2rad(rng.uniform(1.0, 4.0)), turn(rng), ("tilt_x", "tilt_y")
     ),
     body=_tilted,

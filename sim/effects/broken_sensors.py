@@ -24,14 +24,14 @@ EFFECTS = (
         parameters={},
         traits=frozenset({Trait.SENSOR, Trait.FROZEN}),
         where=any_joint,
-        usual=lambda rng, here: {},
+        draw=lambda rng, sizes: {},
     ),
     Effect(
         name="x_fault_drift",
         parameters={"rate": "rad/s"},
         traits=frozenset({Trait.SENSOR}),
         where=any_joint,
-        usual=lambda rng, here: {
+        draw=lambda rng, sizes: {
             "rate": sign(rng) * np.deg2rad(rng.uniform(0.02, 0.2))
         },
         drift=lambda p: p["rate"],
@@ -41,8 +41,8 @@ EFFECTS = (
         parameters={"torque": "N m"},
         traits=frozenset({Trait.SENSOR}),
         where=any_joint,
-        usual=lambda rng, here: {
-            "torque": sign(rng) * rng.uniform(0.1, 0.2) * here.torque
+        draw=lambda rng, sizes: {
+            "torque": sign(rng) * rng.uniform(0.1, 0.2) * sizes.torque
         },
         report=lambda tau, t, onset, p: tau + p["torque"],
     ),
@@ -52,7 +52,7 @@ EFFECTS = (
         above={"gain": -1.0},
         traits=frozenset({Trait.SENSOR}),
         where=any_joint,
-        usual=lambda rng, here: {"gain": -rng.uniform(0.2, 0.4)},
+        draw=lambda rng, sizes: {"gain": -rng.uniform(0.2, 0.4)},
         report=lambda tau, t, onset, p: tau * (1.0 + p["gain"]),
     ),
     Effect(
@@ -63,8 +63,8 @@ EFFECTS = (
         above={"interval": 0.0, "width": 0.0},
         traits=frozenset({Trait.SENSOR}),
         where=any_joint,
-        usual=lambda rng, here: {
-            "size": sign(rng) * rng.uniform(0.5, 1.0) * here.torque
+        draw=lambda rng, sizes: {
+            "size": sign(rng) * rng.uniform(0.5, 1.0) * sizes.torque
         },
         report=_spikes,
     ),

@@ -8,7 +8,7 @@ EFFECT = Effect(
     parameters={"level": "N m"},
     of_drive="coulomb",
     amount=("level",),
-    usual=lambda rng, here: {"level": rng.uniform(0.3, 1.0) * here.coulomb},
+    draw=lambda rng, sizes: {"level": rng.uniform(0.3, 1.0) * sizes.coulomb},
     friction=row(laws.LEVEL, "level"),
     law=lambda state, p: p["level"] * state.bristle,
 )

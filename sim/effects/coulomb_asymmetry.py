@@ -15,7 +15,9 @@ EFFECT = Effect(
     name="coulomb_asymmetry",
     parameters={"level": "N m"},
     amount=("level",),
-    usual=lambda rng, here: {"level": sign(rng) * rng.uniform(0.1, 0.4) * here.coulomb},
+    draw=lambda rng, sizes: {
+        "level": sign(rng) * rng.uniform(0.1, 0.4) * sizes.coulomb
+    },
     friction=row(laws.ASYMMETRY, "level"),
     law=_law,
 )

@@ -29,9 +29,9 @@ EFFECT = Effect(
     signs=("sign",),
     amount=("level",),
     along=("coefficient", "inertia"),
-    usual=lambda rng, here: {
-        "level": rng.uniform(0.3, 0.8) * here.coulomb,
-        "coefficient": rng.uniform(0.1, 0.3) * here.viscous,
+    draw=lambda rng, sizes: {
+        "level": rng.uniform(0.3, 0.8) * sizes.coulomb,
+        "coefficient": rng.uniform(0.1, 0.3) * sizes.viscous,
         "sign": sign(rng),
     },
     gear=lambda p: (p["inertia"], p["sign"], p["level"], p["coefficient"]),

@@ -17,6 +17,6 @@ EFFECT = Effect(
     above={"delay": 0.0},
     amount=("delay",),
     traits=frozenset({Trait.RARE}),
-    usual=lambda rng, here: {"delay": rng.uniform(0.004, 0.02)},
+    draw=lambda rng, sizes: {"delay": rng.uniform(0.004, 0.02)},
     report=_late,
 )

@@ -9,7 +9,7 @@ EFFECT = Effect(
     amount=("stiffness",),
     traits=frozenset({Trait.INVERSE, Trait.RARE}),
     where=first_joints,
-    usual=lambda rng, here: {"stiffness": rng.uniform(3e3, 1.5e4)},
+    draw=lambda rng, sizes: {"stiffness": rng.uniform(3e3, 1.5e4)},
     transmission=lambda p: (1.0 / p["stiffness"], 0.0),
     lead=lambda load, rate, p: load / p["stiffness"],
 )

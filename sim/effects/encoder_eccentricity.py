@@ -10,6 +10,6 @@ EFFECT = Effect(
     amount=("cos", "sin"),
     traits=frozenset({Trait.RARE}),
     where=any_joint,
-    usual=lambda rng, here: split(np.deg2rad(rng.uniform(0.3, 1.0)), turn(rng)),
+    draw=lambda rng, sizes: split(np.deg2rad(rng.uniform(0.3, 1.0)), turn(rng)),
     encoder=lambda p: (0.0, p["cos"], p["sin"]),
 )

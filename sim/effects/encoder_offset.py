@@ -10,6 +10,6 @@ EFFECT = Effect(
     amount=("angle",),
     traits=frozenset({Trait.RARE}),
     where=any_joint,
-    usual=lambda rng, here: {"angle": sign(rng) * np.deg2rad(rng.uniform(0.5, 2.0))},
+    draw=lambda rng, sizes: {"angle": sign(rng) * np.deg2rad(rng.uniform(0.5, 2.0))},
     encoder=lambda p: (p["angle"], 0.0, 0.0),
 )

@@ -5,7 +5,7 @@ import math
 import numpy as np
 
 from sim.effects._body import CENTRE, TENSOR, added, body_of
-from sim.effects.base import Effect, Here, Rng, Trait
+from sim.effects.base import Effect, JointSizes, Rng, Trait
 
 
 def _with_body(model, joints, p):
@@ -14,9 +14,9 @@ def _with_body(model, joints, p):
     return model
 
 
-def _usual(rng: Rng, here: Here) -> dict[str, float]:
+def _draw(rng: Rng, sizes: JointSizes) -> dict[str, float]:
     """Draw 2 to 8 % of the moving arm's mass, 8 to 20 cm from the joint."""
-    arm = sum(body.mass for body in list(here.robot.model.inertias)[1:])
+    arm = sum(body.mass for body in list(sizes.robot.model.inertias)[1:])
     way = rng.normal(size=3)
     centre = rng.uniform(0.08, 0.2) * way / np.linalg.norm(way)
     mass = float(rng.uniform(0.02, 0.08) * arm)
@@ -34,7 +34,7 @@ EFFECT = Effect(
     amount=("mass",),
     traits=frozenset({Trait.RARE}),
     # The first turns about one axis alone, and on the wrist it is a load.
-    where=lambda rng, dof, usual: int(rng.integers(2, max(3, dof - 1))),
-    usual=_usual,
+    where=lambda rng, dof, sizes: int(rng.integers(2, max(3, dof - 1))),
+    draw=_draw,
     body=_with_body,
 )

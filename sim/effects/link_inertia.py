@@ -22,6 +22,6 @@ EFFECT = Effect(
     amount=("scale",),
     traits=frozenset({Trait.RARE}),
     where=first_joints,
-    usual=lambda rng, here: {"scale": sign(rng) * rng.uniform(0.15, 0.3)},
+    draw=lambda rng, sizes: {"scale": sign(rng) * rng.uniform(0.15, 0.3)},
     body=_denser,
 )

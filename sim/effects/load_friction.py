@@ -14,7 +14,7 @@ EFFECT = Effect(
     parameters={"coefficient": "1"},
     amount=("coefficient",),
     where=loaded,
-    usual=lambda rng, here: {"coefficient": rng.uniform(0.03, 0.1)},
+    draw=lambda rng, sizes: {"coefficient": rng.uniform(0.03, 0.1)},
     friction=lambda p, level: (laws.CARRIED, p["coefficient"], 0.1 * level),
     law=_law,
 )

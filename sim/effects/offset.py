@@ -9,8 +9,8 @@ EFFECT = Effect(
     name="offset",
     parameters={"torque": "N m"},
     amount=("torque",),
-    usual=lambda rng, here: {
-        "torque": sign(rng) * rng.uniform(0.02, 0.06) * here.torque
+    draw=lambda rng, sizes: {
+        "torque": sign(rng) * rng.uniform(0.02, 0.06) * sizes.torque
     },
     torque=row(laws.CONSTANT, "torque"),
     law=lambda state, p: p["torque"] * np.ones_like(state.q),

@@ -6,7 +6,7 @@ import pinocchio as pin
 
 from residual.robot.dynamics import flange_placement, outward
 from sim.effects._body import CENTRE, TENSOR, added, body_of
-from sim.effects.base import Effect, Here, Rng, Values
+from sim.effects.base import Effect, JointSizes, Rng, Values
 
 
 def with_load(model: pin.Model, p: Values) -> pin.Model:
@@ -22,9 +22,9 @@ def with_load(model: pin.Model, p: Values) -> pin.Model:
     return added(model, model.njoints - 1, body, "Payload")
 
 
-def _usual(rng: Rng, here: Here) -> dict[str, float]:
+def _draw(rng: Rng, sizes: JointSizes) -> dict[str, float]:
     """Draw 1 to 6 kg at 70 to 200 mm on a 100-kg arm, in proportion on others."""
-    model = here.robot.model
+    model = sizes.robot.model
     # The moving bodies of the 98-kg arm weigh 72 kg.
     arm = sum(body.mass for body in list(model.inertias)[1:])
     mass = rng.uniform(1.0, 6.0) * min(1.0, arm / 72.0)
@@ -44,6 +44,6 @@ EFFECT = Effect(
     above={"mass": 0.0},
     together=TENSOR,
     amount=("mass",),
-    usual=_usual,
+    draw=_draw,
     body=lambda model, joints, p: with_load(model, p),
 )

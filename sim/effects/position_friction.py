@@ -22,7 +22,7 @@ EFFECT = Effect(
     name="position_friction",
     parameters={"cos": "N m", "sin": "N m"},
     amount=("cos", "sin"),
-    usual=lambda rng, here: split(rng.uniform(0.2, 0.5) * here.coulomb, turn(rng)),
+    draw=lambda rng, sizes: split(rng.uniform(0.2, 0.5) * sizes.coulomb, turn(rng)),
     friction=lambda p, level: (laws.POSITION, *_polar(p)),
     law=_law,
 )

@@ -13,8 +13,8 @@ EFFECT = Effect(
     name="power_viscous",
     parameters={"coefficient": "N m (s/rad)^p", "exponent": "1"},
     amount=("coefficient",),
-    usual=lambda rng, here: {
-        "coefficient": rng.uniform(0.3, 1.0) * here.viscous,
+    draw=lambda rng, sizes: {
+        "coefficient": rng.uniform(0.3, 1.0) * sizes.viscous,
         "exponent": rng.uniform(0.3, 0.7),
     },
     friction=row(laws.POWER, "coefficient", "exponent"),

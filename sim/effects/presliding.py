@@ -19,8 +19,8 @@ EFFECT = Effect(
     # level z = level sgn(qd) + level (z - sgn(qd)), and the first is that friction.
     also=("coulomb",),
     where=any_joint,
-    usual=lambda rng, here: {
-        "level": here.coulomb,
+    draw=lambda rng, sizes: {
+        "level": sizes.coulomb,
         "displacement": rng.uniform(0.003, 0.03),
     },
     friction=row(laws.BRISTLE, "level", "displacement"),

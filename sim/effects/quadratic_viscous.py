@@ -12,7 +12,7 @@ EFFECT = Effect(
     name="quadratic_viscous",
     parameters={"coefficient": "N m s^2/rad^2"},
     amount=("coefficient",),
-    usual=lambda rng, here: {"coefficient": rng.uniform(0.15, 0.5) * here.viscous},
+    draw=lambda rng, sizes: {"coefficient": rng.uniform(0.15, 0.5) * sizes.viscous},
     friction=row(laws.QUADRATIC, "coefficient"),
     law=_law,
 )

@@ -13,8 +13,8 @@ EFFECT = Effect(
     parameters={"amplitude": "N m", "order": "1", "phase": "rad"},
     defaults={"phase": 0.0},
     amount=("amplitude",),
-    usual=lambda rng, here: {
-        "amplitude": rng.uniform(0.01, 0.04) * here.torque,
+    draw=lambda rng, sizes: {
+        "amplitude": rng.uniform(0.01, 0.04) * sizes.torque,
         "order": rng.uniform(6.0, 50.0),
         "phase": turn(rng),
     },

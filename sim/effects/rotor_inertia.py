@@ -7,6 +7,6 @@ EFFECT = Effect(
     parameters={"inertia": "kg m^2"},
     of_drive="rotor",
     amount=("inertia",),
-    usual=lambda rng, here: {"inertia": rng.uniform(0.3, 1.0) * here.rotor},
+    draw=lambda rng, sizes: {"inertia": rng.uniform(0.3, 1.0) * sizes.rotor},
     law=lambda state, p: p["inertia"] * state.qdd,
 )

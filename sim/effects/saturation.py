@@ -10,6 +10,6 @@ EFFECT = Effect(
     above={"level": 0.0},
     traits=frozenset({Trait.RARE}),
     where=first_joints,
-    usual=lambda rng, here: {"level": rng.uniform(0.5, 0.75) * here.torque},
+    draw=lambda rng, sizes: {"level": rng.uniform(0.5, 0.75) * sizes.torque},
     report=lambda tau, t, onset, p: np.clip(tau, -p["level"], p["level"]),
 )

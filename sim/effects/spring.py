@@ -8,9 +8,9 @@ EFFECT = Effect(
     parameters={"stiffness": "N m/rad", "rest": "rad"},
     defaults={"rest": 0.0},
     amount=("stiffness",),
-    usual=lambda rng, here: {
-        "stiffness": rng.uniform(0.03, 0.1) * here.torque,
-        "rest": rng.uniform(-0.3, 0.3) + here.centre,
+    draw=lambda rng, sizes: {
+        "stiffness": rng.uniform(0.03, 0.1) * sizes.torque,
+        "rest": rng.uniform(-0.3, 0.3) + sizes.centre,
     },
     torque=row(laws.HOSE, "stiffness", "rest"),
     law=lambda state, p: p["stiffness"] * laws.hose(state.q - p["rest"]),

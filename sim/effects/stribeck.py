@@ -15,8 +15,8 @@ EFFECT = Effect(
     defaults={"exponent": 2.0},
     above={"velocity": 0.0},
     amount=("level",),
-    usual=lambda rng, here: {
-        "level": rng.uniform(0.2, 0.6) * here.coulomb,
+    draw=lambda rng, sizes: {
+        "level": rng.uniform(0.2, 0.6) * sizes.coulomb,
         "velocity": rng.uniform(0.03, 0.15),
     },
     friction=row(laws.STRIBECK, "level", "velocity", "exponent"),

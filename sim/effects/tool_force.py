@@ -4,7 +4,7 @@ import numpy as np
 import pinocchio as pin
 
 from residual.robot.dynamics import flange_frame, flange_placement
-from sim.effects.base import Array, Effect, Here, Moving, Rng, Trait, Values
+from sim.effects.base import Array, Effect, JointSizes, Moving, Rng, Trait, Values
 
 
 def _force(p: Values) -> Array:
@@ -32,7 +32,7 @@ def _load(model: pin.Model, q: Array, p: Values) -> Array:
     return np.array([pin.computeGeneralizedGravity(bare, data, x) for x in q])
 
 
-def _usual(rng: Rng, here: Here) -> dict[str, float]:
+def _draw(rng: Rng, sizes: JointSizes) -> dict[str, float]:
     push = rng.normal(size=3)
     push *= rng.uniform(10.0, 40.0) / np.linalg.norm(push)
     return dict(zip("xyz", map(float, push), strict=True))
@@ -45,7 +45,7 @@ EFFECT = Effect(
     scope="global",
     amount=("x", "y", "z"),
     traits=frozenset({Trait.RARE}),
-    usual=_usual,
+    draw=_draw,
     push=_push,
     load=_load,
 )

@@ -8,6 +8,6 @@ EFFECT = Effect(
     above={"gain": -1.0},
     amount=("gain",),
     where=loaded,
-    usual=lambda rng, here: {"gain": sign(rng) * rng.uniform(0.05, 0.15)},
+    draw=lambda rng, sizes: {"gain": sign(rng) * rng.uniform(0.05, 0.15)},
     gain=lambda p: p["gain"],
 )

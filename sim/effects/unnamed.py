@@ -2,12 +2,12 @@
 
 import numpy as np
 
-from sim.effects.base import Effect, Here, Rng, any_joint, row, sign, turn
+from sim.effects.base import Effect, JointSizes, Rng, any_joint, row, sign, turn
 from sim.engine import laws
 
 
-def _size(rng: Rng, here: Here) -> float:
-    return rng.uniform(0.03, 0.06) * here.torque
+def _size(rng: Rng, sizes: JointSizes) -> float:
+    return rng.uniform(0.03, 0.06) * sizes.torque
 
 
 def _vibration(p, t, rng):
@@ -49,10 +49,10 @@ def _on_all(series):
     return lambda s, p: series(p, s.t, s.rng)[:, None] * np.ones_like(s.q)
 
 
-def _wall(rng: Rng, here: Here) -> dict[str, float]:
+def _wall(rng: Rng, sizes: JointSizes) -> dict[str, float]:
     side = sign(rng)
-    angle = here.centre + side * rng.uniform(0.1, 0.4) * here.amplitude
-    stiffness = rng.uniform(0.5, 1.0) * here.torque
+    angle = sizes.centre + side * rng.uniform(0.1, 0.4) * sizes.amplitude
+    stiffness = rng.uniform(0.5, 1.0) * sizes.torque
     return {"angle": angle, "stiffness": stiffness, "side": side}
 
 
@@ -61,8 +61,8 @@ EFFECTS = (
         name="x_vibration",
         parameters={"amplitude": "N m", "frequency": "Hz", "phase": "rad"},
         defaults={"phase": 0.0},
-        usual=lambda rng, here: {
-            "amplitude": _size(rng, here),
+        draw=lambda rng, sizes: {
+            "amplitude": _size(rng, sizes),
             "frequency": rng.uniform(2.0, 7.0),
             "phase": turn(rng),
         },
@@ -72,8 +72,8 @@ EFFECTS = (
     Effect(
         name="x_square_wave",
         parameters={"amplitude": "N m", "frequency": "Hz"},
-        usual=lambda rng, here: {
-            "amplitude": _size(rng, here),
+        draw=lambda rng, sizes: {
+            "amplitude": _size(rng, sizes),
             "frequency": rng.uniform(0.2, 0.4),
         },
         series=_square_wave,
@@ -82,7 +82,7 @@ EFFECTS = (
     Effect(
         name="x_random_walk",
         parameters={"amplitude": "N m"},
-        usual=lambda rng, here: {"amplitude": _size(rng, here)},
+        draw=lambda rng, sizes: {"amplitude": _size(rng, sizes)},
         series=_random_walk,
         law=_random_walks,
     ),
@@ -90,8 +90,8 @@ EFFECTS = (
         name="x_cogging_sum",
         parameters={"amplitude": "N m", "order": "1"},
         scope="pair",
-        usual=lambda rng, here: {
-            "amplitude": _size(rng, here),
+        draw=lambda rng, sizes: {
+            "amplitude": _size(rng, sizes),
             "order": rng.uniform(8.0, 14.0),
         },
         torque=lambda p, joints: (
@@ -106,8 +106,8 @@ EFFECTS = (
         name="x_friction_jump",
         parameters={"level": "N m", "share": "1"},
         defaults={"share": 0.5},
-        usual=lambda rng, here: {
-            "level": rng.uniform(0.4, 0.8) * here.coulomb,
+        draw=lambda rng, sizes: {
+            "level": rng.uniform(0.4, 0.8) * sizes.coulomb,
             "share": rng.uniform(0.4, 0.6),
         },
         friction=row(laws.LEVEL, "level"),
@@ -119,7 +119,7 @@ EFFECTS = (
         parameters={"level": "N m"},
         above={"level": 0.0},
         where=any_joint,
-        usual=lambda rng, here: {"level": rng.uniform(0.02, 0.06) * here.torque},
+        draw=lambda rng, sizes: {"level": rng.uniform(0.02, 0.06) * sizes.torque},
         torque=row(laws.DEAD_ZONE, "level"),
     ),
     Effect(
@@ -129,7 +129,7 @@ EFFECTS = (
         above={"stiffness": 0.0},
         signs=("side",),
         where=any_joint,
-        usual=_wall,
+        draw=_wall,
         torque=row(laws.WALL, "stiffness", "angle", "side"),
     ),
 )

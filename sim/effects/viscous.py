@@ -8,7 +8,7 @@ EFFECT = Effect(
     parameters={"coefficient": "N m s/rad"},
     of_drive="viscous",
     amount=("coefficient",),
-    usual=lambda rng, here: {"coefficient": rng.uniform(0.3, 1.0) * here.viscous},
+    draw=lambda rng, sizes: {"coefficient": rng.uniform(0.3, 1.0) * sizes.viscous},
     friction=row(laws.VISCOUS, "coefficient"),
     law=lambda state, p: p["coefficient"] * state.qd,
 )

@@ -7,8 +7,8 @@ EFFECT = Effect(
     name="viscous_asymmetry",
     parameters={"coefficient": "N m s/rad"},
     amount=("coefficient",),
-    usual=lambda rng, here: {
-        "coefficient": sign(rng) * rng.uniform(0.1, 0.4) * here.viscous
+    draw=lambda rng, sizes: {
+        "coefficient": sign(rng) * rng.uniform(0.1, 0.4) * sizes.viscous
     },
     friction=row(laws.VISCOUS_ASYMMETRY, "coefficient"),
     law=lambda state, p: p["coefficient"] * state.qd * state.bristle,

@@ -21,8 +21,8 @@ EFFECT = Effect(
     parameters={"level": "N m", "time_constant": "s"},
     above={"time_constant": 0.0},
     amount=("level",),
-    usual=lambda rng, here: {
-        "level": rng.uniform(0.3, 0.8) * here.coulomb,
+    draw=lambda rng, sizes: {
+        "level": rng.uniform(0.3, 0.8) * sizes.coulomb,
         "time_constant": rng.uniform(40.0, 150.0),
     },
     friction=row(laws.WARMUP, "level", "time_constant"),

@@ -35,10 +35,12 @@ Effects = Sequence[PlantEffect]
 COGGING = "background"  # channel of what the background adds beside friction
 
 
-def channels_of(effects: Effects, own: Background | None = None) -> tuple[str, ...]:
+def channels_of(
+    effects: Effects, background: Background | None = None
+) -> tuple[str, ...]:
     """Return what has a torque channel: effects by name, then that of a background."""
-    names = sorted({e.what.name for e in acting(effects) if e.what.has_channel})
-    return (*names, COGGING) if own is not None else tuple(names)
+    names = sorted({e.kind.name for e in acting(effects) if e.kind.has_channel})
+    return (*names, COGGING) if background is not None else tuple(names)
 
 
 def contacts_of(effects: Effects, active: Sequence[int], elastic: Array) -> Array:
@@ -50,7 +52,7 @@ def contacts_of(effects: Effects, active: Sequence[int], elastic: Array) -> Arra
     motor = np.where(elastic > 0, dof + np.cumsum(elastic) - 1, np.arange(dof))
     rows = [(motor[j], -1.0, 0.0, j, -1.0, 0.0) for j in range(dof)]
     for i, gear in shared(effects):
-        inertia, sign, *_ = gear.what.gear(gear.p)
+        inertia, sign, *_ = gear.kind.gear(gear.p)
         one, two = gear.joints
         inertia = inertia if i in active else 0.0
         rows.append((motor[one], motor[two], sign, one, two, inertia))
@@ -59,14 +61,14 @@ def contacts_of(effects: Effects, active: Sequence[int], elastic: Array) -> Arra
 
 def shared(effects: Effects) -> list[tuple[int, Acting]]:
     """Return the gears that two joints share, with their place among the effects."""
-    return [(i, e) for i, e in enumerate(acting(effects)) if e.what.gear]
+    return [(i, e) for i, e in enumerate(acting(effects)) if e.kind.gear]
 
 
 def friction_rows(
     base: Drives,
     effects: Effects,
     active: Sequence[int],
-    own: Background | None = None,
+    background: Background | None = None,
 ) -> Array:
     """Return the rows of friction that act. Shape (f, WIDTH)."""
     dof, hidden = len(base.coulomb), acting(effects)
@@ -77,48 +79,50 @@ def friction_rows(
         rows.append(_row(j, len(effects) * dof + j, (laws.WARMUP, 0.0, SLOW)))
     gears = {i: dof + n for n, (i, _) in enumerate(shared(effects))}
     for i in active:
-        what, p, joints, _ = hidden[i]
-        if what.gear:
-            _, _, level, coefficient = what.gear(p)
+        kind, p, joints, _ = hidden[i]
+        if kind.gear:
+            _, _, level, coefficient = kind.gear(p)
             rows.append(_row(gears[i], 0, (laws.LEVEL, level)))
             rows.append(_row(gears[i], 0, (laws.VISCOUS, coefficient)))
-        if what.friction:
+        if kind.friction:
             rows += [
-                _row(j, i * dof + j, what.friction(p, base.coulomb[j])) for j in joints
+                _row(j, i * dof + j, kind.friction(p, base.coulomb[j])) for j in joints
             ]
-    for j in range(dof if own is not None else 0):
-        rows.append(_row(j, 0, (laws.FADING, own.level[j], own.speed[j])))
-        rows.append(_row(j, 0, (laws.PRESSED, own.press[j], own.span[j])))
+    for j in range(dof if background is not None else 0):
+        rows.append(_row(j, 0, (laws.FADING, background.level[j], background.speed[j])))
+        rows.append(_row(j, 0, (laws.PRESSED, background.press[j], background.span[j])))
     return np.array(rows)
 
 
 def torque_rows(
-    effects: Effects, active: Sequence[int], own: Background | None = None
+    effects: Effects, active: Sequence[int], background: Background | None = None
 ) -> Array:
     """Return the rows of explicit torque that act. Shape (e, WIDTH)."""
-    channels, columns = channels_of(effects, own), _columns(effects)
+    channels, columns = channels_of(effects, background), _columns(effects)
     hidden, rows = acting(effects), []
     for i in active:
-        what, p, joints, _ = hidden[i]
-        if what.series:
-            channel = channels.index(what.name)
+        kind, p, joints, _ = hidden[i]
+        if kind.series:
+            channel = channels.index(kind.name)
             rows += [_row(j, channel, (laws.SERIES, columns[i, j])) for j in joints]
-        if what.torque:
-            channel, numbers = channels.index(what.name), what.torque(p, joints)
-            on = joints[:1] if what.scope == "pair" else joints
+        if kind.torque:
+            channel, numbers = channels.index(kind.name), kind.torque(p, joints)
+            on = joints[:1] if kind.scope == "pair" else joints
             rows += [_row(j, channel, numbers) for j in on]
-    for wave in own.waves if own is not None else ():
+    for wave in background.waves if background is not None else ():
         channel = channels.index(COGGING)
         rows += [_row(j, channel, (laws.WAVE, *row)) for j, row in enumerate(wave)]
     return np.array(rows, dtype=float).reshape(-1, at.WIDTH)
 
 
-def used_rows(own: Background | None, first: int) -> Array:
+def used_rows(background: Background | None, first: int) -> Array:
     """Return what friction of each joint is by direction and warmth (`Constants`)."""
-    if own is None:
+    if background is None:
         return np.zeros((0, 5))
-    slots = first + 2 * np.arange(len(own.span))
-    return np.column_stack([own.lean, own.growth, own.oil, own.housing, slots])
+    slots = first + 2 * np.arange(len(background.span))
+    return np.column_stack(
+        [background.lean, background.growth, background.oil, background.housing, slots]
+    )
 
 
 def series_of(effects: Effects, t: Array, seed: int, label: str) -> Array:
@@ -134,16 +138,16 @@ def series_of(effects: Effects, t: Array, seed: int, label: str) -> Array:
     columns, hidden = _columns(effects), acting(effects)
     out = np.zeros((len(t), len(columns)))
     for (i, j), column in columns.items():
-        what, p, *_ = hidden[i]
-        rng = stream(seed, f"effect/{i}/{what.name}/{j}/{label}")
-        out[:, column] = what.series(p, t, rng)
+        kind, p, *_ = hidden[i]
+        rng = stream(seed, f"effect/{i}/{kind.name}/{j}/{label}")
+        out[:, column] = kind.series(p, t, rng)
     return out
 
 
 def _columns(effects: Effects) -> dict[tuple[int, int], int]:
     """Return the column of each torque over time, by effect and joint (from 0)."""
     hidden = enumerate(acting(effects))
-    keys = [(i, j) for i, e in hidden if e.what.series for j in e.joints]
+    keys = [(i, j) for i, e in hidden if e.kind.series for j in e.joints]
     return {key: column for column, key in enumerate(keys)}
 
 
@@ -162,13 +166,13 @@ class Arm:
     model: pin.Model  # true rigid body without the effects
     base: Drives  # true friction and rotors without the effects
     # What all its joints have undeclared, None if it is clean.
-    own: Background | None = None
+    background: Background | None = None
     worked: float = 0.0  # usual work before its session began [s]
 
     @property
     def channels(self) -> tuple[str, ...]:
         """Names of its explicit torques."""
-        return channels_of(self.effects, self.own)
+        return channels_of(self.effects, self.background)
 
 
 @dataclass(frozen=True, eq=False, slots=True)
@@ -194,8 +198,8 @@ def build_arm(robot: Robot, plant: PlantSpec) -> Arm:
         *(f * value for f, value in zip(factors, maker_of(robot), strict=True))
     )
     model = scatter(robot.model, plant.scatter, stream(plant.seed, "scatter"))
-    own = draw_background(robot, plant.background, plant.seed, base.coulomb)
-    return Arm(robot, plant.effects, model, base, own, plant.worked_before)
+    background = draw_background(robot, plant.background, plant.seed, base.coulomb)
+    return Arm(robot, plant.effects, model, base, background, plant.worked_before)
 
 
 def new_state(arm: Arm, start: float) -> State:
@@ -205,9 +209,9 @@ def new_state(arm: Arm, start: float) -> State:
     rows = friction_rows(arm.base, arm.effects, range(count))
     for _, _, slot, _, constant, *_ in rows[rows[:, 0] == laws.WARMUP]:
         memory[int(slot)] = warmth_at(start, constant)
-    if arm.own is not None:
+    if arm.background is not None:
         # Oil and housing side by side, joint by joint, as `used_rows` finds them.
-        warmth = warmth_after(arm.own, arm.worked + start)
+        warmth = warmth_after(arm.background, arm.worked + start)
         memory = np.concatenate([memory, warmth.T.ravel()])
     gears = len(shared(arm.effects))
     return State(np.zeros((3, dof)), np.zeros(dof + gears), memory)
@@ -231,9 +235,9 @@ def phases(arm: Arm, steps: int, dt: float, series: Array) -> list[Phase]:
 
 def first_step(effect: PlantEffect, steps: int, dt: float) -> int:
     """Return the first control step on which an effect acts."""
-    what, p, _, onset = acting([effect])[0]
-    if what.begins:
-        onset = max(onset, what.begins(p) * steps * dt)
+    kind, p, _, onset = acting([effect])[0]
+    if kind.begins:
+        onset = max(onset, kind.begins(p) * steps * dt)
     return int(np.ceil(onset / dt - 1e-6))
 
 
@@ -248,11 +252,11 @@ def _phase(
             f"The effects leave the rotor of joint {int(rotor.argmin()) + 1} with "
             f"{rotor.min():g} kg m^2, expected more than 0. Take a smaller change."
         )
-    springs = _springs(effects, rotor, arm.own)
+    springs = _springs(effects, rotor, arm.background)
     elastic = (springs[0] > 0).astype(float)
     errors = encoder_errors(effects, dof)
-    usual = USUAL_SPEED * usual_limits(robot).velocity
-    gain = 0.0 if arm.own is None else arm.own.gain
+    speed = USUAL_SPEED * usual_limits(robot).velocity
+    gain = 0.0 if arm.background is None else arm.background.gain
     constants = Constants(
         dt=dt,
         rotor=rotor,
@@ -262,18 +266,18 @@ def _phase(
         gap=springs[2],
         ratio=torque_constants(effects, dof) / (1.0 + gain),
         limit=np.array(robot.torque_limit, dtype=float),
-        power=usual_power(arm.base.coulomb, arm.base.viscous, usual),
+        power=usual_power(arm.base.coulomb, arm.base.viscous, speed),
         shift=errors[0],
         cos=errors[1],
         sin=errors[2],
         contacts=contacts_of(arm.effects, active, elastic),
-        friction=friction_rows(arm.base, arm.effects, active, arm.own),
-        torque=torque_rows(arm.effects, active, arm.own),
+        friction=friction_rows(arm.base, arm.effects, active, arm.background),
+        torque=torque_rows(arm.effects, active, arm.background),
         series=series,
-        used=used_rows(arm.own, (len(arm.effects) + 1) * dof),
+        used=used_rows(arm.background, (len(arm.effects) + 1) * dof),
     )
     faults = encoder_faults(effects, dt)
-    pushes = tuple(effect for effect in effects if effect.what.push)
+    pushes = tuple(effect for effect in effects if effect.kind.push)
     model = changed(arm.model, effects)
     return Phase(*span, model, constants, pushes, errors, faults)
 
@@ -281,25 +285,27 @@ def _phase(
 def _added(effects: Sequence[Acting], dof: int) -> Array:
     """Return what the effects add to the rotors [kg m^2]. Shape (dof,)."""
     total = np.zeros(dof)
-    for what, p, joints, _ in effects:
-        if what.of_drive == "rotor":
-            total[list(joints)] += p[what.amount[0]]
+    for kind, p, joints, _ in effects:
+        if kind.of_drive == "rotor":
+            total[list(joints)] += p[kind.amount[0]]
     return total
 
 
-def _springs(effects: Sequence[Acting], rotor: Array, own: Background | None) -> Array:
+def _springs(
+    effects: Sequence[Acting], rotor: Array, background: Background | None
+) -> Array:
     """Return stiffness, damping and half gap of each joint; rigid ones 0. (3, dof)."""
     springs = np.zeros((3, len(rotor)))
     for j in range(len(rotor)):
         soft = [
-            e.what.transmission(e.p)
+            e.kind.transmission(e.p)
             for e in effects
-            if j in e.joints and e.what.transmission
+            if j in e.joints and e.kind.transmission
         ]
         compliances = [compliance for compliance, _ in soft if compliance]
         gaps = [gap for _, gap in soft if gap]
-        if own is not None:
-            compliances.append(own.twist[j] / own.span[j])
+        if background is not None:
+            compliances.append(background.twist[j] / background.span[j])
         if compliances or gaps:
             springs[:, j] = series_spring(compliances, gaps, rotor[j])
     return springs

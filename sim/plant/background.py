@@ -88,8 +88,8 @@ def draw_background(
         return None
     span, dof = sizes(robot).torque, robot.dof
 
-    def uniform(what: str, low: float, high: float) -> Array:
-        return stream(seed, f"background/{what}").uniform(low, high, dof)
+    def uniform(name: str, low: float, high: float) -> Array:
+        return stream(seed, f"background/{name}").uniform(low, high, dof)
 
     loss, time = scale * uniform("loss", *_LOSS), uniform("time", *_TIME)
     waves = _waves(scale * uniform("peak", *_RIPPLE) * span, seed)
@@ -167,18 +167,18 @@ class Rubbing(NamedTuple):
     load: Array  # torque that the gears carry [N m], (n, dof)
     coulomb: Array  # level of the arm's dry friction [N m], (dof,)
     viscous: Array  # coefficient of its viscous friction [N m s/rad], (dof,)
-    usual: Array  # speed in usual work [rad/s], (dof,)
+    usual_speed: Array  # speed in usual work [rad/s], (dof,)
     worked: float  # time of usual work before the first sample [s]
 
 
-class Added(NamedTuple):
+class BackgroundTorque(NamedTuple):
     """What the background does in one motion. Shapes (n, dof)."""
 
     torque: Array  # torque beside the arm's plain friction [N m]
     factor: Array  # friction over that of the cold arm
 
 
-def added(background: Background, arm: Rubbing) -> Added:
+def added(background: Background, arm: Rubbing) -> BackgroundTorque:
     """Return friction and cogging that the background adds to a motion."""
     b = background
     plain = arm.coulomb * arm.bristle + arm.viscous * arm.qd
@@ -187,7 +187,7 @@ def added(background: Background, arm: Rubbing) -> Added:
     cold = dry * arm.bristle * laws.leaning(arm.bristle, b.lean)
     cold += arm.viscous * arm.qd
     factor = _factor(b, arm, cold * arm.qd)
-    return Added(factor * cold - plain + cogging(b, arm.q), factor)
+    return BackgroundTorque(factor * cold - plain + cogging(b, arm.q), factor)
 
 
 def cogging(background: Background, q: Array) -> Array:
@@ -223,8 +223,8 @@ def logged(background: Background | None, tau: Array, rate: float) -> Array:
 def _factor(b: Background, arm: Rubbing, power: Array) -> Array:
     """Return friction over cold friction at every sample. Shape (n, dof)."""
     start = warmth_after(b, arm.worked)
-    usual = usual_power(arm.coulomb, arm.viscous, arm.usual)
+    power_scale = usual_power(arm.coulomb, arm.viscous, arm.usual_speed)
     times = np.array([b.oil, b.housing]) / (arm.t[1] - arm.t[0])
-    share = np.ascontiguousarray(power / usual)
+    share = np.ascontiguousarray(power / power_scale)
     warm = laws.warmth(*_warmths(start, share, times, b.growth))
     return laws.thinned(warm, b.growth)

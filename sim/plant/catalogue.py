@@ -17,7 +17,7 @@ from sim.engine.records import Hidden, PlantEffect
 class Acting(NamedTuple):
     """An effect where it acts."""
 
-    what: Effect  # what the catalogue has of it
+    kind: Effect  # its entry in the catalogue
     p: Mapping[str, float]  # its values, defaults filled in
     joints: Joints  # its joints, from 0
     onset: float  # time from which it acts [s]
@@ -52,8 +52,8 @@ def acting(effects: Iterable[PlantEffect | Hidden]) -> list[Acting]:
     """Return checked effects with what the catalogue has of them."""
     return [
         Acting(
-            what := effect_of(e.name),
-            {**what.defaults, **dict(e.parameters)},
+            kind := effect_of(e.name),
+            {**kind.defaults, **dict(e.parameters)},
             tuple(joint - 1 for joint in e.joints),
             e.onset,
         )
@@ -68,9 +68,9 @@ def changed(model: pin.Model, effects: Sequence[Acting]) -> pin.Model:
         InputError: If a load has a tensor that no body can have.
     """
     out = pin.Model(model)
-    for what, p, joints, _ in effects:
-        if what.body:
-            out = what.body(out, joints, p)
+    for kind, p, joints, _ in effects:
+        if kind.body:
+            out = kind.body(out, joints, p)
     return out
 
 
@@ -124,10 +124,10 @@ def main_parameter(name: str, parameters: Mapping[str, float]) -> str | None:
 def check_effect(effect: PlantEffect, robot: Robot) -> None:
     """Check name, joints, parameters and onset of one effect."""
     check_name(effect.name, kinds(), "effect of the plant")
-    what, given = registry()[effect.name], dict(effect.parameters)
-    check_keys(given, what.parameters, f"effect '{effect.name}'")
-    for key in what.parameters:
-        if key not in given and key not in what.defaults:
+    kind, given = registry()[effect.name], dict(effect.parameters)
+    check_keys(given, kind.parameters, f"effect '{effect.name}'")
+    for key in kind.parameters:
+        if key not in given and key not in kind.defaults:
             raise InputError(
                 f"Effect '{effect.name}' needs '{key}'; it has "
                 f"{', '.join(given) or 'no parameter'}. Give '{key}' in SI units."
@@ -136,27 +136,27 @@ def check_effect(effect: PlantEffect, robot: Robot) -> None:
         raise InputError(
             f"Effect '{effect.name}': onset is {effect.onset:g}, expected 0 s or later."
         )
-    _check_values(what, given)
+    _check_values(kind, given)
     _check_joints(effect, robot.dof)
     _check_left(effect, given, robot)
 
 
-def _check_values(what: Effect, given: Mapping[str, float]) -> None:
+def _check_values(kind: Effect, given: Mapping[str, float]) -> None:
     """Refuse what no arm can be: weightless links, motors that push the other way."""
     for key, value in given.items():
-        limit = what.above.get(key, -math.inf)
+        limit = kind.above.get(key, -math.inf)
         if not math.isfinite(value) or value <= limit:
             expected = (
-                f"number above {limit:g}" if key in what.above else "finite number"
+                f"number above {limit:g}" if key in kind.above else "finite number"
             )
             raise InputError(
-                f"Effect '{what.name}': {key} is {value:g}, expected a {expected}."
+                f"Effect '{kind.name}': {key} is {value:g}, expected a {expected}."
             )
-    if any(abs(given.get(key, 1.0)) != 1.0 for key in what.signs):
-        raise InputError(f"Effect '{what.name}': a sign is 1 or -1, nothing else.")
-    if 0 < sum(key in given for key in what.together) < len(what.together):
+    if any(abs(given.get(key, 1.0)) != 1.0 for key in kind.signs):
+        raise InputError(f"Effect '{kind.name}': a sign is 1 or -1, nothing else.")
+    if 0 < sum(key in given for key in kind.together) < len(kind.together):
         raise InputError(
-            f"Effect '{what.name}': give all of {', '.join(what.together)} or none."
+            f"Effect '{kind.name}': give all of {', '.join(kind.together)} or none."
         )
 
 
@@ -181,10 +181,10 @@ def _check_joints(effect: PlantEffect, dof: int) -> None:
 
 def _check_left(effect: PlantEffect, given: Mapping[str, float], robot: Robot) -> None:
     """Refuse a change that would leave less than none of what the arm has."""
-    what = registry()[effect.name]
+    kind = registry()[effect.name]
     declared = robot.declared.get(effect.name)
     for key, change in given.items():
-        if not what.of_drive or change >= 0:
+        if not kind.of_drive or change >= 0:
             continue
         for joint in effect.joints:
             values = declared.values.get(key) if declared else None

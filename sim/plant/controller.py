@@ -30,29 +30,29 @@ Law = Callable[[int, Array, Array, Array], Array]
 
 def maker_of(robot: Robot) -> Drives:
     """Return what the robot declares, or what arms like it have: a maker knows."""
-    usual = sizes(robot)
-    return Drives(usual.coulomb, usual.viscous, usual.rotor)
+    size = sizes(robot)
+    return Drives(size.coulomb, size.viscous, size.rotor)
 
 
 def controller_of(
-    robot: Robot, reference: Reference, given: Array | Law | None = None
+    robot: Robot, reference: Reference, command: Array | Law | None = None
 ) -> Controller:
     """Return what drives an arm along a reference.
 
     Args:
-        given: Of some model: torque along the reference [N m], shape (n, dof), which
+        command: Of some model: torque along the reference [N m], shape (n, dof), which
             goes with plain feedback; or a law, which closes the loop. None for the
             controller of the paper, with the nominal model.
     """
-    if given is None:
+    if command is None:
         return computed_torque(robot, reference)
-    if not callable(given):
-        return feed_forward(robot, reference, given)
+    if not callable(command):
+        return feed_forward(robot, reference, command)
     goal = _goal(reference)
 
     def torque(k: int, reading: Array, rate: Array) -> Array:
         q, qd, qdd = goal[k]
-        return given(k, reading, rate, qdd + KP * (q - reading) + KD * (qd - rate))
+        return command(k, reading, rate, qdd + KP * (q - reading) + KD * (qd - rate))
 
     return torque
 
@@ -69,21 +69,21 @@ def computed_torque(robot: Robot, reference: Reference) -> Controller:
     return torque
 
 
-def feed_forward(robot: Robot, reference: Reference, given: Array) -> Controller:
+def feed_forward(robot: Robot, reference: Reference, command: Array) -> Controller:
     """Return given torques with the same feedback, joint by joint: no model in it."""
     mass = np.diag(pin.crba(robot.model, robot.model.createData(), reference.q[0]))
     inertia, goal = mass + maker_of(robot).rotor, _goal(reference)
 
     def torque(k: int, reading: Array, rate: Array) -> Array:
         q, qd, _ = goal[k]
-        return given[k] + inertia * (KP * (q - reading) + KD * (qd - rate))
+        return command[k] + inertia * (KP * (q - reading) + KD * (qd - rate))
 
     return torque
 
 
-def replay(given: Array) -> Controller:
+def replay(command: Array) -> Controller:
     """Return given torques and nothing else: no feedback."""
-    return lambda k, reading, rate: given[k]
+    return lambda k, reading, rate: command[k]
 
 
 def _goal(reference: Reference) -> Array:

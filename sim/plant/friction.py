@@ -139,12 +139,12 @@ def slide(coupling, free, forward, backward, impulse):
 
 
 @compiled
-def warmed(warmth, power, usual, time_constant, dt):
+def warmed(warmth, power, usual_power, time_constant, dt):
     """Return the warmth after a step, where 1 is the end state at the usual power.
 
-    warmth' = (power / usual - warmth) / time constant
+    warmth' = (power / usual_power - warmth) / time constant
     """
-    return warmth + dt / time_constant * (power / usual - warmth)
+    return warmth + dt / time_constant * (power / usual_power - warmth)
 
 
 def warmth_at(start: float, time_constant: float) -> float:
@@ -169,16 +169,16 @@ def lean_and_thin(used, memory, rubbing):
 
 
 @compiled
-def heat(used, memory, power, usual, temperature, dt):
+def heat(used, memory, power, usual_power, temperature, dt):
     """Warm oil and housing of each joint by its friction.
 
     Args:
         power: Power of friction [W]. Shape (c,).
-        usual: Usual power, which warms by one unit [W]. Shape (dof,).
+        usual_power: Power in usual work, which warms by one unit [W]. Shape (dof,).
         temperature: Written [degrees Celsius]. Shape (dof,).
     """
     for j in range(len(used)):
-        slot, share = int(used[j, _SLOT]), power[j] / usual[j]
+        slot, share = int(used[j, _SLOT]), power[j] / usual_power[j]
         warm = _warmth(memory[slot], memory[slot + 1])
         temperature[j] = AMBIENT + RISE * warm
         memory[slot] = _heated(memory[slot], share, used[j, _OIL], dt)

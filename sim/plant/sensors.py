@@ -60,31 +60,31 @@ def reported(tau: Array, t: Array, effects: Sequence[Acting]) -> Array:
 
     def order(effect: Acting) -> tuple[bool, bool]:
         """Drives first, then what all joints have, then broken sensors."""
-        return Trait.SENSOR in effect.what.traits, effect.what.scope == "global"
+        return Trait.SENSOR in effect.kind.traits, effect.kind.scope == "global"
 
-    for what, p, joints, onset in sorted(effects, key=order):
-        if what.report:
+    for kind, p, joints, onset in sorted(effects, key=order):
+        if kind.report:
             rows = list(joints) or list(range(out.shape[1]))
             acts = np.ix_(t >= onset - SLACK, rows)
-            out[acts] = what.report(out[:, rows], t, onset, p)[acts[0][:, 0]]
+            out[acts] = kind.report(out[:, rows], t, onset, p)[acts[0][:, 0]]
     return out
 
 
 def encoder_errors(effects: Sequence[Acting], dof: int) -> Array:
     """Return constant, cosine and sine of the error, true minus reading [rad]."""
     errors = np.zeros((3, dof))
-    for what, p, joints, _ in effects:
-        if what.encoder:
-            errors[:, list(joints)] += np.reshape(what.encoder(p), (3, 1))
+    for kind, p, joints, _ in effects:
+        if kind.encoder:
+            errors[:, list(joints)] += np.reshape(kind.encoder(p), (3, 1))
     return errors
 
 
 def torque_constants(effects: Sequence[Acting], dof: int) -> Array:
     """Return real over reported torque of each joint. Shape (dof,)."""
     ratio = np.ones(dof)
-    for what, p, joints, _ in effects:
-        if what.gain:
-            ratio[list(joints)] /= 1.0 + what.gain(p)
+    for kind, p, joints, _ in effects:
+        if kind.gain:
+            ratio[list(joints)] /= 1.0 + kind.gain(p)
     return ratio
 
 
@@ -153,12 +153,12 @@ class EncoderFaults(NamedTuple):
 def encoder_faults(effects: Sequence[Acting], dt: float) -> EncoderFaults | None:
     """Return the encoder faults among the effects that act, None if there are none."""
     frozen, drift = [], []
-    for what, p, joints, onset in effects:
+    for kind, p, joints, onset in effects:
         first = int(np.ceil(onset / dt - 1e-6))
-        if Trait.FROZEN in what.traits:
+        if Trait.FROZEN in kind.traits:
             frozen += [(joint, first) for joint in joints]
-        if what.drift:
-            drift += [(joint, first, what.drift(p)) for joint in joints]
+        if kind.drift:
+            drift += [(joint, first, kind.drift(p)) for joint in joints]
     if not frozen and not drift:
         return None
     return EncoderFaults(tuple(frozen), tuple(drift))
@@ -169,11 +169,11 @@ def hold_frozen(q: Array, t: Array, effects: Sequence[Acting]) -> Array:
 
     What is frozen is the number itself: the noise of the reading stands still too.
     """
-    if not any(Trait.FROZEN in effect.what.traits for effect in effects):
+    if not any(Trait.FROZEN in effect.kind.traits for effect in effects):
         return q
     out = q.copy()
-    for what, _, joints, onset in effects:
-        if Trait.FROZEN in what.traits:
+    for kind, _, joints, onset in effects:
+        if Trait.FROZEN in kind.traits:
             first, rows = int(np.searchsorted(t, onset - SLACK)), list(joints)
             out[first:, rows] = out[max(first - 1, 0), rows]
     return out

@@ -69,15 +69,15 @@ def drive(
     reference: Reference,
     plant: PlantSpec,
     start: float = 0.0,
-    given: Array | Law | None = None,
+    command: Array | Law | None = None,
 ) -> Trace:
     """Build the arm of a spec and drive it; arguments as of `simulate`.
 
     Args:
-        given: What drives it in place of the nominal model (`controller_of`).
+        command: What drives it in place of the nominal model (`controller_of`).
     """
     arm, label = build_arm(robot, plant), motion_label(reference, start)
-    controller = controller_of(robot, reference, given)
+    controller = controller_of(robot, reference, command)
     return simulate(arm, reference, controller, label, start, plant.seed)
 
 
@@ -164,11 +164,11 @@ def _run(phase: Phase, run: _Run, q: Array, qd: Array) -> tuple[Array, Array]:
 def pushed(phase: Phase, arm: Moving) -> dict[str, Array]:
     """Return the torque from outside on the links, by effect [N m]. Shapes (dof,)."""
     out: dict[str, Array] = {}
-    for what, p, joints, _ in phase.pushes:
-        torque = what.push(p, arm)
+    for kind, p, joints, _ in phase.pushes:
+        torque = kind.push(p, arm)
         if joints:
             torque = np.where(np.isin(np.arange(len(arm.q)), joints), torque, 0.0)
-        out[what.name] = out[what.name] + torque if what.name in out else torque
+        out[kind.name] = out[kind.name] + torque if kind.name in out else torque
     return out
 
 

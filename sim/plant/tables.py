@@ -82,7 +82,7 @@ class Constants(NamedTuple):
     used: Array
 
 
-class Packed(NamedTuple):
+class PackedConstants(NamedTuple):
     """Constants with all that has one number per joint in one array.
 
     Each array that crosses from Python to compiled code costs time at every step.
@@ -107,10 +107,10 @@ class State(NamedTuple):
     memory: Array  # bristles and temperatures of the terms, (m,)
 
 
-def pack(constants: Constants) -> Packed:
+def pack(constants: Constants) -> PackedConstants:
     """Return the same in fewer arrays."""
     dt, *joints = constants[:12]
-    return Packed(dt, np.array(joints), *constants[12:])
+    return PackedConstants(dt, np.array(joints), *constants[12:])
 
 
 @compiled

@@ -148,7 +148,9 @@ def written(series: Series) -> tuple[tuple[float, ...], ...]:
     return tuple(tuple(row) for row in rows.tolist())
 
 
-def given(rows: Sequence[Sequence[float]], dof: int, period: float) -> Series:
+def from_coefficients(
+    rows: Sequence[Sequence[float]], dof: int, period: float
+) -> Series:
     """Return the series of such coefficients."""
     shapes = {len(row) for row in rows}
     if len(rows) != 1 + FREE or shapes != {dof}:

@@ -55,7 +55,7 @@ def plan_move_stop_move(
     space = workspace(robot, duration / periods)
     route = _draw_waypoints(space, rng)
     counts = range(len(route.places), _LEAST - 1, -1)
-    plans = (_closed(space, route, count, duration) for count in counts)
+    plans = (_closed_route(space, route, count, duration) for count in counts)
     found = largest(robot, (plan for plan in plans if plan))
     if isinstance(found, Plan):
         return found
@@ -103,13 +103,13 @@ def given_places(
 
 def _draw_waypoints(space: Workspace, rng: np.random.Generator) -> _Waypoints:
     """Draw more places than fit into a period, but two at least."""
-    usual = usual_limits(space.robot)
+    space_used = usual_limits(space.robot)
     for number in range(_CENTRES):
-        centre = draw_centre(usual, rng)
+        centre = draw_centre(space_used, rng)
         if number:  # the zero posture of some arms lies on the floor
             limits = space.limits
             centre = limits.middle + rng.uniform(-0.6, 0.6, len(centre)) * limits.half
-        route = _around(space, centre, usual.amplitude, rng)
+        route = _around(space, centre, space_used.amplitude, rng)
         if len(route.places) >= _LEAST:
             return route
     raise _nowhere(space.robot)
@@ -153,7 +153,7 @@ def _move_time(space: Workspace, start: Array, end: Array) -> float | None:
     return None
 
 
-def _closed(
+def _closed_route(
     space: Workspace, route: _Waypoints, count: int, duration: float
 ) -> Plan | None:
     """Return the route of the first places and back, None where it does not fit.

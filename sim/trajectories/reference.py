@@ -11,7 +11,7 @@ from residual.threads import one_blas_thread
 from sim.engine.records import Reference, TrajectorySpec, stream
 from sim.trajectories.curves import RAMP
 from sim.trajectories.excitation import optimise
-from sim.trajectories.fourier import draw, given, sampled
+from sim.trajectories.fourier import draw, from_coefficients, sampled
 from sim.trajectories.limits import Plan, check, even, workspace
 from sim.trajectories.move_stop_move import given_places, plan_move_stop_move
 from sim.trajectories.tools import plan_cyclic, plan_welding
@@ -84,7 +84,7 @@ def _fourier(
     period = spec.duration / spec.periods
     place = workspace(robot, period)
     if spec.coefficients:
-        series = given(spec.coefficients, robot.dof, period)
+        series = from_coefficients(spec.coefficients, robot.dof, period)
     else:
         series = optimise(place, rng) if optimised else draw(place, rng)
     return Plan("fourier", partial(sampled, series), spec.duration, period, period)

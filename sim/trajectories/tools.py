@@ -250,18 +250,18 @@ def _best_posture(
     space: Cell, target: pin.SE3, rng: np.random.Generator
 ) -> Array | None:
     """Return the posture for a pose that is farthest from singular ones. (dof,)."""
-    limits, found, usual = space.limits, [], usual_limits(space.robot)
+    limits, postures, room = space.limits, [], usual_limits(space.robot)
     for share in rng.uniform(-1, 1, (_GUESSES, space.robot.dof)):
-        guess = usual.centre + share * usual.amplitude
+        guess = room.centre + share * room.amplitude
         q = inverse(space.ways, target, guess)
         if q is None:
             continue
         # Whole turns are the same posture; the one amid the range has most room.
         q = q - 2 * np.pi * np.round((q - limits.middle) / (2 * np.pi))
         if space.fits(q[None]):
-            found.append(q)
-    free = [float(dexterity(space.ways, q[None])[0]) for q in found]
-    return found[int(np.argmax(free))] if found else None
+            postures.append(q)
+    free = [float(dexterity(space.ways, q[None])[0]) for q in postures]
+    return postures[int(np.argmax(free))] if postures else None
 
 
 def _front(ways: Kinematics) -> float:

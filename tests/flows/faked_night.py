@@ -11,7 +11,7 @@ from flows.steps.models import Choice
 from tests.verdict_documents import typed
 
 NAME = "irb140 #2: load friction on joint 2, 9.6 → 7.1 %"
-SCORES = calibrate.Calibrated(SimpleNamespace(), (), {"model": "aa"})
+SCORES = calibrate.StoredCalibration(SimpleNamespace(), (), {"model": "aa"})
 
 
 def faked(monkeypatch, tmp_path):

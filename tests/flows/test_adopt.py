@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from flows.cli import main
-from flows.inputs.given import load
+from flows.inputs.read import load
 from flows.steps import rerun as reruns
 from flows.steps.adopt import Adopt, adopt, list_adoptions, roll_back
 from flows.steps.models import choose, chosen_to_watch
@@ -42,8 +42,8 @@ def fresh(made):
 def test_after_adoption_the_next_diagnosis_finds_nothing(fresh, arm_nights):
     store, _first, second, id = fresh
     assert [e.name for e in read_verdict(store, id).effects] == ["spring"]
-    number, judged = adopt(Adopt(id, "seen twice", store=store))
-    assert judged.check.after < 0.2 * judged.check.before
+    number, judgment = adopt(Adopt(id, "seen twice", store=store))
+    assert judgment.check.after < 0.2 * judgment.check.before
     again = arm_nights.again
     assert read_verdict(store, again).effects == ()
     assert "spring" in read_verdict(store, again).declared
@@ -75,7 +75,7 @@ def test_commands_on_runs_go_by_it_and_say_so_and_those_on_files_do_not(fresh):
     healthy = choose(robot, None, store, runs, "--baseline")
     assert healthy.diagnosis is None
     assert "--baseline" in healthy.line
-    with pytest.raises(InputError, match="each say what the nominal model is"):
+    with pytest.raises(InputError, match="both set the nominal model"):
         choose(robot, id, store, runs, "--baseline")
     assert choose(robot, id[:6], store, runs).diagnosis == id
     assert chosen_to_watch(ROBOT, store, nominal=False).diagnosis == id
@@ -98,7 +98,7 @@ def test_a_rerun_goes_by_the_model_of_then(fresh, arm_nights):
     adopt(Adopt(id, store=store))
     roll_back(ROBOT, store=store)
     made = reruns.rerun(arm_nights.again, store, True)
-    assert (list(made.apart), made.cause) == ([], None)
+    assert (list(made.differences), made.cause) == ([], None)
 
 
 def test_identify_starts_from_it_and_so_does_its_rerun(fresh, capsys):
@@ -110,7 +110,7 @@ def test_identify_starts_from_it_and_so_does_its_rerun(fresh, capsys):
     assert record["request"]["model"] == id
     assert "spring" in {t["name"] for t in record["model"]["terms"]}
     roll_back(ROBOT, store=store)
-    assert reruns.rerun(kept, store, True).apart == ()
+    assert reruns.rerun(kept, store, True).differences == ()
     _, kept = said("identify", second, store, capsys, "--model", "nominal")
     names = {t["name"] for t in read_record(store, kept)["model"]["terms"]}
     assert "spring" not in names
@@ -126,14 +126,14 @@ def test_rolling_back_is_one_more_record_and_deletes_nothing(fresh):
     assert listed == [*(n for n, *_ in before), number, back]
     line = choose(load(ROBOT), store=store).line
     assert f"to which adoption {int(back)} went back" in line
-    with pytest.raises(InputError, match="nothing to go back from"):
+    with pytest.raises(InputError, match="nothing to roll back"):
         roll_back(None, store=store)
 
 
 def test_what_names_nothing_is_refused_unless_forced_with_a_reason(fresh, arm_nights):
     store, *_, id = fresh
     nothing = arm_nights.again
-    with pytest.raises(InputError, match="names nothing"):
+    with pytest.raises(InputError, match="names no missing effect"):
         adopt(Adopt(nothing, store=store))
     with pytest.raises(InputError, match="needs a --note"):
         adopt(Adopt(nothing, force=True, store=store))

@@ -74,7 +74,7 @@ BAD = {
     "trajectory cyclic --periods 0": "--periods 0: expected",
     f"import A.csv {ROBOT} --recorded-at yesterday": "expected a date with time and",
     f"import A.csv {ROBOT} --recorded-at 2026-11-20T14:03:00": "with time and zone",
-    f"import A.csv {ROBOT} --tag cell=4 --tag cell=5": "say two things of one key",
+    f"import A.csv {ROBOT} --tag cell=4 --tag cell=5": "set one key twice",
     f"import A.csv {ROBOT} --tag =4": "expected a word, or KEY=VALUE",
     f"import A.csv {ROBOT} --serial a/b": "expected a text of 1 to 40 letters",
     "runs --store s3:/robots/cell": "a folder, or s3://BUCKET/PREFIX",

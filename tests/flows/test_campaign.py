@@ -98,7 +98,7 @@ def test_a_campaign_with_a_failure_ends_with_1_and_says_which(
     shown = capsys.readouterr()
     assert "failed: seed=1: joint 2 at 1.2 s: 0.3 rad beyond" in shown.out
     assert "1 of 2 experiments failed" in shown.err
-    assert "What a spec asks for fails again" in shown.err
+    assert "A spec that cannot run fails again" in shown.err
     assert (tmp_path / "named").read_text() == "C"  # its runs have its name
 
 

@@ -61,7 +61,7 @@ def test_the_robot_is_loaded_once(place, monkeypatch):
         loaded.append(given[0])
         return load_robot(*given)
 
-    monkeypatch.setattr("flows.inputs.given.load_robot", load)
+    monkeypatch.setattr("flows.inputs.read.load_robot", load)
     assert run("import A.csv B.csv --robot arm.urdf --store s") == 0
     a, b = list_folders(Path("s"), "runs")
     for words in ("A.csv --robot arm.urdf", f"{a} --holdout {b} --robot arm.urdf"):

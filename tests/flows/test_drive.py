@@ -15,8 +15,8 @@ from flows.specs.experiment import experiment_of
 from flows.steps import experiment
 from flows.steps import rerun as reruns
 from flows.steps.models import model_to_drive
-from flows.steps.rerun import apart
-from flows.steps.rerun import made_again as again
+from flows.steps.rerun import compare_records
+from flows.steps.rerun import remade as again
 from flows.steps.validate import validate
 from residual.calibration.calibrate import with_tables
 from residual.calibration.components import state_names
@@ -81,7 +81,7 @@ def parts(reference):
 
 def missed(reference, model, make=feed_forward):
     """Root mean square of read minus wanted position [rad]. Shape (dof,)."""
-    trace = drive(ROBOT, reference, QUIET, given=make(model, *parts(reference)))
+    trace = drive(ROBOT, reference, QUIET, command=make(model, *parts(reference)))
     return np.sqrt(np.mean((trace.rows[:, at.READING] - reference.q) ** 2, axis=0))
 
 
@@ -233,7 +233,7 @@ def test_a_spec_names_the_model_that_drives_and_the_run_keeps_its_whole_id(runs)
 def test_a_rerun_is_driven_by_the_model_of_then(runs):
     store, _, _, by_model = runs
     made = reruns.rerun(by_model, store, True)
-    assert (list(made.apart), made.cause) == ([], None)
+    assert (list(made.differences), made.cause) == ([], None)
 
 
 @pytest.fixture(scope="module")
@@ -264,7 +264,7 @@ def test_a_right_model_is_better_both_ways_and_the_arm_tracks_better(runs, valid
         (model, "model"),
     }
     with again(store, find(store, id)) as (_, other):
-        assert list(apart(find(store, id), other)) == []
+        assert list(compare_records(find(store, id), other)) == []
 
 
 def test_the_command_prints_before_and_after_by_joint(

@@ -103,7 +103,7 @@ def test_a_divergence_crosses_to_the_parent_process_as_words(tmp_path, monkeypat
         raise DivergedError(1.25, np.zeros(6), np.full(6, 900.0), 3)
 
     monkeypatch.setattr(campaign.experiment, "run", diverge)
-    planned = experiment.Planned("one", spec(), "ab", False)
+    planned = experiment.PlannedExperiment("one", spec(), "ab", False)
     with pytest.raises(InputError) as caught:
         run_job(campaign.run_one, planned, str(tmp_path))
     assert "1.250 s" in str(pickle.loads(pickle.dumps(caught.value)))

@@ -23,7 +23,7 @@ def test_an_effect_that_can_be_taken_out_again_is_no_doubt():
 def test_one_that_leaves_the_healthy_logs_unexplained_is_refused(error):
     told = set(doubts(replace(GOOD, error=error))) - set(doubts())
     assert len(told) == 1
-    assert "edit test is not passed" in told.pop()
+    assert "edit test fails" in told.pop()
 
 
 def test_what_was_not_measured_is_no_doubt():

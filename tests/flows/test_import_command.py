@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 import warehouse
-from flows.inputs.given import load, robot_of
+from flows.inputs.read import load, robot_of
 from residual.errors import InputError
 from residual.robot.robot import with_serial
 from tests.residual.arms import urdf_text

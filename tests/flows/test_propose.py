@@ -66,7 +66,7 @@ def test_auto_adopts_and_the_next_night_finds_nothing_to_propose(nights, arm_nig
     assert model == id
     again = arm_nights.again
     doubts = judge(store, again).doubts
-    assert doubts[0] == "it names nothing that the model lacks"
+    assert doubts[0] == "it names no missing effect"
     before = len(list_adoptions(store))
     assert in_a_flow(tasks.adopt_or_propose, again, str(store), True) is None
     assert (len(list_adoptions(store)), told) == (before, [])

@@ -100,7 +100,7 @@ def test_other_code_with_other_values_is_a_new_run_and_is_told(
     before = tree(tmp_path)
     told = rerun.rerun(id, tmp_path, verify=True)
     assert tree(tmp_path) == before
-    (bad,) = told.apart
+    (bad,) = told.differences
     assert (bad.name, bad.unit, bad.largest) == ("tau3", "N m", pytest.approx(2.5))
     assert bad.first == pytest.approx(30.08)
     assert (told.cause.kind, told.same_code) == ("code", False)
@@ -124,8 +124,8 @@ def test_other_code_with_the_same_values_is_no_failure(tmp_path, plant, other_co
     id = experiment.run(spec(), tmp_path)
     other_code()
     told = rerun.rerun(id, tmp_path)
-    assert (told.reproduced, told.same_code, told.noted) == (True, False, None)
-    assert told.made != id
+    assert (told.reproduced, told.same_code, told.note_id) == (True, False, None)
+    assert told.new_id != id
 
 
 def test_the_same_code_with_other_values_is_chance(tmp_path, plant, capsys):
@@ -143,7 +143,7 @@ def test_a_value_that_was_tampered_with_is_found(tmp_path, plant):
     id = experiment.run(spec(), tmp_path)
     change_value(tmp_path, id)
     told = rerun.rerun(id, tmp_path, verify=True)
-    (bad,) = told.apart
+    (bad,) = told.differences
     assert (bad.name, bad.differing, told.cause.kind) == ("tau3", 1, "damaged")
     assert bad.largest == pytest.approx(1e-9, rel=1e-5)
     assert bad.first == pytest.approx(30.12)
@@ -240,7 +240,7 @@ def test_a_diagnosis_its_model_and_its_proof_are_made_again(diagnosed):
     model = read_record(store, diagnosis)["model_id"]
     for id in (diagnosis, proof, model):
         told = rerun.rerun(id, store)
-        assert (told.reproduced, told.same_code, told.made) == (True, True, None)
+        assert (told.reproduced, told.same_code, told.new_id) == (True, True, None)
     assert tree(store) == before
 
 
@@ -248,23 +248,26 @@ def test_a_diagnosis_that_differs_is_told_and_kept(diagnosed, plant, other_code)
     store, _runs, (diagnosis, _proof) = diagnosed
     plant["tau"] = 0.5
     told = rerun.rerun(diagnosis, store, verify=True)
-    assert (told.cause.kind, told.made) == ("nondeterminism", None)
-    assert {c.name for c in told.apart} == {"nominal_scale", "document.nominal_scale"}
-    assert told.apart[0].largest == pytest.approx(0.5)
+    assert (told.cause.kind, told.new_id) == ("nondeterminism", None)
+    assert {c.name for c in told.differences} == {
+        "nominal_scale",
+        "document.nominal_scale",
+    }
+    assert told.differences[0].largest == pytest.approx(0.5)
     other_code()
     told = rerun.rerun(diagnosis, store)
     assert told.cause.kind == "code"
-    made = read_record(store, told.made)
+    made = read_record(store, told.new_id)
     assert (
         made["document"]["nominal_scale"]
         != read_record(store, diagnosis)["nominal_scale"]
     )
     with open_store(store) as opened:
-        query = f"SELECT parent, role FROM lineage WHERE child = '{told.made}'"
+        query = f"SELECT parent, role FROM lineage WHERE child = '{told.new_id}'"
         rows = opened.sql(query).to_pylist()
     assert {"parent": diagnosis, "role": RERUN_OF} in rows
     assert {"parent": made["model_id"], "role": "model"} in rows
-    found = diff(diagnosis, told.made, store)
+    found = diff(diagnosis, told.new_id, store)
     assert not found.same
     assert "nominal_scale" in {name for name, _, _ in found.tables["values"]}
 

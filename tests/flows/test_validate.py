@@ -83,8 +83,8 @@ def test_a_load_that_the_model_lacks_shows_in_both_validations(made, loaded):
     assert (found.nominal[1:5] > 3 * found.arm[1:5]).all()
     assert good.notes == ()
     assert found.notes == (
-        "The run began 30 s into its session, feed-forward begins at 0: what was warm "
-        "is cold.",
+        "The run began 30 s into its session; feed-forward starts at 0 s, with cold "
+        "gears.",
     )
 
 
@@ -153,7 +153,7 @@ def test_without_its_sealed_half_a_run_has_the_open_loop(made, loaded, tmp_path)
     id, found = validate.validate(Validate(made[1], 0.25, store))
     assert found.kind == "open_loop"
     np.testing.assert_array_equal(found.open_loop, loaded[1].open_loop)
-    assert "none is sealed" in found.notes[0]
+    assert "no simulated arm is sealed" in found.notes[0]
     assert len(rows(store, id)) == 6 + 12  # open loop, and nominal both ways
 
 

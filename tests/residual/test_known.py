@@ -7,7 +7,7 @@ import pinocchio as pin
 import pytest
 
 from benchmarks.attribution_parts.arms import make
-from flows.inputs.given import known_of
+from flows.inputs.read import known_of
 from residual.diagnosis.diagnose import diagnose
 from residual.effects import registry
 from residual.errors import InputError, RobotError

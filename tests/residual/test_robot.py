@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from flows.inputs.given import load
+from flows.inputs.read import load
 from residual.effects import vocabulary
 from residual.errors import RobotError, UnknownNameError
 from residual.robot.robot import load_robot, with_known, with_serial

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from flows.inputs.given import load
+from flows.inputs.read import load
 from residual.errors import InputError, RobotError
 from residual.robot.dynamics import inverse_dynamics
 from residual.robot.robot import load_robot

@@ -9,7 +9,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from flows.cli import main
-from flows.inputs.given import load, load_of
+from flows.inputs.read import load, load_of
 from residual.errors import InputError, RobotError, UnknownNameError
 from residual.robot.dynamics import inverse_dynamics, regressor
 from residual.robot.robot import load_robot, robot_from_texts

@@ -8,7 +8,7 @@ import numpy as np
 import pinocchio as pin
 import pytest
 
-from flows.inputs.given import LogSets
+from flows.inputs.read import LogSets
 from flows.steps.check import check
 from residual.check.check import check_logs, enough
 from residual.check.kinematics import out_of_range

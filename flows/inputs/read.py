@@ -1,4 +1,4 @@
-"""What a command is given: logs, as files or ids of runs of the store, and robots."""
+"""Read the logs (files, or ids of runs of the store) and the robot of a command."""
 
 import shlex
 from collections.abc import Iterator, Mapping, Sequence
@@ -79,17 +79,17 @@ def in_short(lines: Sequence[str]) -> tuple[str, ...]:
     """
     groups: dict[str, list[tuple[str, str]]] = {}
     for line in lines:
-        about, _, rest = line.partition("; ")
+        about, _, remaining = line.partition("; ")
         name, _, size = about.partition(": ")
-        groups.setdefault(rest, []).append((name, size))
+        groups.setdefault(remaining, []).append((name, size))
     out = []
-    for rest, logs in groups.items():
+    for remaining, logs in groups.items():
         same = len({size for _, size in logs}) == 1
         names = [name if same else f"{name} ({size})" for name, size in logs]
         text = ", ".join(names[:_NAMED])
         text += f" and {len(names) - _NAMED} more" if len(names) > _NAMED else ""
         text += f": {logs[0][1]}" if same else ""
-        out.append(f"{text}; {rest}" if rest else text)
+        out.append(f"{text}; {remaining}" if remaining else text)
     return tuple(out)
 
 
@@ -111,7 +111,7 @@ def read_sets(
         called: What the user calls the robot, for a line that is offered.
     """
     place = store_folder(store)
-    known = columns_of(robot, columns) or ColumnMap()
+    column_map = columns_of(robot, columns) or ColumnMap()
     read = read_any if to_check else read_log
     words = [word for part in sets for word in part]
     labels = iter(unique_ids([word for word in words if not is_run(word)]))
@@ -131,16 +131,16 @@ def read_sets(
             line = f"{run.id}: run of {log.robot}, {size}"
         else:
             with offer_map(word, called):
-                log, told = read(word, robot, known, next(labels))
-            line = told.text
-            warnings += told.warnings
-            doubts += [(log.id, doubt) for doubt in told.doubts]
+                log, understood = read(word, robot, column_map, next(labels))
+            line = understood.text
+            warnings += understood.warnings
+            doubts += [(log.id, doubt) for doubt in understood.doubts]
         logs.append(log)
         lines.append(line)
     check_distinct(logs)
-    rest = iter(logs)
-    parts = [tuple(next(rest) for _ in part) for part in sets]
-    about = (tuple(lines), tuple(warnings), runs, known, tuple(doubts))
+    remaining = iter(logs)
+    parts = [tuple(next(remaining) for _ in part) for part in sets]
+    about = (tuple(lines), tuple(warnings), runs, column_map, tuple(doubts))
     return LogSets(robot, *parts, *about)
 
 
@@ -249,14 +249,14 @@ def load(
 
 def _of_names(word: str, named: Sequence[Sequence[str]]) -> Robot:
     """Load a robot whose chain the names of joints, log by log, may say."""
-    known, own = vocabulary(), joint_properties()
+    effects, properties = vocabulary(), joint_properties()
     word = _INSTEAD.get().get(word, word)
-    robots = [load_robot(word, known, own, names) for names in (named or [()])]
+    robots = [load_robot(word, effects, properties, names) for names in (named or [()])]
     chains = {robot.joints for robot in robots}
     if len(chains) > 1:
-        told = " and ".join(", ".join(chain) for chain in sorted(chains)[:2])
+        two = " and ".join(", ".join(chain) for chain in sorted(chains)[:2])
         raise InputError(
-            f"The logs are of several chains of {robots[0].name}: {told}. Give logs of "
+            f"The logs are of several chains of {robots[0].name}: {two}. Give logs of "
             "one, or choose it with --chain or --tip."
         )
     return robots[0]
