@@ -1,4 +1,4 @@
-"""What goes out to the user: lines, a progress bar, and files, whole or not at all."""
+"""Output to the user: lines, progress, and files written whole or not at all."""
 
 import json
 import os
@@ -23,11 +23,11 @@ def json_text(document: Mapping) -> str:
 
 
 def check_writable(files: Mapping[str, Path], inputs: Iterable[Path]) -> None:
-    """Refuse early what could not be written at the end.
+    """Check, before the work, that the files can be written after it.
 
     Raises:
-        InputError: If a folder is not there or not writable, a name stands for a
-            folder or an input, or two options name one file.
+        InputError: If a folder does not exist or is not writable, a file is a folder or
+            an input, or two options name one file.
     """
     read = {path.resolve() for path in inputs}
     seen: dict[Path, str] = {}
@@ -37,12 +37,12 @@ def check_writable(files: Mapping[str, Path], inputs: Iterable[Path]) -> None:
             raise InputError(f"{option} {path} is a folder, expected a file name.")
         if not place.parent.is_dir():
             raise InputError(
-                f"{option} {path}: there is no folder '{path.parent}'. Make it first."
+                f"{option} {path}: there is no folder '{path.parent}'. Create it first."
             )
         if not _can_write(place):
             raise InputError(
-                f"{option} {path}: this place cannot be written to. Name another file, "
-                "or change who may write there."
+                f"{option} {path} cannot be written. Name another file, or change the "
+                "permissions."
             )
         if place in read:
             raise InputError(f"{option} {path} would overwrite an input file.")
@@ -52,48 +52,47 @@ def check_writable(files: Mapping[str, Path], inputs: Iterable[Path]) -> None:
 
 
 def check_outside(option: str, file: str | None, store: Path) -> None:
-    """Refuse to write among the records of a store, which nothing may change."""
+    """Raise InputError for a file among the records of a store."""
     from warehouse.schema import FOLDERS
 
     place, store = Path(file or store).resolve(), store.resolve()
-    # A store may be a folder with other things beside its own.
+    # The folder of a store may hold other files too.
     inside = place.relative_to(store).parts[:1] if place.is_relative_to(store) else ()
     if set(inside) & FOLDERS:
         raise InputError(
-            f"{option} {file} is among the records of the store. Name a file elsewhere."
+            f"{option} {file} is among the records of the store. Choose another folder."
         )
 
 
 def check_new_folder(option: str, place: Path) -> None:
-    """Refuse early a folder for export in which something could be overwritten."""
+    """Raise InputError for an export folder that is not new."""
     if place.exists() and not place.is_dir():
         raise InputError(f"{option} {place} is a file, expected a folder.")
     if place.is_dir() and any(place.iterdir()):
         raise InputError(
-            f"{option} {place} is not empty. Name a new folder, so that nothing is "
-            "overwritten."
+            f"{option} {place} is not empty. Name a new folder: nothing is overwritten."
         )
     if not place.resolve().parent.is_dir():
         raise InputError(
-            f"{option} {place}: there is no folder '{place.parent}'. Make it first."
+            f"{option} {place}: there is no folder '{place.parent}'. Create it first."
         )
 
 
 def read_files(words: Iterable[str], *files: str | None) -> list[Path]:
-    """Return what a command may read, with and without the window of a log."""
+    """Return the files that a command may read, with and without a log window."""
     words = [place for word in words for place in {word, split_word(word)[0]}]
     windowless = (word.rpartition("@")[0] for word in words)
     return [Path(word) for word in (*words, *windowless, *files) if word]
 
 
 def in_folder(folder: str, files: Mapping[str, bytes]) -> dict[Path, bytes]:
-    """Return files by where they go, in a folder that is made if it is not there."""
+    """Return files by path in a folder, which is created if it does not exist."""
     Path(folder).mkdir(exist_ok=True)
     return {Path(folder) / name: content for name, content in files.items()}
 
 
 def _can_write(place: Path) -> bool:
-    """Try it: permission bits say little of /sys, /proc and read-only mounts."""
+    """Try it: permission bits are not enough for /sys, /proc and read-only mounts."""
     if place.exists() and not os.access(place, os.W_OK):
         return False
     if place.exists() and not place.is_file():
@@ -127,7 +126,7 @@ def _write(path: Path, data: bytes) -> None:
             file.write(data)
             file.flush()
             os.fsync(file.fileno())
-        # mkstemp makes files private; a report is as readable as any new file.
+        # mkstemp creates private files; give a report the mode of any new file.
         mask = os.umask(0)
         os.umask(mask)
         os.chmod(name, 0o666 & ~mask)
@@ -138,22 +137,22 @@ def _write(path: Path, data: bytes) -> None:
 
 
 def say(console: Console, *lines: str) -> None:
-    """Print lines that may hold brackets, paths and numbers."""
+    """Print lines as they are, without markup."""
     for line in lines:
         console.print(plain(line), markup=False, highlight=False, soft_wrap=True)
 
 
-# Told the stage and the share done.
+# Called with the stage and the fraction done.
 Progress = Callable[[str, float], None]
 Clock = Callable[[], float]
-PAUSE = 15.0  # s between two lines where nobody looks
+PAUSE = 15.0  # s between two lines of progress in a log file
 
 
 def plain_lines(say: Callable[[str], None], clock: Clock = monotonic) -> Progress:
-    """Return what prints progress as lines, for a log file: one at most in PAUSE.
+    """Return a function that prints progress as lines, at most one per PAUSE.
 
     Args:
-        clock: Tells the time [s].
+        clock: Returns the time [s].
     """
     last = [clock()]
 
@@ -167,11 +166,11 @@ def plain_lines(say: Callable[[str], None], clock: Clock = monotonic) -> Progres
 
 @contextmanager
 def progress_bar() -> Iterator[Progress]:
-    """Show a bar from the first stage that is told until the block ends.
+    """Show a progress bar until the block ends.
 
     Yields:
-        A function that takes the stage and the fraction done. Where standard error is
-        not a terminal it prints a plain line now and then, and none in short work.
+        A function that takes the stage and the fraction done. If standard error is not
+        a terminal, it prints a plain line every PAUSE seconds.
     """
     console = Console(stderr=True)
     if not console.is_terminal:
@@ -183,7 +182,7 @@ def progress_bar() -> Iterator[Progress]:
         TextColumn("{task.description}", markup=False),
         console=console,
         transient=True,
-        # Otherwise what is meant for standard output would go to standard error.
+        # Rich would redirect standard output to standard error.
         redirect_stdout=False,
         redirect_stderr=False,
     )

@@ -1,4 +1,4 @@
-"""Where things are kept, and how Prefect is told to be quiet and stay at home."""
+"""Folders, environment variables, and the settings of Prefect."""
 
 import errno
 import os
@@ -9,13 +9,13 @@ from pathlib import Path
 from residual.errors import InputError
 from warehouse.bucket import is_address
 
-HEALTHY = "healthy"  # tag of the runs of an arm in good order, unless a project has one
-PROJECT = "modelgap.toml"  # file of a project, which names its store
+HEALTHY = "healthy"  # tag of the runs of a healthy arm, unless a project sets another
+PROJECT = "modelgap.toml"  # file of a project
 ROOT = Path(__file__).resolve().parents[1]
-# Where prefect.yaml and the examples lie: a wheel has copies of them (setup.py).
+# Folder of prefect.yaml and the examples; a wheel has copies of them (setup.py).
 SHARED = ROOT if (ROOT / "prefect.yaml").is_file() else ROOT / "flows" / "shared"
 STORE, API = "MODELGAP_STORE", "PREFECT_API_URL"
-# Where the server of a store serves its pages; its workers are told.
+# Address of the pages of the server, for its workers.
 PAGES = "MODELGAP_PAGES"
 PREFECT = "_prefect"  # folder of Prefect in the store
 ONE_THREAD = {
@@ -26,19 +26,17 @@ ONE_THREAD = {
 
 
 def store_folder(option: str | None = None) -> Path:
-    """Return the store: --store, else $MODELGAP_STORE, else that of a project, ./store.
-
-    A project is a working directory with a modelgap.toml.
+    """Return the store: --store, $MODELGAP_STORE, that of modelgap.toml, or ./store.
 
     Args:
-        option: A folder, or s3://BUCKET/PREFIX, of which the folder of this machine
-            beside it is returned (`warehouse.remote`).
+        option: A folder, or s3://BUCKET/PREFIX, for which the local folder is returned
+            (`warehouse.remote`).
     """
     word = str(option or os.environ.get(STORE) or _of_project())
     if is_address(word):
-        from warehouse.remote import folder_of
+        from warehouse.remote import local_folder
 
-        return folder_of(word)
+        return local_folder(word)
     place = Path(word).resolve()
     for folder in (place, *place.parents):
         if folder.exists():
@@ -49,17 +47,13 @@ def store_folder(option: str | None = None) -> Path:
 
 
 def page_link(address: str, otherwise: Path) -> str:
-    """Return where a browser finds a page of the store.
-
-    Args:
-        address: Below the first folder of the pages, such as "index.html".
-    """
+    """Return the address of a page of the store, such as "index.html"."""
     first = os.environ.get(PAGES)
     return f"{first}/{address}" if first else otherwise.as_uri()
 
 
 def _of_project() -> str:
-    # What else is in it is checked where it is used (`flows.project.read`).
+    # `flows.project.read` checks the rest of the file.
     try:
         named = tomllib.loads(Path(PROJECT).read_text(encoding="utf-8")).get("store")
     except (OSError, ValueError, RecursionError):
@@ -71,20 +65,20 @@ def cores() -> int:
     """Return the number of cores that this process may use."""
     if hasattr(os, "sched_getaffinity"):
         return len(os.sched_getaffinity(0))
-    return os.cpu_count() or 1  # Windows and macOS tie no process to some
+    return os.cpu_count() or 1  # Windows and macOS have no affinity
 
 
 def port_is_free(host: str, port: int) -> bool:
-    """Return whether nobody listens there."""
+    """Return whether no program listens on a port."""
     family = socket.AF_INET6 if ":" in host else socket.AF_INET
     with socket.socket(family) as probe:
-        # As the server will do it: what has just ended does not count.
+        # As the server does: a connection that has just ended does not count.
         probe.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
         try:
             probe.bind((host, port))
         except PermissionError:
             raise InputError(
-                f"--port {port} is for the administrator; take 1024 or more."
+                f"--port {port} needs administrator rights; choose 1024 or more."
             ) from None
         except OSError as error:
             if error.errno == errno.EADDRINUSE:
@@ -94,28 +88,25 @@ def port_is_free(host: str, port: int) -> bool:
 
 
 def prefect_home(store: Path) -> Path:
-    """Return Prefect's home, made if it is not there: for the owner's eyes only."""
+    """Return Prefect's home, created if needed, readable by its owner only."""
     home = store / PREFECT
     store.mkdir(mode=0o700, parents=True, exist_ok=True)
     home.mkdir(mode=0o700, exist_ok=True)
-    if home.stat().st_mode & 0o077:  # made by hand, or unpacked
+    if home.stat().st_mode & 0o077:  # created by hand, or unpacked
         home.chmod(0o700)
     return home
 
 
 def quiet_prefect(home: Path) -> dict[str, str]:
-    """Return the settings under which Prefect calls nobody and stays in its folder.
+    """Return the environment in which Prefect sends nothing and writes to `home` only.
 
-    They must be in the environment before Prefect is imported.
-
-    Args:
-        home: Where its files go; nothing of it lies about anywhere else.
+    It must be set before Prefect is imported.
     """
     return {
         # Both are needed: either alone leaves a heartbeat with a traceback.
         "DO_NOT_TRACK": "1",
         "PREFECT_SERVER_ANALYTICS_ENABLED": "false",
-        # Logs of flows and tasks go to the server; people read our own progress.
+        # Logs of flows and tasks go to the server.
         "PREFECT_LOGGING_HANDLERS_CONSOLE_LEVEL": "CRITICAL",
         "PREFECT_RESULTS_DEFAULT_SERIALIZER": "json",
         # Not those of the user, nor a file in the working directory.

@@ -100,6 +100,6 @@ def bucket_store(s3_server, tmp_path, monkeypatch):
     """The address of a store in a bucket of its own; nothing is in it."""
     for name, value in s3.variables(s3_server, tmp_path / "cache").items():
         monkeypatch.setenv(name, value)
-    remote.forget()
+    remote.forget_buckets()
     yield s3.new_bucket(s3_server)
-    remote.forget()
+    remote.forget_buckets()

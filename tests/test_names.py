@@ -42,7 +42,6 @@ PENDING = {
     "Scores.own",
     "Shares.whole",
     "Sight.whole",
-    "Source.good",
     "Table.left",
     "given",
     "known",

@@ -17,7 +17,7 @@ from warehouse.logs import read_log
 
 PACKAGE = '''
 from residual.effects.base import Effect, local
-from residual.export.exported import Exported, to_json
+from residual.export.export import ModelExport, to_json
 from warehouse.logs.tables import LogFile
 import numpy as np
 

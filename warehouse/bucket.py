@@ -33,7 +33,7 @@ def is_address(word: str) -> bool:
     return _SCHEME.match(word) is not None
 
 
-def parse(word: str) -> tuple[str, str]:
+def parse_address(word: str) -> tuple[str, str]:
     """Return the bucket and the prefix in an address such as s3://bucket/prefix."""
     scheme, _, rest = word.partition("://")
     bucket, _, prefix = rest.rstrip("/").partition("/")
@@ -178,7 +178,7 @@ class Bucket:
 
 def open_bucket(word: str) -> Bucket:
     """Return the bucket of an address; nothing is asked of it yet."""
-    bucket, prefix = parse(word)
+    bucket, prefix = parse_address(word)
     try:
         from obstore.store import S3Store
     except ImportError as error:

@@ -18,7 +18,7 @@ import pyarrow.compute as pc
 from residual.errors import InputError
 from warehouse.files import read_parquet, read_unsummed, replace_file, sweep_staging
 from warehouse.layout import list_folders
-from warehouse.remote import bring_index, put_index
+from warehouse.remote import fetch_index, put_index
 from warehouse.schema import INDEX, KINDS, Kind
 
 # So many rows may be outside of the catalogue files before who reads them adds them:
@@ -100,7 +100,7 @@ def _read_index(store: Path, kind: Kind) -> pa.Table:
     # Missing, torn, or of a version with other columns: all of it can be read again.
     path = store / INDEX / f"{kind.name}.parquet"
     with suppress(InputError):
-        bring_index(path)
+        fetch_index(path)
         table = read_unsummed(path)
         if table.schema.equals(kind.fields):
             return table

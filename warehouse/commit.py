@@ -18,7 +18,7 @@ from warehouse.files import (
     publish,
     read_cell,
     read_parquet,
-    staged,
+    staging_folder,
     sync,
     table_hash,
     to_table,
@@ -26,8 +26,8 @@ from warehouse.files import (
 )
 from warehouse.ids import record_folder
 from warehouse.layout import find_run
-from warehouse.provenance import about_origin, keep_packages, provenance
-from warehouse.remote import bucket_of, is_here
+from warehouse.provenance import keep_packages, origin_columns, provenance
+from warehouse.remote import bucket_of, is_local
 from warehouse.schema import KINDS, SAMPLES_FILE, SIGNALS, rows_table
 
 Array = np.ndarray
@@ -38,7 +38,7 @@ _LOGGED = ("t", "q", "qd", "qdd", "tau", "q_ref")
 
 
 @dataclass(frozen=True, eq=False, slots=True)
-class Sealed:
+class Seal:
     """The hidden half of a simulated run: hashed before, opened only afterwards.
 
     A diagnosis must not be able to look at what was planted. The hash in the run's
@@ -59,7 +59,7 @@ def commit_run(
     store: Path,
     recording: Recording,
     manifest: Mapping,
-    sealed: Sealed | None = None,
+    sealed: Seal | None = None,
     extra: Mapping[str, Array] | None = None,
 ) -> str:
     """Put a run into the store; one of the same id that is there already stays.
@@ -78,7 +78,7 @@ def commit_run(
     units = {name: SIGNALS[name].unit for name in arrays}
     # Written beside the hashing, on another core: together they take most of the time.
     # Of a run that is there already it is thrown away.
-    with staged(store, "run") as folder, ThreadPoolExecutor(1) as beside:
+    with staging_folder(store, "run") as folder, ThreadPoolExecutor(1) as beside:
 
         def write() -> None:
             write_parquet(folder / SAMPLES_FILE, to_table(arrays, units))
@@ -87,7 +87,7 @@ def commit_run(
 
         writing = beside.submit(write)
         full = {
-            **ids.plain(manifest),
+            **ids.to_plain(manifest),
             "provenance": asdict(provenance()),
             "data_hash": ids.data_hash(arrays),
             "sealed_sha256": sealed and sealed_hash(sealed.spec),
@@ -108,13 +108,13 @@ def commit_run(
     return id
 
 
-def commit_seal(store: Path, run_id: str, sealed: Sealed) -> None:
+def commit_seal(store: Path, run_id: str, sealed: Seal) -> None:
     """Put a hidden half into the store; one that is there already stays."""
     target = ids.seal_folder(store, run_id)
-    if is_here(target):
+    if is_local(target):
         return
     units = {name: SIGNALS[name].unit for name in sealed.truth if name in SIGNALS}
-    with staged(store, f"sealed-{run_id}") as folder:
+    with staging_folder(store, f"sealed-{run_id}") as folder:
         (folder / SPEC).write_bytes(ids.canonical(sealed.spec))
         write_parquet(folder / TRUTH, to_table(sealed.truth, units))
         publish(folder, target)
@@ -148,7 +148,7 @@ def commit_record(
     if check_name(kind, KINDS, "kind of record") == "runs":
         raise InputError("Runs are committed by commit_run, other records here.")
     tables, files = dict(tables or {}), dict(files or {})
-    record, lineage = ids.plain(record), lineage_rows(parents)
+    record, lineage = ids.to_plain(record), lineage_rows(parents)
     sums = {name: table_hash(table) for name, table in tables.items()}
     sums |= {name: hashlib.sha256(data).hexdigest() for name, data in files.items()}
     id = ids.digest(kind, record, lineage, sums)[: ids.ID_DIGITS]
@@ -182,7 +182,7 @@ def commit_row(
     texts = {k: json.dumps(v, ensure_ascii=False) for k, v in texts.items()}
     table = _one_row(kind, {**row, **lists}, texts)
     keep_packages(store)
-    with staged(store, f"{kind}-{id}") as folder:
+    with staging_folder(store, f"{kind}-{id}") as folder:
         for name, content in (beside or {}).items():
             if isinstance(content, pa.Table):
                 write_parquet(folder / name, content)
@@ -208,7 +208,7 @@ def lineage_rows(parents: Parents, role: str = "input") -> list[dict]:
     return rows
 
 
-def about_run(manifest: Mapping) -> dict:
+def run_columns(manifest: Mapping) -> dict:
     """Return the columns of ``runs`` that the manifest decides."""
     spec = manifest.get("spec") or {}
     motion = spec.get("trajectory") or {}
@@ -230,7 +230,7 @@ def about_run(manifest: Mapping) -> dict:
         "kind": manifest.get("kind", "experiment" if simulated else "log"),
         "trajectory": manifest.get("trajectory", motion),
         "seed": manifest.get("seed", spec.get("seed")),
-        **about_origin(manifest),
+        **origin_columns(manifest),
         "log": (manifest.get("log") or {}).get("file"),
     }
 
@@ -261,14 +261,14 @@ def manifest_id(full: Mapping) -> str:
 
 def _is_there(target: Path, kind: str) -> bool:
     """Whether a record is at its place; a damaged one is told, not repaired."""
-    if not is_here(target):
+    if not is_local(target):
         return False
     read_parquet(target / KINDS[kind].row, [KINDS[kind].key])
     return True
 
 
 def _run_row(id: str, recording: Recording, full: Mapping, arrays: Mapping) -> pa.Table:
-    about = about_run(full)
+    about = run_columns(full)
     row = {
         **about,
         **_own("runs", id),
@@ -324,7 +324,7 @@ def _one_row(kind: str, row: Mapping, extra: Mapping[str, str | None]) -> pa.Tab
 
 
 @dataclass(frozen=True, eq=False, slots=True)
-class Rows:
+class DiagnosisRows:
     """What is kept of a diagnosis."""
 
     # Its record as JSON can hold it; with ``robot``, and what else the view diagnoses
@@ -345,7 +345,9 @@ class Rows:
     beside: Mapping[str, pa.Table] = field(default_factory=dict)
 
 
-def store_rows(store: Path, rows: Rows, runs: Mapping[str, Sequence[str]]) -> str:
+def store_rows(
+    store: Path, rows: DiagnosisRows, runs: Mapping[str, Sequence[str]]
+) -> str:
     """Put a diagnosis and its model into the store.
 
     Args:

@@ -40,7 +40,9 @@ class Channel:
         return f"{self.name}: differs {', '.join([*parts, *filter(None, [self.note])])}"
 
 
-def compare(one: Mapping[str, Array], two: Mapping[str, Array]) -> tuple[Channel, ...]:
+def compare_channels(
+    one: Mapping[str, Array], two: Mapping[str, Array]
+) -> tuple[Channel, ...]:
     """Compare the channels of two runs.
 
     Args:
@@ -58,14 +60,14 @@ def compare(one: Mapping[str, Array], two: Mapping[str, Array]) -> tuple[Channel
     return tuple(channels)
 
 
-def differing(channels: Sequence[Channel]) -> tuple[Channel, ...]:
+def differing_channels(channels: Sequence[Channel]) -> tuple[Channel, ...]:
     """Return the channels that differ, the earliest first."""
     late = float("inf")
     bad = [c for c in channels if not c.equal]
     return tuple(sorted(bad, key=lambda c: late if c.first is None else c.first))
 
 
-def values_apart(one: object, two: object, at: str = "") -> list[Channel]:
+def compare_values(one: object, two: object, at: str = "") -> list[Channel]:
     """Compare two records as JSON holds them: one entry for each value that differs."""
     if isinstance(one, Mapping) and isinstance(two, Mapping):
         keys = dict.fromkeys([*one, *two])
@@ -85,7 +87,7 @@ def values_apart(one: object, two: object, at: str = "") -> list[Channel]:
     else:
         note = f"{_short(one)} and {_short(two)}"
         return [Channel(at, "", False, 1, 1, note=note)]
-    return [each for name, a, b in parts for each in values_apart(a, b, name)]
+    return [each for name, a, b in parts for each in compare_values(a, b, name)]
 
 
 def _short(value: object) -> str:

@@ -23,16 +23,16 @@ from residual.errors import InputError
 from warehouse.ids import data_hash, digest
 from warehouse.remote import (
     PRIVATE,
-    bring,
-    bring_file,
     bucket_of,
-    place_of,
+    bucket_place,
+    fetch_file,
+    fetch_record,
     upload,
     upload_file,
     writable,
 )
 from warehouse.schema import SEALED, STAGING
-from warehouse.sums import SUMS, damaged, sums_in, sums_text
+from warehouse.sums import SUMS, damage_error, sums_in, sums_text
 
 Array = np.ndarray
 
@@ -53,36 +53,36 @@ def write_sums(folder: Path) -> None:
 
 def read_sums(folder: Path) -> Mapping[str, Mapping]:
     """Return the sums of a folder's files by name."""
-    bring_file(folder / SUMS)
+    fetch_file(folder / SUMS)
     try:
         return sums_in(folder)
     except FileNotFoundError as error:
-        raise damaged(folder / SUMS, "it is missing") from error
+        raise damage_error(folder / SUMS, "it is missing") from error
 
 
 def check_file(path: Path) -> None:
     """Check a file against the sums beside it."""
     sums = read_sums(path.parent)
-    bring_file(path)
+    fetch_file(path)
     if path.name not in sums:
-        raise damaged(path, f"it is not in {SUMS}")
+        raise damage_error(path, f"it is not in {SUMS}")
     size, expected = sums[path.name]["bytes"], sums[path.name]["sha256"]
     try:
         with path.open("rb") as file:
             if os.fstat(file.fileno()).st_size != size:
-                raise damaged(path, f"it had {size} bytes when it was written")
+                raise damage_error(path, f"it had {size} bytes when it was written")
             if hashlib.file_digest(file, "sha256").hexdigest() != expected:
-                raise damaged(path, "its bytes are not those that were written")
+                raise damage_error(path, "its bytes are not those that were written")
     except FileNotFoundError as error:
-        raise damaged(path, "it is missing") from error
+        raise damage_error(path, "it is missing") from error
     except OSError as error:
-        raise damaged(path, error.strerror or str(error)) from error
+        raise damage_error(path, error.strerror or str(error)) from error
 
 
 def file_faults(folder: Path) -> tuple[str, ...]:
     """Return what of a record's files is not as written, a line each."""
     try:
-        bring(folder)
+        fetch_record(folder)
         sums = read_sums(folder)
     except InputError as error:
         return (str(error),)
@@ -130,7 +130,7 @@ def read_unsummed(path: Path, columns: list[str] | None = None) -> pa.Table:
         with pq.ParquetFile(path) as file:
             return file.read(columns=columns)
     except (pa.ArrowException, OSError) as error:
-        raise damaged(path, error) from error
+        raise damage_error(path, error) from error
 
 
 def read_cell(row: Path, column: str) -> str | None:
@@ -197,7 +197,7 @@ class ReadOnlyStoreError(InputError, PermissionError):
 
 
 @contextmanager
-def staged(store: Path, label: str) -> Iterator[Path]:
+def staging_folder(store: Path, label: str) -> Iterator[Path]:
     """Give a folder of one's own in ``_staging``; nothing of it stays.
 
     Args:
@@ -230,7 +230,7 @@ def staged(store: Path, label: str) -> Iterator[Path]:
 def publish(folder: Path, target: Path) -> bool:
     """Make a staged folder visible at its place, whole; False if another was faster."""
     write_sums(folder)
-    if place_of(target):
+    if bucket_place(target):
         return upload(folder, target)
     if target.parent.name == SEALED:
         _keep_private(folder, target.parent)
@@ -251,7 +251,7 @@ def publish(folder: Path, target: Path) -> bool:
 
 def replace_file(store: Path, target: Path, content: bytes | pa.Table) -> None:
     """Write a file, or a new version of it, whole or not at all."""
-    with staged(store, target.name) as folder:
+    with staging_folder(store, target.name) as folder:
         path = folder / target.name
         if isinstance(content, pa.Table):
             write_parquet(path, content)

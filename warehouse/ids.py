@@ -28,7 +28,7 @@ def canonical(value: object) -> bytes:
     """
     try:
         text = json.dumps(
-            plain(value),
+            to_plain(value),
             sort_keys=True,
             separators=(",", ":"),
             ensure_ascii=False,
@@ -41,18 +41,18 @@ def canonical(value: object) -> bytes:
     return text.encode()
 
 
-def plain(value: object) -> Any:
+def to_plain(value: object) -> Any:
     """Return a value as the plain types that JSON knows."""
     if is_dataclass(value) and not isinstance(value, type):
-        return plain(asdict(value))
+        return to_plain(asdict(value))
     if isinstance(value, Mapping):
         if not all(isinstance(key, str) for key in value):
             raise InputError(f"A record has keys {list(value)}, expected texts.")
-        return {key: plain(item) for key, item in value.items()}
+        return {key: to_plain(item) for key, item in value.items()}
     if isinstance(value, list | tuple):
-        return [plain(item) for item in value]
+        return [to_plain(item) for item in value]
     if isinstance(value, np.ndarray | np.generic):
-        return plain(value.tolist())
+        return to_plain(value.tolist())
     if value is None or isinstance(value, str | bool | int | float):
         return value
     raise InputError(

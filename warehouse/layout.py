@@ -11,10 +11,10 @@ from warehouse.files import read_cell, read_parquet
 from warehouse.ids import ID_DIGITS, check_id
 from warehouse.remote import (
     bucket_of,
-    committed,
-    is_there,
+    committed_folders,
+    has_record,
     names_in,
-    shown,
+    store_name,
 )
 from warehouse.schema import KINDS
 
@@ -22,7 +22,7 @@ RERUN_OF = "rerun of"  # what a record is to the one it was made again from
 
 
 @dataclass(frozen=True, slots=True)
-class Found:
+class StoredRecord:
     """A record that is in the store."""
 
     kind: str  # name of its kind, such as "runs"
@@ -38,29 +38,29 @@ class Found:
 def list_folders(store: Path, kind: str) -> dict[str, str]:
     """Return the folder of every record of one kind, by id, in the order of ids."""
     if bucket_of(store):
-        return committed(store, KINDS[kind].folder)
+        return committed_folders(store, KINDS[kind].folder)
     prefix = f"{KINDS[kind].key}="
     return dict(sorted(e for b in _bases(store, kind) for e in _entries(b, prefix)))
 
 
-def find(store: Path, id: str) -> Found:
+def find(store: Path, id: str) -> StoredRecord:
     """Find a record of any kind by its id or the beginning of it.
 
     Raises:
         InputError: If it is not an id, or none or several records begin with it.
     """
     check_id(id)
-    found: list[Found] = []
+    found: list[StoredRecord] = []
     for kind in KINDS:
         matches = _matches(store, kind, id)
-        found += [Found(kind, known, Path(folder)) for known, folder in matches]
+        found += [StoredRecord(kind, known, Path(folder)) for known, folder in matches]
         if found and len(id) == ID_DIGITS:
             break
     if len(found) == 1:
         return found[0]
     if not found:
         raise InputError(
-            f"Nothing in {shown(store)} has an id that begins with '{id}'. "
+            f"Nothing in {store_name(store)} has an id that begins with '{id}'. "
             "modelgap runs lists its runs."
         )
     some = ", ".join(f"{f.id} ({f.kind})" for f in found[:4])
@@ -68,7 +68,7 @@ def find(store: Path, id: str) -> Found:
     raise InputError(f"'{id}' is the beginning of {some}{more}. Give more digits.")
 
 
-def find_run(store: Path, id: str) -> Found:
+def find_run(store: Path, id: str) -> StoredRecord:
     """Find a run by its id or the beginning of it."""
     found = find(store, id)
     if found.kind != "runs":
@@ -84,12 +84,12 @@ def read_record(store: Path, id: str) -> dict:
     )
 
 
-def needed(store: Path, id: str) -> list[Found]:
+def with_parents(store: Path, id: str) -> list[StoredRecord]:
     """Return a record after all that it was made from: parents stand first."""
-    order: dict[str, Found] = {}
+    order: dict[str, StoredRecord] = {}
     path: set[str] = set()
 
-    def visit(found: Found) -> None:
+    def visit(found: StoredRecord) -> None:
         if found.id in order or found.id in path:
             return
         path.add(found.id)
@@ -99,7 +99,7 @@ def needed(store: Path, id: str) -> list[Found]:
             except InputError as error:
                 raise InputError(
                     f"{found.id} ({found.kind}) was made from {id}, which is not in "
-                    f"{shown(store)}."
+                    f"{store_name(store)}."
                 ) from error
             visit(parent)
         order[found.id] = found
@@ -108,7 +108,7 @@ def needed(store: Path, id: str) -> list[Found]:
     return list(order.values())
 
 
-def parents_of(store: Path, found: Found) -> list[str]:
+def parents_of(store: Path, found: StoredRecord) -> list[str]:
     """Return ids of what a record was made from: its lineage, and what it asked for."""
     rows = read_parquet(found.row, ["lineage"]).column("lineage")[0].as_py() or []
     ids = [row["parent"] for row in rows]
@@ -133,7 +133,7 @@ def _matches(store: Path, kind: str, id: str) -> list[tuple[str, str]]:
     # A whole id needs no listing: its path is known but for the robot.
     known, bases = KINDS[kind], _bases(store, kind)
     paths = [os.path.join(base, f"{known.key}={id}") for base in bases]
-    return [(id, path) for path in paths if is_there(Path(path))]
+    return [(id, path) for path in paths if has_record(Path(path))]
 
 
 def _bases(store: Path, kind: str) -> list[str]:

@@ -23,7 +23,7 @@ ADOPTED, FORCED, ROLLED_BACK = "adopted", "forced", "rolled back"
 _DIGITS = 6
 
 
-class MeanwhileError(InputError):
+class AdoptionConflictError(InputError):
     """Somebody else has given the robot a model meanwhile."""
 
 
@@ -52,7 +52,7 @@ def commit_adoption(store: Path, adoption: Adoption) -> str:
         adoption: Its parent is what the robot had when it was judged.
 
     Raises:
-        MeanwhileError: If the robot has got another model since.
+        AdoptionConflictError: If the robot has got another model since.
     """
     ids.check_slug(adoption.robot)
     parents = {"model": [adoption.model_id], "diagnosis": [adoption.diagnosis_id]}
@@ -89,7 +89,7 @@ def _check_parent(store: Path, adoption: Adoption) -> None:
     if (last[0] if last else None) == adoption.parent:
         return
     id, other = last
-    raise MeanwhileError(
+    raise AdoptionConflictError(
         f"{other.who} has given {adoption.robot} another model meanwhile (adoption "
         f"{int(id)}: {other.action} {other.model_id or 'the nominal model'}). Nothing "
         "was changed. Look at it with modelgap models, and try again if it still holds."

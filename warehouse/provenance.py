@@ -17,7 +17,7 @@ from pathlib import Path
 
 from residual.errors import InputError
 from warehouse.files import replace_file
-from warehouse.remote import bring_file
+from warehouse.remote import fetch_file
 
 ROOT = Path(__file__).resolve().parents[1]
 PACKAGES = ("flows", "residual", "sim", "warehouse")
@@ -122,7 +122,7 @@ def provenance() -> Provenance:
     )
 
 
-def about_origin(manifest: Mapping) -> dict:
+def origin_columns(manifest: Mapping) -> dict:
     """Return the columns of ``runs`` that say what code made it, where, for what."""
     made = manifest.get("provenance") or {}
     return {
@@ -238,7 +238,7 @@ def keep_packages(store: Path) -> None:
 def read_packages(store: Path, known: Mapping) -> dict[str, str] | None:
     """Return versions by package; None where they were not kept."""
     path = store / MADE_WITH / _list_name(known)
-    bring_file(path)
+    fetch_file(path)
     try:
         check_packages(path.name, path.read_bytes())
         lines = path.read_text(encoding="utf-8").splitlines()
@@ -253,7 +253,7 @@ def check_packages(name: str, content: bytes) -> None:
         raise InputError(f"{name} is damaged: its content has another hash.")
 
 
-def about_changes(known: Mapping) -> str:
+def describe_uncommitted(known: Mapping) -> str:
     """Say which uncommitted change a record was made with, in one line."""
     changes, commit = known.get("uncommitted"), (known.get("commit") or "")[:12]
     if changes is None:

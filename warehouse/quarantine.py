@@ -8,7 +8,7 @@ from residual.errors import InputError
 from warehouse.files import replace_file
 from warehouse.ids import ID_DIGITS, check_id
 from warehouse.layout import find_run
-from warehouse.remote import bring_file, names_in
+from warehouse.remote import fetch_file, names_in
 from warehouse.schema import QUARANTINE
 
 
@@ -22,7 +22,7 @@ def quarantine(store: Path, run_id: str, reason: str) -> Path:
         raise InputError("A quarantine needs a reason, for those who find it later.")
     id = find_run(store, run_id).id
     target = _tombstone(store, id)
-    bring_file(target)
+    fetch_file(target)
     if not target.exists():
         told = {"run_id": id, "reason": reason, "at": datetime.now(UTC).isoformat()}
         replace_file(store, target, (json.dumps(told) + "\n").encode())
@@ -40,7 +40,7 @@ def quarantined(store: Path) -> frozenset[str]:
 def tombstone(store: Path, run_id: str) -> str | None:
     """Return why a run should not be used, None where it may be."""
     path = _tombstone(store, run_id)
-    bring_file(path)
+    fetch_file(path)
     try:
         return str(json.loads(path.read_bytes()).get("reason"))
     except FileNotFoundError:

@@ -25,7 +25,7 @@ from functools import lru_cache
 from pathlib import Path, PurePosixPath
 
 from residual.errors import InputError
-from warehouse.bucket import Bucket, endpoint_url, open_bucket, parse
+from warehouse.bucket import Bucket, endpoint_url, open_bucket, parse_address
 from warehouse.schema import FOLDERS, INDEX, QUARANTINE
 from warehouse.sums import SUMS, sums_in
 
@@ -53,9 +53,9 @@ def identity_of(bucket: Bucket) -> str | None:
     raise InputError(f"{IDENTITY} in the bucket is of no store of this version.")
 
 
-def folder_of(word: str) -> Path:
+def local_folder(word: str) -> Path:
     """Return the folder here of the store at s3://...; it is there if the store is."""
-    bucket, prefix = parse(word)
+    bucket, prefix = parse_address(word)
     named = f"{endpoint_url() or ''} {bucket}/{prefix}"
     name = f"{bucket}-{hashlib.sha256(named.encode()).hexdigest()[:16]}"
     folder = Path(_root()) / name
@@ -105,13 +105,13 @@ def writable(store: Path) -> Bucket:
     return bucket
 
 
-def shown(store: Path) -> str:
+def store_name(store: Path) -> str:
     """Return what people call a store: its address, or its folder."""
     bucket = bucket_of(store)
     return bucket.url if bucket else str(store)
 
 
-def place_of(path: Path) -> tuple[Path, str] | None:
+def bucket_place(path: Path) -> tuple[Path, str] | None:
     """Return store and key of a path whose place is in a bucket, None for others."""
     root, text = _root(), str(path)
     if not text.startswith(root + os.sep):
@@ -120,28 +120,28 @@ def place_of(path: Path) -> tuple[Path, str] | None:
     return (Path(root, name), key) if key.partition("/")[0] in _THERE else None
 
 
-def is_here(folder: Path) -> bool:
+def is_local(folder: Path) -> bool:
     """Return whether there is a record, of a bucket only if its sums were fetched."""
-    return (folder / SUMS).is_file() if place_of(folder) else folder.is_dir()
+    return (folder / SUMS).is_file() if bucket_place(folder) else folder.is_dir()
 
 
-def is_there(folder: Path) -> bool:
+def has_record(folder: Path) -> bool:
     """Return whether there is a record, with as little as that takes."""
-    bring_file(folder / SUMS)
-    return is_here(folder)
+    fetch_file(folder / SUMS)
+    return is_local(folder)
 
 
-def bring(folder: Path) -> bool:
+def fetch_record(folder: Path) -> bool:
     """Fetch all files of a record, if it is in a bucket; whether there is one."""
-    if place_of(folder) and is_there(folder):
+    if bucket_place(folder) and has_record(folder):
         for name in sums_in(folder):
-            bring_file(folder / name)
-    return is_here(folder)
+            fetch_file(folder / name)
+    return is_local(folder)
 
 
-def bring_file(path: Path) -> None:
+def fetch_file(path: Path) -> None:
     """Fetch a file whose place is in a bucket, if it is not here yet."""
-    if os.path.exists(path) or (place := place_of(path)) is None:
+    if os.path.exists(path) or (place := bucket_place(path)) is None:
         return
     store, key = place
     bucket, data = bucket_of(store), None
@@ -149,7 +149,7 @@ def bring_file(path: Path) -> None:
         data = bucket.get(f"{COMMITS}/{key.rpartition('/')[0]}.json")
     elif key.partition("/")[0] in _PLAIN:
         data = bucket.get(key)
-    elif is_there(path.parent):
+    elif has_record(path.parent):
         known = sums_in(path.parent)[path.name]
         key = _object_key(key.rpartition("/")[0], path.name, known)
         data = bucket.get(key)
@@ -160,7 +160,7 @@ def bring_file(path: Path) -> None:
                 "can be made again is, by the same command."
             )
     if data is not None:
-        keep(path, data)
+        write_local(path, data)
 
 
 def names_in(store: Path, folder: str) -> list[str]:
@@ -174,7 +174,7 @@ def names_in(store: Path, folder: str) -> list[str]:
     return sorted(os.listdir(place)) if place.is_dir() else []
 
 
-def committed(store: Path, folder: str) -> dict[str, str]:
+def committed_folders(store: Path, folder: str) -> dict[str, str]:
     """Return the folder of every record in a folder of a bucket, by its id."""
     keys = bucket_of(store).keys(f"{COMMITS}/{folder}")
     found = (key[len(COMMITS) + 1 :].removesuffix(".json") for key in keys)
@@ -182,7 +182,7 @@ def committed(store: Path, folder: str) -> dict[str, str]:
     return {each.rpartition("=")[2]: str(store / each) for each in records}
 
 
-def keep(path: Path, data: bytes) -> None:
+def write_local(path: Path, data: bytes) -> None:
     """Write what was fetched, whole or not at all."""
     path.parent.mkdir(PRIVATE, parents=True, exist_ok=True)
     draft = path.with_name(f".{path.name}.{uuid.uuid4().hex[:8]}")
@@ -199,7 +199,7 @@ def upload(folder: Path, target: Path) -> bool:
     Returns:
         Whether it is this one; False if another writer was faster.
     """
-    store, key = place_of(target)
+    store, key = bucket_place(target)
     bucket, sums = writable(store), (folder / SUMS).read_bytes()
 
     def put(name: str, known: Mapping) -> None:
@@ -219,19 +219,19 @@ def upload(folder: Path, target: Path) -> bool:
 
 def upload_file(path: Path, target: Path) -> bool:
     """Put a file by itself into a bucket; False where its place is in a folder."""
-    place = place_of(target)
+    place = bucket_place(target)
     if place:
         writable(place[0]).put_if_absent(place[1], path.read_bytes())
-        bring_file(target)
+        fetch_file(target)
     return place is not None
 
 
-def bring_index(path: Path) -> None:
+def fetch_index(path: Path) -> None:
     """Fetch a file of the catalogue anew, which others may have written again."""
     if bucket := bucket_of(path.parent.parent):
         path.unlink(missing_ok=True)
         if data := bucket.get(f"{INDEX}/{path.name}"):
-            keep(path, data)
+            write_local(path, data)
 
 
 def put_index(path: Path) -> None:
@@ -275,16 +275,16 @@ def _card(store: Path) -> dict:
 
 def _note(folder: Path, bucket: Bucket, identity: str | None) -> None:
     card = json.dumps({"url": bucket.url, "identity": identity}).encode()
-    keep(folder.with_name(f"{folder.name}.json"), card)
+    write_local(folder.with_name(f"{folder.name}.json"), card)
     if identity:
         folder.mkdir(PRIVATE, parents=True, exist_ok=True)
     _open[folder.name] = bucket
 
 
-def forget() -> None:
+def forget_buckets() -> None:
     """Ask again for every bucket, as a new process does."""
     _open.clear()
     _writable.clear()
 
 
-os.register_at_fork(after_in_child=forget)
+os.register_at_fork(after_in_child=forget_buckets)

@@ -17,18 +17,18 @@ from residual.robot.robot import (
     load_robot,
 )
 from residual.robot.word import split_word
-from warehouse.commit import SPEC, TRUTH, Sealed, sealed_hash
+from warehouse.commit import SPEC, TRUTH, Seal, sealed_hash
 from warehouse.files import (
     check_file,
     publish,
     read_cell,
     read_parquet,
-    staged,
+    staging_folder,
     to_arrays,
 )
 from warehouse.ids import data_hash, seal_folder
 from warehouse.layout import find_run
-from warehouse.remote import bring, is_there, shown
+from warehouse.remote import fetch_record, has_record, store_name
 from warehouse.schema import KINDS, SAMPLES_FILE
 
 _OF_RECORDING = ("t", "q", "tau", "qd", "qdd", "q_ref")
@@ -71,10 +71,10 @@ def check_samples(folder: Path) -> dict:
 
 def has_seal(store: Path, run_id: str) -> bool:
     """Return whether the hidden half of a run is in the store."""
-    return is_there(seal_folder(store, run_id))
+    return has_record(seal_folder(store, run_id))
 
 
-def open_seal(store: Path, run_id: str) -> Sealed:
+def open_seal(store: Path, run_id: str) -> Seal:
     """Open the hidden half of a run: for reruns and for judging verdicts, only.
 
     Raises:
@@ -82,8 +82,8 @@ def open_seal(store: Path, run_id: str) -> Sealed:
     """
     run = find_run(store, run_id)
     folder = seal_folder(store, run.id)
-    if not is_there(folder):
-        raise InputError(f"Run {run.id} has no sealed half in {shown(store)}.")
+    if not has_record(folder):
+        raise InputError(f"Run {run.id} has no sealed half in {store_name(store)}.")
     check_file(folder / SPEC)
     try:
         spec = json.loads((folder / SPEC).read_bytes())
@@ -97,7 +97,7 @@ def open_seal(store: Path, run_id: str) -> Sealed:
             f"The seal of run {run.id} is broken: {folder} is not the seal that was "
             "hashed when the run was made."
         )
-    return Sealed(spec, truth)
+    return Seal(spec, truth)
 
 
 # Descriptions of robots that do not come with the program, kept with their runs.
@@ -113,11 +113,11 @@ ROBOTS, TOML = "robots", "robot.toml"
 def keep_robot(store: Path, word: str, robot: Robot) -> None:
     """Put the description of a robot into the store, unless it is built in."""
     target = robot_folder(store, robot.content_hash)
-    if is_there(target) or _is_built_in(word, robot):
+    if has_record(target) or _is_built_in(word, robot):
         return
     built_in, place = word in built_in_robots(), Path(split_word(word)[0])
     path = Path(str(built_in_folder(word))) if built_in else place
-    with staged(store, "robot") as folder:
+    with staging_folder(store, "robot") as folder:
         try:
             # Its arm alone: a file of several, a xacro or an MJCF is read once.
             urdf = folder / f"{robot.name}.urdf"
@@ -165,10 +165,10 @@ def robot_of_hash(store: Path, content_hash: str) -> str:
         if load_robot(name).content_hash == content_hash:
             return name
     folder = robot_folder(store, content_hash)
-    if bring(folder):
+    if fetch_record(folder):
         return str(folder)
     raise InputError(
-        f"No description of the robot {content_hash[:8]} was kept in {shown(store)}. "
+        f"No description of the robot {content_hash[:8]} is in {store_name(store)}. "
         "Import a log of it again with --robot, which keeps it."
     )
 
@@ -186,7 +186,7 @@ def robot_word(store: Path, word: str, content_hash: str | None) -> str:
     except ModelgapError as error:
         why = str(error)
     kept = robot_folder(store, content_hash or "")
-    if bring(kept) and _hash(str(kept)) == content_hash:
+    if fetch_record(kept) and _hash(str(kept)) == content_hash:
         return str(kept)
     raise InputError(
         f"The robot that this was made with is not here: {why} And no description of "

@@ -17,7 +17,7 @@ def sums_in(folder: Path) -> Mapping[str, Mapping]:
     except FileNotFoundError:
         raise
     except OSError as error:
-        raise damaged(folder / SUMS, error) from error
+        raise damage_error(folder / SUMS, error) from error
 
 
 def parse_sums(path: Path, text: bytes) -> Mapping[str, Mapping]:
@@ -28,7 +28,7 @@ def parse_sums(path: Path, text: bytes) -> Mapping[str, Mapping]:
             return sums
     except (ValueError, KeyError, TypeError, RecursionError):
         pass
-    raise damaged(path, "it is not the list that was written")
+    raise damage_error(path, "it is not the list that was written")
 
 
 def sums_text(sums: Mapping) -> bytes:
@@ -38,7 +38,7 @@ def sums_text(sums: Mapping) -> bytes:
     return f'{{"files":{made},"sha256":"{own}"}}\n'.encode()
 
 
-def damaged(path: Path, what: object) -> InputError:
+def damage_error(path: Path, what: object) -> InputError:
     """Return the error, in one line, that names a damaged file."""
     text = " ".join(str(what).split())
     return InputError(

@@ -15,9 +15,9 @@ from residual.robot.robot import load_robot
 from warehouse import ids
 from warehouse.commit import manifest_id
 from warehouse.files import file_faults, read_parquet, table_hash, to_arrays
-from warehouse.layout import Found, list_folders
+from warehouse.layout import StoredRecord, list_folders
 from warehouse.provenance import MADE_WITH, check_packages
-from warehouse.remote import bring, bring_file, fetched_anew, names_in
+from warehouse.remote import fetch_file, fetch_record, fetched_anew, names_in
 from warehouse.runs import ROBOTS, open_seal
 from warehouse.schema import (
     KINDS,
@@ -33,7 +33,7 @@ _OPEN_TO_OTHERS = 0o077
 _NUMBERED = ("adoptions", "decisions")  # their ids are no hashes
 
 
-def faults(found: Found) -> tuple[str, ...]:
+def faults(found: StoredRecord) -> tuple[str, ...]:
     """Return what is not as it was committed, a line each; empty for a good record.
 
     The files have their SHA-256, and the hash of the content is the id: of a run its
@@ -63,7 +63,7 @@ def faults(found: Found) -> tuple[str, ...]:
     return (fault,) if fault else ()
 
 
-def read_row(found: Found) -> dict:
+def read_row(found: StoredRecord) -> dict:
     """Return the row of a record, everything in it."""
     table = read_parquet(found.row)
     if len(table) != 1:
@@ -71,7 +71,7 @@ def read_row(found: Found) -> dict:
     return table.to_pylist()[0]
 
 
-def list_tables(found: Found) -> dict[str, pa.Table]:
+def list_tables(found: StoredRecord) -> dict[str, pa.Table]:
     """Return the rows of views that lie in a record's own row, such as its errors."""
     lists = sorted(set(KINDS[found.kind].lists) - {"lineage"})
     row = read_parquet(found.row, lists).to_pylist()[0]
@@ -82,14 +82,14 @@ def list_tables(found: Found) -> dict[str, pa.Table]:
     }
 
 
-def other_files(found: Found) -> dict[str, Path]:
+def other_files(found: StoredRecord) -> dict[str, Path]:
     """Return the files of a record beside its row, by their names."""
-    bring(found.folder)
+    fetch_record(found.folder)
     paths = sorted(p for p in found.folder.iterdir() if p.is_file())
     return {p.name: p for p in paths if p.name not in (KINDS[found.kind].row, SUMS)}
 
 
-def _run_fault(found: Found, row: Mapping) -> str | None:
+def _run_fault(found: StoredRecord, row: Mapping) -> str | None:
     manifest = json.loads(row["manifest"])
     arrays = to_arrays(read_parquet(found.folder / SAMPLES_FILE))
     if ids.data_hash(arrays) != manifest["data_hash"]:
@@ -99,7 +99,7 @@ def _run_fault(found: Found, row: Mapping) -> str | None:
     return None
 
 
-def _record_fault(found: Found, row: Mapping) -> str | None:
+def _record_fault(found: StoredRecord, row: Mapping) -> str | None:
     record, lineage = json.loads(row["record"]), row["lineage"] or []
     sums = {}
     for path in other_files(found).values():
@@ -121,7 +121,7 @@ def _record_fault(found: Found, row: Mapping) -> str | None:
 
 
 @dataclass(frozen=True, slots=True)
-class Verified:
+class Integrity:
     """One thing in a store."""
 
     kind: str  # kind of record, or the folder of the store that it is in
@@ -129,7 +129,7 @@ class Verified:
     faults: tuple[str, ...]  # what is not as it was committed, a line each
 
 
-def verify_all(store: Path) -> Iterator[Verified]:
+def verify_all(store: Path) -> Iterator[Integrity]:
     """Verify every record, seal, robot, list of packages and tombstone, one by one.
 
     Those of a bucket are fetched anew for it, and none is kept.
@@ -138,8 +138,8 @@ def verify_all(store: Path) -> Iterator[Verified]:
         whole = set()
         for kind in KINDS:
             for id, folder in list_folders(place, kind).items():
-                wrong = faults(Found(kind, id, Path(folder)))
-                yield Verified(kind, id, wrong)
+                wrong = faults(StoredRecord(kind, id, Path(folder)))
+                yield Integrity(kind, id, wrong)
                 if place != store:
                     shutil.rmtree(folder, ignore_errors=True)
                 if kind == "runs" and not wrong:
@@ -148,14 +148,14 @@ def verify_all(store: Path) -> Iterator[Verified]:
             id, folder = name.removeprefix("run_id="), place / SEALED / name
             # Of a run that is damaged or gone only the bytes of its seal are verified.
             opened = _complaint(open_seal, place, id) if id in whole else ()
-            yield Verified(SEALED, id, file_faults(folder) or opened)
+            yield Integrity(SEALED, id, file_faults(folder) or opened)
         for name in names_in(place, ROBOTS):
             folder = place / ROBOTS / name
             wrong = file_faults(folder) or _complaint(_check_robot, folder)
-            yield Verified(ROBOTS, name, wrong)
+            yield Integrity(ROBOTS, name, wrong)
         for top in (MADE_WITH, QUARANTINE):
             for name in names_in(place, top):
-                yield Verified(top, name, _complaint(_check_file, place / top / name))
+                yield Integrity(top, name, _complaint(_check_file, place / top / name))
 
 
 def open_to_others(store: Path) -> bool:
@@ -170,7 +170,7 @@ def _check_robot(folder: Path) -> None:
 
 def _check_file(path: Path) -> None:
     """Check a list of packages, or that a tombstone is about the run of its name."""
-    bring_file(path)
+    fetch_file(path)
     content = path.read_bytes()
     if path.parent.name == MADE_WITH:
         check_packages(path.name, content)

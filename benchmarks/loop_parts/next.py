@@ -148,9 +148,9 @@ def _row(seed: int) -> dict:
         "effect": truth.name,
         "joints": list(truth.joints),
         "settled": _settled(after, truth, case.search),
-        "expected_nats": best.sure.nats,
+        "expected_nats": best.prospect.nats,
         "reached": None if ours is None else ours[-1],
-        "chance": best.sure.chance,
+        "chance": best.prospect.chance,
         "sure_after": best.after,
         "in_time": None
         if ours is None or best.after is None

@@ -14,7 +14,7 @@ from flows.steps.check import check as check_sets
 from flows.steps.export import export_model, in_place
 from residual.check.result import LogCheck
 from residual.errors import InputError, shortened
-from residual.export.exported import Exported, Whole
+from residual.export.export import AnyModel, ModelExport
 from residual.model.compare import compare as core_compare
 from residual.model.compare import prepare_held_out
 from residual.model.corrected import CorrectedModel
@@ -159,8 +159,8 @@ def compare(
 
 
 def export(
-    model: Whole, to: str, folder: str | Path, log: Recording | None = None
-) -> Exported:
+    model: AnyModel, to: str, folder: str | Path, log: Recording | None = None
+) -> ModelExport:
     """Write a model in the form of another program.
 
     Args:

@@ -11,7 +11,7 @@ from flows.outputs import Progress, write_all
 from flows.specs.experiment import experiment_of
 from flows.steps.diagnose import diagnose_logs
 from flows.steps.experiment import as_csv, make, run_id_of
-from flows.steps.monitor import Watched, watch
+from flows.steps.monitor import MonitoringResult, watch
 from flows.steps.next import check_length, rank_motions
 from residual.errors import InputError
 from residual.model.model import Model
@@ -67,7 +67,7 @@ def monitor(
     healthy: Sequence[Recording],
     watched: Sequence[Recording],
     per_hour: float = 1.0,
-) -> Watched:
+) -> MonitoringResult:
     """Set the limits of a monitor by healthy logs, and check other logs against them.
 
     Args:
@@ -112,7 +112,7 @@ def next_experiment(
     if outcome.question is None:
         outcome = diagnose_logs(logs, progress=progress, alone=True)
     best = rank_motions(outcome.question, robot, seconds, seed, progress)
-    if best is None or best.best.seen.hopeless:
+    if best is None or best.best.outlook.hopeless:
         return Experiment(diagnosis, None, None)
     reference = make_reference(robot, best.best.spec, RATE)
     return Experiment(diagnosis, best.document(None), reference)

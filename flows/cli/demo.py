@@ -1,9 +1,7 @@
 """modelgap demo."""
 
 from dataclasses import replace
-from typing import Annotated
 
-from cyclopts import Parameter
 from rich.console import Console
 
 from flows.cli.app import SEEDS, check_between
@@ -11,19 +9,16 @@ from flows.outputs import progress_bar, say
 from flows.report.diagnosis import print_diagnosis, print_truth
 from flows.report.stored import demo_page, hidden_effects
 from flows.report.words.phrases import Demonstration
-from flows.requests import Flag
 from flows.settings import store_folder
 from flows.steps import demo as steps
 from flows.steps.diagnose import diagnose_runs, request_of
 from flows.storage.diagnosis import read_outcome
-from warehouse.remote import shown
+from warehouse.remote import store_name
 
-# As it was once called; a demonstration is always plain now.
-Plain = Annotated[Flag, Parameter(show=False)]
 _DEFAULT = steps.Demo()
 
 
-def demo(*, request: steps.Demo = _DEFAULT, plain: Plain = False) -> None:
+def demo(*, request: steps.Demo = _DEFAULT) -> None:
     """Find the hidden effect of a simulated arm.
 
     Runs six experiments of three motion families in a physics engine, and two held-out
@@ -35,14 +30,13 @@ def demo(*, request: steps.Demo = _DEFAULT, plain: Plain = False) -> None:
     modelgap demo --effect spring --seed 3
     ```
     """
-    del plain
     place, console = store_folder(request.store), Console()
     check_between("--seed", request.seed, 0, SEEDS)
     request = replace(request, store=place)
     # Before anything is started, so that a wrong word is answered at once.
     count = len(steps.specs(request))
     arm = f"the simulated {steps.ROBOT}, background {request.background}"
-    say(console, f"{count} experiments on {arm}, into {shown(place)}")
+    say(console, f"{count} experiments on {arm}, into {store_name(place)}")
     with progress_bar() as progress:
         runs = steps.run_experiments(request, progress)
         ids = diagnose_runs(request_of(runs, place), progress)

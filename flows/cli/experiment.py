@@ -46,7 +46,7 @@ from sim.engine.records import TrajectorySpec
 from sim.engine.render import animate
 from sim.trajectories import make_reference
 from sim.trajectories.excitation import usage
-from warehouse.remote import shown
+from warehouse.remote import store_name
 
 DryRun = Annotated[
     Flag,
@@ -77,7 +77,7 @@ def experiment(spec: str, /, *, store: Store = None, dry_run: DryRun = False) ->
     _list([planned], console, dry_run)
     if not (dry_run or planned.stored):
         steps.run(planned.spec, place)
-        say(console, f"stored in {shown(place)}: modelgap show {planned.run_id}")
+        say(console, f"stored in {store_name(place)}: modelgap show {planned.run_id}")
 
 
 def campaign(
@@ -108,7 +108,7 @@ def campaign(
     refused = _list(planned, console, True) if dry_run else {}
     failing = len(refused)
     missing = sum(not p.stored for p in planned)
-    count_text = f"{missing} to run, {len(planned) - missing} in {shown(place)}"
+    count_text = f"{missing} to run, {len(planned) - missing} in {store_name(place)}"
     say(console, f"{count_text}; {failing} will fail" if failing else count_text)
     if dry_run:
         summary = campaigns.Summary(tuple(planned), refused)
@@ -181,7 +181,7 @@ def validate(
     for run in runs:
         id, made = trial.validate(replace(request, run=run, store=place))
         found[run] = made
-        stored = f"stored in {shown(place)}: modelgap show {id}"
+        stored = f"stored in {store_name(place)}: modelgap show {id}"
         told = experiments.meaning(made)
         figures = experiments.validation(made), experiments.both_ways(made)
         show(console, *figures, told, *made.notes, stored)

@@ -19,7 +19,7 @@ from flows.settings import store_folder
 from flows.steps import diff as steps
 from flows.steps import rerun as reruns
 from residual.errors import RunError
-from warehouse.query.lineage import tree
+from warehouse.query.lineage import lineage_tree
 from warehouse.query.store import open_store
 
 Shown = Literal["table", "json"]
@@ -75,7 +75,7 @@ def lineage(
     directions = {"made from": up or not down, "gave": down or not up}
     with open_store(store_folder(store)) as opened:
         trees = {
-            words: tree(opened, id, words == "gave")
+            words: lineage_tree(opened, id, words == "gave")
             for words, shown in directions.items()
             if shown
         }

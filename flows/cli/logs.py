@@ -15,7 +15,7 @@ from flows.settings import store_folder
 from flows.steps import check as checking
 from flows.steps import imports
 from residual.errors import InputError
-from warehouse.remote import shown
+from warehouse.remote import store_name
 
 
 def check(*logs: Log, request: Check, json: Json = None) -> None:
@@ -111,6 +111,6 @@ def import_(*logs: Log, request: Import, dry_run: Flag = False) -> None:
     for log in () if dry_run else sound:
         id = imports.store_log(log, request, arm)
         word = "was in" if log.stored else "stored in"
-        say(console, f"{id}  {log.known.id}: {word} {shown(place)}")
+        say(console, f"{id}  {log.known.id}: {word} {store_name(place)}")
         if log.stored and (request.tags or request.recorded_at):
             say(console, "  its tags and time stay as they were stored")

@@ -22,7 +22,7 @@ from flows.steps import adopt as steps
 from flows.steps import export as exporting
 from flows.steps import predict as predicting
 from residual.model.compare import WHOLE
-from warehouse.remote import shown
+from warehouse.remote import store_name
 
 _DEFAULT = steps.Adopt()
 
@@ -44,7 +44,10 @@ def models(*, robot: RobotName = None, store: Store = None) -> None:
     console, listed = wide_console(Console()), steps.list_adoptions(store, robot)
     if not listed:
         subject = f"{robot} has" if robot else "Every robot has"
-        say(console, f"{subject} its nominal model in {shown(store_folder(store))}.")
+        say(
+            console,
+            f"{subject} its nominal model in {store_name(store_folder(store))}.",
+        )
         return
     show(console, adoptions(listed), ADOPTED_KEY)
 

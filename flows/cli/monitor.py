@@ -13,7 +13,7 @@ from flows.requests import File, Flag, Monitor
 from flows.settings import store_folder
 from flows.steps import monitor as monitoring
 from flows.steps.models import chosen_to_watch
-from warehouse.remote import shown
+from warehouse.remote import store_name
 
 _DEFAULT = Monitor()
 
@@ -55,4 +55,4 @@ def monitor(
         show(out.console, alarm_table(outcome, watched))
     out.write({"--plot": lambda: draw(outcome, watched)})
     out.say(meaning(outcome), *outcome.notes)
-    out.finish(f"stored in {shown(place)}: modelgap show {id}")
+    out.finish(f"stored in {store_name(place)}: modelgap show {id}")

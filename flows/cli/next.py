@@ -65,10 +65,10 @@ def next_(
             opened.question, opened.robot, request.seconds, request.seed, progress
         )
     outputs.say(*opened.lines)
-    if not opened.same:
-        headline = sentences(opened.found.verdict)[0]
+    if not opened.reproduced:
+        headline = sentences(opened.diagnosis.verdict)[0]
         outputs.say(f"Warning: these logs say another thing than {verdict}: {headline}")
-    if ranking is None or ranking.best.seen.hopeless:
+    if ranking is None or ranking.best.outlook.hopeless:
         outputs.say(*nothing_open(opened, ranking))
         return
     plan = ranking.document(Path(out).name if out else None)

@@ -2,6 +2,8 @@
 
 import time
 from collections import Counter
+from collections.abc import Sequence
+from functools import partial
 from pathlib import Path
 
 from flows.inbox.new import diagnose_new
@@ -11,7 +13,6 @@ from flows.inbox.take import (
     STORED,
     WAITING,
     Inbox,
-    Outcome,
     import_all,
     inboxes,
     list_logs,
@@ -83,73 +84,51 @@ def inbox(
             "modelgap.toml has no [[inbox]]. Add one with robot and folder, then again."
         )
     while True:
-        sums = _round(project, of, import_only)
+        counts = _import_round(project, of, import_only)
         if once:
-            # What is still written, or empty, waits too, though nobody has tried it.
-            sums[WAITING] = sum(len(list_logs(inbox.folder)) for inbox in of)
-            words = ", ".join(f"{sums[what]} {what}" for what in _WORDS)
-            print(words)
+            # Files that still change, and empty ones, wait too.
+            counts[WAITING] = sum(len(list_logs(inbox.folder)) for inbox in of)
+            kinds = (STORED, KNOWN, REFUSED, WAITING)
+            print(", ".join(f"{counts[kind]} {kind}" for kind in kinds))
             return
-        if not sums:
+        if not counts:
             time.sleep(_PAUSE)
 
 
-_WORDS = (STORED, KNOWN, REFUSED, WAITING)
+def _import_round(project: Project, of: Sequence[Inbox], import_only: bool) -> Counter:
+    """Import the logs that do not change; monitor and diagnose the new runs."""
+    counts: Counter = Counter()
 
-
-def _round(project: Project, of: tuple[Inbox, ...], import_only: bool) -> Counter:
-    sums: Counter = Counter()
-    for place, resting in unchanged_logs(of).items():
-        inbox = of[place]
-        tell = (lambda _: None) if import_only else _watcher(project, inbox)
-        for number, taken in enumerate(import_all(inbox, resting, tell), 1):
-            sums[taken.status] += 1
-            _say(f"{number}/{len(resting)} {_words(taken)}")
-    if not import_only and sums:
-        for robot in project.table.robot:
-            if not robot.simulated:
-                _diagnose(project, robot.name)
-    return sums
-
-
-def _words(taken: Outcome) -> str:
-    name = taken.name
-    if taken.status == STORED:
-        return f"{name}: stored as run {taken.run}"
-    if taken.status == KNOWN:
-        return f"{name}: is run {taken.run} already"
-    return f"{name}: {taken.status}: {taken.why}"
-
-
-def _watcher(project: Project, inbox: Inbox):
-    robot = inbox.table.robot
-
-    def tell(runs: list[str]) -> None:
+    def monitor(robot: str, runs: Sequence[str]) -> None:
         try:
             outcome = watch_new(runs, project.store, tag=project.robot(robot).healthy)
         except InputError as error:
-            _say(f"{robot}: not watched: {error}")
+            _say(f"{robot}: not monitored: {error}")
             return
         if outcome.alarmed:
-            _say(f"{robot}: {len(outcome.alarmed)} of {len(runs)} new runs alarm")
+            _say(f"{robot}: alarms in {len(outcome.alarmed)} of {len(runs)} new runs")
 
-    return tell
-
-
-def _diagnose(project: Project, robot: str) -> None:
-    try:
-        with progress_bar() as progress:
-            outcome = diagnose_new(project, robot, progress)
-    except InputError as error:
-        _say(f"{robot}: not diagnosed: {error}")
-        return
-    if outcome is None:
-        return
-    title = f"{robot}: {headline(outcome.verdict)}"
-    _say(
-        f"{title} ({len(outcome.batch.runs)} new runs against {outcome.batch.against})"
-    )
-    _say(f"stored as a diagnosis: modelgap show {outcome.ids[0]}")
+    for index, logs in unchanged_logs(of).items():
+        report = partial(monitor, of[index].table.robot)
+        report = (lambda _: None) if import_only else report
+        for number, log in enumerate(import_all(of[index], logs, report), 1):
+            counts[log.status] += 1
+            text = f"run {log.run}" if log.run else log.why
+            _say(f"{number}/{len(logs)} {log.name}: {log.status}: {text}")
+    for table in project.table.robot if counts and not import_only else ():
+        if table.simulated:
+            continue
+        try:
+            with progress_bar() as progress:
+                done = diagnose_new(project, table.name, progress)
+        except InputError as error:
+            _say(f"{table.name}: not diagnosed: {error}")
+            continue
+        if done is not None:
+            against = f"{len(done.batch.runs)} new runs against {done.batch.against}"
+            _say(f"{table.name}: {headline(done.verdict)} ({against})")
+            _say(f"stored as a diagnosis: modelgap show {done.ids[0]}")
+    return counts
 
 
 def _say(text: str) -> None:

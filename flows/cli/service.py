@@ -22,7 +22,7 @@ from flows.service.request import DATABASE, ServiceRequest, check_request
 from flows.service.state import CLIENT, KEY
 from flows.settings import API, PREFECT, prefect_home, quiet_prefect, store_folder
 from residual.errors import InputError, RunError
-from warehouse.remote import shown
+from warehouse.remote import store_name
 
 if TYPE_CHECKING:
     from flows.service.api import Status
@@ -68,7 +68,7 @@ def up(*, request: ServiceRequest = _DEFAULT, foreground: Flag = False) -> None:
         _say("warning: not encrypted; who listens in the network may run programs.")
     word = "already runs" if was_up else "is up"
     key = place / PREFECT / KEY
-    print(f"{shown(place)} {word}: {running.ui}")
+    print(f"{store_name(place)} {word}: {running.ui}")
     print(f"it asks for the key: cat {quote(str(key))}")
     for folder in folders:
         print(f"logs go into {folder}")
@@ -102,7 +102,7 @@ def status(*, json: Flag = False, store: Store = None) -> None:
     home = place / PREFECT
     if not home.is_dir():
         print('{"schema": 1, "healthy": false, "stopped": true}' if json else NOTHING)
-        raise RunError(f"{shown(place)} is stopped. Start it: modelgap up")
+        raise RunError(f"{store_name(place)} is stopped. Start it: modelgap up")
     _prepare(home)
     from flows.service.api import status as state_of
 
@@ -112,9 +112,9 @@ def status(*, json: Flag = False, store: Store = None) -> None:
     else:
         _print_status(state, place)
     if state.running is None or state.running.stopped:
-        raise RunError(f"{shown(place)} is stopped. Start it: modelgap up")
+        raise RunError(f"{store_name(place)} is stopped. Start it: modelgap up")
     if state.wrong:
-        raise RunError(f"{shown(place)}: {'; '.join(state.wrong)}.")
+        raise RunError(f"{store_name(place)}: {'; '.join(state.wrong)}.")
 
 
 def down(*, wait: Seconds = 60.0, store: Store = None) -> None:
@@ -140,7 +140,7 @@ def down(*, wait: Seconds = 60.0, store: Store = None) -> None:
         from flows.service.up import down as stop
 
         stopped = stop(home, wait, _say)
-    print(f"{shown(place)}: {'stopped' if stopped else NOTHING}")
+    print(f"{store_name(place)}: {'stopped' if stopped else NOTHING}")
 
 
 def _prepare(home: Path) -> None:
@@ -156,7 +156,7 @@ def _print_status(state: "Status", store: Path) -> None:
     console = wide_console(Console())
     running = state.running
     if running is None or running.stopped:
-        say(console, f"{shown(store)}: {NOTHING}")
+        say(console, f"{store_name(store)}: {NOTHING}")
         return
     word = "answers" if state.server else "does not answer"
     lines = [f"server   {word}: {running.ui} (history: {running.database})"]

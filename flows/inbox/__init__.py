@@ -1,1 +1,1 @@
-"""Logs that drop into a folder: stored once or refused, and then diagnosed."""
+"""Inboxes: import the logs in a folder, and diagnose the new runs."""

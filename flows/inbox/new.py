@@ -1,8 +1,7 @@
-"""Runs of a real robot that no diagnosis has taken yet: one diagnosis for all of them.
+"""One diagnosis for all new runs of a real robot.
 
-What a diagnosis took stands in the store, as a record of kind "batch" with the runs as
-parents. So nothing is taken twice or forgotten, whoever is killed when: without the
-record the same runs are diagnosed again, to the same id.
+A record of kind "batch" in the store has the diagnosed runs as parents. After a kill
+before that record, the same runs are diagnosed again, with the same id.
 """
 
 import fcntl
@@ -22,10 +21,10 @@ from flows.storage.diagnosis import read_verdict
 from residual.robot.robot import Robot
 from residual.verdict.result import Verdict
 from warehouse.commit import commit_record
-from warehouse.query.store import ask
+from warehouse.query.store import query_store
 
 KIND = ROLE = "batch"
-_PROOF = 3  # of so many logs one is held out for the proof
+_PROOF = 3  # from this number of logs on, one is held out
 _QUERY = """
     SELECT run_id, list_contains(coalesce(tags, []), $healthy) AS healthy,
            run_id IN (SELECT parent FROM lineage WHERE role = $role) AS taken,
@@ -45,16 +44,15 @@ _WHOSE = """
 class Batch:
     """Runs that are diagnosed together."""
 
-    # All runs that no diagnosis has taken, in the order of their time.
-    runs: tuple[str, ...]
-    # All of them, or as many as are taken, spread over them; one is held out where
-    # there are enough. Against the model that the robot has, else its healthy runs.
+    runs: tuple[str, ...]  # all new runs, in the order of their time
+    # On all of them, or on a limited number spread over them; compared with the adopted
+    # model, else with the healthy runs.
     request: Diagnose
-    unwatched: tuple[str, ...] = ()  # those of them that no monitoring has seen
+    unwatched: tuple[str, ...] = ()  # new runs without monitoring
 
     @property
     def against(self) -> str:
-        """What they are diagnosed against, in words."""
+        """Text: the model or the runs that they are compared with."""
         if self.request.model:
             return f"the adopted model, of diagnosis {self.request.model[:8]}"
         if self.request.baseline:
@@ -64,7 +62,7 @@ class Batch:
 
 @dataclass(frozen=True, slots=True)
 class BatchDiagnosis:
-    """What a batch of runs was diagnosed with."""
+    """The diagnosis of a batch."""
 
     batch: Batch
     ids: tuple[str, str]
@@ -72,11 +70,11 @@ class BatchDiagnosis:
 
 
 def new_runs(store: Path, arm: Robot, table: RobotTable) -> Batch | None:
-    """Return what there is to diagnose of a robot, None for nothing."""
+    """Return the new runs of a robot, None if there are none."""
     if not store.is_dir():
         return None
     about = {"robot": arm.name, "serial": arm.serial, "healthy": table.healthy}
-    rows = ask(store, _QUERY, **about, role=ROLE)
+    rows = query_store(store, _QUERY, **about, role=ROLE)
     healthy = [row["run_id"] for row in rows if row["healthy"]]
     new = [row for row in rows if not row["taken"] and not row["healthy"]]
     runs = [row["run_id"] for row in new]
@@ -95,7 +93,7 @@ def new_runs(store: Path, arm: Robot, table: RobotTable) -> Batch | None:
 
 
 def spread(runs: Sequence[str], most: int) -> list[str]:
-    """Return so many runs at most, spread over all, the first and the last too."""
+    """Return at most a number of runs, evenly spread, with the first and the last."""
     if len(runs) <= most:
         return list(runs)
     places = np.linspace(0, len(runs) - 1, most).round().astype(int)
@@ -105,7 +103,7 @@ def spread(runs: Sequence[str], most: int) -> list[str]:
 def diagnose_new(
     project: Project, name: str, progress: Callable[[str, float], None] | None = None
 ) -> BatchDiagnosis | None:
-    """Diagnose what has come in of a robot since the last time; None where nothing has.
+    """Diagnose the new runs of a robot; None if there are none.
 
     Raises:
         InputError: If the runs are not usable together, or their robot is not.
@@ -125,10 +123,10 @@ def diagnose_new(
 
 @contextmanager
 def _locked(store: Path, name: str) -> Iterator[None]:
-    """Wait until nobody else diagnoses what is new of a robot.
+    """Wait for other diagnoses of the robot.
 
-    A schedule, logs that were stored and an alarm of theirs may ask at once: the first
-    takes all that is new, the others then find nothing.
+    Schedule, import and alarm may start one at the same time: the first takes all new
+    runs, the others find none.
     """
     with (prefect_home(store) / f"diagnose-{name}.lock").open("a") as lock:
         fcntl.flock(lock, fcntl.LOCK_EX)
@@ -137,7 +135,7 @@ def _locked(store: Path, name: str) -> Iterator[None]:
 
 def robot_of_runs(project: Project, runs: Sequence[str]) -> RobotTable | None:
     """Return the real robot that measured runs are of; None where they are of none."""
-    rows = ask(project.store, _WHOSE, runs=list(runs))
+    rows = query_store(project.store, _WHOSE, runs=list(runs))
     for table in project.table.robot:
         if table.simulated or len(rows) != 1:
             continue

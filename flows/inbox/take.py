@@ -1,8 +1,7 @@
-"""Logs out of an inbox: into the store, or refused; then out of the way.
+"""Import the logs of an inbox, or refuse them, and move their files away.
 
-The order makes a kill harmless: the run is committed, then what follows is told, then
-the file is moved. Until it is moved it is taken again, and then found in the store: its
-id is that of its samples and its robot.
+A kill is harmless: the run is committed, then reported, then the file is moved. A file
+that was not moved is imported again, to the same run id.
 """
 
 import fcntl
@@ -28,19 +27,18 @@ from warehouse.commit import commit_record
 STORED, KNOWN, REFUSED, WAITING = "stored", "known", "refused", "waiting"
 DONE, REJECTED = "done", "rejected"
 _LOCK = ".modelgap.lock"
-# Names that programs give to what they have not yet written to its end.
+# Endings of files that are not complete.
 _UNFINISHED = (".part", ".partial", ".tmp", ".temp", ".crdownload", ".filepart", "~")
-_BAG = "metadata.yaml"  # what a ROS 2 bag, a folder, has in it
+_BAG = "metadata.yaml"  # file in the folder of a ROS 2 bag
 
-# Size, time of the last change [ns] and number of a file; of a folder, all of those.
+# Size, time of change [ns] and inode of a file, or of all files in a folder.
 State = tuple[tuple[int, int, int], ...]
 
 
 def list_logs(folder: Path) -> dict[str, State]:
-    """Return what lies in an inbox, by name: files, and folders that are ROS 2 bags.
+    """Return the logs of an inbox by name: files, and folders that are ROS 2 bags.
 
-    Hidden files and names of what is not finished (.part, .tmp and the like) are left
-    alone until their writer renames them.
+    Skips hidden files and files that are not complete (.part, .tmp and others).
     """
     states = {}
     with os.scandir(folder) as entries:
@@ -57,7 +55,7 @@ def list_logs(folder: Path) -> dict[str, State]:
 
 
 def state_of(path: Path) -> State:
-    """Return what changes when a log does; () for what is none, or has gone."""
+    """Return the state of a log; () if it is none, or was removed."""
     try:
         if path.is_file():
             return (_file_state(path),)
@@ -76,9 +74,9 @@ def _file_state(path: Path) -> tuple[int, int, int]:
 def unchanged(
     before: Mapping[str, State], now: Mapping[str, State]
 ) -> dict[str, State]:
-    """Return what has not changed between two looks, and holds something.
+    """Return the logs with the same state in both listings, without empty files.
 
-    Clocks are not asked: that of a file server may be another.
+    Compares no clocks: a file server has its own.
     """
     return {
         name: state
@@ -89,7 +87,7 @@ def unchanged(
 
 @contextmanager
 def locked(folder: Path) -> Iterator[bool]:
-    """Hold an inbox, so that no two take from it; whoever dies holds nothing."""
+    """Lock an inbox; yields whether this process has the lock."""
     with (folder / _LOCK).open("a") as lock:
         try:
             fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
@@ -101,7 +99,7 @@ def locked(folder: Path) -> Iterator[bool]:
 
 @dataclass(frozen=True, slots=True)
 class Job:
-    """A log that rests in an inbox."""
+    """A log to import."""
 
     path: Path
     state: State
@@ -110,27 +108,24 @@ class Job:
 
 @dataclass(frozen=True, slots=True)
 class Outcome:
-    """What became of a log."""
+    """The result for one log."""
 
     path: Path  # the file, or the folder of a bag
-    # "stored", "known" (the same samples of the same robot were in the store),
-    # "refused" or "waiting".
+    # "stored", "known" (these samples were in the store), "refused" or "waiting".
     status: str
-    run: str | None = None  # id of its run, None where it has none
-    why: str = ""  # why it was refused or has to wait
+    run: str | None = None  # id of its run
+    why: str = ""  # reason for "refused" and "waiting"
 
     @property
     def name(self) -> str:
-        """What its file is called, as it is printed and kept."""
+        """Name of the file, safe to print."""
         return shortened(plain(self.path.name))
 
 
 def take(job: Job) -> Outcome:
-    """Check a log and put it into the store; the file stays where it is.
+    """Check and store a log; the file is not moved.
 
-    Returns:
-        What became of it. What may be well in a minute, such as a full disk or a file
-        that somebody writes to again, has to wait and is lost by nobody.
+    A full disk and a file that changes are temporary: the log waits.
     """
     try:
         robot, read = imports.read_logs(job.request)
@@ -146,21 +141,21 @@ def take(job: Job) -> Outcome:
         )
     except (OSError, MemoryError) as error:
         return Outcome(job.path, WAITING, why=plain(" ".join(str(error).split())))
-    except Exception as error:  # what a damaged file makes a parser raise
+    except Exception as error:  # of a parser, for a damaged file
         reason = " ".join(f"{type(error).__name__}: {error}".split())
         return Outcome(job.path, REFUSED, why=plain(f"unexpected failure: {reason}"))
     return Outcome(job.path, KNOWN if log.stored else STORED, run)
 
 
 def _final_paths(why: str, job: Job) -> str:
-    """Return a reason with the place at which the log then is."""
+    """Return a reason with the final path of the log."""
     then = job.path.parent / REJECTED / job.path.name
     return why.replace(str(job.path), str(then))
 
 
 def inbox_reason(why: str) -> str:
-    """Return why a log was refused, with what mends it where there are no options."""
-    why = plain(why.replace(" Or go on with --trust-log (trust_log=True).", ""))
+    """Return a reason without options of the command line."""
+    why = plain(why.replace(" To continue anyway: --trust-log (trust_log=True).", ""))
     if "--map" not in why:
         return why
     why = re.sub(r"(with )?--map( COLUMNS\.toml)?", r"\1COLUMNS.toml", why)
@@ -171,13 +166,10 @@ def inbox_reason(why: str) -> str:
 
 
 def archive(taken: Outcome) -> Path | None:
-    """Move a log out of the way: into done/, or into rejected/ with the reason beside.
+    """Move a log to done/, or to rejected/ with a text file with the reason.
 
     Returns:
-        Where it is now; None where it waits.
-
-    Raises:
-        OSError: If it cannot be moved.
+        The new path; None for a log that waits.
     """
     if taken.status == WAITING:
         return None
@@ -191,16 +183,14 @@ def archive(taken: Outcome) -> Path | None:
         number += 1
         target = folder / f"{taken.path.stem}-{number}{taken.path.suffix}"
     if taken.status == REFUSED:
-        # The reason first: a file that was refused has one, at any kill.
+        # The reason first: after a kill, every refused file has one.
         write_all({target.with_name(f"{target.name}.txt"): f"{taken.why}\n"})
     os.replace(taken.path, target)
     return target
 
 
-# A whole inbox: what rests in it is taken, a few logs at a time.
-
-_CHUNK = 32  # logs between two moves: so many are read again after a kill
-_FEW = 4  # as many are read sooner than processes are started
+_CHUNK = 32  # logs between two moves; as many are read again after a kill
+_FEW = 4  # for up to this number, starting processes takes longer
 
 # Called with the ids of runs after they are stored, before their files are moved.
 Report = Callable[[Sequence[str]], None]
@@ -215,13 +205,13 @@ class Inbox:
 
     @property
     def folder(self) -> Path:
-        """The folder, made if it is not there."""
+        """The folder, created if it does not exist."""
         place = self.project.path(self.table.folder)
         place.mkdir(parents=True, exist_ok=True)
         return place
 
     def request(self, path: Path) -> Import:
-        """Return how a log of it is imported."""
+        """Return the import request for a log."""
         robot = self.project.robot(self.table.robot)
         tags = {tag.partition("=")[0]: tag for tag in (*robot.tags, *self.table.tags)}
         return Import(
@@ -236,14 +226,11 @@ class Inbox:
         )
 
     def remember(self, taken: Outcome) -> str:
-        """Keep in the store that a log was refused, and why; returns the record's id.
-
-        The same file, taken again after a kill, leaves one record.
-        """
+        """Store that a log was refused, and why; one file has one record."""
         table = self.project.robot(self.table.robot)
         try:
             name = self.project.arm(table).name
-        except InputError:  # of which all logs are refused
+        except InputError:  # then all logs of the robot are refused
             name = table.name
         why = taken.why
         why = why if why.startswith(taken.name) else f"{taken.name}: {why}"
@@ -266,9 +253,9 @@ def inboxes(project: Project) -> tuple[Inbox, ...]:
 
 
 def unchanged_logs(of: Sequence[Inbox]) -> dict[int, Mapping[str, State]]:
-    """Return what rests in inboxes, by their place: two looks, the longest quiet apart.
+    """Return the logs that do not change for `quiet` seconds, by index of the inbox.
 
-    Where nothing lies nobody waits.
+    Returns at once if there are none.
     """
     before = [list_logs(inbox.folder) for inbox in of]
     waits = [i.table.quiet for i, logs in zip(of, before, strict=True) if logs]
@@ -284,11 +271,7 @@ def unchanged_logs(of: Sequence[Inbox]) -> dict[int, Mapping[str, State]]:
 def import_all(
     inbox: Inbox, resting: Mapping[str, State], report: Report
 ) -> Iterator[Outcome]:
-    """Take what rests in an inbox, a few logs at a time.
-
-    Yields:
-        What became of each log, once its file is where it belongs.
-    """
+    """Import logs of an inbox and move their files; yields the result for each."""
     folder = inbox.folder
     jobs = [
         Job(folder / name, state, inbox.request(folder / name))
@@ -298,7 +281,7 @@ def import_all(
         return
     with locked(folder) as ours:
         if not ours:
-            why = "another modelgap takes from this inbox"
+            why = "another modelgap uses this inbox"
             yield from (Outcome(job.path, WAITING, why=why) for job in jobs)
             return
         for chunk in _import_chunks(jobs):
@@ -310,7 +293,7 @@ def import_all(
 
 
 def _import_chunks(jobs: Sequence[Job]) -> Iterator[list[Outcome]]:
-    """Take logs in other processes: one that takes its process down is refused."""
+    """Import logs in processes; a log whose process dies is refused."""
     if len(jobs) <= _FEW:
         yield [_outcome_of(jobs, done) for done in spread(InlineExecutor(), take, jobs)]
         return
@@ -321,7 +304,7 @@ def _import_chunks(jobs: Sequence[Job]) -> Iterator[list[Outcome]]:
 
 
 def _archive_or_wait(inbox: Inbox, taken: Outcome) -> Outcome:
-    """Move a log out of the way; one that cannot be moved waits, and stops no other."""
+    """Move a log; one that cannot be moved waits."""
     try:
         if taken.status == REFUSED:
             inbox.remember(taken)

@@ -226,8 +226,8 @@ def drafted(draft: Draft, log: str, robot: Robot) -> str:
         line(name, f"# {name} = {_MISSING['time' if name == 'time' else 'signal']}")
     for name, signal in draft.optional.items():
         line(name, f"# {signal_line(name, signal)}  # not needed")
-    rest = printable(shorten(draft.rest))[:_LONGEST]
-    lines += [f"# not read: {rest}"] if draft.rest else []
+    rest = printable(shorten(draft.unused))[:_LONGEST]
+    lines += [f"# not read: {rest}"] if draft.unused else []
     return "\n".join([*lines, ""])
 
 

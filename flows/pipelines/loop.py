@@ -1,4 +1,4 @@
-"""What closes the loop: models in force and proposed.
+"""The flow propose, and the tasks that adopt or propose a model.
 
 To be imported under `flows.settings.quiet_prefect`.
 """
@@ -25,7 +25,7 @@ from residual.errors import InputError
 
 @task(name="model-in-force", task_run_name="model-in-force", tags=["analysis"])
 def model_in_force(runs: dict, store: str) -> str | None:
-    """Say which model the robot of a night has; returns the id of its diagnosis."""
+    """Return the id of the diagnosis of the adopted model, and log it."""
     choice = in_force(runs["fit"], Path(store))
     get_run_logger().info(choice.line or "model: the nominal one")
     return choice.diagnosis
@@ -33,11 +33,10 @@ def model_in_force(runs: dict, store: str) -> str | None:
 
 @task(name="adopt-or-propose", task_run_name="adopt-or-propose", tags=["analysis"])
 def adopt_or_propose(diagnosis: str, store: str, auto: bool) -> str | None:
-    """Adopt what a night found, or propose it; returns the adoption or the page."""
+    """Adopt or propose the model of a diagnosis; return the adoption or the page."""
     place, log = Path(store), get_run_logger()
     judgment = judge(place, diagnosis)
     if judgment.doubts:
-        # What was found and may not be adopted is to be seen in the morning.
         say = log.warning if read_verdict(place, diagnosis).effects else log.info
         say(f"nothing to propose: {'; '.join(judgment.doubts)}")
         return None
@@ -59,7 +58,7 @@ def adopt_or_propose(diagnosis: str, store: str, auto: bool) -> str | None:
 
 
 def question(diagnosis: str, store: str) -> str:
-    """Return a proposal as text, two models side by side; what the gate says now."""
+    """Return a proposal as Markdown, with the current judgment of the gate."""
     place = Path(store)
     judgment = judge(place, diagnosis)
     return proposal_markdown(
@@ -69,7 +68,7 @@ def question(diagnosis: str, store: str) -> str:
 
 @task(name="adopt", task_run_name="adopt {diagnosis}", tags=["analysis"])
 def adopt(diagnosis: str, store: str, note: str) -> str | None:
-    """Adopt a model that was proposed; a refusal is told, and no failure."""
+    """Adopt a proposed model; a refusal is logged and is no failure."""
     try:
         return _adopt(diagnosis, Path(store), note)
     except InputError as error:
@@ -88,7 +87,7 @@ def _adopt(diagnosis: str, store: Path, note: str) -> str:
 
 
 class Answer(RunInput):
-    """Whether a model that was proposed shall be that of its robot, and why."""
+    """The answer to a proposal: whether to adopt the model, and a note."""
 
     adopt: bool = False
     note: str = ""
@@ -96,10 +95,10 @@ class Answer(RunInput):
 
 @flow(name="propose", flow_run_name="propose {diagnosis}")
 def propose(diagnosis: str, store: str | None = None) -> str | None:
-    """Ask whether the model of a diagnosis shall be that of its robot.
+    """Ask whether to adopt the model of a diagnosis.
 
-    The run is suspended, without a process, until it is resumed with an answer; then
-    it begins again and finds the answer there.
+    The run is suspended, without a process, until it is resumed with an answer; then it
+    starts again with the answer.
 
     Args:
         diagnosis: Its id.

@@ -1,7 +1,7 @@
-"""Flows of a project: its inboxes and the nights of its real robots.
+"""The flows inbox and diagnose-new of a project.
 
-To be imported under `flows.settings.quiet_prefect`; `flows.project.deployments` says
-when each is started.
+To be imported under `flows.settings.quiet_prefect`; `flows.project.deployments` has
+their schedules.
 """
 
 from collections import Counter
@@ -39,7 +39,7 @@ _KINDS = (STORED, KNOWN, REFUSED, WAITING)
 
 @task(name="inbox", task_run_name="inbox", tags=["logs"])
 def take(folder: str) -> dict:
-    """Take what rests in the inboxes of a project; tell what follows from it."""
+    """Import the logs in the inboxes of a project, and send the events."""
     project, log = read_project(folder), get_run_logger()
     of, sums, rows, fed = inboxes(project), Counter(), [], set()
     for place, resting in unchanged_logs(of).items():
@@ -66,7 +66,7 @@ def take(folder: str) -> dict:
 
 @task(name="diagnose", task_run_name="diagnose", tags=["analysis"])
 def diagnose(folder: str, robot: str) -> list[str]:
-    """Watch and diagnose what is new of a robot; returns the ids, none for nothing."""
+    """Monitor and diagnose the new runs of a robot; return the ids of the records."""
     project = read_project(folder)
     table = project.robot(robot)
     try:
@@ -83,7 +83,7 @@ def diagnose(folder: str, robot: str) -> list[str]:
         raise
     if outcome is None:
         artifacts.rename(f"{robot}: no new runs")
-        get_run_logger().info("nothing has come in since the last time")
+        get_run_logger().info("no new runs")
         return []
     count, against = len(outcome.batch.runs), outcome.batch.against
     get_run_logger().info(f"{count} new runs against {against}")
@@ -91,13 +91,13 @@ def diagnose(folder: str, robot: str) -> list[str]:
 
 
 def tag_of(folder: str, runs: list[str]) -> str:
-    """Return the tag of the healthy runs of the robot that runs are of."""
+    """Return the tag of healthy runs, of the robot of some runs."""
     table = robot_of_runs(read_project(folder), runs)
     return table.healthy if table else HEALTHY
 
 
 def report_finding(diagnosis: str, store: str, page: str) -> None:
-    """Tell, once, what a diagnosis found, if it found something."""
+    """Send the notice of a diagnosis that names effects."""
     verdict = read_verdict(Path(store), diagnosis)
     if verdict.effects:
         title = f"{verdict.robot}: {headline(verdict)}"
@@ -109,16 +109,9 @@ def report_finding(diagnosis: str, store: str, page: str) -> None:
 
 @flow(name="inbox", flow_run_name="inbox", timeout_seconds=_LIMIT)
 def inbox(project: str) -> dict:
-    """Check and store what dropped into the inboxes of a project.
+    """Check and import the logs in the inboxes of a project; return their counts.
 
-    What is stored is watched by the flow `monitor` and, where the project says so,
-    diagnosed at once by `diagnose-new`: once for all of it.
-
-    Args:
-        project: Folder of the project.
-
-    Returns:
-        How many logs were stored, known, refused, or have to wait.
+    Events start the flows `monitor` and, if the project sets `batch`, `diagnose-new`.
     """
     return take(project)
 
@@ -131,19 +124,16 @@ def diagnose_new(
     good: list[str] | None = None,
     store: str | None = None,
 ) -> str | None:
-    """Diagnose what has come in of a real robot, or runs with an alarm, and report.
+    """Diagnose the new runs of a real robot, or runs with an alarm; return the report.
 
-    Runs with an alarm of a robot of a project are diagnosed with all that is new of
-    it; others once, and against the healthy runs of the arm, where there are such.
+    Runs with an alarm are diagnosed with all new runs of their robot in the project;
+    without a project once, against the healthy runs.
 
     Args:
-        project: Folder of the project, None for none.
+        project: Folder of the project.
         robot: Name of the robot in it.
         runs: Ids of runs with an alarm, instead of a robot.
         good: Ids of healthy runs of the arm.
-
-    Returns:
-        The page; None where nothing is new.
     """
     if project and runs and (table := robot_of_runs(read_project(project), runs)):
         robot = table.name

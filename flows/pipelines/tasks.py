@@ -39,14 +39,10 @@ task = partial(prefect_task, cache_policy=NO_CACHE, timeout_seconds=6 * HOUR)
 
 
 def task_runner() -> TaskRunner:
-    """Return what runs the tasks of a flow: threads here, or Dask ($MODELGAP_RUNNER).
-
-    Whatever is long does its work in a process of its own, or on the cluster.
-    """
+    """Return the task runner of flows: threads here, or Dask ($MODELGAP_RUNNER)."""
     address = chosen_runner()
     if address is None:
         return ThreadPoolTaskRunner(max_workers=max(4, cores()))
-    # Late, as it is an extra.
     from prefect_dask import DaskTaskRunner
 
     if address != DASK:
@@ -56,7 +52,7 @@ def task_runner() -> TaskRunner:
 
 
 def outside(_task: object, _run: object, state) -> bool:
-    """Whether a task failed by what may be well in a minute."""
+    """Whether a task failed for a temporary reason."""
     return campaigns.outside(state.result(raise_on_failure=False))
 
 
@@ -70,11 +66,10 @@ again = partial(
 def experiment(
     label: str, batch: list[Planned], store: str, executor: Executor | None = None
 ) -> list[str]:
-    """Run an experiment of a campaign, or some of a large one; returns ids of runs.
+    """Run experiments of a campaign; return the ids of their runs.
 
     Args:
-        label: What it is called.
-        executor: Processes of this machine; None on a cluster, whose worker does it.
+        executor: Processes of this machine; None on a cluster.
     """
     work = partial(campaigns.run_one, store=store)
     futures = [
@@ -142,26 +137,23 @@ def validated_parts(
 
 @task(name="diagnose", task_run_name="diagnose", tags=["analysis"])
 def diagnose(runs: dict, store: str, model: str | None = None) -> list[str]:
-    """Identify, diagnose, augment, prove; the verdict goes into the store."""
+    """Diagnose runs and store the verdict."""
     request = diagnosis.request_of(runs, Path(store), model)
     return list(diagnosis.diagnose_runs(request))
 
 
 def diagnosed_already(runs: list[str], store: str) -> str | None:
-    """Return the diagnosis that speaks of runs, and say so; None where none does."""
+    """Return the diagnosis of some runs, None if there is none."""
     diagnosis = monitoring.diagnosis_of(runs, Path(store))
     if diagnosis:
         name = artifacts.name_of(diagnosis, Path(store))
         artifacts.rename(f"explained already: {name}")
-        get_run_logger().info(f"diagnosis {diagnosis} speaks of these runs")
+        get_run_logger().info(f"diagnosis {diagnosis} has these runs")
     return diagnosis
 
 
 def healthy(runs: list[str], good: list[str], store: str) -> list[str]:
-    """Return the healthy runs of the arm of some runs; where it has none, those given.
-
-    A run is of no use against itself.
-    """
+    """Return the tagged healthy runs of an arm, else the given ones without `runs`."""
     tagged = monitoring.healthy_runs(runs, Path(store))
     return list(tagged) or [run for run in good if run not in runs]
 
@@ -170,33 +162,36 @@ def healthy(runs: list[str], good: list[str], store: str) -> list[str]:
 def watch(
     ids: list[str], model: str | None, good: list[str], store: str, tag: str = HEALTHY
 ) -> list[str]:
-    """Watch the sensors of runs; an alarm is told as an event."""
+    """Monitor the sensors of runs; an alarm sends an event."""
     new = monitoring.watch_new(ids, Path(store), model, good, tag)
-    if new.record is None or new.found is None:
+    if new.record is None or new.result is None:
         get_run_logger().info(new.why)
-        artifacts.publish("monitor", (), [f"{new.why} Nothing was watched."])
-        artifacts.rename(f"monitor: nothing watched. {new.why}")
+        artifacts.publish("monitor", (), [f"{new.why} Nothing was monitored."])
+        artifacts.rename(f"monitor: nothing monitored. {new.why}")
         return []
-    parts = [meaning(new.found), *new.found.notes, alarm_table(new.found, new.watched)]
+    parts = [
+        meaning(new.result),
+        *new.result.notes,
+        alarm_table(new.result, new.watched),
+    ]
     artifacts.publish("monitor", [new.record], parts)
     alarmed, count = new.alarmed, len(new.watched)
     summary = f"alarms in {len(alarmed)} of" if alarmed else "no alarm in"
-    robot = new.found.monitor.model.robot.name
+    robot = new.result.monitor.model.robot.name
     artifacts.rename(f"{robot}: {summary} {count} new runs")
     if alarmed:
-        # With the runs that they were judged by.
-        good = {"good_ids": list(new.found.calibration)}
+        good = {"good_ids": list(new.result.calibration)}
         artifacts.send_event(
             ALARM, {"record": new.record, "run_ids": list(alarmed)} | good
         )
         title = f"{robot}: {summary} {count} new runs"
-        artifacts.send_notice("alarm", robot, title, meaning(new.found), list(alarmed))
+        artifacts.send_notice("alarm", robot, title, meaning(new.result), list(alarmed))
     return [new.record]
 
 
 @task(name="report", task_run_name="report {ids[0]}", tags=["report"])
 def report(ids: list[str], store: str) -> str:
-    """Write the page; it and the verdict in words appear among the artifacts."""
+    """Write the report; it and the sentences of the verdict become artifacts."""
     page = stored.diagnosis_page(ids, Path(store), "nightly")
     name = artifacts.name_of(ids[0], Path(store))
     artifacts.publish_verdict(name, page, stored.words(ids[1], Path(store)))

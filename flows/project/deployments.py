@@ -1,4 +1,4 @@
-"""What a server starts when: deployments of prefect.yaml, and of a project."""
+"""The deployments of prefect.yaml and of a project."""
 
 from collections.abc import Iterator, Mapping
 from typing import Any
@@ -12,13 +12,13 @@ COMMITTED = "modelgap.run.committed"
 ALARM, PROPOSED = "modelgap.monitor.alarm", "modelgap.model.proposed"
 STORED, STORE = "modelgap.inbox.stored", "modelgap.store"
 NOTICE = "modelgap.notice"  # for people: .alarm, .finding, .refused, .failed
-_EXAMPLE_NIGHT = "nightly"  # the night of the built-in arm: a project has its own
-_WITH_PROJECT = ("monitor", "alarm")  # are told whose runs they are
+_EXAMPLE_NIGHT = "nightly"  # of the built-in arm; a project has its own
+_WITH_PROJECT = ("monitor", "alarm")  # get the folder of the project
 _ENTRY = "flows.pipelines.project."
 
 
 def deployments(project: Project | None) -> dict[str, Any]:
-    """Return the content of a prefect.yaml: that of the program, or of a project."""
+    """Return the content of a prefect.yaml, of the program or for a project."""
     text = (SHARED / "prefect.yaml").read_text(encoding="utf-8")
     content = yaml.safe_load(text)
     content.pop("definitions", None)
@@ -26,7 +26,6 @@ def deployments(project: Project | None) -> dict[str, Any]:
         return content
     base = [d for d in content["deployments"] if d["name"] != _EXAMPLE_NIGHT]
     for each in base:
-        # An alarm of its robots is diagnosed with all that is new of them.
         if each["name"] in _WITH_PROJECT:
             folder = {"project": str(project.folder)}
             each["parameters"] = each.get("parameters", {}) | folder
@@ -34,7 +33,7 @@ def deployments(project: Project | None) -> dict[str, Any]:
 
 
 def every_of(project: Project | None) -> tuple[str, ...]:
-    """Return the deployments of the nights, as "flow/name"."""
+    """Return the nightly deployments, as "flow/name"."""
     if project is None:
         return (f"nightly/{_EXAMPLE_NIGHT}",)
     return tuple(
@@ -44,13 +43,13 @@ def every_of(project: Project | None) -> tuple[str, ...]:
 
 
 def inbox_of(project: Project | None) -> str | None:
-    """Return the deployment that looks into the inboxes; None where there are none."""
+    """Return the deployment of the inboxes, None if there are none."""
     has = project is not None and project.table.inbox
     return "inbox/inbox" if has else None
 
 
 def resource(robot: str) -> str:
-    """Return what events about the logs of a robot are about."""
+    """Return the resource id of events on the logs of a robot."""
     return f"modelgap.inbox.{robot}"
 
 
@@ -99,7 +98,7 @@ def _deployment(
     name: str, flow: str, about: str, parameters: Mapping, **more: Any
 ) -> dict:
     entry = more.pop("entry", _ENTRY)
-    # A look into the inbox that takes longer than the time to the next is not joined.
+    # An inbox run that lasts until the next one is not repeated.
     strategy = "CANCEL_NEW" if flow in ("inbox", "nightly") else "ENQUEUE"
     return {
         "name": name,

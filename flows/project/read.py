@@ -1,6 +1,6 @@
-"""What a modelgap.toml may say, one read and checked, and a new one with its inbox.
+"""modelgap.toml: its tables, reading a project, creating a project.
 
-Paths stand beside it.
+Paths are relative to its folder.
 """
 
 import re
@@ -28,7 +28,7 @@ from warehouse.toml import checked, read_toml
 
 _TABLE = ConfigDict(extra="forbid")
 _WORD = re.compile(r"[\w.-]+(=[^\x00-\x1f]{0,60})?")
-_ANY = datetime(2026, 1, 1)  # a start is needed to parse, and any will do
+_ANY = datetime(2026, 1, 1)  # CronSim needs a start; any will do
 
 
 def _cron(text: str) -> str:
@@ -65,40 +65,40 @@ _Path = Annotated[str, Field(min_length=1)]
 class RobotTable:
     """A robot of a project."""
 
-    # What it is called in this file, and its deployments.
+    # Name in this file and of its deployments.
     name: Annotated[str, Field(pattern=SLUG.pattern)]
     # URDF file, folder with one and an optional robot.toml, or built-in name.
     urdf: _Path
     # Serial number of this arm; "" for none.
     serial: Annotated[str, Field(pattern=rf"^({SERIAL.pattern})?$")] = ""
-    tags: Tags = ()  # what its runs are given
-    # Whether the nights run a campaign on a simulated arm.
+    tags: Tags = ()  # tags of its runs
+    # Run a nightly campaign on a simulated arm.
     simulated: Annotated[bool, Field(strict=True)] = False
     campaign: _Path = "examples/nightly.toml"
-    held_out: str = "welding"  # kind of motion of a campaign that is not fitted
-    nightly: Cron = "0 2 * * *"  # when it is diagnosed, in cron; "" for never
-    timezone: Annotated[str, AfterValidator(_zone)] = "UTC"  # where that is meant
-    # Whether what an inbox has stored is diagnosed at once, not at night only.
+    held_out: str = "welding"  # motion family of a campaign that is not fitted
+    nightly: Cron = "0 2 * * *"  # time of the diagnosis; "" for never
+    timezone: Annotated[str, AfterValidator(_zone)] = "UTC"  # of `nightly`
+    # Diagnose imported logs at once, not only at night.
     batch: Annotated[bool, Field(strict=True)] = True
-    # Tag of the runs of the arm in good order: the baseline.
+    # Tag of the runs of the healthy arm: the baseline.
     healthy: Annotated[str, AfterValidator(_tag)] = HEALTHY
-    # How many logs one diagnosis takes at most.
+    # Largest number of logs of one diagnosis.
     most: Annotated[int, Field(ge=2, le=100, strict=True)] = 12
-    # Whether a model that passes the gate is adopted without asking.
+    # Adopt a model that passes the gate without asking.
     auto: Annotated[bool, Field(strict=True)] = False
 
 
 @tables.dataclass(frozen=True, slots=True, config=_TABLE)
 class InboxTable:
-    """A folder that logs of one robot drop into."""
+    """A folder for the logs of one robot."""
 
     robot: str
-    folder: _Path  # the folder; made where it is not there
-    map: str = ""  # COLUMNS.toml of its logs; "" for the usual columns
-    tags: Tags = ()  # what its runs are given, beside the tags of the robot
-    trajectory: str = ""  # what kind of motion it was; "" for no word
-    kind: str = "log"  # what it was recorded for
-    # How long a file must rest before it is read [s].
+    folder: _Path  # created if it does not exist
+    map: str = ""  # COLUMNS.toml of its logs; "" for the default columns
+    tags: Tags = ()  # tags of its runs, besides those of the robot
+    trajectory: str = ""  # kind of motion, for queries
+    kind: str = "log"  # purpose of the logs, for queries
+    # Time without a change before a file is read [s].
     quiet: Annotated[float, Field(ge=0, le=3600, allow_inf_nan=False)] = 10.0
 
 
@@ -108,10 +108,10 @@ class ProjectTable:
 
     schema: Literal[1]
     store: _Path = "store"  # folder of the store, or s3://BUCKET/PREFIX
-    # Port of the server; each project has its own.
+    # Port of the server, one per project.
     port: Annotated[int, Field(ge=1, le=65535, strict=True)] = 4200
-    workers: Annotated[int, Field(ge=1, le=64, strict=True)] = 1  # how many workers
-    poll: Cron = "*/5 * * * *"  # when the inboxes are looked into, in cron
+    workers: Annotated[int, Field(ge=1, le=64, strict=True)] = 1  # flows at once
+    poll: Cron = "*/5 * * * *"  # times of the inbox runs
     robot: tuple[RobotTable, ...] = ()
     inbox: tuple[InboxTable, ...] = ()
 
@@ -136,19 +136,19 @@ class ProjectTable:
 
 @dataclass(frozen=True, slots=True)
 class Project:
-    """A project."""
+    """A modelgap.toml and its folder."""
 
     folder: Path
     table: ProjectTable
 
     @property
     def store(self) -> Path:
-        """The folder of the store; of one in a bucket that of this machine."""
+        """The folder of the store; of a bucket the local one."""
         word = self.table.store
         return store_folder(word) if is_address(word) else self.path(word)
 
     def path(self, name: str) -> Path:
-        """Return what the file means by a path: one from its own folder."""
+        """Return a path of the file, relative to its folder."""
         return (self.folder / name).resolve()
 
     def robot(self, name: str) -> RobotTable:
@@ -160,7 +160,7 @@ class Project:
         raise InputError(f"{PROJECT} has no robot '{name}', it has: {listed}.")
 
     def word(self, robot: RobotTable) -> str:
-        """Return what --robot takes for a robot."""
+        """Return the robot as --robot takes it."""
         is_built_in = robot.urdf in built_in_robots()
         return robot.urdf if is_built_in else str(self.path(robot.urdf))
 
@@ -172,28 +172,26 @@ class Project:
             raise InputError(f"{PROJECT}: robot '{robot.name}': {error}") from error
 
     def campaign(self, robot: RobotTable) -> Path:
-        """Return the campaign of a simulated robot: its own, or one of the examples."""
+        """Return the campaign file of a simulated robot."""
         for place in (self.folder, SHARED):
             if (place / robot.campaign).is_file():
                 return (place / robot.campaign).resolve()
         raise InputError(
-            f"{PROJECT}: robot '{robot.name}' is simulated, and its campaign "
-            f"{robot.campaign} is not there. Write it (docs/experiments.md), or take "
+            f"{PROJECT}: the campaign {robot.campaign} of the simulated robot "
+            f"'{robot.name}' does not exist. Write it (docs/experiments.md), or set "
             "campaign = 'examples/nightly.toml'."
         )
 
     def columns(self, inbox: InboxTable) -> ColumnMap:
-        """Return how the logs of an inbox are read."""
+        """Return the column map of an inbox."""
         return load_columns(self.path(inbox.map)) if inbox.map else ColumnMap()
 
 
 def read_project(folder: str | Path) -> Project:
-    """Read and check a project: its file, and that what it names is usable."""
+    """Read and check a project, with its robots, campaigns and maps."""
     file = Path(folder).resolve() / PROJECT
     if not file.is_file():
-        raise InputError(
-            f"No {PROJECT} in {file.parent}. Write one with modelgap init."
-        )
+        raise InputError(f"No {PROJECT} in {file.parent}. Create one: modelgap init.")
     project = Project(file.parent, checked(ProjectTable, read_toml(file), PROJECT))
     for robot in project.table.robot:
         project.arm(robot)
@@ -205,14 +203,11 @@ def read_project(folder: str | Path) -> Project:
 
 
 def project_here(store: Path) -> Project | None:
-    """Return the project of the working directory, where a store is its own."""
+    """Return the project of the working directory, if a store belongs to it."""
     if not Path(PROJECT).is_file():
         return None
     project = read_project(".")
     return project if project.store == store else None
-
-
-# A new project: its modelgap.toml with every option, and its inbox.
 
 
 _TEMPLATE = Path(__file__).with_name("template.toml")
@@ -223,10 +218,10 @@ INBOX = "inbox"
 def start(
     folder: str | Path = ".", robot: str | None = None, simulated: bool = False
 ) -> Project:
-    """Make a project.
+    """Create a project.
 
     Args:
-        folder: Where it is made.
+        folder: Its folder.
         robot: File, folder or built-in name of its first robot; None for the built-in
             IRB140, simulated.
     """
@@ -234,8 +229,8 @@ def start(
     file = folder / PROJECT
     if file.exists():
         raise InputError(
-            f"{file} is there already, and is left as it is. Edit it, or give another "
-            "folder: modelgap init DIR."
+            f"{file} exists, and is not changed. Edit it, or name another folder: "
+            "modelgap init DIR."
         )
     word = robot or "irb140"
     name = load(word).name
@@ -261,7 +256,7 @@ def _path_from(folder: Path, word: str) -> str:
 def _filled(name: str, urdf: str, simulated: bool) -> str:
     text = _TEMPLATE.read_text(encoding="utf-8")
     values = {
-        # Each project has its own: the first that nobody has now.
+        # The first port that is free now.
         "PORT": str(next(filter(partial(port_is_free, "127.0.0.1"), _PORTS), 4200)),
         "NAME": name,
         "URDF": urdf,

@@ -5,14 +5,14 @@ from collections.abc import Mapping
 from flows.report.document import Table
 from flows.report.plots import Panel, png
 from flows.report.words.phrases import count_noun
-from flows.steps.monitor import Watched
+from flows.steps.monitor import MonitoringResult
 from residual.recording import Recording
 
 _MOST = 6  # runs in one picture
 _LEAST = 0.02  # smallest score drawn
 
 
-def meaning(result: Watched) -> str:
+def meaning(result: MonitoringResult) -> str:
     """Return the alarms of monitored runs in one sentence."""
     alarms = [alarm for each in result.alarms.values() for alarm in each]
     where = f"{result.seconds:.4g} s of {count_noun(len(result.alarms), 'run')}"
@@ -28,7 +28,7 @@ def meaning(result: Watched) -> str:
     return f"{count_noun(len(alarms), 'alarm')} in {where}: {sensors} ({basis})."
 
 
-def alarm_table(result: Watched, watched: Mapping[str, Recording]) -> Table:
+def alarm_table(result: MonitoringResult, watched: Mapping[str, Recording]) -> Table:
     """Return the alarms, one a row."""
     rows = [
         (
@@ -46,7 +46,7 @@ def alarm_table(result: Watched, watched: Mapping[str, Recording]) -> Table:
     return Table(heads, rows, text_columns=(0, 3, 4))
 
 
-def plot(result: Watched, runs: Mapping[str, Recording]) -> bytes:
+def plot(result: MonitoringResult, runs: Mapping[str, Recording]) -> bytes:
     """Return the score of each joint and the alarms as PNG.
 
     Args:

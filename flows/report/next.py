@@ -3,8 +3,8 @@
 from flows.report.document import Table
 from flows.report.words.outlook import from_one_another, in_words
 from flows.report.words.phrases import count_noun, joint_words, sentence_case
-from flows.steps.next import Opened, Ranking
-from residual.planning.promise import sure_words, told_apart
+from flows.steps.next import OpenVerdict, Ranking
+from residual.planning.promise import separable_rivals, sure_words
 from residual.quantity import MISSING, fraction, probability
 
 
@@ -31,8 +31,8 @@ def _inseparable(ranking: Ranking) -> list[str]:
 def proposal_lines(ranking: Ranking) -> list[str]:
     """Return the question that a motion settles, and its chance, a sentence each."""
     best, spec = ranking.best, ranking.best.spec
-    rivals = from_one_another(told_apart(ranking.question, best.seen))
-    words = sure_words(spec.duration, best.after, best.sure.chance)
+    rivals = from_one_another(separable_rivals(ranking.question, best.outlook))
+    words = sure_words(spec.duration, best.after, best.prospect.chance)
     return [
         f"Next experiment: {spec.duration:g} s of {spec.kind} motion in "
         f"{count_noun(spec.periods, 'period')}, to separate {rivals}.",
@@ -50,7 +50,7 @@ def comparison(ranking: Ranking) -> Table:
             m.spec.kind.replace("_", " "),
             count_noun(m.spec.periods, "period"),
             MISSING if m.after is None else f"{m.after:.1f} s",
-            probability(m.sure.chance),
+            probability(m.prospect.chance),
         )
         for m in ranking.ranked
     ]
@@ -59,13 +59,13 @@ def comparison(ranking: Ranking) -> Table:
     return Table(heads, rows, title)
 
 
-def nothing_open(opened: Opened, ranking: Ranking | None) -> list[str]:
+def nothing_open(opened: OpenVerdict, ranking: Ranking | None) -> list[str]:
     """Return why there is no experiment to propose.
 
     Args:
         ranking: Its best motion decides nothing; None where there is no question.
     """
-    flagged = opened.found.verdict.unexplained.joints
+    flagged = opened.diagnosis.verdict.unexplained.joints
     if ranking is None and flagged:
         return [
             f"The residual on {joint_words(flagged)} is larger than noise, but no "
@@ -82,6 +82,6 @@ def nothing_open(opened: Opened, ranking: Ranking | None) -> list[str]:
     return [
         *_inseparable(ranking),
         f"No feasible motion separates {names}: the best one yields "
-        f"{fraction(ranking.best.seen.share)} of the evidence needed. Try a different "
-        "payload or supply a known value (--known).",
+        f"{fraction(ranking.best.outlook.share)} of the evidence needed. Try a "
+        "different payload or supply a known value (--known).",
     ]

@@ -1,4 +1,4 @@
-"""What a running Prefect server is asked through its client, and whether it is well.
+"""Queries to the Prefect server of a store, and the status of the service.
 
 To be imported under `flows.settings.quiet_prefect`.
 """
@@ -27,27 +27,23 @@ from flows.service.state import PROCESSES, Running, lives, read_running, store_k
 from residual.errors import RunError
 
 POOL = "modelgap"
-INBOX = "inbox"  # name of the flow that looks into inboxes
+INBOX = "inbox"  # name of the flow of the inboxes
 ACTIVE = ("PENDING", "RUNNING", "CANCELLING")
-_AT_ONCE = 200  # that the server gives at once
+_AT_ONCE = 200  # rows of one answer of the server
 _LATELY = timedelta(days=1)
 _WAIT = 60.0  # s for an answer
 
 
 @dataclass(frozen=True, slots=True)
 class Api:
-    """The API of a server, and what opens it."""
+    """Address and key of a server."""
 
     url: str
     key: str = field(repr=False)
 
     @contextmanager
     def client(self, wait: float = _WAIT) -> Iterator[SyncPrefectClient]:
-        """Give a client of Prefect for some questions.
-
-        Raises:
-            RunError: If the server refuses one, or does not answer.
-        """
+        """Yield a Prefect client; RunError if the server refuses or does not answer."""
         settings = {"timeout": wait}
         try:
             with SyncPrefectClient(
@@ -73,11 +69,7 @@ def answers(url: str, wait: float = 10.0) -> bool:
 
 
 def open_pool(client: SyncPrefectClient, most: int, paused: bool = False) -> None:
-    """Make the work pool if it is not there, and let it give out work or not.
-
-    Args:
-        most: How many flows may run at once.
-    """
+    """Create the work pool, and set its limit of concurrent flows and its pause."""
     with suppress(ObjectAlreadyExists):
         client.create_work_pool(WorkPoolCreate(name=POOL, type="process"))
     update = WorkPoolUpdate(is_paused=paused, concurrency_limit=most)
@@ -85,14 +77,14 @@ def open_pool(client: SyncPrefectClient, most: int, paused: bool = False) -> Non
 
 
 def active_runs(client: SyncPrefectClient) -> list[Run]:
-    """Return the flow runs of our pool that are said to run."""
+    """Return the active flow runs of our pool."""
     pool = WorkPoolFilter(name={"any_": [POOL]})
     states = FlowRunFilter(state={"type": {"any_": ACTIVE}})
     return client.read_flow_runs(flow_run_filter=states, work_pool_filter=pool)
 
 
 def worker_online(client: SyncPrefectClient) -> bool:
-    """Return whether a worker has reported lately."""
+    """Return whether a worker is online."""
     try:
         workers = client.read_workers_for_work_pool(POOL)
     except ObjectNotFound:
@@ -101,7 +93,7 @@ def worker_online(client: SyncPrefectClient) -> bool:
 
 
 def deployments(client: SyncPrefectClient) -> list[Mapping]:
-    """Return all deployments as "flow/name", each with when it is due next."""
+    """Return all deployments by "flow/name", with the time of the next run."""
     flows = {flow.id: flow.name for flow in client.read_flows()}
     due: dict = {}
     for run in client.read_flow_runs(
@@ -123,7 +115,7 @@ def deployments(client: SyncPrefectClient) -> list[Mapping]:
 
 
 def keep_deployments(client: SyncPrefectClient, deployed: Sequence[Mapping]) -> None:
-    """Remove deployments of ours that are not wanted any more."""
+    """Remove our deployments that are not in the list."""
     ours = {(each["name"], each["entrypoint"]) for each in deployed}
     for each in client.read_deployments():
         if POOL in (each.tags or ()) and (each.name, each.entrypoint) not in ours:
@@ -160,32 +152,30 @@ def last_runs(client: SyncPrefectClient, most: int = 10) -> list[Mapping]:
 
 @dataclass(frozen=True, slots=True)
 class Status:
-    """State of the service of one store."""
+    """State of the service of a store."""
 
-    running: Running | None  # what was started, None if nothing was
-    wrong: tuple[str, ...] = ()  # what is not as it should be, in words
-    server: bool = False  # whether the server answers
+    running: Running | None  # None if it was never started
+    wrong: tuple[str, ...] = ()  # problems, as text
+    server: bool = False  # the server answers
     worker: str = "gone"  # "online", "starting" or "gone"
-    # Each with when it is due (`deployments`).
     deployments: tuple[Mapping, ...] = ()
     runs: tuple[Mapping, ...] = ()  # the last flow runs (`last_runs`)
-    # Logs that inboxes refused within a day, the latest first.
-    refused: tuple[Mapping, ...] = ()
+    refused: tuple[Mapping, ...] = ()  # logs refused within a day, latest first
 
     @property
     def healthy(self) -> bool:
-        """Whether the next schedule will fire and somebody will run it."""
+        """Whether the next scheduled run will start."""
         return self.running is not None and not self.running.stopped and not self.wrong
 
     @property
     def pages(self) -> Mapping[str, str]:
-        """Address of the index of all reports, none where no server answers."""
+        """Address of the index of all reports, none if no server answers."""
         if self.running is None or not self.server:
             return {}
         return {"reports": f"{self.running.pages}/{INDEX}"}
 
     def document(self) -> dict:
-        """Return it as JSON has it; times are UTC in ISO 8601."""
+        """Return the JSON document; times are UTC in ISO 8601."""
         running = self.running
         return {
             "schema": 1,
@@ -211,7 +201,7 @@ class Status:
 
 
 def status(home: Path, most: int = 10) -> Status:
-    """Look at everything that belongs to a store; a busy server is waited for."""
+    """Return the status of a store; waits for a busy server."""
     running = read_running(home)
     if running is None or running.stopped:
         return Status(running)
@@ -237,7 +227,7 @@ def status(home: Path, most: int = 10) -> Status:
 
 
 def wait_until(ready: Callable[[], bool], seconds: float, otherwise: str) -> None:
-    """Wait for something; RunError with words for too late."""
+    """Wait until a condition holds; else RunError with the text `otherwise`."""
     begun = monotonic()
     while not ready():
         if monotonic() - begun > seconds:

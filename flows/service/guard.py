@@ -1,10 +1,9 @@
-"""What may be asked of the server of a store, and by whom: rules, and their guard.
+"""The guard before Prefect's server: which requests it lets through.
 
-Prefect checks the key of what is asked below /api. But it takes a body without
-Content-Type as JSON, reads a body to its end before it looks at it, answers to any Host
-and any page, and fails on a first message of a WebSocket that is no JSON object.
-`Guard` refuses these before Prefect sees anything; Starlette's own check of hosts knows
-no port, no second Host header and no IPv6.
+Prefect checks the key below /api. But it takes a body without Content-Type as JSON,
+reads a body before it checks the key, answers any Host and any Origin, and fails on a
+first WebSocket message that is no JSON object. `Guard` refuses these. Starlette's
+TrustedHostMiddleware checks no port, no second Host header and no IPv6.
 """
 
 import hmac
@@ -25,38 +24,37 @@ _READING = ("GET", "HEAD", "OPTIONS")
 _LOOPBACK = ("127.0.0.1", "localhost", "[::1]")
 _EVERYWHERE = ("0.0.0.0", "::")
 LARGEST = 1 << 16  # bytes of the message with the key
-# A refusal is read under the name that the page asked for: it may ask no more.
+# Policy of a refusal.
 _ALONE = {"Content-Security-Policy": "default-src 'none'; frame-ancestors 'none'"}
 _POLICY_VIOLATION = 1008  # close code of a WebSocket, RFC 6455 section 7.4.1
 
 
 @dataclass(frozen=True, slots=True)
 class AccessRules:
-    """By which names a server is asked, and the key that its programs have."""
+    """The names of a server, and its key."""
 
-    hosts: frozenset[str]  # host headers that name it, lower case
+    hosts: frozenset[str]  # valid Host headers, lower case
     port: int
-    everywhere: bool  # whether it listens on all addresses of this machine
-    key: str = field(repr=False)  # what a program must know
+    everywhere: bool  # listens on all addresses of this machine
+    key: str = field(repr=False)
 
     def names_server(self, host: str) -> bool:
         """Return whether a Host header names this server.
 
-        A stranger's name that was made to point here (DNS rebinding) does not. Of a
-        server that listens everywhere any address in digits does: nobody can make
-        that point elsewhere.
+        Other names that resolve to it (DNS rebinding) do not. If the server listens on
+        all addresses, every numeric address does, since it cannot be rebound.
         """
         name, _, port = host.rpartition(":")
         anyhow = self.everywhere and port == str(self.port) and _is_address(name)
         return anyhow or host.lower() in self.hosts
 
     def has_key(self, headers: Mapping[str, str]) -> bool:
-        """Return whether a request has the key, as Prefect's own clients send it."""
+        """Return whether a request has the key in HTTP Basic."""
         expected = b"Basic " + b64encode(self.key.encode())
         return hmac.compare_digest(headers.get("authorization", "").encode(), expected)
 
     def is_key(self, text: str | bytes) -> bool:
-        """Return whether a message on a WebSocket is the one that shows the key."""
+        """Return whether a WebSocket message is the authentication with the key."""
         try:
             message = json.loads(text) if len(text) <= LARGEST else {}
             token = message["token"] if message["type"] == "auth" else ""
@@ -80,20 +78,20 @@ def rules_for(host: str, port: int, key: str) -> AccessRules:
 
 
 def refusal(scope: Scope, rules: AccessRules) -> tuple[int, str] | None:
-    """Return why a request or an opening WebSocket is refused: status and words."""
+    """Return status and reason if a request or a new WebSocket is refused."""
     headers = Headers(scope=scope)
     hosts, origins = headers.getlist("host"), headers.getlist("origin")
     if len(hosts) != 1 or not rules.names_server(hosts[0]):
         names = ", ".join(sorted(rules.hosts))
         return 421, f"Expected one Host of {names}, got {hosts}."
-    # Of pages only that of this very name and port; programs send no Origin.
+    # Only pages of the same name and port; programs send no Origin.
     page = f"http://{hosts[0].lower()}"
     if any(origin.lower() != page for origin in origins):
         return 403, f"Only pages of {page} may ask, got Origin {origins}."
     if scope["type"] == "websocket" or scope["method"] in _READING:
         return None
     if not rules.has_key(headers):
-        return 401, "Expected the key of the store, as a program of it sends it."
+        return 401, "Expected the key of the store in HTTP Basic."
     kinds = [k.split(";")[0].strip().lower() for k in headers.getlist("content-type")]
     sized = headers.get("content-length", "0") != "0" or "transfer-encoding" in headers
     if kinds == ["application/json"] or not (kinds or sized):
@@ -110,19 +108,19 @@ def _is_address(name: str) -> bool:
 
 @dataclass(frozen=True, slots=True)
 class Guard:
-    """An application that lets through only what the rules allow."""
+    """An ASGI application that passes only allowed requests to another one."""
 
     app: ASGIApp
     rules: AccessRules
 
     async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
-        """Answer one request or WebSocket, or the start of the server."""
+        """Handle one request, WebSocket or lifespan event."""
         kind = scope["type"]
         why = refusal(scope, self.rules) if kind in ("http", "websocket") else None
         if why and kind == "http":
             await JSONResponse({"detail": why[1]}, why[0], _ALONE)(scope, receive, send)
         elif why:
-            await receive()  # before it is accepted: the browser gets a 403
+            await receive()  # closed before it is accepted: a 403
             await send({"type": "websocket.close", "code": _POLICY_VIOLATION})
         else:
             if kind == "websocket" and not self.rules.has_key(Headers(scope=scope)):
@@ -131,10 +129,7 @@ class Guard:
 
 
 def _key_first(receive: Receive, send: Send, rules: AccessRules) -> Receive:
-    """Let no message through before the one with the key, as Prefect's clients send it.
-
-    For the application who does not send it has hung up.
-    """
+    """Pass no message before the one with the key; else disconnect."""
     shown = False
 
     async def checked() -> Message:

@@ -1,4 +1,4 @@
-"""What `modelgap up` is asked for, checked; and the environments that follow."""
+"""The request of `modelgap up`, and the environments of server and worker."""
 
 import os
 import sys
@@ -31,7 +31,7 @@ _DRIVERS = {
     "postgres": "postgresql+asyncpg",
     "postgresql+asyncpg": "postgresql+asyncpg",
 }
-BEAT = 30  # s between signs of life of a flow run; the least that Prefect takes
+BEAT = 30  # s between heartbeats of a flow run; the smallest that Prefect takes
 
 
 @dataclass(frozen=True, slots=True)
@@ -59,11 +59,7 @@ class ServiceRequest(Request):
 
 
 def check_request(request: ServiceRequest) -> None:
-    """Refuse what cannot be, or what must be said twice.
-
-    Raises:
-        InputError: With what was expected.
-    """
+    """Raise InputError for values out of range, and for an open network."""
     if request.port is not None and not 1 <= request.port <= 65535:
         raise InputError(f"--port {request.port}: expected 1 to 65535.")
     if request.workers is not None and not 1 <= request.workers <= 64:
@@ -82,21 +78,17 @@ def check_request(request: ServiceRequest) -> None:
 
 
 def check_host(host: str, trust_network: bool) -> None:
-    """Refuse to be reached by others unless that is said."""
+    """Raise InputError for an address on the network without --trust-network."""
     if not is_loopback(host) and not trust_network:
         raise InputError(
-            f"--host {host} lets others in the network reach the server, and what is "
-            "sent is not encrypted: who listens learns the key, and starts programs as "
-            "you. If all of them are trusted: --trust-network."
+            f"--host {host} opens the server to the network, without encryption: an "
+            "eavesdropper learns the key and can run programs as you. If you trust the "
+            "network: --trust-network."
         )
 
 
 def database_url(url: str) -> str:
-    """Return the address of a database as Prefect takes it.
-
-    Raises:
-        InputError: If it is none of PostgreSQL; the message has no password.
-    """
+    """Return the address of a PostgreSQL database for Prefect; else InputError."""
     try:
         parts = urlsplit(url)
         usable = parts.scheme in _DRIVERS and bool(parts.path.strip("/"))
@@ -111,7 +103,7 @@ def database_url(url: str) -> str:
 
 
 def database_label(url: str | None) -> str:
-    """Return where the history is, without user and password."""
+    """Return the address of the history without user and password."""
     if url is None:
         return "sqlite"
     parts = urlsplit(url)
@@ -120,28 +112,27 @@ def database_label(url: str | None) -> str:
 
 
 def server_environment(running: Running, home: Path, database: str | None) -> dict:
-    """Return the environment of the server, with the key that it asks for."""
+    """Return the environment of the server, with the key."""
     settings = {
-        # Whose pages it serves.
         STORE: str(home.parent),
         "PREFECT_SERVER_API_HOST": running.host,
         "PREFECT_SERVER_API_PORT": str(running.port),
         SERVER: store_key(home),
-        # Below the page's own address, by whatever name it was opened.
+        # Relative to the page, so that any name of this server works.
         "PREFECT_SERVER_UI_API_URL": "/api",
         "PREFECT_SERVER_UI_SHOW_PROMOTIONAL_CONTENT": "false",
-        # No page of another address may read an answer; what may ask is in `rules`.
+        # No page of another origin may read an answer; `guard` checks requests.
         "PREFECT_SERVER_CORS_ALLOWED_ORIGINS": running.ui,
-        # It protects pages that are let in by a cookie; here every request has the key.
+        # CSRF tokens protect pages with a cookie; here every request has the key.
         "PREFECT_SERVER_CSRF_PROTECTION_ENABLED": "false",
-        # In memory, the places that flows hold would be lost with a killed server.
+        # In memory, the leases of running flows would be lost with a killed server.
         "PREFECT_SERVER_CONCURRENCY_LEASE_STORAGE": (
             "prefect.server.concurrency.lease_storage.filesystem"
         ),
-        # Who comes to a busy SQLite waits; beyond one user take PostgreSQL.
+        # Wait for a busy SQLite.
         "PREFECT_SERVER_DATABASE_TIMEOUT": "60",
         "PREFECT_API_BLOCKS_REGISTER_ON_START": "false",
-        # At its usual 60 s a new schedule is first thought of a minute later.
+        # With the default 60 s, a new schedule starts a minute later.
         "PREFECT_SERVER_SERVICES_SCHEDULER_LOOP_SECONDS": "10",
         "PREFECT__SERVER_FINAL": "1",
     }
@@ -151,11 +142,8 @@ def server_environment(running: Running, home: Path, database: str | None) -> di
 
 
 def worker_environment(running: Running, store: Path, home: Path) -> dict:
-    """Return the environment of a worker, which flows inherit.
-
-    It has the key, without which the server takes nothing from them, and no password.
-    """
-    # Its own python first: the shell may have none, or another one.
+    """Return the environment of the worker and its flows: with the key, no password."""
+    # This Python first: the shell may have another one.
     path = os.pathsep.join([str(Path(sys.executable).parent), os.environ["PATH"]])
     return (
         _base(home)
@@ -172,14 +160,13 @@ def worker_environment(running: Running, store: Path, home: Path) -> dict:
 
 
 def _base(home: Path) -> dict[str, str]:
-    """The environment of ours without what others set for their own Prefect."""
+    """Return our environment without the settings of another Prefect."""
     kept = {
         k: v
         for k, v in os.environ.items()
         if not k.startswith("PREFECT") and k != DATABASE
     }
-    # Its log is a file that somebody reads when something is wrong.
     level = {"PREFECT_LOGGING_HANDLERS_CONSOLE_LEVEL": "WARNING"}
-    # Python finds our code, whatever folder a program is started in.
+    # Python finds our code from any working directory.
     path = os.pathsep.join(filter(None, [str(ROOT), os.environ.get("PYTHONPATH")]))
     return kept | quiet_prefect(home) | level | {"PYTHONPATH": path}

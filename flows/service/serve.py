@@ -1,4 +1,4 @@
-"""The application of `modelgap up`; alone here, since to load it is to load Prefect."""
+"""The server application of `modelgap up`; importing it loads Prefect's server."""
 
 from prefect.server.api.server import create_app
 from prefect.settings import get_current_settings
@@ -13,10 +13,10 @@ from residual.errors import RunError
 def app() -> ASGIApp:
     """Return Prefect's application with the pages of the store, behind the guard.
 
-    Where it listens, and the key, are in Prefect's settings.
+    Address and key are in Prefect's settings.
 
     Raises:
-        RunError: If Prefect was given no key: nothing is served without.
+        RunError: If there is no key.
     """
     settings = get_current_settings().server.api
     host, port, key = settings.host, settings.port, settings.auth_string

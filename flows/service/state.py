@@ -1,8 +1,7 @@
-"""What runs for a store, written down in the store, and the key that opens it.
+"""The processes of the service of a store, their state file, and the key of the store.
 
-Its two processes outlive the command that started them. Each holds a lock on a file
-for as long as it lives, so that it is known whether it does, whatever other process has
-got its number since.
+Server and worker outlive the command that starts them. Each holds a lock on its pid
+file, which shows that it runs even if another process has its pid.
 """
 
 import fcntl
@@ -23,21 +22,21 @@ from flows.outputs import json_text, write_all
 from residual.errors import InputError, RunError
 
 KEY = "key"  # in Prefect's folder of the store
-# Under these names Prefect's clients and its server take it.
+# Environment variables of the key, for clients and server of Prefect.
 CLIENT, SERVER = "PREFECT_API_AUTH_STRING", "PREFECT_SERVER_API_AUTH_STRING"
 PROCESSES = ("server", "worker")
 _SHORTEST = 32
 _FILE, _LOCK = "up.json", "up.lock"
-_GRACE = 15.0  # s between the request to end and the end
+_GRACE = 15.0  # s between SIGTERM and SIGKILL
 
 
 def start(
     home: Path, name: str, command: Sequence[str], env: Mapping[str, str]
 ) -> None:
-    """Start a process in a session of its own; what it has to say goes into its log.
+    """Start a process in its own session, with its output in a log file.
 
     Raises:
-        RunError: If one of that name lives.
+        RunError: If one of that name runs.
     """
     with (home / f"{name}.pid").open("a+") as lock:
         try:
@@ -54,14 +53,14 @@ def start(
                 cwd=home,
                 start_new_session=True,
                 umask=0o077,
-                pass_fds=[lock.fileno()],  # the lock is its own from now on
+                pass_fds=[lock.fileno()],  # the process keeps the lock
             )
         lock.truncate(0)
         lock.write(str(process.pid))
 
 
 def lives(home: Path, name: str) -> bool:
-    """Return whether a process runs that was started under a name."""
+    """Return whether the process of a name runs."""
     try:
         with (home / f"{name}.pid").open() as lock:
             fcntl.flock(lock, fcntl.LOCK_SH | fcntl.LOCK_NB)
@@ -73,12 +72,7 @@ def lives(home: Path, name: str) -> bool:
 
 
 def stop(home: Path, name: str, grace: float = _GRACE) -> None:
-    """Ask a process to end; one that does not is killed.
-
-    Args:
-        name: Which; that it has ended already is no error.
-        grace: Time that it gets [s].
-    """
+    """End a process by SIGTERM, and after `grace` seconds by SIGKILL."""
     for number in (signal.SIGTERM, signal.SIGKILL):
         if lives(home, name):
             with suppress(OSError, ValueError):
@@ -90,19 +84,19 @@ def stop(home: Path, name: str, grace: float = _GRACE) -> None:
 
 @dataclass(frozen=True, slots=True)
 class Running:
-    """What was started for a store."""
+    """The service that was started for a store."""
 
     host: str  # address that the server listens on
     port: int
     database: str  # where the history is, without a password
-    deployed: str = ""  # hash of the prefect.yaml and its options that were put on it
-    workers: int = 1  # how many flows may run at once
-    stopped: bool = False  # whether somebody stopped it
+    deployed: str = ""  # hash of the deployments
+    workers: int = 1  # flows that run at once
+    stopped: bool = False  # by modelgap down
 
     @property
     def ui(self) -> str:
         """Address for people."""
-        # Who listens everywhere is also found here.
+        # A server on all addresses also listens on loopback.
         name = {"0.0.0.0": "127.0.0.1", "::": "::1"}.get(self.host, self.host)
         return f"http://{f'[{name}]' if ':' in name else name}:{self.port}"
 
@@ -113,43 +107,41 @@ class Running:
 
     @property
     def pages(self) -> str:
-        """Address below which the pages over the store are."""
+        """Address of the pages over the store."""
         return f"{self.ui}/pages"
 
 
 def read_running(home: Path) -> Running | None:
-    """Return what was started last for a store, whether it lives or not."""
+    """Return the last service of a store, running or not."""
     try:
         return TypeAdapter(Running).validate_json((home / _FILE).read_bytes())
     except (OSError, ValueError):
-        # Half a file there is not, since it is replaced by rename; one of another
-        # version is as good as none.
-        return None
+        return None  # a file of another version
 
 
 def write_running(home: Path, running: Running) -> None:
-    """Keep what runs; whole or not at all."""
+    """Write the state file."""
     write_all({home / _FILE: json_text(asdict(running))})
 
 
 @contextmanager
 def one_at_a_time(home: Path) -> Iterator[None]:
-    """Keep a second `up` or `down` of the same store out; a dead one holds nothing."""
+    """Lock out a second `up` or `down` of the same store."""
     with (home / _LOCK).open("a") as lock:
         try:
             fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
         except OSError:
             raise RunError(
-                f"Another modelgap up or down is at work on {home.parent}. Wait for it."
+                f"Another modelgap up or down is running on {home.parent}. Wait for it."
             ) from None
         yield
 
 
 def store_key(home: Path) -> str:
-    """Return the key of a store's server, made if there is none yet.
+    """Return the key of a store, created if there is none.
 
     Raises:
-        InputError: If others may read it, or it is none.
+        InputError: If others can read the file, or it holds no key.
     """
     path = home / KEY
     if not path.exists():
@@ -157,19 +149,19 @@ def store_key(home: Path) -> str:
     if path.stat().st_mode & 0o077:
         raise InputError(
             f"{path} can be read by others, expected by its owner only. Delete it, "
-            "then modelgap down and modelgap up: a new one is made."
+            "then modelgap down and modelgap up create a new key."
         )
     key = path.read_text(encoding="ascii", errors="replace").strip()
     if len(key) < _SHORTEST or not key.isprintable():
         raise InputError(
-            f"{path} is no key. Delete it, then modelgap down and modelgap up: a new "
-            "one is made."
+            f"{path} is no key. Delete it, then modelgap down and modelgap up create a "
+            "new key."
         )
     return key
 
 
 def _make_key(path: Path) -> None:
-    """Write a new key, whole or not at all; of two at once the first one counts."""
+    """Create a key file; of two processes at once, the first one wins."""
     handle, draft = mkstemp(dir=path.parent, prefix=f"{path.name}.")  # 0600
     try:
         with os.fdopen(handle, "w", encoding="ascii") as file:

@@ -14,7 +14,7 @@ from flows.specs.experiment import ExperimentSpec, derived_seed, experiment_of
 from residual.errors import InputError, check_keys, shortened, shown
 from warehouse.toml import read_toml
 
-MOST = 10_000  # runs; more is a slip of a list, and weeks of work
+MOST = 10_000  # runs
 _RANGE = ("low", "high", "log")
 _LARGEST = 2**62  # of a bound; NaN is none
 
@@ -22,16 +22,16 @@ _LARGEST = 2**62  # of a bound; NaN is none
 class Entry(NamedTuple):
     """One experiment of a campaign."""
 
-    label: str  # what makes it differ from the others, for people
+    label: str  # its changes, for people
     spec: ExperimentSpec
 
 
 def load_campaign(path: str | Path, seed: int | None = None) -> tuple[Entry, ...]:
-    """Read a campaign and write out its experiments.
+    """Read a campaign and return its experiments.
 
-    In [grid] every list is tried with every other. In [random], `count` experiments
-    are drawn: from a list, or from {low, high}, evenly or in `log`. Each draw has a
-    seed of its own; a seed under [trajectory] or [plant] keeps motion or arm the same.
+    [grid] combines every list with every other. [random] draws `count` experiments:
+    from a list, or from {low, high}, uniformly or in `log`. Each draw has its own seed;
+    a seed under [trajectory] or [plant] keeps motion or arm the same.
     """
     content = read_toml(path) | ({} if seed is None else {"seed": seed})
     grid, draws = content.pop("grid", None), content.pop("random", None)
@@ -78,7 +78,7 @@ def _random_changes(draws: Any, content: dict) -> list[Change]:
     for i in range(count):
         change: Change = [(("seed",), derived_seed(seed, f"random/{i}"))]
         for keys, values in axes:
-            # A stream per key and draw: a further key leaves the others as they were.
+            # A stream per key and draw: another key does not change these draws.
             name = f"random/{i}/{'.'.join(keys)}"
             rng = np.random.default_rng(derived_seed(seed, name))
             change.append((keys, _draw(values, keys, rng)))
@@ -137,10 +137,7 @@ def _entry(content: dict, change: Change, path: str | Path) -> Entry:
 
 
 def _put(place: Any, keys: tuple[str, ...], value: Any, name: str) -> None:
-    """Set one value: `plant.effect.level`, with several effects `plant.effect.2.level`.
-
-    Tables on the way are made; effects are not.
-    """
+    """Set a value by its keys; of several effects `plant.effect.2.level`."""
     key, *inner = keys
     if isinstance(place, list):
         number = int(key) if re.fullmatch("[0-9]{1,9}", key) else 0

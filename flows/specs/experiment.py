@@ -1,8 +1,8 @@
-"""SPEC.toml: one experiment, checked, and split into an open and a sealed half.
+"""SPEC.toml: one experiment, with an open and a sealed half.
 
-The open half (robot, trajectory, rates, seed of the reference) is what a diagnosis may
-know. The sealed half (effects, scatter, noise, seeds of the plant) is what it must find
-out, so it never stands in the record of a run.
+The open half (robot, trajectory, rates, seed of the reference) is known to a diagnosis.
+The sealed half (effects, scatter, noise, seeds of the plant) is not in the record of a
+run.
 """
 
 import hashlib
@@ -24,8 +24,7 @@ from sim.engine.records import (
 )
 from warehouse.toml import checked, read_toml
 
-# Strict: TOML has types, so "7" for 7 or true for 1 is a slip and not a wish. Lists
-# are the only arrays that TOML has.
+# Strict: TOML has types, so "7" for 7 or true for 1 is an error. Arrays are lists.
 _List = BeforeValidator(lambda v: tuple(v) if isinstance(v, list) else v)
 _Row = Annotated[tuple[Annotated[float, Field(allow_inf_nan=False)], ...], _List]
 Seed = Annotated[int, Field(ge=0, lt=2**63)]
@@ -34,16 +33,16 @@ Share = Annotated[float, Field(ge=0, le=1)]
 
 
 class Table(BaseModel):
-    """One table of a TOML file; a key that it does not have is an error."""
+    """One table of a TOML file; an unknown key is an error."""
 
     model_config = ConfigDict(frozen=True, extra="forbid", strict=True)
 
 
 class TrajectoryTable(Table):
-    """[trajectory]: what the arm is asked to do; without a seed one is derived.
+    """[trajectory]: the reference motion; without a seed one is derived.
 
-    `coefficients` are those of a Fourier motion that is not searched for, or the places
-    of a move-stop-move.
+    `coefficients` are those of a given Fourier motion, or the places of a
+    move-stop-move.
     """
 
     kind: Literal["fourier", "cyclic", "move_stop_move", "welding"] = "fourier"
@@ -71,16 +70,16 @@ class EffectTable(Table):
     onset: Annotated[float, Field(ge=0, le=1e6)] = 0.0
 
     def record(self) -> PlantEffect:
-        """The effect as the plant takes it, its parameters in alphabetical order."""
+        """The effect for the plant, its parameters in alphabetical order."""
         parameters = tuple(sorted(self.__pydantic_extra__.items()))
         return PlantEffect(self.name, self.joints, parameters, self.onset)
 
 
 class PlantTable(Table):
-    """[plant]: the hidden half; without a seed one is derived.
+    """[plant]: the sealed half; without a seed one is derived.
 
-    `background` is what all joints have beside the effects, and `worked_before` how
-    long the arm worked before its session, which leaves it warm [s].
+    `background` is the background of all joints, `worked_before` the working time of
+    the arm before its session [s], which warms it.
     """
 
     effect: Annotated[tuple[EffectTable, ...], _List] = ()
@@ -115,9 +114,9 @@ NOMINAL = "nominal"
 class ControllerTable(Table):
     """[controller]: the model that drives the arm, and how.
 
-    `model` is nominal, adopted, or the id of a diagnosis, a model or a calibration of
-    the store; `kind` says whether it closes the loop or is added to plain feedback.
-    `encoder_step` [rad] and `rise` [s] say how its dry friction turns at reversals.
+    `model` is nominal, adopted, or the id of a stored diagnosis, model or calibration;
+    `kind` is computed torque, or feed-forward added to plain feedback. `encoder_step`
+    [rad] and `rise` [s] smooth its dry friction at reversals.
     """
 
     kind: Literal["computed_torque", "feed_forward"] = "computed_torque"
@@ -136,10 +135,9 @@ class ControllerTable(Table):
 
 
 class ExperimentSpec(Table):
-    """One experiment: what SPEC.toml says, every default filled in.
+    """One experiment: SPEC.toml with its defaults.
 
-    `start` is the time of the session at which the motion begins [s]: an arm that has
-    worked for a while is warm.
+    `start` is the time of the session at which the motion begins [s].
     """
 
     schema_: Literal[1] = Field(1, alias="schema")
@@ -152,7 +150,7 @@ class ExperimentSpec(Table):
     controller: ControllerTable = ControllerTable()
 
     def reference(self) -> TrajectorySpec:
-        """The reference to make; its seed is open."""
+        """The reference motion."""
         table = self.trajectory
         seed = table.seed
         if seed is None:
@@ -166,7 +164,7 @@ class ExperimentSpec(Table):
         return Rates(self.rates.control, self.rates.log)
 
     def plant_spec(self) -> PlantSpec:
-        """The sealed half, as the plant takes it."""
+        """The sealed half for the plant."""
         table = self.plant
         seed = derived_seed(self.seed, "plant") if table.seed is None else table.seed
         return PlantSpec(
@@ -181,11 +179,7 @@ class ExperimentSpec(Table):
 
 
 def derived_seed(seed: int, name: str) -> int:
-    """Return the seed of a named purpose: one never tells or shifts another.
-
-    Args:
-        name: What the derived seed is for, such as "reference".
-    """
+    """Return the independent seed of a purpose, such as "reference"."""
     digest = hashlib.sha256(f"{seed}/{name}".encode()).digest()
     return int.from_bytes(digest[:4], "little")
 
@@ -196,7 +190,7 @@ def load_spec(path: str | Path) -> ExperimentSpec:
 
 
 def experiment_of(content: dict, path: str | Path) -> ExperimentSpec:
-    """Check the content of a SPEC.toml; a robot beside the file is found there."""
+    """Check the content of a SPEC.toml; robot files are relative to its folder."""
     for table in ("grid", "random"):
         if table in content:
             raise InputError(

@@ -28,7 +28,7 @@ from warehouse.numbered import (
     commit_adoption,
     read_adoption,
 )
-from warehouse.remote import shown
+from warehouse.remote import store_name
 from warehouse.runs import read_run
 from warehouse.schema import KINDS
 
@@ -250,7 +250,7 @@ def _robot_of(store: Path, word: str | None) -> tuple[str, str | None]:
         return keys.pop()
     if not keys:
         raise InputError(
-            f"No model was adopted in {shown(store)}: nothing to go back from."
+            f"No model was adopted in {store_name(store)}: nothing to go back from."
         )
     names = ", ".join(f"{r} {s or ''}".strip() for r, s in sorted(keys, key=str))
     raise InputError(f"Several robots have adopted models: {names}. Say --robot R.")

@@ -19,7 +19,7 @@ from flows.steps import experiment
 from flows.steps.experiment import Planned, plan
 from flows.workers.processes import Processes, spread
 from residual.errors import InputError, RunError
-from warehouse.remote import shown
+from warehouse.remote import store_name
 
 Runs = dict[str, list[str]]  # ids by role
 
@@ -62,7 +62,7 @@ def run_all(
         with Processes(min(cores(), len(missing))) as ours:
             return run_all(planned, store, tell, ours)
     # The store's name and not its folder: on another machine that is another one.
-    work = partial(run_one, store=shown(store))
+    work = partial(run_one, store=store_name(store))
     done = spread(executor, work, missing) if executor else ()
     for count, each in enumerate(done, start=1):
         at = missing[each.index]
@@ -174,7 +174,7 @@ def misplaced(planned: Planned, run_id: str, store: Path) -> str:
         return f"stored as {run_id}: the code was changed since the start"
     if not experiment.is_stored(store, planned.spec, run_id):
         return (
-            f"stored elsewhere than in {shown(store)}: a cluster needs a store on "
+            f"stored elsewhere than in {store_name(store)}: a cluster needs a store on "
             "object storage (--store s3://BUCKET/PREFIX), or a file system that all "
             "its machines share"
         )

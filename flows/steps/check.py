@@ -1,4 +1,4 @@
-"""Check logs before any modelling: their faults, each with the line that mends it."""
+"""Check logs before any modeling: their faults, each with the line that fixes it."""
 
 from collections.abc import Sequence
 from dataclasses import replace
@@ -18,12 +18,12 @@ from warehouse.logs.window import split_spec
 
 
 def read_logs(request: Check) -> LogSets:
-    """Read the robot and every log, also such as no arm can have made."""
+    """Read the robot and every log, also physically impossible ones."""
     return given.read_logs(request, "to check")
 
 
 def draft_map(request: Map) -> str:
-    """Return the text of a map for a log, drafted from what the log says of itself."""
+    """Return the text of a map for a log, drafted from its header and numbers."""
     path, _ = split_spec(request.log)
     robot = load(request.robot, logs=[request.log])
     return drafted(draft(path, robot, request.format), request.log, robot)
@@ -31,10 +31,10 @@ def draft_map(request: Map) -> str:
 
 @one_blas_thread
 def check(logs: LogSets) -> LogCheck:
-    """Check whether logs are what they say they are.
+    """Check that units, signs, order and timing of logs are consistent.
 
-    Healthy runs are checked by themselves, so that what is wrong with one set is not
-    lost among the logs of the other.
+    Healthy runs are checked separately, so that a fault of one set is not hidden by the
+    logs of the other.
     """
     faults: list[Fault] = []
     # One thread: the products are small, two threads only wait for each other.
@@ -47,7 +47,7 @@ def checked(logs: LogSets, trust_log: bool) -> LogCheck:
     """Check logs before they are used, and refuse those with a certain fault.
 
     Raises:
-        InputError: With the first certain fault and the line that mends it; in any
+        InputError: With the first certain fault and the line that fixes it; in any
             case where nothing can be computed from a log.
     """
     report = check(logs)
@@ -69,7 +69,7 @@ def as_mounted(logs: LogSets, report: LogCheck) -> LogSets:
 
 
 def _refusal(report: LogCheck) -> str:
-    # Gravity first, then what a line can mend: the others may come of it.
+    # Gravity first, then what a line can fix: the others may follow from it.
     first, *more = sorted(
         report.certain, key=lambda f: (f.kind != MOUNTING, f.repair is None)
     )
@@ -77,12 +77,12 @@ def _refusal(report: LogCheck) -> str:
     evidence = " ".join(first.evidence.split())
     if first.repair:
         line = " ".join(first.repair.split())
-        mend = f"Mend it by this line ({place_of(first.repair)}): {line}"
+        mend = f"Fix: add this line ({place_of(first.repair)}): {line}"
     else:
-        mend = "Mend the log."
+        mend = "Record the log again."
     return (
         f"The logs have a fault ({first.where}): {evidence}{rest}\n"
-        f"{mend} Or go on with --trust-log (trust_log=True)."
+        f"{mend} To continue anyway: --trust-log (trust_log=True)."
     )
 
 

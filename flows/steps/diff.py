@@ -8,9 +8,9 @@ from pathlib import Path
 
 from flows.steps.rerun import apart, environment_apart
 from residual.errors import InputError, RunError
-from warehouse.compare import Channel, compare, values_apart
-from warehouse.layout import Found, find
-from warehouse.remote import bucket_of, shown
+from warehouse.compare import Channel, compare_channels, compare_values
+from warehouse.layout import StoredRecord, find
+from warehouse.remote import bucket_of, store_name
 from warehouse.runs import read_channels, read_manifest
 from warehouse.schema import INDEX
 from warehouse.verify import open_to_others, read_row, verify_all
@@ -49,7 +49,7 @@ def diff(one: str, two: str, store: Path) -> Diff:
     return Diff(found[0].kind, (found[0].id, found[1].id), tables, channels)
 
 
-def _runs(store: Path, *found: Found) -> tuple[dict, tuple[Channel, ...]]:
+def _runs(store: Path, *found: StoredRecord) -> tuple[dict, tuple[Channel, ...]]:
     manifests = [read_manifest(store, each.id) for each in found]
     known = [each["provenance"] for each in manifests]
     spec = [
@@ -62,10 +62,10 @@ def _runs(store: Path, *found: Found) -> tuple[dict, tuple[Channel, ...]]:
         **_made_with(store, *known),
         "manifest": _pairs(*rest),
     }
-    return tables, compare(*(read_channels(store, each.id) for each in found))
+    return tables, compare_channels(*(read_channels(store, each.id) for each in found))
 
 
-def _records(store: Path, *found: Found) -> tuple[dict, tuple[Channel, ...]]:
+def _records(store: Path, *found: StoredRecord) -> tuple[dict, tuple[Channel, ...]]:
     rows = [read_row(each) for each in found]
     known = [json.loads(row["provenance"]) for row in rows]
     records = [json.loads(row["record"]) for row in rows]
@@ -93,7 +93,7 @@ def _made_with(store: Path, one: Mapping, two: Mapping) -> dict:
 
 def _pairs(one: Mapping, two: Mapping) -> tuple[tuple[str, object, object], ...]:
     """Return the values that differ, by their place, both as they are."""
-    names = [channel.name for channel in values_apart(dict(one), dict(two))]
+    names = [channel.name for channel in compare_values(dict(one), dict(two))]
     return tuple((name, _at(one, name), _at(two, name)) for name in names)
 
 
@@ -117,7 +117,7 @@ def verify(place: Path) -> Iterator[str]:
     """
     if not place.is_dir():
         raise InputError(
-            f"There is no store at {shown(place)}. Say where: --store FOLDER."
+            f"There is no store at {store_name(place)}. Say where: --store FOLDER."
         )
     counts: Counter = Counter()
     damaged = 0

@@ -31,11 +31,11 @@ from sim.plant.catalogue import check_effect
 from sim.trajectories import make_reference
 from sim.twin import log_twin_errors
 from warehouse import ids
-from warehouse.commit import Sealed, commit_run, sealed_hash
-from warehouse.ids import plain, record_folder
+from warehouse.commit import Seal, commit_run, sealed_hash
+from warehouse.ids import record_folder, to_plain
 from warehouse.layout import find
 from warehouse.provenance import plant_code_hash
-from warehouse.remote import is_there
+from warehouse.remote import has_record
 from warehouse.runs import keep_robot
 
 _LATER = ("background", "worked_before")
@@ -93,7 +93,7 @@ def run_id_of(spec: ExperimentSpec) -> str:
 
 def is_stored(store: Path, spec: ExperimentSpec, run_id: str) -> bool:
     """Return whether a run is in the store."""
-    return is_there(record_folder(store, "runs", run_id, checked_robot(spec).name))
+    return has_record(record_folder(store, "runs", run_id, checked_robot(spec).name))
 
 
 def run(spec: ExperimentSpec, store: Path, campaign: str | None = None) -> str:
@@ -142,7 +142,7 @@ def keep(made: Simulated, store: Path, parents: Mapping | None = None) -> str:
     manifest = {**made.manifest, "parents": lineage}
     if not lineage:
         del manifest["parents"]
-    sealed = Sealed(made.hidden, made.truth)
+    sealed = Seal(made.hidden, made.truth)
     return commit_run(store, made.log, manifest, sealed, made.twin)
 
 
@@ -198,8 +198,10 @@ def plant_of(sealed: Mapping) -> PlantSpec:
         plant = None
     # A key too many or too few would be another arm, and nobody would see it. What is
     # hidden stays hidden: the message has no values, and no error that has some.
-    whole = [] if plant is None else [plain(sealed_half(plant)), plain(asdict(plant))]
-    if plain(sealed) not in whole:
+    whole = (
+        [] if plant is None else [to_plain(sealed_half(plant)), to_plain(asdict(plant))]
+    )
+    if to_plain(sealed) not in whole:
         raise InputError(
             "The sealed half of the run has another form than expected: effects, "
             "scatter, noise, seed, salt and background. Run its experiment again."

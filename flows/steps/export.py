@@ -16,7 +16,7 @@ from flows.steps.models import read_model
 from flows.steps.rrd import make_rrd
 from residual.errors import InputError, RunError, check_name
 from residual.export.c99 import to_c99
-from residual.export.exported import Exported, Whole, body_of, to_json
+from residual.export.export import AnyModel, ModelExport, to_json, without_tables
 from residual.export.fmu import SOURCE, to_fmu
 from residual.export.mujoco import to_mujoco
 from residual.export.simulators import to_mjcf, to_urdf
@@ -31,7 +31,7 @@ _FLAGS = ("-std=c99", "-O2", "-Wall", "-Wextra", "-pedantic", "-shared", "-fPIC"
 def compiler() -> str | None:
     """Return the C compiler of this machine: $CC, else cc or gcc; None for none."""
     names = (os.environ.get("CC", ""), "cc", "gcc")
-    return next((found for n in names if n and (found := shutil.which(n))), None)
+    return next((result for n in names if n and (result := shutil.which(n))), None)
 
 
 def build(place: Path, sources: Sequence[str], name: str, *flags: str) -> None:
@@ -54,7 +54,7 @@ def build_fmu(sources: Mapping[str, bytes]) -> bytes | None:
         return (Path(folder) / "library.so").read_bytes()
 
 
-Writer = Callable[[Whole], Exported]
+Writer = Callable[[AnyModel], ModelExport]
 TARGETS: Mapping[str, Writer] = {
     "urdf": to_urdf,
     "mjcf": to_mjcf,
@@ -69,18 +69,18 @@ TARGETS: Mapping[str, Writer] = {
 
 def targets() -> Mapping[str, Writer]:
     """Return all targets: ours, and those of plug-ins."""
-    found = dict(TARGETS)
+    result = dict(TARGETS)
     for name, write in plugins("modelgap.exporters").items():
-        if name in found or not callable(write):
+        if name in result or not callable(write):
             raise InputError(
                 f"The plug-in '{name}' (modelgap.exporters): expected a function that "
                 "takes a model, called as no other target is."
             )
-        found[name] = write
-    return found
+        result[name] = write
+    return result
 
 
-def export(request: Export) -> Exported:
+def export(request: Export) -> ModelExport:
     """Read a model and write it in the form of another program.
 
     Raises:
@@ -92,12 +92,12 @@ def export(request: Export) -> Exported:
     model = read_model(store, request.model, request.which)
     if request.log is None:
         return export_model(model, request.to)
-    sets, robot = ((request.log,), (), ()), body_of(model).robot
+    sets, robot = ((request.log,), (), ()), without_tables(model).robot
     (log,) = read_sets(sets, robot, request.columns, store).fit
     return export_model(model, request.to, log)
 
 
-def export_model(model: Whole, to: str, log: Recording | None = None) -> Exported:
+def export_model(model: AnyModel, to: str, log: Recording | None = None) -> ModelExport:
     """Write a model in the form of another program.
 
     Args:
@@ -112,30 +112,28 @@ def export_model(model: Whole, to: str, log: Recording | None = None) -> Exporte
     return write(model) if log is None else make_rrd(model, log)
 
 
-def words(found: Exported) -> list[str]:
-    """Return what is to be said of an export, a line each."""
-    lines = [f"model: {found.whole!r}"]
-    lines += [f"not carried: {left}" for left in found.left]
-    if len(found.left) > 1:
-        lines.append(
-            f"not carried, together: up to {found.largest:.3g} N m "
-            f"(rms {found.rms:.3g})"
-        )
-    if not found.left:
-        lines.append("everything of the model is carried")
+def words(result: ModelExport) -> list[str]:
+    """Return the model and the omissions of an export, a line each."""
+    lines = [f"model: {result.source!r}"]
+    lines += [f"not exported: {omission}" for omission in result.omissions]
+    if len(result.omissions) > 1:
+        size = f"up to {result.largest:.3g} N m (rms {result.rms:.3g})"
+        lines.append(f"not exported, together: {size}")
+    if not result.omissions:
+        lines.append("the export represents the whole model")
     return lines
 
 
-def document(found: Exported) -> dict:
-    """Return what an export leaves out, as plain values."""
+def document(result: ModelExport) -> dict:
+    """Return the omissions of an export as plain values."""
     return {
         "schema": 1,
-        "files": sorted(found.files),
-        "left": plain([asdict(each) for each in found.left]),
-        "missing": {"rms": found.rms, "largest": found.largest},
+        "files": sorted(result.files),
+        "left": plain([asdict(each) for each in result.omissions]),
+        "missing": {"rms": result.rms, "largest": result.largest},
     }
 
 
-def in_place(found: Exported, folder: str | Path) -> dict[Path, bytes]:
+def in_place(result: ModelExport, folder: str | Path) -> dict[Path, bytes]:
     """Return the files of an export by where they go."""
-    return {Path(folder) / name: text for name, text in found.files.items()}
+    return {Path(folder) / name: text for name, text in result.files.items()}

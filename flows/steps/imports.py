@@ -17,8 +17,8 @@ from residual.errors import InputError, plain
 from residual.recording import Recording
 from residual.robot.robot import Robot, with_serial
 from warehouse.commit import commit_run, imported_run_id
-from warehouse.ids import plain as plain_json
 from warehouse.ids import record_folder
+from warehouse.ids import to_plain as plain_json
 from warehouse.logs import (
     ColumnMap,
     Understood,
@@ -26,8 +26,8 @@ from warehouse.logs import (
     read_any,
     unique_ids,
 )
-from warehouse.logs.tables import iso, parse
-from warehouse.remote import is_there
+from warehouse.logs.tables import format_moment, parse_moment
+from warehouse.remote import has_record
 from warehouse.runs import keep_robot, read_manifest
 
 LONGEST = 60
@@ -121,14 +121,14 @@ def _read_one(
         recording=recording,
         known=known,
         run_id=run_id,
-        stored=is_there(record_folder(store, "runs", run_id, robot.name)),
+        stored=has_record(record_folder(store, "runs", run_id, robot.name)),
         manifest={
             "source": "imported",
             "kind": request.kind,
             "trajectory": request.trajectory,
             "robot_hash": robot.content_hash,
             "serial": robot.serial,
-            "recorded_at": iso(_moment(request, known)),
+            "recorded_at": format_moment(_moment(request, known)),
             "tags": check_tags(request.tags),
             "log": _printable(plain_json(_about(known, columns))),
         },
@@ -138,7 +138,7 @@ def _read_one(
 def _moment(request: Import, known: Understood) -> datetime | None:
     if request.recorded_at is None:
         return known.recorded_at
-    return parse(request.recorded_at, "--recorded-at")
+    return parse_moment(request.recorded_at, "--recorded-at")
 
 
 def check_tags(tags: Sequence[str]) -> list[str]:

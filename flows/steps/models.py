@@ -16,7 +16,7 @@ from flows.storage.diagnosis import read_known, read_models, read_models_record
 from residual.calibration.calibrate import with_tables
 from residual.calibration.rows import PAPER
 from residual.errors import InputError, check_name
-from residual.export.exported import Whole, body_of
+from residual.export.export import AnyModel, without_tables
 from residual.model.lookup import Lookup
 from residual.model.model import Model
 from residual.model.nominal import declared_names, prepare_logs, start_nominal
@@ -139,13 +139,13 @@ def diagnosis_of(store: Path, word: str) -> str:
     ):
         return id
     if found.kind == "models":
-        from warehouse.query.store import ask
+        from warehouse.query.store import query_store
 
         query = (
             "SELECT diagnosis_id AS id FROM diagnoses WHERE model_id = $id "
             "ORDER BY created LIMIT 1"
         )
-        for row in ask(store, query, id=found.id):
+        for row in query_store(store, query, id=found.id):
             return row["id"]
     raise InputError(
         f"{word} is one of {found.kind}, expected a diagnosis or the model that one "
@@ -153,7 +153,7 @@ def diagnosis_of(store: Path, word: str) -> str:
     )
 
 
-def read_model(store: Path, word: str, which: str | None = None) -> Whole:
+def read_model(store: Path, word: str, which: str | None = None) -> AnyModel:
     """Return a model of a file, of a diagnosis, or of a model of the store.
 
     Args:
@@ -195,13 +195,13 @@ def read_model(store: Path, word: str, which: str | None = None) -> Whole:
     return from_record(content)
 
 
-def _one_of(models: Mapping[str, Whole], which: str | None) -> Whole:
+def _one_of(models: Mapping[str, AnyModel], which: str | None) -> AnyModel:
     return models[check_name(which or AUGMENTED, models, "model of the diagnosis")]
 
 
 def model_to_drive(
     store: Path, word: str, robot: Robot, nominal: Model | None = None
-) -> Whole:
+) -> AnyModel:
     """Return the model that a controller is to have.
 
     Args:
@@ -218,11 +218,14 @@ def model_to_drive(
     if nominal and found.kind == "models" and record.get("mode") == PAPER:
         own, hash = record["robot"], record["request"]["robot_hash"]
         lookup = Lookup.load(found.folder / "model.npz")
-        model: Whole = with_tables(nominal, lookup, record["joints"])
+        model: AnyModel = with_tables(nominal, lookup, record["joints"])
     else:
         diagnosis = found.kind == "diagnoses"
         model = (read_known if diagnosis else read_model)(store, found.id)
-        own, hash = body_of(model).robot.name, body_of(model).robot.content_hash
+        own, hash = (
+            without_tables(model).robot.name,
+            without_tables(model).robot.content_hash,
+        )
     if hash != robot.content_hash:
         raise InputError(
             f"The model of {word} is of {own} as it was described then, the robot is "

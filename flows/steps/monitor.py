@@ -18,8 +18,8 @@ from residual.threads import one_blas_thread
 from warehouse.commit import commit_record
 from warehouse.layout import find, find_run, list_folders, read_record
 from warehouse.quarantine import tombstone
-from warehouse.query.store import ask
-from warehouse.remote import shown
+from warehouse.query.store import query_store
+from warehouse.remote import store_name
 from warehouse.runs import read_manifest, read_run
 from warehouse.schema import rows_table
 
@@ -27,8 +27,8 @@ MOST_HEALTHY = 12  # of them are read
 
 
 @dataclass(frozen=True, eq=False, slots=True)
-class Watched:
-    """What was found."""
+class MonitoringResult:
+    """A calibrated monitor, and the alarms of the runs that it watched."""
 
     monitor: Monitor  # the monitor, calibrated
     calibration: tuple[str, ...]  # ids of the healthy runs
@@ -51,11 +51,11 @@ class Watched:
 
 
 @one_blas_thread
-def monitor(request: Request) -> tuple[str, Watched, dict[str, Recording]]:
-    """Calibrate a monitor, watch runs, and store what was found.
+def monitor(request: Request) -> tuple[str, MonitoringResult, dict[str, Recording]]:
+    """Calibrate a monitor, watch runs, and store the alarms.
 
     Returns:
-        The id of the record, what was found, and the watched runs by their id.
+        The id of the record, the result, and the watched runs by their id.
     """
     store = store_folder(request.store)
     diagnosis = _diagnosis_in(request.model, store)
@@ -114,10 +114,10 @@ def watch(
     healthy: Mapping[str, Recording],
     watched: Mapping[str, Recording],
     per_hour: float,
-) -> Watched:
+) -> MonitoringResult:
     """Calibrate a monitor and watch runs, each by its id; nothing is stored."""
     made = calibrate(model, list(healthy.values()), per_hour)
-    return Watched(
+    return MonitoringResult(
         monitor=made,
         calibration=tuple(healthy),
         alarms={id: made.watch(run) for id, run in watched.items()},
@@ -127,19 +127,17 @@ def watch(
 
 @dataclass(frozen=True, slots=True)
 class NewRuns:
-    """What the monitoring of new runs said."""
+    """The result of monitoring new runs."""
 
-    # Id of its record, None where there was nothing to compare with.
-    record: str | None = None
-    found: Watched | None = None  # what was found; None where nothing was watched
-    # The runs that were watched, by their id.
-    watched: Mapping[str, Recording] = field(default_factory=dict)
+    record: str | None = None  # its id; None where no run was watched
+    result: MonitoringResult | None = None  # None where no run was watched
+    watched: Mapping[str, Recording] = field(default_factory=dict)  # by their id
     why: str = ""  # why nothing was watched, "" where it was
 
     @property
     def alarmed(self) -> tuple[str, ...]:
         """Runs with an alarm."""
-        alarms = self.found.alarms if self.found else {}
+        alarms = self.result.alarms if self.result else {}
         return tuple(run for run, own in alarms.items() if own)
 
 
@@ -147,7 +145,7 @@ def watch_new(
     runs: Sequence[str],
     store: Path,
     model: str | None = None,
-    good: Sequence[str] = (),
+    healthy_ids: Sequence[str] = (),
     tag: str = HEALTHY,
 ) -> NewRuns:
     """Watch new runs of one robot, against its adopted model or its last diagnosis.
@@ -155,14 +153,14 @@ def watch_new(
     Args:
         model: Id of a diagnosis, or a robot; None for what the robot has, else what was
             found of it last.
-        good: Ids of the healthy runs; empty for those with the tag, and where these are
+        healthy_ids: Ids of the healthy runs; empty for those with the tag, and where these are
             too few for those of the diagnosis.
     """
     model = model or in_force(runs, store).diagnosis or latest_diagnosis(runs, store)
     if model is None:
         return NewRuns(why="No diagnosis of this arm yet: nothing to compare with.")
-    healthy = tuple(good) or healthy_runs(runs, store, tag)
-    if not good and len(healthy) < LEAST_RUNS:
+    healthy = tuple(healthy_ids) or healthy_runs(runs, store, tag)
+    if not healthy_ids and len(healthy) < LEAST_RUNS:
         diagnosis = _diagnosis_in(model, store)
         healthy = _behind(diagnosis, store) if diagnosis else ()
     new = tuple(run for run in runs if run not in healthy)
@@ -187,7 +185,7 @@ def healthy_runs(
         ORDER BY coalesce(recorded_at, created) DESC, run_id LIMIT $most
     """
     given = {"tag": tag, "runs": list(runs), "first": runs[0], "most": MOST_HEALTHY}
-    rows = ask(store, query, **given)
+    rows = query_store(store, query, **given)
     return tuple(sorted(row["run_id"] for row in rows))
 
 
@@ -199,7 +197,7 @@ def diagnosis_of(runs: Sequence[str], store: Path) -> str | None:
         GROUP BY diagnosis_id HAVING count(DISTINCT parent) = $count
         ORDER BY any_value(diagnoses.created) DESC, diagnosis_id LIMIT 1
     """
-    rows = ask(store, query, runs=list(runs), count=len(set(runs)))
+    rows = query_store(store, query, runs=list(runs), count=len(set(runs)))
     return rows[0]["diagnosis_id"] if rows else None
 
 
@@ -213,7 +211,7 @@ def latest_diagnosis(runs: Sequence[str], store: Path) -> str | None:
         "serial IS NOT DISTINCT FROM $serial "
         "ORDER BY created DESC, diagnosis_id LIMIT 1"
     )
-    found = ask(store, query, robot=robot, serial=serial_of(runs[0], store))
+    found = query_store(store, query, robot=robot, serial=serial_of(runs[0], store))
     return found[0]["diagnosis_id"] if found else None
 
 
@@ -240,8 +238,8 @@ def _diagnosis_in(word: str, store: Path) -> str | None:
         return None
     if not any(id.startswith(word) for id in list_folders(store, "diagnoses")):
         raise InputError(
-            f"'{word}' is no diagnosis in {shown(store)}. Name a robot such as irb140, "
-            "or a diagnosis as in: modelgap sql 'SELECT diagnosis_id FROM diagnoses'."
+            f"'{word}' is no diagnosis in {store_name(store)}. Name a robot such as "
+            "irb140, or a diagnosis: modelgap sql 'SELECT diagnosis_id FROM diagnoses'."
         )
     return find(store, word).id
 

@@ -46,30 +46,29 @@ COARSER, FINER = 0.5, 2
 
 
 @dataclass(frozen=True, eq=False, slots=True)
-class Opened:
-    """A verdict, its logs diagnosed once more, and what they leave open."""
+class OpenVerdict:
+    """A verdict, the repeated diagnosis of its logs, and the open question."""
 
     verdict: Verdict  # as it was named
-    found: Diagnosis  # the same logs once more
+    diagnosis: Diagnosis  # of the same logs, repeated
     question: Question
     robot: Robot
-    lines: tuple[str, ...] = ()  # what the user should know of the logs
+    lines: tuple[str, ...] = ()  # notes on the logs
 
     @property
-    def same(self) -> bool:
+    def reproduced(self) -> bool:
         """Whether the logs gave the verdict again."""
         one, other = (
             {(f.name, f.joints) for f in v.effects} | {v.verdict}
-            for v in (self.verdict, self.found.verdict)
+            for v in (self.verdict, self.diagnosis.verdict)
         )
         return one == other
 
 
-def open_verdict(request: Next, progress: Progress | None = None) -> Opened:
-    """Find out what a verdict leaves open.
+def open_verdict(request: Next, progress: Progress | None = None) -> OpenVerdict:
+    """Diagnose the logs of a verdict again, and return the question that they leave.
 
-    A comparison asks nothing of one arm: of it the new logs are looked at by
-    themselves.
+    A comparison with a baseline leaves none: then the new logs are diagnosed alone.
 
     Raises:
         InputError: If the request, the verdict or a log is not usable.
@@ -81,7 +80,7 @@ def open_verdict(request: Next, progress: Progress | None = None) -> Opened:
     question = found.question
     if question is None:
         question = diagnose(again, logs, progress, alone=True).question
-    return Opened(verdict, found, question, logs.robot, logs.lines)
+    return OpenVerdict(verdict, found, question, logs.robot, logs.lines)
 
 
 def check_length(seconds: float) -> None:
@@ -165,31 +164,33 @@ def read_verdict_file(path: Path) -> Verdict:
 
 
 @dataclass(frozen=True, eq=False, slots=True)
-class Motion:
-    """A motion, and what it promises."""
+class RankedMotion:
+    """A motion with its expected evidence."""
 
-    spec: TrajectorySpec  # planned again from it, it is the same
-    seen: Outlook  # what all of it brings at the sizes that were found
-    sure: Prospect  # what all of it brings, counted in drawn logs
-    # After how long of it the question is settled surely [s]; None for never.
+    spec: TrajectorySpec  # reproduces the motion
+    outlook: Outlook  # of the whole motion, at the estimated sizes
+    prospect: Prospect  # of the whole motion, from drawn logs
+    # Length after which the chance of settling the question is `SURE` [s], or None.
     after: float | None
 
     @property
     def rank(self) -> tuple[float, float]:
-        """Less is better: soon sure; where never, a small chance not to be."""
-        return np.inf if self.after is None else self.after, -self.sure.chance
+        """Sort key: early settlement, then a large chance."""
+        return np.inf if self.after is None else self.after, -self.prospect.chance
 
 
 @dataclass(frozen=True, eq=False, slots=True)
 class Ranking:
-    """Motions for a question."""
+    """Motions for a question, the best first."""
 
     question: Question
     twins: frozenset[Pair]  # pairs that no motion tells apart
-    ranked: tuple[Motion, ...]  # those that were looked at closely, the best first
+    ranked: tuple[
+        RankedMotion, ...
+    ]  # those that were looked at closely, the best first
 
     @property
-    def best(self) -> Motion:
+    def best(self) -> RankedMotion:
         """The one to run."""
         return self.ranked[0]
 
@@ -201,7 +202,9 @@ class Ranking:
             shown["coefficients"] = [list(row) for row in spec.coefficients]
         else:
             shown["seed"] = spec.seed
-        plan = plan_of(self.question, best.seen, best.sure, spec.duration, best.after)
+        plan = plan_of(
+            self.question, best.outlook, best.prospect, spec.duration, best.after
+        )
         return plan | {"family": spec.kind, "parameters": shown, "program": program}
 
 
@@ -235,7 +238,7 @@ def rank_motions(
         course = _course(question, robot, every[i], FINER)
         seen = outlook(question, course.gram(seconds), twins)
         sure = sure_after(question, course, seconds, twins)
-        looked.append(Motion(every[i], seen, *sure))
+        looked.append(RankedMotion(every[i], seen, *sure))
     tell("motions", 1.0)
     ranked = tuple(sorted(looked, key=lambda motion: motion.rank))
     return Ranking(question, twins, ranked) if ranked else None

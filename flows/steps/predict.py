@@ -15,7 +15,7 @@ from flows.requests import Predict
 from flows.settings import store_folder
 from flows.steps.models import read_model
 from residual.errors import InputError
-from residual.export.exported import Whole, body_of
+from residual.export.export import AnyModel, without_tables
 from residual.model.compare import EDITED, WHOLE, Edits, Prediction
 from residual.model.compare import predict as core_predict
 from residual.quantity import plain
@@ -26,17 +26,17 @@ _NAMES = {WHOLE: "tau_model", EDITED: "tau_edited"}
 FORMS = (".csv", ".parquet")
 
 
-def read(request: Predict) -> tuple[Whole, LogSets]:
+def read(request: Predict) -> tuple[AnyModel, LogSets]:
     """Read the model and every log once."""
     need_logs(request.logs, "to predict", "predict")
     store = store_folder(request.store)
     model = read_model(store, request.model, request.which)
     sets = (request.logs, (), ())
-    return model, read_sets(sets, body_of(model).robot, request.columns, store)
+    return model, read_sets(sets, without_tables(model).robot, request.columns, store)
 
 
 @one_blas_thread
-def predict(request: Predict, model: Whole, logs: LogSets) -> Prediction:
+def predict(request: Predict, model: AnyModel, logs: LogSets) -> Prediction:
     """Compute the torque of the model on the logs."""
     return core_predict(model, logs.fit, parse_edits(request.without))
 

@@ -36,12 +36,24 @@ from flows.steps.monitor import monitor
 from flows.steps.validate import validate
 from residual.errors import InputError
 from warehouse.commit import commit_record
-from warehouse.compare import Channel, compare, differing, values_apart
+from warehouse.compare import (
+    Channel,
+    compare_channels,
+    compare_values,
+    differing_channels,
+)
 from warehouse.files import read_parquet, table_hash, to_arrays
-from warehouse.ids import ID_DIGITS, data_hash, plain
-from warehouse.layout import RERUN_OF, Found, find, list_folders, needed, read_record
-from warehouse.provenance import about_changes, provenance, read_packages
-from warehouse.remote import bring, is_there
+from warehouse.ids import ID_DIGITS, data_hash, to_plain
+from warehouse.layout import (
+    RERUN_OF,
+    StoredRecord,
+    find,
+    list_folders,
+    read_record,
+    with_parents,
+)
+from warehouse.provenance import describe_uncommitted, provenance, read_packages
+from warehouse.remote import fetch_record, has_record
 from warehouse.runs import open_seal, read_manifest, robot_word
 from warehouse.schema import SAMPLES_FILE, SEALED
 from warehouse.verify import faults, list_tables, other_files, read_row
@@ -108,7 +120,7 @@ def rerun(id: str, store: Path, verify: bool = False) -> Rerun:
     return _rerun_record(record, store, verify)
 
 
-def _rerun_run(record: Found, store: Path, verify: bool) -> Rerun:
+def _rerun_run(record: StoredRecord, store: Path, verify: bool) -> Rerun:
     manifest, new = read_manifest(store, record.id), None
     then = manifest["provenance"]
     if manifest.get("spec") is None:
@@ -120,7 +132,7 @@ def _rerun_run(record: Found, store: Path, verify: bool) -> Rerun:
             )
         wrong = faults(record)
         cause = Cause("damaged", "; ".join(wrong)) if wrong else None
-        known = about_changes(then)
+        known = describe_uncommitted(then)
         return Rerun(record.id, record.kind, (), True, cause, known, imported=True)
     simulated = again(store, record.id, manifest)
     # Past the check of the hash: what was changed is to be found, not only refused.
@@ -128,7 +140,7 @@ def _rerun_run(record: Found, store: Path, verify: bool) -> Rerun:
     names = ("t", "q", "qd", "qdd", "tau", "q_ref")
     logged = {name: getattr(simulated.log, name) for name in names}
     logged = {name: values for name, values in logged.items() if values is not None}
-    differences = compare(stored, {**logged, **simulated.twin})
+    differences = compare_channels(stored, {**logged, **simulated.twin})
     if data_hash(simulated.truth) != manifest["truth_hash"]:
         # Which of its channels would tell what is hidden.
         hidden = Channel("hidden truth", "", False, note="other values")
@@ -141,7 +153,7 @@ def _rerun_run(record: Found, store: Path, verify: bool) -> Rerun:
     return _noted(outcome, store, record.folder.parent.name[6:], new)
 
 
-def _rerun_record(record: Found, store: Path, verify: bool) -> Rerun:
+def _rerun_record(record: StoredRecord, store: Path, verify: bool) -> Rerun:
     if record.kind == "reports":
         raise InputError(
             f"{record.id} is a report: a page about a diagnosis. Make that one again: "
@@ -159,16 +171,16 @@ def _rerun_record(record: Found, store: Path, verify: bool) -> Rerun:
 
 
 def _outcome(
-    record: Found, store: Path, then: Mapping, differences: tuple[Channel, ...]
+    record: StoredRecord, store: Path, then: Mapping, differences: tuple[Channel, ...]
 ) -> Rerun:
     """Return what a rerun shows, before anything of it is kept."""
     key = "code_hash" if record.kind == "runs" else "program_hash"
     now = asdict(provenance())
-    differences, wrong = differing(differences), faults(record)
+    differences, wrong = differing_channels(differences), faults(record)
     cause = None
     if differences or wrong:
         cause = cause_of(then, now, key, wrong, store)
-    known, same = about_changes(then), then.get(key) == now[key]
+    known, same = describe_uncommitted(then), then.get(key) == now[key]
     return Rerun(record.id, record.kind, differences, same, cause, known)
 
 
@@ -258,8 +270,8 @@ def again(store: Path, run_id: str, manifest: Mapping) -> Simulated:
     word = robot_word(store, manifest["robot"], manifest.get("robot_hash"))
     spec = spec_of({**manifest, "robot": word}, hidden)
     halves = (
-        plain(sealed_half(spec.plant_spec())),
-        plain(open_half(spec, checked_robot(spec))),
+        to_plain(sealed_half(spec.plant_spec())),
+        to_plain(open_half(spec, checked_robot(spec))),
     )
     if halves != (hidden, manifest["spec"]):
         raise InputError(f"Run {run_id} cannot be made again: {_OTHER}")
@@ -322,7 +334,9 @@ _STEPS: Mapping[str, tuple[type[Request], Callable]] = {
 
 
 @contextmanager
-def made_again(store: Path, record: Found) -> Iterator[tuple[Path, Found]]:
+def made_again(
+    store: Path, record: StoredRecord
+) -> Iterator[tuple[Path, StoredRecord]]:
     """Make a record once more.
 
     Yields:
@@ -337,7 +351,7 @@ def made_again(store: Path, record: Found) -> Iterator[tuple[Path, Found]]:
             "monitor by this version do."
         )
     verb, step = _STEPS[request["step"]]
-    before = [each for each in needed(store, record.id) if each.id != record.id]
+    before = [each for each in with_parents(store, record.id) if each.id != record.id]
     runs = [read_manifest(store, each.id) for each in before if each.kind == "runs"]
     # Where to load each robot from, such that it is the one that was used.
     robots = {
@@ -352,7 +366,7 @@ def made_again(store: Path, record: Found) -> Iterator[tuple[Path, Found]]:
             seal = Path(SEALED) / f"run_id={each.id}"
             # Feed-forward of a validation is on the arm of the seal.
             hidden = "feed_forward" in (content.get("kind") or "")
-            if hidden and is_there(store / seal):
+            if hidden and has_record(store / seal):
                 _link(store / seal, own / seal)
         with instead(robots):
             step(verb.from_record(request, own))
@@ -367,7 +381,7 @@ def made_again(store: Path, record: Found) -> Iterator[tuple[Path, Found]]:
 
 def _link(folder: Path, target: Path) -> None:
     target.mkdir(parents=True)
-    bring(folder)
+    fetch_record(folder)
     for path in folder.iterdir():
         # A symbolic link would not do: SQL follows it out of the store and refuses.
         try:
@@ -376,15 +390,15 @@ def _link(folder: Path, target: Path) -> None:
             shutil.copyfile(path, target / path.name)
 
 
-def keep_record(own: Path, store: Path, old: Found, new: Found) -> str:
+def keep_record(own: Path, store: Path, old: StoredRecord, new: StoredRecord) -> str:
     """Put a record that was made again, and what was made with it, into the store.
 
     Returns:
         The id that the new one has in the store; the first one is its parent.
     """
     renamed: dict[str, str] = {}
-    for each in needed(own, new.id):
-        if is_there(store / each.folder.relative_to(own)):
+    for each in with_parents(own, new.id):
+        if has_record(store / each.folder.relative_to(own)):
             continue
         row = read_row(each)
         parents = [(p["parent"], p["role"]) for p in row["lineage"] or []]
@@ -406,7 +420,7 @@ def keep_record(own: Path, store: Path, old: Found, new: Found) -> str:
     return renamed[new.id]
 
 
-def _parts(record: Found) -> tuple[dict[str, pa.Table], dict[str, bytes]]:
+def _parts(record: StoredRecord) -> tuple[dict[str, pa.Table], dict[str, bytes]]:
     """Return the tables and the other files of a record, by name."""
     tables, files = dict(list_tables(record)), {}
     for path in other_files(record).values():
@@ -417,10 +431,10 @@ def _parts(record: Found) -> tuple[dict[str, pa.Table], dict[str, bytes]]:
     return tables, files
 
 
-def apart(record: Found, other: Found) -> tuple[Channel, ...]:
+def apart(record: StoredRecord, other: StoredRecord) -> tuple[Channel, ...]:
     """Return where two records of one kind differ, value by value."""
     one, two = (json.loads(read_row(each)["record"]) for each in (record, other))
-    out = values_apart(one, two, "")
+    out = compare_values(one, two, "")
     (old, old_files), (new, new_files) = _parts(record), _parts(other)
     for name in old | new:
         out += _table_apart(name, old.get(name), new.get(name))
@@ -443,7 +457,9 @@ def _table_apart(name: str, one: pa.Table | None, two: pa.Table | None) -> list:
         at = f"{name}.{column}"
         if pa.types.is_floating(a.type):
             sides = [{at: c.to_numpy(zero_copy_only=False)} for c in (a, b)]
-            out += [channel for channel in compare(*sides) if not channel.equal]
+            out += [
+                channel for channel in compare_channels(*sides) if not channel.equal
+            ]
         elif not a.equals(b):
             out.append(Channel(at, "", False, len(one), note="other values"))
     return out

@@ -26,7 +26,7 @@ from flows.steps.experiment import plant_of
 from flows.steps.models import NOMINAL, check_description, model_to_drive, nominal_of
 from flows.storage.diagnosis import read_models
 from residual.errors import InputError
-from residual.export.exported import Whole, body_of
+from residual.export.export import AnyModel, without_tables
 from residual.model.compare import compare, prepare_held_out
 from residual.model.control import feed_forward
 from residual.model.forward import POSES, acceleration_error, least_mass_matrix
@@ -39,7 +39,7 @@ from sim.plant import tables as at
 from sim.plant.stepping import DivergedError, drive
 from sim.trajectories import make_reference
 from sim.twin import open_loop, track, twin_of
-from warehouse.commit import about_run, commit_record
+from warehouse.commit import commit_record, run_columns
 from warehouse.layout import find
 from warehouse.numbered import adopted
 from warehouse.provenance import plant_code_hash
@@ -150,7 +150,7 @@ def validate(request: Request) -> tuple[str, Validation]:
         if each.least_mass <= 0
     ]
     made = Validation(used, strayed, **tracked, notes=tuple(notes), models=both)
-    same = {"run_id": log.id, "trajectory": about_run(manifest)["trajectory"]}
+    same = {"run_id": log.id, "trajectory": run_columns(manifest)["trajectory"]}
     record = {
         "robot": log.robot,
         "kind": made.kind,
@@ -169,9 +169,9 @@ def validate(request: Request) -> tuple[str, Validation]:
     return commit_record(store, "validations", record, tables, parents), made
 
 
-def both_ways(model: Whole, log: Recording) -> BothWays:
+def both_ways(model: AnyModel, log: Recording) -> BothWays:
     """Return what a model makes of a log: torque of motion, motion of torque."""
-    body = body_of(model)
+    body = without_tables(model)
     errors, _ = compare({NOMINAL: model}, prepare_held_out([log], body), body.filters)
     torque = errors[NOMINAL].per_joint("moving")
     try:
@@ -198,10 +198,10 @@ def _with_ids(request: Request, store: Path, robot: Robot) -> Request:
 
 def _models(
     request: Request, store: Path, robot: Robot, log: Recording
-) -> dict[str, Whole]:
+) -> dict[str, AnyModel]:
     """All models that are known of the arm of a run, the nominal one first."""
     nominal = nominal_of(robot, [log])
-    out: dict[str, Whole] = {NOMINAL: nominal}
+    out: dict[str, AnyModel] = {NOMINAL: nominal}
     if request.model is not None:
         if find(store, request.model).kind == "diagnoses":
             out |= read_models(store, request.model) | out

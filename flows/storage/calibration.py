@@ -11,7 +11,7 @@ from residual.calibration.calibrate import Calibration, corrected_model
 from residual.calibration.crossval import relative_error
 from residual.calibration.scores import RUN, Score
 from residual.export.c99 import to_c99
-from residual.export.exported import to_json
+from residual.export.export import to_json
 from residual.model.lookup import export_lookup
 from residual.model.record import to_record
 from warehouse.commit import commit_record

@@ -18,7 +18,7 @@ from residual.signals.splitting import sketch_of
 from residual.signals.track import Filters, thinned
 from residual.verdict.document import from_json, to_json
 from residual.verdict.result import Diagnosis, ErrorTables, Finding, Verdict
-from warehouse.commit import Rows, commit_record, store_rows
+from warehouse.commit import DiagnosisRows, commit_record, store_rows
 from warehouse.files import read_parquet
 from warehouse.ids import record_folder
 from warehouse.layout import find, read_record
@@ -236,7 +236,7 @@ def store_outcome(
     serial = next((m.robot.serial for m in found.models.values()), None)
     whose = {"serial": serial} if serial else {}
     motion = states_table(logs)
-    rows = Rows(
+    rows = DiagnosisRows(
         record={
             "robot": verdict.robot,
             "verdict": verdict.verdict,

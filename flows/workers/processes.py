@@ -8,6 +8,7 @@ that only the job of the dead process fails.
 import multiprocessing
 import multiprocessing.connection
 import os
+import re
 import signal
 import threading
 from collections.abc import Callable, Iterator, Sequence
@@ -23,7 +24,6 @@ from contextlib import suppress
 from dataclasses import dataclass
 from itertools import chain
 from typing import Any
-from urllib.parse import urlsplit
 
 from threadpoolctl import threadpool_limits
 
@@ -32,7 +32,7 @@ from residual.errors import InputError, ModelgapError, RunError
 from warehouse.bucket import is_loopback
 
 RUNNER, TRUST = "MODELGAP_RUNNER", "MODELGAP_TRUST_NETWORK"
-THREADS, DASK = "threads", "dask"
+DASK = "dask"
 _SPAWN = multiprocessing.get_context("spawn")
 
 
@@ -48,7 +48,7 @@ class JobResult:
 def spread(
     executor: Executor, work: Callable[[Any], Any], jobs: Sequence[Any]
 ) -> Iterator[JobResult]:
-    """Yield jobs as they are done; one failure is one result.
+    """Yield the results of jobs in the order in which they finish.
 
     Args:
         work: A function of a module, of one argument that can be pickled.
@@ -61,7 +61,7 @@ def spread(
 
 
 def run_job(work: Callable, *arguments: Any) -> Any:
-    """Do a job; whatever it raises can cross to another process."""
+    """Do a job; its errors can be pickled."""
     try:
         return work(*arguments)
     except ModelgapError as error:
@@ -122,7 +122,7 @@ def _begin() -> None:
 
 
 class InlineExecutor(Executor):
-    """The same without processes: each job is done as it is submitted."""
+    """An executor that does each job when it is submitted."""
 
     def submit(self, work: Callable, /, *arguments: Any) -> Future:
         """Do a job (`Executor.submit`)."""
@@ -144,21 +144,17 @@ def chosen_runner() -> str | None:
     Raises:
         InputError: If it is another word, or an address on an untrusted network.
     """
-    word = os.environ.get(RUNNER) or THREADS
-    if word in (THREADS, DASK):
-        return None if word == THREADS else DASK
-    try:
-        parts = urlsplit(word)
-        host, port = parts.hostname, parts.port
-    except ValueError:
-        parts, host, port = None, None, None
-    if not parts or parts.scheme != DASK or not host or not port:
+    word = os.environ.get(RUNNER) or "threads"
+    if word in ("threads", DASK):
+        return None if word == "threads" else DASK
+    parts = re.fullmatch(r"dask://(\[[0-9a-fA-F:]+\]|[\w.-]+):[0-9]{1,5}", word)
+    if parts is None:
         raise InputError(
             f"${RUNNER} is '{word}', expected threads, dask or dask://HOST:PORT."
         )
-    if not is_loopback(host) and os.environ.get(TRUST) != "1":
+    if not is_loopback(parts[1].strip("[]")) and os.environ.get(TRUST) != "1":
         raise InputError(
             f"${RUNNER} is '{word}', on the network: Dask runs any code that is sent "
             f"to it, without encryption. If you trust that network, set {TRUST}=1."
         )
-    return f"tcp://{f'[{host}]' if ':' in host else host}:{port}"
+    return word.replace(DASK, "tcp", 1)

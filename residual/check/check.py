@@ -1,4 +1,4 @@
-"""From a robot and its recordings to the faults that they have."""
+"""The check of logs: from a robot and recordings to their faults."""
 
 from collections.abc import Sequence
 from dataclasses import replace
@@ -16,7 +16,7 @@ from residual.check.kinematics import (
     zero_explains,
 )
 from residual.check.motion import Motion, thin_rows
-from residual.check.mounting import REMOVED, mounting, nats_of
+from residual.check.mounting import REMOVED, nats_of, other_gravity
 from residual.check.physics import misread, wrong_robot
 from residual.check.reading import Reading, as_given, odds_of, read_by
 from residual.check.reported import (
@@ -25,7 +25,6 @@ from residual.check.reported import (
     unit_fault,
 )
 from residual.check.result import MOUNTING, Fault, LogCheck, Repair, joints_of
-from residual.check.rules import CHECK
 from residual.check.samples import (
     constant,
     spikes,
@@ -35,6 +34,7 @@ from residual.check.samples import (
     wraps,
 )
 from residual.check.slips import Slips, slips
+from residual.check.thresholds import CHECK
 from residual.errors import InputError, listed
 from residual.recording import Recording
 from residual.robot.dynamics import joints_length
@@ -46,7 +46,7 @@ _VELOCITY, WRONG = "velocity_mismatch", "wrong_robot"
 
 
 def check_logs(robot: Robot, recordings: Sequence[Recording]) -> LogCheck:
-    """Check whether logs are what they say they are.
+    """Check that units, signs, order and timing of logs are consistent.
 
     A fault that others follow from is reported alone: with a wrong unit of time no
     speed is too high, and with a wrong robot file nothing fits.
@@ -122,7 +122,7 @@ def _of_the_arm(
     read = _nats(robot, motion, reading if counts else given)
     second = -np.inf
     if reading.angle_unit == 1.0:
-        mounted = mounting(robot, motion)
+        mounted = other_gravity(robot, motion)
     gone = mounted and mounted.fault.kind == REMOVED and not mounted.fault.certain
     if gone and zero_explains(robot, motion, logs, given):
         mounted = None  # another zero says more than a weight that may be gone
@@ -131,11 +131,11 @@ def _of_the_arm(
         also, then = misread(mounted.robot, motion)
         # Of a load the weight is there where the arm's was taken out.
         alike = mounted.nats if mounted.fault.kind != MOUNTING else -np.inf
-        second = max(_nats(mounted.robot, motion, then), alike) - CHECK.odds
+        second = max(_nats(mounted.robot, motion, then), alike) - CHECK.odds_nats
     rivals = ((read, columns), (second, [mounted.fault] if mounted else []))
     if slipped and all(_beats(slipped, *rival) for rival in rivals):
         columns, robot = list(slipped.faults), slipped.robot
-        inclined = mounting(robot, slipped.motion)
+        inclined = other_gravity(robot, slipped.motion)
         if inclined and inclined.fault.kind == MOUNTING and inclined.fault.certain:
             # Rough factors of single torques turn gravity, too.
             columns.append(replace(inclined.fault, certain=False))
@@ -251,15 +251,17 @@ def file_faults(robot: Robot) -> list[Fault]:
             out.append(Fault("robot_file", (), True, words, repairs))
             break
     size = float(np.linalg.norm(robot.model.gravity.linear))
-    if size and not CHECK.earth[0] < size < CHECK.earth[1]:
+    if size and not CHECK.earth_gravity[0] < size < CHECK.earth_gravity[1]:
         words = f"Gravity is {size:.4g} m/s^2 in the robot file, expected 9.81."
-        out.append(Fault("robot_file", (), size > 3 * CHECK.earth[1], words))
+        out.append(Fault("robot_file", (), size > 3 * CHECK.earth_gravity[1], words))
     wrong = []
     for joint, body in enumerate(bodies, start=1):
         least, *_, most = np.linalg.eigvalsh(body.inertia)
         if body.mass < 0 or least < -1e-3 * most:
             wrong.append((joint, f"link {joint} has a moment of {least:.3g} kg m^2"))
-        elif body.mass * most > (body.mass * CHECK.widest * max(reach, 0.1)) ** 2:
+        elif (
+            body.mass * most > (body.mass * CHECK.gyration_ratio * max(reach, 0.1)) ** 2
+        ):
             radius = np.sqrt(most / body.mass)
             words = f"the mass of link {joint} is spread over {radius:.3g} m"
             wrong.append((joint, words))
@@ -273,9 +275,9 @@ def file_faults(robot: Robot) -> list[Fault]:
 def enough(recordings: Sequence[Recording], motion: Motion | None) -> list[Fault]:
     """Find logs that are too short, and joints that do not move on their own."""
     seconds, out = sum(r.duration for r in recordings), []
-    if seconds < CHECK.shortest:
+    if seconds < CHECK.shortest_s:
         words = (
-            f"The logs last {seconds:.3g} s together; below {CHECK.shortest:g} s the "
+            f"The logs last {seconds:.3g} s together; below {CHECK.shortest_s:g} s the "
             "motion does not tell friction, weight and inertia apart."
         )
         out.append(Fault("too_short", (), False, words))
@@ -286,8 +288,8 @@ def enough(recordings: Sequence[Recording], motion: Motion | None) -> list[Fault
         forth += np.maximum(change, 0).sum(axis=0)
         back += np.maximum(-change, 0).sum(axis=0)
     path = forth + back
-    one_way = np.minimum(forth, back) < CHECK.one_way * path
-    if joints := joints_of(one_way & (path > CHECK.travel)):
+    one_way = np.minimum(forth, back) < CHECK.one_way_share * path
+    if joints := joints_of(one_way & (path > CHECK.travel_rad)):
         words = (
             f"Joints {listed(joints)} never reverse: dry friction and a constant "
             "torque cannot be told apart there."
@@ -296,12 +298,12 @@ def enough(recordings: Sequence[Recording], motion: Motion | None) -> list[Fault
     if motion is None:
         return out
     qd = motion.qd[motion.moving.any(axis=1)]
-    moves = np.ptp(motion.q, axis=0) > CHECK.travel
+    moves = np.ptp(motion.q, axis=0) > CHECK.travel_rad
     if moves.sum() < 2 or len(qd) < 10:
         return out
     unit = np.where(moves, qd / np.maximum(np.linalg.norm(qd, axis=0), 1e-12), 0.0)
     related = np.abs(unit.T @ unit) - np.diag(np.sum(unit**2, axis=0))
-    if tied := joints_of((related > CHECK.together).any(axis=0)):
+    if tied := joints_of((related > CHECK.lockstep_correlation).any(axis=0)):
         words = (
             f"The speeds of joints {listed(tied)} are proportional (correlation "
             f"{related.max():.4f}): what belongs to which of them cannot be told."

@@ -13,7 +13,7 @@ import numpy as np
 
 from residual.check.motion import rms
 from residual.check.result import Fault, joints_of
-from residual.check.rules import CHECK
+from residual.check.thresholds import CHECK
 from residual.errors import joints_listed
 from residual.recording import Array, Recording
 from residual.robot.dynamics import PER_LINK, regressor
@@ -56,7 +56,9 @@ def _followed(robot: Robot, recordings: Sequence[Recording]) -> list[Fault]:
         return []
     planned, torque = _rows(recordings, "q_ref")
     done, _ = _rows(recordings, "q")
-    moves = np.max([np.ptp(r.q_ref, axis=0) for r in recordings], axis=0) > CHECK.moves
+    moves = (
+        np.max([np.ptp(r.q_ref, axis=0) for r in recordings], axis=0) > CHECK.moving_rad
+    )
     worst, nearest = 0.0, np.inf
     for j in np.flatnonzero(moves):
         speed = np.abs(planned[1, :, j])
@@ -69,7 +71,7 @@ def _followed(robot: Robot, recordings: Sequence[Recording]) -> list[Fault]:
         at = np.linalg.lstsq(columns / scale, tau, rcond=1e-10)[0] / scale
         free = np.sqrt(rows / (rows - count))
         left = float(np.std(tau - columns @ at) * free) / size
-        if not left < CHECK.follows:
+        if not left < CHECK.command_residual:
             return []
         moved = _columns(robot, int(j), done[:, use]) @ at
         worst = max(worst, left)
@@ -77,7 +79,7 @@ def _followed(robot: Robot, recordings: Sequence[Recording]) -> list[Fault]:
     if not worst:
         return []
     # Where the arm follows its reference well, a quiet measurement looks the same.
-    certain = bool(nearest > max(CHECK.follows_away * worst, CHECK.follows))
+    certain = bool(nearest > max(CHECK.command_ratio * worst, CHECK.command_residual))
     words = (
         f"Expected torque with noise and with what no model has, got one that follows "
         f"from the reference alone to {100 * worst:.2g} % on "

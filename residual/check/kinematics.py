@@ -10,10 +10,10 @@ from dataclasses import replace
 import numpy as np
 
 from residual.check.motion import Motion
-from residual.check.reading import Reading, as_given, best_order, judge
+from residual.check.reading import Reading, as_given, best_order, score_reading
 from residual.check.result import Fault, Repair, joints_of
-from residual.check.rules import CHECK
 from residual.check.samples import running_median
+from residual.check.thresholds import CHECK
 from residual.errors import listed
 from residual.quantity import along
 from residual.recording import Array, Recording, usual_speed
@@ -47,14 +47,14 @@ def time_unit(robot: Robot, recordings: Sequence[Recording]) -> Fault | None:
     # In steps of twenty samples: seconds are not known yet.
     fastest = [usual_speed(r, max(1, min(20, len(r.t) // 10)), _USUAL) for r in logs]
     speed = float(np.max(fastest / robot.velocity_limit))
-    usual = CHECK.slowest_rate <= rate <= CHECK.fastest_rate
-    if usual and speed < CHECK.clock_speed * 5:
+    usual = CHECK.slowest_hz <= rate <= CHECK.fastest_hz
+    if usual and speed < CHECK.clock_speed_ratio * 5:
         return None
     fits = {
         f: abs(np.log(rate / f / 300.0))  # Hz, a usual rate
         for f in _TIME_UNITS
-        if CHECK.slowest_rate <= rate / f <= CHECK.fastest_rate
-        and speed / f < CHECK.clock_speed
+        if CHECK.slowest_hz <= rate / f <= CHECK.fastest_hz
+        and speed / f < CHECK.clock_speed_ratio
     }
     if not fits or (usual and max(fits) < 1):
         return None
@@ -75,11 +75,11 @@ def no_clock(recordings: Sequence[Recording]) -> list[Fault]:
     rate = max(
         (1 / np.median(np.diff(r.t)) for r in recordings if len(r.t) > 1), default=0.0
     )
-    if rate <= CHECK.any_rate:
+    if rate <= CHECK.impossible_hz:
         return []
     words = (
-        f"{rate:.3g} samples per second, expected at most {CHECK.any_rate:.3g} in any "
-        "unit of time. Export the log again, with time."
+        f"{rate:.3g} samples per second, expected at most {CHECK.impossible_hz:.3g} in "
+        "any unit of time. Export the log again, with time."
     )
     return [Fault("time_unit", (), True, words)]
 
@@ -90,7 +90,7 @@ def uneven(recording: Recording) -> list[Fault]:
     if len(steps) < 10:
         return []
     usual, words = float(np.median(steps)), []
-    gaps = np.flatnonzero(steps > CHECK.gap * usual)
+    gaps = np.flatnonzero(steps > CHECK.gap_steps * usual)
     if len(gaps):
         worst = int(np.argmax(steps))
         words.append(
@@ -98,7 +98,7 @@ def uneven(recording: Recording) -> list[Fault]:
             f"{steps[worst]:.3g} s at t = {recording.t[worst]:.6g} s"
         )
     jitter = float(np.quantile(np.abs(steps - usual), 0.9)) / usual
-    if jitter > CHECK.uneven:
+    if jitter > CHECK.uneven_steps:
         words.append(f"a tenth of the steps are off by more than {100 * jitter:.0f} %")
     if not words:
         return []
@@ -118,11 +118,11 @@ def velocity_faults(recordings: Sequence[Recording]) -> list[Fault]:
     power = np.sqrt(np.sum(change**2, axis=0)), np.sqrt(np.sum(integral**2, axis=0))
     if power[0].max() == 0:
         return []
-    moved = (power[0] > 0.01 * power[0].max()) & (power[1] > 0)
+    moving = (power[0] > 0.01 * power[0].max()) & (power[1] > 0)
     related = (change.T @ integral) / np.maximum(np.outer(*power), 1e-300)
-    related[~moved] = 0.0
-    order, swapped = _order(related, moved)
-    return swapped + _slopes(change, integral[:, order], related[:, order], moved)
+    related[~moving] = 0.0
+    order, swapped = _order(related, moving)
+    return swapped + _slopes(change, integral[:, order], related[:, order], moving)
 
 
 def _windows(recording: Recording) -> tuple[Array, Array]:
@@ -138,13 +138,13 @@ def _windows(recording: Recording) -> tuple[Array, Array]:
     return tuple(parts)
 
 
-def _order(related: Array, moved: Array) -> tuple[Array, list[Fault]]:
+def _order(related: Array, moving: Array) -> tuple[Array, list[Fault]]:
     """Velocities of other joints: each angle finds its own among them."""
     own, same = np.diag(related), np.arange(len(related))
     order = best_order(np.abs(related) + 0.2 * np.eye(len(own)))
     other = order != same
     joints, best = joints_of(other), np.abs(related[same, order])
-    if not joints or (best < CHECK.velocity_same)[other & moved].any():
+    if not joints or (best < CHECK.velocity_correlation)[other & moving].any():
         return same, []
     words = (
         f"The velocities of joints {listed(joints)} follow the angles of other joints "
@@ -156,20 +156,20 @@ def _order(related: Array, moved: Array) -> tuple[Array, list[Fault]]:
 
 
 def _slopes(
-    change: Array, integral: Array, related: Array, moved: Array
+    change: Array, integral: Array, related: Array, moving: Array
 ) -> list[Fault]:
     """Velocities of another sign or size than the change of their angles."""
     own, power = np.diag(related), np.sum(change**2, axis=0)
     slope = np.sum(change * integral, axis=0) / np.maximum(power, 1e-300)
-    good = moved & (np.abs(own) > CHECK.velocity_same)
+    good = moving & (np.abs(own) > CHECK.velocity_correlation)
     size = float(np.median(np.abs(slope[good]))) if good.any() else 1.0
-    alike = np.all(np.abs(np.abs(slope[good]) / size - 1) < CHECK.velocity_alike)
+    alike = np.all(np.abs(np.abs(slope[good]) / size - 1) < CHECK.velocity_spread)
     out = []
-    if good.sum() >= 2 and alike and abs(size - 1) > CHECK.velocity_off:
+    if good.sum() >= 2 and alike and abs(size - 1) > CHECK.velocity_error:
         out.append(_common(size))
         slope = slope / size
-    off = good & (np.abs(slope - 1) > CHECK.velocity_off)
-    turned = off & (np.abs(slope + 1) < CHECK.velocity_off)
+    off = good & (np.abs(slope - 1) > CHECK.velocity_error)
+    turned = off & (np.abs(slope + 1) < CHECK.velocity_error)
     if negated := joints_of(turned):
         words = f"The velocity of joints {listed(negated)} runs against the angle."
         repair = Repair("qd", negated, sign=(-1,) * len(negated))
@@ -182,7 +182,7 @@ def _slopes(
         )
         repair = Repair("qd", scaled, scale=tuple(1 / s for s in sizes))
         out.append(Fault(_VELOCITY, scaled, True, words, (repair,)))
-    if loose := joints_of(moved & ~good):
+    if loose := joints_of(moving & ~good):
         words = (
             f"The velocity of joints {listed(loose)} is not the derivative of the "
             f"angle (correlation {min(abs(own[j - 1]) for j in loose):.2f}): filtered, "
@@ -195,13 +195,13 @@ def _slopes(
 def _common(size: float) -> Fault:
     """One factor between all velocities and angles: a unit, else the clock."""
     for unit, (signal, name) in _UNITS.items():
-        if abs(size / unit - 1) < CHECK.velocity_alike:
+        if abs(size / unit - 1) < CHECK.velocity_spread:
             words = f"All velocities are {size:.4g} times what the angles do: {name}."
             repair = Repair(signal, scale=1 / unit if signal == "qd" else unit)
             return Fault("angle_unit", (), True, words, (repair,))
     scale = 1 / size
     near = float(f"{scale:.1g}")
-    scale = near if abs(scale / near - 1) < CHECK.velocity_alike else scale
+    scale = near if abs(scale / near - 1) < CHECK.velocity_spread else scale
     words = (
         f"All velocities are {size:.4g} times what the angles do in the time that is "
         f"given: time runs {size:.4g} times too slowly in this log."
@@ -219,7 +219,7 @@ def out_of_range(robot: Robot, recordings: Sequence[Recording]) -> list[Fault]:
     low = np.min([np.quantile(r.q, 1 - share, axis=0) for r in recordings], axis=0)
     high = np.max([np.quantile(r.q, share, axis=0) for r in recordings], axis=0)
     for j in range(robot.dof):
-        if max(robot.lower[j] - low[j], high[j] - robot.upper[j]) > CHECK.range_angle:
+        if max(robot.lower[j] - low[j], high[j] - robot.upper[j]) > CHECK.range_rad:
             joints.add(j + 1)
             words.append(
                 f"q{j + 1} runs from {low[j]:.3g} to {high[j]:.3g} rad, its range is "
@@ -232,11 +232,11 @@ def out_of_range(robot: Robot, recordings: Sequence[Recording]) -> list[Fault]:
     ):
         peak = np.max([_peaks(r, unit == "N m") for r in recordings], axis=0)
         # Of what is large all along the unit is wrong, and other checks say so.
-        peak[usual > CHECK.range_limit * limit] = 0.0
-        most = np.where(peak > CHECK.excursion * limit, peak, usual)
-        for j in np.flatnonzero(most > CHECK.range_limit * limit):
+        peak[usual > CHECK.limit_ratio * limit] = 0.0
+        most = np.where(peak > CHECK.excursion_ratio * limit, peak, usual)
+        for j in np.flatnonzero(most > CHECK.limit_ratio * limit):
             joints.add(int(j) + 1)
-            certain |= bool(peak[j] > CHECK.excursion * limit[j])
+            certain |= bool(peak[j] > CHECK.excursion_ratio * limit[j])
             unit_of = along(unit) if robot.prismatic[j] else unit
             words.append(
                 f"{does.format(j + 1)} {most[j]:.3g} {unit_of}, its limit is "
@@ -264,16 +264,16 @@ def degrees(robot: Robot, recordings: Sequence[Recording]) -> list[Fault]:
     speed = _speeds(recordings) / robot.velocity_limit
     reach = np.max([np.abs(r.q).max(axis=0) for r in recordings], axis=0)
     limit = np.maximum(np.abs(robot.lower), np.abs(robot.upper))
-    far = (speed > CHECK.range_fast) | (reach > CHECK.range_far * limit)
+    far = (speed > CHECK.fast_ratio) | (reach > CHECK.far_ratio * limit)
     turned = float(np.deg2rad(1.0))
-    inside = speed * turned < CHECK.range_limit
-    inside &= reach * turned < limit + CHECK.range_angle
+    inside = speed * turned < CHECK.limit_ratio
+    inside &= reach * turned < limit + CHECK.range_rad
     joints = joints_of(far & inside)
     # Where most are far out, or the others are too, it is one thing for all, and
     # physics tells which.
     others = np.delete(speed, [j - 1 for j in joints])
     most = 2 * len(joints) > robot.dof
-    if not joints or most or np.any(others > CHECK.range_limit):
+    if not joints or most or np.any(others > CHECK.limit_ratio):
         return []
     words = (
         f"The angles of joints {listed(joints)} reach "
@@ -304,19 +304,19 @@ def zero_explains(
     """
     low = np.min([r.q.min(axis=0) for r in recordings], axis=0)
     high = np.max([r.q.max(axis=0) for r in recordings], axis=0)
-    beyond = np.maximum(robot.lower - low, high - robot.upper) > CHECK.range_angle
-    fits = high - low < robot.upper - robot.lower + CHECK.range_angle
+    beyond = np.maximum(robot.lower - low, high - robot.upper) > CHECK.range_rad
+    fits = high - low < robot.upper - robot.lower + CHECK.range_rad
     joints = joints_of(beyond & fits)
     if len(joints) != 1:
         return False
     j = joints[0] - 1
     first, last = robot.lower[j] - low[j], robot.upper[j] - high[j]
     count = min(16, 2 + int(abs(last - first) / 0.3))
-    given, other = as_given(robot.dof), judge(robot, motion, best).value
-    other += CHECK.doubt if best == given else 0.0
+    given, other = as_given(robot.dof), score_reading(robot, motion, best).value
+    other += CHECK.suspect_nats if best == given else 0.0
     for shift in np.linspace(first, last, count):
         q = motion.q.copy()
         q[:, j] += shift
-        if judge(robot, replace(motion, q=q), given).nats >= other:
+        if score_reading(robot, replace(motion, q=q), given).nats >= other:
             return True
     return False

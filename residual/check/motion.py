@@ -1,8 +1,8 @@
-"""Rows by which the physics of logs is judged, and what their torque may be made of.
+"""Rows for the physics of a log, and the columns that may explain its torque.
 
-Before a log is believed that is the body of the robot file within a rough prior, a load
-on its flange, and one broad column for each thing that arms have beside their body. A
-fault must explain more than all of these can.
+Before a log is believed these are the bodies of the robot file within a rough prior, a
+load on the flange, and one broad column for each other cause of torque. A fault must
+explain more than all of these can.
 """
 
 from collections.abc import Sequence

@@ -1,4 +1,4 @@
-"""Which way gravity points, before anything else of an arm is believed.
+"""The direction of gravity, which is checked before anything else.
 
 With a body near that of the robot file, torque is linear in the direction of gravity
 (METHOD 16.1). The directions along the axes and the one that is given are compared by
@@ -25,7 +25,7 @@ from residual.check.motion import (
 from residual.check.physics import Part, fit_body, parts_of
 from residual.check.reported import Shares, carries, shares_of
 from residual.check.result import MOUNTING, Fault, Repair
-from residual.check.rules import CHECK
+from residual.check.thresholds import CHECK
 from residual.errors import listed
 from residual.recording import Array
 from residual.robot.dynamics import PER_LINK
@@ -42,7 +42,7 @@ _SCALES = (0.1, 0.3, 1.0)  # of the body's prior, chosen by evidence
 
 
 @dataclass(frozen=True, eq=False, slots=True)
-class Stand:
+class GravityFit:
     """An arm as it would stand under one direction of gravity."""
 
     gravity: Array  # in the base frame [m/s^2], (3,)
@@ -53,7 +53,7 @@ class Stand:
 
 
 @dataclass(frozen=True, eq=False, slots=True)
-class Mounted:
+class OtherGravity:
     """Another direction of gravity than that of the robot file."""
 
     fault: Fault
@@ -61,53 +61,55 @@ class Mounted:
     nats: float  # log evidence of the torques with it
 
 
-def mounting(robot: Robot, motion: Motion) -> Mounted | None:
+def other_gravity(robot: Robot, motion: Motion) -> OtherGravity | None:
     """Find an arm that is mounted otherwise than its file says."""
     given = np.asarray(robot.model.gravity.linear)
     if not np.linalg.norm(given):
         return None
-    was, best = _best(robot, motion)
+    was, best = _best_gravity(robot, motion)
     none = _weightless(robot, motion)
     angle, gain = _angle(best.gravity, given), best.nats - was.nats
-    otherwise = angle >= CHECK.tilted and gain >= CHECK.doubt
-    if none.nats > (best if otherwise else was).nats + CHECK.odds:
-        return _removed(robot, was, none)
+    otherwise = angle >= CHECK.tilted_rad and gain >= CHECK.suspect_nats
+    if none.nats > (best if otherwise else was).nats + CHECK.odds_nats:
+        return _without_weight(robot, was, none)
     if not otherwise:
         return None
-    if not _seen(shares_of(turned(robot, best.gravity), motion)):
+    if not _fits_most_joints(shares_of(turned(robot, best.gravity), motion)):
         return None
     file, found = (listed(g + 0.0, ".3g") for g in (given, best.gravity))
     words = (
         f"Gravity points along {file} in the robot file; along {found} m/s^2, "
         f"{np.degrees(angle):.0f} degrees away, the torques fit better by {gain:.0f} "
-        f"nats: the arm {_how(angle)}."
+        f"nats: the arm {_mounting_words(angle)}."
     )
     repairs = (Repair("robot", gravity=tuple(map(float, best.gravity))),)
-    fault = Fault(MOUNTING, (), gain > CHECK.certain, words, repairs)
-    return Mounted(fault, turned(robot, best.gravity), best.nats)
+    fault = Fault(MOUNTING, (), gain > CHECK.suspect_nats, words, repairs)
+    return OtherGravity(fault, turned(robot, best.gravity), best.nats)
 
 
-def _seen(shares: Shares) -> bool:
+def _fits_most_joints(shares: Shares) -> bool:
     """Whether most joints that carry the arm have the file's torque, as it now is."""
     own = carries(shares)
-    off = np.abs(np.log(np.abs(shares.whole[own]) + _NOTHING))
-    near = (off < np.log(CHECK.unlike)) & (shares.seen[own] > CHECK.shows)
+    off = np.abs(np.log(np.abs(shares.ratio[own]) + _NOTHING))
+    near = (off < np.log(CHECK.joint_ratio)) & (
+        shares.explained[own] > CHECK.explained_least
+    )
     return bool(2 * near.sum() > len(near))
 
 
-def _removed(robot: Robot, was: Stand, none: Stand) -> Mounted:
+def _without_weight(robot: Robot, was: GravityFit, none: GravityFit) -> OtherGravity:
     gain = none.nats - was.nats
     words = (
         f"{REMOVED_WORDS}. It fits better by {gain:.0f} nats; of a load the weight "
         "may be there."
     )
-    fault = Fault(REMOVED, (), gain > CHECK.certain, words)
-    return Mounted(fault, turned(robot, np.zeros(3)), none.nats)
+    fault = Fault(REMOVED, (), gain > CHECK.suspect_nats, words)
+    return OtherGravity(fault, turned(robot, np.zeros(3)), none.nats)
 
 
 def nats_of(robot: Robot, motion: Motion) -> float:
     """Return the log evidence of one body in all torques, gravity as given."""
-    return _stand(robot, motion, np.asarray(robot.model.gravity.linear)).nats
+    return _gravity_fit(robot, motion, np.asarray(robot.model.gravity.linear)).nats
 
 
 def turned(robot: Robot, gravity: Sequence[float] | Array) -> Robot:
@@ -117,44 +119,44 @@ def turned(robot: Robot, gravity: Sequence[float] | Array) -> Robot:
     return replace(robot, model=model)
 
 
-def _how(angle: float) -> str:
+def _mounting_words(angle: float) -> str:
     ways = (np.pi, "hangs from a ceiling"), (np.pi / 2, "is mounted on a wall")
     for at, words in ways:
-        if abs(angle - at) < CHECK.tilted:
+        if abs(angle - at) < CHECK.tilted_rad:
             return words
     return f"stands inclined by {np.degrees(angle):.0f} degrees"
 
 
-def _best(robot: Robot, motion: Motion) -> tuple[Stand, Stand]:
+def _best_gravity(robot: Robot, motion: Motion) -> tuple[GravityFit, GravityFit]:
     """The arm as given, and under the best direction of gravity of the same size."""
     given = np.asarray(robot.model.gravity.linear)
     size = float(np.linalg.norm(given))
     every = size * np.vstack([np.eye(3), -np.eye(3)])
-    axes = [x for x in every if _angle(x, given) > CHECK.tilted / 2]
-    was, *tried = (_stand(robot, motion, x) for x in (given, *axes))
+    axes = [x for x in every if _angle(x, given) > CHECK.tilted_rad / 2]
+    was, *tried = (_gravity_fit(robot, motion, x) for x in (given, *axes))
     tried.sort(key=lambda stand: -stand.nats)
     # A good direction stands out: nothing more is asked of an upright arm.
-    clear = was.nats > tried[0].nats + CHECK.doubt
+    clear = was.nats > tried[0].nats + CHECK.suspect_nats
     starts = [was] if clear else [was, *tried[:3]]
     best = max((_refined(robot, motion, s) for s in starts), key=lambda s: s.nats)
     axis = size * np.sign(best.gravity) * (np.abs(best.gravity) > 0.9 * size)
-    if not axis.any() or _angle(axis, best.gravity) > CHECK.tilted:
+    if not axis.any() or _angle(axis, best.gravity) > CHECK.tilted_rad:
         return was, best
     # Arms are mounted along an axis; a load turns what the torques say by some degrees.
-    near = _stand(robot, motion, axis)
-    return was, near if near.nats > best.nats - CHECK.odds else best
+    near = _gravity_fit(robot, motion, axis)
+    return was, near if near.nats > best.nats - CHECK.odds_nats else best
 
 
-def _angle(one: Array, other: Array) -> float:
+def _angle(a: Array, b: Array) -> float:
     """Angle between two directions [rad]; none where one is nothing."""
-    size = float(np.linalg.norm(one) * np.linalg.norm(other))
-    return float(np.arccos(np.clip(one @ other / size, -1, 1))) if size else 0.0
+    size = float(np.linalg.norm(a) * np.linalg.norm(b))
+    return float(np.arccos(np.clip(a @ b / size, -1, 1))) if size else 0.0
 
 
-def _refined(robot: Robot, motion: Motion, stand: Stand) -> Stand:
+def _refined(robot: Robot, motion: Motion, stand: GravityFit) -> GravityFit:
     """Turn gravity until no tilt is left that explains more."""
     for _ in range(12):
-        tried = [_stand(robot, motion, step) for step in stand.steps]
+        tried = [_gravity_fit(robot, motion, step) for step in stand.steps]
         best = max(tried, key=lambda s: s.nats)
         # A turn that is within what arms stand off gains nothing, and is nearer.
         if best.nats < stand.nats - 2.0:
@@ -165,7 +167,7 @@ def _refined(robot: Robot, motion: Motion, stand: Stand) -> Stand:
     return stand
 
 
-def _weightless(robot: Robot, motion: Motion) -> Stand:
+def _weightless(robot: Robot, motion: Motion) -> GravityFit:
     """The arm without the weight of its file, as drivers report it, but for a load's.
 
     They know the weight to some share; it takes the place of a tilt.
@@ -181,7 +183,7 @@ def _weightless(robot: Robot, motion: Motion) -> Stand:
     return _fitted(parts_of(motion, joints), np.zeros(3), ())
 
 
-def _stand(robot: Robot, motion: Motion, gravity: Array) -> Stand:
+def _gravity_fit(robot: Robot, motion: Motion, gravity: Array) -> GravityFit:
     robot = turned(robot, gravity)
     parts = parts_of(motion, columns(robot, motion))
     _, across = gravity_of(robot)
@@ -196,10 +198,10 @@ def _stand(robot: Robot, motion: Motion, gravity: Array) -> Stand:
     return replace(stand, steps=tuple(steps))
 
 
-def _fitted(parts: list[Part], gravity: Array, steps: tuple[Array, ...]) -> Stand:
+def _fitted(parts: list[Part], gravity: Array, steps: tuple[Array, ...]) -> GravityFit:
     fits = {s: fit_body(parts, _prior(parts, s)) for s in _SCALES}
     scale = max(fits, key=lambda s: fits[s][2])
-    return Stand(gravity, parts, fits[scale][2], scale, steps)
+    return GravityFit(gravity, parts, fits[scale][2], scale, steps)
 
 
 def _prior(parts: list[Part], scale: float, tilt: float | None = None) -> Array:

@@ -1,4 +1,4 @@
-"""Faults of the column map that the physics of the motion shows."""
+"""Faults of the column map that contradict the physics of the motion."""
 
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
@@ -11,14 +11,14 @@ from residual.check.motion import OUTER, Columns, Motion
 from residual.check.reading import (
     GEAR,
     ROUNDS,
-    Judged,
     Reading,
+    ScoredReading,
     as_given,
     best_reading,
-    judge,
+    score_reading,
 )
 from residual.check.result import Fault, Repair, joints_of
-from residual.check.rules import CHECK
+from residual.check.thresholds import CHECK
 from residual.errors import joints_listed, listed
 from residual.recording import Array
 from residual.robot.dynamics import PER_LINK
@@ -32,76 +32,76 @@ def misread(robot: Robot, motion: Motion) -> tuple[list[Fault], Reading]:
     best, given = best_reading(robot, motion), as_given(robot.dof)
     if best.reading == given:
         return [], given
-    was = judge(robot, motion, given)
-    if best.value - was.value < CHECK.doubt - CHECK.odds:
+    was = score_reading(robot, motion, given)
+    if best.value - was.value < CHECK.suspect_nats - CHECK.odds_nats:
         return [], given
     reading = best.reading
     mistakes = [*_places(reading, given), *_units(reading, robot.gear_ratio)]
-    judged = (_judged(robot, motion, best, mistake) for mistake in mistakes)
-    faults = [fault for fault in judged if fault]
-    if best.value - was.value < CHECK.certain:
+    scored = (_fault_of(robot, motion, best, mistake) for mistake in mistakes)
+    faults = [fault for fault in scored if fault]
+    if best.value - was.value < CHECK.certain_nats:
         faults = [replace(fault, certain=False) for fault in faults]
     if not faults:
         return [], given
     # Motors whose gears are not known are no other arm.
     unknown = robot.gear_ratio is None and {f.kind for f in faults} == {"gear_ratio"}
-    fits = bent(was) < CHECK.doubt
+    fits = bent(was) < CHECK.suspect_nats
     wrong = [] if unknown or fits else _wrong_robot(best, faults)
     return wrong or faults, best.reading
 
 
 def wrong_robot(robot: Robot, motion: Motion) -> list[Fault]:
     """Find columns that are read rightly, but are not of this arm."""
-    return _wrong_robot(judge(robot, motion, as_given(robot.dof)), [])
+    return _wrong_robot(score_reading(robot, motion, as_given(robot.dof)), [])
 
 
-def _wrong_robot(best: Judged, faults: list[Fault]) -> list[Fault]:
+def _wrong_robot(best: ScoredReading, faults: list[Fault]) -> list[Fault]:
     """Another arm, where even the best reading bends the file beyond a rough one.
 
     Two joints may be odd, or hide an effect; more are another arm.
     """
     nats = bent(best)
     kinds = len({fault.kind for fault in faults})
-    least = CHECK.doubt if kinds else CHECK.certain
+    least = CHECK.suspect_nats if kinds else CHECK.certain_nats
     if nats < least:
         return []
     tried = f" (the best: {', '.join(sorted({f.kind for f in faults}))})"
     words = (
-        "In no order, sign or unit of its columns is this the log of this robot"
-        f"{tried if kinds else ''}: masses and inertias of several joints would have "
-        f"to be far from the robot file, {nats:.0f} nats beside the worst of them."
+        "No single reordering, sign or unit change makes this log fit the robot"
+        f"{tried if kinds else ''}: masses and inertias of several joints would be far "
+        f"from the robot file ({nats:.0f} nats without the worst joint)."
     )
-    certain = nats > CHECK.broken or any(fault.certain for fault in faults)
+    certain = nats > CHECK.broken_nats or any(fault.certain for fault in faults)
     return [Fault("wrong_robot", (), certain, words)]
 
 
-def bent(judged: Judged) -> float:
+def bent(scored: ScoredReading) -> float:
     """By how much a robot file must bend, its worst joint left out [nats]."""
-    strains = np.minimum(judged.strains(), CHECK.one_joint)
+    strains = np.minimum(scored.strains(), CHECK.one_joint_nats)
     return float(strains.sum() - strains.max())
 
 
-def _judged(
-    robot: Robot, motion: Motion, best: Judged, mistake: "_Mistake"
+def _fault_of(
+    robot: Robot, motion: Motion, best: ScoredReading, mistake: "_Mistake"
 ) -> Fault | None:
     """Return the fault if the reading without its repair is worse by enough."""
     kind, joints, words, repairs, undone = mistake
-    other = judge(robot, motion, replace(best.reading, **undone))
+    other = score_reading(robot, motion, replace(best.reading, **undone))
     nats = best.nats - other.nats
-    # A mistake of the map made all of its joints worse: mended, none may suffer.
+    # Undoing a mistake of the map may not make any of its joints worse.
     worse = [j - 1 for j in joints or range(1, robot.dof + 1)]
     suffers = max(other.fit(j) - best.fit(j) for j in worse)
     # What is said of all joints must be true of each.
-    most = nats / CHECK.suffers
-    most = most if joints else min(most, CHECK.doubt)
-    if nats < CHECK.doubt or suffers > most:
+    most = nats / CHECK.loss_ratio
+    most = most if joints else min(most, CHECK.suspect_nats)
+    if nats < CHECK.suspect_nats or suffers > most:
         return None
     evidence = f"{words} better by {nats:.0f} nats."
-    return Fault(kind, joints, nats > CHECK.certain, evidence, tuple(repairs))
+    return Fault(kind, joints, nats > CHECK.certain_nats, evidence, tuple(repairs))
 
 
 class _Mistake(NamedTuple):
-    """What a reading mends, and the fields of it that undo that."""
+    """A difference of a reading from the map, and the fields that undo it."""
 
     kind: str
     joints: Joints
@@ -111,7 +111,7 @@ class _Mistake(NamedTuple):
 
 
 def _units(reading: Reading, gears: Array | None) -> Iterator[_Mistake]:
-    """Other units of torques and angles; those of motors are mended by known gears."""
+    """Other units of torques and angles; known gear ratios fix those of motors."""
     unit, angle = reading.torque_unit, reading.angle_unit
     joints = tuple(range(1, len(reading.angle_order) + 1))
     known = () if gears is None else tuple(float(abs(g)) for g in gears)
@@ -146,9 +146,9 @@ def _units(reading: Reading, gears: Array | None) -> Iterator[_Mistake]:
         yield _Mistake("angle_unit", (), text, repairs, {"angle_unit": 1.0})
 
 
-def _places(reading: Reading, same: Reading) -> Iterator[_Mistake]:
+def _places(reading: Reading, default: Reading) -> Iterator[_Mistake]:
     """Other orders and signs than those of the map as given."""
-    given = same.angle_order
+    given = default.angle_order
     orders = {"q": reading.angle_order, "tau": reading.torque_order}
     repairs = [
         Repair(signal, order=tuple(i + 1 for i in order))
@@ -172,7 +172,7 @@ def _places(reading: Reading, same: Reading) -> Iterator[_Mistake]:
         )
         repairs = [_turn("q", angles)] + ([_turn("tau", both)] if both else [])
         kept = tuple(np.where(angle < 0, 1, torque).tolist())
-        undone = {"angle_sign": same.angle_sign, "torque_sign": kept}
+        undone = {"angle_sign": default.angle_sign, "torque_sign": kept}
         yield _Mistake("angle_sign", angles, words, repairs, undone)
     if alone:
         words = (

@@ -15,7 +15,7 @@ from numpy.linalg import eigh
 from scipy.special import log_ndtr
 
 from residual.check.motion import Motion, columns
-from residual.check.rules import CHECK
+from residual.check.thresholds import CHECK
 from residual.recording import Array
 from residual.robot.robot import Robot
 
@@ -30,7 +30,7 @@ _SIGMAS = np.geomspace(0.05, 1.3, 8)
 
 
 @dataclass(frozen=True, eq=False, slots=True)
-class Scores:
+class JointScores:
     """Sums from which the evidence of each channel for one joint follows."""
 
     values: Array  # eigenvalues of the joint's whitened Gram matrix, (p,)
@@ -40,7 +40,7 @@ class Scores:
     power: Array  # squares of the channels, summed, (dof,)
     varying: Array  # the same about the channel's mean, (dof,)
     cross: Array  # channel times nominal torque, (dof,)
-    own: float  # squares of the nominal torque, summed
+    model_power: float  # squares of the nominal torque, summed
     rows: float  # independent rows
     strongest: float  # largest mean square of a channel
 
@@ -80,13 +80,13 @@ class Scores:
         n = max(self.rows, 1)
         var = (_SIGMAS[:, None] * factor) ** 2 * self.power[channel] / n
         var += (_COUPLED * factor) ** 2 * self.strongest
-        return var + _EXACT * self.own / n + 1e-300
+        return var + _EXACT * self.model_power / n + 1e-300
 
     def _table(self, channel: int, factor: Array) -> Array:
         """Evidence for each size of what the model lacks. Shape (sigmas, k)."""
         n, d, brake = self.rows, self.values, self.brake
         square = factor**2 * self.power[channel] - 2 * factor * self.cross[channel]
-        square = square + self.own
+        square = square + self.model_power
         c = factor[:, None] * self.channel[:, channel] - self.model
         var = self._variance(channel, factor)
         wide = d + var[:, :, None]
@@ -98,7 +98,7 @@ class Scores:
         return n * np.log(np.abs(factor)) + (brakes - 0.5 * (quad + size))
 
 
-def torque_scores(robot: Robot, motion: Motion) -> list[Scores]:
+def torque_scores(robot: Robot, motion: Motion) -> list[JointScores]:
     """Sum up a motion for every joint.
 
     The torque of joint j is what the columns A of `residual.check.motion` can give:
@@ -117,7 +117,7 @@ def torque_scores(robot: Robot, motion: Motion) -> list[Scores]:
         values, vectors = eigh(weight * a.T @ a)
         turned = weight * (a @ vectors).T
         out.append(
-            Scores(
+            JointScores(
                 values=np.maximum(values, 0.0),
                 channel=turned @ tau,
                 model=turned @ mean,
@@ -125,7 +125,7 @@ def torque_scores(robot: Robot, motion: Motion) -> list[Scores]:
                 power=weight * np.sum(tau**2, axis=0),
                 varying=weight * np.sum(varying**2, axis=0),
                 cross=weight * mean @ tau,
-                own=weight * float(mean @ mean),
+                model_power=weight * float(mean @ mean),
                 rows=weight * len(tau),
                 strongest=strongest,
             )
@@ -163,13 +163,13 @@ class Reading:
 
 
 @dataclass(frozen=True, eq=False, slots=True)
-class Judged:
+class ScoredReading:
     """A reading with its evidence."""
 
     reading: Reading
     nats: float  # its log evidence
     odds: float  # log odds against what is not as given
-    scores: list[Scores]  # of its angles, to judge other torques by
+    scores: list[JointScores]  # of its angles, to judge other torques by
     # Channel (from 0) and factor of each joint's torque.
     torques: list[tuple[int, float]]
 
@@ -195,27 +195,27 @@ def as_given(dof: int) -> Reading:
     return Reading(same, plus, 1.0, same, plus, 1.0)
 
 
-def best_reading(robot: Robot, motion: Motion) -> Judged:
+def best_reading(robot: Robot, motion: Motion) -> ScoredReading:
     """Search the reading with the most evidence, one change of the angles at a time."""
     best = _with_torques(robot, motion, as_given(robot.dof), TORQUE_UNITS)
     for _ in range(ROUNDS):
         tried = []
-        for other in _changed(best.reading, robot.gear_ratio is not None):
+        for other in _neighbors(best.reading, robot.gear_ratio is not None):
             same_unit = other.angle_unit == best.reading.angle_unit
             units = (other.torque_unit,) if same_unit else TORQUE_UNITS
             tried.append(_with_torques(robot, motion, other, units))
-        found = max(tried, key=lambda judged: judged.value)
+        found = max(tried, key=lambda scored: scored.value)
         if found.value <= best.value:
             break
         best = found
     return best
 
 
-def judge(robot: Robot, motion: Motion, reading: Reading) -> Judged:
+def score_reading(robot: Robot, motion: Motion, reading: Reading) -> ScoredReading:
     """Return one reading with its evidence."""
     scores, torques = _scores(robot, motion, reading), _torques(reading, _gears(robot))
     nats = sum(own.of(*torque) for own, torque in zip(scores, torques, strict=True))
-    return Judged(reading, nats, odds_of(reading), scores, torques)
+    return ScoredReading(reading, nats, odds_of(reading), scores, torques)
 
 
 def read_by(robot: Robot, motion: Motion, reading: Reading) -> Motion:
@@ -246,14 +246,14 @@ def _torques(reading: Reading, gears: Array) -> list[tuple[int, float]]:
     return list(zip(reading.torque_order, factors, strict=True))
 
 
-def _scores(robot: Robot, motion: Motion, reading: Reading) -> list[Scores]:
+def _scores(robot: Robot, motion: Motion, reading: Reading) -> list[JointScores]:
     factor = _angle_factors(robot, reading)
     return torque_scores(robot, motion.with_angles(reading.angle_order, factor))
 
 
 def _with_torques(
     robot: Robot, motion: Motion, reading: Reading, units: Sequence[float]
-) -> Judged:
+) -> ScoredReading:
     """Give a reading of the angles the torques that suit it best."""
     dof = robot.dof
     scores = _scores(robot, motion, reading)
@@ -264,11 +264,14 @@ def _with_torques(
         tried = np.where(motors, np.sign(factors) * gear, factors).ravel()
         rows.append([own.evidence(i, tried) for i in range(dof)])
     table = np.array(rows).reshape(dof, dof, len(units), 2)
-    judged = []
+    scored = []
     for k, unit in enumerate(units):
         for usual in (1, -1):
             turned = np.array([1, -1]) != usual
-            against = CHECK.odds * (1 - np.eye(dof))[:, :, None] + CHECK.odds * turned
+            against = (
+                CHECK.odds_nats * (1 - np.eye(dof))[:, :, None]
+                + CHECK.odds_nats * turned
+            )
             value = table[:, :, k] - against
             joints, channels = np.arange(dof), best_order(value.max(-1))
             which = value[joints, channels].argmax(-1)
@@ -280,8 +283,10 @@ def _with_torques(
             )
             nats = float(table[joints, channels, k, which].sum())
             torques = _torques(changed, gears)
-            judged.append(Judged(changed, nats, odds_of(changed), scores, torques))
-    return max(judged, key=lambda each: each.value)
+            scored.append(
+                ScoredReading(changed, nats, odds_of(changed), scores, torques)
+            )
+    return max(scored, key=lambda each: each.value)
 
 
 def odds_of(reading: Reading) -> float:
@@ -301,7 +306,7 @@ def odds_of(reading: Reading) -> float:
         for i, j in enumerate(reading.angle_order)
     ]
     units = (reading.angle_unit != 1.0) + (reading.torque_unit != 1.0)
-    return CHECK.odds * (turned + sum(moved) + units)
+    return CHECK.odds_nats * (turned + sum(moved) + units)
 
 
 def exchanged(order: Sequence[int], a: int, b: int) -> tuple[int, ...]:
@@ -311,7 +316,7 @@ def exchanged(order: Sequence[int], a: int, b: int) -> tuple[int, ...]:
     return tuple(out)
 
 
-def _changed(reading: Reading, geared: bool) -> Iterator[Reading]:
+def _neighbors(reading: Reading, geared: bool) -> Iterator[Reading]:
     """Other angles, one change away."""
     order, dof = reading.angle_order, len(reading.angle_order)
     if reading.angle_unit == 1.0:

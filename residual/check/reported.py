@@ -1,4 +1,4 @@
-"""Torque that is not the drive's: another joint's, in no N m, or with a part gone.
+"""Torque of another joint, in another unit, or with a part removed by the driver.
 
 Drives report currents, and drivers take weight or friction out of what they report. Of
 a rough robot file, a load or a gear's losses the joints that carry the arm keep most of
@@ -14,7 +14,7 @@ import numpy as np
 from residual.check.motion import Motion, rms, torque_of_file
 from residual.check.reading import GEAR
 from residual.check.result import Fault, Repair
-from residual.check.rules import CHECK
+from residual.check.thresholds import CHECK
 from residual.errors import joints_listed
 from residual.recording import Array
 from residual.robot.dynamics import gravity_torque
@@ -31,10 +31,10 @@ class Shares:
     """Shares of the model that each torque has; not a number where it does not show."""
 
     # Share of the whole nominal torque, and its deviation, (dof,).
-    whole: Array
-    whole_sd: Array
+    ratio: Array
+    ratio_sd: Array
     # What the nominal torque explains of what friction leaves, 0 to 1, (dof,).
-    seen: Array
+    explained: Array
     load: Array  # size of the nominal torque [N m], (dof,)
 
 
@@ -78,12 +78,12 @@ def _joint(
     rest = np.column_stack([qd, np.tanh(qd / slow), np.ones_like(qd), qdd])
     _, _, without = _fit(rest, tau, motion.spread)
     columns = [nominal[use], *([weight[use]] if removed else []), rest]
-    whole, sure, left = _fit(np.column_stack(columns), tau, motion.spread)
+    ratio, sure, left = _fit(np.column_stack(columns), tau, motion.spread)
     there = removed and bool(weight.any())
-    if there and abs(whole[1]) > CHECK.weight_gone * abs(whole[0]):
+    if there and abs(ratio[1]) > CHECK.weight_share * abs(ratio[0]):
         left = without  # it is there
     return (
-        whole[0],
+        ratio[0],
         np.sqrt(sure[0, 0]),
         1 - left / max(without, _NOTHING),
         rms(nominal[use]),
@@ -119,25 +119,25 @@ def torque_factors(shares: Shares) -> Array | None:
         Factors, not a number for joints that show none. Shape (dof,). None where some
         joint has the share that it should have.
     """
-    sharp = shares.whole_sd < CHECK.sharp * np.abs(shares.whole)
-    shows = sharp & (shares.seen > CHECK.shows)
+    sharp = shares.ratio_sd < CHECK.ratio_sd * np.abs(shares.ratio)
+    shows = sharp & (shares.explained > CHECK.explained_least)
     few = min(2, len(shows))
-    own = shares.whole[shows & carries(shares)]
+    own = shares.ratio[shows & carries(shares)]
     if len(own) < few:  # of the strongest, one may hide an effect
-        own = shares.whole[shows & carries(shares, CHECK.tells)]
+        own = shares.ratio[shows & carries(shares, CHECK.weak_joint_share)]
     if len(own) < few or own.min() <= 0:
         return None
-    if own.max() > 1 / CHECK.unit_off and own.min() < CHECK.unit_off:
+    if own.max() > 1 / CHECK.unit_ratio and own.min() < CHECK.unit_ratio:
         return None
-    return np.where(shows & (shares.whole > 0), 1 / shares.whole, np.nan)
+    return np.where(shows & (shares.ratio > 0), 1 / shares.ratio, np.nan)
 
 
 def unit_fault(robot: Robot, scaled: Array, shares: Shares) -> Fault:
     """Say what torques in another unit are to be multiplied by, drive by drive."""
-    sure = np.isfinite(scaled) & carries(shares, CHECK.tells)
+    sure = np.isfinite(scaled) & carries(shares, CHECK.weak_joint_share)
     shown = np.flatnonzero(sure)
     own = scaled[shown]
-    if own.max() < CHECK.factors_alike * own.min():
+    if own.max() < CHECK.factor_spread * own.min():
         factors = f"about {np.median(own):.2g}"
     else:
         each = (f"{f:.2g} (joint {j + 1})" for j, f in zip(shown, own, strict=True))
@@ -151,7 +151,7 @@ def unit_fault(robot: Robot, scaled: Array, shares: Shares) -> Fault:
     )
     joints = tuple(range(1, robot.dof + 1))
     off = np.exp(abs(np.mean(np.log(scaled[np.isfinite(scaled) & carries(shares)]))))
-    certain = bool(off > CHECK.unit_certain)
+    certain = bool(off > CHECK.unit_certain_ratio)
     for kind, known in (
         ("torque_unit", robot.torque_per_unit),
         ("gear_ratio", robot.gear_ratio),
@@ -159,7 +159,7 @@ def unit_fault(robot: Robot, scaled: Array, shares: Shares) -> Fault:
         # As far as a rough file tells, factors are those of the robot file.
         if known is not None and _alike(own / np.abs(known[shown])):
             repair = Repair("tau", joints, scale=tuple(np.abs(known).tolist()))
-            words += "The robot.toml has the factors that mend it."
+            words += "robot.toml has the factors that fix it."
             return Fault(kind, (), certain, words, (repair,))
     for unit in (1e-3, 1e3, 1e-2):
         if _alike(own / unit):
@@ -183,5 +183,6 @@ def _alike(away: Array) -> bool:
     """Whether factors are one another but for what a rough file or a load does."""
     off = np.abs(np.log(away))
     return bool(
-        off.max() < np.log(CHECK.unlike) and np.median(off) < np.log(CHECK.unit_off)
+        off.max() < np.log(CHECK.joint_ratio)
+        and np.median(off) < np.log(CHECK.unit_ratio)
     )

@@ -1,4 +1,4 @@
-"""What a check finds in logs, how it is mended, and the same as JSON."""
+"""The faults that a check finds in logs, their repairs, and their JSON form."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -10,7 +10,7 @@ from residual.quantity import plain
 
 SCHEMA = 1
 MOUNTING, INTERLEAVED = "mounting", "interleaved"
-# Stored checks have them. Whether an arm has them is a diagnosis's to say.
+# Kinds of stored checks that are no longer looked for: the diagnosis names them.
 FORMER = ("torque_scale", "friction_removed", "delay", "filtered")
 KINDS: tuple[str, ...] = (
     MOUNTING,
@@ -57,11 +57,11 @@ class Fault:
 
     @property
     def sentence(self) -> str:
-        """What is wrong, why, and what mends it, in one line."""
+        """The fault, its evidence and its repair, in one line."""
         sure = "certain" if self.certain else "suspected"
-        mended = f" To mend it: {self.repair}" if self.repair else ""
-        said = f"fault of the logs ({self.where}, {sure}): {self.evidence}{mended}"
-        return " ".join(said.split())
+        fix = f" Fix: {self.repair}" if self.repair else ""
+        text = f"fault of the logs ({self.where}, {sure}): {self.evidence}{fix}"
+        return " ".join(text.split())
 
 
 def joints_of(mask: np.ndarray) -> tuple[int, ...]:

@@ -1,4 +1,4 @@
-"""Samples that no arm can have made: spikes, leaps, values that stand or are coarse.
+"""Impossible samples: spikes, jumps, constant or coarse values.
 
 A joint that is held has an angle of one value too. It feels the others: its torque is
 what the robot file, bent as far as a rough one may be, gives for a standing joint.
@@ -13,7 +13,7 @@ from scipy.ndimage import median_filter
 from residual.check.motion import columns, thin_rows
 from residual.check.reported import shares_of, torque_factors
 from residual.check.result import Fault, Repair, joints_of
-from residual.check.rules import CHECK
+from residual.check.thresholds import CHECK
 from residual.errors import joints_listed
 from residual.recording import Array, Recording
 from residual.robot.robot import Robot
@@ -35,14 +35,13 @@ def spikes(recording: Recording) -> list[Fault]:
             # Of what samples do but for one in a hundred: noise stays below.
             usual = np.quantile(away, 0.99, method="lower")
             usual = max(usual, np.quantile(np.abs(np.diff(x)), 0.99), 1e-12)
-            high = away > CHECK.spike * usual
-            if 0 < high.mean() <= CHECK.most_spikes + 3 / len(x):
+            high = away > CHECK.spike_ratio * usual
+            if 0 < high.mean() <= CHECK.spike_share + 3 / len(x):
                 at = np.flatnonzero(high)
                 near = recording.t[int(at[len(at) // 2])]
                 words = (
-                    f"{name}{j + 1} leaves its neighbours for single samples, as near "
-                    f"t = {near:.6g} s, by {away.max() / usual:.3g} times what its "
-                    "samples usually do."
+                    f"Isolated outlier in {name}{j + 1} near t = {near:.6g} s "
+                    f"({away.max() / usual:.3g} times the usual deviation)."
                 )
                 out.append(_suspected("spike", recording, j, words))
     return out
@@ -53,9 +52,9 @@ def _suspected(kind: str, recording: Recording, j: int, words: str) -> Fault:
 
 
 def wraps(recording: Recording, robot: Robot) -> list[Fault]:
-    """Find angles that leap by a whole turn between two samples: an encoder that wraps.
+    """Find angles that jump by a whole turn between two samples: an encoder that wraps.
 
-    No joint of the robot can go so far in a step.
+    No joint of the robot can move so far in a step.
     """
     leap = np.diff(recording.q, axis=0)
     whole = np.abs(np.abs(leap) - 2 * np.pi) < _TURN
@@ -66,8 +65,8 @@ def wraps(recording: Recording, robot: Robot) -> list[Fault]:
     if not joints:
         return []
     words = (
-        f"The angle of {joints_listed(joints)} leaps by a whole turn between two "
-        "samples: the encoder begins again there."
+        f"The angle of {joints_listed(joints)} jumps by 2*pi between two samples: the "
+        "encoder wraps."
     )
     repairs = (Repair("q", joints, unwrap=True),)
     return [Fault("out_of_range", joints, True, words, repairs, recording.id)]
@@ -98,28 +97,28 @@ def standing(recording: Recording) -> list[Fault]:
     """Find frozen, saturated and coarse signals of one log."""
     if len(recording.t) < 50:
         return []
-    out, wanted = [], recording.q_ref
+    out, reference = [], recording.q_ref
     for j in range(recording.dof):
         tau, q = recording.tau[:, j], recording.q[:, j]
         clipped = _clipped(tau)
         if clipped:
-            words = f"tau{j + 1} stands at {clipped} again and again: it is cut there."
+            words = f"tau{j + 1} repeatedly stays at {clipped}: it saturates there."
             out.append(_suspected("saturated", recording, j, words))
         coarse = _coarse(recording, j)
         out += coarse
         run = _longest(recording, tau)
-        if np.ptp(tau) == 0 and np.ptp(q) > CHECK.moves:
+        if np.ptp(tau) == 0 and np.ptp(q) > CHECK.moving_rad:
             run = slice(0, len(tau))
         # Coarse values stand by themselves.
-        if run and not clipped and not coarse and np.ptp(q[run]) >= CHECK.moves:
+        if run and not clipped and not coarse and np.ptp(q[run]) >= CHECK.moving_rad:
             out.append(_frozen(recording, "tau", j, run, "its joint moves"))
         run = _longest(recording, q)
         if run and not coarse:
             usual = float(np.quantile(np.abs(np.diff(q)), 0.99))
             jump = abs(q[min(run.stop, len(q) - 1)] - q[run.stop - 1])
-            if wanted is not None and np.ptp(wanted[run, j]) > CHECK.moves:
+            if reference is not None and np.ptp(reference[run, j]) > CHECK.moving_rad:
                 out.append(_frozen(recording, "q", j, run, "its reference moves"))
-            elif jump > max(CHECK.jump, 3 * usual):
+            elif jump > max(CHECK.jump_rad, 3 * usual):
                 out.append(_frozen(recording, "q", j, run, "it then jumps"))
     return out
 
@@ -127,7 +126,7 @@ def standing(recording: Recording) -> list[Fault]:
 def _frozen(recording: Recording, name: str, j: int, run: slice, moves: str) -> Fault:
     first, last = recording.t[run.start], recording.t[run.stop - 1]
     words = (
-        f"{name}{j + 1} stands still from t = {first:.6g} to {last:.6g} s, while "
+        f"{name}{j + 1} is constant from t = {first:.6g} to {last:.6g} s, while "
         f"{moves}."
     )
     return _suspected("frozen", recording, j, words)
@@ -148,7 +147,7 @@ def _longest(recording: Recording, x: Array) -> slice | None:
     k = int(np.argmax(lengths))
     step = float(np.median(np.diff(recording.t)))
     usual = float(np.quantile(np.delete(lengths, k), 0.95))
-    least = max(CHECK.frozen_time / step, 15)
+    least = max(CHECK.frozen_s / step, 15)
     if lengths[k] < max(least, 5 * usual):
         return None
     return slice(int(starts[k]), int(starts[k] + lengths[k]))
@@ -173,19 +172,22 @@ def _coarse(recording: Recording, j: int) -> list[Fault]:
     out, rate = [], 1 / float(np.median(np.diff(recording.t)))
     tau, q = recording.tau[:, j], recording.q[:, j]
     step, size = _step(tau), float(np.std(tau))
-    if step > CHECK.coarse_torque * max(size, 1e-12) and np.ptp(q) > CHECK.moves:
+    if (
+        step > CHECK.torque_step_ratio * max(size, 1e-12)
+        and np.ptp(q) > CHECK.moving_rad
+    ):
         words = (
             f"tau{j + 1} comes in steps of {step:.3g} N m, its rms is {size:.3g} N m."
         )
         out.append(_suspected("quantised", recording, j, words))
     step, cutoff = _step(q), 12.0
-    if step and np.ptp(q) > CHECK.moves:
+    if step and np.ptp(q) > CHECK.moving_rad:
         stride = max(1, round(rate / (2 * cutoff)))
         bend = np.diff(q[::stride], 2) * (rate / stride) ** 2
         # Noise of steps, evenly over their band, behind two derivatives.
         noise = step / np.sqrt(12) * np.sqrt(min(1.0, 2 * cutoff / rate))
         noise *= (2 * np.pi * cutoff) ** 2 / np.sqrt(5)
-        if noise > CHECK.coarse_angle * float(np.sqrt(np.mean(bend**2))):
+        if noise > CHECK.angle_step_ratio * float(np.sqrt(np.mean(bend**2))):
             words = (
                 f"q{j + 1} comes in steps of {step:.3g} rad: at {cutoff:g} Hz that is "
                 f"{noise:.3g} rad/s^2, as much as its acceleration."
@@ -209,7 +211,7 @@ def constant(robot: Robot, recording: Recording) -> list[Fault]:
     """Find angles that keep one value while their torque is that of a moving joint."""
     span = np.ptp(recording.q, axis=0)
     still = np.flatnonzero(span == 0)
-    if len(recording.t) < 50 or not len(still) or span.max() < CHECK.moves:
+    if len(recording.t) < 50 or not len(still) or span.max() < CHECK.moving_rad:
         return []
     out, silent = [], []
     for j in map(int, still):
@@ -224,45 +226,53 @@ def constant(robot: Robot, recording: Recording) -> list[Fault]:
     every = columns(robot, motion)
     for j in silent:
         tau, nominal, values = motion.tau[:, j], every[j].nominal, every[j].values
-        size, left = float(np.std(tau)), _left(motion.spread, tau - nominal, values)
+        size, residual = (
+            float(np.std(tau)),
+            _residual_rms(motion.spread, tau - nominal, values),
+        )
         noise = float(np.median(np.abs(np.diff(recording.tau[:, j])))) / 0.95
         feels = float(np.sqrt(np.var(nominal) + np.var(values, axis=0).sum()))
         # Other friction and a load leave up to half of it; friction that holds, more.
-        if left < 5 * noise or not (left > 0.5 * size or left > 1.5 * feels):
+        if residual < 5 * noise or not (
+            residual > 0.5 * size or residual > 1.5 * feels
+        ):
             continue
         why = (
-            f"its torque moves by {np.ptp(tau):.3g} N m, {left:.3g} N m rms beside "
+            f"its torque moves by {np.ptp(tau):.3g} N m, {residual:.3g} N m rms beside "
             f"all that a held joint feels of the others' motion (about {feels:.3g} N m)"
         )
-        certain = left > CHECK.held_left * size and left > CHECK.held_beyond * feels
+        certain = (
+            residual > CHECK.held_residual_share * size
+            and residual > CHECK.held_torque_ratio * feels
+        )
         out.append(_unmoved(recording, j, why, certain))
     return out
 
 
 def _moves_elsewhere(recording: Recording, j: int) -> str:
     """Say where else the joint moves; "" if nowhere."""
-    wanted, qd = recording.q_ref, recording.qd
-    if wanted is not None and np.ptp(wanted[:, j]) > CHECK.moves:
-        return f"its reference moves by {np.ptp(wanted[:, j]):.3g} rad"
+    reference, qd = recording.q_ref, recording.qd
+    if reference is not None and np.ptp(reference[:, j]) > CHECK.moving_rad:
+        return f"its reference moves by {np.ptp(reference[:, j]):.3g} rad"
     if qd is not None:
         steps = np.diff(recording.t) * (qd[1:, j] + qd[:-1, j]) / 2
         way = float(np.ptp(np.cumsum(steps)))
         smooth = np.std(np.diff(qd[:, j])) < 0.5 * np.std(qd[:, j])
         # What an offset and noise of a velocity add up to is no motion.
-        if way > CHECK.moves + 3 * abs(float(steps.sum())) and smooth:
+        if way > CHECK.moving_rad + 3 * abs(float(steps.sum())) and smooth:
             return f"its velocity adds up to {way:.3g} rad"
     return ""
 
 
-def _left(spread: float, y: Array, a: Array) -> float:
+def _residual_rms(spread: float, y: Array, a: Array) -> float:
     """What a held joint's torque has beside a bent robot file [N m rms]."""
-    left, sigma = y, max(0.05 * float(np.std(y)), _NOTHING)
+    residual, sigma = y, max(0.05 * float(np.std(y)), _NOTHING)
     for _ in range(4):
         weight = spread / sigma**2
         at = np.linalg.solve(np.eye(a.shape[1]) + weight * a.T @ a, weight * a.T @ y)
-        left = y - a @ at
-        sigma = max(float(np.std(left)), _NOTHING)
-    return float(np.std(left))
+        residual = y - a @ at
+        sigma = max(float(np.std(residual)), _NOTHING)
+    return float(np.std(residual))
 
 
 def _unmoved(recording: Recording, j: int, why: str, certain: bool) -> Fault:

@@ -15,7 +15,7 @@ import numpy as np
 from residual.check.motion import Motion, rms, torque_of_file
 from residual.check.mounting import REMOVED, REMOVED_WORDS, nats_of, turned
 from residual.check.physics import bent
-from residual.check.reading import as_given, exchanged, judge
+from residual.check.reading import as_given, exchanged, score_reading
 from residual.check.reported import (
     Shares,
     carries,
@@ -24,7 +24,7 @@ from residual.check.reported import (
     unit_fault,
 )
 from residual.check.result import MOUNTING, Fault, Repair, joints_of
-from residual.check.rules import CHECK
+from residual.check.thresholds import CHECK
 from residual.errors import joints_listed, listed
 from residual.recording import Array
 from residual.robot.dynamics import gravity_torque
@@ -37,7 +37,7 @@ _NEAREST = 0.02  # of a torque: no file is nearer
 
 @dataclass(frozen=True, eq=False, slots=True)
 class Slips:
-    """What is wrong with a map, and the arm and its motion as they then are."""
+    """Slips of a map, and the arm and its motion with them repaired."""
 
     faults: tuple[Fault, ...]
     robot: Robot
@@ -58,17 +58,17 @@ def slips(robot: Robot, motion: Motion) -> Slips | None:
     Returns:
         None where there is none, or where two do not make it this arm's log.
     """
-    given = _Tried((), robot, motion, shares_of(robot, motion))
-    fine = _fine(given.shares)
-    best = max(_tried(given, fine), key=lambda tried: tried.nats)
-    start = best if best.nats - given.nats > CHECK.doubt else given
+    given = _Candidate((), robot, motion, shares_of(robot, motion))
+    fine = _is_clean(given.shares)
+    best = max(_candidates(given, fine), key=lambda candidate: candidate.nats)
+    start = best if best.nats - given.nats > CHECK.suspect_nats else given
     if fine and start is given:
         return None
-    return _whole(start) or _rough(start)
+    return _pair(start) or _rough(start)
 
 
-def _whole(best: "_Tried") -> Slips | None:
-    """All slips of a log of which one may be mended, if they make it this arm's."""
+def _pair(best: "_Candidate") -> Slips | None:
+    """One or two slips whose repair makes the log fit this arm, or None."""
     best, factor = _turned_back(best)
     factors = torque_factors(best.shares)
     if factors is not None:
@@ -77,28 +77,30 @@ def _whole(best: "_Tried") -> Slips | None:
         factor = factor * known
         motion = replace(best.motion, tau=best.motion.tau * known)
         best = replace(best, faults=(*best.faults, unit), motion=motion)
-    elif len(best.faults) == 1 and not _fine(best.shares):
-        again = max(_tried(best), key=lambda tried: tried.nats)
-        more = again.nats - best.nats > CHECK.doubt
+    elif len(best.faults) == 1 and not _is_clean(best.shares):
+        again = max(_candidates(best), key=lambda candidate: candidate.nats)
+        more = again.nats - best.nats > CHECK.suspect_nats
         best = again if more else best
     kinds = {fault.kind for fault in best.faults}
     alone = factors is None and len(kinds) < 2 and REMOVED not in kinds
-    if alone and not (kinds <= _ALONE and len(best.faults) == 1 and _good(best)):
+    if alone and not (
+        kinds <= _ALONE and len(best.faults) == 1 and _explains_joints(best)
+    ):
         return None  # single readings of the columns say it all
     robot, motion = best.robot, best.motion
     # What is left of a weight that was taken out strains a body that has none.
     removed = REMOVED in kinds
-    strain = 0.0 if removed else bent(judge(robot, motion, as_given(robot.dof)))
+    strain = 0.0 if removed else bent(score_reading(robot, motion, as_given(robot.dof)))
     unit_alone = len(best.faults) == 1 and not alone
-    if strain > (CHECK.certain if unit_alone else CHECK.doubt):
+    if strain > (CHECK.certain_nats if unit_alone else CHECK.suspect_nats):
         return None
     rows = motion.spread * motion.moving.sum(axis=0)
     nats = nats_of(robot, motion) + float(rows @ np.log(np.abs(factor)))
-    nats -= CHECK.odds * len(best.faults)
+    nats -= CHECK.odds_nats * len(best.faults)
     return Slips(best.faults, robot, motion, nats, alone)
 
 
-def _rough(start: "_Tried") -> Slips | None:
+def _rough(start: "_Candidate") -> Slips | None:
     """Suspect a unit, of an arm as it may be mounted, where the file is too rough."""
     factors = torque_factors(start.shares)
     if factors is None or any(fault.kind != MOUNTING for fault in start.faults):
@@ -110,11 +112,13 @@ def _rough(start: "_Tried") -> Slips | None:
     return Slips(faults, start.robot, start.motion, np.inf if start.faults else -np.inf)
 
 
-def _turned_back(best: "_Tried") -> tuple["_Tried", Array]:
+def _turned_back(best: "_Candidate") -> tuple["_Candidate", Array]:
     """Turn torques that are so against the sign of the file."""
     shares = best.shares
-    shown = carries(shares, CHECK.tells) & (shares.seen > CHECK.shows)
-    sign = np.where(shown & (shares.whole < 0), -1.0, 1.0)
+    shown = carries(shares, CHECK.weak_joint_share) & (
+        shares.explained > CHECK.explained_least
+    )
+    sign = np.where(shown & (shares.ratio < 0), -1.0, 1.0)
     back = joints_of(sign < 0)
     if not back:
         return best, sign
@@ -123,13 +127,13 @@ def _turned_back(best: "_Tried") -> tuple["_Tried", Array]:
         "torque_sign", back, True, words, (Repair("tau", back, (-1,) * len(back)),)
     )
     motion = replace(best.motion, tau=best.motion.tau * sign)
-    shares = replace(shares, whole=shares.whole * sign)
-    return _Tried((*best.faults, fault), best.robot, motion, shares), sign
+    shares = replace(shares, ratio=shares.ratio * sign)
+    return _Candidate((*best.faults, fault), best.robot, motion, shares), sign
 
 
 @dataclass(frozen=True, eq=False, slots=True)
-class _Tried:
-    """A log with one slip mended, whatever the factors of its torques."""
+class _Candidate:
+    """A log with one slip repaired, its torques of any factor."""
 
     faults: tuple[Fault, ...]
     robot: Robot
@@ -140,40 +144,40 @@ class _Tried:
     def nats(self) -> float:
         """What the file explains of the torques, less the odds of their factors."""
         rows = self.motion.spread * self.motion.moving.sum(axis=0)
-        left = np.maximum(1 - self.shares.seen, _NEAREST**2)
+        left = np.maximum(1 - self.shares.explained, _NEAREST**2)
         # Without weight only inertia is left to say that nothing else is wrong.
         removed = any(fault.kind == REMOVED for fault in self.faults)
-        most = CHECK.removed_alike if removed else CHECK.unit_off
-        odds = 0.0 if _near(self.shares, most) else CHECK.odds * len(left)
+        most = CHECK.inertia_ratio if removed else CHECK.unit_ratio
+        odds = 0.0 if _near(self.shares, most) else CHECK.odds_nats * len(left)
         return float(-0.5 * np.sum(rows * np.log(left))) - odds
 
 
 def _near(shares: Shares, most: float) -> bool:
     """Whether the torques that carry the arm are in the unit and sign of the file."""
-    whole = shares.whole[carries(shares)]
-    return bool(((whole > 1 / most) & (whole < most)).all())
+    ratio = shares.ratio[carries(shares)]
+    return bool(((ratio > 1 / most) & (ratio < most)).all())
 
 
-def _fine(shares: Shares) -> bool:
+def _is_clean(shares: Shares) -> bool:
     """Whether the joints that carry the arm have the torque of the file as it is."""
-    return _near(shares, CHECK.unit_off) and bool(
-        (shares.seen[carries(shares)] > CHECK.poor).all()
+    return _near(shares, CHECK.unit_ratio) and bool(
+        (shares.explained[carries(shares)] > CHECK.explained_well).all()
     )
 
 
-def _good(tried: _Tried) -> bool:
+def _explains_joints(candidate: _Candidate) -> bool:
     """Whether the joints of its slip, or all, have the torque of the file by it."""
-    (fault,) = tried.faults
+    (fault,) = candidate.faults
     if not fault.joints:
-        return _fine(tried.shares)
+        return _is_clean(candidate.shares)
     at = [j - 1 for j in fault.joints]
-    whole, seen = tried.shares.whole[at], tried.shares.seen[at]
-    near = (whole > 1 / CHECK.unlike) & (whole < CHECK.unlike)
-    shows = carries(tried.shares)[at].any()
-    return bool(near.all() and (seen > CHECK.poor).all() and shows)
+    ratio, explained = candidate.shares.ratio[at], candidate.shares.explained[at]
+    near = (ratio > 1 / CHECK.joint_ratio) & (ratio < CHECK.joint_ratio)
+    shows = carries(candidate.shares)[at].any()
+    return bool(near.all() and (explained > CHECK.explained_well).all() and shows)
 
 
-def _tried(start: _Tried, only_time: bool = False) -> Iterator[_Tried]:
+def _candidates(start: _Candidate, only_time: bool = False) -> Iterator[_Candidate]:
     """Other worlds and other columns, one change away."""
     robot, motion = start.robot, start.motion
     changes = _clocks(robot, motion) if only_time else _changed(robot, motion)
@@ -183,10 +187,10 @@ def _tried(start: _Tried, only_time: bool = False) -> Iterator[_Tried]:
         joints = tuple(sorted({j for r in repairs for j in r.joints}))
         repairs = tuple(replace(r, joints=()) if r.order else r for r in repairs)
         fault = Fault(kind, joints, True, f"{words}.", repairs)
-        tried = _Tried((*start.faults, fault), robot, motion, shares)
-        certain = tried.nats - start.nats > CHECK.certain
+        candidate = _Candidate((*start.faults, fault), robot, motion, shares)
+        certain = candidate.nats - start.nats > CHECK.certain_nats
         fault = replace(fault, certain=bool(certain))
-        yield replace(tried, faults=(*start.faults, fault))
+        yield replace(candidate, faults=(*start.faults, fault))
 
 
 _Change = tuple[str, str, Sequence[Repair], Robot, Motion]

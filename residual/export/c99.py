@@ -8,7 +8,14 @@ from importlib import resources
 import numpy as np
 
 from residual.effects.base import BRISTLE, Trait
-from residual.export.exported import Exported, Left, Whole, body_of, file_stem, split
+from residual.export.export import (
+    AnyModel,
+    ModelExport,
+    Omission,
+    file_stem,
+    split,
+    without_tables,
+)
 from residual.model.corrected import DIFFERENCE, NONE, NOTHING, CorrectedModel, Tables
 from residual.model.model import LEAST_SPEED, Model, Term
 from residual.recording import Array
@@ -16,7 +23,7 @@ from residual.robot.dynamics import chain_of
 from residual.signals.standstill import SMOOTH
 
 WORD = re.compile(r"[a-z]\w*")
-# What a formula or a table calls the motion, and what the function of the header does.
+# Names of the signals in formulas and tables, and in the C function.
 _ARRAYS = {
     "q": "angle",
     "qd": "speed",
@@ -34,11 +41,11 @@ static inline void @P@_torque(
 {"""
 
 
-def to_c99(whole: Whole) -> Exported:
+def to_c99(source: AnyModel) -> ModelExport:
     """Return a model as a header; its functions begin with the robot's name."""
-    made = split(whole, refuse)
-    text, _ = header(made.carried, made.left)
-    return replace(made, files={f"{prefix_of(file_stem(whole))}.h": text.encode()})
+    made = split(source, refuse)
+    text, _ = header(made.carried, made.omissions)
+    return replace(made, files={f"{prefix_of(file_stem(source))}.h": text.encode()})
 
 
 def refuse(term: Term) -> str:
@@ -56,9 +63,9 @@ def prefix_of(name: str) -> str:
     return word if word[0].isalpha() else f"arm_{word}"
 
 
-def header(carried: Whole, left: Iterable[Left] = ()) -> tuple[str, int]:
-    """Return the text of the header, and how many numbers its memory has."""
-    model, stem = body_of(carried), file_stem(carried)
+def header(carried: AnyModel, omissions: Iterable[Omission] = ()) -> tuple[str, int]:
+    """Return the text of the header, and the size of its memory."""
+    model, stem = without_tables(carried), file_stem(carried)
     tables = carried.tables if isinstance(carried, CorrectedModel) else ()
     tables = tuple(t for t in tables if t.kind != NONE)
     shifts = [t for t in model.terms if t.effect.portable.shift]
@@ -70,7 +77,7 @@ def header(carried: Whole, left: Iterable[Left] = ()) -> tuple[str, int]:
         "NAME": stem,
         "GUARD": f"{prefix_of(stem).upper()}_H",
         "HAS": _comment(titles),
-        "LEFT": _comment([str(each) for each in left] or ["nothing is left out"]),
+        "LEFT": _comment([str(each) for each in omissions] or ["nothing is left out"]),
         "MEMORY": str(max(memory, 1)),
         "COMPLEX": "#include <complex.h>\n" if shifts else "",
         "P": prefix_of(stem),
@@ -231,7 +238,7 @@ def _braces(title: str, lines: Iterable[str]) -> str:
 
 
 def _shifted(dof: int, shifts: Sequence[Term]) -> Iterator[str]:
-    """What lying encoders change: a step along the imaginary axis is a derivative."""
+    """What encoder errors change: a step along the imaginary axis is a derivative."""
     yield f"    double shift[3][{dof}] = {{{{0.0}}}};"
     for term in shifts:
         formulas, (j,) = term.effect.portable.shift or (), term.joints

@@ -7,7 +7,7 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 
 from residual.export.c99 import filled, template, to_c99
-from residual.export.exported import Exported, Whole, body_of
+from residual.export.export import AnyModel, ModelExport, without_tables
 
 SOURCE = "fmu.c"
 _BASE_UNITS = {
@@ -32,16 +32,16 @@ _DATE = (2000, 1, 1, 0, 0, 0)  # the same model makes the same bytes
 Sources = Mapping[str, bytes]
 
 
-def to_fmu(whole: Whole, build: Callable[[Sources], bytes | None]) -> Exported:
+def to_fmu(source: AnyModel, build: Callable[[Sources], bytes | None]) -> ModelExport:
     """Return a model as an FMU.
 
     Args:
         build: Compiles C files (text by name) into a library for this platform (64-bit
             Linux); None leaves that to whoever imports the FMU.
     """
-    made = to_c99(whole)
+    made = to_c99(source)
     ((file, text),) = made.files.items()
-    name, robot = file.removesuffix(".h"), body_of(whole).robot
+    name, robot = file.removesuffix(".h"), without_tables(source).robot
     guid = f"{{{hashlib.sha256(text).hexdigest()[:32]}}}"
     words = {"P": name, "DOF": str(robot.dof), "GUID": guid}
     sources = {file: text, SOURCE: filled(template(SOURCE), words).encode()}

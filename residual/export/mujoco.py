@@ -1,7 +1,7 @@
-"""A model for MuJoCo with all forces that a motion feels: MJCF and a callback beside.
+"""A model for MuJoCo with all passive forces: MJCF and a callback.
 
-What MJCF has a place for is in it; the rest (Stribeck's friction, load friction, waves,
-tables) is added as passive force by a Python module that compiles the model's headers.
+MJCF holds what it can represent; a Python module compiles the model's headers and adds
+the other terms (Stribeck friction, load friction, ripple, tables) as passive force.
 """
 
 import re
@@ -12,15 +12,15 @@ import numpy as np
 from residual.effects.base import Trait
 from residual.errors import InputError
 from residual.export.c99 import filled, header, prefix_of, refuse, template
-from residual.export.exported import (
+from residual.export.export import (
     RATE,
     SECONDS,
-    Exported,
-    Whole,
-    body_of,
-    exciting,
+    AnyModel,
+    ModelExport,
+    excitation,
     file_stem,
     split,
+    without_tables,
 )
 from residual.export.simulators import MJCF_CAN, STEP, to_mjcf
 from residual.model.forward import mass_matrices
@@ -30,29 +30,29 @@ SOURCE = "passive.py.txt"
 # Dry friction is the callback's: a joint of MuJoCo jumps and sticks, the model's does
 # not, and over seconds the two arms would part by some tenths of a milliradian.
 NATIVE = tuple(name for name in MJCF_CAN if name != "friction")
-REPORT = "it is of the report of torque: no motion feels it"
+REPORT = "it distorts the torque reading only, not the motion"
 # Of the step that would outrun friction where a joint turns: an explicit force is
 # stable below 2.
 SHARE, SHORTEST = 1.0, 2e-5  # 1, s
 POSES = 8  # that the time step is found at
 
 
-def to_mujoco(whole: Whole) -> Exported:
-    """Return an MJCF, the headers of what is and is not in it, and the module.
+def to_mujoco(source: AnyModel) -> ModelExport:
+    """Return an MJCF, headers of the model and of its MJCF part, and the module.
 
     Raises:
         InputError: If a link is none that MuJoCo takes.
     """
     made = split(
-        whole, lambda t: REPORT if Trait.REPORT in t.effect.traits else refuse(t)
+        source, lambda t: REPORT if Trait.REPORT in t.effect.traits else refuse(t)
     )
-    mjcf, stem = to_mjcf(made.carried, NATIVE), file_stem(whole)
-    robot = replace(body_of(whole).robot, name=f"{stem}_native")
-    native = replace(body_of(mjcf.carried), robot=robot)
+    mjcf, stem = to_mjcf(made.carried, NATIVE), file_stem(source)
+    robot = replace(without_tables(source).robot, name=f"{stem}_native")
+    native = replace(without_tables(mjcf.carried), robot=robot)
     name, (text,) = prefix_of(stem), mjcf.files.values()
-    full, memory = header(made.carried, made.left)
+    full, memory = header(made.carried, made.omissions)
     in_mjcf, native_memory = header(native)
-    added = (x.name + "".join(f" J{j}" for j in x.joints) for x in mjcf.left)
+    added = (x.name + "".join(f" J{j}" for j in x.joints) for x in mjcf.omissions)
     words = {
         "NAME": stem,
         "STEM": stem,
@@ -60,9 +60,9 @@ def to_mujoco(whole: Whole) -> Exported:
         "DOF": str(robot.dof),
         "MEMORY": str(max(memory, native_memory, 1)),
         "ADDED": ", ".join(added) or "nothing, all is in the MJCF",
-        "LEFT": ",\n    ".join(map(str, made.left)) or "nothing is left out",
+        "LEFT": ",\n    ".join(map(str, made.omissions)) or "nothing is left out",
     }
-    step = f'timestep="{time_step(body_of(made.carried), native)!r}"'
+    step = f'timestep="{time_step(without_tables(made.carried), native)!r}"'
     files = {
         f"{stem}.xml": re.sub(r'timestep="[^"]*"', step, text.decode()).encode(),
         f"{name}.h": full.encode(),
@@ -73,12 +73,12 @@ def to_mujoco(whole: Whole) -> Exported:
 
 
 def time_step(model: Model, native: Model) -> float:
-    """Return a time step that what the callback adds does not outrun [s].
+    """Return a time step at which the explicit friction of the callback is stable [s].
 
-    Friction turns over a small speed: by its slope there, and by the inertia that a
-    joint has with all others free, it ends a motion in so many seconds.
+    The slope of friction over a small speed, and the inertia of a joint with all others
+    free, give the time constant in which it stops a motion.
     """
-    q = exciting(model.robot).q[:: round(SECONDS * RATE / POSES)]
+    q = excitation(model.robot).q[:: round(SECONDS * RATE / POSES)]
     floor = model.speed_floor
     small = 0.05 * (LEAST_SPEED if floor is None else float(np.min(floor)))
     slope, still = np.zeros_like(q), np.zeros_like(q)

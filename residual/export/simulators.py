@@ -13,13 +13,13 @@ import numpy as np
 import pinocchio as pin
 
 from residual.errors import InputError
-from residual.export.exported import (
-    Exported,
-    Whole,
-    body_of,
+from residual.export.export import (
+    AnyModel,
+    ModelExport,
     file_stem,
     split,
     with_bodies,
+    without_tables,
 )
 from residual.model.model import Model, Term
 from residual.recording import Array
@@ -41,26 +41,26 @@ THICK = 0.03  # m, of the lines that stand for links
 
 
 def split_passive(
-    whole: Whole, target: str, can: Collection[str], gravity: bool = False
-) -> Exported:
-    """Part what the joints and bodies of a target can have from the rest."""
-    total = properties(body_of(whole))
+    source: AnyModel, target: str, can: Collection[str], gravity: bool = False
+) -> ModelExport:
+    """Separate what the joints and bodies of a target can represent from the rest."""
+    total = properties(without_tables(source))
 
     def refuse(term: Term) -> str:
         said = term.effect.portable
         if said.bodies or (gravity and said.gravity):
             return ""
         if not said.joint or not set(said.joint) <= set(can):
-            return f"{target} has no place for it"
+            return f"{target} cannot represent it"
         (joint,) = term.joints
         for name in said.joint:
             if name in NOT_NEGATIVE and total[name][joint] < 0:
-                return f"{target} takes no negative {name}"
+                return f"{target} allows no negative {name}"
         # A constant torque is a spring that is at rest elsewhere.
         lone = "constant" in said.joint and not total["stiffness"][joint] > 0
         return f"{target} has no constant torque on a joint" if lone else ""
 
-    return split(whole, refuse, f"{target} has no tables")
+    return split(source, refuse, f"{target} has no tables")
 
 
 def properties(model: Model) -> dict[str, Array]:
@@ -73,7 +73,7 @@ def properties(model: Model) -> dict[str, Array]:
     return out
 
 
-def to_urdf(whole: Whole) -> Exported:
+def to_urdf(source: AnyModel) -> ModelExport:
     """Return a model as the text of a URDF.
 
     Returns:
@@ -82,8 +82,8 @@ def to_urdf(whole: Whole) -> Exported:
     Raises:
         InputError: If a link has no positive mass.
     """
-    made = split_passive(whole, "URDF", URDF_CAN)
-    model = body_of(made.carried)
+    made = split_passive(source, "URDF", URDF_CAN)
+    model = without_tables(made.carried)
     root = ET.fromstring(with_inertials(model.robot, with_bodies(model)))
     joints = {j.get("name"): j for j in root.findall("joint")}
     values = properties(model)
@@ -95,7 +95,7 @@ def to_urdf(whole: Whole) -> Exported:
         ET.SubElement(joint, "dynamics", own)
     ET.indent(root)
     text = ET.tostring(root, encoding="unicode") + "\n"
-    return replace(made, files={f"{file_stem(whole)}.urdf": text.encode()})
+    return replace(made, files={f"{file_stem(source)}.urdf": text.encode()})
 
 
 # Twice the time step is the fastest that MuJoCo lets a constraint be.
@@ -105,7 +105,7 @@ FRICTION = {
 }
 
 
-def to_mjcf(whole: Whole, can: Collection[str] = MJCF_CAN) -> Exported:
+def to_mjcf(source: AnyModel, can: Collection[str] = MJCF_CAN) -> ModelExport:
     """Return a model as the text of an MJCF file.
 
     Args:
@@ -117,8 +117,8 @@ def to_mjcf(whole: Whole, can: Collection[str] = MJCF_CAN) -> Exported:
     Raises:
         InputError: If a link is none that MuJoCo takes.
     """
-    made = split_passive(whole, "MJCF", can, gravity=True)
-    model = body_of(made.carried)
+    made = split_passive(source, "MJCF", can, gravity=True)
+    model = without_tables(made.carried)
     root = ET.Element("mujoco", {"model": model.robot.name})
     ET.SubElement(root, "compiler", {"angle": "radian", "inertiafromgeom": "false"})
     gravity = np.array(model.robot.model.gravity.linear)
@@ -141,7 +141,7 @@ def to_mjcf(whole: Whole, can: Collection[str] = MJCF_CAN) -> Exported:
         ET.SubElement(motors, "motor", motor)
     ET.indent(root)
     text = ET.tostring(root, encoding="unicode") + "\n"
-    return replace(made, files={f"{file_stem(whole)}.xml": text.encode()})
+    return replace(made, files={f"{file_stem(source)}.xml": text.encode()})
 
 
 def _bodies(parent: ET.Element, model: Model) -> None:
@@ -174,7 +174,7 @@ def _bodies(parent: ET.Element, model: Model) -> None:
 
 
 def _inertial(body: Array, number: int) -> dict[str, str]:
-    """Mass, centre and the tensor about the centre, in the axes of the joint."""
+    """Mass, center and inertia about the center, in the axes of the joint."""
     moved = pin.Inertia.FromDynamicParameters(body)
     mass, centre, tensor = moved.mass, moved.lever, moved.inertia
     least, middle, most = np.linalg.eigvalsh(tensor)
@@ -190,7 +190,7 @@ def _inertial(body: Array, number: int) -> dict[str, str]:
 
 
 def _line(parent: ET.Element, end: Array) -> None:
-    """A line to the next joint, so that something is seen; it weighs nothing."""
+    """A massless line to the next joint, so that the arm is visible."""
     if np.linalg.norm(end) > THICK:
         ends = _words([0, 0, 0, *end])
         ET.SubElement(parent, "geom", {"fromto": ends, "size": repr(THICK)})

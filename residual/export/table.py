@@ -14,15 +14,15 @@ from functools import partial
 import numpy as np
 
 from residual.export.c99 import WORD
-from residual.export.exported import (
-    Exported,
-    Left,
-    Whole,
-    body_of,
-    exciting,
+from residual.export.export import (
+    AnyModel,
+    ModelExport,
+    Omission,
+    excitation,
     limits,
-    size_of,
     split,
+    torque_size,
+    without_tables,
 )
 from residual.model.corrected import NONE, CorrectedModel
 from residual.model.lookup import export_lookup
@@ -41,24 +41,29 @@ _MOST = {SPEED: 21, POSITION: 41}  # support points; controllers take some twent
 _FEW = (-1.0, -0.5, -0.1, 0.0, 0.1, 0.5, 1.0)  # of the range, where points begin
 
 
-def to_table(whole: Whole) -> Exported:
+def to_table(source: AnyModel) -> ModelExport:
     """Return support points of each joint as CSV files; tables go along as they are."""
-    made = split(whole, lambda t: "" if _file(t) else "it is no curve of one joint")
-    files = {file: _csv(body_of(made.carried), file) for file in _OF}
+    made = split(
+        source,
+        lambda t: (
+            "" if _file(t) else "it is not a function of one joint's speed or position"
+        ),
+    )
+    files = {file: _csv(without_tables(made.carried), file) for file in _OF}
     files = {file: text for file, text in files.items() if text}
     for own in made.carried.tables if isinstance(made.carried, CorrectedModel) else ():
         if own.kind != NONE:
             text = export_lookup(own.lookup)["tables.csv"]
             files[f"tables_{own.joint + 1}.csv"] = text
-    body = replace(body_of(whole), terms=())
-    motion = exciting(body.robot)
+    body = replace(without_tables(source), terms=())
+    motion = excitation(body.robot)
     full, kept, rigid = (
-        m.along(motion.t, motion.parts) for m in (whole, made.carried, body)
+        m.along(motion.t, motion.parts) for m in (source, made.carried, body)
     )
-    why = "it stays with the controller"
-    left = (Left("rigid body", (), why, *size_of(rigid)), *made.left)
-    rms, largest = size_of(full - kept + rigid)
-    return Exported(files, made.whole, made.carried, left, rms, largest)
+    why = "the controller computes it"
+    omissions = (Omission("rigid body", (), why, *torque_size(rigid)), *made.omissions)
+    rms, largest = torque_size(full - kept + rigid)
+    return ModelExport(files, made.source, made.carried, omissions, rms, largest)
 
 
 def _file(term: Term) -> str:

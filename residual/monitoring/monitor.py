@@ -14,7 +14,6 @@ from scipy.special import stdtrit
 
 from residual.errors import InputError
 from residual.model.model import Model
-from residual.monitoring.rules import MONITOR
 from residual.monitoring.scores import (
     BIAS,
     KINDS,
@@ -26,6 +25,7 @@ from residual.monitoring.scores import (
     sight_of,
     usual_size,
 )
+from residual.monitoring.thresholds import MONITOR
 from residual.quantity import plain
 from residual.recording import Array, Recording
 from residual.signals.track import sample_rate
@@ -129,8 +129,8 @@ def calibrate(
     size = usual_size(logs)
     peaks = [block_maxima(log.t, scores_of(log, size)) for log in logs]
     # The false alarms are shared among the kinds.
-    wanted = per_hour * MONITOR.block / 3600 / len(KINDS)
-    limits = np.array([limits_of(own, wanted) for own in zip(*peaks, strict=True)])
+    probability = per_hour * MONITOR.block / 3600 / len(KINDS)
+    limits = np.array([limits_of(own, probability) for own in zip(*peaks, strict=True)])
     limits[BIAS:] *= MONITOR.wider
     # A reading without noise rests while its joint does, however long that is.
     limits[STILL, limits[STILL] > MONITOR.still * rate] = np.inf
@@ -167,7 +167,7 @@ def block_maxima(t: Array, values: Array) -> Array:
     return np.maximum.reduceat(values, np.flatnonzero(np.diff(block, prepend=-1)), 1)
 
 
-def limits_of(runs: Sequence[Array], wanted: float) -> Array:
+def limits_of(runs: Sequence[Array], probability: float) -> Array:
     """Return the limits of one kind, from its maxima of blocks on healthy runs.
 
     Neighbouring values are nearly the same; blocks of some seconds are nearly
@@ -194,10 +194,10 @@ def limits_of(runs: Sequence[Array], wanted: float) -> Array:
     if len(above):
         beta = float(above.mean()) * (1.0 + MONITOR.sure / np.sqrt(len(above)))
         share = len(above) / len(largest)
-        further = beta * max(0.0, float(np.log(share / wanted)))
+        further = beta * max(0.0, float(np.log(share / probability)))
         limit = max(limit, threshold + further)
     each = np.log([max(float((run / level).max()), _TINY) for run in runs])
-    sure = float(stdtrit(count - 1, 1.0 - min(wanted * len(peaks) / count, 0.5)))
+    sure = float(stdtrit(count - 1, 1.0 - min(probability * len(peaks) / count, 0.5)))
     further = each.mean() + sure * each.std(ddof=1) * np.sqrt(1 + 1 / count)
     limit = max(limit, float(np.exp(further)))
     return np.where(peaks.max(axis=0) > 0, level * limit, np.inf)

@@ -13,7 +13,7 @@ import numpy as np
 
 from residual.errors import InputError
 from residual.model.model import Model
-from residual.monitoring.rules import MONITOR
+from residual.monitoring.thresholds import MONITOR
 from residual.recording import Array, Recording
 from residual.signals.track import sample_rate
 
@@ -50,7 +50,7 @@ class Sight:
     t: Array  # time of the last sample of each row [s], (m,)
     rate: float  # rows per second [Hz]
     slow: Array  # the joint stands or has just stood: friction is not known, (m, dof)
-    whole: Array  # no gap in its window, (m,), bool
+    gapless: Array  # no gap in its window, (m,), bool
     expected: Array  # torque of the model [N m], (m, dof)
     residual: Array  # measured minus that [N m], (m, dof)
     # Measured minus wanted position [rad]; zeros where that is not logged. (m, dof).
@@ -103,7 +103,7 @@ def sight_of(model: Model, recording: Recording) -> Sight:
         t=t[ends],
         rate=rate / step,
         slow=_trailing(slow, MONITOR.memory * rate / step) > 0,
-        whole=gone[ends] == gone[ends - 2 * half],
+        gapless=gone[ends] == gone[ends - 2 * half],
         expected=expected,
         residual=rows(recording.tau) - expected,
         tracking=np.zeros(q.shape) if goal is None else rows(recording.q - goal),
@@ -133,7 +133,7 @@ def usual_size(logs: Sequence[Sight]) -> Array:
     """Return the root mean square of the residual, moving and slow [N m]. (2, dof)."""
     x = np.vstack([log.residual for log in logs])
     slow = np.vstack([log.slow for log in logs])
-    use = np.concatenate([log.whole for log in logs])[:, None]
+    use = np.concatenate([log.gapless for log in logs])[:, None]
     moving, standing = (
         np.sqrt((x**2 * own).sum(axis=0) / np.maximum(own.sum(axis=0), 1))
         for own in (~slow & use, slow & use)
@@ -153,8 +153,8 @@ def scores_of(log: Sight, size: Array) -> Array:
     """
     travel, count, bend, off = log.raw
     one = np.ones(off.shape)
-    whole = log.whole[:, None] * one
-    weight = whole / np.where(log.slow, size[1], size[0]) ** 2
+    gapless = log.gapless[:, None] * one
+    weight = gapless / np.where(log.slow, size[1], size[0]) ** 2
     windows = [max(2, round(seconds * log.rate)) for seconds in MONITOR.windows]
     return np.array(
         [
@@ -165,7 +165,7 @@ def scores_of(log: Sight, size: Array) -> Array:
                 _matched(weight, -log.residual, log.expected, n).clip(0)
                 for n in windows
             ),
-            *(np.abs(_matched(whole, log.tracking, one, n)) for n in windows),
+            *(np.abs(_matched(gapless, log.tracking, one, n)) for n in windows),
         ]
     )
 

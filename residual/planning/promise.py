@@ -99,7 +99,7 @@ def standing(question: Question, qd: Array, rate: float) -> Array:
 
 def plan_of(
     question: Question,
-    seen: Outlook,
+    expected: Outlook,
     sure: Prospect,
     seconds: float,
     after: float | None = None,
@@ -109,7 +109,7 @@ def plan_of(
     After how long it settles the question surely [s] is None for never, and where that
     was not computed.
     """
-    rivals = told_apart(question, seen)
+    rivals = separable_rivals(question, expected)
     return {
         "rivals": [{"name": p.name, "joints": list(p.joints)} for p in rivals],
         "family": None,
@@ -143,12 +143,12 @@ def promised(question: Question) -> dict | None:
     courses = free_courses(question)
     twins = structural_twins(question, courses)
     grams = [course.gram(SECONDS) for course in courses]
-    seen = [outlook(question, gram, twins) for gram in grams]
-    best = int(np.argmax([one.share for one in seen]))
-    if seen[best].hopeless:
+    expected = [outlook(question, gram, twins) for gram in grams]
+    best = int(np.argmax([one.share for one in expected]))
+    if expected[best].hopeless:
         return None
     sure = prospect(question, grams[best], twins, np.random.default_rng(0))
-    return plan_of(question, seen[best], sure, SECONDS)
+    return plan_of(question, expected[best], sure, SECONDS)
 
 
 def sure_after(
@@ -193,51 +193,57 @@ def structural_twins(
     for c, contest in enumerate(question.contests):
         for a, b in contest.pairs:
             one, other = contest.rivals[a], contest.rivals[b]
-            own = len(one.own) and len(other.own)
-            if own and beyond(gram, one, other) < contest.enough:
+            own = len(one.effect_columns) and len(other.effect_columns)
+            if own and nats_beyond(gram, one, other) < contest.enough:
                 found.add((c, a, b))
     return frozenset(found)
 
 
 def settled_by(
-    question: Question, named: Sequence[Place], others: Sequence[Alternative]
+    question: Question, named: Sequence[Place], sets: Sequence[Alternative]
 ) -> tuple[Alternative, ...]:
-    """Return sets as good as the named one; marks those that no motion tells apart."""
-    twins = structural_twins(question) if others and question.contests else frozenset()
+    """Return the equally good sets; marks those that no motion separates."""
+    twins = structural_twins(question) if sets and question.contests else frozenset()
     same = {
         tuple(question.contests[c].rivals[i].place for i in (a, b))
         for c, a, b in twins
         if (c, b, a) in twins
     }
 
-    def difference(one: Alternative) -> tuple[Place, Place]:
-        gone = together([place for place in named if place not in one.set])
-        return gone, together([place for place in one.set if place not in named])
+    def difference(alternative: Alternative) -> tuple[Place, Place]:
+        gone = together([place for place in named if place not in alternative.set])
+        return gone, together(
+            [place for place in alternative.set if place not in named]
+        )
 
     return tuple(
-        replace(one, separated_by=UNTOLD) if difference(one) in same else one
-        for one in others
+        replace(alternative, separated_by=UNTOLD)
+        if difference(alternative) in same
+        else alternative
+        for alternative in sets
     )
 
 
-def beyond(gram: Array, one: Rival, other: Rival) -> float:
-    """What one has, at its found size, beyond the other's columns [nats]."""
+def nats_beyond(gram: Array, a: Rival, b: Rival) -> float:
+    """Evidence of rival a, at its estimated size, beyond the columns of b [nats]."""
     size = 1 / np.sqrt(np.maximum(np.diag(gram), 1e-300))
     scaled = gram * np.outer(size, size)
-    found = np.isin(one.columns, one.own)
-    at = one.columns[found]
-    value = one.mean[found] / size[at]
-    mixed = scaled[np.ix_(other.own, at)] @ value
+    found = np.isin(a.columns, a.effect_columns)
+    at = a.columns[found]
+    value = a.mean[found] / size[at]
+    mixed = scaled[np.ix_(b.effect_columns, at)] @ value
     inner = np.linalg.pinv(
-        scaled[np.ix_(other.own, other.own)], rcond=1e-9, hermitian=True
+        scaled[np.ix_(b.effect_columns, b.effect_columns)],
+        rcond=1e-9,
+        hermitian=True,
     )
     return 0.5 * float(value @ scaled[np.ix_(at, at)] @ value - mixed @ inner @ mixed)
 
 
-def told_apart(question: Question, seen: Outlook) -> tuple:
+def separable_rivals(question: Question, expected: Outlook) -> tuple:
     """Return the rivals that a motion tells apart, each once."""
     contests = question.contests
-    parted = {contests[c].rivals[i].place for c, a, b in seen.nats for i in (a, b)}
+    parted = {contests[c].rivals[i].place for c, a, b in expected.nats for i in (a, b)}
     every = (r.place for contest in contests for r in contest.rivals)
     return tuple(place for place in dict.fromkeys(every) if place in parted)
 

@@ -19,7 +19,7 @@ class Rival:
 
     place: Place  # the effect that makes the difference, `NOTHING` for none
     columns: Array  # which of the shared columns it has, (k,)
-    own: Array  # which of these are the effect's own; empty for none, (e,)
+    effect_columns: Array  # which of these are the effect's own; empty for none, (e,)
     mean: Array  # their posterior mean [SI], (k,)
     precision: Array  # their posterior precision, (k, k)
     # Evidence of the logs so far, less the price of the name [nats], up to a constant

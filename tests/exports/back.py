@@ -13,7 +13,14 @@ import numpy as np
 
 from flows.steps.export import build
 from residual.export.c99 import prefix_of
-from residual.export.exported import RATE, Exported, Motion, body_of, exciting, limits
+from residual.export.export import (
+    RATE,
+    KnownMotion,
+    ModelExport,
+    excitation,
+    limits,
+    without_tables,
+)
 from residual.export.table import POSITION, SPEED, curve_at
 from residual.model.model import LEAST_SPEED, Model
 from residual.model.record import from_record
@@ -44,7 +51,7 @@ void along(int n, const double *t, const double *q, const double *qd,
 Pair = tuple[Array, Array]
 
 
-def text_of(made: Exported) -> str:
+def text_of(made: ModelExport) -> str:
     """Return the first file of an export as text."""
     return next(iter(made.files.values())).decode()
 
@@ -58,13 +65,13 @@ def unpacked(files: Mapping[str, bytes]) -> Iterator[Path]:
         yield Path(folder)
 
 
-def random_states(robot: Robot, count: int) -> Motion:
+def random_states(robot: Robot, count: int) -> KnownMotion:
     """Return unrelated states, the same at every call."""
     lower, upper, speed = limits(robot)
     rng, shape = np.random.default_rng(0), (count, robot.dof)
     qd = rng.uniform(0.0, speed, shape) * rng.choice([-1.0, 1.0], shape)
     q, qdd = rng.uniform(lower, upper, shape), rng.uniform(-10.0, 10.0, shape)
-    return Motion(np.arange(count) / RATE, q, qd, qdd)
+    return KnownMotion(np.arange(count) / RATE, q, qd, qdd)
 
 
 def saturated_speed(model: Model) -> Array:
@@ -76,26 +83,28 @@ def saturated_speed(model: Model) -> Array:
     return floor * np.array(times)
 
 
-def fast_states(model: Model, count: int = STATES) -> Motion:
+def fast_states(model: Model, count: int = STATES) -> KnownMotion:
     """Return random states in which no joint is slower than where friction is full."""
     states, slow = random_states(model.robot, count), saturated_speed(model)
-    return Motion(states.t, states.q, states.qd + np.sign(states.qd) * slow, states.qdd)
+    return KnownMotion(
+        states.t, states.q, states.qd + np.sign(states.qd) * slow, states.qdd
+    )
 
 
-def _along(made: Exported, got: Callable[[Motion], Array]) -> Pair:
-    motion = exciting(body_of(made.whole).robot)
+def _along(made: ModelExport, got: Callable[[KnownMotion], Array]) -> Pair:
+    motion = excitation(without_tables(made.source).robot)
     return got(motion), made.carried.along(motion.t, motion.parts)
 
 
-def json_back(made: Exported) -> Pair:
+def json_back(made: ModelExport) -> Pair:
     """Read the file and predict with it, along a motion."""
     again = from_record(json.loads(text_of(made)))
     return _along(made, lambda motion: again.along(motion.t, motion.parts))
 
 
-def urdf_back(made: Exported) -> Pair:
+def urdf_back(made: ModelExport) -> Pair:
     """Let Pinocchio read inertias, damping and friction, and compute torque."""
-    model, read = body_of(made.carried), build_model(text_of(made), "the URDF")
+    model, read = without_tables(made.carried), build_model(text_of(made), "the URDF")
     # A URDF says nothing of gravity.
     read.gravity.linear = model.robot.model.gravity.linear
     states = fast_states(model)
@@ -104,9 +113,9 @@ def urdf_back(made: Exported) -> Pair:
     return got, model.torque(*states.parts)
 
 
-def table_back(made: Exported) -> Pair:
+def table_back(made: ModelExport) -> Pair:
     """Read the support points and go along lines between them."""
-    model, got, want = body_of(made.carried), [np.zeros(1)], [np.zeros(1)]
+    model, got, want = without_tables(made.carried), [np.zeros(1)], [np.zeros(1)]
     for name in (name for name in (SPEED, POSITION) if name in made.files):
         text = made.files[name].decode().splitlines()
         rows = np.loadtxt(text, delimiter=",", skiprows=1, ndmin=2)
@@ -119,21 +128,21 @@ def table_back(made: Exported) -> Pair:
     return np.concatenate(got), np.concatenate(want)
 
 
-def mjcf_back(made: Exported) -> Pair:
+def mjcf_back(made: ModelExport) -> Pair:
     """Compare MuJoCo's inverse dynamics on random states of full friction."""
-    model = body_of(made.carried)
+    model = without_tables(made.carried)
     states = fast_states(model)
     return inverse(text_of(made), states), model.torque(*states.parts)
 
 
-def inverse(text: str, states: Motion) -> Array:
+def inverse(text: str, states: KnownMotion) -> Array:
     """Return the torque that MuJoCo finds for given states [N m]. Shape (n, dof)."""
     import mujoco
 
     return _inverse(mujoco.MjModel.from_xml_string(text), states)
 
 
-def _inverse(model, motion: Motion) -> Array:
+def _inverse(model, motion: KnownMotion) -> Array:
     import mujoco
 
     data, out = mujoco.MjData(model), np.empty_like(motion.q)
@@ -145,14 +154,14 @@ def _inverse(model, motion: Motion) -> Array:
     return out
 
 
-def mujoco_back(made: Exported) -> Pair:
+def mujoco_back(made: ModelExport) -> Pair:
     """Let MuJoCo find the torque along a motion, with what the module beside adds."""
     with passive(made) as simulated:
         return _along(made, lambda motion: _inverse(simulated, motion))
 
 
 @contextmanager
-def passive(made: Exported, timestep: float | None = None) -> Iterator:
+def passive(made: ModelExport, timestep: float | None = None) -> Iterator:
     """Give the compiled MJCF of an export, its callback set meanwhile."""
     import mujoco
 
@@ -165,23 +174,23 @@ def passive(made: Exported, timestep: float | None = None) -> Iterator:
             mujoco.set_mjcb_passive(None)
 
 
-def c99_back(made: Exported) -> Pair:
+def c99_back(made: ModelExport) -> Pair:
     """Compile the header and run it along a motion."""
     with compiled(made) as along:
         return _along(made, along)
 
 
 @contextmanager
-def compiled(made: Exported) -> Iterator[Callable[[Motion], Array]]:
+def compiled(made: ModelExport) -> Iterator[Callable[[KnownMotion], Array]]:
     """Give the compiled header as a function of a motion, while it is needed."""
-    dof, ((name, text),) = body_of(made.whole).robot.dof, made.files.items()
+    dof, ((name, text),) = without_tables(made.source).robot.dof, made.files.items()
     p = prefix_of(name.removesuffix(".h"))
     around = AROUND.format(header=name, p=p, dof=dof).encode()
     with unpacked({name: text, "around.c": around}) as place:
         build(place, ["around.c"], "around.so")
         library = ctypes.CDLL(str(place / "around.so"))
 
-        def along(motion: Motion) -> Array:
+        def along(motion: KnownMotion) -> Array:
             arrays = [np.ascontiguousarray(x) for x in (motion.t, *motion.parts)]
             out = np.empty_like(motion.q)
             ends = [x.ctypes.data_as(ctypes.c_void_p) for x in (*arrays, out)]
@@ -191,7 +200,7 @@ def compiled(made: Exported) -> Iterator[Callable[[Motion], Array]]:
         yield along
 
 
-def fmu_back(made: Exported) -> Pair:
+def fmu_back(made: ModelExport) -> Pair:
     """Let FMPy check the FMU and play it along a motion, in both ways."""
     from fmpy.validation import validate_fmu
 
@@ -205,7 +214,7 @@ def fmu_back(made: Exported) -> Pair:
     return got, np.hstack([want] * len(KINDS))
 
 
-def played(path: Path, motion: Motion, kind: str) -> Array:
+def played(path: Path, motion: KnownMotion, kind: str) -> Array:
     """Return the torque of every sample, at its own time [N m]. Shape (n, dof).
 
     Args:
@@ -237,7 +246,7 @@ def played(path: Path, motion: Motion, kind: str) -> Array:
     return np.column_stack([done[f"tau{j + 1}"] for j in range(dof)])
 
 
-def _stepped(path: Path, motion: Motion) -> Array:
+def _stepped(path: Path, motion: KnownMotion) -> Array:
     """Go step by step: set the inputs of a time, read its torque, go on."""
     import fmpy
     from fmpy.fmi2 import FMU2Slave
@@ -267,11 +276,11 @@ def _stepped(path: Path, motion: Motion) -> Array:
     return out
 
 
-def rrd_back(made: Exported) -> Pair:
+def rrd_back(made: ModelExport) -> Pair:
     """Open the recording and add the torques up again."""
     from rerun.chunk import RrdReader
 
-    dof, found = body_of(made.whole).robot.dof, {}
+    dof, found = without_tables(made.source).robot.dof, {}
     (content,) = made.files.values()
     with unpacked({"arm.rrd": content}) as place:
         for chunk in RrdReader(str(place / "arm.rrd")).stream().to_chunks():
@@ -279,16 +288,16 @@ def rrd_back(made: Exported) -> Pair:
                 column = chunk.to_record_batch().column("Scalars:scalars")
                 values = column.flatten().to_numpy(zero_copy_only=False)
                 found.setdefault(chunk.entity_path, []).append(values)
-    whole = {path: np.concatenate(parts) for path, parts in found.items()}
+    source = {path: np.concatenate(parts) for path, parts in found.items()}
     got, want = [], []
     for j in range(dof):
         under = f"/torque/joint_{j + 1}/"
-        got.append(sum(v for k, v in whole.items() if k.startswith(f"{under}of/")))
-        want.append(whole[f"{under}model"])
+        got.append(sum(v for k, v in source.items() if k.startswith(f"{under}of/")))
+        want.append(source[f"{under}model"])
     return np.column_stack(got), np.column_stack(want)
 
 
-BACK: Mapping[str, Callable[[Exported], Pair]] = {
+BACK: Mapping[str, Callable[[ModelExport], Pair]] = {
     "json": json_back,
     "urdf": urdf_back,
     "mjcf": mjcf_back,

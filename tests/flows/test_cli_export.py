@@ -16,7 +16,7 @@ from flows.steps.export import compiler, export_model
 from flows.steps.models import read_model
 from residual.calibration.choice import MAIN
 from residual.errors import InputError, UnknownNameError
-from residual.export.exported import Motion, exciting
+from residual.export.export import KnownMotion, excitation
 from residual.export.mujoco import to_mujoco
 from residual.model.corrected import CorrectedModel, Tables
 from residual.model.record import to_record
@@ -50,12 +50,12 @@ REASON["mujoco"] = (needs_compiler, pytest.mark.long)
 def _every(robot):
     """All effects at once, on tables, with every kind of standstill."""
     shapes = tuple(replace(CHOICES[-j - 1], hold=0.7) for j in range(robot.dof))
-    whole = model_with(robot, *NAMES, standstill=shapes)
+    source = model_with(robot, *NAMES, standstill=shapes)
     columns = (("qd", (1,), ""), ("q", (0, 2), "difference"))
     own = tuple(
         Tables(j, columns, lookup(np.random.default_rng(j)), MAIN) for j in (0, 3)
     )
-    return CorrectedModel(whole, own)
+    return CorrectedModel(source, own)
 
 
 @pytest.mark.parametrize(
@@ -67,20 +67,20 @@ def _every(robot):
 def test_what_is_carried_comes_back_as_the_same_torque(target, arm):
     if target in NEEDS:
         pytest.importorskip(NEEDS[target])
-    whole = _every(robot_of(arm))
+    source = _every(robot_of(arm))
     if target in ("mjcf", "mujoco"):
         # Gravity that a tilted base turns acts here on links as they were described.
-        bare = whole.model.without("link_inertia").without("link_body")
-        whole = replace(whole, model=bare)
-    got, want = BACK[target](export_model(whole, target))
+        bare = source.model.without("link_inertia").without("link_body")
+        source = replace(source, model=bare)
+    got, want = BACK[target](export_model(source, target))
     assert np.abs(got - want).max() <= SAID[target]
     assert len(want) >= 1000
     assert np.abs(want).max() > 20.0
 
 
 def test_support_points_are_those_of_the_curves():
-    whole = model_with(robot_of("irb140"), "viscous", "coulomb", "position_friction")
-    got, want = BACK["table"](export_model(whole, "table"))
+    source = model_with(robot_of("irb140"), "viscous", "coulomb", "position_friction")
+    got, want = BACK["table"](export_model(source, "table"))
     assert np.abs(got - want).max() < 0.02 * np.abs(want).max()
     assert len(want) > 1000
 
@@ -88,8 +88,8 @@ def test_support_points_are_those_of_the_curves():
 @needs_compiler
 def test_a_time_that_comes_twice_is_remembered_once():
     mujoco = pytest.importorskip("mujoco")
-    whole = model_with(robot_of("irb140"), "viscous", "rotor_inertia", "presliding")
-    made, motion = to_mujoco(whole), exciting(robot_of("irb140"), 2.0)
+    source = model_with(robot_of("irb140"), "viscous", "rotor_inertia", "presliding")
+    made, motion = to_mujoco(source), excitation(robot_of("irb140"), 2.0)
     with passive(made) as simulated:
         callback = mujoco.get_mjcb_passive()
         once = [callback.torque(*x).copy() for x in zip(*_all(motion), strict=True)]
@@ -101,8 +101,8 @@ def test_a_time_that_comes_twice_is_remembered_once():
             often.append(last)
         assert simulated.nv == 6
     np.testing.assert_array_equal(often, once)
-    dry = whole.without("presliding").along(motion.t, motion.parts)
-    wanted = whole.along(motion.t, motion.parts) - dry
+    dry = source.without("presliding").along(motion.t, motion.parts)
+    wanted = source.along(motion.t, motion.parts) - dry
     np.testing.assert_allclose(once, wanted, atol=1e-9)
 
 
@@ -113,14 +113,14 @@ def _all(motion):
 def test_friction_has_its_value_in_mujoco_where_the_joint_creeps():
     pytest.importorskip("mujoco")
     robot = robot_of("irb140")
-    whole = model_with(robot, "coulomb", speed_floor=np.full(6, 1e-5))
-    made = export_model(whole, "mjcf")
+    source = model_with(robot, "coulomb", speed_floor=np.full(6, 1e-5))
+    made = export_model(source, "mjcf")
     zero = np.zeros((2, 6))
     qd = CREEP * np.array([[1.0], [-1.0]]) * np.ones(6)
     (text,) = made.files.values()
-    states = Motion(np.arange(2.0), zero, qd, zero)
+    states = KnownMotion(np.arange(2.0), zero, qd, zero)
     usual = re.sub(r'(solref|solimp)friction="[^"]*"', "", text.decode())
-    (own,) = whole.terms
+    (own,) = source.terms
     (j,) = own.joints
     shares = [
         np.diff(inverse(each, states)[:, j])[0] / -2 / own.theta[0]
@@ -143,8 +143,8 @@ def test_the_command_writes_and_lists(tmp_path, capsys):
     assert main(words) == 0
     shown = capsys.readouterr().out
     assert [p.name for p in out.iterdir()] == ["irb140.xml"]
-    assert "not carried: load_friction J4: up to " in shown
-    assert "MJCF has no place for it" in shown
+    assert "not exported: load_friction J4: up to " in shown
+    assert "MJCF cannot represent it" in shown
     document = json.loads(told.read_text())
     (left,) = document["left"]
     assert (left["name"], left["joints"]) == ("load_friction", [4])
@@ -171,8 +171,8 @@ def test_a_wrong_word_says_what_is_right(tmp_path, capsys, words, message):
 def test_a_file_that_cannot_be_exported_leaves_no_folder(tmp_path, capsys, content):
     path, out = tmp_path / "model.json", tmp_path / "out"
     if content is None:
-        whole = model_with(robot_of("irb140"), "viscous")
-        replace(whole, inertial=np.append(-1.0, whole.inertial[1:])).save(path)
+        source = model_with(robot_of("irb140"), "viscous")
+        replace(source, inertial=np.append(-1.0, source.inertial[1:])).save(path)
     else:
         path.write_text(content)
     assert main(["export", str(path), "--to", "mjcf", "--out", str(out)]) == 2
@@ -191,8 +191,8 @@ def test_a_missing_extra_says_what_to_install(monkeypatch):
 
 def test_without_a_compiler_an_fmu_has_its_sources_alone(monkeypatch):
     monkeypatch.setattr(exporting, "compiler", lambda: None)
-    whole = model_with(robot_of("irb140"), "viscous")
-    (content,) = export_model(whole, "fmu").files.values()
+    source = model_with(robot_of("irb140"), "viscous")
+    (content,) = export_model(source, "fmu").files.values()
     with zipfile.ZipFile(io.BytesIO(content)) as packed:
         assert {name.split("/")[0] for name in packed.namelist()} == {
             "modelDescription.xml",
@@ -201,15 +201,15 @@ def test_without_a_compiler_an_fmu_has_its_sources_alone(monkeypatch):
 
 
 def test_models_of_the_store_are_found_by_their_id(tmp_path):
-    whole = model_with(robot_of("irb140"), "viscous")
+    source = model_with(robot_of("irb140"), "viscous")
     record = {"robot": "irb140", "stage": "identified", "request": None}
     ids = [
         commit_record(tmp_path, "models", {**record, **more})
-        for more in ({"model": to_record(whole)}, {"nominal": to_record(whole)}, {})
+        for more in ({"model": to_record(source)}, {"nominal": to_record(source)}, {})
     ]
     for id in ids[:2]:
         found = read_model(tmp_path, id[:8])
-        assert to_record(found) == to_record(whole)
+        assert to_record(found) == to_record(source)
     with pytest.raises(InputError, match="without its numbers"):
         read_model(tmp_path, ids[2])
 

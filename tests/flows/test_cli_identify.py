@@ -12,7 +12,7 @@ from residual.errors import InputError
 from residual.robot.robot import load_robot
 from tests.residual.identified import workplace
 from warehouse.layout import list_folders, read_record
-from warehouse.query.store import ask, runs_where
+from warehouse.query.store import query_store, runs_where
 
 KEYS = (
     "schema robot declared method prior logs held_out same_run condition noise rows "
@@ -98,7 +98,9 @@ def runs(place, capsys):
     for log, motion in zip("ABC", ("fourier", "fourier", "welding"), strict=True):
         words = f"import {log}.csv --robot arm.urdf --store s --tag lot=1"
         assert run(f"{words} --trajectory {motion}") == 0
-    return {row["run_id"]: row["trajectory"] for row in ask(Path("s"), "FROM runs")}
+    return {
+        row["run_id"]: row["trajectory"] for row in query_store(Path("s"), "FROM runs")
+    }
 
 
 def test_runs_chosen_by_a_condition_are_kept_and_rerun_by_their_ids(runs):
@@ -106,7 +108,7 @@ def test_runs_chosen_by_a_condition_are_kept_and_rerun_by_their_ids(runs):
     proof = ["--holdout-where", "trajectory IN (SELECT 'welding')"]
     usual = ["--robot", "arm.urdf", "--store", "s"]
     assert main(["identify", *chosen, *proof, *usual]) == 0
-    (model,) = ask(Path("s"), "FROM models")
+    (model,) = query_store(Path("s"), "FROM models")
     record = read_record(Path("s"), model["model_id"])["request"]
     assert {runs[id] for id in record["logs"]} == {"fourier"}
     assert len(record["logs"]) == 2
@@ -123,7 +125,7 @@ def test_an_arm_with_a_serial_number_is_identified_again_to_the_last_bit(place):
     words = f"import {log}@0:8 --robot irb140 --serial B-18 --store s"
     assert run(words) == 0
     assert run("identify --where true --robot irb140 --store s") == 0
-    (model,) = ask(Path("s"), "FROM models")
+    (model,) = query_store(Path("s"), "FROM models")
     assert model["serial"] == "B-18"
     assert run(f"rerun {model['model_id']} --store s") == 0
 
@@ -150,7 +152,7 @@ def test_where_no_run_fulfils_a_condition_every_command_says_so(runs, capsys):
         robot = [] if verb == "validate" else ["--robot", "arm.urdf"]
         words = [verb, "--where", "trajectory = 'cyclic'", *robot, "--store", "s"]
         assert main(words) == 2
-        assert "fulfils trajectory = 'cyclic'" in capsys.readouterr().err
+        assert "fulfills trajectory = 'cyclic'" in capsys.readouterr().err
 
 
 def test_the_query_of_the_page_reads_the_files_by_plain_duckdb(runs):

@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from residual.export.exported import to_json
 from scipy.ndimage import maximum_filter1d
 
 from flows.cli import main
@@ -21,7 +22,6 @@ from residual.calibration.calibrate import with_tables
 from residual.calibration.components import state_names
 from residual.effects import registry
 from residual.errors import InputError
-from residual.export.exported import to_json
 from residual.model.control import (
     SAMPLES,
     Turning,

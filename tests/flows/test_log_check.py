@@ -77,7 +77,7 @@ def test_a_certain_fault_ends_with_two_and_the_line_that_mends_it(
     assert first == (
         "modelgap: The logs have a fault (torque sign, joint 2): Friction gives."
     )
-    assert second.startswith(f"Mend it by this line (--map): {LINE}")
+    assert second.startswith(f"Fix: add this line (--map): {LINE}")
     assert "--trust-log" in second
     assert not Path("store").exists()
 

@@ -24,7 +24,7 @@ def test_a_campaign_gives_its_workers_the_name_of_the_store(
         def submit(self, work, *words):
             given.append(words[0].keywords["store"])
             monkeypatch.setenv(remote.CACHE, str(tmp_path / "another machine"))
-            remote.forget()
+            remote.forget_buckets()
             return super().submit(work, *words)
 
     def run(spec, place, *_):

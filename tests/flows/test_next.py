@@ -26,7 +26,7 @@ def test_the_best_settles_the_question_and_none_of_the_others_sooner(made):
     _, found = made
     best, *others = found.ranked
     assert 1.0 < best.after <= 12.0
-    assert SURE <= best.sure.chance <= 1
+    assert SURE <= best.prospect.chance <= 1
     assert all(best.after <= (one.after or np.inf) for one in others)
     rivals = found.document(None)["rivals"]
     assert {r["name"] for r in rivals} == {"spring", "balancer"}

@@ -179,7 +179,7 @@ def test_a_measured_run_is_checked_and_not_made_again(tmp_path, capsys):
     assert main(words) == 2
     assert "measured, not simulated" in capsys.readouterr().err
     assert main([*words, "--verify"]) == 0
-    assert "those that were imported" in capsys.readouterr().out
+    assert "those of the import" in capsys.readouterr().out
     path = find(tmp_path, id).folder / "part-0.parquet"
     table = pq.ParquetFile(path).read()
     at = table.column_names.index("q1")

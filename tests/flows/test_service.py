@@ -100,7 +100,7 @@ def test_a_damaged_note_is_as_good_as_none(tmp_path, content):
 
 
 def test_two_at_once_on_one_store_are_told_apart(tmp_path):
-    with one_at_a_time(tmp_path), pytest.raises(RunError, match="at work on"):  # noqa: SIM117
+    with one_at_a_time(tmp_path), pytest.raises(RunError, match="is running on"):  # noqa: SIM117
         with one_at_a_time(tmp_path):
             pass
 

@@ -8,7 +8,7 @@ import pytest
 from residual.calibration.calibrate import corrected_model
 from residual.calibration.components import state_names
 from residual.calibration.rows import MEASURED, PAPER
-from residual.export.exported import exciting
+from residual.export.export import excitation
 from residual.model.corrected import NEAREST, NONE
 from residual.model.lookup import Axis, Lookup, Table
 from residual.model.record import from_record, to_record
@@ -50,27 +50,27 @@ def _model(*more):
 
 
 def test_the_torque_is_that_of_the_model_and_of_the_tables_at_their_nearest_level():
-    model, motion = _model(), exciting(robot_of("irb140"))
+    model, motion = _model(), excitation(robot_of("irb140"))
     made = _calibration(nominal=model)
     own = model.along(motion.t, motion.parts)
     X = np.hstack([*motion.parts, own])
     assert (X < -1).any()  # beyond the range of the tables
     want = own + made.lookup.predict(X)
-    whole = corrected_model(made)
-    assert {t.beyond for t in whole.tables} == {NEAREST}
-    np.testing.assert_allclose(whole.along(motion.t, motion.parts), want, atol=1e-11)
+    source = corrected_model(made)
+    assert {t.beyond for t in source.tables} == {NEAREST}
+    np.testing.assert_allclose(source.along(motion.t, motion.parts), want, atol=1e-11)
 
 
 def test_a_joint_without_a_table_says_so():
-    whole = corrected_model(_calibration(nominal=_model()))
-    assert [t.kind == NONE for t in whole.tables] == [j == 2 for j in JOINTS]
+    source = corrected_model(_calibration(nominal=_model()))
+    assert [t.kind == NONE for t in source.tables] == [j == 2 for j in JOINTS]
 
 
 def test_it_comes_back_whole_from_its_record():
-    motion = exciting(robot_of("irb140"), 4.0)
-    whole = corrected_model(_calibration(nominal=_model()))
-    want = whole.along(motion.t, motion.parts)
-    again = from_record(to_record(whole)).along(motion.t, motion.parts)
+    motion = excitation(robot_of("irb140"), 4.0)
+    source = corrected_model(_calibration(nominal=_model()))
+    want = source.along(motion.t, motion.parts)
+    again = from_record(to_record(source)).along(motion.t, motion.parts)
     assert again.tobytes() == want.tobytes()
 
 

@@ -12,11 +12,11 @@ from residual.effects import registry
 from residual.effects.base import Portable
 from residual.errors import InputError
 from residual.export.c99 import prefix_of, to_c99
-from residual.export.exported import (
-    body_of,
-    exciting,
+from residual.export.export import (
+    excitation,
     to_json,
     with_bodies,
+    without_tables,
 )
 from residual.export.simulators import to_mjcf, to_urdf
 from residual.model.corrected import NEAREST, NOTHING, CorrectedModel, Tables
@@ -67,24 +67,24 @@ def test_an_effect_says_how_it_is_said_elsewhere_or_why_not(name):
 @pytest.mark.parametrize("target", sorted(WRITERS))
 @pytest.mark.parametrize("name", NAMES)
 def test_a_target_carries_an_effect_or_lists_it_with_its_torque(target, name):
-    whole = model_with(robot_of("irb140"), "viscous", name)
-    made = WRITERS[target](whole)
-    left = [each for each in made.left if each.name == name]
-    kept = [t.effect.name for t in body_of(made.carried).terms]
+    source = model_with(robot_of("irb140"), "viscous", name)
+    made = WRITERS[target](source)
+    omissions = [each for each in made.omissions if each.name == name]
+    kept = [t.effect.name for t in without_tables(made.carried).terms]
     if name in CARRIED[target]:
-        assert left == []
+        assert omissions == []
         assert name in kept
     else:
-        (one,) = left
+        (omission,) = omissions
         assert name not in kept
-        motion = exciting(whole.robot)
-        gap = whole.along(motion.t, motion.parts)
-        gap = gap - whole.without(name).along(motion.t, motion.parts)
-        assert one.largest == pytest.approx(np.abs(gap).max())
-        assert 0 < one.rms <= one.largest
-        assert made.largest == pytest.approx(one.largest)
-        assert str(one).startswith(f"{name}")
-        assert one.why
+        motion = excitation(source.robot)
+        gap = source.along(motion.t, motion.parts)
+        gap = gap - source.without(name).along(motion.t, motion.parts)
+        assert omission.largest == pytest.approx(np.abs(gap).max())
+        assert 0 < omission.rms <= omission.largest
+        assert made.largest == pytest.approx(omission.largest)
+        assert str(omission).startswith(f"{name}")
+        assert omission.why
 
 
 @needs_compiler
@@ -92,16 +92,16 @@ def test_a_target_carries_an_effect_or_lists_it_with_its_torque(target, name):
 def test_the_header_computes_the_torque_of_each_effect(name):
     arm = ARMS[NAMES.index(name) % 2]  # both arms, effect by effect in turn
     made = to_c99(model_with(robot_of(arm), "viscous", "rotor_inertia", name))
-    assert made.left == ()
+    assert made.omissions == ()
     np.testing.assert_allclose(*c99_back(made), rtol=0, atol=1e-10)
 
 
 @needs_compiler
 @pytest.mark.parametrize("beyond", [NOTHING, NEAREST])
 def test_the_header_reads_tables_inside_their_range_and_beyond(beyond):
-    whole = _corrected(robot_of("seven"))
-    tables = tuple(replace(t, beyond=beyond) for t in whole.tables)
-    made = to_c99(replace(whole, tables=tables))
+    source = _corrected(robot_of("seven"))
+    tables = tuple(replace(t, beyond=beyond) for t in source.tables)
+    made = to_c99(replace(source, tables=tables))
     np.testing.assert_allclose(*c99_back(made), rtol=0, atol=1e-9)
 
 
@@ -109,8 +109,8 @@ def test_the_header_reads_tables_inside_their_range_and_beyond(beyond):
 @pytest.mark.parametrize("choice", CHOICES, ids=str)
 def test_the_header_stands_still_as_the_model_does(choice):
     shapes = (replace(choice, hold=0.6),) * 6
-    whole = model_with(robot_of("irb140"), "coulomb", standstill=shapes)
-    np.testing.assert_allclose(*c99_back(to_c99(whole)), rtol=0, atol=1e-10)
+    source = model_with(robot_of("irb140"), "coulomb", standstill=shapes)
+    np.testing.assert_allclose(*c99_back(to_c99(source)), rtol=0, atol=1e-10)
 
 
 def _corrected(robot) -> CorrectedModel:
@@ -122,32 +122,32 @@ def _corrected(robot) -> CorrectedModel:
 
 @pytest.mark.parametrize("target", ["urdf", "mjcf"])
 def test_tables_that_a_target_has_no_place_for_are_listed(target):
-    whole = _corrected(robot_of("seven"))
-    made = WRITERS[target](whole)
-    (tables,) = (each for each in made.left if each.name == "tables")
+    source = _corrected(robot_of("seven"))
+    made = WRITERS[target](source)
+    (tables,) = (each for each in made.omissions if each.name == "tables")
     assert tables.joints == (2, 3)
     assert tables.largest > 0
     assert isinstance(made.carried, Model)
 
 
 def test_what_a_target_cannot_say_alone_is_left_out_and_said_so():
-    whole = model_with(robot_of("irb140"), "coulomb", "viscous")
-    less = replace(whole.terms[0], theta=np.array([-1.0]))
-    made = to_mjcf(replace(whole, terms=(less, whole.terms[1])))
-    assert [(each.name, each.why) for each in made.left] == [
-        ("coulomb", "MJCF takes no negative friction")
+    source = model_with(robot_of("irb140"), "coulomb", "viscous")
+    less = replace(source.terms[0], theta=np.array([-1.0]))
+    made = to_mjcf(replace(source, terms=(less, source.terms[1])))
+    assert [(each.name, each.why) for each in made.omissions] == [
+        ("coulomb", "MJCF allows no negative friction")
     ]
     robot = robot_of("irb140")
     lone, sprung = (
         to_mjcf(model_with(robot, *n)) for n in (["offset"], ["offset", "spring"])
     )
-    assert [each.name for each in lone.left] == ["offset"]
-    assert sprung.left == ()
-    whole = model_with(robot_of("irb140"), "delay")
-    (late,) = whole.terms
+    assert [each.name for each in lone.omissions] == ["offset"]
+    assert sprung.omissions == ()
+    source = model_with(robot_of("irb140"), "delay")
+    (late,) = source.terms
     early = replace(late, shape=(-0.01,), theta=np.array([-0.01]))
-    (left,) = to_c99(replace(whole, terms=(early,))).left
-    assert left.why == "a negative delay looks ahead in time"
+    (omission,) = to_c99(replace(source, terms=(early,))).omissions
+    assert omission.why == "a negative delay looks ahead in time"
 
 
 @pytest.mark.parametrize(
@@ -159,26 +159,26 @@ def test_what_a_target_cannot_say_alone_is_left_out_and_said_so():
     ],
 )
 def test_a_body_that_cannot_be_is_refused_with_what_to_do(write, change, message):
-    whole = model_with(robot_of("irb140"))
-    wrong = whole.inertial.copy()
+    source = model_with(robot_of("irb140"))
+    wrong = source.inertial.copy()
     wrong[list(change)] = list(change.values())
     with pytest.raises(InputError, match=message):
-        write(replace(whole, inertial=wrong))
+        write(replace(source, inertial=wrong))
 
 
 def test_bodies_are_those_of_the_model_with_all_that_hangs_on_it():
-    whole = model_with(robot_of("irb140"), "payload")
-    load = whole.terms[0].theta
-    total = with_bodies(whole)
-    np.testing.assert_array_equal(total[-10:], whole.inertial[-10:] + load)
-    np.testing.assert_array_equal(total[:-10], whole.inertial[:-10])
+    source = model_with(robot_of("irb140"), "payload")
+    load = source.terms[0].theta
+    total = with_bodies(source)
+    np.testing.assert_array_equal(total[-10:], source.inertial[-10:] + load)
+    np.testing.assert_array_equal(total[:-10], source.inertial[:-10])
 
 
 def test_a_strangers_name_makes_no_path_and_no_code():
     robot = replace(robot_of("irb140"), name='../x*/"""\nimport os')
-    whole = model_with(robot, "viscous")
+    source = model_with(robot, "viscous")
     for write in WRITERS.values():
-        made = write(whole)
+        made = write(source)
         assert all(re.fullmatch(r"[\w-]+\.(?:\w+)", name) for name in made.files)
         for name, content in made.files.items():
             if name.endswith(".h"):
@@ -195,11 +195,11 @@ def test_a_name_becomes_one_of_c(name, word):
 @pytest.mark.parametrize("arm", ARMS)
 def test_motions_stay_within_what_the_arm_can_do(arm):
     robot = robot_of(arm)
-    for motion in (exciting(robot), random_states(robot, 200)):
+    for motion in (excitation(robot), random_states(robot, 200)):
         assert (motion.q >= robot.lower).all()
         assert (motion.q <= robot.upper).all()
         assert (np.abs(motion.qd) <= robot.velocity_limit).all()
-    moving = exciting(robot)
+    moving = excitation(robot)
     qd = np.gradient(moving.q, moving.t, axis=0)[5:-5]
     np.testing.assert_allclose(qd, moving.qd[5:-5], atol=1e-2)
     qdd = np.gradient(moving.qd, moving.t, axis=0)[5:-5]
@@ -208,10 +208,10 @@ def test_motions_stay_within_what_the_arm_can_do(arm):
 
 def test_above_the_saturated_speed_dry_friction_has_its_full_value():
     for choice in CHOICES:
-        whole = model_with(robot_of("seven"), "coulomb", standstill=(choice,) * 7)
-        (own,) = whole.terms
-        states = fast_states(whole, 50)
-        torque = whole.torque(*states.parts) - whole.without("coulomb").torque(
+        source = model_with(robot_of("seven"), "coulomb", standstill=(choice,) * 7)
+        (own,) = source.terms
+        states = fast_states(source, 50)
+        torque = source.torque(*states.parts) - source.without("coulomb").torque(
             *states.parts
         )
         (j,) = own.joints

@@ -182,7 +182,7 @@ def test_where_the_logs_are_at_fault_nothing_is_named_and_nothing_claimed(compar
     assert not found.clouds + found.sentences
     assert found.warnings[0] == (
         "fault of the logs (torque sign, joint 2, certain): Friction gives. "
-        "To mend it: tau = {}"
+        "Fix: tau = {}"
     )
     assert "nothing named, the logs are at fault" in repr(found)
     assert from_json(json.loads(json.dumps(verdict, allow_nan=False))) == found.verdict

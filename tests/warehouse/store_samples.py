@@ -7,7 +7,7 @@ from flows.storage.diagnosis import effect_rows, error_rows
 from residual.recording import Recording
 from residual.verdict.document import from_json
 from tests.verdict_documents import whole
-from warehouse.commit import Rows, Sealed, commit_run, store_rows
+from warehouse.commit import DiagnosisRows, Seal, commit_run, store_rows
 
 DOF = 2
 
@@ -34,7 +34,7 @@ def manifest(seed=0, kind="fourier", **more):
 
 def sealed(seed=0, rows=50):
     truth = {"q": np.full((rows, DOF), seed), "temperature": np.arange(float(rows))}
-    return Sealed({"effects": ["stribeck"], "salt": f"s{seed}"}, truth)
+    return Seal({"effects": ["stribeck"], "salt": f"s{seed}"}, truth)
 
 
 def commit(store, seed=0, kind="fourier", rows=50, **more):
@@ -114,7 +114,7 @@ def store_verdict(store, document, model, runs, more=None, tables=None):
         "document": document,
         **(more or {}),
     }
-    rows = Rows(
+    rows = DiagnosisRows(
         record,
         model,
         list(effect_rows(found.effects)),

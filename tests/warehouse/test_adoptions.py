@@ -7,13 +7,13 @@ from itertools import pairwise
 import pyarrow as pa
 import pytest
 
-from warehouse.commit import Rows, commit_record, store_rows
-from warehouse.layout import Found, list_folders
+from warehouse.commit import DiagnosisRows, commit_record, store_rows
+from warehouse.layout import StoredRecord, list_folders
 from warehouse.numbered import (
     ADOPTED,
     ROLLED_BACK,
     Adoption,
-    MeanwhileError,
+    AdoptionConflictError,
     adopted,
     commit_adoption,
     read_adoption,
@@ -48,7 +48,7 @@ def test_the_last_one_holds_and_no_other_is_changed(tmp_path):
     assert adopted(tmp_path, "arm")[1].model_id is None
     assert read_adoption(tmp_path, one) == FIRST
     for id, folder in list_folders(tmp_path, "adoptions").items():
-        assert faults(Found("adoptions", id, type(tmp_path)(folder))) == ()
+        assert faults(StoredRecord("adoptions", id, type(tmp_path)(folder))) == ()
 
 
 def test_arms_of_one_kind_are_told_apart_by_their_serial_number(tmp_path):
@@ -63,7 +63,7 @@ def _adopt(store, who, ready, answers):
     ready.wait()
     try:
         answers.put((who, commit_adoption(store, replace(FIRST, who=who))))
-    except MeanwhileError as error:
+    except AdoptionConflictError as error:
         answers.put((who, str(error)))
 
 
@@ -149,7 +149,9 @@ def test_the_error_of_each_version_is_one_query(tmp_path):
         {"metric": "filtered", "stage": stage, "joint": None, "value": value}
         for stage, value in (("nominal", 40.0), ("augmented", 5.0))
     ]
-    rows = Rows(record={"robot": "arm", "verdict": "effects"}, model={}, errors=errors)
+    rows = DiagnosisRows(
+        record={"robot": "arm", "verdict": "effects"}, model={}, errors=errors
+    )
     first = store_rows(tmp_path, rows, {})
     commit_adoption(tmp_path, replace(FIRST, diagnosis_id=first))
     errors[0]["value"] = 5.1

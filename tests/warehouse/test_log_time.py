@@ -9,14 +9,14 @@ from residual.errors import InputError
 from residual.recording import Recording
 from tests.warehouse import log_files as files
 from warehouse.logs import check_distinct, read_log, unique_ids
-from warehouse.logs.tables import iso, parse
+from warehouse.logs.tables import format_moment, parse_moment
 
 NAMES = ("t", "q1", "q2", "tau1", "tau2")
 START = 1_763_647_380  # 2025-11-20 14:03:00 UTC
 
 
 def when(path, robot):
-    return iso(read_log(str(path), robot)[1].recorded_at)
+    return format_moment(read_log(str(path), robot)[1].recorded_at)
 
 
 def above(path, line):
@@ -74,7 +74,7 @@ def test_a_bag_says_when_its_first_message_was_recorded(samples, robot, tmp_path
 )
 def test_a_time_that_is_given_has_a_zone_and_is_possible(text):
     with pytest.raises(InputError, match="expected a date with time and zone"):
-        parse(text, "--recorded-at")
+        parse_moment(text, "--recorded-at")
 
 
 @pytest.mark.parametrize(

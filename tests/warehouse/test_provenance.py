@@ -10,7 +10,7 @@ from tests.warehouse import store_samples as made
 from warehouse import provenance
 from warehouse.provenance import (
     ROOT,
-    about_changes,
+    describe_uncommitted,
     plant_code_hash,
     plant_files,
 )
@@ -105,7 +105,7 @@ def root(tmp_path):
 def test_uncommitted_changes_are_named_and_hashed(root, tmp_path):
     (root / "notes.txt").write_text("not code")
     assert captured(root) == {"sha256": None, "count": 0, "files": []}
-    assert "none" in about_changes({"uncommitted": captured(root)})
+    assert "none" in describe_uncommitted({"uncommitted": captured(root)})
     hashes = set()
     for name, text in (
         ("sim/plant.py", "a = 3\n"),
@@ -117,9 +117,11 @@ def test_uncommitted_changes_are_named_and_hashed(root, tmp_path):
         hashes.add(found["sha256"])
     assert len(hashes) == 3
     assert (found["count"], found["files"]) == (2, ["sim/plant.py", "sim/new.py"])
-    assert "sim/plant.py, sim/new.py, on" in about_changes({"uncommitted": found})
+    assert "sim/plant.py, sim/new.py, on" in describe_uncommitted(
+        {"uncommitted": found}
+    )
     assert captured(tmp_path) is None
-    assert "unknown" in about_changes({"uncommitted": None})
+    assert "unknown" in describe_uncommitted({"uncommitted": None})
 
 
 def test_the_packages_of_a_record_are_kept_once(tmp_path):

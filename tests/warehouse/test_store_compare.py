@@ -7,9 +7,9 @@ import pytest
 
 from residual.errors import InputError
 from tests.warehouse import store_samples as made
-from warehouse.compare import compare, differing, values_apart
-from warehouse.layout import find, needed
-from warehouse.query.lineage import tree
+from warehouse.compare import compare_channels, compare_values, differing_channels
+from warehouse.layout import find, with_parents
+from warehouse.query.lineage import lineage_tree
 from warehouse.query.store import open_store
 
 T = np.arange(100) / 50
@@ -24,7 +24,7 @@ def test_where_and_how_far_values_part():
     tau = np.ones((100, 2))
     tau[40:, 1] += 3e-3
     tau[60, 1] -= 8e-3
-    (bad,) = differing(compare(channels(), channels(tau=tau)))
+    (bad,) = differing_channels(compare_channels(channels(), channels(tau=tau)))
     assert (bad.name, bad.unit, bad.differing) == ("tau2", "N m", 60)
     assert bad.first == T[40]
     assert bad.largest == pytest.approx(5e-3)
@@ -34,37 +34,39 @@ def test_where_and_how_far_values_part():
 
 @pytest.mark.parametrize(("one", "two"), [(0.0, -0.0), (1.0, np.nextafter(1, 2))])
 def test_one_bit_is_a_difference(one, two):
-    (bad,) = differing(compare({"t": np.array([one])}, {"t": np.array([two])}))
+    (bad,) = differing_channels(
+        compare_channels({"t": np.array([one])}, {"t": np.array([two])})
+    )
     assert bad.differing == 1
 
 
 def test_two_nans_of_the_same_bits_are_equal_and_a_new_one_is_told():
     nan = np.array([np.nan, 1.0])
-    assert compare({"x": nan}, {"x": nan})[0].equal
-    (bad,) = compare({"x": np.array([0.0, 1.0])}, {"x": nan})
+    assert compare_channels({"x": nan}, {"x": nan})[0].equal
+    (bad,) = compare_channels({"x": np.array([0.0, 1.0])}, {"x": nan})
     assert (bad.equal, bad.largest) == (False, 0.0)
     assert "not finite" in bad.note
 
 
 def test_other_lengths_and_missing_channels_are_told():
     one, two = channels(), channels(q_ref=np.ones((100, 2)))
-    bad = differing(compare(one, two))
+    bad = differing_channels(compare_channels(one, two))
     assert [(c.name, c.note) for c in bad] == [
         ("q_ref1", "only the second has it"),
         ("q_ref2", "only the second has it"),
     ]
     short = {"t": T[:90]}
-    (bad,) = compare({"t": T}, short)
+    (bad,) = compare_channels({"t": T}, short)
     assert (bad.equal, bad.rows, bad.note) == (False, 90, "100 and 90 samples")
 
 
 def test_records_are_compared_value_by_value():
     one = {"a": {"b": [1.0, 2.0]}, "c": "x", "same": [{}]}
     two = {"a": {"b": [1.0, 2.5]}, "c": None, "same": [{}]}
-    found = values_apart(one, two)
+    found = compare_values(one, two)
     assert [(c.name, c.largest) for c in found] == [("a.b[1]", 0.5), ("c", None)]
-    assert values_apart(json.loads("[0.1]"), [0.1]) == []
-    assert len(values_apart({"x": 0.0}, {"x": -0.0})) == 1
+    assert compare_values(json.loads("[0.1]"), [0.1]) == []
+    assert len(compare_values({"x": 0.0}, {"x": -0.0})) == 1
 
 
 @pytest.fixture
@@ -76,10 +78,10 @@ def store(tmp_path):
 
 def test_a_record_comes_after_what_it_was_made_from(store):
     folder, runs, id = store
-    kinds = [found.kind for found in needed(folder, id)]
+    kinds = [found.kind for found in with_parents(folder, id)]
     assert kinds == ["runs", "runs", "models", "diagnoses"]
     with open_store(folder) as opened:
-        up, down = tree(opened, id), tree(opened, runs[0], down=True)
+        up, down = lineage_tree(opened, id), lineage_tree(opened, runs[0], down=True)
     assert {each.id for each in up.relatives} >= set(runs)
     assert {each.kind for each in down.relatives} == {"models", "diagnoses"}
     again = [each for each in down.relatives if each.again]
@@ -91,7 +93,7 @@ def test_a_lost_parent_is_named(store, tmp_path):
     place = find(folder, runs[0]).folder
     place.rename(tmp_path / "gone")
     with pytest.raises(InputError, match=f"made from {runs[0]}, which is not in"):
-        needed(folder, id)
+        with_parents(folder, id)
     with open_store(folder) as opened:
-        kinds = {each.kind for each in tree(opened, id).relatives}
+        kinds = {each.kind for each in lineage_tree(opened, id).relatives}
     assert None in kinds

@@ -62,7 +62,7 @@ class Draft:
     doubts: Mapping[str, tuple[str, ...]]
     optional: Mapping[str, SignalMap]  # signals that were found and are not needed
     missing: tuple[str, ...]  # of time, q and tau those that were not found
-    rest: tuple[str, ...]  # columns that no line has
+    unused: tuple[str, ...]  # columns that no line has
 
 
 def draft(path: Path, robot: Robot, format: str | None = None) -> Draft:
@@ -155,7 +155,7 @@ class _Drafter:
             missing=tuple(
                 n for n in NEEDED if n not in some and not (n == "time" and clock)
             ),
-            rest=tuple(c for c in self.log.columns if c and c not in used),
+            unused=tuple(c for c in self.log.columns if c and c not in used),
         )
 
     def _doubt(self, line: str, words: str) -> None:
@@ -163,9 +163,11 @@ class _Drafter:
 
     def _is_of(self, preset: Preset) -> bool:
         """Whether time and angles of a preset are in the log."""
-        return bool({*preset.time} & {*self.log.columns} and self._told(preset, "q"))
+        return bool(
+            {*preset.time} & {*self.log.columns} and self._preset_family(preset, "q")
+        )
 
-    def _told(self, preset: Preset, signal: str) -> tuple[Family, str] | None:
+    def _preset_family(self, preset: Preset, signal: str) -> tuple[Family, str] | None:
         """Return the columns that a preset has for a signal, and their unit."""
         named = {family.name: family for family in reversed(self.families)}
         units = preset.signals.get(signal, {})
@@ -211,7 +213,7 @@ class _Drafter:
 
     def _signal(self, name: str) -> SignalMap | None:
         """Return the columns of a signal with their unit, None where there are none."""
-        if told := self._told(self.preset, name):
+        if told := self._preset_family(self.preset, name):
             family, unit = told
             if not unit:
                 self._doubt(name, "the format states no unit, nor that these are it")

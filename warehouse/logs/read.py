@@ -27,13 +27,13 @@ from warehouse.logs.columns import (
     to_link_side,
 )
 from warehouse.logs.ros import open_bag
-from warehouse.logs.tables import HEAD, CsvLog, LogFile, ParquetLog, from_seconds
+from warehouse.logs.tables import HEAD, CsvLog, LogFile, ParquetLog, moment_of_clock
 from warehouse.logs.window import (
     Doubt,
     Window,
     check_samples,
+    find_oddities,
     interleaved,
-    odd,
     split_spec,
     time_fault,
 )
@@ -47,7 +47,7 @@ _BAGS, _PARQUET = (b"SQLite format 3\0", b"#ROSBAG V", b"\x89MCAP"), b"PAR1"
 _BINARY = re.compile(rb"[\x00-\x08\x0b\x0e-\x1f]")  # control characters
 
 
-def whole_rows(t: Array, where: str) -> tuple[Array, tuple[Doubt, ...]]:
+def increasing_rows(t: Array, where: str) -> tuple[Array, tuple[Doubt, ...]]:
     """Return the rows whose time is a number and later than all before.
 
     Args:
@@ -62,7 +62,7 @@ def whole_rows(t: Array, where: str) -> tuple[Array, tuple[Doubt, ...]]:
     return keep, (Doubt("clock", (), f"{wrong} {_share(keep)}"),)
 
 
-def once(
+def drop_repeated_rows(
     table: dict[str, Array], time: str
 ) -> tuple[dict[str, Array], tuple[str, ...]]:
     """Return the rows of a table without those that stand there again, and a note.
@@ -112,7 +112,7 @@ def _share(keep: Array) -> str:
     return f"{int(np.sum(~keep))} of {len(keep)} samples are such."
 
 
-def put_away(values: Array) -> Array:
+def spill_to_disk(values: Array) -> Array:
     """Return the same values where they need no memory, if they are many.
 
     They lie where the system keeps files that nobody has named (TMPDIR), and are gone
@@ -330,12 +330,12 @@ def read_opened(
     table = log.read(chosen.used)
     if chosen.nanoseconds:
         table[chosen.time] = table[chosen.time] + 1e-9 * table.pop(chosen.nanoseconds)
-    table, again = once(table, chosen.time)
+    table, again = drop_repeated_rows(table, chosen.time)
     t = table[chosen.time]
     first = t[np.isfinite(t).argmax()] if len(t) else np.nan
     moved = _locked_that_move(log, robot, label)
     recording, doubts = _samples(table, chosen, columns, robot, label, log.name, window)
-    start = from_seconds(recording.t[0])
+    start = moment_of_clock(recording.t[0])
     if log.recorded_at is not None:
         start = log.recorded_at + timedelta(
             seconds=float(recording.t[0] - first * columns.time_unit_seconds)
@@ -355,7 +355,7 @@ def read_opened(
         used=chosen.used,
         ignored=chosen.ignored,
         conversions=(*clock, *filter(None, (describe(n, s) for n, s in joints))),
-        warnings=odd(recording),
+        warnings=find_oddities(recording),
         notes=(*log.notes, *again),
         channels=(
             ("t", chosen.time, columns.time_unit, slower),
@@ -405,7 +405,7 @@ def _samples(
         t = table[chosen.time] * columns.time_unit_seconds
     q = np.column_stack([table[c] for c in chosen.signals["q"].columns])
     mixed = interleaved(q, label)
-    keep, doubts = whole_rows(t, name)
+    keep, doubts = increasing_rows(t, name)
     at = _rows(keep)
     if window is not None:
         own = window.rows(t[at], name)
@@ -425,8 +425,8 @@ def _samples(
     recording = Recording(
         id=label,
         robot=robot.name,
-        t=put_away(t[at][kept]),
-        **{k: put_away(signals.pop(k)[kept]) for k in tuple(signals)},
+        t=spill_to_disk(t[at][kept]),
+        **{k: spill_to_disk(signals.pop(k)[kept]) for k in tuple(signals)},
     )
     # Arrow keeps what a text took while it was read: of an hour 700 MB.
     pa.default_memory_pool().release_unused()

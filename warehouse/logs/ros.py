@@ -14,7 +14,7 @@ import numpy as np
 
 from residual.errors import InputError
 from warehouse.logs.columns import BagFormat
-from warehouse.logs.tables import LogFile, from_seconds
+from warehouse.logs.tables import LogFile, moment_of_clock
 
 Array = np.ndarray
 
@@ -62,7 +62,7 @@ class JointStateLog(LogFile):
         kept = _complete(messages, wanted, f"{name}: topic {topic}", bool(form.joints))
         self._table = {"t": _times(kept, form.time, name)}
         stamps = (kept[0].recorded, kept[0].stamp)
-        moments = [from_seconds(stamp / 1e9) for stamp in stamps]
+        moments = [moment_of_clock(stamp / 1e9) for stamp in stamps]
         self.recorded_at = next(filter(None, moments), None)
         others = [n for n in kept[0].names if n not in wanted]
         for k, (field, signal) in enumerate(_FIELDS):

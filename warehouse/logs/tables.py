@@ -33,7 +33,7 @@ _STAMP = re.compile(
 FIELD = "recorded_at"  # what the metadata of a Parquet file may say
 
 
-def from_seconds(seconds: float) -> datetime | None:
+def moment_of_clock(seconds: float) -> datetime | None:
     """Return the moment that a clock of seconds since 1970 shows, UTC.
 
     Returns:
@@ -44,7 +44,7 @@ def from_seconds(seconds: float) -> datetime | None:
     return datetime.fromtimestamp(seconds, UTC)
 
 
-def from_lines(lines: Iterable[str]) -> tuple[datetime | None, str | None]:
+def moment_in_lines(lines: Iterable[str]) -> tuple[datetime | None, str | None]:
     """Return the first moment in lines above a table, UTC; or one that says no zone."""
     for line in lines:
         if found := _STAMP.search(line):
@@ -53,7 +53,7 @@ def from_lines(lines: Iterable[str]) -> tuple[datetime | None, str | None]:
     return None, None
 
 
-def parse(text: str, what: str) -> datetime:
+def parse_moment(text: str, what: str) -> datetime:
     """Return a moment that a user gave, in ISO 8601 with a zone."""
     moment = _parsed(text)
     if moment is None or not _EARLIEST <= moment < _LATEST:
@@ -64,7 +64,7 @@ def parse(text: str, what: str) -> datetime:
     return moment
 
 
-def iso(moment: datetime | None) -> str | None:
+def format_moment(moment: datetime | None) -> str | None:
     """Return a moment as records have it: ISO 8601 in UTC, None for none."""
     if moment is None:
         return None
@@ -169,7 +169,7 @@ class CsvLog(LogFile):
         header = split(lines[found.names], found.separator)
         self.columns = tuple(name.strip() for name in header)
         self.units = found.units
-        self.recorded_at, unzoned = from_lines(lines[: found.names])
+        self.recorded_at, unzoned = moment_in_lines(lines[: found.names])
         stated = ", ".join(f"{name}: {unit}" for name, unit in found.units.items())
         notes = {
             f"{unzoned} has no time zone and is not used; see --recorded-at": unzoned,
@@ -369,7 +369,7 @@ class ParquetLog(LogFile):
             self._places |= own or {each.name: (each.name, None)}
         self.columns = tuple(self._places)
         told = (self._schema.metadata or {}).get(FIELD.encode(), b"")
-        self.recorded_at, _ = from_lines([told.decode(errors="replace")])
+        self.recorded_at, _ = moment_in_lines([told.decode(errors="replace")])
 
     def read(self, columns: tuple[str, ...]) -> dict[str, Array]:
         """Return the values of some columns, NaN where empty."""

@@ -168,14 +168,16 @@ def check_distinct(recordings: Sequence[Recording]) -> None:
 
 def _runs(recording: Recording) -> tuple[Array, Array]:
     """Return one number for every RUN samples in a row, and whether the arm moves."""
-    odd = np.random.default_rng(0).integers(2**63, size=(2, 64), dtype=np.uint64) | 1
+    factors = (
+        np.random.default_rng(0).integers(2**63, size=(2, 64), dtype=np.uint64) | 1
+    )
     blocks = range(0, len(recording.t), BLOCK)
-    found = [_hashes(recording, start, odd[0]) for start in blocks]
+    found = [_hashes(recording, start, factors[0]) for start in blocks]
     sample, row = (np.concatenate(each) for each in zip(*found, strict=True))
     count = max(0, len(sample) - RUN + 1)
     runs = np.zeros(count, dtype=np.uint64)
     for k in range(RUN):
-        runs += sample[k : k + count] * odd[1, k]
+        runs += sample[k : k + count] * factors[1, k]
     runs, first = np.unique(runs, return_index=True)
     return runs, _moving(recording)[row[first]]
 
@@ -188,14 +190,14 @@ def _moving(recording: Recording) -> Array:
     return (np.abs(q - q[before]) > least).any(axis=1)
 
 
-def _hashes(recording: Recording, start: int, odd: Array) -> tuple[Array, Array]:
+def _hashes(recording: Recording, start: int, factors: Array) -> tuple[Array, Array]:
     """One number for each sample of a block that is not the one before; its row."""
     rows = slice(max(start - 1, 0), start + BLOCK)
     values = np.hstack([recording.q[rows], recording.tau[rows]])
     # Standing still repeats one sample, in any log: count it once.
     changed = np.r_[start == 0, (np.diff(values, axis=0) != 0).any(axis=1)]
     bits = np.ascontiguousarray(values[changed]).view(np.uint64)
-    mixed = (bits ^ (bits >> np.uint64(29))) * odd[: bits.shape[1]]
+    mixed = (bits ^ (bits >> np.uint64(29))) * factors[: bits.shape[1]]
     hashes = np.bitwise_xor.reduce(mixed ^ (mixed >> np.uint64(32)), axis=1)
     return hashes, rows.start + np.flatnonzero(changed)
 
@@ -420,7 +422,7 @@ def _too_fast(recording: Recording, robot: Robot) -> Doubt | None:
     return Doubt("out_of_range", (joint + 1,), words)
 
 
-def odd(recording: Recording) -> tuple[str, ...]:
+def find_oddities(recording: Recording) -> tuple[str, ...]:
     """Return what is odd about a log but usable, in words."""
     said = []
     still = np.flatnonzero(_half_span(recording.q) == 0) + 1

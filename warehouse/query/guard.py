@@ -156,7 +156,7 @@ def first_line(error: Exception) -> str:
     return (line if len(line) <= _LINE else f"{line[: _LINE - 3]}...") + "."
 
 
-def reads_only(path: Path) -> duckdb.DuckDBPyConnection:
+def read_only_connection(path: Path) -> duckdb.DuckDBPyConnection:
     """Return a connection that reaches nothing but what may be read of a store."""
     connection = duckdb.connect(":memory:")
     connection.execute("CREATE SCHEMA catalogue")
@@ -184,7 +184,7 @@ def memory() -> int:
     return os.sysconf("SC_PAGE_SIZE") * os.sysconf("SC_PHYS_PAGES")
 
 
-def collected(reader: pa.RecordBatchReader) -> pa.Table:
+def collect_answer(reader: pa.RecordBatchReader) -> pa.Table:
     """Return an answer as a whole if that can be held."""
     batches, size, most = [], 0, LARGEST * memory()
     # Closed also where it is too large: what is not read would hold the transaction.
@@ -202,7 +202,7 @@ def collected(reader: pa.RecordBatchReader) -> pa.Table:
 
 
 @contextmanager
-def limited(
+def time_limit(
     connection: duckdb.DuckDBPyConnection, seconds: float | None
 ) -> Iterator[None]:
     """Interrupt what runs on a connection after some seconds, None for never."""
@@ -231,7 +231,7 @@ def limited(
         timer.cancel()
 
 
-def explain(error: Exception) -> str:
+def explain_error(error: Exception) -> str:
     """Return what an error means for who asked, in one line."""
     if isinstance(error, duckdb.PermissionException):
         what = first_line(error).removeprefix("Permission Error: ")

@@ -18,7 +18,7 @@ class Relative:
     relatives: tuple["Relative", ...] = ()  # those below it
 
 
-def tree(store: Store, id: str, down: bool = False) -> Relative:
+def lineage_tree(store: Store, id: str, down: bool = False) -> Relative:
     """Return what a record was made from, or what was made from it, all the way."""
     near, far = ("parent", "child") if down else ("child", "parent")
     links: dict[str, list[tuple[str, str]]] = {}

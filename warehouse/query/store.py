@@ -17,14 +17,14 @@ from warehouse.files import check_file, replace_file
 from warehouse.quarantine import quarantined
 from warehouse.query.guard import (
     check_reads_only,
-    collected,
-    explain,
+    collect_answer,
+    explain_error,
     first_line,
-    limited,
-    reads_only,
+    read_only_connection,
+    time_limit,
 )
 from warehouse.query.views import catalogue_views, signal_rows
-from warehouse.remote import bring_file, bucket_of, folder_of, shown
+from warehouse.remote import bucket_of, fetch_file, local_folder, store_name
 from warehouse.schema import (
     COMPUTED,
     DEFAULT_DOF,
@@ -36,7 +36,7 @@ from warehouse.schema import (
     arrow_schema,
     sample_columns,
 )
-from warehouse.sums import damaged
+from warehouse.sums import damage_error
 
 # What a damaged file may raise: also Arrow between two batches, and DuckDB where its
 # message quotes bytes that are no text.
@@ -70,18 +70,18 @@ FED_BY = {view: _feeding(view) for view in (*VIEWS, "samples", "channels")}
 def open_store(path: Path | str) -> "Store":
     """Open a store for reading."""
     word = str(path)
-    folder = folder_of(word) if is_address(word) else Path(path).resolve()
+    folder = local_folder(word) if is_address(word) else Path(path).resolve()
     if not folder.is_dir():
         raise InputError(
-            f"There is no store at {shown(folder)}. Make one with modelgap experiment "
-            "or demo, or say where it is: --store FOLDER."
+            f"There is no store at {store_name(folder)}. Make one with modelgap "
+            "experiment or demo, or say where it is: --store FOLDER."
         )
     if set(str(folder)) & set("*?[]{}"):
         raise InputError(f"{path}: the path of a store must not contain * ? [ ] {{ }}.")
     return Store(folder)
 
 
-def ask(path: Path, query: str, **values: object) -> list[dict]:
+def query_store(path: Path, query: str, **values: object) -> list[dict]:
     """Return the rows of one answer; the store is open for it alone."""
     with open_store(path) as opened:
         return opened.sql(query, values or None).to_pylist()
@@ -109,11 +109,11 @@ def runs_where(path: Path, clause: str) -> tuple[str, ...]:
     usable = "true" if "quarantined" in clause.lower() else "NOT quarantined"
     query = f"""SELECT run_id FROM runs WHERE ({clause}
         ) AND {usable} ORDER BY recorded_at, created, run_id"""
-    found = tuple(row["run_id"] for row in ask(path, query))
+    found = tuple(row["run_id"] for row in query_store(path, query))
     if not found:
         raise InputError(
-            f"No run of {shown(path)} fulfils {clause}. What there is: modelgap sql "
-            '"FROM runs".'
+            f"No run in {store_name(path)} fulfills {clause}. List the runs: modelgap "
+            'sql "FROM runs".'
         )
     return found
 
@@ -136,7 +136,7 @@ class Store:
 
     def __init__(self, path: Path) -> None:
         self.path = path
-        self._connection = reads_only(path)
+        self._connection = read_only_connection(path)
         self._left_out: dict[str, str] = {}  # messages about damaged samples, by file
         self._hashed = _read_hashed(path)
         self._newly_hashed = 0
@@ -176,7 +176,7 @@ class Store:
         names = check_reads_only(self._connection, query)
         self.refresh()
         samples = "samples" in query.lower()
-        with limited(self._connection, timeout):
+        with time_limit(self._connection, timeout):
             while True:
                 if samples:
                     self._view_samples()
@@ -197,7 +197,7 @@ class Store:
                 if other := broken.keys() - files:
                     raise InputError(broken[min(other)])
                 if not broken and error:
-                    raise InputError(explain(error)) from error
+                    raise InputError(explain_error(error)) from error
                 if not broken:
                     return answer
                 self._leave_out(broken)  # and ask again
@@ -253,7 +253,7 @@ class Store:
         self._connection.execute("BEGIN TRANSACTION READ ONLY")
         try:
             asked = self._connection.sql(query, params=dict(values) if values else None)
-            return collected(asked.to_arrow_reader(_BATCH))
+            return collect_answer(asked.to_arrow_reader(_BATCH))
         finally:
             with suppress(duckdb.Error):
                 self._connection.execute("ROLLBACK")
@@ -308,7 +308,7 @@ class Store:
                 gone = [path for path in self._files() if not os.path.exists(path)]
                 broken = self._faults([*gone, *(each[0] for each in forms.values())])
                 if not broken:
-                    raise InputError(explain(error)) from error
+                    raise InputError(explain_error(error)) from error
                 self._leave_out(broken)
 
     def _faults(self, paths: Iterable[str]) -> dict[str, str]:
@@ -319,7 +319,7 @@ class Store:
 
         def fault(path: str) -> str | None:
             try:
-                bring_file(Path(path))
+                fetch_file(Path(path))
                 state = os.stat(path)
                 key = [state.st_ino, state.st_size, state.st_ctime_ns]
                 if self._hashed.get(path) != key:
@@ -329,7 +329,7 @@ class Store:
             except InputError as error:
                 return str(error)
             except OSError as error:
-                return str(damaged(Path(path), error.strerror))
+                return str(damage_error(Path(path), error.strerror))
             return None
 
         index = f"{self.path}/{INDEX}/"

@@ -9,7 +9,7 @@ import pytest
 
 from flows.cli import main
 from flows.inbox.new import new_runs, robot_of_runs
-from flows.inbox.take import REFUSED, in_an_inbox, inboxes, look, take_all
+from flows.inbox.take import import_all, inbox_reason, inboxes, list_logs
 from flows.project.deployments import deployments
 from flows.project.read import read_project
 from flows.report.index import page_at, refused
@@ -85,8 +85,8 @@ def morning(project):
     folder.mkdir()
     (folder / "bad.csv").write_text("t,q1\n0,1\n")
     (inbox, _) = inboxes(project)
-    (taken,) = take_all(inbox, look(folder), lambda runs: None)
-    assert taken.what == REFUSED
+    (taken,) = import_all(inbox, list_logs(folder), lambda runs: None)
+    assert taken.status == "refused"
     verdict = made.verdict(robot=arm.name)
     id = diagnose(store, loads, verdict)
     batch = {"robot": arm.name, "kind": "batch", "project": "cell"}
@@ -159,11 +159,15 @@ def test_who_waits_for_an_answer_need_not_give_signs_of_life():
         ("Degrees? Say so in --map: q = {unit = 'deg'}.", "in COLUMNS.toml: q =", "--"),
         ("or say which is which with --map COLUMNS.toml.", "with COLUMNS.toml", "--"),
         ("is the unit of time right (--map)?", "(COLUMNS.toml)", "--map"),
-        ("Mend it. Or go on with --trust-log (trust_log=True).", "Mend it.", "trust"),
+        (
+            "Fix it. To continue anyway: --trust-log (trust_log=True).",
+            "Fix it.",
+            "trust",
+        ),
     ],
 )
 def test_a_refused_log_is_told_the_cure_that_works_in_an_inbox(why, there, gone):
-    told = in_an_inbox(why)
+    told = inbox_reason(why)
     assert there in told
     assert gone not in told
     assert ('under [[inbox]]: map = "COLUMNS.toml"' in told) == ("--map" in why)

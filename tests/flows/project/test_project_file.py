@@ -34,7 +34,7 @@ def test_init_writes_a_project_that_is_usable_at_once(place, capsys):
     assert "modelgap up" in capsys.readouterr().out
     before = (place / "modelgap.toml").read_bytes()
     assert main(["init"]) == 2
-    assert "is left as it is" in capsys.readouterr().err
+    assert "and is not changed" in capsys.readouterr().err
     assert (place / "modelgap.toml").read_bytes() == before
 
 

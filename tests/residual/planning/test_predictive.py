@@ -26,7 +26,7 @@ def rival(rng, columns, own, name="a"):
     return Rival(
         place=Place(name, (1,)) if len(own) else NOTHING,
         columns=np.array(columns),
-        own=np.array(own, dtype=int),
+        effect_columns=np.array(own, dtype=int),
         mean=rng.normal(size=k),
         precision=root @ root.T,
         nats=0.0,

@@ -21,7 +21,7 @@ def shrunk_to(question, size):
     rivals = []
     for one in contest.rivals:
         mean = one.mean.copy()
-        mean[np.isin(one.columns, one.own)] *= size
+        mean[np.isin(one.columns, one.effect_columns)] *= size
         rivals.append(replace(one, mean=mean))
     return replace(question, contests=(replace(contest, rivals=tuple(rivals)),))
 
@@ -57,7 +57,7 @@ def test_a_planned_motion_is_seen_as_its_log_will_be():
     qd = np.gradient(q, 1 / 250, axis=0)
     every = [x[10:-10:5] for x in (q, qd, np.gradient(qd, 1 / 250, axis=0))]
     planned = Course.of(question, every, RATE).gram(SECONDS)
-    own = question.contests[0].rivals[0].own
+    own = question.contests[0].rivals[0].effect_columns
     ratio = np.diag(planned)[own] / np.diag(seen)[own]
     # Rows within 0.1 s of a turn are a matter of a sample more or less.
     np.testing.assert_allclose(ratio, 1.0, atol=0.15)
@@ -91,7 +91,7 @@ def test_sets_that_are_as_good_are_rivals_of_what_they_would_replace(monkeypatch
     assert [p.name for p in places] == ["spring", "balancer", names, NOTHING.name]
     assert gone.effect.name == "spring"
     assert places[2].joints == (6,)
-    assert [len(r.own) for r in contest.rivals] == [
+    assert [len(r.effect_columns) for r in contest.rivals] == [
         len(gone.ids),
         2,
         sum(len(g.ids) for g in others),

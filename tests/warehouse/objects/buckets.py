@@ -41,6 +41,6 @@ class Careless(Bucket):
 
 
 def folder_for(bucket, place):
-    """Return the folder of a bucket, as `remote.folder_of` does of an address."""
+    """Return the folder of a bucket, as `remote.local_folder` does of an address."""
     remote.attach(place, bucket)
     return place

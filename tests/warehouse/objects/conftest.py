@@ -12,9 +12,9 @@ from warehouse.bucket import Bucket
 def own_cache(tmp_path, monkeypatch):
     """Mirrors of a test's own, and no bucket known from another."""
     monkeypatch.setenv(remote.CACHE, str(tmp_path / "cache"))
-    remote.forget()
+    remote.forget_buckets()
     yield
-    remote.forget()
+    remote.forget_buckets()
 
 
 @pytest.fixture

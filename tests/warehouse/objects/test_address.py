@@ -8,7 +8,7 @@ import warehouse
 from flows.settings import store_folder
 from residual.errors import InputError
 from warehouse import bucket
-from warehouse.bucket import is_address, parse
+from warehouse.bucket import is_address, parse_address
 
 
 @pytest.fixture(autouse=True)
@@ -30,7 +30,7 @@ def nothing_set(monkeypatch, tmp_path):
 )
 def test_an_address_is_a_bucket_and_a_prefix(word, address):
     assert is_address(word)
-    assert parse(word) == address
+    assert parse_address(word) == address
 
 
 @pytest.mark.parametrize(

@@ -40,11 +40,11 @@ def test_a_bucket_that_is_not_there_and_a_server_that_is_gone_are_told(
     bucket_store, monkeypatch
 ):
     with pytest.raises(InputError, match="There is no bucket for s3://not-there/a"):
-        remote.folder_of("s3://not-there/a")
+        remote.local_folder("s3://not-there/a")
     monkeypatch.setattr("warehouse.bucket._RETRIES", 0)
     monkeypatch.setenv("AWS_ENDPOINT_URL", "http://127.0.0.1:9")
     with pytest.raises(InputError, match=r"AWS_ENDPOINT_URL"):
-        remote.folder_of(bucket_store)
+        remote.local_folder(bucket_store)
 
 
 def test_a_store_is_there_for_who_comes_with_nothing_but_its_address(
@@ -52,9 +52,9 @@ def test_a_store_is_there_for_who_comes_with_nothing_but_its_address(
 ):
     with pytest.raises(InputError, match=f"There is no store at {bucket_store}"):
         warehouse.open(bucket_store)
-    run = made.commit(remote.folder_of(bucket_store), 1)
+    run = made.commit(remote.local_folder(bucket_store), 1)
     monkeypatch.setenv(remote.CACHE, str(tmp_path / "another machine"))
-    remote.forget()
+    remote.forget_buckets()
     with warehouse.open(bucket_store) as opened:
         rows = opened.sql("SELECT run_id, avg(q1) AS q FROM samples GROUP BY run_id")
         assert [v.faults for v in verify_all(opened.path) if v.faults] == []

@@ -13,7 +13,7 @@ from tests.warehouse.objects.buckets import Breaking, Careless, KilledError, fol
 from warehouse import remote
 from warehouse.commit import commit_run
 from warehouse.layout import find, list_folders
-from warehouse.numbered import ADOPTED, Adoption, MeanwhileError, commit_adoption
+from warehouse.numbered import ADOPTED, Adoption, AdoptionConflictError, commit_adoption
 from warehouse.quarantine import quarantine
 from warehouse.remote import IDENTITY
 from warehouse.runs import (
@@ -176,7 +176,7 @@ def test_of_two_adoptions_with_one_number_one_is_told(store, memory, tmp_path):
     first = Adoption("two_link", None, ADOPTED, None, None, None, "one")
     assert commit_adoption(store, first) == "000001"
     other = forget_copies(store, memory, tmp_path)
-    with pytest.raises(MeanwhileError, match="one has given two_link"):
+    with pytest.raises(AdoptionConflictError, match="one has given two_link"):
         commit_adoption(other, first)
     then = Adoption("two_link", None, ADOPTED, None, None, "000001", "two")
     assert commit_adoption(other, then) == "000002"
@@ -190,7 +190,7 @@ def test_another_store_at_the_same_address_is_not_taken_for_the_first(
     memory.delete(keys(memory))
     place = folder_for(memory, store)
     assert not place.is_dir()
-    remote.forget()
+    remote.forget_buckets()
     folder_for(memory, store)
     new = made.commit(store, 7)
     assert list_folders(store, "runs").keys() == {new}

@@ -1,6 +1,6 @@
-"""The result of an export: files, what of the model they hold, and what they lack.
+"""The result of an export: its files, and the torque of the terms that they omit.
 
-The lack is measured as torque, along one motion that is the same at every call.
+The torque is computed along one motion, which is the same at every call.
 """
 
 import json
@@ -23,12 +23,12 @@ TRAVEL = 0.4  # of a joint's range to each side of its middle
 WAVES = ((0.5, 1.0), (0.3, 2.7), (0.2, 5.3))  # share of the amplitude, times the lowest
 LOWEST = 0.1  # Hz
 
-Whole = Model | CorrectedModel
+AnyModel = Model | CorrectedModel
 
 
 @dataclass(frozen=True, eq=False, slots=True)
-class Motion:
-    """A motion that is known exactly.
+class KnownMotion:
+    """A motion without measurement noise.
 
     Attributes:
         t: Session time [s]. Shape (n,).
@@ -46,7 +46,9 @@ class Motion:
         return self.q, self.qd, self.qdd
 
 
-def exciting(robot: Robot, seconds: float = SECONDS, rate: float = RATE) -> Motion:
+def excitation(
+    robot: Robot, seconds: float = SECONDS, rate: float = RATE
+) -> KnownMotion:
     """Return three sines per joint, within its range and near its speed limit."""
     lower, upper, speed = limits(robot)
     t = np.arange(round(seconds * rate)) / rate
@@ -61,7 +63,7 @@ def exciting(robot: Robot, seconds: float = SECONDS, rate: float = RATE) -> Moti
             q[:, j] += size * share * np.sin(w * t + phase)
             qd[:, j] += size * share * w * np.cos(w * t + phase)
             qdd[:, j] -= size * share * w**2 * np.sin(w * t + phase)
-    return Motion(t, q + (lower + upper) / 2, qd, qdd)
+    return KnownMotion(t, q + (lower + upper) / 2, qd, qdd)
 
 
 def limits(robot: Robot) -> tuple[Array, Array, Array]:
@@ -73,22 +75,14 @@ def limits(robot: Robot) -> tuple[Array, Array, Array]:
 
 
 @dataclass(frozen=True, slots=True)
-class Left:
-    """What a target has no place for, and the torque that it lacks for that.
+class Omission:
+    """A term that the target cannot represent, and the torque that it would add."""
 
-    Attributes:
-        name: The effect; "tables" on top of a model, or the "rigid body".
-        joints: Its joints, from 1; empty for all.
-        why: Why it is left out.
-        rms: Torque that is missing, of the joint that misses most [N m].
-        largest: Largest torque that is missing on any joint [N m].
-    """
-
-    name: str
-    joints: tuple[int, ...]
+    name: str  # the effect; "tables" on top of a model, or the "rigid body"
+    joints: tuple[int, ...]  # from 1; empty for all
     why: str
-    rms: float
-    largest: float
+    rms: float  # of the omitted torque, on the joint where it is largest [N m]
+    largest: float  # omitted torque on any joint [N m]
 
     def __str__(self) -> str:
         on = "".join(f" J{j}" for j in self.joints)
@@ -97,81 +91,77 @@ class Left:
 
 
 @dataclass(frozen=True, eq=False, slots=True)
-class Exported:
-    """A model in the form of another program.
+class ModelExport:
+    """A model in the form of another program."""
 
-    Attributes:
-        files: Content by file name.
-        whole: The model.
-        carried: What of it is in the files.
-        left: What is not.
-        rms, largest: Torque that is missing for all that is left out together [N m].
-    """
-
-    files: Mapping[str, bytes]
-    whole: Whole
-    carried: Whole
-    left: tuple[Left, ...] = ()
-    rms: float = 0.0
+    files: Mapping[str, bytes]  # content by file name
+    source: AnyModel  # the model
+    carried: AnyModel  # the part of it that the files hold
+    omissions: tuple[Omission, ...] = ()
+    rms: float = 0.0  # torque of all omissions together, as in `Omission` [N m]
     largest: float = 0.0
 
 
-def split(whole: Whole, refuse: Callable[[Term], str], tables: str = "") -> Exported:
-    """Part what a target can carry from what it cannot.
+def split(
+    source: AnyModel, refuse: Callable[[Term], str], tables: str = ""
+) -> ModelExport:
+    """Separate the terms that a target can represent from the others.
 
     Args:
-        refuse: Why the target has no place for a term; "" where it has.
-        tables: Why it has none for tables; "" where it has.
+        refuse: Returns why the target cannot represent a term; "" if it can.
+        tables: Why it cannot represent tables; "" if it can.
 
     Returns:
-        The export, its files still missing.
+        The export, still without files.
     """
-    # What the model has without a name is among its terms.
-    model = body_of(whole)
-    whole = with_terms(whole, (*model.terms, *model.tables))
-    terms = body_of(whole).terms
+    # Tables without a name count as terms.
+    model = without_tables(source)
+    source = with_terms(source, (*model.terms, *model.tables))
+    terms = without_tables(source).terms
     reasons = {term: why for term in terms if (why := refuse(term))}
-    kept = with_terms(whole, (t for t in terms if t not in reasons))
-    corrected = whole if tables and isinstance(whole, CorrectedModel) else None
+    kept = with_terms(source, (t for t in terms if t not in reasons))
+    corrected = source if tables and isinstance(source, CorrectedModel) else None
     if corrected:
-        kept = body_of(kept)
+        kept = without_tables(kept)
     elif not reasons:
-        return Exported({}, whole, kept)
-    motion = exciting(model.robot)
-    full = whole.along(motion.t, motion.parts)
+        return ModelExport({}, source, kept)
+    motion = excitation(model.robot)
+    full = source.along(motion.t, motion.parts)
 
-    def lack(without: Whole) -> tuple[float, float]:
-        return size_of(full - without.along(motion.t, motion.parts))
+    def lack(without: AnyModel) -> tuple[float, float]:
+        return torque_size(full - without.along(motion.t, motion.parts))
 
-    left = []
+    omissions = []
     for term, why in reasons.items():
         joints = tuple(j + 1 for j in term.joints)
-        rest = with_terms(whole, (t for t in terms if t is not term))
-        left.append(Left(term.effect.name, joints, why, *lack(rest)))
+        rest = with_terms(source, (t for t in terms if t is not term))
+        omissions.append(Omission(term.effect.name, joints, why, *lack(rest)))
     if corrected:
         joints = tuple(t.joint + 1 for t in corrected.tables)
-        left.append(Left("tables", joints, tables, *lack(body_of(whole))))
-    return Exported({}, whole, kept, tuple(left), *lack(kept))
+        omissions.append(
+            Omission("tables", joints, tables, *lack(without_tables(source)))
+        )
+    return ModelExport({}, source, kept, tuple(omissions), *lack(kept))
 
 
-def with_terms(whole: Whole, terms: Iterable[Term]) -> Whole:
-    """Return a model with other terms, and nothing beside them but tables on top."""
-    model = replace(body_of(whole), terms=tuple(terms), tables=())
-    return replace(whole, model=model) if isinstance(whole, CorrectedModel) else model
+def with_terms(source: AnyModel, terms: Iterable[Term]) -> AnyModel:
+    """Return a model with other terms and the same tables on top."""
+    model = replace(without_tables(source), terms=tuple(terms), tables=())
+    return replace(source, model=model) if isinstance(source, CorrectedModel) else model
 
 
-def body_of(whole: Whole) -> Model:
+def without_tables(source: AnyModel) -> Model:
     """Return the model without its tables."""
-    return whole.model if isinstance(whole, CorrectedModel) else whole
+    return source.model if isinstance(source, CorrectedModel) else source
 
 
-def file_stem(whole: Whole) -> str:
-    """Return the robot's name as a file may have it: a record may be a stranger's."""
-    return re.sub(r"[^A-Za-z0-9_-]+", "_", body_of(whole).robot.name) or "arm"
+def file_stem(source: AnyModel) -> str:
+    """Return the robot's name with the characters that are safe in a file name."""
+    return re.sub(r"[^A-Za-z0-9_-]+", "_", without_tables(source).robot.name) or "arm"
 
 
 def with_bodies(model: Model) -> Array:
-    """Return inertial parameters with all bodies that its terms add. (10 dof,)."""
+    """Return the inertial parameters including the bodies of all terms. (10 dof,)."""
     total = model.inertial.copy()
     for term in model.terms:
         if add := term.effect.portable.bodies:
@@ -186,13 +176,13 @@ def with_bodies(model: Model) -> Array:
     return total
 
 
-def size_of(gap: Array) -> tuple[float, float]:
-    """Return a torque's rms on the joint that has most, and its largest value [N m]."""
+def torque_size(gap: Array) -> tuple[float, float]:
+    """Return a torque's rms on its strongest joint, and its largest value [N m]."""
     return float(np.sqrt((gap**2).mean(axis=0)).max()), float(np.abs(gap).max())
 
 
-def to_json(whole: Whole) -> Exported:
+def to_json(source: AnyModel) -> ModelExport:
     """Return a model as the file that ``load_model`` reads."""
-    text = json.dumps(to_record(whole), allow_nan=False, indent=1) + "\n"
-    files = {f"{file_stem(whole)}.json": text.encode()}
-    return replace(split(whole, lambda term: ""), files=files)
+    text = json.dumps(to_record(source), allow_nan=False, indent=1) + "\n"
+    files = {f"{file_stem(source)}.json": text.encode()}
+    return replace(split(source, lambda term: ""), files=files)

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 
 
 @dataclass(frozen=True, slots=True)
-class Rules:
+class MonitoringThresholds:
     """What decides whether a sensor is as it was."""
 
     # Rows: windows of fixed length (Savitzky and Golay 1964).
@@ -40,4 +40,4 @@ class Rules:
     back: float = 2.0  # s before an alarm in which an error may have begun to grow
 
 
-MONITOR = Rules()
+MONITOR = MonitoringThresholds()

@@ -1,0 +1,85 @@
+"""The thresholds of the check of logs, in one place (docs/check.md).
+
+benchmarks/check.py measures them: it counts the faults that the check misses, and the
+sound logs that it accuses.
+"""
+
+from dataclasses import dataclass
+
+
+@dataclass(frozen=True, slots=True)
+class CheckThresholds:
+    """Limits of the decisions; nats are log evidence."""
+
+    # One rule for all that evidence decides: what a fault gains over the log as it is
+    # given, and how far a robot file must bend to the log, its worst joint left out.
+    odds_nats: float = 10.0  # against each deviation from the map
+    suspect_nats: float = 30.0  # sound logs stay below
+    # Gravity is certain from `suspect_nats` on: on sound arms another direction of it
+    # gains 5 nats at most.
+    certain_nats: float = 60.0
+    loss_ratio: float = 5.0  # gain over the loss of any one channel
+    one_joint_nats: float = 40.0  # bending at most: two joints may hide an effect
+    broken_nats: float = 150.0  # bending: certainly another arm
+
+    # Single samples and constant values.
+    spike_ratio: float = 12.0  # times the 99 % quantile of the signal's deviations
+    spike_share: float = 0.002  # of the samples: more are not single ones
+    frozen_s: float = 0.3
+    jump_rad: float = 0.01  # by which a frozen angle returns
+    torque_step_ratio: float = 0.08  # of the torque's rms
+    angle_step_ratio: float = 0.4  # of the acceleration's rms
+    moving_rad: float = 0.02  # a joint moves, by angle, reference or velocity
+    held_residual_share: float = 0.8  # of a held joint's torque
+    held_torque_ratio: float = 2.0  # times the torque that a held joint may have
+
+    # Time, as loggers of arms keep it.
+    slowest_hz: float = 4.0
+    fastest_hz: float = 20_000.0
+    impossible_hz: float = 1e6  # no torque is logged faster, whatever the unit of time
+    gap_steps: float = 5.0
+    uneven_steps: float = 0.3
+    clock_speed_ratio: float = 20.0  # of a joint's speed limit: no arm is so fast
+
+    # Velocities against angles.
+    velocity_correlation: float = 0.95  # with the change of the joint's own angle
+    velocity_spread: float = 0.02  # relative, of slopes that are one number
+    velocity_error: float = 0.1  # relative, of a slope that is not one
+
+    # Limits of the joints.
+    range_rad: float = 0.2  # beyond the range
+    limit_ratio: float = 1.5  # of speed and torque: files are a little too strict
+    fast_ratio: float = 10.0  # of the speed limit: no arm does
+    far_ratio: float = 3.0  # of the range: no arm does
+    excursion_ratio: float = 5.0  # of a limit, over several samples: no arm does
+
+    # The robot file, and what a motion shows.
+    gyration_ratio: float = 3.0  # radius of gyration over the reach
+    earth_gravity: tuple[float, float] = (9.6, 10.0)  # m/s^2
+    shortest_s: float = 7.5  # of motion, all logs together
+    one_way_share: float = 0.02  # of a path that does not count as a way back
+    travel_rad: float = 0.05  # below it a joint stands
+    lockstep_correlation: float = 0.998  # of two speeds about zero
+    tilted_rad: float = 0.1745  # 10 degrees: below it is an effect, a tilted base
+
+    # Ratio of single torques to the model, whatever their units.
+    explained_least: float = 0.3  # share of the torque that the model explains
+    explained_well: float = 0.7  # the same, of a joint without a fault
+    ratio_sd: float = 0.25  # relative deviation of a ratio at most
+    # Grippers and loads reach 2 on the joint that they load least, and less in the mean
+    # of the joints that carry the arm.
+    unit_ratio: float = 2.5
+    unit_certain_ratio: float = 5.0
+    joint_ratio: float = 4.0  # of a joint in its place and unit
+    inertia_ratio: float = 1.6  # of the inertia in a torque without weight
+    weak_joint_share: float = 0.03  # of the strongest torque: a wrist's ratio is unsure
+    factor_spread: float = 1.1  # factors so near to each other are one
+    weight_share: float = 0.2  # of the weight; doubled time leaves a quarter
+
+    # Torque that is a command.
+    command_residual: float = 0.01  # of its size: no arm's model is so near
+    command_ratio: float = 3.0  # of the residual on the motion to that on the reference
+    repeated_share: float = 0.3  # of the rows of a log
+
+
+CHECK = CheckThresholds()
