@@ -153,8 +153,8 @@ def watch_new(
     Args:
         model: Id of a diagnosis, or a robot; None for what the robot has, else what was
             found of it last.
-        healthy_ids: Ids of the healthy runs; empty for those with the tag, and where these are
-            too few for those of the diagnosis.
+        healthy_ids: Ids of the healthy runs; empty for those with the tag, or where
+            these are too few for those of the diagnosis.
     """
     model = model or in_force(runs, store).diagnosis or latest_diagnosis(runs, store)
     if model is None:
