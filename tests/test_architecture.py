@@ -427,7 +427,7 @@ def test_a_room_has_one_record_of_thresholds():
     for path in _sources("residual"):
         records = [n.name for n in _nodes(path) if _is_of_thresholds(n)]
         found.setdefault(_name(path.parent), []).extend(records)
-        assert not records or path.stem == "rules", _name(path)
+        assert not records or path.stem in ("rules", "thresholds"), _name(path)
     deciding = {f"residual/{room}" for room in DECIDING}
     assert {room for room, names in found.items() if names} == deciding
     assert {len(found[room]) for room in deciding} == {1}

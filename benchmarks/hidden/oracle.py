@@ -17,7 +17,7 @@ from residual.evidence.columns import Group
 from residual.evidence.design import Design
 from residual.evidence.fit import Fit, as_model, fit, physical
 from residual.evidence.priors import first_design, priors
-from residual.evidence.rules import THRESHOLDS
+from residual.evidence.thresholds import THRESHOLDS
 from residual.model.compare import Errors, compare, prepare_held_out
 from residual.model.model import Model
 from residual.model.nominal import (

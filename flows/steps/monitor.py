@@ -144,7 +144,7 @@ def watch_new(
     runs: Sequence[str],
     store: Path,
     model: str | None = None,
-    good: Sequence[str] = (),
+    healthy_ids: Sequence[str] = (),
     tag: str = HEALTHY,
 ) -> NewRuns:
     """Watch new runs of one robot, against its adopted model or its last diagnosis.
@@ -152,8 +152,8 @@ def watch_new(
     Args:
         model: Id of a diagnosis, or a robot; None for what the robot has, else what was
             found of it last.
-        good: Ids of the healthy runs; empty for those with the tag, and where these are
-            too few for those of the diagnosis.
+        healthy_ids: Ids of the healthy runs; empty for those with the tag, or where
+            these are too few for those of the diagnosis.
     """
     model = model or in_force(runs, store).diagnosis or latest_diagnosis(runs, store)
     if model is None:

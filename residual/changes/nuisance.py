@@ -14,7 +14,7 @@ from scipy.special import psi
 from residual.changes.contrast import Noise
 from residual.changes.joint import JointColumns, JointRows
 from residual.changes.rows import EpochRows, Layout
-from residual.changes.rules import ChangeThresholds
+from residual.changes.thresholds import ChangeThresholds
 from residual.evidence.columns import Group
 from residual.evidence.design import Design
 from residual.evidence.fit import autocorrelation_time

@@ -11,7 +11,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from residual.changes.rules import ChangeThresholds
+from residual.changes.thresholds import ChangeThresholds
 from residual.effects import registry
 from residual.effects.base import PlacedEffect, Trait
 from residual.evidence.design import Design, Group

@@ -7,7 +7,7 @@ import numpy as np
 
 from residual.evidence.design import Design
 from residual.evidence.fit import Fit
-from residual.evidence.rules import THRESHOLDS
+from residual.evidence.thresholds import THRESHOLDS
 from residual.model.model import Model
 from residual.recording import Array
 from residual.signals.track import Track

@@ -20,7 +20,7 @@ from residual.effects.base import Trait
 from residual.evidence.columns import Group
 from residual.evidence.fit import Fit, Prior
 from residual.evidence.priors import HELD, with_held, without_slots
-from residual.evidence.rules import THRESHOLDS
+from residual.evidence.thresholds import THRESHOLDS
 from residual.model.known_values import known_values
 from residual.model.model import with_slots
 from residual.model.nominal import Logs, Nominal, start_nominal

@@ -18,7 +18,7 @@ from residual.effects.base import Effect, PlacedEffect, Trait
 from residual.evidence.design import Group
 from residual.evidence.fit import Fit, Prior, System, fit, limits_of, scaled_inverse
 from residual.evidence.priors import overlap, stacks
-from residual.evidence.rules import THRESHOLDS
+from residual.evidence.thresholds import THRESHOLDS
 from residual.recording import Array
 from residual.verdict.result import Detectable, Place
 

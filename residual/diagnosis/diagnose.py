@@ -19,7 +19,7 @@ from residual.diagnosis.reference import plain_fit
 from residual.diagnosis.unexplained import examine_leftover
 from residual.diagnosis.verdict import conclude, signal_notes
 from residual.errors import InputError
-from residual.evidence.rules import THRESHOLDS
+from residual.evidence.thresholds import THRESHOLDS
 from residual.model.compare import compare, prepare_held_out, worse_joints
 from residual.model.model import Model
 from residual.model.nominal import GIVEN, Nominal, begin, declared_names, prepare_logs

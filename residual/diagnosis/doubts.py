@@ -35,7 +35,7 @@ from residual.errors import listed
 from residual.evidence.design import Group
 from residual.evidence.embodied import with_possible_bodies
 from residual.evidence.fit import as_model
-from residual.evidence.rules import THRESHOLDS
+from residual.evidence.thresholds import THRESHOLDS
 from residual.model.compare import HeldOutLog
 from residual.recording import Recording
 from residual.verdict.result import Splits

@@ -29,7 +29,7 @@ from residual.evidence.fit import (
     scaled_inverse,
 )
 from residual.evidence.priors import first_design
-from residual.evidence.rules import THRESHOLDS
+from residual.evidence.thresholds import THRESHOLDS
 from residual.recording import Array, Recording
 from residual.signals.splitting import in_pieces
 from residual.signals.track import on_rows_of, prepare

@@ -13,7 +13,7 @@ from residual.diagnosis.uncertainty import Uncertainty, standard_deviations
 from residual.effects.base import Effect, Trait
 from residual.evidence.design import Design, Group
 from residual.evidence.fit import Fit
-from residual.evidence.rules import THRESHOLDS
+from residual.evidence.thresholds import THRESHOLDS
 from residual.model.compare import Cloud
 from residual.quantity import along
 from residual.recording import Array

@@ -9,7 +9,7 @@ from residual.diagnosis.search import Task, needed_nats, spares_model
 from residual.effects.base import Trait
 from residual.evidence.design import Design, Group
 from residual.evidence.fit import Fit, System, evidence_gain, possible
-from residual.evidence.rules import THRESHOLDS
+from residual.evidence.thresholds import THRESHOLDS
 from residual.recording import Array
 from residual.signals.track import Track
 

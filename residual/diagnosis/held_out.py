@@ -20,7 +20,7 @@ from residual.evidence.design import Design, Group
 from residual.evidence.embodied import PossibleModel
 from residual.evidence.fit import Fit, evidence_gain
 from residual.evidence.priors import given_slots, with_held
-from residual.evidence.rules import THRESHOLDS
+from residual.evidence.thresholds import THRESHOLDS
 from residual.model.compare import (
     Errors,
     HeldOutLog,

@@ -26,7 +26,7 @@ from residual.diagnosis.search import (
 from residual.evidence.design import Group
 from residual.evidence.fit import Fit, System, possible
 from residual.evidence.priors import overlap, stacks
-from residual.evidence.rules import THRESHOLDS
+from residual.evidence.thresholds import THRESHOLDS
 from residual.recording import Array
 from residual.verdict.result import Detectable
 

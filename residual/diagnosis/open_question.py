@@ -13,7 +13,7 @@ from residual.effects.base import PlacedEffect
 from residual.evidence.design import Group
 from residual.evidence.fit import Fit, System, as_model, physical
 from residual.evidence.priors import screen
-from residual.evidence.rules import THRESHOLDS
+from residual.evidence.thresholds import THRESHOLDS
 from residual.planning.question import Contest, Question, Rival, Signals, together
 from residual.recording import Array
 from residual.verdict.result import Place

@@ -29,7 +29,7 @@ from residual.evidence.design import Design, Group
 from residual.evidence.embodied import PossibleModel, with_possible_bodies
 from residual.evidence.fit import Fit, Prior, as_model, fit, physical
 from residual.evidence.priors import OF_NAMES, PriorSpace, first_design, relative_prior
-from residual.evidence.rules import THRESHOLDS, EvidenceThresholds
+from residual.evidence.thresholds import THRESHOLDS, EvidenceThresholds
 from residual.model.compare import HeldOutLog, moving_error
 from residual.model.model import Model
 from residual.model.nominal import Logs, Nominal, with_standstill

@@ -35,7 +35,7 @@ from residual.evidence.fit import (
     settle,
 )
 from residual.evidence.priors import acting, forbidden, priors, screen, with_wide_prior
-from residual.evidence.rules import THRESHOLDS, EvidenceThresholds
+from residual.evidence.thresholds import THRESHOLDS, EvidenceThresholds
 from residual.model.nominal import Nominal
 from residual.recording import Array
 

@@ -20,7 +20,7 @@ import numpy as np
 from residual.diagnosis.search import Candidates, Task, search
 from residual.evidence.fit import Fit, Prior, fit
 from residual.evidence.priors import WIDTHS, PriorSpace
-from residual.evidence.rules import THRESHOLDS, EvidenceThresholds
+from residual.evidence.thresholds import THRESHOLDS, EvidenceThresholds
 from residual.recording import Array
 
 # Choose the set of effects, the scale of the rigid prior and that of given values.

@@ -32,7 +32,7 @@ from residual.errors import joints_listed
 from residual.evidence.columns import fold_labels
 from residual.evidence.design import Design
 from residual.evidence.fit import Fit
-from residual.evidence.rules import THRESHOLDS
+from residual.evidence.thresholds import THRESHOLDS
 from residual.model.compare import Cloud
 from residual.model.corrected import DIFFERENCE, Column, CorrectedModel, Tables, read
 from residual.model.model import Model

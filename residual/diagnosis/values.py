@@ -18,7 +18,7 @@ from residual.diagnosis.uncertainty import between_logs, values_jacobian
 from residual.effects.base import Effect
 from residual.evidence.fit import Fit, scaled_inverse
 from residual.evidence.priors import inertial_sd
-from residual.evidence.rules import THRESHOLDS
+from residual.evidence.thresholds import THRESHOLDS
 from residual.model.model import Term, with_slots
 from residual.quantity import plain
 from residual.recording import Array

@@ -24,7 +24,7 @@ from residual.errors import joints_listed
 from residual.evidence.embodied import PossibleModel
 from residual.evidence.fit import Fit
 from residual.evidence.priors import PriorSpace, inertial_precision
-from residual.evidence.rules import THRESHOLDS
+from residual.evidence.thresholds import THRESHOLDS
 from residual.model.compare import Errors
 from residual.planning.promise import promised, settled_by
 from residual.planning.question import Question

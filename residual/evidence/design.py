@@ -26,7 +26,7 @@ from residual.evidence.columns import (
     rows_that_count,
     squares_per_fold,
 )
-from residual.evidence.rules import THRESHOLDS
+from residual.evidence.thresholds import THRESHOLDS
 from residual.model.known_values import known_prior, of_effect
 from residual.model.model import Model, Term
 from residual.recording import Array

@@ -15,7 +15,7 @@ from scipy.special import chdtrc
 from residual.errors import listed
 from residual.evidence.design import Design
 from residual.evidence.fit import BODY, Fit, scaled_inverse
-from residual.evidence.rules import THRESHOLDS
+from residual.evidence.thresholds import THRESHOLDS
 from residual.model.bodies import BodyCorrection, bodies_of, nearest
 from residual.model.model import Model
 from residual.recording import Array

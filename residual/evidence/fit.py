@@ -23,7 +23,7 @@ from scipy.special import chdtrc
 from residual.effects.base import Trait
 from residual.effects.limits import Limits
 from residual.evidence.design import LAGS, Design, Group
-from residual.evidence.rules import THRESHOLDS
+from residual.evidence.thresholds import THRESHOLDS
 from residual.model.model import Model, Term, with_slots
 from residual.model.nominal import Nominal
 from residual.recording import Array

@@ -11,7 +11,7 @@ from residual.effects import registry
 from residual.effects.base import Joints, Trait
 from residual.evidence.design import Design, Group
 from residual.evidence.fit import Fit, Prior, System, as_model, fit_nominal
-from residual.evidence.rules import THRESHOLDS
+from residual.evidence.thresholds import THRESHOLDS
 from residual.model.known_values import EXACT, known_prior, mass_of_links, of_effect
 from residual.model.model import Model, with_slots
 from residual.model.nominal import ASSUMED, GIVEN, Logs, Nominal

@@ -91,7 +91,7 @@ def test_logs_are_diagnosed_right_and_what_reads_logs_needs_none_of_them(tmp_pat
     assert found == [(truth["name"], truth["joints"])]
     assert (tmp_path / "out.html").stat().st_size > 10_000
     names = (tmp_path / "entered.txt").read_text(encoding="utf-8").split()
-    assert any(name.endswith("residual/method/diagnose.py") for name in names)
+    assert any(name.endswith("residual/diagnosis/diagnose.py") for name in names)
     assert len(names) <= MOST, names
 
 

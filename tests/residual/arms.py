@@ -12,7 +12,7 @@ from benchmarks.synthetic.quasi_static import Plant
 from residual.diagnosis.diagnose import diagnose
 from residual.diagnosis.findings import NamedEffect, findings
 from residual.diagnosis.outcome import SearchOutcome, examine
-from residual.evidence.rules import EvidenceThresholds
+from residual.evidence.thresholds import EvidenceThresholds
 from residual.model.nominal import DEFAULT_DECLARED, prepare_logs, start_nominal
 from residual.recording import Recording
 from residual.robot.dynamics import inverse_dynamics

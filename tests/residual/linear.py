@@ -13,7 +13,7 @@ from residual.effects.base import Effect, State, Trait, local
 from residual.evidence.columns import union
 from residual.evidence.design import Design, Group
 from residual.evidence.fit import Prior
-from residual.evidence.rules import EvidenceThresholds
+from residual.evidence.thresholds import EvidenceThresholds
 from residual.model.model import Model
 from residual.signals.track import Track
 from tests.residual.arms import arm

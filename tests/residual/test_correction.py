@@ -5,7 +5,7 @@ import pytest
 
 from residual.diagnosis.outcome import examine
 from residual.diagnosis.unexplained import fit_correction, joint_leftovers
-from residual.evidence.rules import EvidenceThresholds
+from residual.evidence.thresholds import EvidenceThresholds
 from residual.model.compare import compare, prepare_held_out
 from residual.model.nominal import DEFAULT_DECLARED, prepare_logs, start_nominal
 from residual.signals.splitting import session_clock

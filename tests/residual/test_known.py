@@ -53,7 +53,7 @@ def test_a_robot_has_them_by_its_file_and_by_word(tmp_path):
     robot = load_robot(tmp_path)
     more = with_known(robot, {"payload.mass": 3.0})
     assert robot.known_values == {"payload.mass": 2.8, "coulomb.joint2.level": 8.0}
-    assert more.known["payload.mass"] == 3.0
+    assert more.known_values["payload.mass"] == 3.0
     assert {k.joints for k in known_values(more)} == {(), (1,)}
     (tmp_path / "robot.toml").write_text('[known]\n"payload.mass" = "2.8"\n')
     with pytest.raises(RobotError, match="expected a number, as in"):

@@ -25,7 +25,7 @@ from residual.diagnosis.search import (
 from residual.diagnosis.select import select
 from residual.diagnosis.uncertainty import standard_deviations
 from residual.effects.base import Effect, Refinement, Span, Trait, local
-from residual.evidence.rules import EvidenceThresholds
+from residual.evidence.thresholds import EvidenceThresholds
 from tests.residual.arms import arm
 from tests.residual.linear import (
     DOF,
