@@ -13,7 +13,7 @@ import numpy as np
 
 from residual.check.motion import rms
 from residual.check.result import Fault, joints_of
-from residual.check.thresholds import CHECK
+from residual.check.rules import CHECK
 from residual.errors import joints_listed
 from residual.recording import Array, Recording
 from residual.robot.dynamics import PER_LINK, regressor
@@ -38,7 +38,7 @@ def _repeated(recordings: Sequence[Recording]) -> list[Fault]:
         zip(recordings, rows, strict=True), 2
     ):
         tau, q = (len(a & b) / len(a) for a, b in zip(first, second, strict=True))
-        if len(first[0]) < CHECK.repeats_least or tau < CHECK.repeats or q > tau / 2:
+        if len(first[0]) < 50 or tau < CHECK.repeated_share or q > tau / 2:
             continue
         words = (
             f"Expected torque with the noise of a sensor, got {100 * tau:.0f} % of the "
