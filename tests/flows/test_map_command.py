@@ -76,7 +76,7 @@ def test_it_prints_a_map_or_writes_it_and_applies_nothing(arm, capsys):
     assert main([*words, "C.toml"]) == 0
     (arm / "C.toml").write_text(f"{printed}# mine\n", encoding="utf-8")
     assert main([*words, "C.toml"]) == 2
-    assert "there is a file of other lines" in capsys.readouterr().err
+    assert "exists with other content" in capsys.readouterr().err
     assert (arm / "C.toml").read_text(encoding="utf-8").endswith("# mine\n")
     assert main([*words, "a log.csv"]) == 2
     assert "would overwrite an input" in capsys.readouterr().err
