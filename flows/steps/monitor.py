@@ -119,7 +119,7 @@ def watch(
     return MonitoringResult(
         monitor=made,
         calibration=tuple(healthy),
-        alarms={id: calibrated.watch(run) for id, run in watched.items()},
+        alarms={id: made.watch(run) for id, run in watched.items()},
         seconds=sum(run.duration for run in watched.values()),
     )
 
@@ -158,8 +158,8 @@ def watch_new(
     model = model or in_force(runs, store).diagnosis or latest_diagnosis(runs, store)
     if model is None:
         return NewRuns(why="No diagnosis of this arm yet: nothing to compare with.")
-    healthy = tuple(good) or healthy_runs(runs, store, tag)
-    if not good and len(healthy) < LEAST_RUNS:
+    healthy = tuple(healthy_ids) or healthy_runs(runs, store, tag)
+    if not healthy_ids and len(healthy) < LEAST_RUNS:
         diagnosis = _diagnosis_in(model, store)
         healthy = _behind(diagnosis, store) if diagnosis else ()
     new = tuple(run for run in runs if run not in healthy)
