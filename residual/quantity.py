@@ -11,7 +11,7 @@ MISSING = "–"
 _SUPERSCRIPT = {"2": "²", "3": "³"}
 
 
-def known(value: Any) -> TypeGuard[float]:
+def is_number(value: Any) -> TypeGuard[float]:
     """Return whether a value is a finite number."""
     return (
         isinstance(value, int | float)
@@ -22,26 +22,26 @@ def known(value: Any) -> TypeGuard[float]:
 
 def percent(value: Any) -> str:
     """Return an error that is already in per cent: 4.7 becomes '4.7 %'."""
-    if not known(value):
+    if not is_number(value):
         return MISSING
     return f"{bare_percent(value)} %"
 
 
 def bare_percent(value: Any) -> str:
     """Return a percentage without its sign, for columns whose heading has it."""
-    if not known(value):
+    if not is_number(value):
         return MISSING
     return f"{value:.1f}" if abs(value) < 99.95 else f"{value:.0f}"
 
 
 def fraction(value: Any) -> str:
     """Return a fraction of one as per cent: 0.04 becomes '4.0 %'."""
-    return percent(100 * value) if known(value) else MISSING
+    return percent(100 * value) if is_number(value) else MISSING
 
 
 def probability(value: Any) -> str:
     """Return a probability as per cent; never 100 %, since no data give that."""
-    if not known(value):
+    if not is_number(value):
         return MISSING
     if value > 0.99:
         return "> 99 %"
@@ -50,7 +50,7 @@ def probability(value: Any) -> str:
 
 def number(value: Any) -> str:
     """Return a number to three significant digits, without needless zeros."""
-    if not known(value):
+    if not is_number(value):
         return MISSING
     if abs(value) >= 1000:
         return f"{value:.0f}" if abs(value) < 1e6 else f"{value:.2e}"
@@ -80,9 +80,9 @@ def measured(value: Any, std: Any = None, unit: Any = None) -> str:
 
     A std of zero, or none, gives the value alone to three digits.
     """
-    if not known(value):
+    if not is_number(value):
         return MISSING
-    text = _with_std(value, std) if known(std) and std > 0 else number(value)
+    text = _with_std(value, std) if is_number(std) and std > 0 else number(value)
     return f"{text} {unit_text(unit)}".strip()
 
 

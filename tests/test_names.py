@@ -19,37 +19,7 @@ ONE_CLASS = {"Rows", "Rules", "Table", "State", "Change", "Rest", "Motion"}
 EXEMPT = {
     "Splits.found",  # verdict: evidence.splits.found
     "Diagnose.known",  # --known
-}
-# Names that the rooms still have to change: delete a line with its name.
-PENDING = {
-    "Arm.own",
-    "Calibrated.made",
-    "Diagnosis.known",
-    "Diagnosis.left",
-    "Effect.usual",
-    "Exported.left",
-    "Exported.whole",
-    "Here",
-    "Left",
-    "Log.known",
-    "Monitor.good",
-    "NewRuns.found",
-    "Opened.found",
-    "Rerun.made",
-    "Rival.own",
-    "Rubbing.usual",
-    "Scores.own",
-    "Shares.whole",
-    "Sight.whole",
-    "given",
-    "known",
-}
-PENDING_CLASSES = {
-    "Motion",
-    "Rows",
-    "Rules",
-    "State",
-    "Table",
+    "Monitor.good",  # key of stored requests
 }
 
 
@@ -88,16 +58,14 @@ def _repeated() -> set[str]:
 
 
 def test_no_public_name_is_a_word_that_says_nothing():
-    assert _banned() - PENDING == set(), "see the glossary of CONTRIBUTING.md"
+    assert _banned() == set(), "see the glossary of CONTRIBUTING.md"
 
 
 def test_a_general_name_has_one_class():
-    assert _repeated() - PENDING_CLASSES == set(), "see the glossary of CONTRIBUTING.md"
+    assert _repeated() == set(), "see the glossary of CONTRIBUTING.md"
 
 
 def test_no_exception_outlives_its_name():
-    assert PENDING - _banned() == set(), "these are renamed: delete them from PENDING"
-    assert PENDING_CLASSES - _repeated() == set()
     named = {name for path in FILES for name in _public(path)}
     assert EXEMPT - named == set()
 

@@ -111,6 +111,6 @@ def import_(*logs: Log, request: Import, dry_run: Flag = False) -> None:
     for log in () if dry_run else sound:
         id = imports.store_log(log, request, arm)
         word = "was in" if log.stored else "stored in"
-        say(console, f"{id}  {log.known.id}: {word} {store_name(place)}")
+        say(console, f"{id}  {log.summary.id}: {word} {store_name(place)}")
         if log.stored and (request.tags or request.recorded_at):
             say(console, "  its tags and time stay as they were stored")

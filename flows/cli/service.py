@@ -16,7 +16,7 @@ from flows.outputs import json_text, say
 from flows.project.deployments import deployments
 from flows.project.read import project_here
 from flows.report.console import show, wide_console
-from flows.report.document import Table, words_table
+from flows.report.document import ReportTable, words_table
 from flows.requests import Flag, Seconds, Store
 from flows.service.request import DATABASE, ServiceRequest, check_request
 from flows.service.state import CLIENT, KEY
@@ -170,7 +170,7 @@ def _print_status(state: "Status", store: Path) -> None:
     if state.runs:
         rows = [_run(run) for run in state.runs]
         heads = ("flow run", "state", "begun (UTC)", "time [s]")
-        show(console, Table(heads, rows, text_columns=range(3)))
+        show(console, ReportTable(heads, rows, text_columns=range(3)))
 
 
 def _due(deployment: Mapping) -> str:

@@ -13,7 +13,7 @@ from prefect.events import emit_event
 from prefect.runtime import flow_run
 
 from flows.project.deployments import COMMITTED, NOTICE, STORE
-from flows.report.document import Table
+from flows.report.document import ReportTable
 from flows.report.index import INDEX, title_of
 from flows.report.words.verdict import brief
 from flows.settings import PAGES, page_link
@@ -24,7 +24,7 @@ _TOGETHER = 1000  # ids in one event; the server refuses more than 1.5 MB
 _LONGEST = 200  # characters of the name of a flow run
 
 
-def publish(key: str, ids: Sequence[str], parts: Sequence[str | Table]) -> None:
+def publish(key: str, ids: Sequence[str], parts: Sequence[str | ReportTable]) -> None:
     """Show the outcome of a stage as one text, the same as its command prints.
 
     Args:
@@ -38,7 +38,7 @@ def publish(key: str, ids: Sequence[str], parts: Sequence[str | Table]) -> None:
     create_markdown_artifact("\n\n".join(lines), key, about)
 
 
-def _markdown(part: str | Table) -> str:
+def _markdown(part: str | ReportTable) -> str:
     if isinstance(part, str):
         return part
     rows = [part.heads, ["---"] * len(part.heads), *part.rows[:_MOST]]

@@ -16,7 +16,7 @@ import pyarrow.parquet as pq
 from rich.console import Console
 
 from flows.report.console import show, wide_console
-from flows.report.document import Table
+from flows.report.document import ReportTable
 from residual.errors import InputError
 from warehouse.query.named import NAMED, TAKES
 from warehouse.query.store import Store
@@ -65,7 +65,7 @@ def print_table(rows: pa.Table, format: str) -> None:
             len(rows) > MOST
         )
         # Into a file or a pipe: as wide as it needs, nothing is cut.
-        table = Table(rows.column_names, list(cells), text_columns=text_columns)
+        table = ReportTable(rows.column_names, list(cells), text_columns=text_columns)
         show(wide_console(Console(), 10_000), table, count)
 
 

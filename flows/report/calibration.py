@@ -5,7 +5,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from flows.report import calibration_charts as figures
-from flows.report.document import Chart, Document, Note, Section, Strong, Table
+from flows.report.document import Chart, Document, Note, ReportTable, Section, Strong
 from flows.report.page import render as render_page
 from flows.report.words.calibration import sentences
 from flows.report.words.phrases import count_noun, sentence_case, texts
@@ -21,7 +21,7 @@ from residual.calibration.scores import (
 _TEXT = texts()["calibration"]
 
 
-def terminal_parts(outcome: StoredCalibration) -> list[str | Table]:
+def terminal_parts(outcome: StoredCalibration) -> list[str | ReportTable]:
     """Return a calibration for the terminal: errors, how they are meant, warnings."""
     result = outcome.calibration
     return [
@@ -34,7 +34,7 @@ def terminal_parts(outcome: StoredCalibration) -> list[str | Table]:
     ]
 
 
-def _errors(result: Calibration) -> Table:
+def _errors(result: Calibration) -> ReportTable:
     paper = result.rows.mode == PAPER
     joints = [f"J{j}" for j in result.rows.joints]
     heads = ["RMSEV (RMSEC) [%]", "model", *joints, "all"]
@@ -60,7 +60,7 @@ def _errors(result: Calibration) -> Table:
             MODELS[score.model] + count,
         ]
         rows.append([*start, *cells, kind(_percent(score.overall)), *means])
-    return Table(heads, rows, text_columns=(0, 1), sections=first[1:])
+    return ReportTable(heads, rows, text_columns=(0, 1), sections=first[1:])
 
 
 def _percent(value: float) -> str:
@@ -105,7 +105,7 @@ def render(result: Calibration, warnings: Sequence[str] = ()) -> str:
     """Return the page of a calibration."""
 
     def section(
-        id: str, heading: str, charts: Sequence[Chart], *more: Table
+        id: str, heading: str, charts: Sequence[Chart], *more: ReportTable
     ) -> Section:
         parts = [charts, *more] if charts else ()
         return Section(id, heading, parts, _TEXT.get(id, ""))
@@ -132,7 +132,7 @@ def render(result: Calibration, warnings: Sequence[str] = ()) -> str:
         for block in result.blocks
     ]
     heads = ("Motion", "Block", "Real components", "Largest loadings of the first")
-    table = Table(heads, loadings, text_columns=(0, 1, 3))
+    table = ReportTable(heads, loadings, text_columns=(0, 1, 3))
     pca, over_time = figures.components(result), figures.over_time(result)
     return render_page(
         Document(

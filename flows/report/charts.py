@@ -9,7 +9,7 @@ from flows.report.document import Chart
 from flows.report.tables import METRICS, ErrorRow, error_rows, has_error
 from flows.report.words.phrases import effect_named, listing, noun
 from residual.model.compare import Cloud, LogProof
-from residual.quantity import bare_percent, fraction, known, percent
+from residual.quantity import bare_percent, fraction, is_number, percent
 from residual.verdict.result import STAGES, Diagnosis
 
 # A point of a curve is eleven bytes of the page, which stays within two megabytes.
@@ -37,7 +37,7 @@ def error_chart(diagnosis: Diagnosis) -> Chart | None:
     stages = [s for s in _stages(diagnosis) if has_error(rows, metric, s)]
     errors = {s: [row.values[metric].get(s) for row in rows] for s in stages}
     # A nominal model far off is cut, so that the refits show.
-    largest = {s: max(filter(known, v), default=0.0) for s, v in errors.items()}
+    largest = {s: max(filter(is_number, v), default=0.0) for s, v in errors.items()}
     refits = [v for stage, v in largest.items() if stage != "nominal"]
     top = max(min(max(largest.values()), _CLIP * max(refits)), 1e-6)
     names = [f"J{row.joint}" for row in rows]
@@ -46,9 +46,9 @@ def error_chart(diagnosis: Diagnosis) -> Chart | None:
             "type": "bar",
             "name": figure.LABELS[stage],
             "x": names,
-            "y": [round(min(v, top), 4) if known(v) else None for v in values],
+            "y": [round(min(v, top), 4) if is_number(v) else None for v in values],
             "text": [
-                f"{bare_percent(v)}{' ↑' if v > top else ''}" if known(v) else ""
+                f"{bare_percent(v)}{' ↑' if v > top else ''}" if is_number(v) else ""
                 for v in values
             ],
             "textposition": "outside",
@@ -60,7 +60,7 @@ def error_chart(diagnosis: Diagnosis) -> Chart | None:
         for stage, values in errors.items()
     ]
     shapes = []
-    if known(diagnosis.unexplained.noise_floor):
+    if is_number(diagnosis.unexplained.noise_floor):
         floor = 100 * diagnosis.unexplained.noise_floor
         dash = {"color": figure.MEASURED, "width": 1.2, "dash": "dash"}
         data.append(figure.line("noise alone", figure.MEASURED, 1.2, line=dash))
@@ -99,7 +99,7 @@ def finding_charts(diagnosis: Diagnosis) -> list[list[Chart]]:
 
 def unexplained_charts(diagnosis: Diagnosis) -> list[Chart]:
     """Return the residual of each flagged joint, over what it depends on most."""
-    usable = [c for c in diagnosis.left if len(c.x) > 1]
+    usable = [c for c in diagnosis.residual_clouds if len(c.x) > 1]
     return [_cloud_chart(c, len(usable), diagnosis) for c in usable]
 
 
@@ -187,8 +187,12 @@ def _by_gain(diagnosis: Diagnosis) -> list[int]:
 
     def gain(row: ErrorRow) -> tuple[bool, float]:
         before, after = map(row.values["filtered"].get, ("identified", "augmented"))
-        value = before - after if named and known(before) and known(after) else before
-        return not named and row.joint in flagged, value if known(value) else 0.0
+        value = (
+            before - after
+            if named and is_number(before) and is_number(after)
+            else before
+        )
+        return not named and row.joint in flagged, value if is_number(value) else 0.0
 
     rows = [row for row in error_rows(diagnosis) if row.joint]
     ordered = [row.joint for row in sorted(rows, key=gain, reverse=True)]

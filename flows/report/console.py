@@ -9,7 +9,7 @@ from rich.table import Table as RichTable
 from rich.text import Text
 
 from flows.outputs import say
-from flows.report.document import Document, Heading, Note, Strong, Table
+from flows.report.document import Document, Heading, Note, ReportTable, Strong
 from residual.errors import plain
 
 # What a terminal without Unicode shows instead.
@@ -19,7 +19,7 @@ _NONE = ("", "–")
 
 
 def show(
-    console: Console, *parts: str | Table | Note | Heading, wrapped: bool = False
+    console: Console, *parts: str | ReportTable | Note | Heading, wrapped: bool = False
 ) -> None:
     """Print sentences and tables, one after the other.
 
@@ -29,7 +29,7 @@ def show(
     """
     for part in parts:
         text = getattr(part, "text", part)
-        if isinstance(part, Table):
+        if isinstance(part, ReportTable):
             _print_table(console, part)
         elif isinstance(part, Heading):
             line(console, f"\n{text}", "bold")
@@ -75,7 +75,7 @@ def wide_console(console: Console, width: int = _WIDE) -> Console:
     return console if console.is_terminal else Console(file=console.file, width=width)
 
 
-def _print_table(console: Console, table: Table) -> None:
+def _print_table(console: Console, table: ReportTable) -> None:
     drawn = RichTable(box=SIMPLE_HEAD, show_edge=not table.title, pad_edge=False)
     for i, head in enumerate(table.heads):
         words = i in table.text_columns

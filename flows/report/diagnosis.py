@@ -20,8 +20,8 @@ from flows.report.document import (
     Heading,
     Note,
     Part,
+    ReportTable,
     Section,
-    Table,
     Tile,
     tag,
     words_table,
@@ -40,7 +40,7 @@ from flows.report.words.phrases import (
     texts,
     truth_rows,
 )
-from residual.quantity import MISSING, fraction, known, number, probability
+from residual.quantity import MISSING, fraction, is_number, number, probability
 from residual.verdict.result import Change, Diagnosis, Verdict
 
 _TEXT = texts()["diagnosis"]
@@ -135,16 +135,16 @@ def tiles_of(result: Diagnosis) -> tuple[Tile | None, ...]:
         note = f"{confirmed} of them confirmed on unseen motion"
         size = Tile("Effects found", str(len(named)), note)
         likely = [
-            finding.probability for finding in named if known(finding.probability)
+            finding.probability for finding in named if is_number(finding.probability)
         ]
         weakest = probability(min(likely, default=None))
         sure = Tile("Probability", weakest, "of the least certain name")
     stages = f"nominal → {words.with_findings(verdict) if named else 'refit'}"
     fall = words.errors(verdict)
     error = Tile("Error on unseen motion", fall or MISSING, f"of the torque, {stages}")
-    if known(unexplained.fraction):
+    if is_number(unexplained.fraction):
         noise = f"; noise alone is {fraction(unexplained.noise_floor)}"
-        note = f"of the torque{noise if known(unexplained.noise_floor) else ''}"
+        note = f"of the torque{noise if is_number(unexplained.noise_floor) else ''}"
         remaining = Tile("Unexplained", fraction(unexplained.fraction), note)
     return size, error, sure, remaining
 
@@ -277,7 +277,7 @@ def _nominal_values(verdict: Verdict) -> Section:
     off, most = outlook.off(verdict), outlook.MOST_VALUES
     heads = ("Value", "Nominal", "Identified", "Difference")
 
-    def table(changes: Sequence[Change], title: str = "") -> Table:
+    def table(changes: Sequence[Change], title: str = "") -> ReportTable:
         return words_table(heads, outlook.value_rows(changes, verdict), title)
 
     title = f"All {len(verdict.changes)} values, nominal and identified"
@@ -312,7 +312,7 @@ def _detectable(verdict: Verdict) -> Section:
     hidden = any(outlook.NEVER in row for row in rows)
     never = f"{outlook.NEVER}: not detectable in these logs at any plausible size."
     never = never if hidden else ""
-    table = Table(heads, rows, heading, look="tight sizes")
+    table = ReportTable(heads, rows, heading, look="tight sizes")
     parts = [table, Note(never, "soft spaced") if never else None]
     printed = [table, never] if nothing else ()
     text = _TEXT["sizes"]
@@ -324,7 +324,7 @@ def _origin(verdict: Verdict, origin: Pairs) -> Section:
     declared, logs = ", ".join(verdict.declared), ", ".join(verdict.error.logs)
     note = f"Declared in the model: {declared or 'rigid body only'}."
     note += f" Held out: {logs}." if logs else ""
-    if known(verdict.nominal_scale):
+    if is_number(verdict.nominal_scale):
         scale = f"{100 * verdict.nominal_scale:.3g} %"
         note += f" Assumed spread of the nominal parameters: {scale}."
     facts = Facts(origin) if origin else None

@@ -24,7 +24,7 @@ def tag(name: str, text: object, look: str = "") -> Markup:
 
 
 @dataclass(frozen=True, slots=True)
-class Table:
+class ReportTable:
     """A table of text.
 
     Attributes:
@@ -59,9 +59,9 @@ class Table:
 
 def words_table(
     heads: Sequence[str], rows: Sequence[Sequence[str]], title: str = ""
-) -> Table:
+) -> ReportTable:
     """Return a table all of whose columns are words."""
-    return Table(heads, rows, title, text_columns=range(len(heads)))
+    return ReportTable(heads, rows, title, text_columns=range(len(heads)))
 
 
 class Tile(NamedTuple):
@@ -134,7 +134,7 @@ class Beside:
 
 
 # Also a list, charts side by side, terms and their definitions.
-Part = (str | Table | Chart | Note | Heading | Facts | Fold | Beside) | (
+Part = (str | ReportTable | Chart | Note | Heading | Facts | Fold | Beside) | (
     Sequence[Chart] | Sequence[str] | Mapping[str, str]
 )
 
@@ -155,7 +155,7 @@ class Section:
     parts: Sequence[Part | None]
     note: str = ""
     open: bool | None = None
-    brief: Sequence[str | Table | Heading | None] = ()
+    brief: Sequence[str | ReportTable | Heading | None] = ()
 
 
 @dataclass(frozen=True, slots=True)

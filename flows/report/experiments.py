@@ -4,7 +4,7 @@ from collections.abc import Mapping
 
 import numpy as np
 
-from flows.report.document import Document, Section, Strong, Table
+from flows.report.document import Document, ReportTable, Section, Strong
 from flows.report.page import render
 from flows.report.plots import Panel, png
 from flows.report.words.phrases import texts
@@ -17,7 +17,7 @@ from sim.trajectories.limits import largest_torque
 _TEXT = texts()["validation"]
 
 
-def validation(result: Validation) -> Table:
+def validation(result: Validation) -> ReportTable:
     """Return the errors of a validation, a joint a row."""
     columns = {
         "open loop\n[mrad]": result.open_loop,
@@ -29,10 +29,10 @@ def validation(result: Validation) -> Table:
         (str(joint), *(f"{value:.2f}" for value in row))
         for joint, row in enumerate(zip(*columns.values(), strict=True), 1)
     ]
-    return Table(("joint", *columns), rows, text_columns=())
+    return ReportTable(("joint", *columns), rows, text_columns=())
 
 
-def both_ways(result: Validation) -> Table:
+def both_ways(result: Validation) -> ReportTable:
     """Return both directions of each model, a joint a row, and its mass matrix."""
     rows, dof = [], len(result.open_loop)
     driven = all(each.tracking is not None for each in result.models.values())
@@ -54,7 +54,7 @@ def both_ways(result: Validation) -> Table:
     heads = [f"{name}\n{column}" for name in result.models for column in columns]
     about = "Error of torque from motion (τ) and of acceleration from torque (q̈)"
     about += "; rms tracking error of the arm with that torque (q)" if driven else ""
-    return Table(("joint", *heads), [*rows, ["", *least]], about, text_columns=())
+    return ReportTable(("joint", *heads), [*rows, ["", *least]], about, text_columns=())
 
 
 def meaning(result: Validation) -> str:
@@ -109,7 +109,7 @@ _MOST = 4000  # samples drawn
 
 def motion_parts(
     robot: Robot, reference: Reference, spec: TrajectorySpec, rate: float, used: Usage
-) -> list[str | Table]:
+) -> list[str | ReportTable]:
     """Return a motion in words: its kind, its use of the limits, its excitation.
 
     Args:
@@ -141,7 +141,7 @@ def motion_parts(
         f"{spec.kind} motion of {robot.name}: {spec.duration:g} s at {rate:g} Hz"
         f"{period}, seed {spec.seed}{rest}",
         "limits, floor and self-collision (arm as capsules) also hold between samples",
-        Table(heads, rows, "Share of the limits", text_columns=()),
+        ReportTable(heads, rows, "Share of the limits", text_columns=()),
         excites,
     ]
 

@@ -13,7 +13,7 @@ from pathlib import Path
 from markupsafe import Markup
 
 from flows.outputs import write_all
-from flows.report.document import Document, Section, Table, Tile, tag
+from flows.report.document import Document, ReportTable, Section, Tile, tag
 from flows.report.page import render
 from flows.report.words.outlook import off
 from flows.report.words.phrases import count_noun
@@ -131,7 +131,7 @@ def document(opened: Store) -> Document:
         for row in rows
     ]
     waits = sum("waits" in str(row[2]) for row in rows)
-    table = Table(
+    table = ReportTable(
         _HEADS, cells, text_columns=range(6), named=4, look="list", filters=(1, 2, 3)
     )
     none = Markup(

@@ -4,7 +4,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from flows.report.document import Document, Section, Table, words_table
+from flows.report.document import Document, ReportTable, Section, words_table
 from flows.report.page import Pairs, render
 from flows.report.words.phrases import texts
 from flows.report.words.verdict import sentences
@@ -22,7 +22,7 @@ _WHICH = {WHOLE: "", EDITED: "\nedited"}
 ADOPTED_KEY = "* the current model of its robot"
 
 
-def identification(outcome: ValidatedIdentification) -> list[str | Table]:
+def identification(outcome: ValidatedIdentification) -> list[str | ReportTable]:
     """Return an identification: parameters, fit, warnings, errors, consistency."""
     return [
         _parameters(outcome),
@@ -33,7 +33,7 @@ def identification(outcome: ValidatedIdentification) -> list[str | Table]:
     ]
 
 
-def _parameters(outcome: ValidatedIdentification) -> Table:
+def _parameters(outcome: ValidatedIdentification) -> ReportTable:
     result, consistent = outcome.free, outcome.consistent
     base, estimate = result.base, result.estimate
     other = base.mapping @ consistent.model.coefficients() if consistent else None
@@ -47,7 +47,7 @@ def _parameters(outcome: ValidatedIdentification) -> Table:
         rows.append([*row, *([] if other is None else [f"{other[i]:.5g}"])])
     heads = ["parameter (sum of standard ones)", "unit", "nominal", "identified"]
     heads += ["std", "std [%]"] + (["consistent"] if consistent else [])
-    return Table(heads, rows, text_columns=(0, 1), max_widths={0: 58})
+    return ReportTable(heads, rows, text_columns=(0, 1), max_widths={0: 58})
 
 
 def _fit(outcome: ValidatedIdentification) -> list[str]:
@@ -71,7 +71,7 @@ def _fit(outcome: ValidatedIdentification) -> list[str]:
     return lines
 
 
-def _errors(outcome: ValidatedIdentification) -> Table:
+def _errors(outcome: ValidatedIdentification) -> ReportTable:
     joints = range(1, outcome.robot.dof + 1)
     heads = ["error on unseen motion [%]", "model", *(f"J{j}" for j in joints), "all"]
     rows = [
@@ -84,7 +84,7 @@ def _errors(outcome: ValidatedIdentification) -> Table:
         for name, each in outcome.accelerations.items()
         if each is not None
     ]
-    return Table(heads, rows, text_columns=(0, 1))
+    return ReportTable(heads, rows, text_columns=(0, 1))
 
 
 def _short(value: float) -> str:
@@ -109,7 +109,7 @@ def _consistency(outcome: ValidatedIdentification) -> list[str]:
     ]
 
 
-def prediction(errors: ErrorTables) -> Table | str:
+def prediction(errors: ErrorTables) -> ReportTable | str:
     """Return errors per joint, of the model and of the edited model.
 
     Args:
@@ -129,10 +129,10 @@ def prediction(errors: ErrorTables) -> Table | str:
     every = (errors.overall, errors.overall_filtered, errors.overall_moving)
     rows.append(("all", *(bare_percent(of.get(n)) for of in every for n in names)))
     about = f"Error in % of torque ({', '.join(errors.logs)})"
-    return Table(["joint", *columns], rows, about)
+    return ReportTable(["joint", *columns], rows, about)
 
 
-def adoptions(listed: Sequence[AdoptionEntry]) -> Table:
+def adoptions(listed: Sequence[AdoptionEntry]) -> ReportTable:
     """Return the adoptions, the first one first."""
     last = {(record.robot, record.serial): id for id, record, _ in listed}
     rows = [

@@ -2,7 +2,7 @@
 
 from collections.abc import Mapping
 
-from flows.report.document import Table
+from flows.report.document import ReportTable
 from flows.report.plots import Panel, png
 from flows.report.words.phrases import count_noun
 from flows.steps.monitor import MonitoringResult
@@ -28,7 +28,9 @@ def meaning(result: MonitoringResult) -> str:
     return f"{count_noun(len(alarms), 'alarm')} in {where}: {sensors} ({basis})."
 
 
-def alarm_table(result: MonitoringResult, watched: Mapping[str, Recording]) -> Table:
+def alarm_table(
+    result: MonitoringResult, watched: Mapping[str, Recording]
+) -> ReportTable:
     """Return the alarms, one a row."""
     rows = [
         (
@@ -43,7 +45,7 @@ def alarm_table(result: MonitoringResult, watched: Mapping[str, Recording]) -> T
         for alarm in alarms
     ]
     heads = ("run", "since start [s]", "joint", "sensor", "fault", "over limit")
-    return Table(heads, rows, text_columns=(0, 3, 4))
+    return ReportTable(heads, rows, text_columns=(0, 3, 4))
 
 
 def plot(result: MonitoringResult, runs: Mapping[str, Recording]) -> bytes:

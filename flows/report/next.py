@@ -1,6 +1,6 @@
 """The next experiment in the terminal."""
 
-from flows.report.document import Table
+from flows.report.document import ReportTable
 from flows.report.words.outlook import from_one_another, in_words
 from flows.report.words.phrases import count_noun, joint_words, sentence_case
 from flows.steps.next import OpenVerdict, Ranking
@@ -43,7 +43,7 @@ def proposal_lines(ranking: Ranking) -> list[str]:
     ]
 
 
-def comparison(ranking: Ranking) -> Table:
+def comparison(ranking: Ranking) -> ReportTable:
     """Return the ranked motions of the same length and limits."""
     rows = [
         (
@@ -56,7 +56,7 @@ def comparison(ranking: Ranking) -> Table:
     ]
     heads = ("motion", "periods", "settled after", "chance by its end")
     title = "Motions of the same length within the same limits, best first"
-    return Table(heads, rows, title)
+    return ReportTable(heads, rows, title)
 
 
 def nothing_open(opened: OpenVerdict, ranking: Ranking | None) -> list[str]:

@@ -7,7 +7,7 @@ from rich.console import Console
 from rich.markup import escape
 from rich.tree import Tree
 
-from flows.report.document import Table, words_table
+from flows.report.document import ReportTable, words_table
 from flows.steps.imports import Log
 from residual.errors import plain
 from residual.robot.robot import Robot
@@ -17,7 +17,7 @@ _SHOWN = 40  # lines of one table
 _LISTED = 12  # channels of a rerun that are listed for people
 
 
-def comparison(difference) -> list[str | Table]:
+def comparison(difference) -> list[str | ReportTable]:
     """Return a comparison of two records: which values differ, and by how much."""
     same = "the same values" if difference.same else "different values"
     parts = [f"{difference.kind} {difference.ids[0]} and {difference.ids[1]}: {same}"]
@@ -152,18 +152,18 @@ def rerun_record(rerun) -> Mapping:
     }
 
 
-def channels(log: Log) -> Table:
+def channels(log: Log) -> ReportTable:
     """Return the column of a log behind each channel, and its conversion."""
     heads = ("channel", "column", "unit in the file", "conversion")
     rows = [
-        (c, column, unit, done or "–") for c, column, unit, done in log.known.channels
+        (c, column, unit, done or "–") for c, column, unit, done in log.summary.channels
     ]
     return words_table(heads, rows)
 
 
 def log_lines(log: Log, robot: Robot, all: bool) -> list[str]:
     """Return how a log was read, one line each."""
-    known = log.known
+    known = log.summary
     if not all:
         return [known.text, *(f"warning: {w}" for w in known.warnings)]
     names = tuple(robot.model.names)[1:]

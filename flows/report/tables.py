@@ -8,7 +8,7 @@ from math import floor, log10
 import numpy as np
 from markupsafe import Markup
 
-from flows.report.document import Strong, Table, tag
+from flows.report.document import ReportTable, Strong, tag
 from flows.report.words.phrases import (
     alternatives,
     effect_named,
@@ -21,7 +21,7 @@ from residual.quantity import (
     MISSING,
     bare_percent,
     fraction,
-    known,
+    is_number,
     measured,
     number,
     probability,
@@ -73,12 +73,12 @@ def error_rows(diagnosis: Diagnosis) -> list[ErrorRow]:
 
 def has_error(rows: Sequence[ErrorRow], metric: str, stage: str) -> bool:
     """Return whether any joint has this error."""
-    return any(known(row.values[metric].get(stage)) for row in rows)
+    return any(is_number(row.values[metric].get(stage)) for row in rows)
 
 
 def error_table(
     rows: Sequence[ErrorRow], metrics: Collection[str], about: str
-) -> Table | None:
+) -> ReportTable | None:
     """Return errors by metric, then by model; None where none is known.
 
     Args:
@@ -96,7 +96,7 @@ def error_table(
     columns = [(metric, stage) for metric, stages in groups.items() for stage in stages]
     if not columns:
         return None
-    share = any(known(row.unexplained) for row in rows)
+    share = any(is_number(row.unexplained) for row in rows)
     cells = []
     for row in rows:
         line = [sentence_case(row.label)]
@@ -107,14 +107,14 @@ def error_table(
             flag = "flagged " if row.flagged else ""
             remaining = row.unexplained
             line.append(
-                flag + bare_percent(100 * remaining if known(remaining) else None)
+                flag + bare_percent(100 * remaining if is_number(remaining) else None)
             )
         cells.append(line)
     over = [
         (sentence_case(METRICS[m]), len(shown)) for m, shown in groups.items() if shown
     ]
     heads = [stage.replace("_", " ") for _, stage in columns]
-    return Table(
+    return ReportTable(
         ("Joint", *heads, *(["unexplained"] if share else [])),
         cells,
         about,
@@ -124,7 +124,7 @@ def error_table(
     )
 
 
-def brief_errors(diagnosis: Diagnosis, rows: Sequence[ErrorRow]) -> Table | None:
+def brief_errors(diagnosis: Diagnosis, rows: Sequence[ErrorRow]) -> ReportTable | None:
     """Return the errors of the first metric known; page and JSON have all."""
     first = next(
         (m for m in METRICS if any(has_error(rows, m, s) for s in STAGES)), None
@@ -158,18 +158,18 @@ def equivalents_text(
     return between.join(alternatives(effect, diagnosis.verdict.dof))
 
 
-def parameter_table(effect: Finding, verdict: Verdict) -> Table:
+def parameter_table(effect: Finding, verdict: Verdict) -> ReportTable:
     """Return the sizes of a finding: a row per joint, or per parameter."""
     texts, about = _parameter_texts(effect, verdict), "Size, ± one standard deviation"
     joints = dict.fromkeys(j for by_joint in texts.values() for j in by_joint if j)
     if not joints:
         rows = [(name, by_joint[None]) for name, by_joint in texts.items()]
-        return Table(("Parameter", "Value"), rows, about)
+        return ReportTable(("Parameter", "Value"), rows, about)
     rows = [
         (f"Joint {j}", *(by_joint.get(j, MISSING) for by_joint in texts.values()))
         for j in joints
     ]
-    return Table(("On", *map(sentence_case, texts)), rows, about)
+    return ReportTable(("On", *map(sentence_case, texts)), rows, about)
 
 
 def _parameter_texts(
@@ -196,7 +196,7 @@ def finding_lines(effect: Finding, diagnosis: Diagnosis) -> list[str]:
     lines += [f"   ({frame})"] if frame else []
     words = [f"evidence {number(evidence.nats)} nats"]
     words[0] += f" by {evidence.by}" if evidence.by else ""
-    if known(effect.probability):
+    if is_number(effect.probability):
         scope = " (of any of these)" if effect.equivalent else ""
         words.append(f"probability {probability(effect.probability)}{scope}")
     words.append(f"held-out motion: {evidence.held_out or 'not tested'}")
@@ -211,7 +211,7 @@ def found_again(effect: Finding) -> str:
     return f"{splits.found} of {splits.of}" if splits and splits.of else ""
 
 
-def evidence_table(diagnosis: Diagnosis) -> Table:
+def evidence_table(diagnosis: Diagnosis) -> ReportTable:
     """Return how sure each finding is."""
     again = any(map(found_again, diagnosis.effects))
     heads = ["Effect", "Probability", "Evidence [nats]", "By", "Held-out motion"]
@@ -231,7 +231,7 @@ def evidence_table(diagnosis: Diagnosis) -> Table:
         row += [evidence.by or MISSING, tag("span", word or "not tested", look)]
         row += [fraction(evidence.held_out_gain)]
         rows.append(row + [found_again(effect) or MISSING] * again)
-    return Table(heads, rows, text_columns=(0, 3, 4))
+    return ReportTable(heads, rows, text_columns=(0, 3, 4))
 
 
 def impact_sentence(diagnosis: Diagnosis, effect: Finding) -> str:
@@ -306,7 +306,7 @@ def sizes(effect: Finding, verdict: Verdict) -> list[Size]:
             c.nominal
             for c in verdict.changes
             if (c.name, tuple(c.joints), c.parameter.replace("_", " ")) == place
-            and known(c.nominal)
+            and is_number(c.nominal)
         ]
         change = nominal[-1] if nominal else None
         out.append(replace(size, change=change, signed=True))
@@ -322,7 +322,7 @@ def _sizes(effect: Finding) -> Iterator[Size]:
     if (
         convert is None
         or not all(p.determined for p in parameters)
-        or not all(known(v) for p in parameters for v, _ in p.pairs)
+        or not all(is_number(v) for p in parameters for v, _ in p.pairs)
     ):
         for key, parameter in effect.parameters.items():
             name, unit = key.replace("_", " "), parameter.unit
@@ -333,7 +333,7 @@ def _sizes(effect: Finding) -> Iterator[Size]:
     pairs = zip(*(p.pairs for p in parameters), strict=True)
     for joint, joint_values in zip(joints, pairs, strict=False):
         values = np.array([v for v, _ in joint_values], dtype=float)
-        stds = np.array([s if known(s) else 0.0 for _, s in joint_values])
+        stds = np.array([s if is_number(s) else 0.0 for _, s in joint_values])
         steps = [convert(values + row) for row in _STEP * np.diag(stds)]
         for name, (value, unit) in convert(values).items():
             slopes = [(step[name][0] - value) / _STEP for step in steps]
@@ -345,7 +345,7 @@ def size_of(effect: Finding, verdict: Verdict) -> tuple[str, str]:
 
     Of several joints the smallest and the largest value.
     """
-    determined = [size for size in sizes(effect, verdict) if known(size.value)]
+    determined = [size for size in sizes(effect, verdict) if is_number(size.value)]
     if not determined:
         return "", MISSING
     first = determined[0]

@@ -32,13 +32,13 @@ Positive = Annotated[float, Field(gt=0, allow_inf_nan=False)]
 Share = Annotated[float, Field(ge=0, le=1)]
 
 
-class Table(BaseModel):
+class SpecTable(BaseModel):
     """One table of a TOML file; an unknown key is an error."""
 
     model_config = ConfigDict(frozen=True, extra="forbid", strict=True)
 
 
-class TrajectoryTable(Table):
+class TrajectoryTable(SpecTable):
     """[trajectory]: the reference motion; without a seed one is derived.
 
     `coefficients` are those of a given Fourier motion, or the places of a
@@ -52,14 +52,14 @@ class TrajectoryTable(Table):
     coefficients: Annotated[tuple[_Row, ...], _List] = ()
 
 
-class NoiseTable(Table):
+class NoiseTable(SpecTable):
     """Sensor noise: share of the joint's torque range, and encoder step [rad]."""
 
     torque: Share = 0.015
     encoder: Annotated[float, Field(ge=0, le=0.1)] = 1e-4
 
 
-class EffectTable(Table):
+class EffectTable(SpecTable):
     """[[plant.effect]]: every further key is a parameter of the effect, SI."""
 
     model_config = ConfigDict(frozen=True, extra="allow", strict=True)
@@ -75,7 +75,7 @@ class EffectTable(Table):
         return PlantEffect(self.name, self.joints, parameters, self.onset)
 
 
-class PlantTable(Table):
+class PlantTable(SpecTable):
     """[plant]: the sealed half; without a seed one is derived.
 
     `background` is the background of all joints, `worked_before` the working time of
@@ -91,7 +91,7 @@ class PlantTable(Table):
     worked_before: Annotated[float, Field(ge=0, le=1e6)] = 0.0
 
 
-class RatesTable(Table):
+class RatesTable(SpecTable):
     """[rates]: of the controller and of the log [Hz]."""
 
     control: Annotated[Positive, Field(ge=50, le=20000)] = 1000.0
@@ -111,7 +111,7 @@ class RatesTable(Table):
 NOMINAL = "nominal"
 
 
-class ControllerTable(Table):
+class ControllerTable(SpecTable):
     """[controller]: the model that drives the arm, and how.
 
     `model` is nominal, adopted, or the id of a stored diagnosis, model or calibration;
@@ -134,7 +134,7 @@ class ControllerTable(Table):
         return self
 
 
-class ExperimentSpec(Table):
+class ExperimentSpec(SpecTable):
     """One experiment: SPEC.toml with its defaults.
 
     `start` is the time of the session at which the motion begins [s].

@@ -21,7 +21,7 @@ from warehouse.ids import record_folder
 from warehouse.ids import to_plain as plain_json
 from warehouse.logs import (
     ColumnMap,
-    Understood,
+    LogSummary,
     columns_of,
     read_any,
     unique_ids,
@@ -39,7 +39,7 @@ class Log:
     """One log as it would be stored."""
 
     recording: Recording  # the samples, in SI units at the link side
-    known: Understood  # what was understood of the file
+    summary: LogSummary  # of the file as read
     run_id: str  # the id that it has as a run
     stored: bool  # whether it is in the store already
     manifest: dict  # how it came to be
@@ -67,10 +67,10 @@ def read_logs(request: Import) -> tuple[Robot, tuple[Log, ...]]:
     ]
     first: dict[str, str] = {}
     for log in logs:
-        twin = first.setdefault(log.run_id, log.known.id)
-        if twin != log.known.id:
+        twin = first.setdefault(log.run_id, log.summary.id)
+        if twin != log.summary.id:
             raise InputError(
-                f"'{twin}' and '{log.known.id}' hold the same samples: they are one "
+                f"'{twin}' and '{log.summary.id}' hold the same samples: they are one "
                 "run. Name it once."
             )
     return robot, tuple(logs)
@@ -89,7 +89,7 @@ def check_logs(
         robot,
         tuple(log.recording for log in read),
         columns=columns,
-        doubts=tuple((log.known.id, d) for log in read for d in log.known.doubts),
+        doubts=tuple((log.summary.id, d) for log in read for d in log.summary.doubts),
     )
     report = checked(sets, request.trust_log)
     check_record = {"log_check": report.to_json()}
@@ -117,11 +117,11 @@ def _read_one(
 ) -> Log:
     store = store_folder(request.store)
     with offer_map(spec, request.robot):
-        recording, known = read_any(spec, robot, columns, label)
+        recording, summary = read_any(spec, robot, columns, label)
     run_id = imported_run_id(recording, robot.content_hash)
     return Log(
         recording=recording,
-        known=known,
+        summary=summary,
         run_id=run_id,
         stored=has_record(record_folder(store, "runs", run_id, robot.name)),
         manifest={
@@ -130,16 +130,16 @@ def _read_one(
             "trajectory": request.trajectory,
             "robot_hash": robot.content_hash,
             "serial": robot.serial,
-            "recorded_at": format_moment(_moment(request, known)),
+            "recorded_at": format_moment(_moment(request, summary)),
             "tags": check_tags(request.tags),
-            "log": _printable(plain_json(_about(known, columns))),
+            "log": _printable(plain_json(_about(summary, columns))),
         },
     )
 
 
-def _moment(request: Import, known: Understood) -> datetime | None:
+def _moment(request: Import, summary: LogSummary) -> datetime | None:
     if request.recorded_at is None:
-        return known.recorded_at
+        return summary.recorded_at
     return parse_moment(request.recorded_at, "--recorded-at")
 
 
@@ -169,21 +169,21 @@ def _printable(value: object) -> object:
     return plain(value) if isinstance(value, str) else value
 
 
-def _about(known: Understood, columns: ColumnMap | None) -> dict:
+def _about(summary: LogSummary, columns: ColumnMap | None) -> dict:
     """What the file was and how it was read; its name, not where it lay."""
-    path = Path(known.file)
+    path = Path(summary.file)
     return {
         "file": path.name,
         "sha256": _sha256(path),
-        "window": known.window,
+        "window": summary.window,
         "map": columns,
         "channels": [
             dict(zip(("channel", "column", "unit", "done"), channel, strict=True))
-            for channel in known.channels
+            for channel in summary.channels
         ],
-        "ignored": known.ignored,
-        "notes": known.notes,
-        "warnings": known.warnings,
+        "ignored": summary.ignored,
+        "notes": summary.notes,
+        "warnings": summary.warnings,
     }
 
 

@@ -36,7 +36,7 @@ def to_record(diagnosis: Diagnosis) -> tuple[dict, dict[str, pa.Table]]:
         found: The diagnosis; its verdict and models are kept elsewhere.
     """
     # A cloud without a name is what a joint keeps.
-    clouds = (*diagnosis.clouds, *diagnosis.left)
+    clouds = (*diagnosis.clouds, *diagnosis.residual_clouds)
     record = {
         "sentences": list(diagnosis.sentences),
         "notes": list(diagnosis.notes),
@@ -69,7 +69,7 @@ def from_record(
         ),
         clouds=tuple(c for c in clouds if c.name),
         notes=tuple(record["notes"]),
-        left=tuple(c for c in clouds if not c.name),
+        residual_clouds=tuple(c for c in clouds if not c.name),
         sentences=tuple(record["sentences"]),
     )
 
@@ -228,7 +228,7 @@ def store_outcome(
     """
     request_entry, verdict = {"request": request}, diagnosis.verdict
     each = errors_by_run(diagnosis) if runs.get("held_out") else []
-    known, content = diagnosis.known, {}
+    known, content = diagnosis.adoptable, {}
     if known is not None and known is not diagnosis.models.get("augmented"):
         content = {"known": {"model": model_record(known)}}
         del content["known"]["model"]["robot"]  # it stands there once

@@ -61,7 +61,7 @@ from residual.calibration.views import (
 from residual.effects.base import Trait
 from residual.model.corrected import NEAREST, Column, CorrectedModel
 from residual.model.corrected import Tables as JointTables
-from residual.model.lookup import Axis, Lookup, Table
+from residual.model.lookup import Axis, Lookup, LookupTable
 from residual.model.model import Model
 from residual.recording import Array
 from residual.robot.robot import Robot
@@ -330,14 +330,14 @@ def _column(name: str) -> Column:
 def _of_joint(lookup: Lookup, m: int) -> Lookup:
     """The same for one response alone; tables that are zero for it are left out."""
     tables = [
-        Table(t.axes, t.values[..., [m]])
+        LookupTable(t.axes, t.values[..., [m]])
         for t in lookup.tables
         if t.values[..., m].any()
     ]
     used = sorted({axis for t in tables for axis in t.axes})
     place = {axis: k for k, axis in enumerate(used)}
     axes: list[Axis] = [lookup.axes[axis] for axis in used]
-    moved = [Table(tuple(place[a] for a in t.axes), t.values) for t in tables]
+    moved = [LookupTable(tuple(place[a] for a in t.axes), t.values) for t in tables]
     return Lookup(
         lookup.names,
         (lookup.joints[m],),

@@ -23,7 +23,7 @@ from residual.calibration.effects import (
 )
 from residual.model.compare import is_sure
 from residual.model.corrected import NONE
-from residual.model.lookup import Axis, Lookup, Table
+from residual.model.lookup import Axis, Lookup, LookupTable
 from residual.recording import Array
 
 LEAST_SQUARES, PLSR = "least squares", "plsr"
@@ -148,7 +148,7 @@ class Fits:
             if option.ridge is not None:
                 coefficients[:, j] = self._coefficients(option)[:, j]
         axes: list[Axis] = []
-        tables: list[Table] = []
+        tables: list[LookupTable] = []
         if coefficients.any():
             axes, tables = self.effects.as_tables(coefficients)
         names, low, high = states.names, states.low, states.high

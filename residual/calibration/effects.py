@@ -31,7 +31,7 @@ from scipy.sparse import csr_matrix
 
 from residual.blocks import frozen
 from residual.calibration.levels import DWELL, Levels, quantile_levels
-from residual.model.lookup import Axis, Table
+from residual.model.lookup import Axis, LookupTable
 from residual.recording import Array
 
 LEVELS, WIDTHS = 20, (1, 2, 4)  # of a variable; levels that are one in each width
@@ -183,7 +183,7 @@ class EffectFit:
             out[a:b] -= (self.share[a:b] @ out[a:b]) * out[a:b].any(axis=0)
         return out
 
-    def as_tables(self, coefficients: Array) -> tuple[list[Axis], list[Table]]:
+    def as_tables(self, coefficients: Array) -> tuple[list[Axis], list[LookupTable]]:
         """Return coefficients as tables, those that are zero left out.
 
         Loads are variables behind all states, in the order of the joints.
@@ -192,13 +192,15 @@ class EffectFit:
         cut = np.split(coefficients, self.tables.starts[1:-1])
         axes = [Axis(i, edges) for i, edges in enumerate(states.edges)]
         count = len(axes)
-        out = [Table((i,), frozen(t)) for i, t in enumerate(cut[:count]) if t.any()]
+        out = [
+            LookupTable((i,), frozen(t)) for i, t in enumerate(cut[:count]) if t.any()
+        ]
         for j, values in enumerate(cut[count:]):
             if not values.any():
                 continue
             sizes = loads.sizes[2 * j : 2 * j + 2]
             place, values = len(axes), values.reshape(*sizes, -1)
-            out.append(Table((place, place + 1), frozen(values.copy())))
+            out.append(LookupTable((place, place + 1), frozen(values.copy())))
             axes.append(Axis(self.tables.speeds[j], loads.edges[2 * j]))
             axes.append(Axis(count + j, loads.edges[2 * j + 1]))
         return axes, out

@@ -14,7 +14,7 @@ import numpy as np
 from residual.blocks import as_names, as_pair, check_count, frozen
 from residual.calibration.components import EXHAUSTED, leading
 from residual.calibration.levels import Cells, Levels, equal_levels, merge_rows
-from residual.model.lookup import Axis, Lookup, Table
+from residual.model.lookup import Axis, Lookup, LookupTable
 from residual.recording import Array
 
 
@@ -81,7 +81,7 @@ class NominalPls:
             levels.names,
             as_names(None, len(offset), "joint "),
             tuple(Axis(i, edges) for i, edges in enumerate(levels.edges)),
-            tuple(Table(pair, B.reshape(*size, -1)) for pair, B, size in cut),
+            tuple(LookupTable(pair, B.reshape(*size, -1)) for pair, B, size in cut),
             offset,
             frozen(np.zeros((len(levels.names), len(offset)))),
             levels.low,

@@ -123,7 +123,7 @@ def compare_epochs(
         sentences=tuple(
             c.contrast.candidate.group.effect.sentence for c in search.changes
         ),
-        known=augmented.model,
+        adoptable=augmented.model,
     )
 
 

@@ -49,7 +49,7 @@ def diagnose(
         held_out: Logs for the proof. Without any, the last quarter of the longest fit
             log is cut off and held out.
         declared: Effects that the model has; None for the robot's own list. Or the
-            adopted model (`Diagnosis.known`), with the logs behind it as the baseline.
+            adopted model (`Diagnosis.adoptable`), with its logs as the baseline.
         alone: Ignore the baseline, for what the fit logs by themselves leave open.
         check: Faults of the logs. With a certain one nothing is named: what was found
             may be the fault.
@@ -134,8 +134,8 @@ def diagnose(
             *noise_notes(standing.checks, [t for t, _ in validation.kept]),
             *bodies.notes,
         ),
-        left=tuple(one.cloud for one in remains.joints),
+        residual_clouds=tuple(one.cloud for one in remains.joints),
         sentences=tuple(f.effect.sentence for f in named),
-        known=augmented,
+        adoptable=augmented,
         question=question,
     )

@@ -25,7 +25,7 @@ import numpy as np
 from residual.errors import InputError, check_name
 from residual.evidence.design import LAGS
 from residual.evidence.fit import autocorrelation_time
-from residual.identification.structure import Rows
+from residual.identification.structure import JointRows
 from residual.recording import Array
 
 METHODS = ("ols", "wls", "irls")
@@ -115,7 +115,7 @@ class Estimate:
         return self.sd / np.maximum(np.abs(self.theta), 1e-300)
 
 
-def compress(rows: Rows, weights: tuple[Array, ...] | None = None) -> Blocks:
+def compress(rows: JointRows, weights: tuple[Array, ...] | None = None) -> Blocks:
     """Return R_j of every joint, (at most b + 1, b + 1), of rows or weighted rows."""
     out = []
     for j, (x, y) in enumerate(zip(rows.x, rows.y, strict=True)):
@@ -170,12 +170,12 @@ def condition(blocks: Blocks, weight: Array, free: Array) -> float:
     return float(np.linalg.cond(rows / size))
 
 
-def residuals(rows: Rows, theta: Array) -> tuple[Array, ...]:
+def residuals(rows: JointRows, theta: Array) -> tuple[Array, ...]:
     """Return y_j - x_j theta [N m]. Shapes (m_j,)."""
     return tuple(y - x @ theta for x, y in zip(rows.x, rows.y, strict=True))
 
 
-def autocorrelation(rows: Rows, residual: tuple[Array, ...]) -> Array:
+def autocorrelation(rows: JointRows, residual: tuple[Array, ...]) -> Array:
     """Return how many rows of residuals (m_j,) tell as much as one would. (dof,)."""
     out = np.ones(len(residual))
     for j, (values, series) in enumerate(zip(residual, rows.series, strict=True)):
@@ -190,7 +190,9 @@ def autocorrelation(rows: Rows, residual: tuple[Array, ...]) -> Array:
     return out
 
 
-def estimated(rows: Rows, blocks: Blocks, start: Start, options: Options) -> Estimate:
+def estimated(
+    rows: JointRows, blocks: Blocks, start: Start, options: Options
+) -> Estimate:
     """Fit rows, and the same compressed, by the method asked for, with covariance."""
     free = replace(start, precision=None)
     theta = solve(blocks, np.ones(len(rows.y)), free)
@@ -225,7 +227,7 @@ def estimated(rows: Rows, blocks: Blocks, start: Start, options: Options) -> Est
 
 
 def weights_of(
-    rows: Rows, theta: Array, method: str, parameters: int = 0
+    rows: JointRows, theta: Array, method: str, parameters: int = 0
 ) -> tuple[Array, Array, Array]:
     """Return weight w_j, noise s_j [N m] and autocorrelation time t_j of each joint.
 
@@ -246,7 +248,7 @@ def weights_of(
     return weight, noise, memory
 
 
-def _least_noise(rows: Rows) -> float:
+def _least_noise(rows: JointRows) -> float:
     return _FLOOR * max(rows.rms.max(), 1e-9)
 
 
@@ -263,7 +265,7 @@ def _covariance(blocks: Blocks, start: Start, bread: Array, meat: Array) -> Arra
 
 
 def reweighted(
-    rows: Rows, start: Start, theta: Array, memory: Array, loss: str
+    rows: JointRows, start: Start, theta: Array, memory: Array, loss: str
 ) -> tuple[Array, Array, tuple[Array, ...]]:
     """Fit until weights and parameters agree; bisquare starts from Huber.
 
@@ -284,7 +286,7 @@ def reweighted(
     return theta, noise, weights
 
 
-def _loss_means(rows: Rows, theta: Array, noise: Array, loss: str) -> Array:
+def _loss_means(rows: JointRows, theta: Array, noise: Array, loss: str) -> Array:
     """Mean psi' and mean psi^2 of each joint's standardised residuals. (2, dof).
 
     They turn the covariance of least squares into that of the robust fit.

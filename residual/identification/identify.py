@@ -24,8 +24,8 @@ from residual.identification.estimate import (
     weights_of,
 )
 from residual.identification.structure import (
+    JointRows,
     Preflight,
-    Rows,
     doubt,
     load,
     preflight,
@@ -199,7 +199,7 @@ def _fitted(
     return Identification(options, logs, nominal, model, *fit)
 
 
-def _check_rows(rows: Rows, parameters: int) -> None:
+def _check_rows(rows: JointRows, parameters: int) -> None:
     total, least = int(rows.counts.sum()), _ROWS_PER_PARAMETER * parameters
     if total == 0:
         raise InputError(

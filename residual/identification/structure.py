@@ -43,7 +43,7 @@ _LARGEST = 1e9
 
 
 @dataclass(frozen=True, eq=False, slots=True)
-class Rows:
+class JointRows:
     """The rows of each joint that count, filtered: y_j = x_j theta + noise."""
 
     x: tuple[Array, ...]  # columns of the base parameters, per joint, (m_j, b)
@@ -105,7 +105,7 @@ def state_at(model: Model, q: Array, qd: Array, qdd: Array) -> State:
     return State(model.robot, 1.0, t, q, qd, qdd, np.sign(qd), regressor, rigid, rigid)
 
 
-def rows_of(model: Model, tracks: tuple[Track, ...], base: BaseParameters) -> Rows:
+def rows_of(model: Model, tracks: tuple[Track, ...], base: BaseParameters) -> JointRows:
     """Filter torque and base columns alike, and keep the rows that count.
 
     Rows of joint j are samples at which joint j moves (``signals``).
@@ -123,7 +123,7 @@ def rows_of(model: Model, tracks: tuple[Track, ...], base: BaseParameters) -> Ro
             series = np.column_stack([np.full(len(use), number), use])
             made[j].append((x, track.tau[use, j], series))
     parts = ([np.concatenate(p) for p in zip(*own, strict=True)] for own in made)
-    return Rows(*map(tuple, zip(*parts, strict=True)))
+    return JointRows(*map(tuple, zip(*parts, strict=True)))
 
 
 def doubt(model: Model, rms: Array, columns: Array) -> Array:

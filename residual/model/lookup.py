@@ -39,7 +39,7 @@ class Axis:
 
 
 @dataclass(frozen=True, eq=False, slots=True)
-class Table:
+class LookupTable:
     """Corrections by the levels of one axis or two."""
 
     axes: tuple[int, ...]  # numbers of its axes
@@ -50,7 +50,7 @@ Pieces = tuple[Array, Array]
 
 
 def pack(
-    axes: Sequence[Axis], tables: Sequence[Table], linear: Pieces, span: Pieces
+    axes: Sequence[Axis], tables: Sequence[LookupTable], linear: Pieces, span: Pieces
 ) -> tuple[Array, ...]:
     """Return the arrays that the compiled evaluation reads.
 
@@ -150,7 +150,7 @@ class Lookup:
     joints: tuple[str, ...]  # names of the responses
     # Levels, and corrections on them.
     axes: tuple[Axis, ...]
-    tables: tuple[Table, ...]
+    tables: tuple[LookupTable, ...]
     offset: Array  # , (j,)
     slope: Array  # shape (d, j); zero where nothing is linear
     # Calibrated range, (d,).
@@ -192,7 +192,8 @@ class Lookup:
         """The way back."""
         axes = (Axis(a["variable"], np.array(a["edges"])) for a in record["axes"])
         tables = (
-            Table(tuple(t["axes"]), np.array(t["values"])) for t in record["tables"]
+            LookupTable(tuple(t["axes"]), np.array(t["values"]))
+            for t in record["tables"]
         )
         names, joints = tuple(record["names"]), tuple(record["joints"])
         arrays = (np.array(record[name]) for name in ("offset", "slope", "low", "high"))
@@ -207,7 +208,7 @@ class Lookup:
                 for i, variable in enumerate(held["axis_variable"])
             )
             tables = tuple(
-                Table(tuple(int(a) for a in pair if a >= 0), held[f"values_{i}"])
+                LookupTable(tuple(int(a) for a in pair if a >= 0), held[f"values_{i}"])
                 for i, pair in enumerate(held["table_axes"])
             )
             names, joints = (tuple(held[k].tolist()) for k in ("names", "joints"))

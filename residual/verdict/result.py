@@ -435,10 +435,10 @@ class Diagnosis:
         proofs: One per held-out log.
         clouds: Several per finding, at most one per joint.
         notes: What was understood of the signals (rates, filters, delays, masks).
-        left: One per unexplained joint, without a name: what remains, over what it
-            depends on most (over time where that is not known).
+        residual_clouds: One per unexplained joint: its residual over the variable that
+            it depends on most (over time where there is none).
         sentences: One plain sentence per finding, in the order of the findings.
-        known: What may be adopted: the augmented model, or the fit of both epochs.
+        adoptable: Model to adopt: the augmented one, or the fit of both epochs.
         question: What these logs leave open (`planning.question.Question`), for
             `modelgap next`; None of a comparison.
     """
@@ -448,9 +448,9 @@ class Diagnosis:
     proofs: tuple[LogProof, ...] = ()
     clouds: tuple[Cloud, ...] = ()
     notes: tuple[str, ...] = ()
-    left: tuple[Cloud, ...] = ()
+    residual_clouds: tuple[Cloud, ...] = ()
     sentences: tuple[str, ...] = ()
-    known: Model | None = None
+    adoptable: Model | None = None
     question: object | None = None
 
     @property

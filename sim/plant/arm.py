@@ -29,7 +29,7 @@ from sim.plant.sensors import (
     torque_constants,
 )
 from sim.plant.sizes import scatter, usual_limits
-from sim.plant.tables import Constants, State
+from sim.plant.tables import Constants, PlantState
 
 Effects = Sequence[PlantEffect]
 COGGING = "background"  # channel of what the background adds beside friction
@@ -202,7 +202,7 @@ def build_arm(robot: Robot, plant: PlantSpec) -> Arm:
     return Arm(robot, plant.effects, model, base, background, plant.worked_before)
 
 
-def new_state(arm: Arm, start: float) -> State:
+def new_state(arm: Arm, start: float) -> PlantState:
     """Return the state of an arm that has worked since its session began."""
     dof, count = arm.robot.dof, len(arm.effects)
     memory = np.zeros((count + 1) * dof)
@@ -214,7 +214,7 @@ def new_state(arm: Arm, start: float) -> State:
         warmth = warmth_after(arm.background, arm.worked + start)
         memory = np.concatenate([memory, warmth.T.ravel()])
     gears = len(shared(arm.effects))
-    return State(np.zeros((3, dof)), np.zeros(dof + gears), memory)
+    return PlantState(np.zeros((3, dof)), np.zeros(dof + gears), memory)
 
 
 def phases(arm: Arm, steps: int, dt: float, series: Array) -> list[Phase]:

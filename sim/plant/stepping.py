@@ -18,7 +18,7 @@ from sim.plant.arm import Arm, Phase, build_arm, new_state, phases, series_of
 from sim.plant.controller import Controller, Law, controller_of
 from sim.plant.sensors import read, true_angle
 from sim.plant.step import advance
-from sim.plant.tables import State, pack
+from sim.plant.tables import PlantState, pack
 
 
 class DivergedError(ModelgapError):
@@ -130,7 +130,7 @@ class _Run(NamedTuple):
     goal: Array
     rows: Array
     channels: tuple[str, ...]
-    state: State
+    state: PlantState
 
 
 def _run(phase: Phase, run: _Run, q: Array, qd: Array) -> tuple[Array, Array]:
@@ -172,7 +172,9 @@ def pushed(phase: Phase, arm: Moving) -> dict[str, Array]:
     return out
 
 
-def _start(phase: Phase, reference: Reference, state: State) -> tuple[Array, Array]:
+def _start(
+    phase: Phase, reference: Reference, state: PlantState
+) -> tuple[Array, Array]:
     """Return where the arm is when its encoders read the beginning of the motion."""
     motor = true_angle(reference.q[0], phase.errors)
     q, data = motor, phase.model.createData()
@@ -192,7 +194,7 @@ def _give(phase: Phase, load: Array) -> Array:
 
 
 def _join_springs(
-    phase: Phase, before: Phase, state: State, link: tuple[Array, Array]
+    phase: Phase, before: Phase, state: PlantState, link: tuple[Array, Array]
 ) -> None:
     """Let springs that come with an onset bear the load of that moment."""
     now, then = phase.constants, before.constants

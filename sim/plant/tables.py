@@ -97,7 +97,7 @@ class PackedConstants(NamedTuple):
     used: Array
 
 
-class State(NamedTuple):
+class PlantState(NamedTuple):
     """What an arm carries from step to step, changed in place."""
 
     # Angle and speed of the motor side of each joint, at the link [rad, rad/s], and

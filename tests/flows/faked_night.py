@@ -5,7 +5,7 @@ from types import SimpleNamespace
 import numpy as np
 
 from flows.report import stored
-from flows.report.document import Table
+from flows.report.document import ReportTable
 from flows.steps import calibrate, campaign, diagnose, identify, validate
 from flows.steps.models import Choice
 from tests.verdict_documents import typed
@@ -53,7 +53,7 @@ def faked(monkeypatch, tmp_path):
     monkeypatch.setattr(artifacts, "name_of", lambda *_: NAME)
     for module in (identify, calibrate):
         monkeypatch.setattr(module, "read_logs", lambda request: ((), ()))
-    table = Table(("model", "J1"), [("ls", "1.0")])
+    table = ReportTable(("model", "J1"), [("ls", "1.0")])
     for name in ("identified_parts", "calibrated_parts", "validated_parts"):
         monkeypatch.setattr(tasks, name, lambda made: ["All of it.", table])
     take(identify, "identify", (SimpleNamespace(), "ff"))

@@ -231,7 +231,7 @@ def test_a_model_without_its_runs_has_their_motion_with_it(made, arm_nights, tmp
 def test_the_list_says_which_model_is_in_force(fresh, capsys):
     store, *_, id = fresh
     assert main(["adopt", id[:8], "--note", "why", "--store", str(store)]) == 0
-    assert "held-out motion" in capsys.readouterr().out
+    assert "error on unseen motion" in capsys.readouterr().out
     assert main(["models", "--robot", ROBOT, "--store", str(store)]) == 0
     told = capsys.readouterr().out
     assert "adopted" in told

@@ -6,7 +6,6 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from residual.export.exported import to_json
 from scipy.ndimage import maximum_filter1d
 
 from flows.cli import main
@@ -22,13 +21,14 @@ from residual.calibration.calibrate import with_tables
 from residual.calibration.components import state_names
 from residual.effects import registry
 from residual.errors import InputError
+from residual.export.export import to_json
 from residual.model.control import (
     SAMPLES,
     Turning,
     computed_torque,
     feed_forward,
 )
-from residual.model.lookup import Axis, Lookup, Table, export_lookup
+from residual.model.lookup import Axis, Lookup, LookupTable, export_lookup
 from residual.model.model import Model, Term
 from residual.model.record import to_record
 from residual.robot.dynamics import inertial_parameters
@@ -163,7 +163,7 @@ def tables(step=None):
         names,
         tuple(f"joint {j}" for j in range(1, 7)),
         (Axis(axis, edges),),
-        (Table((0,), values),),
+        (LookupTable((0,), values),),
         np.zeros(6),
         np.zeros((size, 6)),
         np.full(size, -10.0),
@@ -300,7 +300,7 @@ def test_tables_of_a_calibration_drive(runs, paper):
         lookup = replace(
             whole,
             joints=whole.joints[:3],
-            tables=(Table((0,), whole.tables[0].values[:, first]),),
+            tables=(LookupTable((0,), whole.tables[0].values[:, first]),),
             offset=whole.offset[first],
             slope=whole.slope[:, first],
         )

@@ -14,7 +14,7 @@ from flows.report import charts
 from flows.report import page as base
 from flows.report.console import show
 from flows.report.diagnosis import print_diagnosis, render
-from flows.report.document import Table
+from flows.report.document import ReportTable
 from residual.model.compare import Cloud, LogProof
 from residual.verdict.document import from_json, to_json
 from residual.verdict.result import Diagnosis
@@ -187,7 +187,7 @@ def test_terminal_stays_within_its_width(name: str, width: int, encoding: str) -
 def test_a_table_that_is_too_wide_prints_a_row_at_a_time_and_cuts_nothing() -> None:
     cells = [f"{n}.125" for n in range(12)]
     file = io.StringIO()
-    table = Table(["effect", *(f"J{n}" for n in range(12))], [["ripple", *cells]])
+    table = ReportTable(["effect", *(f"J{n}" for n in range(12))], [["ripple", *cells]])
     show(Console(file=file, width=60, no_color=True), table)
     words = file.getvalue().replace(",", " ").split()
     assert {"ripple", "J11", *cells} <= set(words)

@@ -12,7 +12,7 @@ import numpy as np
 from residual.recording import Recording
 from residual.robot.robot import Robot, load_robot
 from tests.warehouse.conftest import NAMES, URDF
-from warehouse.logs.read import Understood
+from warehouse.logs.read import LogSummary
 
 Array = np.ndarray
 
@@ -49,7 +49,7 @@ def as_csv(separator: str = ",", decimal: str = ".") -> str:
 
 
 def check_rows(
-    log: Recording, told: Understood, table: Mapping[str, Sequence[float]]
+    log: Recording, told: LogSummary, table: Mapping[str, Sequence[float]]
 ) -> None:
     """Assert that a log has the rows of its file, in their order, all of the good."""
     names = ["t", *(f"{c}{j + 1}" for c in ("q", "tau") for j in range(log.dof))]

@@ -10,7 +10,7 @@ from residual.calibration.components import state_names
 from residual.calibration.rows import MEASURED, PAPER
 from residual.export.export import excitation
 from residual.model.corrected import NEAREST, NONE
-from residual.model.lookup import Axis, Lookup, Table
+from residual.model.lookup import Axis, Lookup, LookupTable
 from residual.model.record import from_record, to_record
 from tests.exports.models import model_with, robot_of
 
@@ -31,7 +31,10 @@ def _lookup(rng) -> Lookup:
         names,
         tuple(f"joint {j}" for j in JOINTS),
         tuple(Axis(k, width * np.array([-2.0, -1.0, 1.0, 2.0])) for k, width in axes),
-        tuple(Table(a, v) for a, v in zip(((0,), (0, 1), (2, 3)), values, strict=True)),
+        tuple(
+            LookupTable(a, v)
+            for a, v in zip(((0,), (0, 1), (2, 3)), values, strict=True)
+        ),
         np.array([0.1, 0.0, 0.3, 0.4, 0.5, 0.6]),
         slope,
         np.full(len(names), -1.0),

@@ -59,7 +59,7 @@ def adopted():
     assert names(found.verdict) == [("spring", (1,))]
     grown = Hidden("coulomb", (2,), {"level": 3.0})
     now = short_case(arm(), spring, grown, seed=63, baseline=False)
-    return found.known, before, now
+    return found.adoptable, before, now
 
 
 @pytest.fixture(scope="module")

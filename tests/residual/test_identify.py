@@ -9,7 +9,7 @@ from residual.errors import InputError
 from residual.identification import estimate
 from residual.identification.estimate import Options, Start
 from residual.identification.identify import identify
-from residual.identification.structure import Rows, rows_of
+from residual.identification.structure import JointRows, rows_of
 from residual.recording import Recording
 from tests.residual.identified import COULOMB, ROTOR, VISCOUS, logs, truth
 
@@ -134,7 +134,7 @@ def random_rows(rng, count=80):
     x = tuple(rng.normal(size=(count, 5)) for _ in range(2))
     y = tuple(rng.normal(size=count) for _ in range(2))
     place = np.column_stack([np.zeros(count, dtype=int), np.arange(count)])
-    return Rows(x, y, (place, place))
+    return JointRows(x, y, (place, place))
 
 
 def test_compressed_rows_are_the_same_least_squares_with_a_prior(rng):
@@ -155,7 +155,7 @@ def test_autocorrelation_of_ar1_noise_is_that_of_its_formula(rng):
     for i in range(1, len(values)):
         values[i] = a * values[i - 1] + np.sqrt(1 - a**2) * values[i]
     place = np.column_stack([np.zeros(len(values), int), np.arange(len(values))])
-    rows = Rows((values[:, None],), (values,), (place,))
+    rows = JointRows((values[:, None],), (values,), (place,))
     made = estimate.autocorrelation(rows, (values,))
     assert made[0] == pytest.approx((1 + a) / (1 - a), rel=0.1)
 

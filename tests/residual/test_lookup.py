@@ -13,7 +13,7 @@ from residual.calibration.choice import MAIN, PAIRS, Option
 from residual.calibration.nominal_pls import NominalForm, fit_nominal_pls
 from residual.errors import InputError
 from residual.model.evaluate import by_row, predict
-from residual.model.lookup import Axis, Lookup, Table, export_lookup, find_triples
+from residual.model.lookup import Axis, Lookup, LookupTable, export_lookup, find_triples
 from tests.residual.motion_blocks import NAMES, motion
 from tests.residual.test_choice import fitted
 
@@ -46,7 +46,7 @@ def test_any_number_of_joints_and_kinds_of_table_add_up(rng, joints):
         ("a", "b", "c"),
         tuple(f"joint {j}" for j in range(joints)),
         (Axis(2, edges), Axis(0, np.array([0.25]))),
-        (Table((0,), one), Table((0, 1), two)),
+        (LookupTable((0,), one), LookupTable((0, 1), two)),
         offset,
         slope,
         np.array([-1.0, -1, -1]),
@@ -73,7 +73,7 @@ def test_twelve_triples_hold_all_pairs_of_nine_axes_once():
 
 def test_tables_of_the_same_axes_are_added(rng):
     axes = Axis(0, np.array([0.0])), Axis(1, np.array([-0.5, 0.5]))
-    tables = tuple(Table((0, 1), rng.normal(size=(2, 3, 1))) for _ in range(2))
+    tables = tuple(LookupTable((0, 1), rng.normal(size=(2, 3, 1))) for _ in range(2))
     low, high, none = -np.ones(2), np.ones(2), np.zeros((2, 1))
     lookup = Lookup(("a", "b"), ("j",), axes, tables, np.zeros(1), none, low, high)
     y = lookup.predict(np.array([[0.5, 0.0]]))[0, 0]

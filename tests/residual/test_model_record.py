@@ -13,7 +13,7 @@ from residual.effects import registry
 from residual.effects.base import Span
 from residual.errors import InputError, UnknownNameError
 from residual.model.corrected import NONE, CorrectedModel, Tables
-from residual.model.lookup import Axis, Lookup, Table
+from residual.model.lookup import Axis, Lookup, LookupTable
 from residual.model.model import Model, Term
 from residual.model.record import from_record, load_model, to_record
 from residual.robot.dynamics import inertial_parameters
@@ -73,8 +73,8 @@ def lookup(rng) -> Lookup:
         joints=("J1",),
         axes=(Axis(0, edges), Axis(1, edges + 0.1)),
         tables=(
-            Table((0,), rng.normal(size=(4, 1))),
-            Table((0, 1), rng.normal(size=(4, 4, 1))),
+            LookupTable((0,), rng.normal(size=(4, 1))),
+            LookupTable((0, 1), rng.normal(size=(4, 4, 1))),
         ),
         offset=rng.normal(size=1),
         slope=rng.normal(size=(3, 1)),

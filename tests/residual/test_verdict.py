@@ -422,7 +422,7 @@ def test_what_knocks_with_time_is_told_with_its_frequency_and_left_uncorrected()
     assert any("joint 2: not correctable from state" in w for w in verdict["warnings"])
     for table in TABLES:
         assert verdict["error"][table]["plsr"] == verdict["error"][table]["augmented"]
-    (cloud,) = outcome.left
+    (cloud,) = outcome.residual_clouds
     assert (cloud.joint, cloud.name) == (2, "")
     assert (
         cloud.x.shape == cloud.residual.shape == cloud.fitted.shape == cloud.log.shape

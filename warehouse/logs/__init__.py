@@ -6,14 +6,14 @@ from warehouse.logs.columns import (
     columns_of,
     load_columns,
 )
-from warehouse.logs.read import Understood, read_any, read_log, read_table
+from warehouse.logs.read import LogSummary, read_any, read_log, read_table
 from warehouse.logs.window import Doubt, check_distinct, unique_ids
 
 __all__ = [
     "ColumnMap",
     "Doubt",
+    "LogSummary",
     "MissingColumnsError",
-    "Understood",
     "check_distinct",
     "columns_of",
     "load_columns",

@@ -163,7 +163,7 @@ def open_log(path: Path, columns: ColumnMap, joints: Sequence[str]) -> LogFile:
 
 
 @dataclass(frozen=True, slots=True)
-class Understood:
+class LogSummary:
     """What was read, what was not, and what was converted."""
 
     id: str  # label of the recording
@@ -197,7 +197,7 @@ class Understood:
 
 def read_log(
     spec: str, robot: Robot, columns: ColumnMap | None = None, label: str | None = None
-) -> tuple[Recording, Understood]:
+) -> tuple[Recording, LogSummary]:
     """Read a log of any known format.
 
     Args:
@@ -219,7 +219,7 @@ def read_log(
 
 def read_any(
     spec: str, robot: Robot, columns: ColumnMap | None = None, label: str | None = None
-) -> tuple[Recording, Understood]:
+) -> tuple[Recording, LogSummary]:
     """Read a log as `read_log`, also where its samples can be none of this arm.
 
     Rows without a number or at a time that was before are left out. What is wrong is
@@ -237,7 +237,7 @@ def read_any(
     return read_opened(log, robot, columns, label, str(path), window)
 
 
-def refuse_doubts(understood: Understood) -> None:
+def refuse_doubts(understood: LogSummary) -> None:
     """Refuse a log that can be none of this arm."""
     for doubt in understood.doubts:
         if doubt.certain:
@@ -298,7 +298,7 @@ class TableLog(LogFile):
 
 def read_table(
     table: Mapping, robot: Robot, columns: ColumnMap | None = None, label: str = "log"
-) -> tuple[Recording, Understood]:
+) -> tuple[Recording, LogSummary]:
     """Read a log that is in memory already, as `read_log` reads a file.
 
     Args:
@@ -318,7 +318,7 @@ def read_opened(
     label: str,
     file: str,
     window: Window | None = None,
-) -> tuple[Recording, Understood]:
+) -> tuple[Recording, LogSummary]:
     """Read a log that is open, as `read_any`.
 
     Args:
@@ -344,7 +344,7 @@ def read_opened(
     clock = [f"t: {slower}"] if slower else []
     clock += [] if columns.time_unit == "s" else [f"t: {columns.time_unit} to s"]
     joints = chosen.signals.items()
-    understood = Understood(
+    understood = LogSummary(
         id=label,
         file=file,
         window=None if window is None else window.text,

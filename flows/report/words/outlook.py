@@ -15,7 +15,7 @@ from flows.report.words.phrases import (
 from residual.errors import joints_listed
 from residual.planning.promise import sure_words
 from residual.planning.question import NOTHING, TOGETHER
-from residual.quantity import MISSING, fraction, known, measured, number, unit_text
+from residual.quantity import MISSING, fraction, is_number, measured, number, unit_text
 from residual.verdict.result import (
     LOAD,
     MOTION,
@@ -40,7 +40,9 @@ def detectable_rows(verdict: Verdict) -> tuple[list[str], list[list[str]]]:
         name = " ".join([*item.name.split("_"), *map(str, item.joints[local:])])
         row = sizes.setdefault(f"{name} [{unit}]" if unit else name, {})
         size = "" if item.value is None else f"{item.value:.2g}"
-        size = number(item.value) if known(item.value) and item.value >= 100 else size
+        size = (
+            number(item.value) if is_number(item.value) and item.value >= 100 else size
+        )
         row[item.joints[0] if local else _WHOLE_ARM] = size or NEVER
     columns = sorted({column for row in sizes.values() for column in row})
     heads = ["arm" if c == _WHOLE_ARM else f"J{c}" for c in columns]
@@ -54,14 +56,14 @@ def unexplained_words(verdict: Verdict) -> list[str]:
     """Return the unexplained torque in sentences."""
     unexplained = verdict.unexplained
     words = []
-    if known(unexplained.fraction):
+    if is_number(unexplained.fraction):
         noise = f"; noise alone is {fraction(unexplained.noise_floor)}"
         source = (
             f" (estimated from {unexplained.noise_model})"
             if unexplained.noise_model
             else ""
         )
-        noise = noise + source if known(unexplained.noise_floor) else ""
+        noise = noise + source if is_number(unexplained.noise_floor) else ""
         words.append(
             f"Unexplained: {fraction(unexplained.fraction)} of the torque{noise}."
         )
@@ -201,7 +203,7 @@ def _value_name(change: Change, verdict: Verdict) -> str:
 
 def _share(change: Change) -> float:
     """By how much a value is off, as a share of the nominal."""
-    if not known(change.identified) or not known(change.nominal):
+    if not is_number(change.identified) or not is_number(change.nominal):
         return 0.0
     gap = change.identified - change.nominal
     return gap / abs(change.nominal) if change.nominal else float("inf")
@@ -219,7 +221,7 @@ def next_words(verdict: Verdict) -> list[str]:
     chance = plan["chance"]
     sure = sure_words(plan["seconds"], plan.get("sure_after"), chance)
     if plan["family"] is None:
-        chances = f" ({sure})" if known(chance) else ""
+        chances = f" ({sure})" if is_number(chance) else ""
         return [
             f"{seconds} s of another motion may separate {apart}{chances}, if no "
             "obstacle is in the way: modelgap next designs it for this arm."
@@ -230,7 +232,7 @@ def next_words(verdict: Verdict) -> list[str]:
     program = plan["program"]
     return [
         f"{seconds} s of {family} motion{times} separates {apart}.",
-        *([f"The question is {sure}."] if known(chance) else []),
+        *([f"The question is {sure}."] if is_number(chance) else []),
         f"Program for the controller: {program}"
         if program
         else "modelgap next looks for a better one and writes it for a controller.",

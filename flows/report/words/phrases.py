@@ -11,7 +11,7 @@ from markupsafe import Markup
 
 from residual.effects import registry
 from residual.effects.base import Effect
-from residual.quantity import MISSING, known, measured, percent
+from residual.quantity import MISSING, is_number, measured, percent
 from residual.verdict.result import Detectable, Edit, Finding, Place, Verdict
 
 # Effects, joints and lists in words, for sentences and tables.
@@ -126,7 +126,7 @@ def edit_sentence(edit: Edit) -> str:
         "least squares": edit.least_squares,
         "baseline's own model": edit.reference,
     }
-    listed = "; ".join(f"{k} {percent(v)}" for k, v in parts.items() if known(v))
+    listed = "; ".join(f"{k} {percent(v)}" for k, v in parts.items() if is_number(v))
     return (
         f"Edit test: without {phrase(place)} the model predicts logs that never had "
         f"it to {percent(edit.error)} of torque{listed and f' ({listed})'}."
@@ -135,7 +135,7 @@ def edit_sentence(edit: Edit) -> str:
 
 def edit_sentences(verdict: Verdict) -> list[str]:
     """Return the edit test of each effect of a verdict on its baseline."""
-    return [edit_sentence(edit) for edit in verdict.edit or () if known(edit.error)]
+    return [edit_sentence(edit) for edit in verdict.edit or () if is_number(edit.error)]
 
 
 @dataclass(frozen=True, slots=True)

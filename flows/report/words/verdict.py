@@ -15,7 +15,7 @@ from flows.report.words.phrases import (
 )
 from residual.check.result import Fault, LogCheck
 from residual.effects.base import Trait
-from residual.quantity import bare_percent, known, percent, probability
+from residual.quantity import bare_percent, is_number, percent, probability
 from residual.verdict.result import STAGES, ErrorTables, Finding, Verdict
 
 CLEAN = "No problems found: units, signs, joint order and timing are consistent."
@@ -119,8 +119,8 @@ def claim(verdict: Verdict) -> str:
             "apply the fix that `modelgap check` proposes."
         )
     nominal, refit = map(verdict.error.overall_moving.get, STAGES[:2])
-    if (known(refit) and refit > _NO_MODEL) or (
-        known(nominal) and nominal > _NO_NOMINAL
+    if (is_number(refit) and refit > _NO_MODEL) or (
+        is_number(nominal) and nominal > _NO_NOMINAL
     ):
         return (
             "The model does not describe these logs, so no effect can be named: check "
@@ -145,7 +145,7 @@ def _effects(verdict: Verdict) -> str:
     if wrong:
         value = "wrong values" if len(wrong) > 1 else "a wrong value"
         clauses.append(f"has {value} for {listing(wrong)}")
-    likely = [e.probability for e in shown if known(e.probability)]
+    likely = [e.probability for e in shown if is_number(e.probability)]
     hedge = "most likely " if min(likely, default=1.0) < _SURE else ""
     return f"The model {hedge}{listing(clauses)}."
 
@@ -156,7 +156,7 @@ def is_wrong_value(effect: Finding, verdict: Verdict) -> bool:
     if effect.name in verdict.declared or Trait.IN_EVERY_MODEL in traits:
         return True
     mass = effect.parameters.get("mass")
-    return mass is not None and known(mass.value) and mass.value < 0
+    return mass is not None and is_number(mass.value) and mass.value < 0
 
 
 def error_levels(errors: ErrorTables) -> dict[str, float]:
@@ -166,8 +166,8 @@ def error_levels(errors: ErrorTables) -> dict[str, float]:
     standstill, and no model does.
     """
     for levels in (errors.overall_moving, errors.overall_filtered, errors.overall):
-        if known(levels.get("identified")) or known(levels.get("augmented")):
-            return {k: levels[k] for k in STAGES[:3] if known(levels.get(k))}
+        if is_number(levels.get("identified")) or is_number(levels.get("augmented")):
+            return {k: levels[k] for k in STAGES[:3] if is_number(levels.get(k))}
     return {}
 
 
@@ -194,7 +194,7 @@ def error_sentence(verdict: Verdict) -> str:
     else:
         words["augmented"] = with_findings(verdict)
         after = levels["augmented"]
-        if known(nominal) and known(refit):
+        if is_number(nominal) and is_number(refit):
             between = nominal > _DIFFERS * refit and refit > _DIFFERS * after
             levels = levels if between else {"nominal": nominal, "augmented": after}
     if not levels:
