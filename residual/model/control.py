@@ -123,14 +123,12 @@ def computed_torque(
     model: Model | CorrectedModel,
     t: Array,
     motion: Sequence[Array],
-    turning: Turning = AS_MEASURED,
 ) -> Law:
     """Return the law of computed torque, with the mass matrix of that model.
 
     Args:
         t: Times of the reference, evenly spaced [s]. Shape (n,).
         motion: q, qd and qdd of the reference. Shapes (n, dof).
-        turning: How friction turns at reversals.
 
     Returns:
         From step, position, speed and wanted acceleration to torque [N m]. (dof,).
@@ -139,7 +137,7 @@ def computed_torque(
     base: Model = getattr(made, "model", made)
     rotor = base.drive()[1]
     body = with_inertial_parameters(base.robot.model, base.loaded())
-    data, along = body.createData(), feed_forward(model, t, motion, turning)
+    data, along = body.createData(), feed_forward(model, t, motion)
     q, qd, qdd = motion
     beside = along - inverse_dynamics(body, q, qd, qdd) - rotor * qdd
 

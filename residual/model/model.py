@@ -321,20 +321,16 @@ class Model:
         motion = track.q, track.qd, track.qdd
         return self.state(track.rate, t, motion)
 
-    def state(
-        self, rate: float, t: Array, motion: Sequence[Array], regressor=None
-    ) -> State:
+    def state(self, rate: float, t: Array, motion: Sequence[Array]) -> State:
         """What the effects see of a motion that is known, with this model's own torque.
 
         Args:
             rate: Sample rate [Hz].
             t: Session time [s]. Shape (n,).
             motion: q, qd and qdd in SI units. Shapes (n, dof).
-            regressor: Its inertial regressor, where it is known already.
         """
         q, qd, qdd = motion
-        if regressor is None:
-            regressor = LazyRegressor(self.robot, (q, qd, qdd))
+        regressor = LazyRegressor(self.robot, (q, qd, qdd))
         rigid = regressor @ self.inertial
         state = State(
             robot=self.robot,

@@ -71,19 +71,6 @@ def gravity_torque(model: pin.Model, q: Array, direction: Array) -> Array:
     return _over((model.nv,), pin.computeGeneralizedGravity, tilted, q)
 
 
-def torque_by_angle(model: pin.Model, q: Array, qd: Array, qdd: Array) -> Array:
-    """Return the change of the torques with each angle, the last axis. (n, dof, dof).
-
-    In N m/rad, of the rigid body.
-    """
-
-    def gradient(*sample) -> Array:
-        pin.computeRNEADerivatives(*sample)
-        return sample[1].dtau_dq
-
-    return _over((model.nv, model.nv), gradient, model, q, qd, qdd)
-
-
 def flange_jacobian(model: pin.Model, q: Array) -> Array:
     """Return the Jacobian of the flange, the last frame of the arm. Shape (n, 6, dof).
 

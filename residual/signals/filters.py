@@ -1,4 +1,4 @@
-"""The zero-phase low-pass, every k-th value of it as one product; power spectra.
+"""The zero-phase low-pass, every k-th value of it as one product.
 
 Written out here since `scipy.signal`, with all that it brings, takes longer to import
 than most logs take to be diagnosed.
@@ -14,7 +14,6 @@ CUTOFF = 8.0  # Hz, of the identification filter; lower for slow logs
 ORDER = 4  # of the Butterworth filter, which runs forwards and backwards
 REACH = 4.5  # periods of the cut-off after which it has forgotten all but 1e-5
 BLOCK = 16  # rows that are made at once
-_HARRIS = (0.35875, 0.48829, 0.14128, 0.01168)  # Blackman-Harris, four terms
 
 
 def low_pass(
@@ -95,32 +94,6 @@ def _impulse_response(cutoff: float, rate: float, reach: int) -> Array:
     pulse = np.fft.irfft(np.append(gain, 0.0))
     taps = np.concatenate([pulse[-reach:], pulse[: reach + 1]])
     return taps / taps.sum()
-
-
-def power_density(x: Array, length: int, robust: bool = False) -> tuple[Array, Array]:
-    """Power per share of the sampling rate, of segments that overlap by half.
-
-    By averaged periodograms (Welch 1967).
-
-    Args:
-        x: Signals. Shape (n, k), n at least the length.
-        length: Samples of a segment; its mean is taken out.
-        robust: Take the median of the segments instead of their mean.
-
-    Returns:
-        Frequencies as shares of the sampling rate, and densities [x^2]. Shapes (f,),
-        (f, k).
-    """
-    turn = 2 * np.pi * np.arange(length) / length
-    terms = (a * (-1) ** i * np.cos(i * turn) for i, a in enumerate(_HARRIS))
-    window = np.sum(list(terms), axis=0)
-    parts = np.lib.stride_tricks.sliding_window_view(x, length, axis=0)
-    parts = parts[:: max(length // 2, 1)]
-    parts = (parts - parts.mean(axis=-1, keepdims=True)) * window
-    power = np.abs(np.fft.rfft(parts)) ** 2 / (window**2).sum()
-    # The median of a squared normal is short of its mean by the logarithm of 2.
-    middle = np.median(power, axis=0) / np.log(2) if robust else power.mean(axis=0)
-    return np.fft.rfftfreq(length), 2 * middle.T
 
 
 def randomise_phases(spectrum: Array, rows: int, rng: np.random.Generator) -> Array:
