@@ -81,26 +81,17 @@ def feed_forward(
     since = t - t[0] if base.clock is None else t
     state = base.state(rate, since, motion)
     most = turning.torque_rate(base.robot) / rate
-    state = _ramped(base, state, most)
+    # Friction turns at the torque rate at most. A reversal is known beforehand, so the
+    # ramp lies around it, half before.
+    ends = [base.torque_of_state(_turned(base, state, d)) for d in (1.0, -1.0)]
+    swing = np.abs(ends[0] - ends[1]).max(axis=0)
+    state = _turned(base, state, _ramp(state.sign, swing / most))
     torque = base.torque_of_state(state)
     if made is base:
         return torque
     # Tables step from level to level, at reversals and elsewhere.
     step = made.torque_of_state(state) - torque
     return torque + _ramp(step, np.ptp(step, axis=0) / most)
-
-
-def _ramped(base: Model, state: State, most: Array) -> State:
-    """The same with friction that turns at the stated torque rate at most.
-
-    A reversal is known beforehand, so the ramp lies around it, half before.
-
-    Args:
-        most: By how much torque may change from sample to sample [N m]. Shape (dof,).
-    """
-    ends = [base.torque_of_state(_turned(base, state, d)) for d in (1.0, -1.0)]
-    swing = np.abs(ends[0] - ends[1]).max(axis=0)
-    return _turned(base, state, _ramp(state.sign, swing / most))
 
 
 def _ramp(steps: Array, samples: Array) -> Array:
@@ -123,12 +114,14 @@ def computed_torque(
     model: Model | CorrectedModel,
     t: Array,
     motion: Sequence[Array],
+    turning: Turning = AS_MEASURED,
 ) -> Law:
     """Return the law of computed torque, with the mass matrix of that model.
 
     Args:
         t: Times of the reference, evenly spaced [s]. Shape (n,).
         motion: q, qd and qdd of the reference. Shapes (n, dof).
+        turning: How friction turns at reversals.
 
     Returns:
         From step, position, speed and wanted acceleration to torque [N m]. (dof,).
@@ -137,7 +130,7 @@ def computed_torque(
     base: Model = getattr(made, "model", made)
     rotor = base.drive()[1]
     body = with_inertial_parameters(base.robot.model, base.loaded())
-    data, along = body.createData(), feed_forward(model, t, motion)
+    data, along = body.createData(), feed_forward(model, t, motion, turning)
     q, qd, qdd = motion
     beside = along - inverse_dynamics(body, q, qd, qdd) - rotor * qdd
 
