@@ -21,17 +21,6 @@ LARGEST = 64 << 20  # bytes of a file whose kind is still asked for
 FASTEST = 1e6  # Hz: no controller logs faster, and memory grows with it
 
 
-def check_whole(model: Model) -> None:
-    """Refuse a model whose parts have other sizes or kinds than they must.
-
-    Raises:
-        InputError: If torques could not be computed with it.
-    """
-    wrong = _wrong(model)
-    if wrong:
-        raise InputError(f"The record of a model is damaged: {wrong}.")
-
-
 def _wrong(model: Model) -> str | None:
     dof, floor, filters = model.robot.dof, model.speed_floor, astuple(model.filters)
     kinds = {shape.kind for shape in CHOICES}
@@ -111,11 +100,13 @@ def from_record(record: Mapping) -> Model | CorrectedModel:
         InputError: If it is of another form, or damaged.
     """
     try:
-        made = (CorrectedModel if "tables" in record else Model).from_record(record)
-        check_whole(getattr(made, "model", made))
+        model = (CorrectedModel if "tables" in record else Model).from_record(record)
+        wrong = _wrong(getattr(model, "model", model))
     except _DAMAGED as error:
         raise InputError(f"The record of a model is damaged: {error}.") from error
-    return made
+    if wrong:
+        raise InputError(f"The record of a model is damaged: {wrong}.")
+    return model
 
 
 def load_model(path: str | Path) -> Model | CorrectedModel:
@@ -187,30 +178,20 @@ def robot_files(model: Model, source: str = "") -> dict[str, bytes]:
     """
     name = model.robot.name
     urdf = with_inertials(model.robot, model.inertial)
-    return {f"{name}.urdf": urdf.encode(), "robot.toml": robot_toml(model, source)}
-
-
-def robot_toml(model: Model, source: str) -> bytes:
-    """Return the robot.toml of a model: the robot's own, its declared values new."""
     content = json.loads(model.robot.toml)
-    own = {"name": model.robot.name}
-    own["gravity"] = [float(g) for g in model.robot.model.gravity.linear]
-    content["robot"] = content.get("robot", {}) | own
+    gravity = [float(g) for g in model.robot.model.gravity.linear]
+    content["robot"] = content.get("robot", {}) | {"name": name, "gravity": gravity}
     content["declared"] = {
         effect: {key: [float(v) for v in array] for key, array in values.items()}
         | ({"source": source} if source else {})
-        for effect, values in declared_values(model).items()
+        for effect, values in _declared_values(model).items()
     }
-    head = _HEAD.format(name=model.robot.name)
-    return (head + tomli_w.dumps(content)).encode()
+    toml = _HEAD.format(name=name) + tomli_w.dumps(content)
+    return {f"{name}.urdf": urdf.encode(), "robot.toml": toml.encode()}
 
 
-def declared_values(model: Model) -> Mapping[str, Mapping[str, np.ndarray]]:
-    """Return the values of the model's effects by name and parameter key. (dof,) each.
-
-    Raises:
-        InputError: If an effect stands in the model twice on one joint.
-    """
+def _declared_values(model: Model) -> dict[str, dict[str, np.ndarray]]:
+    """Values of the model's effects by name and parameter key. (dof,) each."""
     out: dict[str, dict[str, np.ndarray]] = {}
     seen = set()
     for term in model.terms:
