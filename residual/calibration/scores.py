@@ -10,7 +10,6 @@ from dataclasses import dataclass
 from functools import partial
 
 import numpy as np
-from scipy.sparse import csr_matrix
 
 from residual.blocks import check_varying
 from residual.calibration.choice import (
@@ -196,7 +195,7 @@ def try_forms(
         taught = known.with_fitted_standstill() if once is None else once.rows(kept)
         own = None
         if counts is not None:  # of few rows less than of many
-            own = partial(_less, counts, every.Z[out])
+            own = partial(lambda n, Z: n - pair_counts(Z), counts, every.Z[out])
         fits = fit_forms(taught, tables, own)
         predicted = fits.forecasts(new, options)
         fitted.append(_squares(known, fits.forecasts(known, options)))
@@ -223,10 +222,6 @@ def try_forms(
         seconds,
         forecasts,
     )
-
-
-def _less(counts: Array, Z: csr_matrix) -> Array:
-    return counts - pair_counts(Z)
 
 
 def training_of(rows: Rows, Y: Array, tables: Tables) -> Training:

@@ -209,7 +209,19 @@ def estimated(
     outliers = np.zeros(len(weight))
     if options.method == "irls":
         theta, noise, weights = reweighted(rows, start, theta, memory, options.loss)
-        means = _loss_means(rows, theta, noise, options.loss)
+        # Mean psi' and mean psi^2 of each joint's standardised residuals turn the
+        # covariance of least squares into that of the robust fit.
+        for j, (r, s) in enumerate(zip(residuals(rows, theta), noise, strict=True)):
+            if len(r) == 0:
+                continue
+            u = r / s
+            means[1, j] = np.mean((_weight(u, options.loss) * u) ** 2)
+            if options.loss == "huber":
+                slope = np.abs(u) <= _K
+            else:
+                v = (u / _C) ** 2
+                slope = np.where(v < 1, (1 - v) * (1 - 5 * v), 0.0)
+            means[0, j] = max(np.mean(slope), 0.05)
         weight = 1 / (noise**2 * memory)
         outliers = np.array([np.mean(w < 0.5) if len(w) else 0.0 for w in weights])
     bread, meat = weight * means[0], weight**2 * means[1] * noise**2 * memory
@@ -284,26 +296,6 @@ def reweighted(
         if np.all(np.abs(theta - before) <= 1e-7 * start.size):
             break
     return theta, noise, weights
-
-
-def _loss_means(rows: JointRows, theta: Array, noise: Array, loss: str) -> Array:
-    """Mean psi' and mean psi^2 of each joint's standardised residuals. (2, dof).
-
-    They turn the covariance of least squares into that of the robust fit.
-    """
-    out = np.ones((2, len(noise)))
-    for j, (r, s) in enumerate(zip(residuals(rows, theta), noise, strict=True)):
-        if len(r) == 0:
-            continue
-        u = r / s
-        out[1, j] = np.mean((_weight(u, loss) * u) ** 2)
-        if loss == "huber":
-            slope = np.abs(u) <= _K
-        else:
-            v = (u / _C) ** 2
-            slope = np.where(v < 1, (1 - v) * (1 - 5 * v), 0.0)
-        out[0, j] = max(np.mean(slope), 0.05)
-    return out
 
 
 def _weight(u: Array, loss: str) -> Array:

@@ -24,7 +24,6 @@ from residual.identification.estimate import (
     weights_of,
 )
 from residual.identification.structure import (
-    JointRows,
     Preflight,
     doubt,
     load,
@@ -74,14 +73,18 @@ def reduce(
     kept = Essential((), start, 0.0, float("nan"))
     theta = estimate.theta
     while len(kept.start.free) > 1:
-        relative = _relative_sd(blocks, weight, kept.start, theta)
+        keep = kept.start.free
+        size, pick = start.size[keep], np.ix_(keep, keep)
+        scaled = gram(blocks, weight)[pick] * np.outer(size, size)
+        covariance = np.linalg.pinv(scaled, rcond=1e-14, hermitian=True)
+        sd = size * np.sqrt(np.maximum(np.diag(covariance), 0))
+        relative = sd / np.maximum(np.abs(theta[keep]), 1e-300)
         if relative.max() <= _LIMIT:
             break
-        worst = int(kept.start.free[np.argmax(relative)])
+        worst = int(keep[np.argmax(relative)])
         value = kept.start.value.copy()
         value[worst] = 0.0
-        free = kept.start.free[kept.start.free != worst]
-        tried = replace(kept.start, value=value, free=free)
+        tried = replace(kept.start, value=value, free=keep[keep != worst])
         theta = solve(blocks, weight, tried)
         count = len(kept.dropped) + 1
         more = float(weight @ squares(blocks, theta)) - least
@@ -91,18 +94,6 @@ def reduce(
             break
         kept = Essential((*kept.dropped, worst), tried, float(ratio), limit)
     return kept
-
-
-def _relative_sd(
-    blocks: tuple[Array, ...], weight: Array, start: Start, theta: Array
-) -> Array:
-    """Relative sd of the free parameters under the weights. Shape (k,)."""
-    size = start.size[start.free]
-    pick = np.ix_(start.free, start.free)
-    scaled = gram(blocks, weight)[pick] * np.outer(size, size)
-    covariance = np.linalg.pinv(scaled, rcond=1e-14, hermitian=True)
-    sd = size * np.sqrt(np.maximum(np.diag(covariance), 0))
-    return sd / np.maximum(np.abs(theta[start.free]), 1e-300)
 
 
 @dataclass(frozen=True, eq=False, slots=True)
@@ -168,7 +159,17 @@ def _fitted(
     nominal: Model, base: BaseParameters, logs: Logs, options: Options
 ) -> Identification:
     rows = rows_of(nominal, logs.tracks, base)
-    _check_rows(rows, len(base))
+    total, least = int(rows.counts.sum()), _ROWS_PER_PARAMETER * len(base)
+    if total == 0:
+        raise InputError(
+            "No joint moves in these logs: there are no rows to identify from. Give "
+            "logs in which joints move for longer than a second."
+        )
+    if total < least:
+        raise InputError(
+            f"Too few rows: {total} moving rows for {len(base)} parameters, expected "
+            f"{least} or more. Give longer logs, or declare fewer effects."
+        )
     states = random_states(nominal.robot.model)
     columns = torque_columns(nominal, state_at(nominal, *states))
     spread = doubt(nominal, rows.rms, columns)
@@ -197,20 +198,6 @@ def _fitted(
     model, left = nominal.with_coefficients(full), compress(rows, estimate.row_weights)
     fit = (base, estimate, theta, wide, seen, essential, left)
     return Identification(options, logs, nominal, model, *fit)
-
-
-def _check_rows(rows: JointRows, parameters: int) -> None:
-    total, least = int(rows.counts.sum()), _ROWS_PER_PARAMETER * parameters
-    if total == 0:
-        raise InputError(
-            "No joint moves in these logs: there are no rows to identify from. Give "
-            "logs in which joints move for longer than a second."
-        )
-    if total < least:
-        raise InputError(
-            f"Too few rows: {total} moving rows for {parameters} parameters, expected "
-            f"{least} or more. Give longer logs, or declare fewer effects."
-        )
 
 
 def _precision(
