@@ -32,7 +32,11 @@ _WORDS = {
 
 def placeholders(robot: Robot, recordings: Sequence[Recording]) -> dict[str, str]:
     """Return which limits no joint keeps to, by the field of the robot, with words."""
-    speed = np.max([_speed(r) for r in recordings], axis=0)
+    speeds = []
+    for r in recordings:
+        stride = max(1, round(STRIDE / float(np.median(np.diff(r.t)))))
+        speeds.append(usual_speed(r, min(stride, len(r.t) // 4 or 1), SHARE))
+    speed = np.max(speeds, axis=0)
     torque = np.max([np.quantile(np.abs(r.tau), SHARE, axis=0) for r in recordings], 0)
     # Another zero, or an encoder that begins again, leaves a range for what it is.
     span = np.max([np.ptp(r.q, axis=0) for r in recordings], axis=0)
@@ -57,11 +61,6 @@ def placeholders(robot: Robot, recordings: Sequence[Recording]) -> dict[str, str
                 f"robot file, and it reaches {size[worst]:.3g} {unit}"
             )
     return out
-
-
-def _speed(recording: Recording) -> Array:
-    stride = max(1, round(STRIDE / float(np.median(np.diff(recording.t)))))
-    return usual_speed(recording, min(stride, len(recording.t) // 4 or 1), SHARE)
 
 
 def _is_placeholder(ratio: Array, limit: Array) -> bool:

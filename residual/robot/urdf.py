@@ -194,9 +194,16 @@ def read_urdf(text: str, where: str, choice: Choice | None = None) -> Arm:
     _check_bodies(tree, chain)
     for name, value in locked.items():
         _lock(tree.joints[name], value, tree)
-    stale = [joint for joint in tree.joints.values() if _is_stale(joint)]
-    for joint in stale:
-        _fix(joint)
+    stale = False
+    for joint in tree.joints.values():  # that do not move, written as if they did
+        limit, kind = joint.find("limit"), joint.get("type")
+        short = limit is not None and not {"velocity", "effort"} <= set(limit.attrib)
+        follows = joint.find("mimic") is not None
+        if kind in ("floating", "planar") or (
+            kind not in MOVING and (short or follows)
+        ):
+            _fix(joint)
+            stale = True
     _refuse(tree.faults, where)
     table = np.array(limits, dtype=float).T
     table.setflags(write=False)
@@ -311,7 +318,11 @@ def _only(
     chains = _apart([_without_hand(tree, mimics, free, j) for j in ends])
     seen = set(logged)
     if any(seen & set(chain) for chain in chains):
-        chains = _apart([_spanned(chain, seen) for chain in chains])
+        spans = []  # from the first joint of each chain that is logged to the last
+        for chain in chains:
+            at = [i for i, name in enumerate(chain) if name in seen]
+            spans.append(chain[at[0] : at[-1] + 1] if at else [])
+        chains = _apart(spans)
         chains.sort(key=len, reverse=True)
         # Beside an arm of six or seven a head of two is none.
         rest = [len(set(other) - set(chains[0])) for other in chains[1:]]
@@ -334,12 +345,6 @@ def _apart(chains: Sequence[list[str]]) -> list[list[str]]:
     """The chains that are no part of another one, each once."""
     once = [list(c) for c in dict.fromkeys(tuple(c) for c in chains) if c]
     return [c for c in once if not any(set(c) < set(other) for other in once)]
-
-
-def _spanned(chain: Sequence[str], logged: set[str]) -> list[str]:
-    """What of a chain lies between the first and the last joint that is logged."""
-    at = [i for i, name in enumerate(chain) if name in logged]
-    return list(chain[at[0] : at[-1] + 1]) if at else []
 
 
 def _without_hand(
@@ -420,15 +425,6 @@ def _lock(joint: ET.Element, value: float, tree: _Tree) -> None:
         turned = pin.rpy.matrixToRpy(moved.rotation)
         node.set("rpy", " ".join(repr(float(x)) for x in turned))
     _fix(joint)
-
-
-def _is_stale(joint: ET.Element) -> bool:
-    """Whether a joint that does not move is written as if it did."""
-    limit = joint.find("limit")
-    short = limit is not None and not {"velocity", "effort"} <= set(limit.attrib)
-    moves = joint.get("type") in MOVING
-    loose = joint.get("type") in ("floating", "planar")
-    return loose or (not moves and (short or joint.find("mimic") is not None))
 
 
 def _fix(joint: ET.Element) -> None:
