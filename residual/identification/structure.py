@@ -19,7 +19,7 @@ import numpy as np
 
 from residual.effects.base import State
 from residual.evidence.priors import inertial_precision
-from residual.model.model import Model, Term, torque_columns
+from residual.model.model import Model, torque_columns
 from residual.recording import Array
 from residual.robot import dynamics
 from residual.robot.base_parameters import (
@@ -31,7 +31,6 @@ from residual.robot.base_parameters import (
     random_states,
     standard_inertial,
 )
-from residual.robot.robot import Robot
 from residual.signals.track import Track
 
 _AMPLITUDE = 0.3  # of torque rms: the usual size of an effect of unknown value
@@ -81,20 +80,17 @@ def effect_names(model: Model) -> tuple[Standard, ...]:
         if joints:
             place = f" of joint{'s' if len(joints) > 1 else ''} {place}"
         words = term.effect.name.replace("_", " ")
-        for key, unit in _keys(term, model.robot):
+        # The effect's own keys where coefficients and parameters are the same thing.
+        count = len(term.theta)
+        probe = 1.5 + np.arange(count)
+        values = term.effect.values(probe, term.shape, model.robot)[:count]
+        keys = [(f"coefficient {i + 1}", "") for i in range(count)]
+        if np.array_equal(values, probe):
+            keys = list(term.effect.units(term.joints, model.robot).items())[:count]
+        for key, unit in keys:
             name = words if words.endswith(key) else f"{words} {key}"
             out.append(Standard(f"{name}{place}", unit, joints[0] if joints else 1))
     return tuple(out)
-
-
-def _keys(term: Term, robot: Robot) -> list[tuple[str, str]]:
-    """Names of the coefficients; the effect's own where the two are the same thing."""
-    count = len(term.theta)
-    probe = 1.5 + np.arange(count)
-    told = term.effect.values(probe, term.shape, robot)[:count]
-    if np.array_equal(told, probe):
-        return list(term.effect.units(term.joints, robot).items())[:count]
-    return [(f"coefficient {i + 1}", "") for i in range(count)]
 
 
 def state_at(model: Model, q: Array, qd: Array, qdd: Array) -> State:

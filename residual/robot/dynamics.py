@@ -239,14 +239,10 @@ class LazyRegressor:
             first, stop, step = key[2].indices(PER_LINK * dof)
             i, start = divmod(first, PER_LINK)
             if step == 1 and stop <= PER_LINK * (i + 1):
-                return self._of_link(i)[key[0], key[1], start : start + stop - first]
+                out = np.zeros((*self.motion[0].shape, PER_LINK))
+                out[:, : i + 1] = self.links()[i]
+                return out[key[0], key[1], start : start + stop - first]
         return np.asarray(self)[key]
-
-    def _of_link(self, i: int) -> Array:
-        """Columns of one link's parameters. Shape (n, dof, 10)."""
-        out = np.zeros((*self.motion[0].shape, PER_LINK))
-        out[:, : i + 1] = self.links()[i]
-        return out
 
     def __matmul__(self, parameters: Array) -> Array:
         """Torque of these inertial parameters [N m]. Shape (n, dof).

@@ -71,9 +71,17 @@ def _with_ends(x: Array, reach: int, length: int) -> Array:
 
 @cache
 def _band(cutoff: float, rate: float, step: int, order: int) -> tuple[Array, int]:
-    """What makes a block of rows of the samples around it, and how far it reaches."""
+    """What makes a block of rows of the samples around it, and how far it reaches.
+
+    The filter is |H|^2 = 1 / (1 + (tan(w / 2) / tan(w_c / 2))^(2 N)), w in rad/sample,
+    by the bilinear transform; its impulse response is taken from -reach to reach.
+    """
     reach = int(np.ceil(REACH / cutoff * rate))
-    taps = _impulse_response(cutoff, rate, reach)
+    half = np.linspace(0, np.pi / 2, 4 * reach + 1)[:-1]  # at pi it is zero
+    warped = np.tan(half) / np.tan(np.pi * min(cutoff / rate, 0.49))
+    pulse = np.fft.irfft(np.append(1 / (1 + warped ** (2 * ORDER)), 0.0))
+    taps = np.concatenate([pulse[-reach:], pulse[: reach + 1]])
+    taps = taps / taps.sum()
     for _ in range(order):  # d/dt of the output: the response differenced, turned
         taps = np.convolve(taps, [-rate / 2, 0.0, rate / 2])
     reach += order
@@ -81,19 +89,6 @@ def _band(cutoff: float, rate: float, step: int, order: int) -> tuple[Array, int
     for row in range(BLOCK):
         band[row * step : row * step + len(taps), row] = taps
     return band, reach
-
-
-def _impulse_response(cutoff: float, rate: float, reach: int) -> Array:
-    """Values from -reach to reach. The filter is |H|^2, in closed form.
-
-    1 / (1 + (tan(w / 2) / tan(w_c / 2))^(2 N))    (bilinear transform, w in rad/sample)
-    """
-    half = np.linspace(0, np.pi / 2, 4 * reach + 1)[:-1]  # at pi it is zero
-    warped = np.tan(half) / np.tan(np.pi * min(cutoff / rate, 0.49))
-    gain = 1 / (1 + warped ** (2 * ORDER))
-    pulse = np.fft.irfft(np.append(gain, 0.0))
-    taps = np.concatenate([pulse[-reach:], pulse[: reach + 1]])
-    return taps / taps.sum()
 
 
 def randomise_phases(spectrum: Array, rows: int, rng: np.random.Generator) -> Array:
