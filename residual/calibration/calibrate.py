@@ -199,17 +199,17 @@ def calibrate(
     names = (*rows.names, *(f"tau{j}" for j in rows.joints))
     tables = make_tables(rows.X, rows.tau - rows.Y, rows.velocities, names)
     scores, chosen, a_opt, unseen = _table(schemes, source, tables, settings, tell)
-    taught = training_of(rows, rows.Y, tables).with_fitted_standstill()
-    fitted = fit_nominal_pls(taught.X, taught.Y, settings.form, fewer=True)
+    training = training_of(rows, rows.Y, tables).with_fitted_standstill()
+    fitted = fit_nominal_pls(training.X, training.Y, settings.form, fewer=True)
     best = fitted.components if settings.exact else a_opt
     components = min(best, fitted.components)
-    made = Calibration(
+    calibration = Calibration(
         robot.name,
         rows,
         scores,
         chosen,
         len(rows.labels) >= FEW,
-        fit_forms(taught, tables).lookup(chosen),
+        fit_forms(training, tables).lookup(chosen),
         replace(fitted.lookup(components), names=rows.names),
         components,
         source.nominal,
@@ -218,7 +218,7 @@ def calibrate(
         notes=(*notes, *more, *source.notes),
     )
     if not settings.views:
-        return made
+        return calibration
     tell("principal components", 0.85)
     blocks = components_of(rows, runs, np.random.default_rng(0))
     sweep = None
@@ -227,7 +227,7 @@ def calibrate(
         swept = [s for s in schemes if s.name in (RUN, RANDOM)]
         sweep = sweep_levels(rows, swept, tables, settings.form.components)
     tell("levels", 1.0)
-    return replace(made, blocks=blocks, sweep=sweep)
+    return replace(calibration, blocks=blocks, sweep=sweep)
 
 
 def _table(
@@ -265,15 +265,15 @@ def _table(
             trial = tried(scheme, options if scheme.unseen else settled)
         else:
             continue
-        own = choices(trial, lead, rows)
-        cells = scores_of(trial, own)
+        fold_choices = choices(trial, lead, rows)
+        cells = scores_of(trial, fold_choices)
         if trial is lead:
             components = find(cells, first, PAPER_FORM).components
         if settings.schemes is None or scheme.name in settings.schemes:
             scores += cells
         if scheme.name == RUN:
             residual = source.residual(scheme.left_out[shown])
-            unseen = unseen_run(rows, trial, shown, residual, own[shown])
+            unseen = unseen_run(rows, trial, shown, residual, fold_choices[shown])
     return tuple(scores), chosen, components, unseen
 
 
@@ -316,12 +316,14 @@ def _of_joint(lookup: Lookup, m: int) -> Lookup:
     used = sorted({axis for t in tables for axis in t.axes})
     place = {axis: k for k, axis in enumerate(used)}
     axes: list[Axis] = [lookup.axes[axis] for axis in used]
-    moved = [LookupTable(tuple(place[a] for a in t.axes), t.values) for t in tables]
+    renumbered = [
+        LookupTable(tuple(place[a] for a in t.axes), t.values) for t in tables
+    ]
     return Lookup(
         lookup.names,
         (lookup.joints[m],),
         tuple(axes),
-        tuple(moved),
+        tuple(renumbered),
         np.array(lookup.offset[[m]]),
         np.array(lookup.slope[:, [m]]),
         lookup.low,

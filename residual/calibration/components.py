@@ -86,8 +86,8 @@ def fit_pls(
     Z = (X - x_mean) / x_scale
     rank = int(np.linalg.matrix_rank(Z))
     remedy = f"The bound is the rank of X ({len(X)} rows, {X.shape[1]} columns)."
-    wanted = rank if components is None else components
-    count = check_count(wanted, 1, rank, "components", remedy)
+    requested = rank if components is None else components
+    count = check_count(requested, 1, rank, "components", remedy)
     parts = _components(Z.T @ Z, Z.T @ (Y - y_mean), count)
     return Pls(names, *map(frozen, (x_mean, x_scale, y_mean, *parts)))
 

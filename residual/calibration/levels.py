@@ -125,8 +125,10 @@ def _checked(
             f"levels are of {len(counts)} variables, the rows of {len(names)}: give "
             "one number for all, or one for each."
         )
-    for one in counts:
-        check_count(one, 2, MOST, "levels", "One level cannot tell two states apart.")
+    for levels in counts:
+        check_count(
+            levels, 2, MOST, "levels", "One level cannot tell two states apart."
+        )
     if not constant:
         check_varying(X, names)
     return X, names, counts

@@ -54,10 +54,10 @@ class Blocks:
         """Place of rows of a run, at times on the log's own clock [s]. Shape (n,)."""
         cuts = self.cuts[run]
         begin, end = np.r_[-np.inf, cuts], np.r_[cuts, np.inf]
-        own = np.searchsorted(cuts, t, side="right")
+        block = np.searchsorted(cuts, t, side="right")
         first = int(np.searchsorted(self.runs, run))
-        beside = (t >= end[own] - GUARD).astype(int) - (t < begin[own] + GUARD)
-        return 3 * (first + own) + 1 + beside
+        beside = (t >= end[block] - GUARD).astype(int) - (t < begin[block] + GUARD)
+        return 3 * (first + block) + 1 + beside
 
     def kept(self, left_out: Collection[int]) -> Array:
         """Return the places that are in no block that is left out, nor close to it."""
@@ -149,9 +149,9 @@ class Rows:
         """Second of its run that each row is in, numbered through all runs. (n,)."""
         out, start = np.zeros(len(self.run), int), 0
         for number, rate in enumerate(self.rates):
-            own = self.run == number
-            out[own] = start + (np.arange(own.sum()) / rate).astype(int)
-            start = out[own].max(initial=start) + 1
+            in_run = self.run == number
+            out[in_run] = start + (np.arange(in_run.sum()) / rate).astype(int)
+            start = out[in_run].max(initial=start) + 1
         return out
 
 
@@ -172,14 +172,14 @@ def paper_rows(
                 "--paper out."
             )
     joints = _joints(joints, runs[0].log.dof, PAPER_JOINTS)
-    own = [j - 1 for j in joints]
+    columns = [j - 1 for j in joints]
     parts, rates = [], []
     for run in runs:
         log, rate = run.log, sample_rate(run.log.t)
-        q = log.q_ref[:, own]
+        q = log.q_ref[:, columns]
         qd = np.gradient(q, log.t, axis=0)
         X = state_block(q, qd, np.gradient(qd, log.t, axis=0))
-        both = np.hstack([run.twin["e_tau"][:, own], log.tau[:, own]])
+        both = np.hstack([run.twin["e_tau"][:, columns], log.tau[:, columns]])
         step = thin * _step(rate, PAPER_HZ)
         ahead = np.hsplit(np.ascontiguousarray(both[1:])[::step], 2)
         now = np.ascontiguousarray(X[:-1])[::step]
@@ -203,14 +203,16 @@ def measured_rows(
         thin: Take every so manieth row, where there are more than tables can use.
     """
     joints = _joints(joints, runs[0].log.dof, runs[0].log.dof)
-    own = [j - 1 for j in joints]
+    columns = [j - 1 for j in joints]
     parts, rates = [], []
     for run, track, residual in zip(runs, tracks, residuals, strict=True):
         chosen = chosen_rows(track, thin)
-        X = state_block(*(x[:, own] for x in (track.q, track.qd, track.qdd)))[chosen]
-        Y, tau = residual[:, own], torque_at(run.log, track)[:, own]
+        X = state_block(*(x[:, columns] for x in (track.q, track.qd, track.qdd)))[
+            chosen
+        ]
+        Y, tau = residual[:, columns], torque_at(run.log, track)[:, columns]
         moving = np.repeat(track.moving, track.step, axis=0)[: len(track.t)]
-        moving = moving[chosen][:, own]
+        moving = moving[chosen][:, columns]
         parts.append((X, Y[chosen], tau[chosen], moving, track.t[chosen]))
         rates.append(track.rate / _step(track.rate, MEASURED_HZ) / thin)
     return _stacked(MEASURED, joints, parts, runs, rates)

@@ -181,10 +181,10 @@ def autocorrelation(rows: JointRows, residual: tuple[Array, ...]) -> Array:
     for j, (values, series) in enumerate(zip(residual, rows.series, strict=True)):
         lines = []
         for log in np.unique(series[:, 0]):
-            own = series[:, 0] == log
-            place = series[own, 1] - series[own, 1].min()
+            in_log = series[:, 0] == log
+            place = series[in_log, 1] - series[in_log, 1].min()
             lines.append(np.zeros(place.max() + 1 + LAGS))
-            lines[-1][place] = values[own]
+            lines[-1][place] = values[in_log]
         if lines:
             out[j] = autocorrelation_time(np.concatenate(lines))
     return out
@@ -247,9 +247,9 @@ def weights_of(
         method: "ols" gives all joints one weight.
         parameters: How many were fitted to these rows.
     """
-    left = residuals(rows, theta)
-    memory = autocorrelation(rows, left)
-    sse = np.array([np.sum(r**2) for r in left])
+    residual = residuals(rows, theta)
+    memory = autocorrelation(rows, residual)
+    sse = np.array([np.sum(r**2) for r in residual])
     spent = max(1 - parameters / max(rows.counts.sum(), 1), 0.1)
     noise = np.sqrt(sse / np.maximum(rows.counts * spent, 1))
     noise = np.maximum(noise, _least_noise(rows))
@@ -287,10 +287,12 @@ def reweighted(
     if loss == "bisquare":
         theta, _, _ = reweighted(rows, start, theta, memory, "huber")
     for _ in range(_REWEIGHTINGS):
-        left = residuals(rows, theta)
-        middle = [np.median(np.abs(r)) if len(r) else 0.0 for r in left]
+        residual = residuals(rows, theta)
+        middle = [np.median(np.abs(r)) if len(r) else 0.0 for r in residual]
         noise = np.maximum(_MAD * np.array(middle), _least_noise(rows))
-        weights = tuple(_weight(r / s, loss) for r, s in zip(left, noise, strict=True))
+        weights = tuple(
+            _weight(r / s, loss) for r, s in zip(residual, noise, strict=True)
+        )
         before = theta
         theta = solve(compress(rows, weights), 1 / (noise**2 * memory), start)
         if np.all(np.abs(theta - before) <= 1e-7 * start.size):

@@ -69,7 +69,7 @@ def reduce(
     weight = estimate.weight
     rows = float(estimate.independent.sum())
     least = float(weight @ squares(blocks, estimate.theta))
-    left = rows * max(1 - len(start.free) / every, 0.1)
+    freedom = rows * max(1 - len(start.free) / every, 0.1)
     kept = Essential((), start, 0.0, float("nan"))
     theta = estimate.theta
     while len(kept.start.free) > 1:
@@ -88,8 +88,8 @@ def reduce(
         theta = solve(blocks, weight, tried)
         count = len(kept.dropped) + 1
         more = float(weight @ squares(blocks, theta)) - least
-        ratio = more / count / (least / left)
-        limit = float(fdtri(count, left, _CHANCE))
+        ratio = more / count / (least / freedom)
+        limit = float(fdtri(count, freedom, _CHANCE))
         if ratio > limit:
             break
         kept = Essential((*kept.dropped, worst), tried, float(ratio), limit)
@@ -118,8 +118,8 @@ class Identification:
     def status(self) -> tuple[str, ...]:
         """Of each parameter: "fitted", "nominal" or "dropped"."""
         out = ["fitted"] * len(self.base)
-        for one in self.preflight.fixed:
-            out[one.index] = "nominal"
+        for parameter in self.preflight.fixed:
+            out[parameter.index] = "nominal"
         for i in self.essential.dropped if self.essential else ():
             out[i] = "dropped"
         return tuple(out)
@@ -182,21 +182,24 @@ def _fitted(
     rough = solve(blocks, np.ones(len(rows.y)), start)
     weight, _, _ = weights_of(rows, rough, "wls")
     per_row = np.stack([weight, rows.counts])
-    seen = preflight(nominal, base, gram(blocks, weight), size, per_row)
-    start = replace(start, free=seen.free)
+    shown = preflight(nominal, base, gram(blocks, weight), size, per_row)
+    start = replace(start, free=shown.free)
     if options.prior is not None:
         # A prior speaks for what the motion does not show: nothing need be held.
         precision = _precision(nominal, base, spread, options)
         start = replace(start, free=np.arange(len(base)), precision=precision)
-        seen = replace(seen, fixed=())
+        shown = replace(shown, fixed=())
     estimate = estimated(rows, blocks, start, options)
     essential = None
     if options.essential:
         essential = reduce(blocks, start, estimate, int(rows.counts.sum()))
         estimate = estimated(rows, blocks, essential.start, options)
     full = base.embed(estimate.theta, nominal.coefficients(), wide)
-    model, left = nominal.with_coefficients(full), compress(rows, estimate.row_weights)
-    fit = (base, estimate, theta, wide, seen, essential, left)
+    model, compressed = (
+        nominal.with_coefficients(full),
+        compress(rows, estimate.row_weights),
+    )
+    fit = (base, estimate, theta, wide, shown, essential, compressed)
     return Identification(options, logs, nominal, model, *fit)
 
 
@@ -207,8 +210,8 @@ def _precision(
     size, scale = len(nominal.inertial), options.prior
     covariance = spread * scale**2
     for i, value in enumerate(nominal.coefficients()[size:], start=size):
-        own = scale * abs(value) if value else 10 * np.sqrt(spread[i, i])
-        covariance[i, i] = own**2
-    own = base.mapping @ covariance @ base.mapping.T
-    unit = np.sqrt(np.diag(own))
-    return np.linalg.inv(own / np.outer(unit, unit)) / np.outer(unit, unit)
+        sd = scale * abs(value) if value else 10 * np.sqrt(spread[i, i])
+        covariance[i, i] = sd**2
+    prior = base.mapping @ covariance @ base.mapping.T
+    unit = np.sqrt(np.diag(prior))
+    return np.linalg.inv(prior / np.outer(unit, unit)) / np.outer(unit, unit)

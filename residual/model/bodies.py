@@ -94,7 +94,7 @@ def bodies_of(model: Model, friction: bool = False) -> Bodies:
         elif add := term.effect.portable.bodies:
             ways = np.eye(len(term.theta))
             links[:, own] += np.transpose(
-                [add(one, term.joints, model.robot) for one in ways]
+                [add(way, term.joints, model.robot) for way in ways]
             )
         if friction and Trait.NOT_NEGATIVE in term.effect.traits:
             positive += range(own.start, own.stop)

@@ -73,8 +73,8 @@ def rises(after: Array, before: Array, power: Array, least: float = SMALL) -> Ar
 
 def _blocks(seconds: Array) -> Array:
     """Sums of two seconds each; a last single second goes with the one before."""
-    whole = max(len(seconds) // PAIRED, 1)
-    starts = np.arange(whole) * PAIRED
+    count = max(len(seconds) // PAIRED, 1)
+    starts = np.arange(count) * PAIRED
     return np.add.reduceat(seconds, starts) if len(seconds) else seconds
 
 
@@ -314,8 +314,10 @@ def predict(
     base = model.model if isinstance(model, CorrectedModel) else model
     ready = prepare_held_out(logs, base)
     errors, _ = compare(models, ready, base.filters)
-    torque = [{name: one.predict(log) for name, one in models.items()} for log in logs]
-    cutoff = min(one.track.cutoff for one in ready)
+    torque = [
+        {name: entry.predict(log) for name, entry in models.items()} for log in logs
+    ]
+    cutoff = min(entry.track.cutoff for entry in ready)
     return Prediction(models, tuple(logs), tuple(torque), errors, cutoff)
 
 

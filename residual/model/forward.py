@@ -45,22 +45,22 @@ def acceleration_error(
     Raises:
         InputError: If the model has no acceleration.
     """
-    own: Model = getattr(model, "model", model)
-    dof = own.robot.dof
+    base: Model = getattr(model, "model", model)
+    dof = base.robot.dof
     miss, power = np.zeros(dof), np.zeros(dof)
-    full, pieces = not are_long(recordings), in_pieces(recordings, own.filters.torque)
-    tracks, _ = prepare(pieces, own.filters, own.speed_floor, full_rate=full)
+    full, pieces = not are_long(recordings), in_pieces(recordings, base.filters.torque)
+    tracks, _ = prepare(pieces, base.filters, base.speed_floor, full_rate=full)
     for recording, track in zip(pieces, tracks, strict=True):
         measured = [np.interp(track.t, recording.t, c) for c in recording.tau.T]
-        made = acceleration(model, track, np.column_stack(measured))
-        both = track.filter(np.stack([track.qdd, made], axis=2))
+        computed = acceleration(model, track, np.column_stack(measured))
+        both = track.filter(np.stack([track.qdd, computed], axis=2))
         both = both * track.moving[:, :, None]
         miss += ((both[:, :, 0] - both[:, :, 1]) ** 2).sum(axis=0)
         power += (both[:, :, 0] ** 2).sum(axis=0)
     some = power > 0
     share = 100 * np.sqrt(miss / np.where(some, power, np.nan))
-    whole = float(power.sum())
-    overall = float(100 * np.sqrt(miss.sum() / whole)) if whole else float("nan")
+    total = float(power.sum())
+    overall = float(100 * np.sqrt(miss.sum() / total)) if total else float("nan")
     return AccelerationError(share, overall)
 
 
@@ -73,8 +73,8 @@ def acceleration(model: Model | CorrectedModel, track: Track, tau: Array) -> Arr
     Raises:
         InputError: If M(q) is not positive definite, or there is no such acceleration.
     """
-    own: Model = getattr(model, "model", model)
-    now = replace(own, terms=tuple(t for t in own.terms if _of_now(t)))
+    base: Model = getattr(model, "model", model)
+    now = replace(base, terms=tuple(t for t in base.terms if _of_now(t)))
     beside = model.torque_on(track) - now.torque_on(track)
     own_mass = _bodies(now, track.q)
     least = float(np.linalg.eigvalsh(own_mass)[:, 0].min())
@@ -159,11 +159,11 @@ def _added(model: Model, terms: Sequence[Term], q: Array) -> Array:
         state = model.state(1.0, t, (q, still, qdd))
         return np.sum([term.torque(state) for term in terms], axis=0)
 
-    rest = torque(still)
+    offset = torque(still)
     for j in range(q.shape[1]):
         pushed = still.copy()
         pushed[:, j] = 1.0
-        out[:, :, j] = torque(pushed) - rest
+        out[:, :, j] = torque(pushed) - offset
     return out
 
 

@@ -93,17 +93,17 @@ class Lookup:
     @classmethod
     def load(cls, path: str | Path) -> "Lookup":
         """Read the `model.npz` of an export."""
-        with np.load(path) as held:
+        with np.load(path) as file:
             axes = tuple(
-                Axis(int(variable), held[f"edges_{i}"])
-                for i, variable in enumerate(held["axis_variable"])
+                Axis(int(variable), file[f"edges_{i}"])
+                for i, variable in enumerate(file["axis_variable"])
             )
             tables = tuple(
-                LookupTable(tuple(int(a) for a in pair if a >= 0), held[f"values_{i}"])
-                for i, pair in enumerate(held["table_axes"])
+                LookupTable(tuple(int(a) for a in pair if a >= 0), file[f"values_{i}"])
+                for i, pair in enumerate(file["table_axes"])
             )
-            names, joints = (tuple(held[k].tolist()) for k in ("names", "joints"))
-            arrays = (held[k] for k in ("offset", "slope", "low", "high"))
+            names, joints = (tuple(file[k].tolist()) for k in ("names", "joints"))
+            arrays = (file[k] for k in ("offset", "slope", "low", "high"))
             return cls(names, joints, axes, tables, *arrays)
 
 
@@ -153,14 +153,14 @@ def _csv(lookup: Lookup) -> bytes:
         flat = table.values.reshape(-1, len(lookup.joints)).tolist()
         cells = np.ndindex(table.values.shape[:-1])
         for place, values in zip(cells, flat, strict=True):
-            told = [w for b, k in zip(bounds, place, strict=True) for w in b[k]]
-            told += [""] * (6 - len(told))
-            out.writerow([number, *told, *map(repr, values)])
+            interval = [w for b, k in zip(bounds, place, strict=True) for w in b[k]]
+            interval += [""] * (6 - len(interval))
+            out.writerow([number, *interval, *map(repr, values)])
     return text.getvalue().encode()
 
 
 def _json(lookup: Lookup) -> bytes:
-    told = {
+    content = {
         "form": FORM,
         "meaning": "correction [N m] = offset + x slope + sum of tables; x in rad, "
         "rad/s, rad/s^2, of tau in N m (torque of the model); a value at an edge "
@@ -189,4 +189,4 @@ def _json(lookup: Lookup) -> bytes:
             for number, t in enumerate(lookup.tables)
         ],
     }
-    return (json.dumps(told, indent=1) + "\n").encode()
+    return (json.dumps(content, indent=1) + "\n").encode()

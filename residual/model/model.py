@@ -66,9 +66,10 @@ class Term:
 
     def to_record(self) -> dict:
         """The term as plain values; joints from 1."""
-        known = {} if self.nominal is None else {"nominal": self.nominal._values()}
+        nominal = self.nominal
+        before = {} if nominal is None else {"nominal": nominal._values()}
         joints = [j + 1 for j in self.joints]
-        return {"name": self.effect.name, "joints": joints, **self._values(), **known}
+        return {"name": self.effect.name, "joints": joints, **self._values(), **before}
 
     def _values(self) -> dict:
         return {
@@ -103,15 +104,15 @@ def _terms_of(
 ) -> list[Term]:
     names = dict.fromkeys(t.effect.name for t in terms)
     check_name(name, names, "effect of this model")
-    own = [t for t in terms if t.effect.name == name]
+    matching = [t for t in terms if t.effect.name == name]
     if joints is not None:
-        own = [t for t in own if {j + 1 for j in t.joints} <= set(joints)]
-    if not own:
+        matching = [t for t in matching if {j + 1 for j in t.joints} <= set(joints)]
+    if not matching:
         has = sorted({j + 1 for t in terms if t.effect.name == name for j in t.joints})
         raise InputError(
             f"The model has no {name} on joints {list(joints or ())}, but on {has}."
         )
-    return own
+    return matching
 
 
 FORM = 1  # of a model's record; raised when it changes
@@ -246,8 +247,8 @@ class Model:
         return replace(self, standstill=tuple(shapes), speed_floor=self._floor())
 
     def _floor(self) -> Array:
-        known = self.speed_floor
-        return np.full(self.robot.dof, LEAST_SPEED) if known is None else known
+        floor = self.speed_floor
+        return np.full(self.robot.dof, LEAST_SPEED) if floor is None else floor
 
     def observe(self, track: Track) -> State:
         """What the effects see of one log, with this model's own torque."""
@@ -332,7 +333,7 @@ class Model:
         """The same structure with other linear parameters. Shape (p,)."""
         size = len(self.inertial)
         placed = with_slots(self.terms, size)
-        terms = tuple(replace(term, theta=values[own]) for term, own in placed)
+        terms = tuple(replace(term, theta=values[part]) for term, part in placed)
         return replace(self, inertial=values[:size], terms=terms)
 
     def without(self, name: str, joints: Sequence[int] | None = None) -> "Model":
@@ -380,8 +381,8 @@ class Model:
             first, *more = (term for term in terms if term.joints == on)
             alike = [t.theta for t in (first, *more) if t.shape == first.shape]
             both = replace(first, theta=np.sum(alike, axis=0))
-            known = both.parameters(self.robot) | values
-            numbers = np.array([float(known[k]) for k in first.effect.parameters])
+            parameters = both.parameters(self.robot) | values
+            numbers = np.array([float(parameters[k]) for k in first.effect.parameters])
             theta, shape = first.effect.from_values(numbers, self.robot)
             theta = np.asarray(theta, dtype=float)
             changed[first] = replace(first, theta=theta, shape=tuple(shape))
@@ -412,8 +413,8 @@ class Model:
             InputError: If it is of another form, or damaged.
         """
         if record.get("form") != FORM:
-            told = shown(record.get("form"))
-            raise InputError(f"A model of form {told}, expected {FORM}: make it anew.")
+            form = shown(record.get("form"))
+            raise InputError(f"A model of form {form}, expected {FORM}: make it anew.")
         try:
             floor = record["speed_floor"]
             return cls(

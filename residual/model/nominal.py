@@ -104,9 +104,9 @@ def build_nominal(
         body[link] *= mass / max(body[link, 0], 1e-9)
     for i, term in enumerate(terms):
         theta = term.theta.copy()
-        for known in of_effect(robot, term.effect, term.joints):
-            row = known.row
-            theta += row * (known.value - row @ theta) / (row @ row)
+        for fixed in of_effect(robot, term.effect, term.joints):
+            row = fixed.row
+            theta += row * (fixed.value - row @ theta) / (row @ row)
         if not np.array_equal(theta, term.theta):
             terms[i] = replace(term, theta=theta).as_nominal()
     model = Model(robot, body.ravel(), tuple(terms), speed_floor, (), None)
@@ -200,9 +200,9 @@ def prepare_logs(
         prismatic=robot.prismatic,
     )
     some = [recordings[i] for i in shown], [tracks[i] for i in shown]
-    moved = shaken(*some, filters)
+    noisier = shaken(*some, filters)
     places = tuple(np.flatnonzero(small).tolist())
-    return Logs(robot, tracks, clock, span, floor, filters, moved, places)
+    return Logs(robot, tracks, clock, span, floor, filters, noisier, places)
 
 
 def begin(logs: Logs, declared: Sequence[str] | Model | None) -> Model:
@@ -251,7 +251,7 @@ def _standstill_error(
 ) -> tuple[Array, Array]:
     """Squared error at the best share held, and that share. Shapes (dof,), (dof,)."""
     dof = model.robot.dof
-    own, mixed, power = np.zeros(dof), np.zeros(dof), np.zeros(dof)
+    base, mixed, power = np.zeros(dof), np.zeros(dof), np.zeros(dof)
     for track, state in observed:
         sides = [
             model.torque_seen(model.seen_by(state, (side,) * dof))
@@ -259,9 +259,9 @@ def _standstill_error(
         ]
         none, full = np.split(track.filter(np.concatenate(sides, axis=1)), 2, axis=1)
         gap, step = (track.tau - none)[track.inner], (full - none)[track.inner]
-        own += (gap**2).sum(axis=0)
+        base += (gap**2).sum(axis=0)
         mixed += (gap * step).sum(axis=0)
         power += (step**2).sum(axis=0)
     share = np.clip(mixed / np.maximum(power, 1e-30), 0, 1).round(2)
-    share[power <= 1e-12 * own] = 1.0
-    return own - 2 * share * mixed + share**2 * power, share
+    share[power <= 1e-12 * base] = 1.0
+    return base - 2 * share * mixed + share**2 * power, share

@@ -35,8 +35,11 @@ def _wrong(model: Model) -> str | None:
         return "clock is no number"
     if not all(_is(np.array(f), ()) and 0 <= f < FASTEST for f in filters):
         return "filters has a value that no signal path has"
-    own = model.filters
-    if not all(f > SLOWEST for f in (own.kinematics, own.torque, own.rate)):
+    signal_path = model.filters
+    if not all(
+        f > SLOWEST
+        for f in (signal_path.kinematics, signal_path.torque, signal_path.rate)
+    ):
         return "filters has a cut-off or rate of 0"
     terms = (word for term in model.terms if (word := _wrong_term(term, model)))
     return next(terms, None)
@@ -44,8 +47,8 @@ def _wrong(model: Model) -> str | None:
 
 def _wrong_term(term: Term, model: Model) -> str | None:
     dof, name = model.robot.dof, term.effect.name
-    known = set(range(dof))
-    if not all(type(j) is int for j in term.joints) or not known.issuperset(
+    joints = set(range(dof))
+    if not all(type(j) is int for j in term.joints) or not joints.issuperset(
         term.joints
     ):
         return f"{name} sits on a joint that the robot does not have"
@@ -193,16 +196,16 @@ def robot_files(model: Model, source: str = "") -> dict[str, bytes]:
 def _declared_values(model: Model) -> dict[str, dict[str, np.ndarray]]:
     """Values of the model's effects by name and parameter key. (dof,) each."""
     out: dict[str, dict[str, np.ndarray]] = {}
-    seen = set()
+    places = set()
     for term in model.terms:
         name, anchor = term.effect.name, term.joints[0] if term.joints else 0
-        if (name, anchor) in seen:
+        if (name, anchor) in places:
             raise InputError(
                 f"{name} on joint {anchor + 1} was fitted in several shapes at once, "
                 "and a robot.toml holds one. Give its values in robot.toml, or leave "
                 "it out of --declared."
             )
-        seen.add((name, anchor))
+        places.add((name, anchor))
         values = term.effect.values(term.theta, term.shape, model.robot)
         table = out.setdefault(name, {})
         for key, value in zip(term.effect.parameters, values, strict=True):

@@ -181,12 +181,12 @@ def read_robot_toml(
 def _joints(table: dict, dof: int, where: str) -> Mapping[str, Array]:
     arrays = {}
     for key, value in table.items():
-        what = f"{where}: {key}"
-        array = _array(value, (dof,), what)
+        place = f"{where}: {key}"
+        array = _array(value, (dof,), place)
         if key.endswith("_limit") and (array <= 0).any():
-            raise RobotError(f"{what} must be positive, got {array.min():g}.")
+            raise RobotError(f"{place} must be positive, got {array.min():g}.")
         if (array == 0).any():
-            raise RobotError(f"{what} must not be 0 for any joint.")
+            raise RobotError(f"{place} must not be 0 for any joint.")
         arrays[key] = array
     return arrays
 

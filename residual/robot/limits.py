@@ -41,14 +41,14 @@ def placeholders(robot: Robot, recordings: Sequence[Recording]) -> dict[str, str
     # Another zero, or an encoder that begins again, leaves a range for what it is.
     span = np.max([np.ptp(r.q, axis=0) for r in recordings], axis=0)
     leap = np.max([np.abs(np.diff(r.q, axis=0)).max() for r in recordings])
-    whole = robot.upper - robot.lower
-    seen = {
+    travel = robot.upper - robot.lower
+    checked = {
         "velocity_limit": (speed, robot.velocity_limit, speed.max() < FASTEST),
         "torque_limit": (torque, robot.torque_limit, True),
-        "upper": (span, whole, span.max() < FARTHEST and leap < LEAP),
+        "upper": (span, travel, span.max() < FARTHEST and leap < LEAP),
     }
     out = {}
-    for field, (size, limit, possible) in seen.items():
+    for field, (size, limit, possible) in checked.items():
         ratio = size / limit
         if field == "torque_limit":
             possible = ratio.max() < STRONGEST
@@ -68,8 +68,8 @@ def _is_placeholder(ratio: Array, limit: Array) -> bool:
     if len(limit) < FEWEST or not np.isfinite(limit).all():
         return False
     broken = ratio > BROKEN
-    usual = float(np.median(ratio))
-    near = broken & (ratio < ALIKE * usual) & (ratio > usual / ALIKE)
+    middle = float(np.median(ratio))
+    near = broken & (ratio < ALIKE * middle) & (ratio > middle / ALIKE)
     equal = np.ptp(limit) < 1e-3 * limit.max()
     return bool((equal and broken.any()) or near.mean() >= NEARLY)
 

@@ -320,10 +320,10 @@ def _only_file(folder: Traversable) -> tuple[Traversable, Traversable | None]:
     by_ending = [sorted(n for n in entries if n.endswith(e)) for e in _ENDINGS]
     robots = next(filter(None, by_ending), [])
     if len(robots) != 1:
-        found = ", ".join(robots) or "none"
+        listed = ", ".join(robots) or "none"
         raise RobotError(
             f"Folder '{folder.name}' must hold exactly one robot file (*.urdf, *.xacro "
-            f"or *.xml), found {found}. Give the file itself to choose one."
+            f"or *.xml), found {listed}. Give the file itself to choose one."
         )
     return entries[robots[0]], entries.get("robot.toml")
 
@@ -362,8 +362,8 @@ def with_inertials(robot: Robot, parameters: Array) -> str:
                 f"Link {number} was identified with mass {body[0]:.3g} kg, and a URDF "
                 "needs a positive one. Use --consistent, which keeps bodies possible."
             )
-        moved = end(joints[name], "child")
-        parts = [moved]  # and all that is fixed to it, directly or through others
+        body_link = end(joints[name], "child")
+        parts = [body_link]  # and all that is fixed to it, directly or through others
         for part in parts:
             parts += [
                 end(j, "child")
@@ -373,7 +373,7 @@ def with_inertials(robot: Robot, parameters: Array) -> str:
             inertial = links[part].find("inertial")
             if inertial is not None:
                 links[part].remove(inertial)
-        links[moved].insert(0, _inertial(body))
+        links[body_link].insert(0, _inertial(body))
         if not np.isfinite(robot.lower[number - 1]):
             # Undo what the reader did to a joint without ends.
             joints[name].set("type", "continuous")

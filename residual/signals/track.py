@@ -84,8 +84,8 @@ class _Uniform:
 def sample_rate(t: Array) -> float:
     """Median sample rate, rounded where it is a whole number within 10 % [Hz]."""
     rate = 1 / float(np.median(np.diff(t)))
-    whole = round(rate)
-    return float(whole) if whole and abs(rate - whole) < 0.1 else rate
+    nearest = round(rate)
+    return float(nearest) if nearest and abs(rate - nearest) < 0.1 else rate
 
 
 def prepare(
