@@ -82,18 +82,9 @@ def _is(values: Array, shape: tuple[int, ...]) -> bool:
 _DAMAGED = (AttributeError, IndexError, KeyError, OverflowError, TypeError, ValueError)
 
 
-def to_record(model: Model | CorrectedModel) -> dict:
-    """Return a model whole: robot, inertial parameters, effects, signal path, tables.
-
-    Returns:
-        Plain values; `from_record` makes a model of the same bits of them.
-    """
-    return model.to_record()
-
-
 def to_text(model: Model | CorrectedModel) -> str:
     """Return a model as the text of a file, which ``load_model`` reads."""
-    return json.dumps(to_record(model), allow_nan=False) + "\n"
+    return json.dumps(model.to_record(), allow_nan=False) + "\n"
 
 
 def from_record(record: Mapping) -> Model | CorrectedModel:
