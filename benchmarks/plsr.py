@@ -16,7 +16,6 @@ from benchmarks.harness.figures import run_groups
 
 GROUPS = {
     "fit": "plsr_parts.speed:fit_figures",
-    "lookup": "plsr_parts.speed:lookup_figures",
     "errors": "plsr_parts.errors:paper_set_figures",
     "measured": "plsr_parts.errors:measured_figures",
 }

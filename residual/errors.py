@@ -83,7 +83,7 @@ def plain(text: str) -> str:
 
     What steers a terminal stands as its escape; lines and tabs stay.
     """
-    return CONTROL.sub(lambda found: repr(found[0])[1:-1], text)
+    return CONTROL.sub(lambda match: repr(match[0])[1:-1], text)
 
 
 def shown(value: object) -> str:
@@ -158,5 +158,5 @@ LACKING = {
 
 def not_installed(module: str) -> InputError:
     """Return the error for a package that not every machine has."""
-    what, cure = LACKING[module]
-    return InputError(f"This needs {what}; it is not installed here. {cure}.")
+    package, cure = LACKING[module]
+    return InputError(f"This needs {package}; it is not installed here. {cure}.")

@@ -17,10 +17,10 @@ def plugins(group: str) -> dict[str, Any]:
     Raises:
         InputError: If one cannot be loaded: half of a registry would be a silent one.
     """
-    found = {}
+    loaded = {}
     for entry in sorted(entry_points(group=group), key=lambda entry: entry.name):
         try:
-            found[entry.name] = entry.load()
+            loaded[entry.name] = entry.load()
         except Exception as error:
             # What a stranger's package raises is not on any list.
             whose = entry.dist.name if entry.dist else entry.value
@@ -28,4 +28,4 @@ def plugins(group: str) -> dict[str, Any]:
                 f"The plug-in '{entry.name}' of {whose} ({group}) cannot be loaded: "
                 f"{type(error).__name__}: {error}. Repair or uninstall {whose}."
             ) from error
-    return found
+    return loaded

@@ -1,14 +1,10 @@
-"""Fit and look-up of the paper form against IKPLS, scikit-learn and sparse products."""
-
-from itertools import combinations
+"""The fit of the paper form against IKPLS and scikit-learn."""
 
 import numpy as np
-from scipy.sparse import csr_matrix
 
 from benchmarks.harness.figures import Figures, figure
 from benchmarks.harness.rates import cpu
 from residual.calibration.nominal_pls import NominalForm, NominalPls, fit_nominal_pls
-from residual.model.lookup_kernels import evaluate_rows
 
 RATE = 250.0  # Hz
 
@@ -116,48 +112,3 @@ def _gap(model: NominalPls, peer: np.ndarray) -> float:
 
 def _at_least(value: float, bar: float, n: int, **extra: object) -> dict:
     return figure(value, bar, n, ok=bool(value >= bar), at_least=True, **extra)
-
-
-_FASTER, _ROWS = 3.0, 3e6
-_STATES, _LEVELS = 200_000, 22
-
-
-def lookup_figures(quick: bool) -> Figures:
-    """Evaluate three joints at new states, against a sparse product, from raw values.
-
-    The peer makes the matrix of eq. 30 from the same levels and multiplies it.
-    """
-    rounds = 3 if quick else 9
-    X, Y = motion_rows(20_000)
-    model = fit_nominal_pls(X, Y, NominalForm(_LEVELS))
-    new, packed = motion_rows(_STATES, seed=1)[0], model.lookup().packed
-    out, B = np.empty((len(new), Y.shape[1])), model.coefficients()
-    evaluate_rows(new[:9], packed, out[:9])
-
-    def product() -> np.ndarray:
-        return _sparse_columns(model.levels.encode(new).values) @ B
-
-    ratios, rates = [], []
-    for _ in range(rounds):
-        ours = seconds(lambda: evaluate_rows(new, packed, out), 3)
-        ratios.append(seconds(product) / ours)
-        rates.append(_STATES / ours)
-    gap = float(np.abs(out - (product() + model.offset())).max())
-    return {
-        "lookup_times_faster_than_csr": _at_least(
-            float(np.median(ratios)), _FASTER, rounds, range=[min(ratios), max(ratios)]
-        ),
-        "lookup_rows_per_second": _at_least(float(np.median(rates)), _ROWS, rounds),
-        "lookup_against_model": figure(gap, 1e-12 * float(np.abs(out).max()), _STATES),
-    }
-
-
-def _sparse_columns(levels: np.ndarray) -> csr_matrix:
-    """Return the matrix of eq. 30 from levels, all variables with equally many."""
-    codes, places = levels.astype(np.int32), []
-    for table, (i, j) in enumerate(combinations(range(codes.shape[1]), 2)):
-        places.append((table * _LEVELS + codes[:, i]) * _LEVELS + codes[:, j])
-    columns = np.stack(places, axis=1)
-    ends = np.arange(0, columns.size + 1, columns.shape[1])
-    shape = (len(levels), columns.shape[1] * _LEVELS**2)
-    return csr_matrix((np.ones(columns.size), columns.ravel(), ends), shape=shape)

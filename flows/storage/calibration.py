@@ -13,7 +13,6 @@ from residual.calibration.scores import RUN, Score
 from residual.export.c99 import to_c99
 from residual.export.export import to_json
 from residual.model.lookup import export_lookup
-from residual.model.record import to_record
 from warehouse.commit import commit_record
 from warehouse.schema import rows_table
 
@@ -126,7 +125,7 @@ def store_calibration(
         # None for the simulated twin.
         "nominal": None
         if calibration.nominal is None
-        else to_record(calibration.nominal),
+        else calibration.nominal.to_record(),
         "options": [asdict(o) for o in calibration.chosen],
         "variables": list(calibration.lookup.names),
         "joints": list(calibration.rows.joints),

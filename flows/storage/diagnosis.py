@@ -12,7 +12,6 @@ from residual.model.compare import Cloud, LogProof
 from residual.model.corrected import CorrectedModel
 from residual.model.model import Model
 from residual.model.record import from_record as read_model
-from residual.model.record import to_record as model_record
 from residual.recording import Recording
 from residual.signals.splitting import sketch_of
 from residual.signals.track import Filters, thinned
@@ -230,7 +229,7 @@ def store_outcome(
     each = errors_by_run(diagnosis) if runs.get("held_out") else []
     known, content = diagnosis.adoptable, {}
     if known is not None and known is not diagnosis.models.get("augmented"):
-        content = {"known": {"model": model_record(known)}}
+        content = {"known": {"model": known.to_record()}}
         del content["known"]["model"]["robot"]  # it stands there once
     serial = next((m.robot.serial for m in diagnosis.models.values()), None)
     serial_entry = {"serial": serial} if serial else {}
@@ -348,7 +347,7 @@ def read_runs(store: Path, diagnosis_id: str, roles: Sequence[str]) -> tuple[str
 
 def models_record(diagnosis: Mapping[str, Model | CorrectedModel]) -> dict:
     """Return models as plain values; their robot, which is one, stands there once."""
-    records = {name: model_record(model) for name, model in diagnosis.items()}
+    records = {name: model.to_record() for name, model in diagnosis.items()}
     robots = [record.pop("robot") for record in records.values()]
     return {"robot": robots[0], "models": records} if robots else {}
 

@@ -4,7 +4,6 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 
 from residual.identification.prove import ValidatedIdentification
-from residual.model.record import to_record
 from residual.quantity import plain
 from warehouse.commit import commit_record
 from warehouse.schema import rows_table
@@ -108,7 +107,7 @@ def store_identification(
         "stage": STAGE,
         "request": request,
         "document": figures,
-        "model": to_record(outcome.free.model),
+        "model": outcome.free.model.to_record(),
     }
     held_out = runs.get("held_out") or runs.get("fit") or ()
     one = held_out[0] if len(held_out) == 1 and not outcome.same_run else None

@@ -85,7 +85,6 @@ class Settings:
         joints: Joints of X and Y, from 1; None for all, or the paper's.
         views: Whether to compute what only figures need.
         schemes: Schemes to report; None for all that the rows allow.
-        seed: Of random blocks and surrogates.
     """
 
     paper: bool = False
@@ -95,7 +94,6 @@ class Settings:
     joints: tuple[int, ...] | None = None
     views: bool = True
     schemes: tuple[str, ...] | None = None
-    seed: int = 0
 
 
 @dataclass(frozen=True, eq=False, slots=True)
@@ -197,55 +195,39 @@ def calibrate(
     tell("nominal model", 0.0)
     source = Source(robot, runs, settings)
     rows = source.rows
-    schemes, more = make_schemes(rows, np.random.default_rng(settings.seed))
+    schemes, more = make_schemes(rows, np.random.default_rng(0))
     names = (*rows.names, *(f"tau{j}" for j in rows.joints))
     tables = make_tables(rows.X, rows.tau - rows.Y, rows.velocities, names)
-    table = _table(schemes, source, tables, settings, tell)
-    taught = training_of(rows, rows.Y, tables).with_fitted_standstill()
-    fitted = fit_nominal_pls(taught.X, taught.Y, settings.form, fewer=True)
-    best = fitted.components if settings.exact else table.components
+    scores, chosen, a_opt, unseen = _table(schemes, source, tables, settings, tell)
+    training = training_of(rows, rows.Y, tables).with_fitted_standstill()
+    fitted = fit_nominal_pls(training.X, training.Y, settings.form, fewer=True)
+    best = fitted.components if settings.exact else a_opt
     components = min(best, fitted.components)
-    made = Calibration(
+    calibration = Calibration(
         robot.name,
         rows,
-        table.scores,
-        table.chosen,
+        scores,
+        chosen,
         len(rows.labels) >= FEW,
-        fit_forms(taught, tables).lookup(table.chosen),
+        fit_forms(training, tables).lookup(chosen),
         replace(fitted.lookup(components), names=rows.names),
         components,
         source.nominal,
         source.declared,
-        unseen=table.unseen,
+        unseen=unseen,
         notes=(*notes, *more, *source.notes),
     )
     if not settings.views:
-        return made
+        return calibration
     tell("principal components", 0.85)
-    blocks = components_of(rows, runs, np.random.default_rng(settings.seed))
+    blocks = components_of(rows, runs, np.random.default_rng(0))
     sweep = None
     if len(rows.names) <= WIDE:
         tell("levels", 0.9)
         swept = [s for s in schemes if s.name in (RUN, RANDOM)]
         sweep = sweep_levels(rows, swept, tables, settings.form.components)
     tell("levels", 1.0)
-    return replace(made, blocks=blocks, sweep=sweep)
-
-
-@dataclass(frozen=True, eq=False, slots=True)
-class _Evaluation:
-    """The table, and what was chosen by its first scheme.
-
-    Attributes:
-        chosen: Option of each joint.
-        components: Of the paper's form, what does best there.
-        unseen: A run that no model has seen; None where none was left out.
-    """
-
-    scores: tuple[Score, ...]
-    chosen: tuple[Option, ...]
-    components: int
-    unseen: Unseen | None
+    return replace(calibration, blocks=blocks, sweep=sweep)
 
 
 def _table(
@@ -254,7 +236,11 @@ def _table(
     tables: Tables,
     settings: Settings,
     tell: Progress,
-) -> _Evaluation:
+) -> tuple[tuple[Score, ...], tuple[Option, ...], int, Unseen | None]:
+    """Return the cells, and by the first scheme each joint's option and A_opt.
+
+    Last comes a run that no model has seen, None where no run was left out.
+    """
     rows, shown = source.rows, middle_run(source.rows)
     options = candidates(len(rows.names))
     first = BLOCK if len(rows.labels) < FEW else RUN
@@ -279,16 +265,16 @@ def _table(
             trial = tried(scheme, options if scheme.unseen else settled)
         else:
             continue
-        own = choices(trial, lead, rows)
-        cells = scores_of(trial, own)
+        fold_choices = choices(trial, lead, rows)
+        cells = scores_of(trial, fold_choices)
         if trial is lead:
             components = find(cells, first, PAPER_FORM).components
         if settings.schemes is None or scheme.name in settings.schemes:
             scores += cells
         if scheme.name == RUN:
             residual = source.residual(scheme.left_out[shown])
-            unseen = unseen_run(rows, trial, shown, residual, own[shown])
-    return _Evaluation(tuple(scores), chosen, components, unseen)
+            unseen = unseen_run(rows, trial, shown, residual, fold_choices[shown])
+    return tuple(scores), chosen, components, unseen
 
 
 def corrected_model(calibration: Calibration) -> CorrectedModel | None:
@@ -307,24 +293,17 @@ def corrected_model(calibration: Calibration) -> CorrectedModel | None:
 
 def with_tables(model: Model, lookup: Lookup, joints: Sequence[int]) -> CorrectedModel:
     """Put the tables of a calibration on a model; its joints are from 1."""
-    columns = tuple(map(_column, lookup.names))
-    each = [_of_joint(lookup, m) for m in range(len(joints))]
-    tables = (
-        JointTables(joint - 1, columns, own, _kind(own), NEAREST)
-        for joint, own in zip(joints, each, strict=True)
-    )
+    columns, tables = [], []
+    for name in lookup.names:  # a column of the state: q1, qd1, qdd1, or tau1
+        on, number, _ = re.split(r"(\d+)", name)
+        on = "tau_model" if on == "tau" else on
+        columns.append(Column(on, (int(number) - 1,), ""))
+    for m, joint in enumerate(joints):
+        part = _of_joint(lookup, m)
+        empty = not (part.tables or part.offset.any() or part.slope.any())
+        kind = NONE if empty else MAIN
+        tables.append(JointTables(joint - 1, tuple(columns), part, kind, NEAREST))
     return CorrectedModel(model, tuple(tables))
-
-
-def _kind(lookup: Lookup) -> str:
-    empty = not (lookup.tables or lookup.offset.any() or lookup.slope.any())
-    return NONE if empty else MAIN
-
-
-def _column(name: str) -> Column:
-    """A variable of the tables as a column of the state: q1, qd1, qdd1, or tau1."""
-    on, number, _ = re.split(r"(\d+)", name)
-    return Column("tau_model" if on == "tau" else on, (int(number) - 1,), "")
 
 
 def _of_joint(lookup: Lookup, m: int) -> Lookup:
@@ -337,12 +316,14 @@ def _of_joint(lookup: Lookup, m: int) -> Lookup:
     used = sorted({axis for t in tables for axis in t.axes})
     place = {axis: k for k, axis in enumerate(used)}
     axes: list[Axis] = [lookup.axes[axis] for axis in used]
-    moved = [LookupTable(tuple(place[a] for a in t.axes), t.values) for t in tables]
+    renumbered = [
+        LookupTable(tuple(place[a] for a in t.axes), t.values) for t in tables
+    ]
     return Lookup(
         lookup.names,
         (lookup.joints[m],),
         tuple(axes),
-        tuple(moved),
+        tuple(renumbered),
         np.array(lookup.offset[[m]]),
         np.array(lookup.slope[:, [m]]),
         lookup.low,

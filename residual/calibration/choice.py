@@ -236,8 +236,8 @@ def chosen_tables(
     options = candidates(rows.X.shape[1])
     miss = np.zeros((len(options), int(rows.second.max()) + 1, rows.Y.shape[1]))
     for label in np.unique(group):
-        held = group == label
-        fits, new = fit_forms(rows.rows(~held), tables), rows.rows(held)
+        out = group == label
+        fits, new = fit_forms(rows.rows(~out), tables), rows.rows(out)
         add_seconds(miss, new, fits.forecasts(new, options))
     chosen = choose(miss, options, WORTH)
     return fit_forms(rows, tables).lookup(chosen), chosen
@@ -245,5 +245,5 @@ def chosen_tables(
 
 def add_seconds(miss: Array, rows: Training, forecasts: Array) -> None:
     """Add squared errors of rows to those of each second. (options, seconds, j)."""
-    for own, forecast in zip(miss, forecasts, strict=True):
-        np.add.at(own, rows.second, rows.misses(forecast))
+    for sums, forecast in zip(miss, forecasts, strict=True):
+        np.add.at(sums, rows.second, rows.misses(forecast))

@@ -86,8 +86,8 @@ def fit_pls(
     Z = (X - x_mean) / x_scale
     rank = int(np.linalg.matrix_rank(Z))
     remedy = f"The bound is the rank of X ({len(X)} rows, {X.shape[1]} columns)."
-    wanted = rank if components is None else components
-    count = check_count(wanted, 1, rank, "components", remedy)
+    requested = rank if components is None else components
+    count = check_count(requested, 1, rank, "components", remedy)
     parts = _components(Z.T @ Z, Z.T @ (Y - y_mean), count)
     return Pls(names, *map(frozen, (x_mean, x_scale, y_mean, *parts)))
 
@@ -173,7 +173,12 @@ def fit_pca(
     names = as_names(names, X.shape[1], "x")
     check_varying(X, names)
     check_count(draws, LEAST_DRAWS, 10**6, "draws", "100 are usual.")
-    parts = _parts(len(X), run)
+    run = np.zeros(len(X), int) if run is None else np.asarray(run)
+    if run.shape != (len(X),):
+        raise InputError(f"run has shape {run.shape}, expected ({len(X)},).")
+    parts = [np.flatnonzero(run == label) for label in np.unique(run)]
+    shortest = min(map(len, parts))
+    check_count(shortest, 4, len(X), "rows of a run", "Leave short runs out.")
     values, vectors = np.linalg.eigh(_correlation(X))
     largest = np.abs(vectors).argmax(axis=0)
     vectors = vectors * np.sign(vectors[largest, range(len(names))])
@@ -187,16 +192,6 @@ def fit_pca(
     limit = np.quantile(drawn, _QUANTILE, axis=0)
     ordered = vectors[:, ::-1].copy(), values[::-1].copy(), limit
     return Pca(names, *map(frozen, ordered))
-
-
-def _parts(rows: int, run: Array | None) -> list[Array]:
-    run = np.zeros(rows, int) if run is None else np.asarray(run)
-    if run.shape != (rows,):
-        raise InputError(f"run has shape {run.shape}, expected ({rows},).")
-    parts = [np.flatnonzero(run == label) for label in np.unique(run)]
-    shortest = min(map(len, parts))
-    check_count(shortest, 4, rows, "rows of a run", "Leave short runs out.")
-    return parts
 
 
 def _correlation(X: Array) -> Array:

@@ -34,11 +34,11 @@ def relative_error(miss: Array, power: Array) -> Array:
     return 100 * np.sqrt(np.maximum(miss, 0) / some)
 
 
-def leave_one_out(labels: Array, label: str = "run") -> Folds:
+def leave_one_out(labels: Array) -> Folds:
     """Hold out all rows of one label at a time: of one run, or of one family."""
     names, of_row = np.unique(labels, return_inverse=True)
     remedy = "Take more logs, or cut a long one into parts with windows."
-    check_count(len(names), 2, len(labels), f"number of different {label}s", remedy)
+    check_count(len(names), 2, len(labels), "number of different runs", remedy)
     return Folds(frozen(of_row.reshape(-1)), tuple(map(str, names)))
 
 

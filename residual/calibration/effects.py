@@ -62,9 +62,9 @@ class Tables:
 
     def encode(self, X: Array, loads: Array) -> csr_matrix:
         """Return Z of rows: states (n, d), and loads of the joints [N m] (n, j)."""
-        own = self.loads.encode(_by_turns(X[:, self.speeds], loads))
-        across = np.array(own.sizes[1::2])
-        cells = own.values[:, ::2].astype(np.int64) * across + own.values[:, 1::2]
+        codes = self.loads.encode(_by_turns(X[:, self.speeds], loads))
+        across = np.array(codes.sizes[1::2])
+        cells = codes.values[:, ::2].astype(np.int64) * across + codes.values[:, 1::2]
         at = np.hstack([self.states.encode(X).values, cells]) + self.starts[:-1]
         ends = np.arange(0, at.size + 1, at.shape[1])
         shape = (len(X), int(self.starts[-1]))
@@ -93,15 +93,17 @@ def make_tables(
     both, turns = _by_turns(X[:, speeds], loads), range(0, 2 * len(speeds), 2)
     moving = speeds if velocities is None else velocities
     states = quantile_levels(X, LEVELS, names[: X.shape[1]], velocities=moving)
-    own = zip((names[i] for i in speeds), names[X.shape[1] :], strict=True)
-    named = [name for pair in own for name in pair]
+    name_pairs = zip((names[i] for i in speeds), names[X.shape[1] :], strict=True)
+    named = [name for pair in name_pairs for name in pair]
     pairs = quantile_levels(both, PAIR_LEVELS, named, velocities=turns, constant=True)
-    one = [sum(_shared(e, width) for width in WIDTHS) for e in states.edges]
-    two = []
+    single = [sum(_shared(e, width) for width in WIDTHS) for e in states.edges]
+    paired = []
     for a, b in zip(pairs.edges[::2], pairs.edges[1::2], strict=True):
-        two.append(sum(np.kron(_shared(a, w), _shared(b, w)) for w in PAIR_WIDTHS))
-    penalty = block_diag(*map(np.linalg.inv, one))
-    return Tables(states, pairs, tuple(speeds), penalty, tuple(map(np.linalg.inv, two)))
+        paired.append(sum(np.kron(_shared(a, w), _shared(b, w)) for w in PAIR_WIDTHS))
+    penalty = block_diag(*map(np.linalg.inv, single))
+    return Tables(
+        states, pairs, tuple(speeds), penalty, tuple(map(np.linalg.inv, paired))
+    )
 
 
 def _by_turns(speeds: Array, loads: Array) -> Array:
@@ -169,12 +171,12 @@ class EffectFit:
         plain[:count] = back(right)
         first = len(self.tables.states.sizes)
         for j, penalty in enumerate(self.tables.paired):
-            own = slice(*starts[first + j : first + j + 2])
-            B = across[:, own.start - count : own.stop - count]
-            schur = self.gram[own, own] + stiff * penalty - B.T @ B
-            rest = self.right[own, j] - B.T @ right[:, j]
-            paired[own, j] = cho_solve(cho_factor(schur), rest)
-            paired[:count, j] = right[:, j] - B @ paired[own, j]
+            cells = slice(*starts[first + j : first + j + 2])
+            B = across[:, cells.start - count : cells.stop - count]
+            schur = self.gram[cells, cells] + stiff * penalty - B.T @ B
+            target = self.right[cells, j] - B.T @ right[:, j]
+            paired[cells, j] = cho_solve(cho_factor(schur), target)
+            paired[:count, j] = right[:, j] - B @ paired[cells, j]
         paired[:count] = back(paired[:count])
         return self._centred(plain), self._centred(paired)
 

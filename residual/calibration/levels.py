@@ -125,8 +125,10 @@ def _checked(
             f"levels are of {len(counts)} variables, the rows of {len(names)}: give "
             "one number for all, or one for each."
         )
-    for one in counts:
-        check_count(one, 2, MOST, "levels", "One level cannot tell two states apart.")
+    for levels in counts:
+        check_count(
+            levels, 2, MOST, "levels", "One level cannot tell two states apart."
+        )
     if not constant:
         check_varying(X, names)
     return X, names, counts
@@ -174,7 +176,14 @@ def merge_rows(codes: Codes) -> Cells:
     Neighbours share their first variables, so that tables that are read one after the
     other lie close in memory.
     """
-    key = _keys(codes)
+    if prod(codes.sizes) < 2**63:  # one number per row, else the bytes of the row
+        key = np.zeros(len(codes.values), np.int64)
+        for column, size in zip(codes.values.T, codes.sizes, strict=True):
+            key *= size
+            key += column
+    else:
+        wide = np.ascontiguousarray(codes.values.astype(">u2"))
+        key = wide.view(np.dtype((np.void, 2 * wide.shape[1]))).ravel()
     _, first, of_row, count = np.unique(
         key, return_index=True, return_inverse=True, return_counts=True
     )
@@ -184,15 +193,3 @@ def merge_rows(codes: Codes) -> Cells:
         frozen(count.astype(float)),
         frozen(of_row.reshape(-1)),
     )
-
-
-def _keys(codes: Codes) -> Array:
-    """One number per row where they fit into 64 bits, else the bytes of the row."""
-    if prod(codes.sizes) < 2**63:
-        key = np.zeros(len(codes.values), np.int64)
-        for column, size in zip(codes.values.T, codes.sizes, strict=True):
-            key *= size
-            key += column
-        return key
-    wide = np.ascontiguousarray(codes.values.astype(">u2"))
-    return wide.view(np.dtype((np.void, 2 * wide.shape[1]))).ravel()

@@ -13,7 +13,7 @@ import numpy as np
 
 from residual.blocks import as_names, as_pair, check_count, frozen
 from residual.calibration.components import EXHAUSTED, leading
-from residual.calibration.levels import Cells, Levels, equal_levels, merge_rows
+from residual.calibration.levels import Levels, equal_levels, merge_rows
 from residual.model.lookup import Axis, Lookup, LookupTable
 from residual.recording import Array
 
@@ -113,13 +113,17 @@ def fit_nominal_pls(
         InputError: On fewer than 2 levels or variables, a constant column, more
             components than the rank can be, or a value that is not finite.
     """
-    from residual.calibration.kernels import scatter_pairs
+    from residual.calibration.kernels import aim, explain, scatter_pairs, score, turn
 
     X, Y = as_pair(X, Y)
     form = form or NominalForm()
     levels = equal_levels(X, form.levels)
     cells = merge_rows(levels.encode(X))
-    bound = component_bound(cells)
+    # The centred indicators have no more rank than there are cells less one, and than
+    # main effects and interactions of the visited levels have dimensions.
+    visited = np.array([len(np.unique(c)) - 1 for c in cells.codes.T])
+    inner = (visited.sum() ** 2 - (visited**2).sum()) // 2
+    bound = int(min(len(cells.count) - 1, visited.sum() + inner))
     if fewer:
         form = replace(form, components=min(form.components, bound))
     check_count(len(cells.sizes), 2, 64, "variables", "A table is of two variables.")
@@ -135,31 +139,10 @@ def fit_nominal_pls(
     x_mean = table[:, -1] / n
     # The responses are centred, so that their product with X - xbar is that with X.
     S = np.ascontiguousarray(table[:, :-1].T)
-    parts = _components(cells, S, x_mean, form.components)
-    return NominalPls(levels, *map(frozen, (x_mean, y_mean, *parts)))
-
-
-def component_bound(cells: Cells) -> int:
-    """Most components that there can be.
-
-    The centred indicators have no more rank than there are cells less one, and than
-    main effects and interactions of the visited levels have dimensions.
-    """
-    free = np.array([len(np.unique(c)) - 1 for c in cells.codes.T])
-    inner = (free.sum() ** 2 - (free**2).sum()) // 2
-    return int(min(len(cells.count) - 1, free.sum() + inner))
-
-
-def _components(
-    cells: Cells, S: Array, x_mean: Array, count: int
-) -> tuple[Array, Array]:
-    """Return V and Q."""
-    from residual.calibration.kernels import aim, explain, score, turn
-
-    W, V, P = (np.zeros((count, S.shape[1])) for _ in range(3))
-    Q = np.zeros((count, len(S)))
+    W, V, P = (np.zeros((form.components, S.shape[1])) for _ in range(3))
+    Q = np.zeros((form.components, len(S)))
     first, done = 0.0, 0
-    for a in range(count):
+    for a in range(form.components):
         q, size = leading(S)
         first = first or size
         if size <= EXHAUSTED * first:
@@ -170,4 +153,4 @@ def _components(
         energy, total = score(cells.codes, cells.sizes, cells.count, V[a], middle, P[a])
         Q[a] = explain(S, V[a], P[a], x_mean, energy, total)
         done = a + 1
-    return V[:done], Q[:done]
+    return NominalPls(levels, *map(frozen, (x_mean, y_mean, V[:done], Q[:done])))

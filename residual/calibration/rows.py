@@ -21,6 +21,7 @@ from residual.blocks import frozen
 from residual.calibration.components import state_block, state_names
 from residual.errors import InputError
 from residual.recording import Array, Recording
+from residual.signals.splitting import rows_of
 from residual.signals.track import Filters, Track, sample_rate
 
 BLOCKS = 4  # of a run
@@ -53,10 +54,10 @@ class Blocks:
         """Place of rows of a run, at times on the log's own clock [s]. Shape (n,)."""
         cuts = self.cuts[run]
         begin, end = np.r_[-np.inf, cuts], np.r_[cuts, np.inf]
-        own = np.searchsorted(cuts, t, side="right")
+        block = np.searchsorted(cuts, t, side="right")
         first = int(np.searchsorted(self.runs, run))
-        beside = (t >= end[own] - GUARD).astype(int) - (t < begin[own] + GUARD)
-        return 3 * (first + own) + 1 + beside
+        beside = (t >= end[block] - GUARD).astype(int) - (t < begin[block] + GUARD)
+        return 3 * (first + block) + 1 + beside
 
     def kept(self, left_out: Collection[int]) -> Array:
         """Return the places that are in no block that is left out, nor close to it."""
@@ -148,9 +149,9 @@ class Rows:
         """Second of its run that each row is in, numbered through all runs. (n,)."""
         out, start = np.zeros(len(self.run), int), 0
         for number, rate in enumerate(self.rates):
-            own = self.run == number
-            out[own] = start + (np.arange(own.sum()) / rate).astype(int)
-            start = out[own].max(initial=start) + 1
+            in_run = self.run == number
+            out[in_run] = start + (np.arange(in_run.sum()) / rate).astype(int)
+            start = out[in_run].max(initial=start) + 1
         return out
 
 
@@ -162,14 +163,23 @@ def paper_rows(
     Of joints from 1, or of the paper's first three.
     """
     for run in runs:
-        _check_paper(run)
+        lacks = [] if run.log.q_ref is not None else ["reference (q_ref)"]
+        lacks += [] if "e_tau" in run.twin else ["torque of a simulated twin (e_tau)"]
+        if lacks:
+            raise InputError(
+                f"--paper: {run.log.id} has no {' and no '.join(lacks)}. Take runs "
+                "that modelgap experiment made or logs with q_ref1 and so on, or leave "
+                "--paper out."
+            )
     joints = _joints(joints, runs[0].log.dof, PAPER_JOINTS)
-    own = [j - 1 for j in joints]
+    columns = [j - 1 for j in joints]
     parts, rates = [], []
     for run in runs:
         log, rate = run.log, sample_rate(run.log.t)
-        X = _reference_state(log, own)
-        both = np.hstack([run.twin["e_tau"][:, own], log.tau[:, own]])
+        q = log.q_ref[:, columns]
+        qd = np.gradient(q, log.t, axis=0)
+        X = state_block(q, qd, np.gradient(qd, log.t, axis=0))
+        both = np.hstack([run.twin["e_tau"][:, columns], log.tau[:, columns]])
         step = thin * _step(rate, PAPER_HZ)
         ahead = np.hsplit(np.ascontiguousarray(both[1:])[::step], 2)
         now = np.ascontiguousarray(X[:-1])[::step]
@@ -193,13 +203,16 @@ def measured_rows(
         thin: Take every so manieth row, where there are more than tables can use.
     """
     joints = _joints(joints, runs[0].log.dof, runs[0].log.dof)
-    own = [j - 1 for j in joints]
+    columns = [j - 1 for j in joints]
     parts, rates = [], []
     for run, track, residual in zip(runs, tracks, residuals, strict=True):
         chosen = chosen_rows(track, thin)
-        X = state_block(*(x[:, own] for x in (track.q, track.qd, track.qdd)))[chosen]
-        Y, tau = residual[:, own], torque_at(run.log, track)[:, own]
-        moving = _moving(track)[chosen][:, own]
+        X = state_block(*(x[:, columns] for x in (track.q, track.qd, track.qdd)))[
+            chosen
+        ]
+        Y, tau = residual[:, columns], torque_at(run.log, track)[:, columns]
+        moving = np.repeat(track.moving, track.step, axis=0)[: len(track.t)]
+        moving = moving[chosen][:, columns]
         parts.append((X, Y[chosen], tau[chosen], moving, track.t[chosen]))
         rates.append(track.rate / _step(track.rate, MEASURED_HZ) / thin)
     return _stacked(MEASURED, joints, parts, runs, rates)
@@ -210,31 +223,12 @@ def torque_at(log: Recording, track: Track) -> Array:
     return np.column_stack([np.interp(track.t, log.t, c) for c in log.tau.T])
 
 
-def _moving(track: Track) -> Array:
-    """Whether a joint moves at each sample of a track. Shape (n, dof), bool."""
-    return np.repeat(track.moving, track.step, axis=0)[: len(track.t)]
-
-
 def chosen_rows(track: Track, thin: int = 1) -> Array:
     """Samples of a track that become rows: neither its ends nor gaps. Numbers."""
     inner = np.repeat(track.inner, track.step)[: len(track.t)]
     edge = round(Filters().edge * track.rate)
     inner[:edge] = inner[len(inner) - edge :] = False
     return np.flatnonzero(inner)[:: thin * _step(track.rate, MEASURED_HZ)]
-
-
-def _check_paper(run: Run) -> None:
-    lacks = []
-    if run.log.q_ref is None:
-        lacks.append("reference (q_ref)")
-    if "e_tau" not in run.twin:
-        lacks.append("torque of a simulated twin (e_tau)")
-    if lacks:
-        raise InputError(
-            f"--paper: {run.log.id} has no {' and no '.join(lacks)}. Take runs that "
-            "modelgap experiment made or logs with q_ref1 and so on, or leave --paper "
-            "out."
-        )
 
 
 def _joints(joints: Sequence[int] | None, dof: int, default: int) -> tuple[int, ...]:
@@ -244,12 +238,6 @@ def _joints(joints: Sequence[int] | None, dof: int, default: int) -> tuple[int, 
         listed = ", ".join(map(str, joints)) or "none"
         raise InputError(f"joints {listed}: expected some of 1 to {dof}, each once.")
     return tuple(sorted(set(joints)))
-
-
-def _reference_state(log: Recording, joints: Sequence[int]) -> Array:
-    q = log.q_ref[:, joints]
-    qd = np.gradient(q, log.t, axis=0)
-    return state_block(q, qd, np.gradient(qd, log.t, axis=0))
 
 
 def _step(rate: float, target: float) -> int:
@@ -290,12 +278,13 @@ def cut_single(runs: Sequence[Run]) -> tuple[Run, ...]:
     if len(runs) != 1:
         return tuple(runs)
     (run,) = runs
-    count = len(run.log.t)
-    ends = np.linspace(0, count, PARTS + 1).astype(int)
-    return tuple(
-        _part(run, slice(a, b), f" part {i}")
-        for i, (a, b) in enumerate(pairwise(ends), 1)
-    )
+    ends = np.linspace(0, len(run.log.t), PARTS + 1).astype(int)
+    parts = []
+    for i, (a, b) in enumerate(pairwise(ends), 1):
+        log = replace(rows_of(run.log, a, b), id=f"{run.log.id} part {i}")
+        twin = {name: values[a:b] for name, values in run.twin.items()}
+        parts.append(replace(run, log=log, twin=twin))
+    return tuple(parts)
 
 
 def thinning(runs: Sequence[Run]) -> tuple[int, tuple[str, ...]]:
@@ -308,13 +297,3 @@ def thinning(runs: Sequence[Run]) -> tuple[int, tuple[str, ...]]:
     if thin == 1:
         return 1, ()
     return thin, (f"{total / 60:.3g} min of logs: tables take one row in {thin}",)
-
-
-def _part(run: Run, rows: slice, label: str = "") -> Run:
-    log = run.log
-    cut = {"t": log.t[rows], "q": log.q[rows], "tau": log.tau[rows]}
-    for name in ("qd", "qdd", "q_ref"):
-        if getattr(log, name) is not None:
-            cut[name] = getattr(log, name)[rows]
-    twin = {name: values[rows] for name, values in run.twin.items()}
-    return replace(run, log=replace(log, id=f"{log.id}{label}", **cut), twin=twin)

@@ -10,7 +10,6 @@ from dataclasses import dataclass
 from functools import partial
 
 import numpy as np
-from scipy.sparse import csr_matrix
 
 from residual.blocks import check_varying
 from residual.calibration.choice import (
@@ -86,10 +85,10 @@ class Scheme:
     def split(self, rows: Rows) -> Iterator[tuple[Array, Array]]:
         """Yield the rows that each fold fits, and those that it holds out. (n,)."""
         for fold, left_out in enumerate(self.left_out):
-            held = self.folds.of_row == fold
+            held_out = self.folds.of_row == fold
             # What is close to a block is neither.
-            kept = rows.blocks.mask(rows.place, left_out) if left_out else ~held
-            yield kept, held
+            kept = rows.blocks.mask(rows.place, left_out) if left_out else ~held_out
+            yield kept, held_out
 
 
 def make_schemes(
@@ -118,9 +117,11 @@ def make_schemes(
         runs = [{i for i, f in enumerate(of_run) if f == n} for n in numbers]
         out.append(_unseen(FAMILY, np.array(of_run)[rows.run], runs, run_of))
     else:
-        one = len(families) == 1 and families[0]
+        only = len(families) == 1 and families[0]
         unknown = "the kind of motion of the logs is not known"
-        notes.append(f"no family left out: {'all runs are of one' if one else unknown}")
+        notes.append(
+            f"no family left out: {'all runs are of one' if only else unknown}"
+        )
     by_rows = (systematic(len(rows.X)), random_blocks(len(rows.X), rng))
     for name, folds in zip((SYSTEMATIC, RANDOM), by_rows, strict=True):
         # A few dozen parameters from thousands of rows do not know one block of them.
@@ -129,7 +130,7 @@ def make_schemes(
 
 
 def _unseen(name: str, label: Array, runs: Sequence[set], run_of: Array) -> Scheme:
-    left_out = [np.flatnonzero(np.isin(run_of, list(own))).tolist() for own in runs]
+    left_out = [np.flatnonzero(np.isin(run_of, list(group))).tolist() for group in runs]
     return Scheme(name, leave_one_out(label), tuple(map(frozenset, left_out)))
 
 
@@ -192,20 +193,22 @@ def try_forms(
                 if scheme.unseen or form is not None
                 else every.with_fitted_standstill()
             )
-        known, new = every.rows(kept), every.rows(out)
-        taught = known.with_fitted_standstill() if once is None else once.rows(kept)
-        own = None
+        fit_rows, new = every.rows(kept), every.rows(out)
+        training = (
+            fit_rows.with_fitted_standstill() if once is None else once.rows(kept)
+        )
+        pair_sums = None
         if counts is not None:  # of few rows less than of many
-            own = partial(_less, counts, every.Z[out])
-        fits = fit_forms(taught, tables, own)
+            pair_sums = partial(lambda n, Z: n - pair_counts(Z), counts, every.Z[out])
+        fits = fit_forms(training, tables, pair_sums)
         predicted = fits.forecasts(new, options)
-        fitted.append(_squares(known, fits.forecasts(known, options)))
+        fitted.append(_squares(fit_rows, fits.forecasts(fit_rows, options)))
         held_out.append(_squares(new, predicted))
-        power_fitted.append(known.misses(known.Y - known.tau).sum(axis=0))
+        power_fitted.append(fit_rows.misses(fit_rows.Y - fit_rows.tau).sum(axis=0))
         add_seconds(seconds, new, predicted)
         if form is not None:
-            by_count = paper_forecast(taught, form)
-            paper.append([_squares(part, by_count(part)) for part in (known, new)])
+            by_count = paper_forecast(training, form)
+            paper.append([_squares(part, by_count(part)) for part in (fit_rows, new)])
             if fold == shown:
                 forecasts = predicted, by_count(new)[-1]
     both = (None, None)
@@ -223,10 +226,6 @@ def try_forms(
         seconds,
         forecasts,
     )
-
-
-def _less(counts: Array, Z: csr_matrix) -> Array:
-    return counts - pair_counts(Z)
 
 
 def training_of(rows: Rows, Y: Array, tables: Tables) -> Training:
@@ -299,9 +298,9 @@ def choices(trial: Trial, lead: Trial, rows: Rows) -> list[tuple[Option, ...]]:
     out = []
     for left_out in trial.scheme.left_out:
         gone = np.isin(rows.place // 3, list(left_out))
-        seen = np.ones(lead.seconds.shape[1])
-        seen[rows.second[gone]] = 0
-        out.append(choose(lead.seconds * seen[:, None], lead.options))
+        counted = np.ones(lead.seconds.shape[1])
+        counted[rows.second[gone]] = 0
+        out.append(choose(lead.seconds * counted[:, None], lead.options))
     return out
 
 
@@ -316,9 +315,9 @@ def scores_of(trial: Trial, chosen: Sequence[Sequence[Option]]) -> list[Score]:
         out.append(_score(trial, name, *(part[:, at] for part in both)))
     if trial.paper_held_out is not None:
         out.append(_score(trial, PAPER_FORM, trial.paper_fitted, trial.paper_held_out))
-    numbers = np.array([[[place[o] for o in own]] for own in chosen])
-    own = (np.take_along_axis(part, numbers, axis=1) for part in both)
-    return [*out, _score(trial, DEFAULT, *own)]
+    numbers = np.array([[[place[o] for o in default]] for default in chosen])
+    default = (np.take_along_axis(part, numbers, axis=1) for part in both)
+    return [*out, _score(trial, DEFAULT, *default)]
 
 
 def _score(trial: Trial, model: str, fitted: Array, unseen: Array) -> Score:

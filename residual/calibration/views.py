@@ -101,17 +101,17 @@ def unseen_run(
         chosen: Option of each joint, chosen without it.
     """
     by_option, paper = trial.forecasts
-    held = rows.run == number
-    step = max(1, int(held.sum()) // _MOST)
+    in_run = rows.run == number
+    step = max(1, int(in_run.sum()) // _MOST)
     place = [trial.options.index(option) for option in chosen]
     corrections = {
         LS: by_option[trial.options.index(Option(LEAST_SQUARES))],
         PAPER_FORM: paper,
         DEFAULT: np.stack([by_option[i, :, j] for j, i in enumerate(place)], axis=1),
     }
-    t = np.arange(held.sum()) / rows.rates[number]
+    t = np.arange(in_run.sum()) / rows.rates[number]
     thin = {name: values[::step] for name, values in corrections.items()}
-    return Unseen(rows.labels[number], t[::step], residual[held][::step], thin)
+    return Unseen(rows.labels[number], t[::step], residual[in_run][::step], thin)
 
 
 def sweep_levels(
@@ -126,13 +126,13 @@ def sweep_levels(
         start, form = process_time(), NominalForm(levels, count)
         for scheme in schemes:
             miss, power = 0.0, 0.0
-            for kept, held in islice(scheme.split(rows), _FOLDS):
-                new = every.rows(held)
+            for kept, held_out in islice(scheme.split(rows), _FOLDS):
+                new = every.rows(held_out)
                 guesses = paper_forecast(
                     every.rows(kept).with_fitted_standstill(), form
                 )(new)
                 miss += np.stack([new.misses(g).sum(axis=0) for g in guesses[1:]])
-                power += torque[held].sum(axis=0)
+                power += torque[held_out].sum(axis=0)
             curve = relative_error(miss, power)
             best = np.nansum(curve**2, axis=1).argmin()
             errors[scheme.name].append(curve[best])
@@ -163,8 +163,8 @@ def components_of(
             WHITE: (rng.normal(size=X.shape), rows.names),
         }
         for name, (values, names) in blocks.items():
-            own = {"run": rows.run[chosen], "draws": _DRAWS}
-            out.append(Components(family, name, fit_pca(values, rng, names, **own)))
+            options = {"run": rows.run[chosen], "draws": _DRAWS}
+            out.append(Components(family, name, fit_pca(values, rng, names, **options)))
     return tuple(out)
 
 

@@ -13,7 +13,6 @@ import numpy as np
 from residual.errors import InputError
 from residual.model.corrected import CorrectedModel
 from residual.model.model import Model, Term
-from residual.model.record import to_record
 from residual.recording import Array
 from residual.robot.robot import Robot
 
@@ -183,6 +182,6 @@ def torque_size(gap: Array) -> tuple[float, float]:
 
 def to_json(source: AnyModel) -> ModelExport:
     """Return a model as the file that ``load_model`` reads."""
-    text = json.dumps(to_record(source), allow_nan=False, indent=1) + "\n"
+    text = json.dumps(source.to_record(), allow_nan=False, indent=1) + "\n"
     files = {f"{file_stem(source)}.json": text.encode()}
     return replace(split(source, lambda term: ""), files=files)

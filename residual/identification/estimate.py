@@ -181,10 +181,10 @@ def autocorrelation(rows: JointRows, residual: tuple[Array, ...]) -> Array:
     for j, (values, series) in enumerate(zip(residual, rows.series, strict=True)):
         lines = []
         for log in np.unique(series[:, 0]):
-            own = series[:, 0] == log
-            place = series[own, 1] - series[own, 1].min()
+            in_log = series[:, 0] == log
+            place = series[in_log, 1] - series[in_log, 1].min()
             lines.append(np.zeros(place.max() + 1 + LAGS))
-            lines[-1][place] = values[own]
+            lines[-1][place] = values[in_log]
         if lines:
             out[j] = autocorrelation_time(np.concatenate(lines))
     return out
@@ -209,7 +209,19 @@ def estimated(
     outliers = np.zeros(len(weight))
     if options.method == "irls":
         theta, noise, weights = reweighted(rows, start, theta, memory, options.loss)
-        means = _loss_means(rows, theta, noise, options.loss)
+        # Mean psi' and mean psi^2 of each joint's standardised residuals turn the
+        # covariance of least squares into that of the robust fit.
+        for j, (r, s) in enumerate(zip(residuals(rows, theta), noise, strict=True)):
+            if len(r) == 0:
+                continue
+            u = r / s
+            means[1, j] = np.mean((_weight(u, options.loss) * u) ** 2)
+            if options.loss == "huber":
+                slope = np.abs(u) <= _K
+            else:
+                v = (u / _C) ** 2
+                slope = np.where(v < 1, (1 - v) * (1 - 5 * v), 0.0)
+            means[0, j] = max(np.mean(slope), 0.05)
         weight = 1 / (noise**2 * memory)
         outliers = np.array([np.mean(w < 0.5) if len(w) else 0.0 for w in weights])
     bread, meat = weight * means[0], weight**2 * means[1] * noise**2 * memory
@@ -235,9 +247,9 @@ def weights_of(
         method: "ols" gives all joints one weight.
         parameters: How many were fitted to these rows.
     """
-    left = residuals(rows, theta)
-    memory = autocorrelation(rows, left)
-    sse = np.array([np.sum(r**2) for r in left])
+    residual = residuals(rows, theta)
+    memory = autocorrelation(rows, residual)
+    sse = np.array([np.sum(r**2) for r in residual])
     spent = max(1 - parameters / max(rows.counts.sum(), 1), 0.1)
     noise = np.sqrt(sse / np.maximum(rows.counts * spent, 1))
     noise = np.maximum(noise, _least_noise(rows))
@@ -275,35 +287,17 @@ def reweighted(
     if loss == "bisquare":
         theta, _, _ = reweighted(rows, start, theta, memory, "huber")
     for _ in range(_REWEIGHTINGS):
-        left = residuals(rows, theta)
-        middle = [np.median(np.abs(r)) if len(r) else 0.0 for r in left]
+        residual = residuals(rows, theta)
+        middle = [np.median(np.abs(r)) if len(r) else 0.0 for r in residual]
         noise = np.maximum(_MAD * np.array(middle), _least_noise(rows))
-        weights = tuple(_weight(r / s, loss) for r, s in zip(left, noise, strict=True))
+        weights = tuple(
+            _weight(r / s, loss) for r, s in zip(residual, noise, strict=True)
+        )
         before = theta
         theta = solve(compress(rows, weights), 1 / (noise**2 * memory), start)
         if np.all(np.abs(theta - before) <= 1e-7 * start.size):
             break
     return theta, noise, weights
-
-
-def _loss_means(rows: JointRows, theta: Array, noise: Array, loss: str) -> Array:
-    """Mean psi' and mean psi^2 of each joint's standardised residuals. (2, dof).
-
-    They turn the covariance of least squares into that of the robust fit.
-    """
-    out = np.ones((2, len(noise)))
-    for j, (r, s) in enumerate(zip(residuals(rows, theta), noise, strict=True)):
-        if len(r) == 0:
-            continue
-        u = r / s
-        out[1, j] = np.mean((_weight(u, loss) * u) ** 2)
-        if loss == "huber":
-            slope = np.abs(u) <= _K
-        else:
-            v = (u / _C) ** 2
-            slope = np.where(v < 1, (1 - v) * (1 - 5 * v), 0.0)
-        out[0, j] = max(np.mean(slope), 0.05)
-    return out
 
 
 def _weight(u: Array, loss: str) -> Array:

@@ -24,7 +24,6 @@ from residual.identification.estimate import (
     weights_of,
 )
 from residual.identification.structure import (
-    JointRows,
     Preflight,
     doubt,
     load,
@@ -70,39 +69,31 @@ def reduce(
     weight = estimate.weight
     rows = float(estimate.independent.sum())
     least = float(weight @ squares(blocks, estimate.theta))
-    left = rows * max(1 - len(start.free) / every, 0.1)
+    freedom = rows * max(1 - len(start.free) / every, 0.1)
     kept = Essential((), start, 0.0, float("nan"))
     theta = estimate.theta
     while len(kept.start.free) > 1:
-        relative = _relative_sd(blocks, weight, kept.start, theta)
+        keep = kept.start.free
+        size, pick = start.size[keep], np.ix_(keep, keep)
+        scaled = gram(blocks, weight)[pick] * np.outer(size, size)
+        covariance = np.linalg.pinv(scaled, rcond=1e-14, hermitian=True)
+        sd = size * np.sqrt(np.maximum(np.diag(covariance), 0))
+        relative = sd / np.maximum(np.abs(theta[keep]), 1e-300)
         if relative.max() <= _LIMIT:
             break
-        worst = int(kept.start.free[np.argmax(relative)])
+        worst = int(keep[np.argmax(relative)])
         value = kept.start.value.copy()
         value[worst] = 0.0
-        free = kept.start.free[kept.start.free != worst]
-        tried = replace(kept.start, value=value, free=free)
+        tried = replace(kept.start, value=value, free=keep[keep != worst])
         theta = solve(blocks, weight, tried)
         count = len(kept.dropped) + 1
         more = float(weight @ squares(blocks, theta)) - least
-        ratio = more / count / (least / left)
-        limit = float(fdtri(count, left, _CHANCE))
+        ratio = more / count / (least / freedom)
+        limit = float(fdtri(count, freedom, _CHANCE))
         if ratio > limit:
             break
         kept = Essential((*kept.dropped, worst), tried, float(ratio), limit)
     return kept
-
-
-def _relative_sd(
-    blocks: tuple[Array, ...], weight: Array, start: Start, theta: Array
-) -> Array:
-    """Relative sd of the free parameters under the weights. Shape (k,)."""
-    size = start.size[start.free]
-    pick = np.ix_(start.free, start.free)
-    scaled = gram(blocks, weight)[pick] * np.outer(size, size)
-    covariance = np.linalg.pinv(scaled, rcond=1e-14, hermitian=True)
-    sd = size * np.sqrt(np.maximum(np.diag(covariance), 0))
-    return sd / np.maximum(np.abs(theta[start.free]), 1e-300)
 
 
 @dataclass(frozen=True, eq=False, slots=True)
@@ -127,8 +118,8 @@ class Identification:
     def status(self) -> tuple[str, ...]:
         """Of each parameter: "fitted", "nominal" or "dropped"."""
         out = ["fitted"] * len(self.base)
-        for one in self.preflight.fixed:
-            out[one.index] = "nominal"
+        for parameter in self.preflight.fixed:
+            out[parameter.index] = "nominal"
         for i in self.essential.dropped if self.essential else ():
             out[i] = "dropped"
         return tuple(out)
@@ -168,7 +159,17 @@ def _fitted(
     nominal: Model, base: BaseParameters, logs: Logs, options: Options
 ) -> Identification:
     rows = rows_of(nominal, logs.tracks, base)
-    _check_rows(rows, len(base))
+    total, least = int(rows.counts.sum()), _ROWS_PER_PARAMETER * len(base)
+    if total == 0:
+        raise InputError(
+            "No joint moves in these logs: there are no rows to identify from. Give "
+            "logs in which joints move for longer than a second."
+        )
+    if total < least:
+        raise InputError(
+            f"Too few rows: {total} moving rows for {len(base)} parameters, expected "
+            f"{least} or more. Give longer logs, or declare fewer effects."
+        )
     states = random_states(nominal.robot.model)
     columns = torque_columns(nominal, state_at(nominal, *states))
     spread = doubt(nominal, rows.rms, columns)
@@ -181,36 +182,25 @@ def _fitted(
     rough = solve(blocks, np.ones(len(rows.y)), start)
     weight, _, _ = weights_of(rows, rough, "wls")
     per_row = np.stack([weight, rows.counts])
-    seen = preflight(nominal, base, gram(blocks, weight), size, per_row)
-    start = replace(start, free=seen.free)
+    shown = preflight(nominal, base, gram(blocks, weight), size, per_row)
+    start = replace(start, free=shown.free)
     if options.prior is not None:
         # A prior speaks for what the motion does not show: nothing need be held.
         precision = _precision(nominal, base, spread, options)
         start = replace(start, free=np.arange(len(base)), precision=precision)
-        seen = replace(seen, fixed=())
+        shown = replace(shown, fixed=())
     estimate = estimated(rows, blocks, start, options)
     essential = None
     if options.essential:
         essential = reduce(blocks, start, estimate, int(rows.counts.sum()))
         estimate = estimated(rows, blocks, essential.start, options)
     full = base.embed(estimate.theta, nominal.coefficients(), wide)
-    model, left = nominal.with_coefficients(full), compress(rows, estimate.row_weights)
-    fit = (base, estimate, theta, wide, seen, essential, left)
+    model, compressed = (
+        nominal.with_coefficients(full),
+        compress(rows, estimate.row_weights),
+    )
+    fit = (base, estimate, theta, wide, shown, essential, compressed)
     return Identification(options, logs, nominal, model, *fit)
-
-
-def _check_rows(rows: JointRows, parameters: int) -> None:
-    total, least = int(rows.counts.sum()), _ROWS_PER_PARAMETER * parameters
-    if total == 0:
-        raise InputError(
-            "No joint moves in these logs: there are no rows to identify from. Give "
-            "logs in which joints move for longer than a second."
-        )
-    if total < least:
-        raise InputError(
-            f"Too few rows: {total} moving rows for {parameters} parameters, expected "
-            f"{least} or more. Give longer logs, or declare fewer effects."
-        )
 
 
 def _precision(
@@ -220,8 +210,8 @@ def _precision(
     size, scale = len(nominal.inertial), options.prior
     covariance = spread * scale**2
     for i, value in enumerate(nominal.coefficients()[size:], start=size):
-        own = scale * abs(value) if value else 10 * np.sqrt(spread[i, i])
-        covariance[i, i] = own**2
-    own = base.mapping @ covariance @ base.mapping.T
-    unit = np.sqrt(np.diag(own))
-    return np.linalg.inv(own / np.outer(unit, unit)) / np.outer(unit, unit)
+        sd = scale * abs(value) if value else 10 * np.sqrt(spread[i, i])
+        covariance[i, i] = sd**2
+    prior = base.mapping @ covariance @ base.mapping.T
+    unit = np.sqrt(np.diag(prior))
+    return np.linalg.inv(prior / np.outer(unit, unit)) / np.outer(unit, unit)

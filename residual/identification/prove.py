@@ -169,12 +169,25 @@ def identify_and_prove(
     if consistent_fit is not None:
         models["consistent"] = consistent_fit.model
     least = {name: least_mass_matrix(model) for name, model in models.items()}
+    accelerations: dict[str, AccelerationError | None] = {}
+    for name, model in models.items():
+        try:
+            accelerations[name] = acceleration_error(model, held_out)
+        except InputError:
+            accelerations[name] = None
+    doubts = (
+        f"M(q) of the {name} model is not positive definite (least eigenvalue "
+        f"{value:.3g} kg m^2): it predicts torque but cannot be simulated; "
+        "--consistent gives one that can"
+        for name, value in least.items()
+        if value <= 0
+    )
     return ValidatedIdentification(
         robot=robot,
         free=free,
         consistent=consistent_fit,
         errors=torque_errors(models, held_out),
-        accelerations={k: _acceleration(m, held_out) for k, m in models.items()},
+        accelerations=accelerations,
         least_mass_matrix=least,
         fit=tuple(r.id for r in fit),
         held_out=tuple(r.id for r in held_out),
@@ -182,25 +195,6 @@ def identify_and_prove(
         warnings=(
             *((SAME_RUN,) if same_run else ()),
             *free.preflight.lines(free.base),
-            *_doubts(least),
+            *doubts,
         ),
     )
-
-
-def _acceleration(
-    model: Model, held_out: Sequence[Recording]
-) -> AccelerationError | None:
-    try:
-        return acceleration_error(model, held_out)
-    except InputError:
-        return None
-
-
-def _doubts(least: Mapping[str, float]) -> list[str]:
-    return [
-        f"M(q) of the {name} model is not positive definite (least eigenvalue "
-        f"{value:.3g} kg m^2): it predicts torque but cannot be simulated; "
-        "--consistent gives one that can"
-        for name, value in least.items()
-        if value <= 0
-    ]

@@ -19,7 +19,7 @@ import numpy as np
 
 from residual.effects.base import State
 from residual.evidence.priors import inertial_precision
-from residual.model.model import Model, Term, torque_columns
+from residual.model.model import Model, torque_columns
 from residual.recording import Array
 from residual.robot import dynamics
 from residual.robot.base_parameters import (
@@ -31,7 +31,6 @@ from residual.robot.base_parameters import (
     random_states,
     standard_inertial,
 )
-from residual.robot.robot import Robot
 from residual.signals.track import Track
 
 _AMPLITUDE = 0.3  # of torque rms: the usual size of an effect of unknown value
@@ -81,20 +80,17 @@ def effect_names(model: Model) -> tuple[Standard, ...]:
         if joints:
             place = f" of joint{'s' if len(joints) > 1 else ''} {place}"
         words = term.effect.name.replace("_", " ")
-        for key, unit in _keys(term, model.robot):
+        # The effect's own keys where coefficients and parameters are the same thing.
+        count = len(term.theta)
+        probe = 1.5 + np.arange(count)
+        values = term.effect.values(probe, term.shape, model.robot)[:count]
+        keys = [(f"coefficient {i + 1}", "") for i in range(count)]
+        if np.array_equal(values, probe):
+            keys = list(term.effect.units(term.joints, model.robot).items())[:count]
+        for key, unit in keys:
             name = words if words.endswith(key) else f"{words} {key}"
             out.append(Standard(f"{name}{place}", unit, joints[0] if joints else 1))
     return tuple(out)
-
-
-def _keys(term: Term, robot: Robot) -> list[tuple[str, str]]:
-    """Names of the coefficients; the effect's own where the two are the same thing."""
-    count = len(term.theta)
-    probe = 1.5 + np.arange(count)
-    told = term.effect.values(probe, term.shape, robot)[:count]
-    if np.array_equal(told, probe):
-        return list(term.effect.units(term.joints, robot).items())[:count]
-    return [(f"coefficient {i + 1}", "") for i in range(count)]
 
 
 def state_at(model: Model, q: Array, qd: Array, qdd: Array) -> State:
@@ -111,18 +107,20 @@ def rows_of(model: Model, tracks: tuple[Track, ...], base: BaseParameters) -> Jo
     Rows of joint j are samples at which joint j moves (``signals``).
     """
     dof = model.robot.dof
-    made: list[list[tuple]] = [[] for _ in range(dof)]
+    joint_rows: list[list[tuple]] = [[] for _ in range(dof)]
     for number, track in enumerate(tracks):
         columns = torque_columns(model, model.observe(track))
         for j in range(dof):
             use = np.flatnonzero(track.moving[:, j] & (np.ptp(track.tau[:, j]) > 0))
-            own = columns[:, j, base.columns]
-            some = np.flatnonzero(np.any(own, axis=0))
+            active = columns[:, j, base.columns]
+            some = np.flatnonzero(np.any(active, axis=0))
             x = np.zeros((len(use), len(base)))
-            x[:, some] = track.filter(own[:, some])[use]
+            x[:, some] = track.filter(active[:, some])[use]
             series = np.column_stack([np.full(len(use), number), use])
-            made[j].append((x, track.tau[use, j], series))
-    parts = ([np.concatenate(p) for p in zip(*own, strict=True)] for own in made)
+            joint_rows[j].append((x, track.tau[use, j], series))
+    parts = (
+        [np.concatenate(p) for p in zip(*active, strict=True)] for active in joint_rows
+    )
     return JointRows(*map(tuple, zip(*parts, strict=True)))
 
 
@@ -140,9 +138,9 @@ def doubt(model: Model, rms: Array, columns: Array) -> Array:
     share = np.sqrt(np.mean(columns[:, :, size:] ** 2, axis=0))
     per_joint = _AMPLITUDE * np.maximum(rms, 1e-3 * rms.max())[:, None]
     with np.errstate(divide="ignore"):
-        usual = (per_joint / share).min(axis=0)
-    usual = np.where(np.isfinite(usual), usual, 1.0)
-    sd = np.maximum(np.abs(coefficients[size:]), usual)
+        typical = (per_joint / share).min(axis=0)
+    typical = np.where(np.isfinite(typical), typical, 1.0)
+    sd = np.maximum(np.abs(coefficients[size:]), typical)
     out[range(size, len(out)), range(size, len(out))] = sd**2
     return out
 
@@ -154,8 +152,8 @@ def load(model: Model) -> Array:
     """
     out = np.zeros(len(model.coefficients()))
     mass = _LOAD * sum(body.mass for body in model.robot.model.inertias)
-    own = mass * np.array([1.0] + 3 * [_REACH] + 6 * [_REACH**2])
-    out[: len(model.inertial)] = np.tile(own, model.robot.dof)
+    per_link = mass * np.array([1.0] + 3 * [_REACH] + 6 * [_REACH**2])
+    out[: len(model.inertial)] = np.tile(per_link, model.robot.dof)
     return out
 
 
@@ -185,11 +183,11 @@ class Preflight:
             out.append(
                 f"joint {joints} never moves: nothing acts on it that can be told"
             )
-        for one in self.fixed:
-            lead = base.leading[one.index]
+        for parameter in self.fixed:
+            lead = base.leading[parameter.index]
             out.append(
                 f"{lead.name} cannot be told from this motion (at best to "
-                f"{one.sd:.3g} {lead.unit}) and stays nominal; {one.remedy}"
+                f"{parameter.sd:.3g} {lead.unit}) and stays nominal; {parameter.remedy}"
             )
         return out
 

@@ -12,7 +12,6 @@ not tell moves first, what they tell only as far as it must. A convex problem, s
 Newton's method on the logarithmic barrier (Boyd and Vandenberghe 2004, section 11.3).
 """
 
-from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -95,21 +94,11 @@ def bodies_of(model: Model, friction: bool = False) -> Bodies:
         elif add := term.effect.portable.bodies:
             ways = np.eye(len(term.theta))
             links[:, own] += np.transpose(
-                [add(one, term.joints, model.robot) for one in ways]
+                [add(way, term.joints, model.robot) for way in ways]
             )
         if friction and Trait.NOT_NEGATIVE in term.effect.traits:
             positive += range(own.start, own.stop)
-    return _bodies(model.robot, links, load, placed, c, np.array(positive, int))
-
-
-def _bodies(
-    robot: Robot,
-    links: Array,
-    load: Array,
-    placed: Sequence[slice],
-    c: Array,
-    positive: Array,
-) -> Bodies:
+    robot = model.robot
     scale, start = link_scales(robot), np.zeros(len(c))
     names = [f"link {i + 1}" for i in range(robot.dof)]
     sums = links.reshape(robot.dof, PER_LINK, -1)
@@ -126,7 +115,7 @@ def _bodies(
         sums, scale = np.concatenate([sums, sign * load[None]]), np.vstack([scale, own])
         start[placed[0]] = sign * _ball(own)
     start[positive] = 1.0
-    return Bodies(tuple(names), sums, scale, start, positive)
+    return Bodies(tuple(names), sums, scale, start, np.array(positive, int))
 
 
 def _ball(scale: Array) -> Array:

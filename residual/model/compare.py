@@ -73,8 +73,8 @@ def rises(after: Array, before: Array, power: Array, least: float = SMALL) -> Ar
 
 def _blocks(seconds: Array) -> Array:
     """Sums of two seconds each; a last single second goes with the one before."""
-    whole = max(len(seconds) // PAIRED, 1)
-    starts = np.arange(whole) * PAIRED
+    count = max(len(seconds) // PAIRED, 1)
+    starts = np.arange(count) * PAIRED
     return np.add.reduceat(seconds, starts) if len(seconds) else seconds
 
 
@@ -177,7 +177,14 @@ def compare(
     and the mean kept. Filtered errors pass both sides through the identification
     filter; moving errors are filtered ones on rows where that joint moves.
     """
-    sums = {name: _empty(held_out) for name in models}
+    dof, kinds = (
+        held_out[0].recording.dof if held_out else 0,
+        ("raw", "filtered", "moving"),
+    )
+    sums = {
+        name: {part: {k: np.zeros(dof) for k in kinds} for part in ("miss", "power")}
+        for name in models
+    }
     proofs, first = [], {}
     for witness in held_out:
         curves = {}
@@ -200,25 +207,20 @@ def compare(
     bodies = [m.model if isinstance(m, CorrectedModel) else m for m in models.values()]
     alike = all(len(set(body.robot.prismatic)) == 1 for body in bodies)
     errors = {name: Errors(s["miss"], s["power"], alike) for name, s in sums.items()}
-    return errors, _joined(proofs)
-
-
-def _joined(proofs: Sequence[LogProof]) -> tuple[LogProof, ...]:
-    """One proof per log, of all its pieces."""
-    out = []
+    joined = []  # of all pieces of each log
     for numbers in logs_of([p.id for p in proofs]):
-        own = [proofs[i] for i in numbers]
-        hats = [p.tau_hat for p in own]
-        out.append(
+        pieces = [proofs[i] for i in numbers]
+        hats = [p.tau_hat for p in pieces]
+        joined.append(
             replace(
-                own[0],
-                t=np.concatenate([p.t for p in own]),
-                tau=np.concatenate([p.tau for p in own]),
+                pieces[0],
+                t=np.concatenate([p.t for p in pieces]),
+                tau=np.concatenate([p.tau for p in pieces]),
                 tau_hat={k: np.concatenate([h[k] for h in hats]) for k in hats[0]},
-                moving=np.concatenate([p.moving for p in own]),
+                moving=np.concatenate([p.moving for p in pieces]),
             )
         )
-    return tuple(out)
+    return errors, tuple(joined)
 
 
 def moving_error(model: Model, held_out: Sequence[HeldOutLog]) -> Array:
@@ -256,12 +258,6 @@ def moving_power(held_out: Sequence[HeldOutLog]) -> Array:
 
 def _sketch(held_out: Sequence[HeldOutLog]) -> list[HeldOutLog]:
     return [held_out[i] for i in spread([w.track.seconds for w in held_out])]
-
-
-def _empty(held_out: Sequence[HeldOutLog]) -> dict:
-    dof = held_out[0].recording.dof if held_out else 0
-    kinds = ("raw", "filtered", "moving")
-    return {part: {k: np.zeros(dof) for k in kinds} for part in ("miss", "power")}
 
 
 def _accumulate(sums: dict, witness: HeldOutLog, torque, filtered, edge: float) -> None:
@@ -318,8 +314,10 @@ def predict(
     base = model.model if isinstance(model, CorrectedModel) else model
     ready = prepare_held_out(logs, base)
     errors, _ = compare(models, ready, base.filters)
-    torque = [{name: one.predict(log) for name, one in models.items()} for log in logs]
-    cutoff = min(one.track.cutoff for one in ready)
+    torque = [
+        {name: entry.predict(log) for name, entry in models.items()} for log in logs
+    ]
+    cutoff = min(entry.track.cutoff for entry in ready)
     return Prediction(models, tuple(logs), tuple(torque), errors, cutoff)
 
 

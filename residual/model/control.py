@@ -75,32 +75,23 @@ def feed_forward(
         turning: How friction turns at reversals.
     """
     rate = (len(t) - 1) / np.ptp(t)
-    made = _used(model, turning.width(rate))
-    base: Model = getattr(made, "model", made)
+    prepared = _used(model, turning.width(rate))
+    base: Model = getattr(prepared, "model", prepared)
     # Of a log the session's clock is known, of a motion to come it is not.
     since = t - t[0] if base.clock is None else t
     state = base.state(rate, since, motion)
     most = turning.torque_rate(base.robot) / rate
-    state = _ramped(base, state, most)
-    torque = base.torque_of_state(state)
-    if made is base:
-        return torque
-    # Tables step from level to level, at reversals and elsewhere.
-    step = made.torque_of_state(state) - torque
-    return torque + _ramp(step, np.ptp(step, axis=0) / most)
-
-
-def _ramped(base: Model, state: State, most: Array) -> State:
-    """The same with friction that turns at the stated torque rate at most.
-
-    A reversal is known beforehand, so the ramp lies around it, half before.
-
-    Args:
-        most: By how much torque may change from sample to sample [N m]. Shape (dof,).
-    """
+    # Friction turns at the torque rate at most. A reversal is known beforehand, so the
+    # ramp lies around it, half before.
     ends = [base.torque_of_state(_turned(base, state, d)) for d in (1.0, -1.0)]
     swing = np.abs(ends[0] - ends[1]).max(axis=0)
-    return _turned(base, state, _ramp(state.sign, swing / most))
+    state = _turned(base, state, _ramp(state.sign, swing / most))
+    torque = base.torque_of_state(state)
+    if prepared is base:
+        return torque
+    # Tables step from level to level, at reversals and elsewhere.
+    step = prepared.torque_of_state(state) - torque
+    return torque + _ramp(step, np.ptp(step, axis=0) / most)
 
 
 def _ramp(steps: Array, samples: Array) -> Array:
@@ -135,8 +126,8 @@ def computed_torque(
     Returns:
         From step, position, speed and wanted acceleration to torque [N m]. (dof,).
     """
-    made = _used(model, 1.0)
-    base: Model = getattr(made, "model", made)
+    prepared = _used(model, 1.0)
+    base: Model = getattr(prepared, "model", prepared)
     rotor = base.drive()[1]
     body = with_inertial_parameters(base.robot.model, base.loaded())
     data, along = body.createData(), feed_forward(model, t, motion, turning)

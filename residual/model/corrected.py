@@ -68,8 +68,8 @@ class CorrectedModel:
 
     def predict(self, recording: Recording) -> Array:
         """Torque on a recorded motion, as ``Model.predict`` [N m]. Shape (n, dof)."""
-        own = self.model
-        (track,), _ = prepare([recording], own.filters, own.speed_floor, True)
+        base = self.model
+        (track,), _ = prepare([recording], base.filters, base.speed_floor, True)
         return at_samples(self.torque_on(track), track, recording)
 
     def along(self, t: Array, motion: Sequence[Array]) -> Array:
@@ -91,9 +91,9 @@ class CorrectedModel:
         return self._and_tables(self.model.torque_of_state(state), state)
 
     def _and_tables(self, out: Array, state: State) -> Array:
-        for own in self.tables:
-            if own.kind != NONE:
-                out[:, own.joint] += own.torque(state, out[:, own.joint])
+        for table in self.tables:
+            if table.kind != NONE:
+                out[:, table.joint] += table.torque(state, out[:, table.joint])
         return out
 
     def to_record(self) -> dict:
@@ -143,6 +143,6 @@ def read(state: State, columns: Sequence[Column]) -> list[Array]:
     for on, of, form in columns:
         values = getattr(state, on)
         sign = -1 if form == DIFFERENCE else 1
-        first, *rest = of
-        out.append(values[:, first] + sign * sum(values[:, k] for k in rest))
+        first, *others = of
+        out.append(values[:, first] + sign * sum(values[:, k] for k in others))
     return out

@@ -47,7 +47,7 @@ def by_row(model):
 
     def correction(x):
         values = x.tolist() if isinstance(x, np.ndarray) else x
-        levels = [bisect_right(own, values[variable]) for variable, own in axes]
+        levels = [bisect_right(inner, values[variable]) for variable, inner in axes]
         levels = np.array([*levels, 0])
         places = start + across * levels[first] + levels[second]
         out = np.add.reduce(cells[places]) + offset

@@ -45,22 +45,22 @@ def acceleration_error(
     Raises:
         InputError: If the model has no acceleration.
     """
-    own: Model = getattr(model, "model", model)
-    dof = own.robot.dof
+    base: Model = getattr(model, "model", model)
+    dof = base.robot.dof
     miss, power = np.zeros(dof), np.zeros(dof)
-    full, pieces = not are_long(recordings), in_pieces(recordings, own.filters.torque)
-    tracks, _ = prepare(pieces, own.filters, own.speed_floor, full_rate=full)
+    full, pieces = not are_long(recordings), in_pieces(recordings, base.filters.torque)
+    tracks, _ = prepare(pieces, base.filters, base.speed_floor, full_rate=full)
     for recording, track in zip(pieces, tracks, strict=True):
         measured = [np.interp(track.t, recording.t, c) for c in recording.tau.T]
-        made = acceleration(model, track, np.column_stack(measured))
-        both = track.filter(np.stack([track.qdd, made], axis=2))
+        computed = acceleration(model, track, np.column_stack(measured))
+        both = track.filter(np.stack([track.qdd, computed], axis=2))
         both = both * track.moving[:, :, None]
         miss += ((both[:, :, 0] - both[:, :, 1]) ** 2).sum(axis=0)
         power += (both[:, :, 0] ** 2).sum(axis=0)
     some = power > 0
     share = 100 * np.sqrt(miss / np.where(some, power, np.nan))
-    whole = float(power.sum())
-    overall = float(100 * np.sqrt(miss.sum() / whole)) if whole else float("nan")
+    total = float(power.sum())
+    overall = float(100 * np.sqrt(miss.sum() / total)) if total else float("nan")
     return AccelerationError(share, overall)
 
 
@@ -73,8 +73,8 @@ def acceleration(model: Model | CorrectedModel, track: Track, tau: Array) -> Arr
     Raises:
         InputError: If M(q) is not positive definite, or there is no such acceleration.
     """
-    own: Model = getattr(model, "model", model)
-    now = replace(own, terms=tuple(t for t in own.terms if _of_now(t)))
+    base: Model = getattr(model, "model", model)
+    now = replace(base, terms=tuple(t for t in base.terms if _of_now(t)))
     beside = model.torque_on(track) - now.torque_on(track)
     own_mass = _bodies(now, track.q)
     least = float(np.linalg.eigvalsh(own_mass)[:, 0].min())
@@ -159,71 +159,22 @@ def _added(model: Model, terms: Sequence[Term], q: Array) -> Array:
         state = model.state(1.0, t, (q, still, qdd))
         return np.sum([term.torque(state) for term in terms], axis=0)
 
-    rest = torque(still)
+    offset = torque(still)
     for j in range(q.shape[1]):
         pushed = still.copy()
         pushed[:, j] = 1.0
-        out[:, :, j] = torque(pushed) - rest
+        out[:, :, j] = torque(pushed) - offset
     return out
 
 
-def least_mass_matrix(model: Model, poses: int = POSES, seed: int = 0) -> float:
+def least_mass_matrix(model: Model, poses: int = POSES) -> float:
     """Return the least eigenvalue of M(q) [kg m^2], rotors included, over random poses.
 
     M is positive definite for every pose where it is for every one that was tried
     only in all likelihood; for consistent links it is proved.
     """
-    robot, rng = model.robot, np.random.default_rng(seed)
+    robot, rng = model.robot, np.random.default_rng(0)
     low = np.where(np.isfinite(robot.lower), robot.lower, -np.pi)
     high = np.where(np.isfinite(robot.upper), robot.upper, np.pi)
     q = rng.uniform(low, high, (poses, robot.dof))
     return float(np.linalg.eigvalsh(mass_matrices(model, q))[:, 0].min())
-
-
-Drive = Callable[[float, Array, Array], Array]  # of t, q and qd: torque [N m]. (dof,)
-
-
-def free_motion(model: Model, t: Array, start: Sequence[Array], drive: Drive) -> Array:
-    """Return the positions of a model under given torque [rad]. Shape (n, dof).
-
-    By classical Runge-Kutta, a step per time given: dry friction turns over a small
-    speed, and a step must not outrun it (level / (width M) per second).
-
-    Args:
-        t: Times, evenly spaced [s]. Shape (n,).
-        start: Position and speed at the first time. Shapes (dof,).
-
-    Raises:
-        InputError: If an effect remembers, or M(q) is not positive definite.
-    """
-    late = [term.effect.name for term in model.terms if not _of_now(term)]
-    if late:
-        raise InputError(f"{late[0]} depends on more than the state: leave it out.")
-    body = dynamics.with_inertial_parameters(model.robot.model, model.loaded())
-    rotors, size = np.diag(model.drive()[1]), float(t[1] - t[0])
-    out, guess = np.empty((len(t), model.robot.dof)), np.zeros((1, model.robot.dof))
-
-    def rate(now: float, q: Array, qd: Array) -> Array:
-        nonlocal guess
-        still = np.array([now]), (q[None], qd[None])
-
-        def torque(qdd: Array) -> Array:
-            return model.torque_of_state(model.state(1.0, still[0], (*still[1], qdd)))
-
-        mass = dynamics.mass_matrix(body, q[None]) + rotors
-        guess = _solved(torque, mass, drive(now, q, qd)[None], guess)
-        return guess[0]
-
-    q, qd = (np.array(x, dtype=float) for x in start)
-    for k, now in enumerate(t):
-        out[k] = q
-        one = rate(now, q, qd)
-        two = rate(now + size / 2, q + size / 2 * qd, qd + size / 2 * one)
-        middle = qd + size / 2 * one
-        three = rate(now + size / 2, q + size / 2 * middle, qd + size / 2 * two)
-        half = qd + size / 2 * two
-        four = rate(now + size, q + size * half, qd + size * three)
-        last = qd + size * three
-        q = q + size / 6 * (qd + 2 * middle + 2 * half + last)
-        qd = qd + size / 6 * (one + 2 * two + 2 * three + four)
-    return out

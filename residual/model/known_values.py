@@ -64,7 +64,7 @@ def mass_of_links(robot: Robot) -> dict[int, float]:
 
 
 def known_prior(
-    known: Sequence[KnownValue], precision: Array, change: bool
+    values: Sequence[KnownValue], precision: Array, change: bool
 ) -> tuple[Array, Array]:
     """Return what known values add to a usual prior: information K, and pull b.
 
@@ -78,7 +78,7 @@ def known_prior(
         Shapes (k, k), (k,).
     """
     information, pull = np.zeros(precision.shape), np.zeros(len(precision))
-    for value_known in known:
+    for value_known in values:
         value = 0.0 if change else value_known.value
         before = value_known.row @ np.linalg.solve(precision, value_known.row)
         sd = EXACT * max(abs(value_known.value), EXACT * float(np.sqrt(before)))
@@ -135,7 +135,7 @@ def _rows(effect: Effect, robot: Robot) -> dict[str, Array]:
     start = rng.uniform(1, 2, len(effect.parameters))
     theta, shape = effect.from_values(start, robot)
     some = rng.uniform(0.5, 2, (TRIES * len(theta), len(theta)))
-    values = np.array([effect.values(one, shape, robot) for one in some])
+    values = np.array([effect.values(draw, shape, robot) for draw in some])
     rows, *_ = np.linalg.lstsq(some, values, rcond=None)
     miss = np.abs(some @ rows - values).max(axis=0)
     keys = zip(effect.parameters, rows.T, miss, strict=True)

@@ -1,21 +1,15 @@
 """A fitted correction as small tables: for each row some reads and a sum; and as files.
 
 The paper's "look up table of coefficients" (section 2.6.2): B f_pls of eq. 31.
-
-Three pair tables over the same three axes are one table of three axes: their sum. Nine
-variables have 36 pairs, and twelve triples hold each of them once (a Steiner system):
-a row takes 12 reads and not 36.
 """
 
 import csv
 import io
 import json
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import asdict, dataclass
-from functools import cached_property
 from importlib import resources
 from itertools import pairwise
-from math import prod
 from pathlib import Path
 
 import numpy as np
@@ -24,9 +18,6 @@ from residual.blocks import as_rows
 from residual.quantity import plain
 from residual.recording import Array
 
-GRID = 1024  # steps per axis that lead to a level without a search
-CUBE = 32_768  # cells that a table of three axes may have: 1 MB for four joints
-TRIES = 2_000  # steps of the search for triples: plenty for 9 axes
 FORM = 1  # of the exported files; raised when they change
 
 
@@ -46,103 +37,7 @@ class LookupTable:
     values: Array  # shape (k, j) or (k1, k2, j), in units of the responses
 
 
-Pieces = tuple[Array, Array]
-
-
-def pack(
-    axes: Sequence[Axis], tables: Sequence[LookupTable], linear: Pieces, span: Pieces
-) -> tuple[Array, ...]:
-    """Return the arrays that the compiled evaluation reads.
-
-    Args:
-        linear: Offset and slope of the linear part. Shapes (j,), (d, j).
-        span: Lowest and highest calibrated value of each variable. Shapes (d,).
-
-    Returns:
-        axes (a, 2): variable and place of the first edge; grid (a, 2): lowest value
-        and steps per unit; starts (a, GRID): least level in each step; edges, each axis
-        closed by infinity; places (t, 6): first cell, three axes, cells per level of
-        the first and second; linear (1 + d, w): offset and slope; cells (c, w), with w
-        the joints filled up with zeros to a multiple of 4.
-    """
-    sizes, joints = [len(axis.edges) + 1 for axis in axes], len(linear[0])
-    joined: dict[tuple[int, ...], Array] = {}
-    for table in tables:
-        known = joined.get(table.axes)
-        joined[table.axes] = table.values if known is None else known + table.values
-    for a, b, c in find_triples([t for t in joined if len(t) == 2], sizes):
-        cube = joined.pop((a, b))[:, :, None] + joined.pop((a, c))[:, None]
-        joined[a, b, c] = cube + joined.pop((b, c))[None]
-    missing = (0, 0), (0, -joints % 4)
-    places, cells = _places(joined, joints)
-    return (
-        *_grids(axes, *span),
-        places,
-        np.pad(np.vstack(linear), missing),
-        np.pad(cells, missing),
-    )
-
-
-def find_triples(pairs: Sequence[tuple[int, int]], sizes: Sequence[int]) -> list[tuple]:
-    """Choose triples of axes whose three pairs are all given, no pair used twice.
-
-    As many as a search of bounded length finds; of the axes, with so many levels each,
-    no triple may have more than CUBE cells. The smaller axis of a pair comes first.
-    """
-    best: list[tuple] = []
-    tries = 0
-
-    def search(unused: frozenset, chosen: list[tuple]) -> None:
-        nonlocal best, tries
-        tries += 1
-        if len(chosen) > len(best):
-            best = chosen
-        if tries > TRIES or len(chosen) + len(unused) // 3 <= len(best):
-            return
-        a, b = min(unused)
-        for c in range(b + 1, len(sizes)):
-            sides = {(a, b), (a, c), (b, c)}
-            if sides <= unused and prod(sizes[i] for i in (a, b, c)) <= CUBE:
-                search(unused - sides, [*chosen, (a, b, c)])
-        search(unused - {(a, b)}, chosen)
-
-    search(frozenset(p for p in pairs if p[0] < p[1]), [])
-    return best
-
-
-def _places(tables: Mapping[tuple[int, ...], Array], joints: int) -> tuple:
-    places, cells, start = [], [np.zeros((1, joints))], 1
-    for axes, values in tables.items():
-        # Fewer axes: the first is repeated, with no cells per level.
-        a, b, c = (axes[0],) * (3 - len(axes)) + axes
-        shape = (1, 1, *values.shape[:-1])
-        first = shape[-1] * shape[-2] if len(axes) == 3 else 0
-        places.append((start, a, b, c, first, shape[-1] if len(axes) > 1 else 0))
-        cells.append(values.reshape(-1, joints))
-        start += len(cells[-1])
-    return np.array(places, np.uint64).reshape(-1, 6), np.concatenate(cells)
-
-
-def _grids(axes: Sequence[Axis], low: Array, high: Array) -> tuple[Array, ...]:
-    first, starts, grid, edges = [], [], [], []
-    for axis in axes:
-        lowest = low[axis.variable]
-        rate = GRID / max(high[axis.variable] - lowest, 1e-300)
-        steps = lowest + np.arange(GRID) / rate
-        starts.append(np.searchsorted(axis.edges, steps, side="right"))
-        grid.append((lowest, rate))
-        first.append((axis.variable, sum(map(len, edges))))
-        edges.append(np.append(axis.edges, np.inf))
-    return (
-        np.array(first, np.int64).reshape(-1, 2),
-        np.array(grid, float).reshape(-1, 2),
-        np.array(starts, np.int64).reshape(-1, GRID),
-        np.concatenate([*edges, [np.inf]]),
-    )
-
-
-# No slots: the packed form is made once and kept in the instance.
-@dataclass(frozen=True, eq=False, repr=False)
+@dataclass(frozen=True, eq=False, slots=True, repr=False)
 class Lookup:
     """y = offset + x slope + the sum of all tables at the levels of x."""
 
@@ -165,23 +60,19 @@ class Lookup:
 
     def predict(self, X: Array) -> Array:
         """Return the correction of rows, in units of the responses. Shape (m, j)."""
-        from residual.model.lookup_kernels import evaluate_rows
-
-        X = np.ascontiguousarray(as_rows(X, self.names, "the tables are of"))
-        out = np.empty((len(X), len(self.joints)))
-        evaluate_rows(X, self.packed, out)
+        X = as_rows(X, self.names, "the tables are of")
+        levels = [
+            np.searchsorted(a.edges, X[:, a.variable], "right") for a in self.axes
+        ]
+        out = self.offset + X @ self.slope
+        for table in self.tables:
+            out += table.values[tuple(levels[a] for a in table.axes)]
         return out
 
     def outside(self, X: Array) -> Array:
         """Values outside the calibrated range, which take the nearest level. (m, d)."""
         X = as_rows(X, self.names, "the tables are of")
         return np.less(X, self.low) | np.greater(X, self.high)
-
-    @cached_property
-    def packed(self) -> tuple[Array, ...]:
-        """The arrays that the compiled evaluation reads (see `pack`)."""
-        linear, span = (self.offset, self.slope), (self.low, self.high)
-        return pack(self.axes, self.tables, linear, span)
 
     def to_record(self) -> dict:
         """The tables as plain values."""
@@ -202,17 +93,17 @@ class Lookup:
     @classmethod
     def load(cls, path: str | Path) -> "Lookup":
         """Read the `model.npz` of an export."""
-        with np.load(path) as held:
+        with np.load(path) as file:
             axes = tuple(
-                Axis(int(variable), held[f"edges_{i}"])
-                for i, variable in enumerate(held["axis_variable"])
+                Axis(int(variable), file[f"edges_{i}"])
+                for i, variable in enumerate(file["axis_variable"])
             )
             tables = tuple(
-                LookupTable(tuple(int(a) for a in pair if a >= 0), held[f"values_{i}"])
-                for i, pair in enumerate(held["table_axes"])
+                LookupTable(tuple(int(a) for a in pair if a >= 0), file[f"values_{i}"])
+                for i, pair in enumerate(file["table_axes"])
             )
-            names, joints = (tuple(held[k].tolist()) for k in ("names", "joints"))
-            arrays = (held[k] for k in ("offset", "slope", "low", "high"))
+            names, joints = (tuple(file[k].tolist()) for k in ("names", "joints"))
+            arrays = (file[k] for k in ("offset", "slope", "low", "high"))
             return cls(names, joints, axes, tables, *arrays)
 
 
@@ -255,24 +146,21 @@ def _csv(lookup: Lookup) -> bytes:
         if any(slope):
             out.writerow(["slope", name, *[""] * 5, *map(repr, slope)])
     for number, table in enumerate(lookup.tables):
-        bounds = [_intervals(lookup, axis) for axis in table.axes]
+        bounds = []
+        for axis in (lookup.axes[i] for i in table.axes):
+            edges = pairwise(["-inf", *map(repr, axis.edges.tolist()), "inf"])
+            bounds.append([(lookup.names[axis.variable], *pair) for pair in edges])
         flat = table.values.reshape(-1, len(lookup.joints)).tolist()
         cells = np.ndindex(table.values.shape[:-1])
         for place, values in zip(cells, flat, strict=True):
-            told = [w for b, k in zip(bounds, place, strict=True) for w in b[k]]
-            told += [""] * (6 - len(told))
-            out.writerow([number, *told, *map(repr, values)])
+            interval = [w for b, k in zip(bounds, place, strict=True) for w in b[k]]
+            interval += [""] * (6 - len(interval))
+            out.writerow([number, *interval, *map(repr, values)])
     return text.getvalue().encode()
 
 
-def _intervals(lookup: Lookup, axis: int) -> list[tuple[str, str, str]]:
-    chosen = lookup.axes[axis]
-    name, edges = lookup.names[chosen.variable], map(repr, chosen.edges.tolist())
-    return [(name, *pair) for pair in pairwise(["-inf", *edges, "inf"])]
-
-
 def _json(lookup: Lookup) -> bytes:
-    told = {
+    content = {
         "form": FORM,
         "meaning": "correction [N m] = offset + x slope + sum of tables; x in rad, "
         "rad/s, rad/s^2, of tau in N m (torque of the model); a value at an edge "
@@ -301,4 +189,4 @@ def _json(lookup: Lookup) -> bytes:
             for number, t in enumerate(lookup.tables)
         ],
     }
-    return (json.dumps(told, indent=1) + "\n").encode()
+    return (json.dumps(content, indent=1) + "\n").encode()

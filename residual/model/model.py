@@ -66,9 +66,10 @@ class Term:
 
     def to_record(self) -> dict:
         """The term as plain values; joints from 1."""
-        known = {} if self.nominal is None else {"nominal": self.nominal._values()}
+        nominal = self.nominal
+        before = {} if nominal is None else {"nominal": nominal._values()}
         joints = [j + 1 for j in self.joints]
-        return {"name": self.effect.name, "joints": joints, **self._values(), **known}
+        return {"name": self.effect.name, "joints": joints, **self._values(), **before}
 
     def _values(self) -> dict:
         return {
@@ -98,86 +99,20 @@ def with_slots(terms: Iterable[Term], start: int) -> Iterator[tuple[Term, slice]
         start = stop
 
 
-Terms = tuple[Term, ...]
-
-
-# A model edited by hand: an effect taken out, or with other values; nothing refitted.
-#
-# A low error is no explanation: a right cause can be taken out of its model, and what
-# is left predicts the arm without it.
-
-
-def taken_out(terms: Terms, name: str, joints: Sequence[int] | None) -> Terms:
-    """Return terms without an effect.
-
-    One that was found goes; one that the nominal model has goes back to what it is
-    there, and goes too where that is nothing.
-
-    Args:
-        joints: Joints from 1 to take it from; None for all.
-
-    Raises:
-        InputError: If it is not there.
-        UnknownNameError: If no term has that name.
-    """
-    out = set(_terms_of(terms, name, joints))
-    back = (_before(term) if term in out else term for term in terms)
-    return tuple(term for term in back if term is not None)
-
-
-def _before(term: Term) -> Term | None:
-    if term.nominal is None or not term.nominal.theta.any():
-        return None
-    return term.nominal.as_nominal()
-
-
-def with_values(
-    terms: Terms,
-    robot: Robot,
-    name: str,
-    joints: Sequence[int] | None,
-    values: Mapping[str, float],
-) -> Terms:
-    """Return terms with other physical parameters of an effect.
-
-    Where a nominal value and a change of it are on the same joints, they become one.
-
-    Args:
-        joints: From 1; None for all that have it.
-        values: New value of each parameter to change, in its SI unit.
-
-    Raises:
-        InputError: If the effect is not there.
-        UnknownNameError: If there is no such effect or parameter.
-    """
-    own = _terms_of(terms, name, joints)
-    for key in values:
-        check_name(key, own[0].effect.parameters, f"parameter of {name}")
-    changed: dict[Term, Term] = {}
-    for on in dict.fromkeys(term.joints for term in own):
-        first, *more = (term for term in own if term.joints == on)
-        alike = [t.theta for t in (first, *more) if t.shape == first.shape]
-        known = replace(first, theta=np.sum(alike, axis=0)).parameters(robot) | values
-        numbers = np.array([float(known[k]) for k in first.effect.parameters])
-        theta, shape = first.effect.from_values(numbers, robot)
-        theta = np.asarray(theta, dtype=float)
-        changed[first] = replace(first, theta=theta, shape=tuple(shape))
-    gone = set(own) - set(changed)
-    return tuple(changed.get(t, t) for t in terms if t not in gone)
-
-
-def _terms_of(terms: Terms, name: str, joints: Sequence[int] | None) -> list[Term]:
+def _terms_of(
+    terms: Sequence[Term], name: str, joints: Sequence[int] | None
+) -> list[Term]:
     names = dict.fromkeys(t.effect.name for t in terms)
     check_name(name, names, "effect of this model")
-    own = [t for t in terms if t.effect.name == name]
+    matching = [t for t in terms if t.effect.name == name]
     if joints is not None:
-        own = [t for t in own if {j + 1 for j in t.joints} <= set(joints)]
-    if not own:
+        matching = [t for t in matching if {j + 1 for j in t.joints} <= set(joints)]
+    if not matching:
         has = sorted({j + 1 for t in terms if t.effect.name == name for j in t.joints})
         raise InputError(
             f"The model has no {name} on joints {list(joints or ())}, but on {has}."
         )
-    return own
+    return matching
 
 
 FORM = 1  # of a model's record; raised when it changes
@@ -312,8 +247,8 @@ class Model:
         return replace(self, standstill=tuple(shapes), speed_floor=self._floor())
 
     def _floor(self) -> Array:
-        known = self.speed_floor
-        return np.full(self.robot.dof, LEAST_SPEED) if known is None else known
+        floor = self.speed_floor
+        return np.full(self.robot.dof, LEAST_SPEED) if floor is None else floor
 
     def observe(self, track: Track) -> State:
         """What the effects see of one log, with this model's own torque."""
@@ -321,20 +256,16 @@ class Model:
         motion = track.q, track.qd, track.qdd
         return self.state(track.rate, t, motion)
 
-    def state(
-        self, rate: float, t: Array, motion: Sequence[Array], regressor=None
-    ) -> State:
+    def state(self, rate: float, t: Array, motion: Sequence[Array]) -> State:
         """What the effects see of a motion that is known, with this model's own torque.
 
         Args:
             rate: Sample rate [Hz].
             t: Session time [s]. Shape (n,).
             motion: q, qd and qdd in SI units. Shapes (n, dof).
-            regressor: Its inertial regressor, where it is known already.
         """
         q, qd, qdd = motion
-        if regressor is None:
-            regressor = LazyRegressor(self.robot, (q, qd, qdd))
+        regressor = LazyRegressor(self.robot, (q, qd, qdd))
         rigid = regressor @ self.inertial
         state = State(
             robot=self.robot,
@@ -402,21 +333,29 @@ class Model:
         """The same structure with other linear parameters. Shape (p,)."""
         size = len(self.inertial)
         placed = with_slots(self.terms, size)
-        terms = tuple(replace(term, theta=values[own]) for term, own in placed)
+        terms = tuple(replace(term, theta=values[part]) for term, part in placed)
         return replace(self, inertial=values[:size], terms=terms)
 
     def without(self, name: str, joints: Sequence[int] | None = None) -> "Model":
         """The same model with an effect taken out; nothing else is refitted.
 
-        What was found goes; what the nominal model has goes back to its value there.
+        A finding goes; an effect of the nominal model goes back to its value there, and
+        goes too where that value is zero.
 
         Args:
             joints: Joints from 1 to take it from; None for all.
 
         Raises:
             InputError: If the model does not have it there.
+            UnknownNameError: If no term has that name.
         """
-        return replace(self, terms=taken_out(self.terms, name, joints))
+        out, terms = set(_terms_of(self.terms, name, joints)), []
+        for term in self.terms:
+            if term not in out:
+                terms.append(term)
+            elif term.nominal is not None and term.nominal.theta.any():
+                terms.append(term.nominal.as_nominal())
+        return replace(self, terms=tuple(terms))
 
     def with_parameters(
         self, name: str, joints: Sequence[int] | None = None, **values: float
@@ -433,8 +372,23 @@ class Model:
             InputError: If the model does not have the effect there.
             UnknownNameError: If it has no such parameter.
         """
-        terms = with_values(self.terms, self.robot, name, joints, values)
-        return replace(self, terms=terms)
+        terms = _terms_of(self.terms, name, joints)
+        for key in values:
+            check_name(key, terms[0].effect.parameters, f"parameter of {name}")
+        changed: dict[Term, Term] = {}
+        for on in dict.fromkeys(term.joints for term in terms):
+            # A nominal value and a change of it on the same joints become one.
+            first, *more = (term for term in terms if term.joints == on)
+            alike = [t.theta for t in (first, *more) if t.shape == first.shape]
+            both = replace(first, theta=np.sum(alike, axis=0))
+            parameters = both.parameters(self.robot) | values
+            numbers = np.array([float(parameters[k]) for k in first.effect.parameters])
+            theta, shape = first.effect.from_values(numbers, self.robot)
+            theta = np.asarray(theta, dtype=float)
+            changed[first] = replace(first, theta=theta, shape=tuple(shape))
+        gone = set(terms) - set(changed)
+        kept = tuple(changed.get(t, t) for t in self.terms if t not in gone)
+        return replace(self, terms=kept)
 
     def to_record(self) -> dict:
         """The whole model as plain values: it is read back without any file."""
@@ -459,8 +413,8 @@ class Model:
             InputError: If it is of another form, or damaged.
         """
         if record.get("form") != FORM:
-            told = shown(record.get("form"))
-            raise InputError(f"A model of form {told}, expected {FORM}: make it anew.")
+            form = shown(record.get("form"))
+            raise InputError(f"A model of form {form}, expected {FORM}: make it anew.")
         try:
             floor = record["speed_floor"]
             return cls(

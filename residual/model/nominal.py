@@ -102,18 +102,15 @@ def build_nominal(
     body = inertial_parameters(robot.model).reshape(-1, PER_LINK)
     for link, mass in mass_of_links(robot).items():
         body[link] *= mass / max(body[link, 0], 1e-9)
-    with_values = tuple(_with_known(term, robot) for term in terms)
-    model = Model(robot, body.ravel(), with_values, speed_floor, (), None)
+    for i, term in enumerate(terms):
+        theta = term.theta.copy()
+        for fixed in of_effect(robot, term.effect, term.joints):
+            row = fixed.row
+            theta += row * (fixed.value - row @ theta) / (row @ row)
+        if not np.array_equal(theta, term.theta):
+            terms[i] = replace(term, theta=theta).as_nominal()
+    model = Model(robot, body.ravel(), tuple(terms), speed_floor, (), None)
     return Nominal(model, tuple(widths), scale=robot.prior_scale)
-
-
-def _with_known(term: Term, robot: Robot) -> Term:
-    """A declared term with the values that are known of it."""
-    theta = term.theta.copy()
-    for known in of_effect(robot, term.effect, term.joints):
-        theta += known.row * (known.value - known.row @ theta) / (known.row @ known.row)
-    same = np.array_equal(theta, term.theta)
-    return term if same else replace(term, theta=theta).as_nominal()
 
 
 def _declared_term(effect: Effect, joints: Joints, values, robot: Robot) -> Term:
@@ -143,14 +140,9 @@ def _free(effect: Effect, joints: Joints, span: Span, robot: Robot) -> list[Term
             f"{effect.name} is declared without values, and its shape cannot be "
             f"fitted blindly. Give {', '.join(effect.parameters)} in robot.toml."
         )
-    nothing = np.zeros(_width(effect, robot))
-    return [Term(effect, joints, s, nothing).as_nominal() for s in shapes]
-
-
-def _width(effect: Effect, robot: Robot) -> int:
-    """Number of linear coefficients of an effect."""
     theta, _ = effect.from_values(np.ones(len(effect.parameters)), robot)
-    return len(theta)
+    nothing = np.zeros(len(theta))
+    return [Term(effect, joints, s, nothing).as_nominal() for s in shapes]
 
 
 @dataclass(frozen=True, eq=False, slots=True)
@@ -191,7 +183,10 @@ def prepare_logs(
     tracks, floor = prepare(recordings, filters)
     shown = spread([t.seconds for t in tracks])
     small = too_small([recordings[i] for i in shown], [tracks[i] for i in shown])
-    tracks = _without_dead(tracks, small)
+    # Rows of joints that log no torque, or too little, do not count.
+    alive = np.any([np.any(t.tau != 0, axis=0) for t in tracks], axis=0) & ~small
+    if not alive.all():
+        tracks = tuple(replace(t, moving=t.moving & alive) for t in tracks)
     q = np.concatenate([t.q for t in tracks])
     qd = np.concatenate([t.qd for t in tracks])
     tau = np.concatenate([t.tau for t in tracks])
@@ -205,17 +200,9 @@ def prepare_logs(
         prismatic=robot.prismatic,
     )
     some = [recordings[i] for i in shown], [tracks[i] for i in shown]
-    moved = shaken(*some, filters)
+    noisier = shaken(*some, filters)
     places = tuple(np.flatnonzero(small).tolist())
-    return Logs(robot, tracks, clock, span, floor, filters, moved, places)
-
-
-def _without_dead(tracks: tuple[Track, ...], small: Array) -> tuple[Track, ...]:
-    """Rows of joints that log no torque, or too little, do not count."""
-    alive = np.any([np.any(t.tau != 0, axis=0) for t in tracks], axis=0) & ~small
-    if alive.all():
-        return tracks
-    return tuple(replace(t, moving=t.moving & alive) for t in tracks)
+    return Logs(robot, tracks, clock, span, floor, filters, noisier, places)
 
 
 def begin(logs: Logs, declared: Sequence[str] | Model | None) -> Model:
@@ -264,7 +251,7 @@ def _standstill_error(
 ) -> tuple[Array, Array]:
     """Squared error at the best share held, and that share. Shapes (dof,), (dof,)."""
     dof = model.robot.dof
-    own, mixed, power = np.zeros(dof), np.zeros(dof), np.zeros(dof)
+    base, mixed, power = np.zeros(dof), np.zeros(dof), np.zeros(dof)
     for track, state in observed:
         sides = [
             model.torque_seen(model.seen_by(state, (side,) * dof))
@@ -272,9 +259,9 @@ def _standstill_error(
         ]
         none, full = np.split(track.filter(np.concatenate(sides, axis=1)), 2, axis=1)
         gap, step = (track.tau - none)[track.inner], (full - none)[track.inner]
-        own += (gap**2).sum(axis=0)
+        base += (gap**2).sum(axis=0)
         mixed += (gap * step).sum(axis=0)
         power += (step**2).sum(axis=0)
     share = np.clip(mixed / np.maximum(power, 1e-30), 0, 1).round(2)
-    share[power <= 1e-12 * own] = 1.0
-    return own - 2 * share * mixed + share**2 * power, share
+    share[power <= 1e-12 * base] = 1.0
+    return base - 2 * share * mixed + share**2 * power, share

@@ -21,17 +21,6 @@ LARGEST = 64 << 20  # bytes of a file whose kind is still asked for
 FASTEST = 1e6  # Hz: no controller logs faster, and memory grows with it
 
 
-def check_whole(model: Model) -> None:
-    """Refuse a model whose parts have other sizes or kinds than they must.
-
-    Raises:
-        InputError: If torques could not be computed with it.
-    """
-    wrong = _wrong(model)
-    if wrong:
-        raise InputError(f"The record of a model is damaged: {wrong}.")
-
-
 def _wrong(model: Model) -> str | None:
     dof, floor, filters = model.robot.dof, model.speed_floor, astuple(model.filters)
     kinds = {shape.kind for shape in CHOICES}
@@ -46,8 +35,11 @@ def _wrong(model: Model) -> str | None:
         return "clock is no number"
     if not all(_is(np.array(f), ()) and 0 <= f < FASTEST for f in filters):
         return "filters has a value that no signal path has"
-    own = model.filters
-    if not all(f > SLOWEST for f in (own.kinematics, own.torque, own.rate)):
+    signal_path = model.filters
+    if not all(
+        f > SLOWEST
+        for f in (signal_path.kinematics, signal_path.torque, signal_path.rate)
+    ):
         return "filters has a cut-off or rate of 0"
     terms = (word for term in model.terms if (word := _wrong_term(term, model)))
     return next(terms, None)
@@ -55,8 +47,8 @@ def _wrong(model: Model) -> str | None:
 
 def _wrong_term(term: Term, model: Model) -> str | None:
     dof, name = model.robot.dof, term.effect.name
-    known = set(range(dof))
-    if not all(type(j) is int for j in term.joints) or not known.issuperset(
+    joints = set(range(dof))
+    if not all(type(j) is int for j in term.joints) or not joints.issuperset(
         term.joints
     ):
         return f"{name} sits on a joint that the robot does not have"
@@ -90,18 +82,9 @@ def _is(values: Array, shape: tuple[int, ...]) -> bool:
 _DAMAGED = (AttributeError, IndexError, KeyError, OverflowError, TypeError, ValueError)
 
 
-def to_record(model: Model | CorrectedModel) -> dict:
-    """Return a model whole: robot, inertial parameters, effects, signal path, tables.
-
-    Returns:
-        Plain values; `from_record` makes a model of the same bits of them.
-    """
-    return model.to_record()
-
-
 def to_text(model: Model | CorrectedModel) -> str:
     """Return a model as the text of a file, which ``load_model`` reads."""
-    return json.dumps(to_record(model), allow_nan=False) + "\n"
+    return json.dumps(model.to_record(), allow_nan=False) + "\n"
 
 
 def from_record(record: Mapping) -> Model | CorrectedModel:
@@ -111,11 +94,13 @@ def from_record(record: Mapping) -> Model | CorrectedModel:
         InputError: If it is of another form, or damaged.
     """
     try:
-        made = (CorrectedModel if "tables" in record else Model).from_record(record)
-        check_whole(getattr(made, "model", made))
+        model = (CorrectedModel if "tables" in record else Model).from_record(record)
+        wrong = _wrong(getattr(model, "model", model))
     except _DAMAGED as error:
         raise InputError(f"The record of a model is damaged: {error}.") from error
-    return made
+    if wrong:
+        raise InputError(f"The record of a model is damaged: {wrong}.")
+    return model
 
 
 def load_model(path: str | Path) -> Model | CorrectedModel:
@@ -187,41 +172,31 @@ def robot_files(model: Model, source: str = "") -> dict[str, bytes]:
     """
     name = model.robot.name
     urdf = with_inertials(model.robot, model.inertial)
-    return {f"{name}.urdf": urdf.encode(), "robot.toml": robot_toml(model, source)}
-
-
-def robot_toml(model: Model, source: str) -> bytes:
-    """Return the robot.toml of a model: the robot's own, its declared values new."""
     content = json.loads(model.robot.toml)
-    own = {"name": model.robot.name}
-    own["gravity"] = [float(g) for g in model.robot.model.gravity.linear]
-    content["robot"] = content.get("robot", {}) | own
+    gravity = [float(g) for g in model.robot.model.gravity.linear]
+    content["robot"] = content.get("robot", {}) | {"name": name, "gravity": gravity}
     content["declared"] = {
         effect: {key: [float(v) for v in array] for key, array in values.items()}
         | ({"source": source} if source else {})
-        for effect, values in declared_values(model).items()
+        for effect, values in _declared_values(model).items()
     }
-    head = _HEAD.format(name=model.robot.name)
-    return (head + tomli_w.dumps(content)).encode()
+    toml = _HEAD.format(name=name) + tomli_w.dumps(content)
+    return {f"{name}.urdf": urdf.encode(), "robot.toml": toml.encode()}
 
 
-def declared_values(model: Model) -> Mapping[str, Mapping[str, np.ndarray]]:
-    """Return the values of the model's effects by name and parameter key. (dof,) each.
-
-    Raises:
-        InputError: If an effect stands in the model twice on one joint.
-    """
+def _declared_values(model: Model) -> dict[str, dict[str, np.ndarray]]:
+    """Values of the model's effects by name and parameter key. (dof,) each."""
     out: dict[str, dict[str, np.ndarray]] = {}
-    seen = set()
+    places = set()
     for term in model.terms:
         name, anchor = term.effect.name, term.joints[0] if term.joints else 0
-        if (name, anchor) in seen:
+        if (name, anchor) in places:
             raise InputError(
                 f"{name} on joint {anchor + 1} was fitted in several shapes at once, "
                 "and a robot.toml holds one. Give its values in robot.toml, or leave "
                 "it out of --declared."
             )
-        seen.add((name, anchor))
+        places.add((name, anchor))
         values = term.effect.values(term.theta, term.shape, model.robot)
         table = out.setdefault(name, {})
         for key, value in zip(term.effect.parameters, values, strict=True):

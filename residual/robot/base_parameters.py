@@ -78,19 +78,17 @@ class BaseParameters:
     def words(self, i: int) -> str:
         """Base parameter i as the sum it is: "J2: mass of link 2 + 0.36 x ..."."""
         lead = self.columns[i]
-        others = [k for k in self._parts(i) if k != lead]
         text = f"J{self.standard[lead].joint}: {self.standard[lead].name}"
-        for k in others:
+        size = np.abs(self.mapping[i])
+        # A smaller share is rounding of the URDF.
+        for k in np.flatnonzero(size > _ROUNDING * max(size.max(), 1.0)):
+            if k == lead:
+                continue
             share = self.mapping[i, k]
             sign = "-" if share < 0 else "+"
-            size = "" if abs(abs(share) - 1) < 1e-9 else f"{abs(share):.4g} x "
-            text += f" {sign} {size}{self.standard[k].name}"
+            factor = "" if abs(abs(share) - 1) < 1e-9 else f"{abs(share):.4g} x "
+            text += f" {sign} {factor}{self.standard[k].name}"
         return text
-
-    def _parts(self, i: int) -> Array:
-        """Standard parameters whose share is more than rounding of the URDF."""
-        share = np.abs(self.mapping[i])
-        return np.flatnonzero(share > _ROUNDING * max(share.max(), 1.0))
 
     def embed(self, theta: Array, nominal: Array, covariance: Array) -> Array:
         """Standard parameters that have these base parameters, nearest to the nominal.
@@ -116,7 +114,8 @@ def base_columns(model: pin.Model) -> Array:
     Returns:
         Indices into the 10 * dof inertial parameters, increasing. Shape (b,).
     """
-    factors = qr(_scaled(_random_rows(model), _SILENT), mode="r", pivoting=True)
+    rows = regressor(model, *random_states(model)).reshape(STATES * model.nv, -1)
+    factors = qr(_scaled(rows, _SILENT), mode="r", pivoting=True)
     pivots, order = np.abs(np.diag(np.asarray(factors[0]))), np.asarray(factors[-1])
     return np.sort(order[: int((pivots > _INDEPENDENT * pivots[0]).sum())])
 
@@ -146,9 +145,18 @@ def base_parameters(model: pin.Model) -> BaseParameters:
     URDF whose angles were rounded (1.5708 for a right angle) has columns that differ
     by rounding alone; they count as one.
     """
-    rows = _random_rows(model)
-    standard = standard_inertial(rows.shape[1] // PER_LINK)
-    return express(rows, _readable_columns(rows), standard)
+    rows = regressor(model, *random_states(model)).reshape(STATES * model.nv, -1)
+    links = range(model.nv)
+    order = [PER_LINK * link + kind for kind in _ORDER for link in links]
+    columns = np.sort(further_columns(rows, np.zeros(0, dtype=int), order))
+    scaled = _scaled(rows)
+    values = np.linalg.svd(scaled, compute_uv=False)
+    rank = int((values > _ROUNDING * values[0]).sum())
+    if len(columns) != rank or np.linalg.cond(scaled[:, columns]) >= _WORST:
+        # Columns in a fixed order may lean on one another; pivoting never lets them.
+        pivoted = np.asarray(qr(scaled, mode="r", pivoting=True)[-1])
+        columns = np.sort(pivoted[:rank])
+    return express(rows, columns, standard_inertial(model.nv))
 
 
 def express(
@@ -165,9 +173,11 @@ def express(
     kept[np.abs(kept) < _NOTHING] = 0.0
     kept[:, columns] = np.eye(len(columns))
     mapping = kept * size / size[columns, None]
-    return BaseParameters(
-        tuple(standard), np.array(columns), mapping, _gap(scaled, len(columns))
-    )
+    values, rank = np.linalg.svd(scaled, compute_uv=False), len(columns)
+    gap = float("inf")
+    if rank < len(values):
+        gap = float(values[rank - 1] / max(values[rank], 1e-300))
+    return BaseParameters(tuple(standard), np.array(columns), mapping, gap)
 
 
 def further_columns(rows: Array, columns: Array, candidates: Sequence[int]) -> Array:
@@ -192,32 +202,7 @@ def further_columns(rows: Array, columns: Array, candidates: Sequence[int]) -> A
     return np.array(kept, dtype=int)
 
 
-def _readable_columns(rows: Array) -> Array:
-    links = range(rows.shape[1] // PER_LINK)
-    order = [PER_LINK * link + kind for kind in _ORDER for link in links]
-    kept = np.sort(further_columns(rows, np.zeros(0, dtype=int), order))
-    scaled = _scaled(rows)
-    values = np.linalg.svd(scaled, compute_uv=False)
-    rank = int((values > _ROUNDING * values[0]).sum())
-    if len(kept) == rank and np.linalg.cond(scaled[:, kept]) < _WORST:
-        return kept
-    # Columns in a fixed order may lean on one another; pivoting never lets them.
-    pivoted = np.asarray(qr(scaled, mode="r", pivoting=True)[-1])
-    return np.sort(pivoted[:rank])
-
-
-def _random_rows(model: pin.Model) -> Array:
-    return regressor(model, *random_states(model)).reshape(STATES * model.nv, -1)
-
-
 def _scaled(rows: Array, least: float = _TOLERANCE) -> Array:
     """Return columns at length one; shorter ones than a share of the longest at 0."""
     size = np.linalg.norm(rows, axis=0)
     return rows / np.where(size > least * size.max(), size, np.inf)
-
-
-def _gap(scaled: Array, rank: int) -> float:
-    values = np.linalg.svd(scaled, compute_uv=False)
-    if rank == len(values):
-        return float("inf")
-    return float(values[rank - 1] / max(values[rank], 1e-300))

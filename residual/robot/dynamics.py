@@ -71,19 +71,6 @@ def gravity_torque(model: pin.Model, q: Array, direction: Array) -> Array:
     return _over((model.nv,), pin.computeGeneralizedGravity, tilted, q)
 
 
-def torque_by_angle(model: pin.Model, q: Array, qd: Array, qdd: Array) -> Array:
-    """Return the change of the torques with each angle, the last axis. (n, dof, dof).
-
-    In N m/rad, of the rigid body.
-    """
-
-    def gradient(*sample) -> Array:
-        pin.computeRNEADerivatives(*sample)
-        return sample[1].dtau_dq
-
-    return _over((model.nv, model.nv), gradient, model, q, qd, qdd)
-
-
 def flange_jacobian(model: pin.Model, q: Array) -> Array:
     """Return the Jacobian of the flange, the last frame of the arm. Shape (n, 6, dof).
 
@@ -100,8 +87,8 @@ def flange_jacobian(model: pin.Model, q: Array) -> Array:
 
 def flange_frame(model: pin.Model) -> int:
     """Return the index of the last frame that the last joint moves."""
-    moved = [i for i, f in enumerate(model.frames) if f.parentJoint == model.nv]
-    return moved[-1]
+    frames = [i for i, f in enumerate(model.frames) if f.parentJoint == model.nv]
+    return frames[-1]
 
 
 def flange_placement(model: pin.Model) -> pin.SE3:
@@ -127,9 +114,9 @@ def outward(model: pin.Model) -> Array:
 
 def joint_axis(model: pin.Model, joint: int) -> Array:
     """Return the axis that a joint turns about or slides along, in its frame. (3,)."""
-    data, rest = model.createData(), pin.neutral(model)
-    own = pin.computeJointJacobian(model, data, rest, joint)[:, joint - 1]
-    return own[3:] if own[3:].any() else own[:3]
+    data, zero = model.createData(), pin.neutral(model)
+    column = pin.computeJointJacobian(model, data, zero, joint)[:, joint - 1]
+    return column[3:] if column[3:].any() else column[:3]
 
 
 def joints_length(model: pin.Model) -> float:
@@ -252,34 +239,30 @@ class LazyRegressor:
             first, stop, step = key[2].indices(PER_LINK * dof)
             i, start = divmod(first, PER_LINK)
             if step == 1 and stop <= PER_LINK * (i + 1):
-                return self._of_link(i)[key[0], key[1], start : start + stop - first]
+                out = np.zeros((*self.motion[0].shape, PER_LINK))
+                out[:, : i + 1] = self.links()[i]
+                return out[key[0], key[1], start : start + stop - first]
         return np.asarray(self)[key]
-
-    def _of_link(self, i: int) -> Array:
-        """Columns of one link's parameters. Shape (n, dof, 10)."""
-        out = np.zeros((*self.motion[0].shape, PER_LINK))
-        out[:, : i + 1] = self.links()[i]
-        return out
 
     def __matmul__(self, parameters: Array) -> Array:
         """Torque of these inertial parameters [N m]. Shape (n, dof).
 
         By the recursive algorithm, in a third of the time, where it is not known.
         """
-        known = self._remembered()
-        if known is None:
+        blocks = self._remembered()
+        if blocks is None:
             body = with_inertial_parameters(self.robot.model, parameters)
             return inverse_dynamics(body, *self.motion)
         out = np.zeros(self.motion[0].shape)
-        for i, block in enumerate(known):
-            own = parameters[PER_LINK * i : PER_LINK * (i + 1)]
-            out[:, : i + 1] += (block.reshape(-1, PER_LINK) @ own).reshape(-1, i + 1)
+        for i, block in enumerate(blocks):
+            part = parameters[PER_LINK * i : PER_LINK * (i + 1)]
+            out[:, : i + 1] += (block.reshape(-1, PER_LINK) @ part).reshape(-1, i + 1)
         return out
 
     def links(self) -> tuple[Array, ...]:
         """Columns of each link on the joints that carry it. Shapes (n, i + 1, 10)."""
-        known = self._remembered()
-        return self._by_link() if known is None else known
+        blocks = self._remembered()
+        return self._by_link() if blocks is None else blocks
 
     def _remembered(self) -> tuple[Array, ...] | None:
         """All of it, where it is small enough to be kept."""
@@ -295,8 +278,8 @@ class LazyRegressor:
             rows = slice(start, start + AT_ONCE)
             dense = self[rows]
             for i, block in enumerate(out):
-                own = slice(PER_LINK * i, PER_LINK * (i + 1))
-                block[rows] = dense[:, : i + 1, own]
+                part = slice(PER_LINK * i, PER_LINK * (i + 1))
+                block[rows] = dense[:, : i + 1, part]
         return out
 
 

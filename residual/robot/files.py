@@ -181,12 +181,12 @@ def read_robot_toml(
 def _joints(table: dict, dof: int, where: str) -> Mapping[str, Array]:
     arrays = {}
     for key, value in table.items():
-        what = f"{where}: {key}"
-        array = _array(value, (dof,), what)
+        place = f"{where}: {key}"
+        array = _array(value, (dof,), place)
         if key.endswith("_limit") and (array <= 0).any():
-            raise RobotError(f"{what} must be positive, got {array.min():g}.")
+            raise RobotError(f"{place} must be positive, got {array.min():g}.")
         if (array == 0).any():
-            raise RobotError(f"{what} must not be 0 for any joint.")
+            raise RobotError(f"{place} must not be 0 for any joint.")
         arrays[key] = array
     return arrays
 
@@ -203,19 +203,15 @@ def _all_declared(
             raise RobotError(f"{where}: write {name} as a table [declared.{name}].")
         if effects is not None:
             check_keys(table, (*effects[name], "assumed", "source"), place)
-        out[name] = _declared(table, dof, place)
+        values = dict(table)
+        assumed, source = values.pop("assumed", False), values.pop("source", "")
+        if not isinstance(assumed, bool) or not isinstance(source, str):
+            raise RobotError(f"{place}: assumed must be true or false, source a text.")
+        if assumed and not source:
+            raise RobotError(f"{place}: assumed values need a source = '...'.")
+        arrays = {k: _array(v, (dof,), f"{place}: {k}") for k, v in values.items()}
+        out[name] = DeclaredEffect(arrays, assumed, source)
     return out
-
-
-def _declared(table: dict, dof: int, place: str) -> DeclaredEffect:
-    table = dict(table)
-    assumed, source = table.pop("assumed", False), table.pop("source", "")
-    if not isinstance(assumed, bool) or not isinstance(source, str):
-        raise RobotError(f"{place}: assumed must be true or false, source a text.")
-    if assumed and not source:
-        raise RobotError(f"{place}: assumed values need a source = '...'.")
-    values = {k: _array(v, (dof,), f"{place}: {k}") for k, v in table.items()}
-    return DeclaredEffect(values, assumed, source)
 
 
 def _coupling(table: dict, dof: int, where: str) -> Array | None:

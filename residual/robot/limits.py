@@ -32,19 +32,23 @@ _WORDS = {
 
 def placeholders(robot: Robot, recordings: Sequence[Recording]) -> dict[str, str]:
     """Return which limits no joint keeps to, by the field of the robot, with words."""
-    speed = np.max([_speed(r) for r in recordings], axis=0)
+    speeds = []
+    for r in recordings:
+        stride = max(1, round(STRIDE / float(np.median(np.diff(r.t)))))
+        speeds.append(usual_speed(r, min(stride, len(r.t) // 4 or 1), SHARE))
+    speed = np.max(speeds, axis=0)
     torque = np.max([np.quantile(np.abs(r.tau), SHARE, axis=0) for r in recordings], 0)
     # Another zero, or an encoder that begins again, leaves a range for what it is.
     span = np.max([np.ptp(r.q, axis=0) for r in recordings], axis=0)
     leap = np.max([np.abs(np.diff(r.q, axis=0)).max() for r in recordings])
-    whole = robot.upper - robot.lower
-    seen = {
+    travel = robot.upper - robot.lower
+    checked = {
         "velocity_limit": (speed, robot.velocity_limit, speed.max() < FASTEST),
         "torque_limit": (torque, robot.torque_limit, True),
-        "upper": (span, whole, span.max() < FARTHEST and leap < LEAP),
+        "upper": (span, travel, span.max() < FARTHEST and leap < LEAP),
     }
     out = {}
-    for field, (size, limit, possible) in seen.items():
+    for field, (size, limit, possible) in checked.items():
         ratio = size / limit
         if field == "torque_limit":
             possible = ratio.max() < STRONGEST
@@ -59,18 +63,13 @@ def placeholders(robot: Robot, recordings: Sequence[Recording]) -> dict[str, str
     return out
 
 
-def _speed(recording: Recording) -> Array:
-    stride = max(1, round(STRIDE / float(np.median(np.diff(recording.t)))))
-    return usual_speed(recording, min(stride, len(recording.t) // 4 or 1), SHARE)
-
-
 def _is_placeholder(ratio: Array, limit: Array) -> bool:
     """Whether all limits are one number that is broken, or nearly all by one factor."""
     if len(limit) < FEWEST or not np.isfinite(limit).all():
         return False
     broken = ratio > BROKEN
-    usual = float(np.median(ratio))
-    near = broken & (ratio < ALIKE * usual) & (ratio > usual / ALIKE)
+    middle = float(np.median(ratio))
+    near = broken & (ratio < ALIKE * middle) & (ratio > middle / ALIKE)
     equal = np.ptp(limit) < 1e-3 * limit.max()
     return bool((equal and broken.any()) or near.mean() >= NEARLY)
 

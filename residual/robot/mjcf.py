@@ -161,13 +161,13 @@ class _Writer:
             if m.eq_type[e] != _JOINT_EQUALITY:
                 loops += 1
                 continue
-            one, two = int(m.eq_obj1id[e]), int(m.eq_obj2id[e])
-            rest = m.qpos0[m.jnt_qposadr[one]]
-            offset, factor = float(rest + m.eq_data[e, 0]), float(m.eq_data[e, 1])
-            leader = m.jnt(two).name or f"joint{two}" if two >= 0 else ""
-            if two >= 0:
-                offset -= float(factor * m.qpos0[m.jnt_qposadr[two]])
-            name = m.jnt(one).name or f"joint{one}"
+            first, second = int(m.eq_obj1id[e]), int(m.eq_obj2id[e])
+            reference = m.qpos0[m.jnt_qposadr[first]]
+            offset, factor = float(reference + m.eq_data[e, 0]), float(m.eq_data[e, 1])
+            leader = m.jnt(second).name or f"joint{second}" if second >= 0 else ""
+            if second >= 0:
+                offset -= float(factor * m.qpos0[m.jnt_qposadr[second]])
+            name = m.jnt(first).name or f"joint{first}"
             if m.eq_data[e, 2:5].any():
                 self.notes.append(f"joint '{name}' follows '{leader}' by a line only")
             follower = nodes[name]

@@ -174,25 +174,24 @@ def load_robot(
         names = ",".join(options.get("chain", [])).split(",")
         joints = tuple(name.strip() for name in names if name)
         choice = replace(choice, joints=joints, tip=options.get("tip", [None])[0])
-    made = _compiled(file, options)
-    arm = read_urdf(made.urdf, file.name, choice)
-    _declare(content, made, arm.joints, properties or {}, file.name)
-    extra = read_robot_toml(content, arm.limits.shape[1], "robot.toml", effects)
-    extra["name"] = extra["name"] or _slug(arm.name, Path(file.name).stem)
-    extra |= {"toml": json.dumps(content, sort_keys=True), "columns": columns}
-    extra |= {"notes": (*arm.notes, *made.notes), "locked": arm.locked}
-    return _assemble(arm, extra, file.name)
-
-
-def _compiled(file: Traversable, options: Mapping[str, Sequence[str]]) -> CompiledFile:
-    """Return a robot file as URDF, with what else it says."""
     text, path = _read(file), Path(str(file))
+    compiled = CompiledFile(text)
     if path.suffix == ".xacro":
         text = read_xacro(path, options.get("arg", ()), options.get("package", ()))
+        compiled = CompiledFile(text)
     # A URDF may hold a <mujoco> of its own for MuJoCo: the root says what a file is.
     elif _MJCF.match(text):
-        return read_mjcf(path)
-    return CompiledFile(text)
+        compiled = read_mjcf(path)
+    arm = read_urdf(compiled.urdf, file.name, choice)
+    _declare(content, compiled, arm.joints, properties or {}, file.name)
+    extra = read_robot_toml(content, arm.limits.shape[1], "robot.toml", effects)
+    if not extra["name"]:
+        names = (re.sub(r"[^a-z0-9_-]+", "_", x.lower()) for x in (arm.name, path.stem))
+        slugs = filter(None, (name.strip("_")[:40] for name in names))
+        extra["name"] = next(slugs, "robot")
+    extra |= {"toml": json.dumps(content, sort_keys=True), "columns": columns}
+    extra |= {"notes": (*arm.notes, *compiled.notes), "locked": arm.locked}
+    return _assemble(arm, extra, file.name)
 
 
 def _declare(
@@ -321,10 +320,10 @@ def _only_file(folder: Traversable) -> tuple[Traversable, Traversable | None]:
     by_ending = [sorted(n for n in entries if n.endswith(e)) for e in _ENDINGS]
     robots = next(filter(None, by_ending), [])
     if len(robots) != 1:
-        found = ", ".join(robots) or "none"
+        listed = ", ".join(robots) or "none"
         raise RobotError(
             f"Folder '{folder.name}' must hold exactly one robot file (*.urdf, *.xacro "
-            f"or *.xml), found {found}. Give the file itself to choose one."
+            f"or *.xml), found {listed}. Give the file itself to choose one."
         )
     return entries[robots[0]], entries.get("robot.toml")
 
@@ -338,12 +337,6 @@ def _read(file: Traversable) -> str:
         ) from error
     except OSError as error:
         raise RobotError(f"Cannot read {file.name}: {error.strerror}.") from error
-
-
-def _slug(*texts: str) -> str:
-    """A name that a robot may have, of the first text that has any of it."""
-    made = (re.sub(r"[^a-z0-9_-]+", "_", x.lower()).strip("_")[:40] for x in texts)
-    return next(filter(None, made), "robot")
 
 
 def with_inertials(robot: Robot, parameters: Array) -> str:
@@ -369,56 +362,38 @@ def with_inertials(robot: Robot, parameters: Array) -> str:
                 f"Link {number} was identified with mass {body[0]:.3g} kg, and a URDF "
                 "needs a positive one. Use --consistent, which keeps bodies possible."
             )
-        moved = end(joints[name], "child")
-        for part in _fixed_to(moved, joints):
-            own = links[part].find("inertial")
-            if own is not None:
-                links[part].remove(own)
-        _replace(links[moved], body)
+        body_link = end(joints[name], "child")
+        parts = [body_link]  # and all that is fixed to it, directly or through others
+        for part in parts:
+            parts += [
+                end(j, "child")
+                for j in joints.values()
+                if j.get("type") == "fixed" and end(j, "parent") == part
+            ]
+            inertial = links[part].find("inertial")
+            if inertial is not None:
+                links[part].remove(inertial)
+        links[body_link].insert(0, _inertial(body))
         if not np.isfinite(robot.lower[number - 1]):
-            _make_continuous(joints[name])
+            # Undo what the reader did to a joint without ends.
+            joints[name].set("type", "continuous")
+            limit = joints[name].find("limit")
+            for side in ("lower", "upper") if limit is not None else ():
+                limit.attrib.pop(side, None)
     return ET.tostring(root, encoding="unicode") + "\n"
 
 
-def _fixed_to(link: str, joints: dict[str, ET.Element]) -> list[str]:
-    """Links that are fixed to a link, directly or through others."""
-    found = [link]
-    for part in found:
-        found += [
-            end(j, "child")
-            for j in joints.values()
-            if j.get("type") == "fixed" and end(j, "parent") == part
-        ]
-    return found[1:]
-
-
-def _make_continuous(joint: ET.Element) -> None:
-    """Undo what the reader did to a joint without ends (``urdf``)."""
-    joint.set("type", "continuous")
-    limit = joint.find("limit")
-    if limit is not None:
-        limit.attrib.pop("lower", None)
-        limit.attrib.pop("upper", None)
-
-
-def _replace(link: ET.Element, body: Array) -> None:
-    """Write mass, centre and the tensor about the centre, in the link's own axes."""
-    own = link.find("inertial")
-    if own is not None:
-        link.remove(own)
-    moved = pin.Inertia.FromDynamicParameters(body)
-    mass, centre, tensor = moved.mass, moved.lever, moved.inertia
+def _inertial(body: Array) -> ET.Element:
+    """Mass, centre and the tensor about the centre, in the link's own axes."""
+    inertia = pin.Inertia.FromDynamicParameters(body)
     node = ET.Element("inertial")
-    xyz = " ".join(_number(c) for c in centre)
+    # With all digits that a double has.
+    xyz = " ".join(repr(float(c)) for c in inertia.lever)
     ET.SubElement(node, "origin", {"xyz": xyz, "rpy": "0 0 0"})
-    ET.SubElement(node, "mass", {"value": _number(mass)})
+    ET.SubElement(node, "mass", {"value": repr(float(inertia.mass))})
     places = {"xx": (0, 0), "xy": (0, 1), "xz": (0, 2), "yy": (1, 1), "yz": (1, 2)}
     places["zz"] = (2, 2)
-    tensors = {f"i{key}": _number(tensor[at]) for key, at in places.items()}
+    tensor = inertia.inertia
+    tensors = {f"i{key}": repr(float(tensor[at])) for key, at in places.items()}
     ET.SubElement(node, "inertia", tensors)
-    link.insert(0, node)
-
-
-def _number(value: float) -> str:
-    """All digits that a double has."""
-    return repr(float(value))
+    return node

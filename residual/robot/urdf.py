@@ -66,13 +66,13 @@ class _Tree:
         self._drop_loose(root)
 
     def _by_name(self, root: ET.Element, kind: str) -> dict[str, ET.Element]:
-        found: dict[str, ET.Element] = {}
+        elements: dict[str, ET.Element] = {}
         for element in root.findall(kind):
             name = element.get("name", "?")
-            if name in found:
+            if name in elements:
                 self.faults.append(f"{kind} '{name}' is not unique")
-            found.setdefault(name, element)
-        return found
+            elements.setdefault(name, element)
+        return elements
 
     def _place(self, name: str, joint: ET.Element) -> None:
         kind = joint.get("type", "?")
@@ -114,22 +114,22 @@ class _Tree:
 
     def carried(self, link: str, stop: Iterable[str] = ()) -> list[str]:
         """The link and all that hang on it, without what is beyond some joints."""
-        found, stop = [link], set(stop)
-        for part in found:
+        links, stop = [link], set(stop)
+        for part in links:
             next_ = [j for j in self.below.get(part, []) if j.get("name") not in stop]
-            found += [c for j in next_ if (c := end(j, "child")) not in found]
-        return found
+            links += [c for j in next_ if (c := end(j, "child")) not in links]
+        return links
 
     def moved_by(self, front: Sequence[ET.Element]) -> list[ET.Element]:
         """The first joints below that can move, passing through those that cannot."""
-        found, stack = [], list(front)
+        joints, stack = [], list(front)
         while stack:
             joint = stack.pop(0)
             if joint.get("type") in MOVING:
-                found.append(joint)
+                joints.append(joint)
             else:
                 stack += self.below.get(end(joint, "child"), [])
-        return found
+        return joints
 
     def path(self, link: str) -> list[str]:
         """Names of the joints from the base to a link that can move, in order."""
@@ -194,9 +194,16 @@ def read_urdf(text: str, where: str, choice: Choice | None = None) -> Arm:
     _check_bodies(tree, chain)
     for name, value in locked.items():
         _lock(tree.joints[name], value, tree)
-    stale = [joint for joint in tree.joints.values() if _is_stale(joint)]
-    for joint in stale:
-        _fix(joint)
+    stale = False
+    for joint in tree.joints.values():  # that do not move, written as if they did
+        limit, kind = joint.find("limit"), joint.get("type")
+        short = limit is not None and not {"velocity", "effort"} <= set(limit.attrib)
+        follows = joint.find("mimic") is not None
+        if kind in ("floating", "planar") or (
+            kind not in MOVING and (short or follows)
+        ):
+            _fix(joint)
+            stale = True
     _refuse(tree.faults, where)
     table = np.array(limits, dtype=float).T
     table.setflags(write=False)
@@ -282,8 +289,8 @@ def _chain(
 def _named(tree: _Tree, mimics: Mapping, choice: Choice, where: str) -> list[str]:
     for name in choice.joints:
         check_name(name, tree.joints, f"joint of the chain in {where}")
-    wanted = set(choice.joints)
-    last = max(wanted, key=lambda name: len(tree.path(end(tree.joints[name], "child"))))
+    named = set(choice.joints)
+    last = max(named, key=lambda name: len(tree.path(end(tree.joints[name], "child"))))
     path = tree.path(end(tree.joints[last], "child"))
     for name in choice.joints:
         if tree.joints[name].get("type") == "fixed":
@@ -295,7 +302,7 @@ def _named(tree: _Tree, mimics: Mapping, choice: Choice, where: str) -> list[str
         elif name in choice.locked:
             tree.faults.append(f"joint '{name}' is both in the chain and locked")
     _refuse(tree.faults, where)
-    return [name for name in path if name in wanted]
+    return [name for name in path if name in named]
 
 
 def _only(
@@ -309,13 +316,17 @@ def _only(
     # Those that end within another one fall to it.
     ends = [*(tree.joints[name] for name in free), *mimics.values()]
     chains = _apart([_without_hand(tree, mimics, free, j) for j in ends])
-    seen = set(logged)
-    if any(seen & set(chain) for chain in chains):
-        chains = _apart([_spanned(chain, seen) for chain in chains])
+    in_logs = set(logged)
+    if any(in_logs & set(chain) for chain in chains):
+        spans = []  # from the first joint of each chain that is logged to the last
+        for chain in chains:
+            at = [i for i, name in enumerate(chain) if name in in_logs]
+            spans.append(chain[at[0] : at[-1] + 1] if at else [])
+        chains = _apart(spans)
         chains.sort(key=len, reverse=True)
         # Beside an arm of six or seven a head of two is none.
-        rest = [len(set(other) - set(chains[0])) for other in chains[1:]]
-        if all(2 * n <= len(chains[0]) for n in rest):
+        sizes = [len(set(other) - set(chains[0])) for other in chains[1:]]
+        if all(2 * n <= len(chains[0]) for n in sizes):
             chains = chains[:1]
     if len(chains) == 1:
         return chains[0]
@@ -334,12 +345,6 @@ def _apart(chains: Sequence[list[str]]) -> list[list[str]]:
     """The chains that are no part of another one, each once."""
     once = [list(c) for c in dict.fromkeys(tuple(c) for c in chains) if c]
     return [c for c in once if not any(set(c) < set(other) for other in once)]
-
-
-def _spanned(chain: Sequence[str], logged: set[str]) -> list[str]:
-    """What of a chain lies between the first and the last joint that is logged."""
-    at = [i for i, name in enumerate(chain) if name in logged]
-    return list(chain[at[0] : at[-1] + 1]) if at else []
 
 
 def _without_hand(
@@ -388,13 +393,13 @@ def _locked(
             return float(choice.locked[name])
         leader = None if mimic is None else mimic.get("joint")
         if leader in tree.joints and leader not in (*visited, name):
-            what = f"mimic of joint '{name}'"
-            factor = tree.number(mimic, "multiplier", what)
+            place = f"mimic of joint '{name}'"
+            factor = tree.number(mimic, "multiplier", place)
             factor = factor if "multiplier" in mimic.attrib else 1.0
-            offset = tree.number(mimic, "offset", what)
+            offset = tree.number(mimic, "offset", place)
             return factor * value(leader, (*visited, name)) + offset
-        node, what = joint.find("limit"), f"limit of joint '{name}'"
-        low, high = (tree.number(node, k, what) for k in ("lower", "upper"))
+        node, place = joint.find("limit"), f"limit of joint '{name}'"
+        low, high = (tree.number(node, k, place) for k in ("lower", "upper"))
         outside = joint.get("type") != "continuous" and (low > 0 or high < 0)
         return (low + high) / 2 if outside and -np.inf < low < high < np.inf else 0.0
 
@@ -405,30 +410,21 @@ def _locked(
 def _lock(joint: ET.Element, value: float, tree: _Tree) -> None:
     """Write a joint as a fixed one that stands at a value [rad or m]."""
     if value:
-        what, node = f"joint '{joint.get('name')}'", joint.find("origin")
-        axis = tree.vector(joint.find("axis"), "xyz", "1 0 0", what)
-        turned = tree.vector(node, "rpy", "0 0 0", what)
-        at = tree.vector(node, "xyz", "0 0 0", what)
+        label, node = f"joint '{joint.get('name')}'", joint.find("origin")
+        axis = tree.vector(joint.find("axis"), "xyz", "1 0 0", label)
+        turned = tree.vector(node, "rpy", "0 0 0", label)
+        at = tree.vector(node, "xyz", "0 0 0", label)
         place = pin.SE3(pin.rpy.rpyToMatrix(turned), at)
         axis = axis / max(np.linalg.norm(axis), 1e-12)
         if joint.get("type") == "prismatic":
-            moved = place * pin.SE3(np.eye(3), value * axis)
+            pose = place * pin.SE3(np.eye(3), value * axis)
         else:
-            moved = place * pin.SE3(pin.exp3(value * axis), np.zeros(3))
+            pose = place * pin.SE3(pin.exp3(value * axis), np.zeros(3))
         node = ET.SubElement(joint, "origin") if node is None else node
-        node.set("xyz", " ".join(repr(float(x)) for x in moved.translation))
-        turned = pin.rpy.matrixToRpy(moved.rotation)
+        node.set("xyz", " ".join(repr(float(x)) for x in pose.translation))
+        turned = pin.rpy.matrixToRpy(pose.rotation)
         node.set("rpy", " ".join(repr(float(x)) for x in turned))
     _fix(joint)
-
-
-def _is_stale(joint: ET.Element) -> bool:
-    """Whether a joint that does not move is written as if it did."""
-    limit = joint.find("limit")
-    short = limit is not None and not {"velocity", "effort"} <= set(limit.attrib)
-    moves = joint.get("type") in MOVING
-    loose = joint.get("type") in ("floating", "planar")
-    return loose or (not moves and (short or joint.find("mimic") is not None))
 
 
 def _fix(joint: ET.Element) -> None:
@@ -447,8 +443,8 @@ def _locked_line(tree: _Tree, chain: Sequence[str], locked: Mapping[str, float])
         holders.setdefault(path[-1] if path else "", []).append(name)
     parts = []
     for holder, names in holders.items():
-        moved = [end(tree.joints[name], "child") for name in names]
-        links = set().union(*(tree.carried(link, chain) for link in moved))
+        carried = [end(tree.joints[name], "child") for name in names]
+        links = set().union(*(tree.carried(link, chain) for link in carried))
         mass = sum(_mass(tree.links[link]) for link in links)
         where = f"joint {chain.index(holder) + 1} ({holder})" if holder else "the base"
         at = some([f"{n} = {locked[n]:.4g}" for n in names])
@@ -476,17 +472,17 @@ def _check_bodies(tree: _Tree, chain: Sequence[str]) -> None:
     mass: dict[str, float] = {}
     hollow, light = [], []
     for name, link in tree.links.items():
-        what = f"mass of link '{name}'"
-        mass[name] = tree.number(link.find("inertial/mass"), "value", what)
+        quantity = f"mass of link '{name}'"
+        mass[name] = tree.number(link.find("inertial/mass"), "value", quantity)
         if not np.isfinite(mass[name]):
-            tree.faults.append(f"{what} is infinite, expected a finite number")
+            tree.faults.append(f"{quantity} is infinite, expected a finite number")
         elif mass[name] < 0:
             tree.faults.append(f"link '{name}' has mass {mass[name]:g}, expected >= 0")
         tensor = link.find("inertial/inertia")
         keys = ("ixx", "iyy", "izz")
         if tensor is not None and mass[name] > 0:
-            what = f"inertia of link '{name}'"
-            if not any(tree.number(tensor, key, what) for key in keys):
+            quantity = f"inertia of link '{name}'"
+            if not any(tree.number(tensor, key, quantity) for key in keys):
                 hollow.append(name)
     for name in chain:
         parts = tree.carried(end(tree.joints[name], "child"), chain)
@@ -515,9 +511,9 @@ def _limits(tree: _Tree, joint: ET.Element) -> tuple[list[float], bool]:
     axis = joint.find("axis")
     if axis is not None and not any(c in "123456789" for c in axis.get("xyz", "1")):
         tree.faults.append(f"joint '{name}' has an axis of length zero")
-    what, turns = f"limit of joint '{name}'", joint.get("type") == "continuous"
-    given = {k: tree.number(node, k, what) for k in ("effort", "velocity")}
-    ends = {k: tree.number(node, k, what) for k in ("lower", "upper")}
+    quantity, turns = f"limit of joint '{name}'", joint.get("type") == "continuous"
+    rates = {k: tree.number(node, k, quantity) for k in ("effort", "velocity")}
+    ends = {k: tree.number(node, k, quantity) for k in ("lower", "upper")}
     lower, upper = ends.values()
     endless = upper == -lower == float(ENDLESS)
     if not (turns or lower < upper):
@@ -525,7 +521,7 @@ def _limits(tree: _Tree, joint: ET.Element) -> tuple[list[float], bool]:
     if turns or endless or not lower < upper:
         lower, upper = -np.inf, np.inf
     there = set() if node is None else set(node.attrib)
-    mended = {k: "0" for k, x in given.items() if k not in there or np.isinf(x)}
+    mended = {k: "0" for k, x in rates.items() if k not in there or np.isinf(x)}
     if turns or not endless:
         mended |= {"lower": f"-{ENDLESS}"} if np.isinf(lower) else {}
         mended |= {"upper": ENDLESS} if np.isinf(upper) else {}
@@ -533,7 +529,7 @@ def _limits(tree: _Tree, joint: ET.Element) -> tuple[list[float], bool]:
         joint.set("type", "revolute" if turns else joint.get("type", ""))
         node = ET.SubElement(joint, "limit") if node is None else node
         node.attrib.update(mended)
-    effort, speed = (abs(x) or np.inf for x in given.values())
+    effort, speed = (abs(x) or np.inf for x in rates.values())
     return [lower, upper, speed, effort], bool(mended)
 
 

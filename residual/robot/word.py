@@ -22,9 +22,9 @@ def word_of(
         args: Arguments of a xacro, as "name:=value".
         packages: Folders where its packages are looked for.
     """
-    given = [("chain", ",".join(chain)), ("tip", tip or "")]
-    given += [("arg", word) for word in args] + [("package", p) for p in packages]
-    options = urlencode([(key, value) for key, value in given if value], safe=",:=/")
+    pairs = [("chain", ",".join(chain)), ("tip", tip or "")]
+    pairs += [("arg", word) for word in args] + [("package", p) for p in packages]
+    options = urlencode([(key, value) for key, value in pairs if value], safe=",:=/")
     return f"{robot}#{options}" if options else str(robot)
 
 

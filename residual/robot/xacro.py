@@ -23,7 +23,7 @@ def read_xacro(path: Path, args: Sequence[str], packages: Sequence[str]) -> str:
         from xacrodoc import packages as finder
     except ImportError as error:
         raise not_installed("xacrodoc") from error
-    given = {}
+    arguments = {}
     for word in args:
         name, sign, value = word.partition(":=")
         if not sign or not name:
@@ -31,18 +31,18 @@ def read_xacro(path: Path, args: Sequence[str], packages: Sequence[str]) -> str:
                 f"--xacro-arg '{shortened(word)}': expected name:=value, such as "
                 "ur_type:=ur5e."
             )
-        given[name] = value
+        arguments[name] = value
     finder.reset()
     # A folder is a package by its name too, with or without a package.xml.
     above = list(path.resolve().parents)
     places = [*reversed(above), *(Path(p).resolve() for p in packages)]
     beside = [p for folder in (*packages, *above[:3]) for p in Path(folder).iterdir()]
-    found = {p.name: p for p in (*reversed(beside), *places) if p.is_dir()}
-    finder.update_package_cache(found)
+    folders = {p.name: p for p in (*reversed(beside), *places) if p.is_dir()}
+    finder.update_package_cache(folders)
     try:
         # Meshes are nobody's concern here, and their folders no part of the robot.
-        made = XacroDoc.from_file(path, subargs=given, resolve_packages=False)
-        return made.dom.toxml()
+        document = XacroDoc.from_file(path, subargs=arguments, resolve_packages=False)
+        return document.dom.toxml()
     except Exception as error:
         # What a macro makes the parser raise is not on any list.
         why = shortened(" ".join(str(error).split()) or type(error).__name__)

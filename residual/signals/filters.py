@@ -1,4 +1,4 @@
-"""The zero-phase low-pass, every k-th value of it as one product; power spectra.
+"""The zero-phase low-pass, every k-th value of it as one product.
 
 Written out here since `scipy.signal`, with all that it brings, takes longer to import
 than most logs take to be diagnosed.
@@ -14,7 +14,6 @@ CUTOFF = 8.0  # Hz, of the identification filter; lower for slow logs
 ORDER = 4  # of the Butterworth filter, which runs forwards and backwards
 REACH = 4.5  # periods of the cut-off after which it has forgotten all but 1e-5
 BLOCK = 16  # rows that are made at once
-_HARRIS = (0.35875, 0.48829, 0.14128, 0.01168)  # Blackman-Harris, four terms
 
 
 def low_pass(
@@ -72,9 +71,17 @@ def _with_ends(x: Array, reach: int, length: int) -> Array:
 
 @cache
 def _band(cutoff: float, rate: float, step: int, order: int) -> tuple[Array, int]:
-    """What makes a block of rows of the samples around it, and how far it reaches."""
+    """What makes a block of rows of the samples around it, and how far it reaches.
+
+    The filter is |H|^2 = 1 / (1 + (tan(w / 2) / tan(w_c / 2))^(2 N)), w in rad/sample,
+    by the bilinear transform; its impulse response is taken from -reach to reach.
+    """
     reach = int(np.ceil(REACH / cutoff * rate))
-    taps = _impulse_response(cutoff, rate, reach)
+    half = np.linspace(0, np.pi / 2, 4 * reach + 1)[:-1]  # at pi it is zero
+    warped = np.tan(half) / np.tan(np.pi * min(cutoff / rate, 0.49))
+    pulse = np.fft.irfft(np.append(1 / (1 + warped ** (2 * ORDER)), 0.0))
+    taps = np.concatenate([pulse[-reach:], pulse[: reach + 1]])
+    taps = taps / taps.sum()
     for _ in range(order):  # d/dt of the output: the response differenced, turned
         taps = np.convolve(taps, [-rate / 2, 0.0, rate / 2])
     reach += order
@@ -82,45 +89,6 @@ def _band(cutoff: float, rate: float, step: int, order: int) -> tuple[Array, int
     for row in range(BLOCK):
         band[row * step : row * step + len(taps), row] = taps
     return band, reach
-
-
-def _impulse_response(cutoff: float, rate: float, reach: int) -> Array:
-    """Values from -reach to reach. The filter is |H|^2, in closed form.
-
-    1 / (1 + (tan(w / 2) / tan(w_c / 2))^(2 N))    (bilinear transform, w in rad/sample)
-    """
-    half = np.linspace(0, np.pi / 2, 4 * reach + 1)[:-1]  # at pi it is zero
-    warped = np.tan(half) / np.tan(np.pi * min(cutoff / rate, 0.49))
-    gain = 1 / (1 + warped ** (2 * ORDER))
-    pulse = np.fft.irfft(np.append(gain, 0.0))
-    taps = np.concatenate([pulse[-reach:], pulse[: reach + 1]])
-    return taps / taps.sum()
-
-
-def power_density(x: Array, length: int, robust: bool = False) -> tuple[Array, Array]:
-    """Power per share of the sampling rate, of segments that overlap by half.
-
-    By averaged periodograms (Welch 1967).
-
-    Args:
-        x: Signals. Shape (n, k), n at least the length.
-        length: Samples of a segment; its mean is taken out.
-        robust: Take the median of the segments instead of their mean.
-
-    Returns:
-        Frequencies as shares of the sampling rate, and densities [x^2]. Shapes (f,),
-        (f, k).
-    """
-    turn = 2 * np.pi * np.arange(length) / length
-    terms = (a * (-1) ** i * np.cos(i * turn) for i, a in enumerate(_HARRIS))
-    window = np.sum(list(terms), axis=0)
-    parts = np.lib.stride_tricks.sliding_window_view(x, length, axis=0)
-    parts = parts[:: max(length // 2, 1)]
-    parts = (parts - parts.mean(axis=-1, keepdims=True)) * window
-    power = np.abs(np.fft.rfft(parts)) ** 2 / (window**2).sum()
-    # The median of a squared normal is short of its mean by the logarithm of 2.
-    middle = np.median(power, axis=0) / np.log(2) if robust else power.mean(axis=0)
-    return np.fft.rfftfreq(length), 2 * middle.T
 
 
 def randomise_phases(spectrum: Array, rows: int, rng: np.random.Generator) -> Array:

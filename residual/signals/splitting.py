@@ -68,8 +68,8 @@ def overlap(cutoff: float, rate: float) -> float:
 def rows_of(recording: Recording, first: int, last: int) -> Recording:
     """Return the samples from ``first`` up to ``last`` of a log, without a copy."""
     arrays = {f.name: getattr(recording, f.name) for f in fields(recording)[2:]}
-    own = {k: x[first:last] for k, x in arrays.items() if x is not None}
-    return replace(recording, **own)
+    part = {k: x[first:last] for k, x in arrays.items() if x is not None}
+    return replace(recording, **part)
 
 
 def sketch_of(
@@ -101,7 +101,7 @@ def let_go(recording: Recording) -> None:
 
 def cut(ids: Sequence[str]) -> list[bool]:
     """Of each of several logs whether it is a piece of one: its id comes again."""
-    return [ids.count(own) > 1 for own in ids]
+    return [ids.count(log_id) > 1 for log_id in ids]
 
 
 def logs_of(ids: Sequence[str]) -> list[list[int]]:
@@ -130,8 +130,8 @@ def spread(
         return list(range(len(seconds)))
     middle = np.cumsum(seconds) - 0.5 * np.asarray(seconds)
     count = max(int((SKETCH if kept is None else kept) / max(seconds)), 1)
-    wanted = (np.arange(count) + 0.5) / count * total
-    return sorted({int(np.argmin(np.abs(middle - at))) for at in wanted})
+    times = (np.arange(count) + 0.5) / count * total
+    return sorted({int(np.argmin(np.abs(middle - at))) for at in times})
 
 
 def session_clock(recordings: Sequence[Recording]) -> float | None:

@@ -84,8 +84,8 @@ class _Uniform:
 def sample_rate(t: Array) -> float:
     """Median sample rate, rounded where it is a whole number within 10 % [Hz]."""
     rate = 1 / float(np.median(np.diff(t)))
-    whole = round(rate)
-    return float(whole) if whole and abs(rate - whole) < 0.1 else rate
+    nearest = round(rate)
+    return float(nearest) if nearest and abs(rate - nearest) < 0.1 else rate
 
 
 def prepare(
@@ -106,7 +106,19 @@ def prepare(
     pieces = cut([r.id for r in recordings])
     signals = _signals(recordings, filters, full_rate, again=any(pieces))
     if speed_floor is None:
-        speed_floor = _standstill_speed(signals(), filters)
+        # 2 % of a joint's usual speed, or its noise: that of the encoder in the stop
+        # band, carried through the kinematic filter and the derivative.
+        speeds, noise = [], 0.0
+        for u, (q, qd, _) in signals():
+            speeds.append(qd)
+            cutoff = min(filters.kinematics, 0.12 * u.rate)
+            step = -(-len(u.q) // len(q))
+            density = np.std(u.q[::step] - q, axis=0) * np.sqrt(cutoff / (u.rate / 2))
+            noise = np.maximum(noise, 2 * np.pi * cutoff / np.sqrt(3) * density)
+        speed = np.quantile(np.abs(np.concatenate(speeds)), 0.95, axis=0)
+        speed_floor = np.maximum.reduce(
+            [filters.speed * speed, 3 * noise, np.full_like(speed, 1e-3)]
+        )
     tracks = tuple(
         _track(r.id, u, m, filters, speed_floor, full_rate, piece)
         for r, piece, (u, m) in zip(recordings, pieces, signals(), strict=True)
@@ -195,25 +207,6 @@ def _kinematics(u: _Uniform, filters: Filters, step: int) -> tuple[Array, Array,
     return q, qd, np.gradient(qd, 1 / u.rate, axis=0)
 
 
-def _standstill_speed(signals: Iterable, filters: Filters) -> Array:
-    """Speed below which a joint counts as standing: 2 % of its usual speed, or noise.
-
-    The velocity noise is the encoder's stop-band noise, carried through the
-    kinematic filter and the derivative.
-    """
-    speeds, noise = [], 0.0
-    for u, (q, qd, _) in signals:
-        speeds.append(qd)
-        cutoff = min(filters.kinematics, 0.12 * u.rate)
-        step = -(-len(u.q) // len(q))
-        density = np.std(u.q[::step] - q, axis=0) * np.sqrt(cutoff / (u.rate / 2))
-        noise = np.maximum(noise, 2 * np.pi * cutoff / np.sqrt(3) * density)
-    speed = np.quantile(np.abs(np.concatenate(speeds)), 0.95, axis=0)
-    return np.maximum.reduce(
-        [filters.speed * speed, 3 * noise, np.full_like(speed, 1e-3)]
-    )
-
-
 def _thinning(rate: float, filters: Filters) -> int:
     """Samples of a log per sample of its features."""
     return max(1, round(rate / filters.rate))
@@ -245,6 +238,12 @@ def _track(
         over = overlap(cutoff, u.rate)
         at = (np.arange(len(inner)) * step / rate).round(6)
         inner &= (at >= over - 1e-6) & (at < len(u.t) / u.rate - over - 1e-6)
+    # Noise behind the filter, from the torque above 2.5 cut-offs taken as white.
+    nyquist = u.rate / 2
+    low = min(2.5 * cutoff, 0.5 * nyquist)
+    high = u.tau - low_pass(u.tau, low, u.rate)
+    variance = (np.median(np.abs(high), axis=0) / 0.6745) ** 2
+    noise = np.sqrt(variance / (1 - low / nyquist) * (cutoff / nyquist))
     return Track(
         id=label,
         rate=rate,
@@ -257,7 +256,7 @@ def _track(
         tau=low_pass(_thinned(u, first), cutoff, rate, step),
         inner=inner,
         moving=~still[::step] & inner[:, None],
-        torque_noise=_white_noise(u.tau, u.rate, cutoff),
+        torque_noise=noise,
         entire=not piece,
     )
 
@@ -281,15 +280,6 @@ def widened(marks: Array, half: int) -> Array:
     return count[last] > count[np.maximum(at - half, 0)]
 
 
-def _white_noise(tau: Array, rate: float, cutoff: float) -> Array:
-    """Noise behind the filter, from the torque above 2.5 cut-offs taken as white."""
-    nyquist = rate / 2
-    low = min(2.5 * cutoff, 0.5 * nyquist)
-    high = tau - low_pass(tau, low, rate)
-    variance = (np.median(np.abs(high), axis=0) / 0.6745) ** 2
-    return np.sqrt(variance / (1 - low / nyquist) * (cutoff / nyquist))
-
-
 def at_samples(torque: Array, track: Track, recording: Recording) -> Array:
     """Torque on a track's grid, read at the recording's own times. Shape (n, dof)."""
     if torque.shape[0] == len(recording.t) and np.allclose(track.t, recording.t):
@@ -303,18 +293,6 @@ def smooth(recording: Recording, filters: Filters) -> Array:
     return at_times(recording.t, t, q)
 
 
-def encoder_noise(recording: Recording, filters: Filters) -> Array:
-    """Level of the noise of the angles, from above the filter, taken as white [rad].
-
-    By the median, so that jerks of the motion do not count. Shape (dof,).
-    """
-    _, q, (low, _, _) = motion_of(recording, filters)
-    rate = sample_rate(recording.t)
-    passed_on = min(filters.kinematics, 0.12 * rate) / (rate / 2)
-    level = np.median(np.abs(q - low), axis=0) / 0.6745
-    return level / np.sqrt(1 - passed_on)
-
-
 def shaken(
     recordings: Sequence[Recording], tracks: Sequence[Track], filters: Filters
 ) -> tuple[Track, ...]:
@@ -325,8 +303,14 @@ def shaken(
     """
     rng, out = np.random.default_rng(SEED), []
     for r, track in zip(recordings, tracks, strict=True):
-        noise = encoder_noise(r, filters) * rng.normal(size=r.q.shape)
-        thin = round(sample_rate(r.t) / track.rate)
+        # From above the filter, taken as white; by the median, so that jerks of the
+        # motion do not count.
+        _, angles, (low, _, _) = motion_of(r, filters)
+        rate = sample_rate(r.t)
+        passed_on = min(filters.kinematics, 0.12 * rate) / (rate / 2)
+        level = np.median(np.abs(angles - low), axis=0) / 0.6745
+        noise = level / np.sqrt(1 - passed_on) * rng.normal(size=r.q.shape)
+        thin = round(rate / track.rate)
         _, _, (q, qd, qdd) = motion_of(replace(r, q=r.q + noise), filters, thin)
         out.append(replace(track, q=q, qd=qd, qdd=qdd))
     return tuple(out)

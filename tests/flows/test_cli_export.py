@@ -19,7 +19,6 @@ from residual.errors import InputError, UnknownNameError
 from residual.export.export import KnownMotion, excitation
 from residual.export.mujoco import to_mujoco
 from residual.model.corrected import CorrectedModel, Tables
-from residual.model.record import to_record
 from residual.signals.standstill import CHOICES
 from tests.exports.back import (
     BACK,
@@ -205,11 +204,11 @@ def test_models_of_the_store_are_found_by_their_id(tmp_path):
     record = {"robot": "irb140", "stage": "identified", "request": None}
     ids = [
         commit_record(tmp_path, "models", {**record, **more})
-        for more in ({"model": to_record(source)}, {"nominal": to_record(source)}, {})
+        for more in ({"model": source.to_record()}, {"nominal": source.to_record()}, {})
     ]
     for id in ids[:2]:
         found = read_model(tmp_path, id[:8])
-        assert to_record(found) == to_record(source)
+        assert found.to_record() == source.to_record()
     with pytest.raises(InputError, match="without its numbers"):
         read_model(tmp_path, ids[2])
 

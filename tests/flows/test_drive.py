@@ -30,7 +30,6 @@ from residual.model.control import (
 )
 from residual.model.lookup import Axis, Lookup, LookupTable, export_lookup
 from residual.model.model import Model, Term
-from residual.model.record import to_record
 from residual.robot.dynamics import inertial_parameters
 from residual.robot.robot import load_robot
 from sim.engine.records import Noise, PlantEffect, PlantSpec, TrajectorySpec
@@ -145,7 +144,7 @@ def test_friction_never_turns_faster_than_the_stated_torque_rate(rise, speed, tu
 
 
 def kept(store, model):
-    record = {"robot": ROBOT.name, "stage": "augmented", "model": to_record(model)}
+    record = {"robot": ROBOT.name, "stage": "augmented", "model": model.to_record()}
     return commit_record(store, "models", record)
 
 

@@ -11,7 +11,7 @@ from flows.storage.diagnosis import checked_verdict
 from residual.errors import InputError
 from residual.model.corrected import CorrectedModel
 from residual.model.model import Model, Term
-from residual.model.record import from_record, load_model, to_record
+from residual.model.record import from_record, load_model
 from residual.recording import Recording
 from residual.robot.dynamics import inertial_parameters
 from residual.verdict.document import from_json, to_json
@@ -49,14 +49,14 @@ def _read_model(data: bytes, place: Path) -> None:
     file = place / "model.json"
     file.write_bytes(data)
     model = load_model(file)
-    record = to_record(model)
-    assert same_json(record, to_record(from_record(record)))
+    record = model.to_record()
+    assert same_json(record, from_record(record).to_record())
     assert repr(model)
     robot = model.model.robot if isinstance(model, CorrectedModel) else model.robot
     if robot.dof == 2:
         assert model.predict(_log()).shape == (400, 2)
     model.save(place / "again.json")
-    assert same_json(to_record(load_model(place / "again.json")), record)
+    assert same_json(load_model(place / "again.json").to_record(), record)
 
 
 @cache

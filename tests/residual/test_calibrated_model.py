@@ -11,7 +11,7 @@ from residual.calibration.rows import MEASURED, PAPER
 from residual.export.export import excitation
 from residual.model.corrected import NEAREST, NONE
 from residual.model.lookup import Axis, Lookup, LookupTable
-from residual.model.record import from_record, to_record
+from residual.model.record import from_record
 from tests.exports.models import model_with, robot_of
 
 JOINTS = (1, 2, 3, 4, 5, 6)
@@ -73,7 +73,7 @@ def test_it_comes_back_whole_from_its_record():
     motion = excitation(robot_of("irb140"), 4.0)
     source = corrected_model(_calibration(nominal=_model()))
     want = source.along(motion.t, motion.parts)
-    again = from_record(to_record(source)).along(motion.t, motion.parts)
+    again = from_record(source.to_record()).along(motion.t, motion.parts)
     assert again.tobytes() == want.tobytes()
 
 

@@ -13,10 +13,8 @@ import pytest
 from scipy.integrate import solve_ivp
 
 from residual.effects import registry
-from residual.errors import InputError
 from residual.model.forward import (
     acceleration,
-    free_motion,
     mass_matrices,
 )
 from residual.model.model import Model, Term
@@ -116,14 +114,6 @@ def integrated(t):
     return done.y[:6].T, done.y[6:].T
 
 
-def test_the_free_motion_is_that_of_an_independent_integration():
-    t = np.arange(61) / 500
-    q, qd = integrated(t)
-    assert np.ptp(q, axis=0).max() > 0.005
-    got = free_motion(model(), t, (q[0], qd[0]), drive)
-    np.testing.assert_allclose(got, q, atol=1e-6)
-
-
 @pytest.mark.parametrize("rubs", [False, True])
 def test_the_acceleration_of_a_torque_is_that_of_an_independent_integration(rubs):
     t = np.arange(150) / 500
@@ -157,9 +147,3 @@ def test_the_mass_matrix_has_the_load_and_the_rotors():
         upper = np.triu(pin.crba(arm, arm.createData(), pose))
         wanted = upper + np.triu(upper, 1).T
         np.testing.assert_allclose(each, wanted, atol=1e-9)
-
-
-def test_what_remembers_its_motion_moves_by_no_integration():
-    t = np.arange(3) / 1000
-    with pytest.raises(InputError, match="depends on more than the state"):
-        free_motion(model(term("delay", None, 0.01)), t, np.zeros((2, 6)), drive)

@@ -4,7 +4,6 @@ import json
 import subprocess
 import sys
 from dataclasses import replace
-from itertools import combinations
 
 import numpy as np
 import pytest
@@ -13,7 +12,7 @@ from residual.calibration.choice import MAIN, PAIRS, Option
 from residual.calibration.nominal_pls import NominalForm, fit_nominal_pls
 from residual.errors import InputError
 from residual.model.evaluate import by_row, predict
-from residual.model.lookup import Axis, Lookup, LookupTable, export_lookup, find_triples
+from residual.model.lookup import Axis, Lookup, LookupTable, export_lookup
 from tests.residual.motion_blocks import NAMES, motion
 from tests.residual.test_choice import fitted
 
@@ -58,17 +57,6 @@ def test_any_number_of_joints_and_kinds_of_table_add_up(rng, joints):
     expected = offset + X @ slope + one[i] + two[i, j]
     np.testing.assert_allclose(lookup.predict(X), expected, **EXACT)
     np.testing.assert_array_equal(lookup.outside(X), np.abs(X) > 1)
-
-
-def test_twelve_triples_hold_all_pairs_of_nine_axes_once():
-    pairs = list(combinations(range(9), 2))
-    triples = find_triples(pairs, [22] * 9)
-    assert len(triples) == 12
-    held = [pair for triple in triples for pair in combinations(triple, 2)]
-    assert sorted(held) == pairs
-    assert find_triples(pairs, [40] * 9) == []
-    assert find_triples([(0, 1), (1, 2)], [2] * 3) == []
-    assert len(find_triples(list(combinations(range(18), 2)), [9] * 18)) > 30
 
 
 def test_tables_of_the_same_axes_are_added(rng):

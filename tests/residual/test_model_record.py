@@ -15,7 +15,7 @@ from residual.errors import InputError, UnknownNameError
 from residual.model.corrected import NONE, CorrectedModel, Tables
 from residual.model.lookup import Axis, Lookup, LookupTable
 from residual.model.model import Model, Term
-from residual.model.record import from_record, load_model, to_record
+from residual.model.record import from_record, load_model
 from residual.robot.dynamics import inertial_parameters
 from residual.robot.robot import Robot, load_robot
 from residual.signals.standstill import CHOICES
@@ -90,7 +90,7 @@ def through_text(record: dict) -> dict:
 @pytest.mark.parametrize("name", NAMES)
 def test_every_effect_comes_back_with_the_very_bits(name):
     model = model_of([name, "viscous"])
-    again = from_record(through_text(to_record(model)))
+    again = from_record(through_text(model.to_record()))
     log = log_of(model.robot)
     np.testing.assert_array_equal(again.predict(log), model.predict(log))
 
@@ -99,10 +99,10 @@ def test_every_effect_comes_back_with_the_very_bits(name):
 @given(st.lists(st.sampled_from(NAMES), max_size=4), st.integers(0, 50))
 def test_any_set_of_effects_comes_back_with_the_very_bits(names, seed):
     model = model_of(names, seed=seed)
-    again = from_record(through_text(to_record(model)))
+    again = from_record(through_text(model.to_record()))
     log = log_of(model.robot)
     np.testing.assert_array_equal(again.predict(log), model.predict(log))
-    assert through_text(to_record(again)) == through_text(to_record(model))
+    assert through_text(again.to_record()) == through_text(model.to_record())
 
 
 def test_tables_on_top_of_a_model_come_back_with_the_very_bits(tmp_path):
@@ -111,7 +111,7 @@ def test_tables_on_top_of_a_model_come_back_with_the_very_bits(tmp_path):
     model = model_of(["coulomb"], arm())
     tables = (Tables(0, columns, lookup(rng), MAIN), Tables(1, (), lookup(rng), NONE))
     made = CorrectedModel(model, tables)
-    again = from_record(through_text(to_record(made)))
+    again = from_record(through_text(made.to_record()))
     made.save(tmp_path / "model.json")
     log = log_of(model.robot)
     for one in (again, load_model(tmp_path / "model.json")):
@@ -122,7 +122,7 @@ def test_tables_on_top_of_a_model_come_back_with_the_very_bits(tmp_path):
 
 
 def test_a_term_that_is_no_effect_is_refused():
-    record = through_text(to_record(model_of(["coulomb"])))
+    record = through_text(model_of(["coulomb"]).to_record())
     record["background"] = [{**record["terms"][0], "name": "table_of_speed"}]
     with pytest.raises(InputError, match="table_of_speed"):
         from_record(record)
@@ -136,7 +136,7 @@ def test_the_robot_comes_back_without_its_files(tmp_path):
         "[declared.coulomb]\nlevel = [3, 4]\n"
     )
     robot = load_robot(tmp_path)
-    again = from_record(through_text(to_record(model_of([], robot)))).robot
+    again = from_record(through_text(model_of([], robot).to_record())).robot
     assert (again.name, again.content_hash) == ("lab", robot.content_hash)
     assert not np.isfinite(again.upper[0])
     np.testing.assert_array_equal(again.upper, robot.upper)
@@ -220,11 +220,11 @@ def test_a_declared_value_goes_back_to_the_nominal_one_and_a_new_one_is_whole():
 
 def test_a_record_keeps_what_an_edit_goes_back_to():
     model = changed_friction()
-    again = from_record(json.loads(json.dumps(to_record(model))))
+    again = from_record(json.loads(json.dumps(model.to_record())))
     log = log_of(model.robot)
     back, there = again.without("coulomb"), model.without("coulomb")
     np.testing.assert_array_equal(back.predict(log), there.predict(log))
-    damaged = json.loads(json.dumps(to_record(model)))
+    damaged = json.loads(json.dumps(model.to_record()))
     damaged["terms"][0]["nominal"]["theta"] = ["much"]
     with pytest.raises(InputError, match="damaged"):
         from_record(damaged)

@@ -5,12 +5,12 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 from scipy.optimize import linear_sum_assignment
-from scipy.signal import butter, sosfiltfilt, welch
+from scipy.signal import butter, sosfiltfilt
 
 from residual.check.reading import best_order
 from residual.effects.backlash import _flight
 from residual.evidence.fit import System, fit
-from residual.signals.filters import low_pass, power_density
+from residual.signals.filters import low_pass
 from residual.signals.standstill import bristle
 from residual.signals.track import widened
 from tests.residual.linear import DOF, Problem, every_group
@@ -47,18 +47,6 @@ def test_a_derivative_is_the_central_difference_of_the_low_pass(order):
     inside = slice(3, -3)
     size = np.abs(theirs).max()
     np.testing.assert_allclose(ours[inside], theirs[::step][inside], atol=1e-9 * size)
-
-
-@pytest.mark.parametrize("robust", [False, True])
-def test_power_is_that_of_welch(robust):
-    x = walk(3, 1000, 2)
-    how = {"average": "median"} if robust else {}
-    f, theirs = welch(x, nperseg=128, window="blackmanharris", axis=0, **how)
-    ours_f, ours = power_density(x, 128, robust)
-    np.testing.assert_allclose(ours_f, f)
-    # SciPy corrects a median of few for their number, here by 5 %.
-    inner = slice(1, -1)  # its ends are those of a one-sided spectrum
-    np.testing.assert_allclose(ours[inner], theirs[inner], rtol=0.1 if robust else 1e-9)
 
 
 @given(SEEDS, st.integers(1, 300), st.sampled_from([0, 1, 7]))
