@@ -1,8 +1,4 @@
-"""A linear problem of known answer in the clothes of a diagnosis.
-
-Two joints, random columns in place of a motion, and a track whose filter lets
-everything pass: what the core computes of it can be written down with numpy.
-"""
+"""Diagnoses of random columns, whose answers can be computed with numpy."""
 
 from dataclasses import dataclass
 
