@@ -61,7 +61,7 @@ def nested(depth):
         nested(3000),
         "SELECT " + "(" * 5000 + "1" + ")" * 5000,
         "SELECT " + "+".join(["1"] * 20_000),
-        "EXPLAIN " + nested(500),
+        "EXPLAIN " + nested(3000),
         "SELECT '" + "x" * LONGEST + "'",
     ],
     ids=["3000", "brackets", "sum", "explain", "long"],

@@ -77,6 +77,7 @@ def document(name: str, folder: Path) -> dict:
 
 if __name__ == "__main__":
     out = Path(sys.argv[1])
+    out.mkdir(parents=True, exist_ok=True)
     for name in commands(Path(tempfile.mkdtemp())):
         with tempfile.TemporaryDirectory() as folder:
             text = json.dumps(document(name, Path(folder)), indent=1)
