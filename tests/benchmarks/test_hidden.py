@@ -21,7 +21,6 @@ STRIBECK = Name("stribeck", (2,))
 
 
 def entry(name, joints, order=1, alike=(), parameters=None):
-    """Return one finding as a verdict has it."""
     return {
         "name": name,
         "joints": list(joints),

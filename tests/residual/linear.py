@@ -127,7 +127,6 @@ class Problem:
 
 
 def nominal_prior(rng) -> Prior:
-    """A prior that is not diagonal."""
     mix = np.eye(NOMINAL) + 0.1 * rng.normal(size=(NOMINAL, NOMINAL))
     precision = 4.0 * mix @ mix.T
     return Prior(precision, float(np.linalg.slogdet(precision)[1]), 0.03, {})

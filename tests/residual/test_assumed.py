@@ -66,7 +66,6 @@ def off_on(robot, logs):
 
 
 def test_every_value_that_is_off_is_told_though_none_is_named(logs):
-    """Of rough values none stands out, and yet each of them is wrong."""
     factors = {name: np.array([1.3, 0.75, 1.0, 1.25, 1.4, 0.7]) for name in KEYS}
     told = off_on(believed(factors), logs)
     for name, of in factors.items():

@@ -63,7 +63,6 @@ def test_the_nearest_is_on_the_edge_and_no_step_inside_is_nearer(rng, axes):
 
 
 def test_it_is_what_a_solver_of_cones_finds(rng):
-    """Clarabel, by way of cvxpy, on the same problem."""
     cp = pytest.importorskip("cvxpy")
     model = bare(arm(SEVEN))
     bodies, start = bodies_of(model), model.coefficients()
@@ -135,7 +134,6 @@ def test_a_finding_of_a_body_says_what_the_model_has():
 
 @pytest.mark.long
 def test_a_load_that_no_body_is_gets_no_name():
-    """Torque as of two kilograms whose inertia is negative: said, and not named."""
     robot = arm(SEVEN)
     wrong = bare(robot, load(robot, 2.0, (-0.1, 0, 0, -0.1, 0, -0.1))).loaded()
     other = replace(robot, model=with_inertial_parameters(robot.model, wrong))

@@ -182,7 +182,6 @@ def test_the_run_of_figure_9_is_corrected_by_fits_that_have_not_seen_it():
 
 
 def test_the_choice_for_a_fold_does_not_know_its_errors():
-    """Whatever a run leaves, the option that it is judged with stays as it is."""
     rows = paper_rows(paper_runs())
     schemes, _ = make_schemes(rows, np.random.default_rng(0))
     names = (*rows.names, "tau1", "tau2", "tau3")

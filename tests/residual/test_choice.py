@@ -36,7 +36,6 @@ def training(X, Y, load, moving=None):
 
 
 def fitted(X, Y, load):
-    """All forms, fitted to all rows."""
     return fit_forms(*training(X, Y, load))
 
 
@@ -150,7 +149,6 @@ def test_a_look_up_says_what_the_fits_behind_it_say(rng):
 
 
 def test_the_best_of_what_anyone_would_try_is_taken_unless_by_chance(rng):
-    """No joint gets what loses to nothing or a line on what was left out."""
     X, friction, torque, run = motion(rng, runs=4, rows=500)
     line = X @ rng.normal(size=(9, 3))
     for Y in (line, friction, rng.normal(size=friction.shape)):

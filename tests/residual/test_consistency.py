@@ -100,7 +100,6 @@ def test_a_written_model_reloads_to_the_same_torque(bodies, tmp_path):
 
 
 def test_parts_that_are_fixed_to_a_link_are_counted_once(tmp_path):
-    """The written link has the whole body; its fixed parts keep no inertia."""
     robot = load_robot("irb140")
     log = logs(1)[0]
     twice = np.column_stack([log.q, log.q])

@@ -200,7 +200,6 @@ NOT_ALL = ("payload", "coupled_friction", "delay", "saturation", "backlash")
 
 @pytest.mark.parametrize("name", [n for n in NAMES if n not in NOT_ALL])
 def test_coefficients_come_back_from_the_values(name):
-    """For any coefficients, the reported values describe the same torque."""
     robot, rng = arm(), np.random.default_rng(5)
     seen = state(robot)
     for term in terms(name, robot, lambda k: rng.normal(size=k)):

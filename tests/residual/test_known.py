@@ -80,7 +80,6 @@ def test_the_model_has_what_is_known_and_holds_it():
 
 
 def test_what_is_known_of_a_candidate_is_its_value_in_the_fit():
-    """And its evidence is that of the rest: a wrong value has less than the right."""
     scores = {}
     for known in (None, MASS, 1.2 * MASS):
         words = {} if known is None else {"payload.mass": known}

@@ -103,7 +103,6 @@ def test_what_has_no_name_is_flagged_on_its_joint_without_one(effect, seed):
     [("offset", "ripple", 36), ("payload", "quadratic_viscous", 37)],
 )
 def test_two_effects_at_once_are_both_found(first, second, seed):
-    """The second pair even sits on one joint."""
     case = short_case(bare_irb140(), first, second, seed=seed, duration=8.0)
     _, found = doubts(case)
     assert len(found) == 2
@@ -115,7 +114,6 @@ def test_two_effects_at_once_are_both_found(first, second, seed):
 
 
 def test_friction_that_is_declared_nowhere_is_one_finding_on_all_joints():
-    """ "Coulomb friction on all six joints", not six findings."""
     case = short_case(bare_irb140(), seed=40, duration=8.0)
     _, found = doubts(case, ("viscous", "rotor_inertia"))
     assert [(f.effect.name, f.joints) for f in found] == [

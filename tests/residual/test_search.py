@@ -151,7 +151,6 @@ def test_a_left_out_log_is_predicted_by_a_fit_of_the_others(rng):
 
 
 def test_the_gate_stops_what_is_there_in_one_log_of_four_only(rng):
-    """In one log of four the others are predicted no better, or worse."""
     problem = Problem.draw(rng, rows=200)
     logs = list(problem.logs)
     first, state = logs[0]
@@ -315,7 +314,6 @@ def test_findings_of_one_name_are_merged_and_the_largest_comes_first(rng):
 
 @pytest.mark.parametrize(("yields", "first"), [(1.0, "plane"), (0.2, "line")])
 def test_what_rides_on_another_of_its_size_is_named_before_it(rng, yields, first):
-    """One contact is a level and what yields of it: the second says what it is."""
     truth = [(LINE, (0,), [4.0]), (PLANE, (0,), [3.0 * yields, 0.5])]
     problem = Problem.draw(rng, truth, rows=200)
     task, fitted = found(problem)

@@ -220,7 +220,6 @@ def test_all_that_is_wrong_with_a_file_is_said_at_once(tmp_path):
 
 
 def test_runs_of_a_chain_bring_it_along_and_a_model_stays_with_its_own(tmp_path):
-    """Imported once with --chain, they are read, kept and made again without it."""
     file, store = write(tmp_path, MANY), tmp_path / "store"
     arm = load(file, chain=("j1", "j2", "j3", "j4"))
     for n, log in enumerate(logs(arm, arm.model, "abc", 3)):

@@ -48,7 +48,6 @@ def test_a_held_nuisance_is_generalised_least_squares(seed):
 @settings(max_examples=25, deadline=None)
 @given(st.integers(0, 10_000))
 def test_what_was_there_before_explains_no_change(seed):
-    """Torque of a column in both epochs alike gives a change of nothing."""
     shared, held, _, columns = drawn(seed)
     joint = JointRows(shared, columns @ [3.0, -2.0], layout(), held)
     (piece,) = joint.pieces(columns, layout().second, [2])
