@@ -39,7 +39,7 @@ def check_writable(files: Mapping[str, Path], inputs: Iterable[Path]) -> None:
             raise InputError(
                 f"{option} {path}: there is no folder '{path.parent}'. Create it first."
             )
-        # What is still a link is one of a circle (Python 3.13 resolves it without error).
+        # Still a link: one of a circle (Python 3.13 resolves it without an error).
         if place.is_symlink() or not _can_write(place):
             raise InputError(
                 f"{option} {path} cannot be written. Name another file, or change the "

@@ -37,12 +37,3 @@ def test_a_set_counts_if_it_is_exact_or_listed():
     assert found["exact_values_set_exact"]["value"] == 0.5
     few = bars.case_figures({"sets": rows(1, 9)}, deciding=False)
     assert few["rough_values_exact_or_listed"]["ok"] is None
-
-
-def test_one_name_on_an_unchanged_arm_is_a_miss():
-    quiet = {**ROW, "said": [], "planted": [], "true": 0}
-    good = bars.case_figures({"unchanged": [quiet] * 3}, deciding=True)
-    assert good["unchanged_named"]["ok"] is True
-    loud = bars.case_figures({"unchanged": [quiet, ROW]}, deciding=True)
-    assert loud["unchanged_named"]["ok"] is False
-    assert loud["unchanged_named"]["names"] == {"payload": 1, "coulomb": 1}

@@ -42,16 +42,6 @@ def test_singles_are_counted_where_they_are_clear():
     assert told["coverage_2_sigma"]["ok"] is False  # too wide is wrong as well
 
 
-def test_a_bar_is_missed_by_the_deciding_run_only():
-    rows = {"nulls": [{**ROW, "named": 0}] * 195 + [{**ROW, "named": 1}] * 5}
-    told = bars.case_figures(rows, deciding=True)
-    assert told["false_alarms"]["ok"] is False
-    assert told["false_alarms"]["value"] == 5 / 200
-    small = bars.case_figures(rows, deciding=False)
-    assert small["false_alarms"]["ok"] is None
-    assert small["false_alarms"]["why"]
-
-
 def test_results_are_kept_line_by_line_and_a_torn_one_is_done_again(tmp_path, capsys):
     path, asked = tmp_path / "kept.jsonl", []
 

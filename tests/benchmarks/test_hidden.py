@@ -4,10 +4,9 @@ from dataclasses import replace
 
 import pytest
 
-from benchmarks.hidden.draw import Hidden, draw_sized, measured, vocabulary
+from benchmarks.hidden.draw import draw_sized, measured, vocabulary
 from benchmarks.hidden.score import (
     Name,
-    case_row,
     estimate,
     members,
     score,
@@ -15,14 +14,13 @@ from benchmarks.hidden.score import (
 from residual.effects import registry
 from residual.robot.robot import load_robot
 from residual.verdict.result import Detectable
-from sim.engine.records import PlantEffect, stream
+from sim.engine.records import stream
 from tests.verdict_documents import typed
 
 STRIBECK = Name("stribeck", (2,))
 
 
 def entry(name, joints, order=1, alike=(), parameters=None):
-    """Return one finding as a verdict has it."""
     return {
         "name": name,
         "joints": list(joints),
@@ -103,18 +101,6 @@ def test_a_finding_on_two_joints_is_two_names_and_a_pair_of_gears_is_one():
     assert (judged.outcome, judged.extra) == ("right", 1)
     found = estimate(judged.hits[0], {"level": 2.1})
     assert (found["value"], found["std"]) == (2.0, 0.2)
-
-
-def test_a_row_has_size_and_parameter():
-    effect = PlantEffect("stribeck", (2,), (("level", 1.2), ("velocity", 0.05)))
-    hidden = [Hidden(effect, (2,), 1.2, 6.0)]
-    truth = [dict(effect.parameters)]
-    made = case_row("single", hidden, truth, verdict(entry("stribeck", [2])), 4.0)
-    told = [made[key] for key in ("outcome", "parameter", "multiple")]
-    assert told == ["right", "level", 6.0]
-    assert made["z"] == pytest.approx(-2.0)
-    assert (made["error_after"], made["error_oracle"]) == (4.4, 4.0)
-    assert case_row("single", hidden, truth, verdict(), 7.99)["z"] is None
 
 
 def test_every_effect_of_the_diagnosis_is_drawn_and_no_fault_of_a_sensor():

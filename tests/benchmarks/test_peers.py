@@ -74,10 +74,6 @@ TRUTHS = {
 }
 
 
-def _judged(kind, *findings, unknown=False):
-    return judge.compare(TRUTHS[kind], Answer(findings, unknown))
-
-
 @pytest.mark.parametrize(
     ("kind", "findings", "unknown", "right"),
     [
@@ -100,17 +96,6 @@ def _judged(kind, *findings, unknown=False):
 def test_a_finding_is_compared_at_both_levels(kind, findings, unknown, right):
     row = judge.compare(TRUTHS[kind], Answer(tuple(findings), unknown))
     assert [level for level in judge.LEVELS if row[f"exact_{level}"]] == right
-
-
-def test_torque_is_compared_with_the_oracles():
-    log = _log(1)
-    kept = Recording("h_1", "irb140", log.t, log.q, np.sin(log.q))
-    oracle, own = kept.tau + 0.1, kept.tau + 0.2
-    torque = {"h_1": (kept, oracle, None), "a_1": (kept, oracle, 0)}
-    answer = Answer(((COULOMB,),), False, {"h_1": own, "finding_1_a_1": oracle})
-    row = judge.compare(judge.Truth("single", (COULOMB,), torque), answer)
-    assert row["held_out"] == pytest.approx(2.0)
-    assert row["edits"] == [pytest.approx(1.0)]
 
 
 def test_figures_are_described_and_the_table_has_intervals():

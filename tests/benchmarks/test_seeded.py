@@ -2,12 +2,8 @@
 
 import pytest
 
-from benchmarks.harness.cases import crash_figures, guarded, read_options, seed_range
-from benchmarks.harness.figures import undecided
-
-
-def test_both_ends_of_the_seeds_are_included():
-    assert list(seed_range("5:7")) == [5, 6, 7]
+from benchmarks.harness.cases import crash_figures, guarded, read_options
+from benchmarks.harness.figures import figure, finish, missing, partial, undecided
 
 
 def test_a_quick_run_takes_seeds_of_its_own(monkeypatch):
@@ -45,3 +41,12 @@ def test_only_a_crash_is_decided_by_too_few_draws():
     assert told["missed"]["ok"] is None
     assert "full run" in told["missed"]["why"]
     assert told["due"]["why"] == "x"
+
+
+def test_the_exit_code_is_one_for_a_missed_bar_only(capsys):
+    assert finish({"a": figure(1.0, 2.0, 3), "b": missing(1.0, "no data")}) == 0
+    small = partial(figure(0.0, 1.0, 2), "too few")
+    assert small["ok"] is None
+    assert finish({"a": small}) == 0
+    assert finish({"a": partial(figure(3.0, 1.0, 2), "too few")}) == 1
+    assert capsys.readouterr().out.strip().splitlines()[-1].startswith("{")

@@ -74,18 +74,13 @@ def random_states(robot: Robot, count: int) -> KnownMotion:
     return KnownMotion(np.arange(count) / RATE, q, qd, qdd)
 
 
-def saturated_speed(model: Model) -> Array:
-    """Return the speeds above which dry friction has its full value. (dof,)."""
+def fast_states(model: Model, count: int = STATES) -> KnownMotion:
+    """Return random states, each joint faster than where dry friction is full."""
     known = model.speed_floor
     floor = np.full(model.robot.dof, LEAST_SPEED) if known is None else known
     shapes = model.standstill or (SMOOTH,) * model.robot.dof
     times = [max(s.reach, FULL * s.size if s.kind == "smooth" else 0) for s in shapes]
-    return floor * np.array(times)
-
-
-def fast_states(model: Model, count: int = STATES) -> KnownMotion:
-    """Return random states in which no joint is slower than where friction is full."""
-    states, slow = random_states(model.robot, count), saturated_speed(model)
+    states, slow = random_states(model.robot, count), floor * np.array(times)
     return KnownMotion(
         states.t, states.q, states.qd + np.sign(states.qd) * slow, states.qdd
     )
@@ -217,10 +212,7 @@ def fmu_back(made: ModelExport) -> Pair:
 def played(path: Path, motion: KnownMotion, kind: str) -> Array:
     """Return the torque of every sample, at its own time [N m]. Shape (n, dof).
 
-    Args:
-        kind: One of `KINDS`. For model exchange FMPy has a loop; of its loop for
-            co-simulation the recorder reads before the inputs are set, so that here
-            they are set, and the torque read, from the outside.
+    FMPy's own loop for co-simulation reads outputs before it sets inputs.
     """
     import fmpy
 

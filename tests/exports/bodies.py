@@ -1,7 +1,4 @@
-"""Arms of six and seven joints with a load or a wrong link: what takes their models?
-
-Every model that could be adopted has to be one that MuJoCo and Pinocchio take.
-"""
+"""Arms with a load or a wrong link, and whether MuJoCo and Pinocchio take a model."""
 
 from collections.abc import Iterator
 from dataclasses import dataclass
@@ -28,8 +25,6 @@ CLOSE = {"mjcf": 1e-8, "urdf": 1e-8}  # N m: MuJoCo's and Pinocchio's torque and
 
 @dataclass(frozen=True, slots=True)
 class Case:
-    """One arm, and what it hides."""
-
     arm: Arm
     names: tuple[str, ...]
 
@@ -50,7 +45,6 @@ def cases(count: int, first: int = SEED) -> Iterator[Case]:
 
 @cache
 def diagnosed(case: Case) -> Diagnosis:
-    """Diagnose the logs of an arm."""
     made = make(case.arm, case.hidden)
     return diagnose(made.robot, made.fit, (), made.held_out)
 

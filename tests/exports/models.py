@@ -9,8 +9,8 @@ from residual.effects import registry
 from residual.model.model import Model, Term
 from residual.robot.dynamics import inertial_parameters
 from residual.robot.robot import Robot, load_robot, robot_from_texts
+from tests.residual.arms import SEVEN, urdf_text
 
-LENGTH = 0.35  # m
 NAMES = sorted(registry())
 ARMS = ("irb140", "seven")
 # Coefficients, and numbers of the shape, that an arm may have: sizes, not units.
@@ -52,30 +52,8 @@ def robot_of(name: str) -> Robot:
     """The built-in arm, or one of seven joints whose links are bodies that can be."""
     if name != "seven":
         return replace(load_robot("irb140"), declared={})
-    return robot_from_texts("seven", seven_joints(), "{}")
-
-
-def seven_joints() -> str:
-    """URDF of an arm of slender links, its axes alternating, its flange askew."""
-    parts = ['<robot name="seven"><link name="l0"/>']
-    for i in range(1, 8):
-        mass, axis = 6.0 / i, "0 0 1" if i % 2 else "0 1 0"
-        across = mass * LENGTH**2 / 12
-        parts.append(
-            f"""<link name="l{i}"><inertial>
-            <origin xyz="{LENGTH / 2} 0.01 0.02"/><mass value="{mass}"/>
-            <inertia ixx="0.008" iyy="{across}" izz="{across}" ixy="0" ixz="0" iyz="0"/>
-            </inertial></link>
-            <joint name="j{i}" type="revolute">
-            <parent link="l{i - 1}"/><child link="l{i}"/>
-            <origin xyz="{LENGTH if i > 1 else 0} 0 0" rpy="0 0 {0.1 * i}"/>
-            <axis xyz="{axis}"/>
-            <limit lower="-2.5" upper="2.5" velocity="3" effort="200"/></joint>"""
-        )
-    flange = """<link name="flange"/><joint name="to_flange" type="fixed">
-        <parent link="l7"/><child link="flange"/>
-        <origin xyz="0.3 0.02 0.1" rpy="0.4 0.8 -0.3"/></joint></robot>"""
-    return "".join([*parts, flange])
+    text = urdf_text(SEVEN).replace('ixx="0.02"', 'ixx="0.008"')
+    return robot_from_texts("seven", text, "{}")
 
 
 def term(robot: Robot, name: str, place: int | None = None) -> Term:

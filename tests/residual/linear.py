@@ -1,8 +1,4 @@
-"""A linear problem of known answer in the clothes of a diagnosis.
-
-Two joints, random columns in place of a motion, and a track whose filter lets
-everything pass: what the core computes of it can be written down with numpy.
-"""
+"""Diagnoses of random columns, whose answers can be computed with numpy."""
 
 from dataclasses import dataclass
 
@@ -131,7 +127,6 @@ class Problem:
 
 
 def nominal_prior(rng) -> Prior:
-    """A prior that is not diagonal."""
     mix = np.eye(NOMINAL) + 0.1 * rng.normal(size=(NOMINAL, NOMINAL))
     precision = 4.0 * mix @ mix.T
     return Prior(precision, float(np.linalg.slogdet(precision)[1]), 0.03, {})

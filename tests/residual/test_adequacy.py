@@ -5,13 +5,12 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from residual.diagnosis import gate, outcome
 from residual.diagnosis.adequacy import adequacy, find_period
 from residual.diagnosis.diagnose import diagnose
 from residual.evidence.fit import fit
 from residual.signals.track import Filters, prepare
 from tests.residual.arms import TWO, arm, plain_logs, recording
-from tests.residual.linear import DOF, LINE, Problem, build
+from tests.residual.linear import DOF, Problem, build
 
 NOISE = 1.0
 
@@ -66,36 +65,6 @@ def test_a_little_more_than_noise_is_said_and_voids_no_name(share, doubted, flag
     assert (told.doubted, told.flagged) == (doubted, flagged)
 
 
-@pytest.mark.parametrize(
-    ("scope", "fall", "share", "left", "void"),
-    [
-        ("global", 0.04, 0.6, 0.03, False),  # it explains more than it leaves
-        ("global", 0.02, 0.3, 0.03, True),  # less: a part of what is not known, maybe
-        ("local", 0.02, 0.3, 0.03, False),  # which is asked of the whole arm alone
-        ("global", 0.01, 0.3, 0.018, False),  # what it leaves is said, and no veto
-        ("global", 0.02, 0.3, 0.01, False),  # what it leaves is no more than noise
-        ("local", 0.09, 0.7, 0.06, True),  # much is left: three quarters are asked for
-        ("local", 0.20, 0.9, 0.06, False),
-    ],
-)
-def test_a_name_on_a_joint_that_keeps_more_is_void(rng, scope, fall, share, left, void):
-    found = problem(rng)
-    (group,) = found.design.add([(LINE, (1,), ())])
-    group = replace(group, effect=replace(LINE, scope=scope))
-    tested = gate.GateResult(group, 99.0, "fit", 1, fall, share, 1)
-    told = replace(
-        judge(found),
-        structured=np.array([0.0, left]),
-        noise=np.array([0.005, 0.005]),
-        flagged=(1,) if left > 0.05 else (),
-        doubted=(1,) if left > 0.02 else (),
-    )
-    assert outcome._resembles(tested, told) is void
-
-
-# -- repeats -----------------------------------------------------------------------
-
-
 def periodic(period=4.0, duration=13.0, noise=0.0, seed=0):
     rng = np.random.default_rng(seed)
     t = np.arange(round(duration * 125)) / 125
@@ -148,9 +117,6 @@ def test_without_a_repeat_no_kind_is_claimed(rng):
     found = problem(rng, slow, 2.0)
     logs = [(replace(own, q=state.q), state) for own, state in found.logs]
     assert judge(Problem(logs, found.design, found.prior)).kind == (None, None)
-
-
-# -- the torque channel ------------------------------------------------------------
 
 
 @pytest.mark.parametrize("compared", [False, True])

@@ -45,10 +45,6 @@ def examined_on(robot, logs):
     return doubts(Case(robot, tuple(logs), (), (), None, None), declared)
 
 
-def found_on(robot, logs):
-    return examined_on(robot, logs)[1]
-
-
 @pytest.mark.parametrize(
     ("name", "joint"),
     [("viscous", 3), pytest.param("rotor_inertia", 1, marks=pytest.mark.long)],
@@ -56,7 +52,7 @@ def found_on(robot, logs):
 def test_the_one_value_that_is_far_off_is_named(logs, name, joint):
     factors = np.ones(6)
     factors[joint - 1] = 0.5
-    (found,) = found_on(believed({name: factors}), logs)
+    _, (found,) = examined_on(believed({name: factors}), logs)
     assert (found.effect.name, found.joints) == (name, (joint,))
     missing = 0.5 * ROBOT.declared[name].values[KEYS[name]][joint - 1]
     (value,), _, *_ = found.parameters[KEYS[name]]
@@ -70,7 +66,6 @@ def off_on(robot, logs):
 
 
 def test_every_value_that_is_off_is_told_though_none_is_named(logs):
-    """Of rough values none stands out, and yet each of them is wrong."""
     factors = {name: np.array([1.3, 0.75, 1.0, 1.25, 1.4, 0.7]) for name in KEYS}
     told = off_on(believed(factors), logs)
     for name, of in factors.items():

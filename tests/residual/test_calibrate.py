@@ -31,7 +31,6 @@ from residual.calibration.scores import (
     make_schemes,
     try_forms,
 )
-from residual.calibration.views import SWEEP
 from residual.errors import InputError
 from tests.residual.identified import logs, truth
 
@@ -163,25 +162,6 @@ def test_levels_components_and_joints_that_are_given_are_taken_as_they_are():
         paper_rows(paper_runs(), (4,))
 
 
-def test_the_paper_form_is_exported_with_what_does_best_on_unseen_runs():
-    best = find(made().scores, RUN, PAPER_FORM)
-    assert made().components == best.components
-    np.testing.assert_array_equal(best.rmsev, best.curve[best.components])
-
-
-def test_figures_have_what_they_need():
-    views = made()
-    assert [(c.family, c.block) for c in views.blocks][:3] == [
-        ("fourier", "input"),
-        ("fourier", "residual"),
-        ("fourier", "white noise"),
-    ]
-    assert all(c.pca.real == 0 for c in views.blocks if c.block == "white noise")
-    assert set(views.sweep.errors) == {RUN, RANDOM}
-    assert views.sweep.errors[RUN].shape == (len(SWEEP), 3)
-    assert (views.sweep.errors[RANDOM] > 0).all()
-
-
 def test_the_run_of_figure_9_is_corrected_by_fits_that_have_not_seen_it():
     unseen, rows = made().unseen, made().rows
     number = rows.labels.index(unseen.label)
@@ -202,7 +182,6 @@ def test_the_run_of_figure_9_is_corrected_by_fits_that_have_not_seen_it():
 
 
 def test_the_choice_for_a_fold_does_not_know_its_errors():
-    """Whatever a run leaves, the option that it is judged with stays as it is."""
     rows = paper_rows(paper_runs())
     schemes, _ = make_schemes(rows, np.random.default_rng(0))
     names = (*rows.names, "tau1", "tau2", "tau3")
@@ -307,18 +286,3 @@ def test_of_long_logs_one_row_in_some_is_taken_with_the_error_of_its_next_sample
     for name in ("X", "Y", "tau"):
         own = [getattr(rows, name)[rows.run == 1] for rows in (every, some)]
         np.testing.assert_array_equal(own[0][::3], own[1])
-
-
-def test_long_logs_identify_the_model_whole_and_tables_take_fewer_rows(monkeypatch):
-    runs = [Run(log) for log in logs(3, noise=0.5, duration=4.0)]
-    settings = replace(QUICK, views=False, schemes=(RUN,))
-    whole = calibrate(truth().robot, runs, settings)
-    monkeypatch.setattr(cut, "MOST", 4.5)
-    thin = calibrate(truth().robot, runs, settings)
-    assert any("one row in 3" in note for note in thin.notes)
-    assert len(thin.rows.X) == pytest.approx(len(whole.rows.X) / 3, abs=3)
-    np.testing.assert_array_equal(
-        thin.nominal.coefficients(), whole.nominal.coefficients()
-    )
-    last = [rows.X[rows.run == 2][-1] for rows in (whole.rows, thin.rows)]
-    assert np.abs(last[0] - last[1]).max() < 1.0  # its end is there too

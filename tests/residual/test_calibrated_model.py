@@ -11,7 +11,6 @@ from residual.calibration.rows import MEASURED, PAPER
 from residual.export.export import excitation
 from residual.model.corrected import NEAREST, NONE
 from residual.model.lookup import Axis, Lookup, LookupTable
-from residual.model.record import from_record
 from tests.exports.models import model_with, robot_of
 
 JOINTS = (1, 2, 3, 4, 5, 6)
@@ -67,14 +66,6 @@ def test_the_torque_is_that_of_the_model_and_of_the_tables_at_their_nearest_leve
 def test_a_joint_without_a_table_says_so():
     source = corrected_model(_calibration(nominal=_model()))
     assert [t.kind == NONE for t in source.tables] == [j == 2 for j in JOINTS]
-
-
-def test_it_comes_back_whole_from_its_record():
-    motion = excitation(robot_of("irb140"), 4.0)
-    source = corrected_model(_calibration(nominal=_model()))
-    want = source.along(motion.t, motion.parts)
-    again = from_record(source.to_record()).along(motion.t, motion.parts)
-    assert again.tobytes() == want.tobytes()
 
 
 @pytest.mark.parametrize(

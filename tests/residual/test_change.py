@@ -32,7 +32,6 @@ def changed(*hidden, seed):
     ("name", "joint", "values"),
     [
         ("payload", 2, {"mass": 1.5, "com_x": 0.1, "com_y": 0, "com_z": 0.05}),
-        ("coulomb", 2, {"level": 3.0}),
         ("encoder_offset", 2, {"angle": 0.08}),
     ],
 )
@@ -45,9 +44,6 @@ def test_a_change_is_named_with_its_size(name, joint, values):
 
 def test_where_nothing_has_changed_nothing_is_named():
     assert changed(seed=61) == {}
-
-
-# -- since a model was adopted ------------------------------------------------------
 
 
 @pytest.fixture(scope="module")

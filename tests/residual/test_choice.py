@@ -36,7 +36,6 @@ def training(X, Y, load, moving=None):
 
 
 def fitted(X, Y, load):
-    """All forms, fitted to all rows."""
     return fit_forms(*training(X, Y, load))
 
 
@@ -133,16 +132,6 @@ def test_tables_solve_the_ridge_equations(rng, kind):
         np.testing.assert_allclose(found[:, j], Y[:, j].mean() + A @ g, atol=1e-7)
 
 
-def test_levels_of_either_direction_share_nothing_across_standstill(rng):
-    X, _, torque, _ = motion(rng, runs=1, rows=400)
-    tables = make_tables(X, torque, SPEEDS, ALL)
-    start, end = tables.starts[3:5]
-    shared = np.linalg.inv(tables.single[start:end, start:end])
-    still = int(np.searchsorted(tables.states.edges[3], 0.0))
-    assert np.abs(shared[:still, still:]).max() < 1e-9
-    assert shared[0, 1] > 0.5
-
-
 def test_a_look_up_says_what_the_fits_behind_it_say(rng):
     X, Y, _, _ = motion(rng, runs=2, rows=300)
     load, Y = carried(X, Y)
@@ -159,17 +148,7 @@ def test_a_look_up_says_what_the_fits_behind_it_say(rng):
     np.testing.assert_allclose(got[:, 1], by_scores[:, 1], atol=1e-9)
 
 
-def test_a_joint_that_carries_nothing_is_no_error(rng):
-    X, Y, _, run = motion(rng, runs=4, rows=600)
-    load, Y = carried(X, Y)
-    load[:, 2] = 0.0
-    lookup, options = chosen(X, Y, load, run)
-    assert [o.kind for o in options[:2]] == [PAIRS] * 2
-    assert np.isfinite(lookup.predict(np.hstack([X, load]))).all()
-
-
 def test_the_best_of_what_anyone_would_try_is_taken_unless_by_chance(rng):
-    """No joint gets what loses to nothing or a line on what was left out."""
     X, friction, torque, run = motion(rng, runs=4, rows=500)
     line = X @ rng.normal(size=(9, 3))
     for Y in (line, friction, rng.normal(size=friction.shape)):
@@ -193,15 +172,6 @@ def standing(rng):
     moving = np.abs(X[:, 3:6]) > 0.4
     Y = np.where(moving, Y, -4 * np.sign(X[:, 3:6]))
     return X, Y, torque, run, moving
-
-
-def test_a_line_and_a_step_in_motion_are_taught_at_standstill_too(rng):
-    X, Y, torque, _, moving = standing(rng)
-    friction = X @ np.ones((9, 3)) + 2 * np.sign(X[:, 3:6])
-    mixed, _ = training(X, np.where(moving, friction, Y), torque, moving)
-    taught = mixed.with_fitted_standstill()
-    np.testing.assert_allclose(taught.Y, friction, atol=1e-9)
-    np.testing.assert_allclose(taught.with_fitted_standstill().Y, taught.Y, atol=1e-9)
 
 
 def test_what_is_left_at_standstill_alone_is_no_table(rng):

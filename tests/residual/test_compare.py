@@ -19,9 +19,6 @@ def log(start, end, label="log", rate=100):
     return recording(t, q, 0 * q, label)
 
 
-# -- errors ------------------------------------------------------------------------
-
-
 def test_errors_are_relative_norms_per_joint_and_over_all():
     miss = {"raw": np.array([9.0, 16.0])}
     power = {"raw": np.array([100.0, 400.0])}
@@ -95,9 +92,6 @@ def test_proof_curves_are_those_that_the_filtered_error_is_taken_of(proof):
     for c in curves:
         assert c.t.shape == (len(c.tau),)
         assert 0.4 < c.t[0] < 0.6
-
-
-# -- holding out -------------------------------------------------------------------
 
 
 def test_the_last_quarter_of_the_longest_log_is_held_out():

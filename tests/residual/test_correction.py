@@ -65,8 +65,3 @@ def test_what_time_makes_is_left_alone(made):
     assert (left[0].curves, left[0].kind) == ((), "time-driven")
     assert tables.helpless == (1,)
     np.testing.assert_array_equal(errors["plsr"], errors["augmented"])
-
-
-def test_without_a_leftover_there_is_no_correction(made):
-    diagnosis, _, tables, _ = made[WALL]
-    assert fit_correction(tables.model, diagnosis.logs.tracks, ()) is None

@@ -9,7 +9,6 @@ from residual.model.compare import rises
 from residual.verdict.result import Splits
 from sim.engine.records import Hidden
 from tests.residual.arms import arm, diagnose_case, names, short_case
-from tests.residual.linear import Problem
 
 OFFSET = Hidden("offset", (1,), {"torque": 4.0})
 
@@ -34,21 +33,6 @@ def seconds(*sizes):
 def test_an_error_rises_where_it_does_beyond_chance(before, after, power, expected):
     found = rises(seconds(*after), seconds(*before), np.array([power]))
     assert found == pytest.approx([expected], abs=1e-3)
-
-
-def test_a_part_has_the_sums_of_its_folds_alone():
-    problem = Problem.draw(np.random.default_rng(3), noise=0.1, logs=6)
-    whole = problem.design
-    part, rest = (whole.part(np.array(folds)) for folds in ([0, 2], [1, 3, 4, 5]))
-    for j in range(whole.dof):
-        for a, b, both in zip(
-            part.total(j), rest.total(j), whole.total(j), strict=True
-        ):
-            np.testing.assert_allclose(a + b, both)
-    np.testing.assert_allclose(part.rows + rest.rows, whole.rows)
-    np.testing.assert_allclose(
-        part.power.sum(axis=0) + rest.power.sum(axis=0), whole.power.sum(axis=0)
-    )
 
 
 def negated(recordings):

@@ -17,7 +17,6 @@ from residual.verdict.edit import (
     dense_model,
     errors_on,
     sealed_edit,
-    set_back,
 )
 from residual.verdict.result import Place
 from sim.engine.records import Hidden
@@ -55,23 +54,6 @@ def test_dense_least_squares_fits_as_well_and_fails_the_edit(world):
     assert edit.least_squares > 3 * edit.error
     assert edit.kept > 3 * edit.error
     assert edit.reference is None
-
-
-def test_dense_parameters_go_back_by_what_stands_for_an_effect(world):
-    models, _, _ = world
-    dense, nominal = models["dense"], models["nominal"]
-    changed = dense.inertial != nominal.inertial
-    assert changed[-10:].any()
-    body = set_back(dense, nominal, Place("payload", (6,)))
-    np.testing.assert_array_equal(body.inertial[-10:], nominal.inertial[-10:])
-    np.testing.assert_array_equal(body.inertial[:-10], dense.inertial[:-10])
-    link = set_back(dense, nominal, Place("link_inertia", (2,)))
-    np.testing.assert_array_equal(link.inertial[10:20], nominal.inertial[10:20])
-    dry = set_back(dense, nominal, Place("coulomb", (3,)))
-    own = [t for t in dry.terms if t.effect.name == "coulomb" and t.joints == (2,)]
-    before = [t for t in nominal.terms if t.effect.name == "coulomb"][2]
-    assert own[0].theta == before.theta
-    assert set_back(dense, nominal, Place("spring", (3,))) is None
 
 
 def test_against_a_baseline_all_that_was_found_goes(world):

@@ -60,9 +60,6 @@ def terms(name, robot, theta=None):
             yield Term(effect, joints, shape, own)
 
 
-# -- the registry ------------------------------------------------------------------
-
-
 def test_the_registry_is_the_folder():
     folder = Path(effects.__file__).parent
     files = {p.stem for p in folder.glob("[!_]*.py")} - {
@@ -72,9 +69,6 @@ def test_the_registry_is_the_folder():
     }
     assert files == set(registry())
     assert all(name == effect.name for name, effect in registry().items())
-
-
-# -- rows and linearity ------------------------------------------------------------
 
 
 @pytest.mark.parametrize("name", NAMES)
@@ -121,15 +115,6 @@ def test_columns_look_at_nothing_but_the_same_sample(name):
         )
 
 
-def test_effects_that_look_along_the_log_say_so():
-    assert {
-        e.name for e in registry().values() if Trait.MEMORY in e.traits
-    } == WITH_MEMORY
-
-
-# -- what the parameters mean ------------------------------------------------------
-
-
 # Plain functions of the joint's own state: what a reader could type into a calculator.
 PLAIN = {
     "q": lambda s: s.q[:, 0],
@@ -146,11 +131,11 @@ PLAIN = {
 }
 
 
-def _plain(effect) -> bool:
-    return effect.scope == "local" and Trait.MEMORY not in effect.traits
-
-
-LOCAL = sorted(name for name, effect in registry().items() if _plain(effect))
+LOCAL = [
+    n
+    for n in NAMES
+    if registry()[n].scope == "local" and Trait.MEMORY not in registry()[n].traits
+]
 
 
 def _evaluate(equation, values, seen):
@@ -215,7 +200,6 @@ NOT_ALL = ("payload", "coupled_friction", "delay", "saturation", "backlash")
 
 @pytest.mark.parametrize("name", [n for n in NAMES if n not in NOT_ALL])
 def test_coefficients_come_back_from_the_values(name):
-    """For any coefficients, the reported values describe the same torque."""
     robot, rng = arm(), np.random.default_rng(5)
     seen = state(robot)
     for term in terms(name, robot, lambda k: rng.normal(size=k)):
@@ -240,8 +224,6 @@ def test_where_there_is_nothing_to_divide_by_all_is_finite():
     for shape in effect.shapes(replace(span(2), speed=np.zeros(2)), 0):
         assert np.isfinite(effect.columns(still, (0,), shape)).all()
 
-
-# -- friction ----------------------------------------------------------------------
 
 LOSSES = {
     "viscous": {"coefficient": 2.0},
@@ -287,9 +269,6 @@ def test_friction_turns_round_with_the_motion_and_stands_with_it(name):
             np.testing.assert_array_equal(term.torque(still), 0)
 
 
-# -- payload -----------------------------------------------------------------------
-
-
 def load():
     inertia = np.array(
         [[0.03, 0.004, -0.002], [0.004, 0.05, 0.001], [-0.002, 0.001, 0.04]]
@@ -297,13 +276,19 @@ def load():
     return pin.Inertia(2.5, np.array([0.4, -0.05, 0.12]), inertia)
 
 
-def arms():
-    return {"two": arm(), "seven": arm(SEVEN), "irb140": bare_irb140()}
+CAMERA = """<link name="zz_camera"/><joint name="zz_mount" type="fixed">
+  <parent link="l0"/><child link="zz_camera"/><origin xyz="0 0 3"/></joint>"""
+ROBOTS = {
+    "two": arm(),
+    "seven": arm(SEVEN),
+    "irb140": bare_irb140(),
+    "camera on the base": arm(extra=CAMERA),
+}
+every_robot = pytest.mark.parametrize("robot", ROBOTS.values(), ids=ROBOTS)
 
 
-@pytest.mark.parametrize("which", sorted(arms()))
-def test_payload_is_the_body_merged_into_the_last_link(which):
-    robot = arms()[which]
+@every_robot
+def test_payload_is_the_body_merged_into_the_last_link(robot):
     seen = state(robot)
     term = Term(
         registry()["payload"], (robot.dof - 1,), (), load().toDynamicParameters()
@@ -317,52 +302,22 @@ def test_payload_is_the_body_merged_into_the_last_link(which):
     np.testing.assert_allclose(term.torque(seen), with_it - without, atol=1e-8)
 
 
-def in_flange(robot, body):
-    """Mass, centre and inertia about it as a caliper at the flange would measure."""
-    placement = dynamics.flange_placement(robot.model)
-    centre = placement.actInv(body.lever)
-    inertia = placement.rotation.T @ body.inertia @ placement.rotation
-    xx, xy, xz, yy, yz, zz = inertia[np.triu_indices(3)]
-    names = (
-        "mass",
-        "com_x",
-        "com_y",
-        "com_z",
-        "ixx",
-        "ixy",
-        "ixz",
-        "iyy",
-        "iyz",
-        "izz",
-    )
-    return dict(zip(names, (body.mass, *centre, xx, xy, xz, yy, yz, zz), strict=True))
-
-
-CAMERA = """<link name="zz_camera"/><joint name="zz_mount" type="fixed">
-  <parent link="l0"/><child link="zz_camera"/><origin xyz="0 0 3"/></joint>"""
-
-
-@pytest.mark.parametrize(
-    "robot",
-    [
-        pytest.param(arm(), id="two"),
-        pytest.param(arm(SEVEN), id="seven"),
-        pytest.param(bare_irb140(), id="irb140"),
-        pytest.param(arm(extra=CAMERA), id="camera on the base"),
-    ],
-)
+@every_robot
 def test_payload_is_reported_in_the_flange_frame(robot):
-    effect = registry()["payload"]
-    values = effect.values(load().toDynamicParameters(), (), robot)
-    told = dict(zip(effect.parameters, values, strict=True))
-    assert told == pytest.approx(in_flange(robot, load()), abs=1e-9)
-
-
-# -- shapes and priors -------------------------------------------------------------
+    """Mass, center and inertia about it as a caliper at the flange would measure."""
+    body, effect = load(), registry()["payload"]
+    placement = dynamics.flange_placement(robot.model)
+    inertia = placement.rotation.T @ body.inertia @ placement.rotation
+    numbers = body.mass, *placement.actInv(body.lever), *inertia[np.triu_indices(3)]
+    keys = ["mass", "com_x", "com_y", "com_z", "ixx", "ixy", "ixz", "iyy", "iyz", "izz"]
+    values = effect.values(body.toDynamicParameters(), (), robot)
+    reported = dict(zip(effect.parameters, values, strict=True))
+    expected = dict(zip(keys, numbers, strict=True))
+    assert reported == pytest.approx(expected, abs=1e-9)
 
 
 @pytest.mark.parametrize("name", NAMES)
-@settings(max_examples=25)
+@settings(max_examples=10)
 @given(speed=st.floats(1e-3, 5), travel=st.floats(1e-3, 6), duration=st.floats(0, 4000))
 def test_shapes_are_usable_however_the_arm_moved(name, speed, travel, duration):
     effect, robot = registry()[name], arm()
@@ -373,15 +328,3 @@ def test_shapes_are_usable_however_the_arm_moved(name, speed, travel, duration):
             assert np.isfinite(effect.columns(seen, joints, shape)).all()
         if effect.refine is not None:
             assert effect.refine.lower <= shape[0] <= effect.refine.upper
-
-
-@pytest.mark.parametrize("name", NAMES)
-def test_a_prior_of_its_own_has_one_positive_width_per_column(name):
-    effect = registry()[name]
-    if effect.prior_sd is None:
-        assert effect.candidates(2)
-        return
-    for term in terms(name, arm()):
-        sd = effect.prior_sd(arm())
-        assert sd.shape == term.theta.shape
-        assert (sd > 0).all()

@@ -8,23 +8,19 @@ import pytest
 
 from flows.steps.export import compiler
 from residual.calibration.choice import MAIN
-from residual.effects import registry
-from residual.effects.base import Portable
 from residual.errors import InputError
 from residual.export.c99 import prefix_of, to_c99
 from residual.export.export import (
     excitation,
     to_json,
-    with_bodies,
     without_tables,
 )
 from residual.export.simulators import to_mjcf, to_urdf
 from residual.model.corrected import NEAREST, NOTHING, CorrectedModel, Tables
 from residual.model.model import Model
 from residual.signals.standstill import CHOICES
-from tests.exports.back import c99_back, fast_states, random_states
+from tests.exports.back import c99_back
 from tests.exports.models import (
-    ARMS,
     NAMES,
     model_with,
     robot_of,
@@ -49,19 +45,7 @@ CARRIED = {
     "c99": set(NAMES) - AHEAD,
 }
 needs_compiler = pytest.mark.skipif(compiler() is None, reason="no C compiler here")
-FORMULA = {"a", "s", "m", "q", "qd", "qdd", "sign", "rigid", "tau", "t"}
-FUNCTIONS = {"sin", "cos", "tanh", "exp", "pow", "fabs", "fmin", "fmax", "sgn"}
 OWN = {"bristle", "earlier"}
-
-
-@pytest.mark.parametrize("name", NAMES)
-def test_an_effect_says_how_it_is_said_elsewhere_or_why_not(name):
-    said = registry()[name].portable
-    ways = [said.formula, said.shift, said.bodies, said.gravity, said.force]
-    assert any(ways) or said.why_not
-    assert said.why_not != Portable().why_not or any(ways)
-    for text in (*said.formula, *(said.shift or ())):
-        assert set(re.findall(r"[a-z]\w*", text)) <= FORMULA | FUNCTIONS | OWN
 
 
 @pytest.mark.parametrize("target", sorted(WRITERS))
@@ -85,15 +69,6 @@ def test_a_target_carries_an_effect_or_lists_it_with_its_torque(target, name):
         assert made.largest == pytest.approx(omission.largest)
         assert str(omission).startswith(f"{name}")
         assert omission.why
-
-
-@needs_compiler
-@pytest.mark.parametrize("name", [n for n in NAMES if n not in AHEAD])
-def test_the_header_computes_the_torque_of_each_effect(name):
-    arm = ARMS[NAMES.index(name) % 2]  # both arms, effect by effect in turn
-    made = to_c99(model_with(robot_of(arm), "viscous", "rotor_inertia", name))
-    assert made.omissions == ()
-    np.testing.assert_allclose(*c99_back(made), rtol=0, atol=1e-10)
 
 
 @needs_compiler
@@ -166,14 +141,6 @@ def test_a_body_that_cannot_be_is_refused_with_what_to_do(write, change, message
         write(replace(source, inertial=wrong))
 
 
-def test_bodies_are_those_of_the_model_with_all_that_hangs_on_it():
-    source = model_with(robot_of("irb140"), "payload")
-    load = source.terms[0].theta
-    total = with_bodies(source)
-    np.testing.assert_array_equal(total[-10:], source.inertial[-10:] + load)
-    np.testing.assert_array_equal(total[:-10], source.inertial[:-10])
-
-
 def test_a_strangers_name_makes_no_path_and_no_code():
     robot = replace(robot_of("irb140"), name='../x*/"""\nimport os')
     source = model_with(robot, "viscous")
@@ -190,30 +157,3 @@ def test_a_strangers_name_makes_no_path_and_no_code():
 )
 def test_a_name_becomes_one_of_c(name, word):
     assert prefix_of(name) == word
-
-
-@pytest.mark.parametrize("arm", ARMS)
-def test_motions_stay_within_what_the_arm_can_do(arm):
-    robot = robot_of(arm)
-    for motion in (excitation(robot), random_states(robot, 200)):
-        assert (motion.q >= robot.lower).all()
-        assert (motion.q <= robot.upper).all()
-        assert (np.abs(motion.qd) <= robot.velocity_limit).all()
-    moving = excitation(robot)
-    qd = np.gradient(moving.q, moving.t, axis=0)[5:-5]
-    np.testing.assert_allclose(qd, moving.qd[5:-5], atol=1e-2)
-    qdd = np.gradient(moving.qd, moving.t, axis=0)[5:-5]
-    np.testing.assert_allclose(qdd, moving.qdd[5:-5], atol=0.5)
-
-
-def test_above_the_saturated_speed_dry_friction_has_its_full_value():
-    for choice in CHOICES:
-        source = model_with(robot_of("seven"), "coulomb", standstill=(choice,) * 7)
-        (own,) = source.terms
-        states = fast_states(source, 50)
-        torque = source.torque(*states.parts) - source.without("coulomb").torque(
-            *states.parts
-        )
-        (j,) = own.joints
-        want = own.theta[0] * np.sign(states.qd[:, j])
-        np.testing.assert_allclose(torque[:, j], want, atol=1e-11)

@@ -7,7 +7,7 @@ import pytest
 
 from residual.errors import InputError
 from residual.identification import estimate
-from residual.identification.estimate import Options, Start
+from residual.identification.estimate import Options
 from residual.identification.identify import identify
 from residual.identification.structure import JointRows, rows_of
 from residual.recording import Recording
@@ -36,11 +36,6 @@ def test_without_noise_the_truth_is_found(clean):
     miss = (clean.estimate.theta - true_theta(clean)) / size
     assert np.abs(miss).max() < 2e-3
     assert set(clean.status) == {"fitted"}
-
-
-def test_the_model_has_the_base_parameters_that_were_fitted(clean):
-    made = clean.base.mapping @ clean.model.coefficients()
-    np.testing.assert_allclose(made, clean.estimate.theta, atol=1e-9)
 
 
 def test_errors_are_as_large_as_their_standard_deviation_says(noisy):
@@ -135,19 +130,6 @@ def random_rows(rng, count=80):
     y = tuple(rng.normal(size=count) for _ in range(2))
     place = np.column_stack([np.zeros(count, dtype=int), np.arange(count)])
     return JointRows(x, y, (place, place))
-
-
-def test_compressed_rows_are_the_same_least_squares_with_a_prior(rng):
-    rows, weight = random_rows(rng), np.array([2.0, 0.5])
-    mix = rng.normal(size=(5, 5))
-    start = Start(rng.normal(size=5), np.full(5, 3.0), np.arange(5), mix @ mix.T)
-    made = estimate.solve(estimate.compress(rows), weight, start)
-    gram = sum(w * x.T @ x for w, x in zip(weight, rows.x, strict=True))
-    pull = sum(w * x.T @ y for w, x, y in zip(weight, rows.x, rows.y, strict=True))
-    wanted = np.linalg.solve(
-        gram + start.precision, pull + start.precision @ start.value
-    )
-    np.testing.assert_allclose(made, wanted, atol=1e-10)
 
 
 def test_autocorrelation_of_ar1_noise_is_that_of_its_formula(rng):

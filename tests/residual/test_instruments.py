@@ -8,12 +8,6 @@ import pytest
 from residual.diagnosis import errors_in_variables as instruments
 from residual.diagnosis.detectable import lookalikes
 from residual.diagnosis.diagnose import diagnose
-from residual.diagnosis.errors_in_variables import (
-    EFFECTIVE,
-    INSTRUMENTS,
-    NoiseCheck,
-    noise_notes,
-)
 from residual.diagnosis.gate import GateResult
 from residual.evidence.fit import fit
 from residual.recording import Recording
@@ -111,38 +105,6 @@ def test_noise_of_the_angles_is_not_a_residual_to_explain(reference):
 
 def member(group):
     return GateResult(group, 50.0, "fit", 0, 0.1, 0.5, 0)
-
-
-def checked_as(fitted, group, by_instruments, sd):
-    """A check in which one member has that estimate by instruments."""
-    theta, size = fitted.theta.copy(), len(fitted.theta)
-    slots = fitted.slots(group)
-    theta[slots] = by_instruments
-    covariance = np.eye(size) * sd**2
-    share = np.full(2, np.nan)
-    return NoiseCheck(INSTRUMENTS, fitted, theta, covariance, covariance / 2, share)
-
-
-@pytest.mark.parametrize(
-    ("by_instruments", "differs", "is_noise"),
-    [(2.0, False, False), (1.4, True, False), (0.05, True, True), (-1.0, True, False)],
-)
-def test_a_name_is_noise_where_the_reference_sees_nothing_of_it(
-    rng, by_instruments, differs, is_noise
-):
-    problem = Problem.draw(rng, [(LINE, (0,), [2.0])], noise=0.1)
-    (group,) = problem.design.add([(LINE, (0,), ())])
-    task = problem.task([group])
-    fitted = task.fit([group], task.start())
-    checks = checked_as(fitted, group, by_instruments, 0.1)
-    assert checks.differs(member(group)) == differs
-    assert checks.is_noise(member(group)) == is_noise
-    assert (LINE.name in noise_notes(checks, [member(group)])[0]) == differs
-    # Noise that is known by its level alone need only make up a quarter.
-    redrawn = replace(checks, how=EFFECTIVE, share=np.array([0.3, 0.1]))
-    assert redrawn.is_noise(member(group)) == differs
-    assert "30.0 %" in noise_notes(redrawn, [member(group)])[0]
-    assert noise_notes(None, []) == ()
 
 
 def test_only_what_moves_alike_is_confusable(rng):

@@ -16,7 +16,7 @@ from residual.evidence.fit import fit
 from residual.evidence.priors import relative_prior
 from residual.model.known_values import known_values
 from residual.model.nominal import prepare_logs, start_nominal
-from residual.robot.dynamics import inverse_dynamics
+from residual.robot.dynamics import inertial_parameters, inverse_dynamics
 from residual.robot.robot import load_robot, with_known
 from residual.signals.track import Filters
 from tests.exports.bodies import cases, diagnosed
@@ -66,7 +66,9 @@ def test_the_model_has_what_is_known_and_holds_it():
     found = start_nominal(prepared(robot, 0.0), FRICTION)
     model = found.model
     assert model.inertial[10] == 2.0
-    assert model.inertial[11] == pytest.approx(2.0 / 3.0 * arm_body(robot)[11])
+    assert model.inertial[11] == pytest.approx(
+        2.0 / 3.0 * inertial_parameters(robot.model)[11]
+    )
     logs = prepared(robot, 0.0)
     design = Design(logs.tracks, model)
     own = fit(design, relative_prior(design, found, 1.0), (), design.rows / 5)
@@ -77,14 +79,7 @@ def test_the_model_has_what_is_known_and_holds_it():
     assert np.abs(own.theta).max() > 0.1
 
 
-def arm_body(robot):
-    return np.concatenate(
-        [b.toDynamicParameters() for b in list(robot.model.inertias)[1:]]
-    )
-
-
 def test_what_is_known_of_a_candidate_is_its_value_in_the_fit():
-    """And its evidence is that of the rest: a wrong value has less than the right."""
     scores = {}
     for known in (None, MASS, 1.2 * MASS):
         words = {} if known is None else {"payload.mass": known}

@@ -52,13 +52,6 @@ def test_velocities_get_a_level_of_standing_still(rng):
     assert 0.001 not in one_way.edges[0]
 
 
-def test_values_outside_are_put_in_the_nearest_level():
-    levels = equal_levels(np.array([[0.0, 0], [1, 1]]), 4, ("q1", "qd1"))
-    X = np.array([[-1, 0.5], [0.5, 2], [0.5, 0.5], [-1, 9]])
-    codes = levels.encode(X)
-    assert codes.values.tolist() == [[0, 2], [2, 3], [2, 2], [0, 3]]
-
-
 @pytest.mark.parametrize("levels", [3, 300])  # 64-bit keys, and wider ones
 def test_merged_rows_keep_every_sum(rng, levels):
     X = rng.integers(0, 2, size=(200, 9)) + 0.1 * rng.integers(0, 2, size=(200, 9))

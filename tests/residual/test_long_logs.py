@@ -9,15 +9,13 @@ from numpy.testing import assert_allclose
 from residual.diagnosis.diagnose import diagnose
 from residual.effects import registry
 from residual.errors import RecordingError
-from residual.evidence.columns import ColumnCache, fold_labels
 from residual.evidence.design import Design
 from residual.identification.identify import identify
 from residual.model.nominal import prepare_logs, start_nominal
 from residual.recording import Recording
-from residual.robot import dynamics as lazy
-from residual.robot.dynamics import LazyRegressor, inertial_parameters, regressor
+from residual.robot.dynamics import inertial_parameters, regressor
 from residual.signals import splitting as pieces
-from residual.signals.track import Filters, prepare
+from residual.signals.track import Filters
 from tests.residual.arms import arm, plain_logs
 
 NAMES = ("viscous", "coulomb", "rotor_inertia")
@@ -53,22 +51,6 @@ def made(seconds, seed):
     return Recording(f"long {seed}", like.robot, t, q, tau)
 
 
-def test_a_fast_log_is_long_sooner(log, monkeypatch):
-    monkeypatch.setattr(pieces, "PIECE", 3.0)
-    monkeypatch.setattr(pieces, "MANY", len(log.t))
-    assert pieces.in_pieces([log]) == (log,)
-    monkeypatch.setattr(pieces, "MANY", len(log.t) - 1)
-    cut = pieces.in_pieces([log])
-    assert len(cut) == 12
-    assert pieces.in_pieces(cut) == cut
-
-
-def test_a_piece_is_in_one_fold(short, log):
-    tracks, _ = prepare(pieces.in_pieces([log]), Filters())
-    labels = fold_labels(tracks)
-    assert [np.unique(x).tolist() for x in labels] == [[k // 2] for k in range(12)]
-
-
 @pytest.mark.parametrize("lengths", [(36.0,), (5.0, 5.5, 6.0), (5.0, 20.0)])
 def test_sums_over_pieces_are_those_of_all_rows(short, lengths, monkeypatch):
     recordings = [made(s, seed) for seed, s in enumerate(lengths)]
@@ -90,46 +72,6 @@ def test_sums_over_pieces_are_those_of_all_rows(short, lengths, monkeypatch):
     for name in ("rows", "rms", "peak", "power", "tau_power", "fold_rows"):
         assert_allclose(getattr(long, name), getattr(whole, name), rtol=1e-9)
     assert_allclose(groups[0][2].precision, groups[1][2].precision, rtol=1e-9)
-
-
-def test_residuals_of_a_long_design_are_those_of_its_sketch(short, log):
-    logs = prepare_logs(arm(), [log], None, Filters())
-    long = Design(logs.tracks, start_nominal(logs, NAMES).model)
-    assert 1 < len(long.tracks) < len(logs.tracks)
-    assert list(logs.sketch) == long.tracks
-    theta = np.random.default_rng(2).normal(size=len(long.nominal))
-    left = long.residual(0, long.nominal, theta)
-    assert len(left) == len(long.target[0]) == len(long.folds_of(0))
-    place, have = long.present(0, long.nominal)
-    every = np.concatenate([y - x @ theta[have] for x, y in long.chunks(0, place)])
-    assert len(every) == long.rows[0]
-    assert np.isin(left.round(9), every.round(9)).all()
-
-
-@pytest.mark.parametrize("largest", [0, 1 << 26])
-def test_a_regressor_that_is_made_later_is_the_regressor(rng, largest, monkeypatch):
-    monkeypatch.setattr(lazy, "LARGEST", largest)
-    motion = tuple(rng.normal(size=(50, 2)) for _ in range(3))
-    late, real = LazyRegressor(arm(), motion), regressor(arm().model, *motion)
-    assert_allclose(np.asarray(late), real)
-    assert_allclose(late[7:20], real[7:20])
-    assert_allclose(late[:, :, 3:5], real[:, :, 3:5])
-    theta = inertial_parameters(arm().model)
-    assert_allclose(late @ theta, real @ theta, atol=1e-9)
-
-
-@pytest.mark.parametrize("on_disk", [False, True])
-def test_a_cache_gives_back_all_columns_that_were_written(rng, on_disk):
-    cache, blocks = ColumnCache(on_disk), [rng.normal(size=(k, 7)) for k in (2, 3, 1)]
-    for block in blocks:
-        cache.write("a", block)
-        cache.write("b", -block)
-    copy = cache.copy()
-    assert_allclose(cache.read("a", 7), np.concatenate(blocks))
-    assert_allclose(cache.read("b", 7), -cache.read("a", 7))
-    assert cache.read("nothing", 7).shape == (0, 7)
-    cache.write("a", blocks[0])
-    assert (len(cache.read("a", 7)), len(copy.read("a", 7))) == (8, 6)
 
 
 def test_identification_of_pieces_is_that_of_the_log(log, short, monkeypatch):

@@ -59,15 +59,6 @@ def test_any_number_of_joints_and_kinds_of_table_add_up(rng, joints):
     np.testing.assert_array_equal(lookup.outside(X), np.abs(X) > 1)
 
 
-def test_tables_of_the_same_axes_are_added(rng):
-    axes = Axis(0, np.array([0.0])), Axis(1, np.array([-0.5, 0.5]))
-    tables = tuple(LookupTable((0, 1), rng.normal(size=(2, 3, 1))) for _ in range(2))
-    low, high, none = -np.ones(2), np.ones(2), np.zeros((2, 1))
-    lookup = Lookup(("a", "b"), ("j",), axes, tables, np.zeros(1), none, low, high)
-    y = lookup.predict(np.array([[0.5, 0.0]]))[0, 0]
-    assert y == pytest.approx(sum(t.values[1, 1, 0] for t in tables))
-
-
 def _evaluated(files, tmp_path, X):
     for name, content in files.items():
         (tmp_path / name).write_bytes(content)
@@ -118,16 +109,6 @@ def test_an_exported_lookup_is_read_again_bit_for_bit(rng, block, model, tmp_pat
         again, own = Lookup.load(path), np.hstack([X, torque])[:, : len(lookup.names)]
         assert again.to_record() == lookup.to_record()
         np.testing.assert_array_equal(again.predict(own), lookup.predict(own))
-
-
-def test_the_evaluator_is_short_and_flags_what_lies_outside(model):
-    files = export_lookup(model.lookup())
-    code = files["evaluate.py"].decode().split('"""', 2)[2]
-    assert len([line for line in code.splitlines() if line.strip()]) <= 50
-    space = {"__name__": "evaluate"}
-    exec(files["evaluate.py"], space)
-    loaded = np.load(io.BytesIO(files["model.npz"]), allow_pickle=False)
-    assert space["outside"](loaded, np.full((2, 9), 1e6)).all()
 
 
 def test_the_csv_holds_every_cell_with_its_intervals(block, model):

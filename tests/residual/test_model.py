@@ -20,7 +20,7 @@ from residual.model.nominal import (
 from residual.robot.dynamics import inertial_parameters, inverse_dynamics
 from residual.robot.robot import load_robot
 from residual.signals.track import Filters
-from tests.residual.arms import SEVEN, TWO, arm, bare_irb140, recording, smooth_motion
+from tests.residual.arms import SEVEN, arm, recording, smooth_motion
 
 FLOOR = 0.01
 
@@ -45,23 +45,6 @@ def log_of(robot, t):
 
 def rms_error(a, b, inside):
     return np.sqrt(np.mean((a - b)[inside] ** 2)) / np.sqrt(np.mean(b[inside] ** 2))
-
-
-@pytest.mark.parametrize(
-    "robot",
-    [
-        pytest.param(arm(TWO), id="two"),
-        pytest.param(arm(SEVEN), id="seven"),
-        pytest.param(bare_irb140(), id="irb140"),
-    ],
-)
-def test_without_effects_it_is_the_rigid_body(robot):
-    t = np.arange(1500) / 250
-    log, _ = log_of(robot, t)
-    model = nominal(robot, ()).model
-    assert model.terms == ()
-    inside = (t > 0.5) & (t < 5.5)
-    assert rms_error(model.predict(log), log.tau, inside) < 1e-3
 
 
 def test_nominal_irb140_is_rnea_plus_the_friction_that_it_declares():
@@ -94,14 +77,6 @@ def test_a_prediction_stands_at_the_samples_of_the_log_however_they_are_spaced()
     assert torque.shape == log.tau.shape
     inside = (t > t[0] + 0.5) & (t < t[-1] - 0.5)
     assert rms_error(torque, log.tau, inside) < 5e-3
-
-
-def test_prediction_depends_on_motion_only():
-    robot = arm()
-    log, _ = log_of(robot, np.arange(750) / 250)
-    model = nominal(robot, DEFAULT_DECLARED).model
-    other = replace(log, tau=np.random.default_rng(0).normal(size=log.tau.shape))
-    np.testing.assert_array_equal(model.predict(log), model.predict(other))
 
 
 def some_model(robot, seed=0):
@@ -156,9 +131,6 @@ def test_warmup_follows_the_clock_of_the_session():
     np.testing.assert_allclose(own, 2 * np.exp(-t[middle] / 50), rtol=1e-6)
     session = replace(base, clock=100.0).predict(log)[middle, 0]
     np.testing.assert_allclose(session, 2 * np.exp(-(30 + t[middle]) / 50), rtol=1e-6)
-
-
-# -- the nominal -------------------------------------------------------------------
 
 
 @pytest.mark.parametrize(
@@ -216,13 +188,6 @@ WITHOUT_SHAPE = {
 def test_declared_values_without_their_shape_are_refused(name):
     with pytest.raises(InputError, match=r"time_constant|velocity|order|exponent"):
         nominal(arm(toml=WITHOUT_SHAPE[name]), (name,))
-
-
-def test_a_declared_ripple_without_values_is_refused_with_what_to_give():
-    with pytest.raises(
-        InputError, match=r"Give amplitude, order, phase in robot\.toml"
-    ):
-        nominal(arm(), ("ripple",))
 
 
 @pytest.mark.parametrize(

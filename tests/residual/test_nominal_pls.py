@@ -23,13 +23,6 @@ def test_coefficients_equal_ikpls_for_every_number_of_components(rng):
     np.testing.assert_allclose(T.T @ T, np.diag((T**2).sum(axis=0)), atol=1e-6)
 
 
-def test_components_end_where_nothing_is_left_to_explain():
-    X = np.tile([[0.0, 0], [0, 1], [1, 0], [1, 1]], (24, 1))
-    model = fit_nominal_pls(X, X[:, :1], NominalForm(2, 3))
-    assert model.components == 1
-    np.testing.assert_allclose(model.predict(X), X[:, :1], atol=1e-12)
-
-
 X9 = np.random.default_rng(1).normal(size=(9, 3))
 
 

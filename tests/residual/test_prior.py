@@ -79,8 +79,6 @@ def test_a_declared_effect_without_value_may_have_all_of_the_torque(rng):
     assert sd * np.sqrt(np.mean(speed**2)) == pytest.approx(design.rms[0], rel=1e-3)
 
 
-# -- may "a parameter is wrong" be said? (docs/verdict.md)
-
 FREE, ROUGH_SCALE, FINE_SCALE = None, 0.3, 0.1
 
 

@@ -12,7 +12,6 @@ from residual.effects.backlash import _flight
 from residual.evidence.fit import System, fit
 from residual.signals.filters import low_pass
 from residual.signals.standstill import bristle
-from residual.signals.track import widened
 from tests.residual.linear import DOF, Problem, every_group
 
 SEEDS = st.integers(0, 2**32 - 1)
@@ -20,9 +19,6 @@ SEEDS = st.integers(0, 2**32 - 1)
 
 def walk(seed, n, columns=1):
     return np.cumsum(np.random.default_rng(seed).normal(size=(n, columns)), axis=0)
-
-
-# -- signals -----------------------------------------------------------------------
 
 
 @pytest.mark.parametrize("rate", [94, 125, 250, 1000])
@@ -47,19 +43,6 @@ def test_a_derivative_is_the_central_difference_of_the_low_pass(order):
     inside = slice(3, -3)
     size = np.abs(theirs).max()
     np.testing.assert_allclose(ours[inside], theirs[::step][inside], atol=1e-9 * size)
-
-
-@given(SEEDS, st.integers(1, 300), st.sampled_from([0, 1, 7]))
-def test_marks_are_widened_by_so_many_samples(seed, n, half):
-    marks = np.random.default_rng(seed).random((n, 2)) < 0.05
-    plain = [
-        [marks[max(i - half, 0) : i + half + 1, j].any() for j in range(2)]
-        for i in range(n)
-    ]
-    np.testing.assert_array_equal(widened(marks, half), plain)
-
-
-# -- motion ------------------------------------------------------------------------
 
 
 @given(SEEDS, st.integers(1, 400), st.sampled_from([3e-5, 1e-3, 5e-2]))
@@ -91,9 +74,6 @@ def test_the_best_order_has_the_most_value(seed, n):
     rows, columns = linear_sum_assignment(value, maximize=True)
     own = value[np.arange(n), best_order(value)].sum()
     assert own == pytest.approx(value[rows, columns].sum())
-
-
-# -- normal equations --------------------------------------------------------------
 
 
 @given(SEEDS)

@@ -96,12 +96,6 @@ def test_joints_are_in_kinematic_order_whatever_the_file_or_the_names_say(folder
     assert list(load_robot(folder).model.names)[1:] == ["z", "joint2"]
 
 
-def test_link_that_only_its_fixed_part_gives_mass_is_accepted(folder):
-    text = urdf(joint(1), joint(2, inertial=""), joint(3, kind="fixed"))
-    (folder / "arm.urdf").write_text(text)
-    assert load_robot(folder).dof == 2
-
-
 def test_content_hash_follows_the_urdf_and_the_meaning_of_the_toml(folder):
     bare = load_robot(folder).content_hash
     (folder / "robot.toml").write_text('# note\n[robot]\nname = "a"\n')
@@ -126,7 +120,6 @@ BAD_URDF = {
     ),
     "negative mass": (TWO_LINK.replace('value="2"', 'value="-2"'), "expected >= 0"),
     "only comments": ("<robot><!-- see the xacro --></robot>", "has no link"),
-    "strange type": (urdf(joint(1, kind="ball")), "unknown type 'ball'"),
     "mimic": (
         urdf(joint(1), joint(2, extra='<mimic joint="joint1"/>')),
         "'joint2' follows 'joint1', which is in the chain",
@@ -147,8 +140,6 @@ BAD_URDF = {
         "link",
     ),
     "no tensor": (TWO_LINK.replace("<inertia ", "<x "), "must have inertia"),
-    "one name twice": (TWO_LINK.replace('"joint2"', '"joint1"'), "not unique"),
-    "axis zero": (TWO_LINK.replace("0 1 0", "0 0 0"), "axis"),
 }
 
 

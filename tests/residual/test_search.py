@@ -3,7 +3,6 @@
 from dataclasses import replace
 from functools import cache
 from types import SimpleNamespace
-from typing import NamedTuple
 
 import numpy as np
 import pytest
@@ -13,18 +12,14 @@ from residual.diagnosis.findings import findings
 from residual.diagnosis.gate import drop_failed, gate_members, left_out_errors
 from residual.diagnosis.neighbours import alternatives, prefer_simpler
 from residual.diagnosis.search import (
-    admissible,
-    collect,
     lowers_error,
     rank_additions,
     refine_shape,
     search,
-    spares_model,
-    torque_share,
 )
 from residual.diagnosis.select import select
 from residual.diagnosis.uncertainty import standard_deviations
-from residual.effects.base import Effect, Refinement, Span, Trait, local
+from residual.effects.base import Effect, Refinement, Trait, local
 from residual.evidence.thresholds import EvidenceThresholds
 from tests.residual.arms import arm
 from tests.residual.linear import (
@@ -71,13 +66,10 @@ def found(problem, **rules):
     return task, search(task)
 
 
-# -- search ------------------------------------------------------------------------
-
-
 def test_where_nothing_is_missing_nothing_is_found():
-    """40 draws, also with autocorrelated noise: no name, and no close call."""
+    """20 draws, also with autocorrelated noise: no name, and no close call."""
     loudest = []
-    for seed in range(40):
+    for seed in range(20):
         rng = np.random.default_rng(seed)
         problem = Problem.draw(rng, rows=100, colour=0.8 * (seed % 2))
         task, fitted = found(problem)
@@ -110,24 +102,10 @@ def test_what_is_there_is_found_and_nothing_else(rng, which):
         np.testing.assert_allclose(fitted.of(own), theta, atol=0.3)
 
 
-def test_what_hardly_lowers_the_error_is_not_named_however_sure(rng):
-    """3 % of torque rms, 1 % of what was left: certain, and not worth a name."""
-    problem = Problem.draw(rng, [(LINE, (0,), [0.12])], rows=4000, logs=4)
-    task, fitted = found(problem)
-    assert fitted.members == ()
-    (group,) = (g for g in task.candidates.groups if g.key == ("line", (0,), ()))
-    big = task.settle(task.fit([group], fitted))
-    assert task.net_gain(big, fitted, group) > 20
-    assert not lowers_error(task, big, fitted)
-
-
 def _wave(state, order):
     torque = np.zeros_like(state.q)
     torque[:, 0] = 2 * np.cos(order * state.q[:, 0]) - np.sin(order * state.q[:, 0])
     return torque
-
-
-# -- by fit, by plausibility -------------------------------------------------------
 
 
 @pytest.fixture
@@ -154,29 +132,6 @@ def test_an_effect_that_a_refit_imitates_is_named_by_plausibility(imitated):
     assert tested.nats > task.rules.min_plausible_nats
 
 
-def test_plausibility_needs_30_nats_2_per_cent_and_a_bent_nominal(imitated):
-    _, task, _ = imitated
-    base = task.start()
-    twin = task.candidates.groups[0]
-    big = task.settle(task.fit([twin], base))
-    value = task.net_gain(big, base, twin)
-    assert spares_model(task, twin, value, big, base)
-    assert not lowers_error(task, big, base)
-    assert admissible(task, twin, value, big, base)
-    for rules in (
-        EvidenceThresholds(min_plausible_nats=value + 1),
-        EvidenceThresholds(
-            min_plausible_torque=torque_share(task.design, big, twin).max() + 0.01
-        ),
-        EvidenceThresholds(min_prior_share=2.0),
-    ):
-        strict = replace(task, rules=rules)
-        assert not spares_model(strict, twin, value, big, base)
-
-
-# -- the gate ----------------------------------------------------------------------
-
-
 def test_a_left_out_log_is_predicted_by_a_fit_of_the_others(rng):
     problem = Problem.draw(rng, [(PLANE, (0,), [1.0, 1.0])], masked=0.2)
     members = problem.design.add([(PLANE, (0,), ())])
@@ -195,18 +150,7 @@ def test_a_left_out_log_is_predicted_by_a_fit_of_the_others(rng):
         np.testing.assert_allclose(errors[k], expected, rtol=1e-6)
 
 
-def test_the_gate_lets_pass_what_repeats_in_logs_that_were_left_out(rng):
-    problem = Problem.draw(rng, [(LINE, (0,), [3.0])], rows=200)
-    task, fitted = found(problem)
-    after, (tested,) = drop_failed(task, fitted)
-    assert keys(after) == [("line", (0,))]
-    assert (tested.by, tested.joint) == ("fit", 0)
-    assert tested.fall > task.rules.min_fall
-    assert 0.08 < tested.share <= 1
-
-
 def test_the_gate_stops_what_is_there_in_one_log_of_four_only(rng):
-    """In one log of four the others are predicted no better, or worse."""
     problem = Problem.draw(rng, rows=200)
     logs = list(problem.logs)
     first, state = logs[0]
@@ -258,26 +202,16 @@ def test_of_two_names_that_explain_the_same_the_simpler_is_taken(rng):
     assert keys(prefer_simpler(task, fitted)) == [("line", (0,))]
 
 
-# -- the scale of the prior --------------------------------------------------------
-
-
-class Choices(NamedTuple):
+def prior_space(design, priors):
     """A space of a few priors by scale, with no given values."""
-
-    design: object
-    made: dict
-    even = ({},)
-    free = False
-
-    @property
-    def scales(self):
-        return tuple(self.made)
-
-    def at(self, scale, widths):
-        return self.made[scale]
-
-    def barred(self, prior):
-        return set()
+    return SimpleNamespace(
+        design=design,
+        scales=tuple(priors),
+        even=({},),
+        free=False,
+        at=lambda scale, widths: priors[scale],
+        barred=lambda prior: set(),
+    )
 
 
 @pytest.mark.parametrize("bend", [0.1, 1.0, 10.0])
@@ -291,7 +225,7 @@ def test_the_scale_of_the_prior_is_the_one_that_the_nominal_is_off_by(rng, bend)
         choices[scale] = replace(
             problem.prior, precision=precision, log_det=log_det, scale=scale
         )
-    space = Choices(problem.design, choices)
+    space = prior_space(problem.design, choices)
     assert select(space, task.candidates, EvidenceThresholds()).task.prior.scale == bend
 
 
@@ -304,33 +238,10 @@ def test_the_scale_is_chosen_so_that_it_does_not_swallow_the_effect(imitated):
         log_det=problem.prior.log_det - 20 * np.log(30**2),
         scale=0.9,
     )
-    space = Choices(problem.design, {0.9: wide, 0.03: problem.prior})
+    space = prior_space(problem.design, {0.9: wide, 0.03: problem.prior})
     chosen = select(space, task.candidates, EvidenceThresholds())
     assert chosen.task.prior.scale == 0.03
     assert keys(chosen.fit) == [("twin", (1,))]
-
-
-# -- candidates and prices ---------------------------------------------------------
-
-
-def test_a_name_pays_for_the_keys_and_the_shapes_it_was_chosen_from(rng):
-    design = Problem.draw(rng).design
-    many = replace(WAVE, shapes=lambda span, j: ((5.0,), (6.0,), (7.0,), (8.0,)))
-    span = Span(np.ones(2), np.ones(2), 0.0, 8.0)
-    chosen = collect(design, [LINE, many, LOAD], span, DOF)
-    keys = 2 + 2 + 1 + 1  # line and wave on two joints, load, line on all joints
-    by_name = {(g.effect.name, g.joints): chosen.cost(g) for g in chosen.groups}
-    assert by_name["line", (0,)] == pytest.approx(np.log(keys))
-    assert by_name["wave", (1,)] == pytest.approx(np.log(keys) + np.log(4))
-    (union,) = (g for g in chosen.groups if g.parts)
-    assert chosen.cost(union) == pytest.approx(np.log(keys))
-    part = replace(union.parts[0], fellows=2)
-    assert chosen.cost(part) == pytest.approx(np.log(keys) / 2)
-    left = chosen.without(["line"])
-    assert {g.effect.name for g in left.groups} == {"wave", "load"}
-
-
-# -- what a name is worth ----------------------------------------------------------
 
 
 # As on an arm: columns slower than what is left, of whose rows a quarter counts.
@@ -347,7 +258,7 @@ def smallest(seed):
     return entry.value
 
 
-def detection_rate(share, draws=40):
+def detection_rate(share, draws=24):
     hits = []
     for seed in range(draws):
         truth = [(LINE, (0,), [share * smallest(seed)])]
@@ -368,9 +279,9 @@ def test_the_odds_turn_at_the_smallest_detectable_size(share, least_rate, most_r
 
 
 def test_error_bars_of_a_searched_shape_hold_the_truth():
-    """cos, sin and order of a wave: two sigma in 85 to 100 % of 60 draws."""
+    """cos, sin and order of a wave: two sigma in 85 to 100 % of 30 draws."""
     inside = []
-    for seed in range(60):
+    for seed in range(30):
         rng = np.random.default_rng(seed)
         problem = Problem.draw(rng, logs=2)
         logs = [(replace(t, tau=t.tau + _wave(s, 7.37)), s) for t, s in problem.logs]
@@ -403,7 +314,6 @@ def test_findings_of_one_name_are_merged_and_the_largest_comes_first(rng):
 
 @pytest.mark.parametrize(("yields", "first"), [(1.0, "plane"), (0.2, "line")])
 def test_what_rides_on_another_of_its_size_is_named_before_it(rng, yields, first):
-    """One contact is a level and what yields of it: the second says what it is."""
     truth = [(LINE, (0,), [4.0]), (PLANE, (0,), [3.0 * yields, 0.5])]
     problem = Problem.draw(rng, truth, rows=200)
     task, fitted = found(problem)
@@ -420,3 +330,14 @@ def test_what_rides_on_another_of_its_size_is_named_before_it(rng, yields, first
     names = [f.effect.name for f in findings(diagnosis, fitted, tested)]
     assert sorted(names) == ["line", "plane"]
     assert names[0] == first
+
+
+def test_what_hardly_lowers_the_error_is_not_named_however_sure(rng):
+    """3 % of torque rms, 1 % of what was left: certain, and not worth a name."""
+    problem = Problem.draw(rng, [(LINE, (0,), [0.12])], rows=4000, logs=4)
+    task, fitted = found(problem)
+    assert fitted.members == ()
+    (group,) = (g for g in task.candidates.groups if g.key == ("line", (0,), ()))
+    big = task.settle(task.fit([group], fitted))
+    assert task.net_gain(big, fitted, group) > 20
+    assert not lowers_error(task, big, fitted)

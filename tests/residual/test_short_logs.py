@@ -40,7 +40,6 @@ def test_a_coupling_is_named_on_five_seconds(hidden, expected):
 
 
 def test_smoothed_friction_that_grew_is_told_with_all_joints_in_the_headline():
-    """A form that is nobody's textbook: what gets worse with a name must be said."""
     case = short_case(arm(), seed=70, baseline=True)
     rub = np.array([2.0, 2.0])
 

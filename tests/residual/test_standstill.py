@@ -16,7 +16,6 @@ from residual.signals.standstill import (
     SMOOTH,
     Standstill,
     direction,
-    directions,
 )
 from residual.signals.track import prepare
 from tests.residual.arms import arm, recording
@@ -33,21 +32,14 @@ def motion(seed=0, n=400):
 
 
 @pytest.mark.parametrize("shape", CHOICES, ids=str)
-@settings(max_examples=25)
+@settings(max_examples=10)
 @given(seed=st.integers(0, 2000))
-def test_direction_stays_between_minus_one_and_one(shape, seed):
+def test_direction_stays_within_one_and_turns_round_with_the_motion(shape, seed):
     q, qd = motion(seed)
     out = direction(q, qd, FLOOR, shape)
     assert out.shape == q.shape
     assert np.abs(out).max() <= 1
-
-
-@pytest.mark.parametrize("shape", CHOICES, ids=str)
-def test_direction_turns_round_with_the_motion(shape):
-    q, qd = motion()
-    np.testing.assert_allclose(
-        direction(-q, -qd, FLOOR, shape), -direction(q, qd, FLOOR, shape), atol=1e-12
-    )
+    np.testing.assert_allclose(direction(-q, -qd, FLOOR, shape), -out, atol=1e-12)
 
 
 @pytest.mark.parametrize("shape", CHOICES, ids=str)
@@ -55,11 +47,6 @@ def test_direction_is_the_sign_of_speed_in_steady_motion(shape):
     t = np.arange(300) / 100
     out = direction(-2.0 * t, np.full(300, -2.0), FLOOR, shape)
     np.testing.assert_allclose(out[100:], -1, atol=1e-3)
-
-
-def test_a_joint_that_stands_has_no_smooth_direction():
-    still = np.zeros(50)
-    assert not direction(still, still, FLOOR, SMOOTH).any()
 
 
 @pytest.mark.parametrize("shape", CHOICES, ids=str)
@@ -73,28 +60,6 @@ def test_the_share_held_counts_only_while_the_joint_stands(shape, hold):
     assert not stands.all()
     np.testing.assert_allclose(held[stands], hold * whole[stands])
     np.testing.assert_array_equal(held[~stands], whole[~stands])
-
-
-def test_a_bristle_of_no_displacement_is_the_sign_of_velocity():
-    q, qd = motion()
-    np.testing.assert_array_equal(
-        direction(q, qd, FLOOR, Standstill("bristle", 0.0)), np.sign(qd)
-    )
-
-
-def test_every_joint_has_its_own_floor_and_shape():
-    q, qd = (np.column_stack([x, x]) for x in motion())
-    shapes = (Standstill("smooth", 1.0), Standstill("bristle", 1e-3, hold=0.5))
-    out = directions(q, qd, np.array([0.01, 0.5]), shapes)
-    np.testing.assert_array_equal(
-        out[:, 0], direction(q[:, 0], qd[:, 0], 0.01, shapes[0])
-    )
-    np.testing.assert_array_equal(
-        out[:, 1], direction(q[:, 1], qd[:, 1], 0.5, shapes[1])
-    )
-
-
-# -- the choice on fit logs --------------------------------------------------------
 
 
 def stop_and_go(dof=2):

@@ -33,7 +33,6 @@ def test_the_identified_model_beats_the_nominal_both_ways(found, held_out):
 
 
 def test_acceleration_of_exact_torque_is_exact():
-    """Both directions are one model: what it predicts, it moves by."""
     model = identify(truth().robot, logs()).model
     (log,) = logs(1, seed=3)
     made = replace(log, tau=model.predict(log))

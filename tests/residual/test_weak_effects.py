@@ -56,9 +56,6 @@ def assert_near(ours, truth, share):
     np.testing.assert_allclose(ours, truth, rtol=0, atol=share * size)
 
 
-# -- angles ------------------------------------------------------------------------
-
-
 def test_an_encoder_offset_is_the_torque_of_the_arm_where_it_really_is(robot):
     state, angle = seen(robot), 1e-4
     for j in range(1, robot.dof):
@@ -129,9 +126,6 @@ def test_what_a_shift_does_depends_on_the_load_that_the_model_carries():
     np.testing.assert_allclose(sensitivity(with_term), sensitivity(in_body), atol=1e-8)
 
 
-# -- bodies and forces -------------------------------------------------------------
-
-
 @pytest.mark.parametrize("tilt", [(0.0, 1e-3), (-2e-3, 0.0), (1e-3, 1e-3)])
 def test_a_tilted_base_is_gravity_turned(robot, tilt):
     state = seen(robot)
@@ -180,9 +174,6 @@ def test_a_heavier_link_is_the_arm_with_that_body(link):
     np.testing.assert_allclose(ours, truth - state.rigid, atol=1e-8)
 
 
-# -- reports -----------------------------------------------------------------------
-
-
 @pytest.mark.parametrize("late", [0.004, 0.02, -0.01])
 def test_a_late_report_is_the_torque_of_a_while_ago(late):
     robot = arm()
@@ -208,9 +199,6 @@ def test_a_report_that_ends_is_cut_at_both_sides_and_no_other_has_a_plateau():
     top = np.abs(state.tau_model).max(axis=0)
     column = torque("saturation", (1,), 1.0, state, (1.01 * top[1],))
     np.testing.assert_array_equal(column, 0)
-
-
-# -- friction with memory ----------------------------------------------------------
 
 
 def test_with_coulomb_friction_bristles_make_dahls_friction():

@@ -5,7 +5,6 @@ from dataclasses import dataclass
 import numpy as np
 import pinocchio as pin
 
-from residual.recording import Array
 from sim.engine import laws
 from sim.plant import tables as at
 from sim.plant.stepping import Trace
@@ -22,13 +21,13 @@ class Balance:
 def balance(trace: Trace, every: int = 50) -> Balance:
     """Compare the energy stored in the arm with the work done on it.
 
-    Stored: links (kinetic, potential), rotors, shared gears, springs of the
-    transmission. Work: motors, friction, explicit torques, spring dampers; each with
-    the mean speed of its step. Onsets in a run would change what is stored.
+    Each power is taken with the mean speed of its step. Onsets in a run would change
+    what is stored.
     """
     rows, dt = trace.rows, float(trace.t[1] - trace.t[0])
     arm = trace.phases[0].constants
-    link, motor = (_mean_speed(rows[:, row]) for row in (at.QD, at.MOTOR_QD))
+    speeds = rows[:, at.QD], rows[:, at.MOTOR_QD]
+    link, motor = ((speed[1:] + speed[:-1]) / 2 for speed in speeds)
     now = rows[:-1]
     power = now[:, at.MOTOR] * motor
     lost = now[:, at.FRICTION] * motor
@@ -44,10 +43,6 @@ def balance(trace: Trace, every: int = 50) -> Balance:
     stored = np.array([_stored(trace, k) for k in looks])
     miss = stored - stored[0] - work[::every]
     return Balance(float(np.abs(miss).max()), float(np.abs(power).sum() * dt))
-
-
-def _mean_speed(speed: Array) -> Array:
-    return (speed[1:] + speed[:-1]) / 2
 
 
 def _stored(trace: Trace, k: int) -> float:

@@ -21,7 +21,7 @@ from sim.plant.sizes import sizes, usual_limits
 
 ROBOT = load_robot("irb140")
 MOTION = make_motion("fourier", usual_limits(ROBOT), 6.0, 250.0, stream(1, "motion"))
-SEEDS = range(1, 9)
+SEEDS = range(1, 5)
 SCALE = {"workshop": 1.0, "worn": 2.0}
 every_arm = pytest.mark.parametrize(
     ("seed", "word"), [(seed, word) for seed in SEEDS for word in SCALE]
@@ -175,23 +175,6 @@ def test_a_clean_arm_is_what_it_was():
     assert np.array_equal(log.tau, plain.tau)
     before = (44.976943418502714, 59.734060523380585, 58.5828019034465, 97.565831253829)
     np.testing.assert_allclose(log.tau[100::400, 1], before, rtol=1e-12)
-
-
-def test_friction_of_a_used_arm_takes_power():
-    motion = make_motion(
-        "move_stop_move", usual_limits(ROBOT), 8.0, 250.0, stream(1, "m")
-    )
-    for seed in SEEDS:
-        plant = Plant(ROBOT, (), seed, "worn")
-        told, own = true_torque(plant, motion, "log"), background_of(plant)
-        rotor = true_friction(plant).rotor
-        lead = told.reading - motion.q
-        rate = np.gradient(lead, motion.t, axis=0)
-        qdd = motion.qdd + np.gradient(rate, motion.t, axis=0)
-        rubbing = told.base + told.background.torque - rotor * qdd
-        rubbing -= cogging(own, told.reading)
-        power = (rubbing * (motion.qd + rate)).sum(axis=0)
-        assert np.all(power > 0)
 
 
 def test_an_unknown_word_is_refused_with_what_was_expected():

@@ -48,12 +48,6 @@ def test_an_arm_that_worked_before_is_warm_and_rubs_less(used):
     assert np.all((less > 0.03) & (less < 0.22))
 
 
-def test_gears_of_a_used_arm_give_way(used):
-    twist = np.abs(used.truth["motor_q"] - used.truth["q"]).max(axis=0)
-    assert np.all(twist[:3] > 1e-5)
-    assert np.all(twist < 5e-3)
-
-
 def test_its_torque_is_logged_in_steps_and_its_bits_repeat(used):
     step = used.truth["background_step"][0]
     counts = used.log.tau / step

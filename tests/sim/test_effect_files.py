@@ -16,7 +16,7 @@ from sim.draw import draw, draw_hidden, usual_effects
 from sim.effects import registry
 from sim.engine.records import Noise, PlantSpec, stream
 from sim.experiment import run_experiment
-from sim.plant.catalogue import check_effect, kinds, of_drives, vocabulary
+from sim.plant.catalogue import check_effect, kinds, vocabulary
 from sim.plant.sizes import usual_limits
 from tests.sim.plant_cases import ROBOT, effect, motion
 
@@ -78,11 +78,3 @@ def test_what_only_the_engine_has_is_refused_by_the_synthetic_arm():
     hidden = draw(ROBOT, "x_wall", stream(1, "hidden"))
     with pytest.raises(InputError, match="x_wall"):
         true_torque(Plant(ROBOT, (hidden,), 1), moved, "log")
-
-
-def test_numbers_of_the_drives_are_known_by_what_they_are():
-    assert [effect.of_drive for effect in of_drives()] == [
-        "viscous",
-        "coulomb",
-        "rotor",
-    ]

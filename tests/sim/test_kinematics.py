@@ -6,7 +6,6 @@ from residual.robot.robot import load_robot
 from sim.engine.geometry import dexterity, follow, inverse, kinematics, pose
 from sim.engine.records import TrajectorySpec
 from sim.trajectories import make_reference
-from sim.trajectories.tools import cell, draw_piece
 from tests.sim.arms import SEVEN, arm
 
 ROBOT = load_robot("irb140")
@@ -45,18 +44,6 @@ def test_a_spare_joint_comes_home_with_the_flange(tmp_path):
     q = follow(seven, targets, home, home)
     np.testing.assert_allclose(q[0], q[-1], atol=1e-9)
     assert np.abs(q[10] - q[0]).max() > 0.02
-
-
-def test_a_work_piece_stands_where_the_arm_can_work():
-    space, rng = cell(ROBOT, "test", 10.0), np.random.default_rng(0)
-    piece = next(p for _ in range(20) if (p := draw_piece(space, rng)) is not None)
-    assert space.fits(piece.posture[None])
-    error = pose(space.ways, piece.posture).actInv(piece.origin)
-    assert np.abs(pin.log6(error).vector).max() < 1e-9
-    # The tool points at the plane: lifting leaves it.
-    tool = piece.origin.rotation @ space.ways.tool
-    lifted = piece.pose(0, 0, np.zeros(3), 0.1).translation
-    assert (lifted - piece.origin.translation) @ tool == pytest.approx(-0.1)
 
 
 def test_painting_stays_in_the_plane_of_the_panel():

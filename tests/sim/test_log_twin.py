@@ -42,14 +42,6 @@ def test_the_reference_passes_through_what_was_logged():
         logged_reference(replace(log, id="A", q_ref=None))
 
 
-def test_what_a_description_is_silent_of_the_twin_does_not_have():
-    log = run_experiment(ROBOT, motion("fourier", 2.0), PlantSpec(), Rates()).log
-    silent = replace(ROBOT, declared={}, name="other")
-    with_friction, without = (log_twin_errors(r, log)["e_tau"] for r in (ROBOT, silent))
-    spread = [np.sqrt(np.mean(e[25:-25] ** 2)) for e in (with_friction, without)]
-    assert spread[1] > 3 * spread[0]
-
-
 def test_limits_of_the_drives_do_not_stop_a_twin_whose_body_lacks_a_balancer():
     log = run_experiment(ROBOT, motion("fourier", 2.0), PlantSpec(), Rates()).log
     weak = replace(ROBOT, torque_limit=0.3 * np.abs(log.tau).max(axis=0))

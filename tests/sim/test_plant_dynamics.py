@@ -90,22 +90,6 @@ def test_a_payload_with_a_tensor_has_it_about_its_centre():
     np.testing.assert_allclose(np.diag(at_flange.inertia), [0.02, 0.03, 0.025])
 
 
-def test_a_tilt_adds_gravity_along_the_base():
-    tilt = effect("base_tilt", tilt_x=0.03, tilt_y=-0.02)
-    gravity = changed(ROBOT.model, acting([tilt])).gravity.linear
-    np.testing.assert_allclose(gravity, [0.2943, -0.1962, -9.81], atol=0.01)
-    assert np.linalg.norm(gravity) == pytest.approx(9.81)
-
-
-def test_the_arm_of_a_seed_does_not_depend_on_what_it_hides():
-    plain = build_arm(ROBOT, PlantSpec(seed=7))
-    other = build_arm(ROBOT, PlantSpec((effect("offset", 2, torque=1.0),), seed=7))
-    np.testing.assert_array_equal(plain.base.coulomb, other.base.coulomb)
-    np.testing.assert_array_equal(
-        inertial_parameters(plain.model), inertial_parameters(other.model)
-    )
-
-
 def test_the_declared_friction_is_scattered_by_the_share_of_the_spec():
     arms = [build_arm(ROBOT, PlantSpec(seed=s)).base for s in range(60)]
     ratio = np.array([a.viscous for a in arms]) / [8, 8, 5, 1, 1, 0.5]

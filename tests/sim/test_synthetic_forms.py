@@ -9,7 +9,6 @@ from benchmarks.synthetic import other_forms as forms
 from residual.effects import registry
 from sim.effects import effect_of
 from sim.plant import catalogue
-from sim.plant.catalogue import amount, main_parameter, multiplied, stated
 
 
 def _state(q, t):
@@ -41,17 +40,3 @@ def test_every_form_is_of_an_effect_with_a_name_and_has_a_law():
         assert (effect_of(form).law is None) == of_signals
         assert form not in catalogue.kinds()
         assert form not in registry()
-
-
-def test_an_effect_grows_in_proportion_to_its_amount():
-    gears = {"level": 2.0, "coefficient": 0.5, "sign": -1.0}
-    larger = multiplied("coupled_friction", gears, 3.0)
-    assert larger == {"level": 6.0, "coefficient": 1.5, "sign": -1.0}
-    assert amount("balancer", {"cos": -3.0, "sin": 4.0}) == 5.0
-    assert main_parameter("balancer", {"cos": -3.0, "sin": 4.0}) == "sin"
-    gear = multiplied("elasticity", {"stiffness": 1e4}, 2.0)
-    assert gear == {"stiffness": 5e3}
-    assert amount("elasticity", gear) == pytest.approx(2e-4)
-    assert stated("elasticity", 2e-4) == pytest.approx(5e3)
-    assert amount("saturation", {"level": 3.0}) is None
-    assert main_parameter("saturation", {"level": 3.0}) == "level"

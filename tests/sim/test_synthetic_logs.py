@@ -7,12 +7,11 @@ import pytest
 
 from benchmarks.synthetic.examples import write_hidden
 from benchmarks.synthetic.logs import LogPlan, make, standard_case, standard_plan
-from benchmarks.synthetic.quasi_static import Plant, true_friction
+from benchmarks.synthetic.quasi_static import Plant
 from residual.robot.robot import load_robot
 from sim.draw import draw
 from sim.engine.records import stream
 from sim.plant.sensors import encoder, torque_noise
-from sim.plant.sizes import sizes
 
 ROBOT = load_robot("irb140")
 SHORT = tuple(
@@ -21,38 +20,11 @@ SHORT = tuple(
         [("fit", "fourier"), ("fit", "cyclic"), ("held_out", "move_stop_move")]
     )
 )
-TWO_LINKS = """<robot name="two">
-  <link name="base"/>
-  <link name="a"><inertial><origin xyz="0.2 0 0"/><mass value="4"/>
-    <inertia ixx="0.01" ixy="0" ixz="0" iyy="0.08" iyz="0" izz="0.08"/>
-  </inertial></link>
-  <link name="b"><inertial><origin xyz="0.2 0 0"/><mass value="2"/>
-    <inertia ixx="0.01" ixy="0" ixz="0" iyy="0.04" iyz="0" izz="0.04"/>
-  </inertial></link>
-  <joint name="j1" type="revolute"><parent link="base"/><child link="a"/>
-    <axis xyz="0 1 0"/><limit lower="-2" upper="2" velocity="3" effort="100"/></joint>
-  <joint name="j2" type="continuous"><parent link="a"/><child link="b"/>
-    <origin xyz="0.4 0 0"/><axis xyz="0 1 0"/></joint>
-</robot>"""
 
 
 def logs(*effects, seed=5):
     hidden = tuple(draw(ROBOT, e, stream(seed, e)) for e in effects)
     return make(Plant(ROBOT, hidden, seed), SHORT, seed)
-
-
-def test_the_same_seed_gives_the_same_bits():
-    for one, two in zip(logs("ripple"), logs("ripple"), strict=True):
-        np.testing.assert_array_equal(one.t, two.t)
-        np.testing.assert_array_equal(one.q, two.q)
-        np.testing.assert_array_equal(one.tau, two.tau)
-
-
-def test_another_seed_gives_another_motion_and_another_arm():
-    one, two = logs(seed=5)[0], logs(seed=6)[0]
-    assert np.abs(one.q - two.q).max() > 0.1
-    five, six = (true_friction(Plant(ROBOT, (), s)) for s in (5, 6))
-    assert (five.coulomb != six.coulomb).all()
 
 
 def test_an_effect_does_not_change_noise_or_motion():
@@ -94,23 +66,6 @@ def test_warmup_starts_cold_with_the_session_not_with_the_baseline():
     assert change == pytest.approx(hidden.parameters["level"], rel=0.1)
 
 
-def test_a_change_has_a_baseline_what_is_undeclared_every_joint_and_a_null_nothing():
-    change, other = standard_case("viscous", 2), standard_case("stribeck", 2)
-    assert (len(change.baseline), len(change.fit), len(change.held_out)) == (6, 6, 3)
-    assert other.baseline == ()
-    assert len(change.truth.joints) == 1
-    assert change.declared is None
-    case = standard_case("coulomb", 2, undeclared=True)
-    assert case.truth.joints == (1, 2, 3, 4, 5, 6)
-    assert case.declared == ("viscous", "rotor_inertia")
-    assert case.baseline == ()
-    with pytest.raises(ValueError, match="stribeck"):
-        standard_case("stribeck", 2, undeclared=True)
-    case = standard_case(None, 2)
-    assert case.truth is None
-    assert not case.robot.declared
-
-
 def test_sensor_noise_has_its_size():
     q = np.zeros((20000, 2))
     seen = encoder(q, stream(1, "encoder"))
@@ -118,17 +73,6 @@ def test_sensor_noise_has_its_size():
     noise = torque_noise(50000, np.array([100.0, 1.0]), 250.0, stream(1, "torque"))
     expected = np.hypot(0.015, 0.005) * np.array([100.0, 1.0])
     np.testing.assert_allclose(noise.std(axis=0), expected, rtol=0.05)
-
-
-@pytest.mark.parametrize("effect", ["stribeck", "payload", "coupled_friction", None])
-def test_any_robot_will_do(tmp_path, effect):
-    file = tmp_path / "two.urdf"
-    file.write_text(TWO_LINKS)
-    robot = load_robot(file)
-    hidden = () if effect is None else (draw(robot, effect, stream(1, "draw")),)
-    for recording in make(Plant(robot, hidden, 1), SHORT, 1):
-        assert recording.dof == 2
-        assert np.abs(recording.tau).max() < 10 * sizes(robot).torque.max()
 
 
 def test_the_shipped_example_is_the_demo(tmp_path):

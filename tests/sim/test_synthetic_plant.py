@@ -14,8 +14,8 @@ from residual.robot.dynamics import inertial_parameters
 from residual.robot.robot import load_robot
 from sim.draw import draw, usual_effects
 from sim.effects.base import deflection
-from sim.engine.records import Hidden, stream
-from sim.plant.catalogue import acting, changed, unnamed
+from sim.engine.records import stream
+from sim.plant.catalogue import unnamed
 from sim.plant.sizes import scatter, usual_limits
 
 ROBOT = load_robot("irb140")
@@ -72,27 +72,6 @@ def test_an_effect_changes_torque_on_its_joints_only(name):
     assert not change[:, ~rows].any()
 
 
-def test_a_payload_loads_the_arm_like_a_point_of_that_weight():
-    hidden = Hidden(
-        "payload", (6,), {"mass": 2.0, "com_x": 0.1, "com_y": 0.02, "com_z": 0.0}
-    )
-    model = true_model(Plant(ROBOT, (), 2))
-    loaded = changed(model, acting([hidden]))
-    added = inertial_parameters(loaded) - inertial_parameters(model)
-    assert added[50] == pytest.approx(2.0)
-    # The flange is 65 mm out on the axis of joint 6.
-    np.testing.assert_allclose(added[51:54], [2 * 0.165, 2 * 0.02, 0], atol=1e-9)
-    assert not added[:50].any()
-
-
-def test_an_inactive_effect_is_not_there():
-    hidden = draw(ROBOT, "payload", stream(2, "p"))
-    m = motion()
-    off = true_torque(Plant(ROBOT, (hidden,), 2), m, "log", active=False)
-    none = true_torque(Plant(ROBOT, (), 2), m, "log")
-    np.testing.assert_array_equal(off.tau, none.tau)
-
-
 @pytest.mark.parametrize("seed", range(5))
 def test_scattered_bodies_are_possible_ones(seed):
     true = scatter(ROBOT.model, 0.02, stream(seed, "scatter"))
@@ -105,23 +84,6 @@ def test_scattered_bodies_are_possible_ones(seed):
         inertial_parameters(model)[::10] for model in (true, ROBOT.model)
     )
     assert 0.002 < np.abs(masses / nominal - 1).mean() < 0.05
-
-
-def test_friction_takes_energy():
-    m = motion("move_stop_move")
-    pair = {"level": 1.0, "coefficient": 0.3, "sign": -1.0}
-    hidden = Hidden("coupled_friction", (5, 6), pair)
-    torque = true_torque(Plant(ROBOT, (hidden,), 2), m, "log").hidden[0]
-    assert (torque * m.qd).sum() > 0
-
-
-def test_a_gas_spring_nearly_is_its_first_harmonic():
-    hidden = Hidden("balancer", (2,), {"cos": 3.0, "sin": -4.0})
-    m = motion()
-    torque = true_torque(Plant(ROBOT, (hidden,), 2), m, "log").hidden[0][:, 1]
-    harmonic = 3 * np.cos(m.q[:, 1]) - 4 * np.sin(m.q[:, 1])
-    error = np.abs(torque - harmonic).max()
-    assert 0.01 < error < 1.0
 
 
 @pytest.mark.parametrize(("name", "joint"), [("magic", None), ("stribeck", 7)])

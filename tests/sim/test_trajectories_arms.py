@@ -43,18 +43,6 @@ def test_families_plan_for_other_arms(kind, moved):
     assert np.ptp(r.q, axis=0).min() > 0.01
 
 
-@pytest.mark.long
-def test_the_search_improves_an_arm_with_seven_joints(tmp_path, monkeypatch):
-    monkeypatch.setattr(search, "_STEPS", (10, 20))  # enough for what is asked below
-    robot = arm(SEVEN, tmp_path)
-    found = [
-        make_reference(robot, TrajectorySpec(), 100.0, optimised)
-        for optimised in (False, True)
-    ]
-    worse, better = (excitation(robot.model, r.q, r.qd, r.qdd) for r in found)
-    assert better.condition < 0.6 * worse.condition
-
-
 def test_two_joints_are_enough_for_joint_motions(tmp_path):
     robot = arm(TWO, tmp_path)
     for kind in ("fourier", "move_stop_move"):
@@ -113,11 +101,6 @@ def test_nonsense_is_refused_with_what_was_expected(spec, rate, words):
         make_reference(ROBOT, spec, rate)
 
 
-def _still(n=50):
-    t = np.arange(n) / 100
-    return t, tuple(np.zeros((3, n, 6)))
-
-
 @pytest.mark.parametrize(
     ("which", "value", "words"),
     [
@@ -127,7 +110,7 @@ def _still(n=50):
     ],
 )
 def test_a_broken_limit_is_named(which, value, words):
-    t, motion = _still()
+    t, motion = np.arange(50) / 100, tuple(np.zeros((3, 50, 6)))
     motion[which][20, 3] = value
     with pytest.raises(LimitError, match=words):
         check_limits(ROBOT, "test", t, motion)
@@ -165,3 +148,15 @@ def test_an_arm_that_reaches_into_the_floor_or_folds_onto_itself_is_told():
     q[:, 1], q[:, 2] = -1.5, -3.9
     with pytest.raises(LimitError, match="joint 4"):
         check_clearance(body(ROBOT.model), "test", np.arange(5) / 10, q)
+
+
+@pytest.mark.long
+def test_the_search_improves_an_arm_with_seven_joints(tmp_path, monkeypatch):
+    monkeypatch.setattr(search, "_STEPS", (10, 20))  # enough for what is asked below
+    robot = arm(SEVEN, tmp_path)
+    found = [
+        make_reference(robot, TrajectorySpec(), 100.0, optimised)
+        for optimised in (False, True)
+    ]
+    worse, better = (excitation(robot.model, r.q, r.qd, r.qdd) for r in found)
+    assert better.condition < 0.6 * worse.condition

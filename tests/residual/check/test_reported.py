@@ -143,12 +143,6 @@ def test_a_torque_that_is_the_same_in_a_repeat_to_the_last_bit_is_a_command():
     assert kinds(robot, [log, replace(log, id="copy", t=later)]) == []
 
 
-def changed(robot, change):
-    model = pin.Model(robot.model)
-    change(model)
-    return replace(robot, model=model)
-
-
 def grams(model):
     for body in model.inertias:
         body.mass *= 1000
@@ -175,7 +169,9 @@ def in_millimetres_per_second_squared(model):
 )
 def test_a_robot_that_cannot_be_is_certain_and_reported_alone(change):
     robot, logs = clean_logs("irb140")
-    (fault,) = check_logs(changed(robot, change), logs).faults
+    model = pin.Model(robot.model)
+    change(model)
+    (fault,) = check_logs(replace(robot, model=model), logs).faults
     assert (fault.kind, fault.certain) == ("robot_file", True)
 
 

@@ -138,13 +138,6 @@ def test_another_velocity_is_certain_and_comes_with_its_repair(
     assert fault.repairs == (repair,)
 
 
-def test_a_velocity_of_something_else_is_doubtful():
-    _, logs = clean_logs("small")
-    noise = np.random.default_rng(1).normal(size=logs[0].q.shape)
-    (fault,) = velocity_faults([replace(logs[0], qd=noise)])
-    assert (fault.kind, fault.certain) == ("velocity_mismatch", False)
-
-
 @pytest.mark.parametrize("unit", [1e3, 1e6, 1e-3])
 def test_a_unit_of_time_that_no_logger_keeps_is_found_alone(unit):
     robot, logs = clean_logs("small")

@@ -13,7 +13,7 @@ from residual.planning.outlook import (
     outlook,
     prospect,
 )
-from residual.planning.promise import SURE, TRAVEL, Course, structural_twins, sure_after
+from residual.planning.promise import TRAVEL, Course, structural_twins
 from residual.planning.question import NOTHING, Contest, Question, Rival, Signals
 from residual.verdict.result import Place
 
@@ -126,26 +126,6 @@ def test_twins_are_a_matter_of_nats_at_the_found_size(size):
     assert (nats < 1) == (size < 0.5)  # both sides are looked at
 
 
-def test_where_no_pair_can_be_told_apart_a_motion_is_worth_nothing(case):
-    _, x, a, b = case
-    asked, gram = question(contest(a, b)), x.T @ x
-    every = frozenset({(0, 0, 1), (0, 1, 0)})
-    seen = outlook(asked, gram, every)
-    assert (seen.share, dict(seen.nats)) == (0.0, {})
-    assert seen.hopeless
-    assert prospect(asked, gram, every, np.random.default_rng(0)).chance == 0.0
-
-
-def test_what_the_logs_so_far_lead_by_is_not_needed_again(case):
-    _, x, a, b = case
-    gram, ahead = 10 * x.T @ x, replace(a, nats=4.0)
-    plain, led = (outlook(question(contest(r, b)), gram) for r in (a, ahead))
-    assert plain.nats == led.nats
-    needs = {(0, 0, 1): 6.0 - 4.0, (0, 1, 0): 6.0 + 4.0}
-    assert led.share == pytest.approx(min(led.nats[p] / needs[p] for p in needs))
-    assert plain.share == pytest.approx(min(plain.nats.values()) / 6.0)
-
-
 def test_the_chance_is_the_share_of_logs_that_settle_it(case):
     rng, x, a, b = case
     asked = question(contest(a, b, enough=3.0))
@@ -161,28 +141,6 @@ def test_the_chance_is_the_share_of_logs_that_settle_it(case):
     assert 0.05 < sure.chance < 0.95
     low, high = np.quantile(np.concatenate(leads), [0.43, 0.57])
     assert low < sure.nats < high
-
-
-def test_nats_and_chance_never_say_opposite_things(case):
-    """Half of the logs bring what is promised: if that is enough, half are settled."""
-    _, x, a, b = case
-    asked = question(contest(a, b))
-    for times in (0.1, 0.5, 1.0, 2.0, 5.0, 20.0):
-        rng = np.random.default_rng(0)
-        sure = prospect(asked, times * x.T @ x, frozenset(), rng)
-        assert (sure.nats >= 6.0) == (sure.chance >= 0.5)
-
-
-def test_surely_settled_is_said_of_the_first_length_with_that_chance(case):
-    rng, _, a, b = case
-    asked, way = question(contest(a, b)), course(rng.normal(size=(200, COLUMNS)), 0.5)
-    sure, after = sure_after(asked, way, 20.0, frozenset())
-    assert sure.chance > SURE
-    chances = [
-        prospect(asked, way.gram(t), frozenset(), np.random.default_rng(0)).chance
-        for t in (after, 0.8 * after)
-    ]
-    assert chances[0] >= SURE > chances[1]
 
 
 def test_a_motion_that_repeats_counts_like_the_whole_of_it(case):

@@ -5,13 +5,9 @@ from dataclasses import replace
 import numpy as np
 
 from benchmarks.loop_parts.next import logged_products
-from residual.diagnosis import open_question as gather
-from residual.diagnosis.neighbours import Rival
-from residual.diagnosis.open_question import open_question
 from residual.planning.promise import Course, promised, settled_by, structural_twins
-from residual.planning.question import NOTHING, TOGETHER
 from residual.verdict.result import Alternative, Place
-from tests.residual.planning.asked import SECONDS, asked, logs, seen
+from tests.residual.planning.asked import SECONDS, asked, logs
 
 RATE = 50.0  # Hz
 
@@ -61,57 +57,3 @@ def test_a_planned_motion_is_seen_as_its_log_will_be():
     ratio = np.diag(planned)[own] / np.diag(seen)[own]
     # Rows within 0.1 s of a turn are a matter of a sample more or less.
     np.testing.assert_allclose(ratio, 1.0, atol=0.15)
-
-
-def test_a_candidate_without_evidence_is_no_rival_of_nothing(monkeypatch):
-    """A joint is doubted, and nothing speaks for any candidate there."""
-    outcome, *_ = seen("spring", 2)
-    doubted = replace(outcome, adequacy=replace(outcome.adequacy, doubted=(2,)))
-    (contest,) = open_question(doubted, outcome.plain, []).contests
-    assert contest.rivals[-1].place == NOTHING
-    assert {"spring", "balancer"} & {r.place.name for r in contest.rivals}
-    assert len(contest.rivals) <= 1 + gather.CANDIDATES
-    monkeypatch.setattr(gather, "screen", lambda *words: np.zeros(len(words[2])))
-    assert open_question(doubted, outcome.plain, []).contests == ()
-
-
-def test_sets_that_are_as_good_are_rivals_of_what_they_would_replace(monkeypatch):
-    outcome, fitted, named = seen("spring", 2)
-    gone, *rest = fitted.members
-    others = [
-        g
-        for g in outcome.task.candidates.groups
-        if g.effect.name in ("offset", "coulomb_asymmetry") and g.joints == (5,)
-    ][:2]
-    sets = [Rival((*rest, *others), -1.0), Rival(tuple(rest), -2.0)]
-    monkeypatch.setattr("residual.diagnosis.open_question.near_sets", lambda *_: sets)
-    contest = open_question(outcome, fitted, named).contests[-1]
-    names = TOGETHER.join(g.effect.name for g in others)
-    places = [r.place for r in contest.rivals]
-    assert [p.name for p in places] == ["spring", "balancer", names, NOTHING.name]
-    assert gone.effect.name == "spring"
-    assert places[2].joints == (6,)
-    assert [len(r.effect_columns) for r in contest.rivals] == [
-        len(gone.ids),
-        2,
-        sum(len(g.ids) for g in others),
-        0,
-    ]
-    # Two names cost more than the one that is really there, and nothing explains less.
-    assert contest.rivals[0].nats > contest.rivals[2].nats
-
-
-def test_a_rival_whose_precision_cannot_be_inverted_makes_nothing_be_promised():
-    """As of logs that no arm of that description gives, and that are trusted all the
-    same."""
-    outcome, fitted, named = seen("spring", 2)
-    question = open_question(outcome, fitted, named)
-    basis = gather.Basis.of(outcome, fitted, fitted.members)
-    (contest,) = question.contests
-    first, *others = contest.rivals
-    flat = np.ones_like(first.precision)
-    broken = replace(contest, rivals=(replace(first, precision=flat), *others))
-    left = gather.question_of(basis, [broken])
-    assert left.contests == ()
-    assert promised(left) is None
-    assert promised(question) is not None
