@@ -89,24 +89,3 @@ def test_a_spoiled_log_is_stopped_and_its_line_makes_it_what_it_was(
         for name in ("t", "q", "tau"):
             one, other = getattr(mended, name), getattr(right, name)[:1250]
             np.testing.assert_allclose(one, other, rtol=1e-9, atol=1e-12)
-
-
-def test_two_slips_of_one_signal_have_one_line_that_mends_both(spoiled):
-    def spoil(table):
-        for signal in ("q", "tau"):
-            one, other = f"{signal}2", f"{signal}3"
-            table[one], table[other] = table[other].copy(), table[one].copy()
-        of_all("tau", 0.1)(table)
-
-    logs = spoiled(spoil)
-    faults = [f for f in check(*logs)["faults"] if f["certain"]]
-    assert {f["kind"] for f in faults} == {"joint_order", "torque_unit"}
-    lines = {line for f in faults for line in f["repair"].split("\n")}
-    assert len(lines) == len({line.split(" = ")[0] for line in lines})
-    Path("COLUMNS.toml").write_text("\n".join(lines), encoding="utf-8")
-    assert check(*logs, "--map", "COLUMNS.toml")["verdict"] != "unusable"
-    robot, columns = load_robot("irb140"), load_columns("COLUMNS.toml")
-    mended, _ = read_log(logs[0], robot, columns)
-    right, _ = read_log(f"{HIDDEN / logs[0]}", robot)
-    np.testing.assert_allclose(mended.q, right.q[:1250], atol=1e-12)
-    assert (np.sum(mended.tau * right.tau[:1250], axis=0) > 0).all()

@@ -96,15 +96,3 @@ def test_what_cannot_be_done_is_told_in_two_lines(here, capsys, words, message):
     told = capsys.readouterr().err
     assert message in told
     assert len(told.strip().splitlines()) <= 3
-
-
-def test_where_nothing_is_open_nothing_is_proposed(here, capsys, monkeypatch):
-    document = json.loads(Path("v.json").read_text())
-    assert document["effects"][0]["equivalent"]
-    monkeypatch.setattr(
-        "residual.diagnosis.open_question.alternatives", lambda *_: ([], 1.0)
-    )
-    monkeypatch.setattr("residual.diagnosis.open_question.near_sets", lambda *_: [])
-    assert main(["next", *GIVEN, "--out", "nothing.csv"]) == 0
-    assert "Nothing is open" in capsys.readouterr().out
-    assert not Path("nothing.csv").exists()

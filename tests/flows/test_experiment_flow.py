@@ -128,12 +128,14 @@ def test_curves_come_back_from_the_store_as_they_were():
         ),
         clouds=(cloud,),
         notes=("n",),
-        left=(Cloud("", 1, "t [s]", x, x - 1, 0 * x, np.array(["a", "b", "b"])),),
+        residual_clouds=(
+            Cloud("", 1, "t [s]", x, x - 1, 0 * x, np.array(["a", "b", "b"])),
+        ),
     )
     record, tables = to_record(before)
     after = from_record(json.loads(json.dumps(record)), tables, before.verdict, {})
     for part in ("verdict", "sentences", "notes"):
         assert getattr(after, part) == getattr(before, part)
-    for part in ("proofs", "clouds", "left"):
+    for part in ("proofs", "clouds", "residual_clouds"):
         one, other = ([asdict(x) for x in getattr(d, part)] for d in (before, after))
         np.testing.assert_equal(other, one)

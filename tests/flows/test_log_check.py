@@ -197,11 +197,3 @@ def test_the_door_checks_and_refuses_likewise(place, found):
             verb(robot, fit)
     made = mg.identify(robot, fit, trust_log=True)
     assert any("torque sign" in warning for warning in made.warnings)
-
-
-def test_a_log_of_half_a_second_is_refused_also_where_it_is_trusted(
-    place, found, capsys
-):
-    words = "diagnose A.csv@0:0.5 --robot arm.urdf --trust-log"
-    assert run(words) == 2
-    assert "expected at least 2 s" in capsys.readouterr().err

@@ -40,14 +40,6 @@ def test_one_bit_is_a_difference(one, two):
     assert bad.differing == 1
 
 
-def test_two_nans_of_the_same_bits_are_equal_and_a_new_one_is_told():
-    nan = np.array([np.nan, 1.0])
-    assert compare_channels({"x": nan}, {"x": nan})[0].equal
-    (bad,) = compare_channels({"x": np.array([0.0, 1.0])}, {"x": nan})
-    assert (bad.equal, bad.largest) == (False, 0.0)
-    assert "not finite" in bad.note
-
-
 def test_other_lengths_and_missing_channels_are_told():
     one, two = channels(), channels(q_ref=np.ones((100, 2)))
     bad = differing_channels(compare_channels(one, two))

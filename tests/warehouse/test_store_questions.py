@@ -160,6 +160,7 @@ def test_two_arms_of_one_kind_are_two_and_nights_go_by_their_recording(fleet):
         mine = [r for r in rows if r["serial"] == arm]
         assert [r["recorded"].day for r in mine] == list(days)
         assert max(abs(r["moved"]) for r in mine) < 0.1
+        assert mine[1]["deviations"] == pytest.approx(mine[1]["moved"] / 0.02**0.5)
     limits = named(fleet[0], "control_limits")
     assert {(r["serial"], r["beyond"]) for r in limits} == {
         ("A7", False),
