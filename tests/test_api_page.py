@@ -5,9 +5,7 @@ import re
 import shutil
 from pathlib import Path
 
-import nbformat
 import pytest
-from nbclient import NotebookClient
 
 import modelgap as mg
 from warehouse.commit import commit_run
@@ -57,16 +55,3 @@ def test_the_cells_of_the_page_print_what_it_shows(folder):
 def test_the_cell_that_calibrates_prints_what_it_shows(folder):
     known = {"mg": mg, "robot": mg.load_robot("irb140")}
     _run(_sections()["Calibrate"], known)
-
-
-@pytest.mark.long
-def test_the_notebook_runs_in_the_order_of_its_cells(tmp_path):
-    shutil.copytree(ROOT / "examples", tmp_path, dirs_exist_ok=True)
-    book = nbformat.read(tmp_path / "first_hour.ipynb", as_version=4)
-    assert all(not cell.get("outputs") for cell in book.cells)
-    place = {"metadata": {"path": str(tmp_path)}}
-    NotebookClient(book, timeout=600, resources=place).execute()
-    shown = [out for cell in book.cells for out in cell.get("outputs", ())]
-    said = "".join(out.get("data", {}).get("text/plain", "") for out in shown)
-    assert "Diagnosis(irb140: payload" in said
-    assert (tmp_path / "out.html").exists()

@@ -26,10 +26,9 @@ def run(words):
 
 
 @pytest.fixture
-def place(tmp_path, monkeypatch):
+def place(own_folder):
     """A working directory with an arm and its logs A.csv, B.csv and C.csv."""
-    monkeypatch.chdir(tmp_path)
-    return workplace(tmp_path, "ABC", 8.0)
+    return workplace(own_folder, "ABC", 8.0)
 
 
 def test_parameters_and_errors_are_shown_and_written(place, capsys):

@@ -20,7 +20,6 @@ from residual.verdict.document import from_json, to_json
 from residual.verdict.result import Diagnosis
 from tests.flows import report_outcomes as made
 from tests.flows.report_pages import Page
-from tests.verdict_documents import typed
 
 NASTY = "<script>alert(1)</script>&\"'$x_1$[bold]"
 
@@ -144,13 +143,6 @@ def test_everything_that_may_be_null_may_be(name: str) -> None:
         changed = replace(outcome, verdict=from_json(without(document, path)))
         for text in (render(changed, "kr300"), printed(changed)):
             assert not re.search(r"\b(None|nan)\b", text), path
-
-
-def test_a_verdict_of_which_all_is_unknown_is_told() -> None:
-    empty = Diagnosis(typed({}))
-    said = "No missing effect found."
-    assert said in render(empty, "kr300")
-    assert said in printed(empty)
 
 
 def test_degenerate_curves_are_drawn() -> None:

@@ -63,15 +63,6 @@ def test_verify_names_a_file_that_is_gone(store, name):
     assert [name in line and "missing" in line for line in told] == [True]
 
 
-def test_a_file_that_changes_while_a_store_is_open_is_checked_again(store):
-    folder, runs, _ = store
-    with warehouse.open(folder) as opened:
-        opened.sql(SUM, {"id": runs[1]})
-        flip(find_run(folder, runs[1]).folder / "part-0.parquet")
-        with pytest.raises(InputError, match="is damaged"):
-            opened.sql("SELECT sum(COLUMNS('[a-z]+[0-9]')) FROM samples")
-
-
 def test_damage_elsewhere_does_not_stop_a_query_over_one_run(store):
     folder, runs, _ = store
     with warehouse.open(folder) as opened:

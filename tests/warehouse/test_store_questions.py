@@ -192,5 +192,12 @@ def test_errors_of_identifications_are_told_by_motion_too(fleet):
     assert got >= {("A7", "identification"), ("B18", "identification")}
 
 
+def test_errors_before_and_after_and_of_the_twin(told, ask):
+    before_after = {tuple(r.values())[3:] for r in named(ask, "before_after")}
+    assert (told[3][0], "effects", 20.0, 8.6, 5.6) in before_after
+    assert "payload" in {tuple(r.values())[5] for r in named(ask, "findings")}
+    assert named(ask, "twin_error")
+
+
 def test_runs_without_a_diagnosis(ask):
     assert named(ask, "never_diagnosed") == []  # the third is in quarantine

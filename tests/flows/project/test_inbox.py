@@ -12,7 +12,7 @@ import pytest
 import warehouse
 from flows.cli import main
 from flows.inbox import take as run
-from flows.inbox.new import new_runs, spread
+from flows.inbox.new import new_runs
 from flows.inbox.take import (
     KNOWN,
     STORED,
@@ -196,12 +196,6 @@ def test_what_a_diagnosis_took_is_not_taken_again(place, csv):
     project = read_project(place)
     (robot,) = project.table.robot
     assert new_runs(project.store, project.arm(robot), robot) is None
-
-
-def test_of_many_logs_some_are_taken_from_first_to_last():
-    assert spread(["a", "b"], 3) == ["a", "b"]
-    names = [str(k) for k in range(100)]
-    assert spread(names, 3) == ["0", "50", "99"]
 
 
 @pytest.mark.parametrize(
