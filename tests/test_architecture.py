@@ -194,30 +194,17 @@ def test_no_folder_has_more_files_than_a_reader_takes_in():
     assert {f: n for f, n in folders.items() if n > MOST_FILES} == {}
 
 
-@cache
-def _loaded() -> tuple[str, ...]:
-    """Return what a process has loaded after three commands, then after all of logs."""
-    page, logs = (
-        ", ".join(f"flows.cli.{name}" for name in names.split())
-        for names in ("diagnose fit", "app logs monitor")
-    )
+def test_commands_load_no_plotting_library_engine_or_scheduler_that_they_do_not_use():
     code = (
-        f"import sys, {page}\nprint('matplotlib' in sys.modules)\n"
-        f"import flows.steps.diagnose, {logs}\n"
+        "import sys, flows.cli.diagnose, flows.cli.fit\n"
+        "print('matplotlib' in sys.modules)\n"
+        "import flows.steps.diagnose, flows.cli.logs, flows.cli.monitor\n"
         "print(sorted({'prefect', 'pybullet', 'cvxpy'} & set(sys.modules)))"
     )
     done = subprocess.run(
         [sys.executable, "-c", code], cwd=ROOT, capture_output=True, text=True
     )
-    return *done.stdout.splitlines(), done.stderr
-
-
-def test_who_wants_no_page_loads_no_plotting_library():
-    assert _loaded()[0] == "False"
-
-
-def test_who_has_only_logs_loads_neither_engine_nor_scheduler():
-    assert _loaded()[1:] == ("[]", "")
+    assert (done.stdout, done.stderr) == ("False\n[]\n", "")
 
 
 def _strings(path: Path) -> set[str]:
@@ -359,14 +346,11 @@ def test_no_parameter_is_a_bag_of_unlike_things():
     assert wrong == []
 
 
-def _is_of_thresholds(node: ast.AST) -> bool:
-    return isinstance(node, ast.ClassDef) and bool(THRESHOLDS.fullmatch(node.name))
-
-
 def test_a_room_has_one_record_of_thresholds():
     found: dict[str, list[str]] = {}
     for path in _sources("residual"):
-        records = [n.name for n in _nodes(path) if _is_of_thresholds(n)]
+        classes = [n.name for n in _nodes(path) if isinstance(n, ast.ClassDef)]
+        records = [name for name in classes if THRESHOLDS.fullmatch(name)]
         found.setdefault(_name(path.parent), []).extend(records)
         assert not records or path.stem in ("rules", "thresholds"), _name(path)
     deciding = {f"residual/{room}" for room in DECIDING}

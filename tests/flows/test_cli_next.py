@@ -7,9 +7,8 @@ import numpy as np
 import pytest
 
 from flows.cli import main
+from tests.residual.arms import write_csv
 from tests.residual.planning.asked import logs
-
-NAMES = ["t", *(f"{x}{j}" for x in ("q", "tau") for j in range(1, 7))]
 
 
 @pytest.fixture(scope="module")
@@ -18,15 +17,7 @@ def place(tmp_path_factory):
     folder = tmp_path_factory.mktemp("next")
     _, (fit, proof) = logs("spring", 2)
     for name, log in (("fit", fit), ("proof", proof)):
-        table = np.column_stack([log.t, log.q, log.tau])
-        np.savetxt(
-            folder / f"{name}.csv",
-            table,
-            fmt="%.6f",
-            delimiter=",",
-            header=",".join(NAMES),
-            comments="",
-        )
+        write_csv(folder / f"{name}.csv", log)
     with pytest.MonkeyPatch.context() as patch:
         patch.chdir(folder)
         words = ["diagnose", "fit.csv", "--robot", "irb140", "--holdout", "proof.csv"]

@@ -197,14 +197,7 @@ def test_every_deployment_names_a_flow_and_parameters_that_exist(server):
     from importlib import import_module
 
     names = [d["name"] for d in _deployments()]
-    assert names == [
-        "nightly",
-        "monitor",
-        "alarm",
-        "propose",
-        "campaign",
-        "verify",
-    ]
+    assert names == ["nightly", "monitor", "alarm", "propose", "campaign", "verify"]
     for deployment in _deployments():
         module, _, name = deployment["entrypoint"].rpartition(".")
         flow = getattr(import_module(module), name)

@@ -166,8 +166,7 @@ def test_every_kind_of_verdict_gives_a_page(name: str) -> None:
     assert ("Weak test." in page.text) is (name == "same_run")
 
 
-@pytest.mark.parametrize("encoding", ["utf-8", "ascii"])
-@pytest.mark.parametrize("width", [80, 120])
+@pytest.mark.parametrize(("width", "encoding"), [(80, "utf-8"), (120, "ascii")])
 @pytest.mark.parametrize("name", made.ALL)
 def test_terminal_stays_within_its_width(name: str, width: int, encoding: str) -> None:
     text = printed(made.ALL[name](), width, encoding)

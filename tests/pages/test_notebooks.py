@@ -44,9 +44,7 @@ def test_the_notebook_of_run_history_answers_from_its_store(tmp_path):
 
 
 @pytest.mark.long
-def test_the_notebook_of_an_own_robot_finds_the_hose_and_settles_what_is_open(
-    tmp_path,
-):
+def test_the_notebook_of_an_own_robot_finds_the_hose_and_settles_what_is_open(tmp_path):
     shown = _run("own_robot", tmp_path)
     assert "gear_ratio () certain" in shown
     assert "LogCheck(clean)" in shown
