@@ -16,13 +16,10 @@ _FLAGS = doctest.ELLIPSIS | doctest.NORMALIZE_WHITESPACE
 
 def _sections() -> dict[str, str]:
     """The text below each heading of the page."""
-    _, first, *rest = re.split(r"^#+ (.*)$", _page(), flags=re.M)
+    page = (ROOT / "docs" / "api.md").read_text(encoding="utf-8")
+    _, first, *rest = re.split(r"^#+ (.*)$", page, flags=re.M)
     below = iter([first, *rest])
     return dict(zip(below, below, strict=True))
-
-
-def _page() -> str:
-    return (ROOT / "docs" / "api.md").read_text(encoding="utf-8")
 
 
 def _run(text: str, known: dict) -> None:

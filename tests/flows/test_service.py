@@ -75,15 +75,11 @@ def test_a_killed_process_lives_no_more_though_its_children_do(tmp_path):
     child = f"import subprocess; subprocess.Popen({SLEEP!r}).wait()"
     start(tmp_path, "worker", [sys.executable, "-c", child], os.environ)
     pid = int((tmp_path / "worker.pid").read_text())
-    orphan = until(lambda: _children(pid), "it has a child")[0]
+    children = Path(f"/proc/{pid}/task/{pid}/children")
+    orphan = int(until(lambda: children.read_text().split(), "it has a child")[0])
     os.kill(pid, signal.SIGKILL)
     until(lambda: not lives(tmp_path, "worker"), "it is gone")
     os.kill(orphan, signal.SIGKILL)
-
-
-def _children(pid: int) -> list[int]:
-    place = Path(f"/proc/{pid}/task/{pid}/children")
-    return [int(word) for word in place.read_text().split()]
 
 
 @pytest.mark.parametrize("content", ["", "{", "[]", '{"host": 1}'])
