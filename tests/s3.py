@@ -1,7 +1,6 @@
 """A server of S3 on loopback, in this process, for tests that need more than memory."""
 
 import logging
-import os
 from contextlib import contextmanager
 from uuid import uuid4
 
@@ -47,8 +46,3 @@ def new_bucket(endpoint):
 def variables(endpoint, cache):
     """Return what a program needs in its environment to find the server."""
     return {**VARIABLES, "AWS_ENDPOINT_URL": endpoint, "MODELGAP_CACHE": str(cache)}
-
-
-def environment(endpoint, cache):
-    """Return the environment of a process on another machine."""
-    return {**os.environ, **variables(endpoint, cache)}

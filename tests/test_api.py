@@ -109,11 +109,6 @@ def test_a_store_answers_with_finished_tables(tmp_path):
     assert runs.rows() == [{"rows": 50}]
 
 
-def test_a_store_that_is_not_there_is_an_input_error(tmp_path):
-    with pytest.raises(InputError, match="There is no store"):
-        mg.open_store(tmp_path / "none")
-
-
 def _diagnosis() -> Diagnosis:
     """A payload that was found on an arm of one joint."""
     both = {

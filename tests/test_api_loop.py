@@ -4,7 +4,7 @@ import pytest
 
 import modelgap as mg
 
-SHORT = {"trajectory": {"kind": "cyclic", "duration": 8.0}}
+SHORT = {"trajectory": {"kind": "cyclic", "duration": 5.0}}
 STIFF = {"plant": {"effect": [{"name": "coulomb", "joints": [2], "level": 30.0}]}}
 
 

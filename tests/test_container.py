@@ -9,7 +9,6 @@ import pytest
 import yaml
 
 from flows.cli import main
-from flows.project.deployments import deployments
 from flows.service.request import DATABASE, database_url
 from flows.service.up import _CANCEL, _WAIT
 from tests.checkout import ROOT
@@ -50,25 +49,6 @@ def test_it_runs_as_nobody_special_and_listens_on_loopback():
 def test_packages_come_pinned_with_their_hashes():
     (first, _) = (line for line in _values("RUN") if "pip install" in line)
     assert "--require-hashes -r requirements.lock" in first
-
-
-def test_a_wheel_has_copies_of_what_its_schedules_start(monkeypatch, tmp_path):
-    """As setup.py puts them; deployments are made from those alone."""
-    listed = re.findall(
-        r'"((?:examples/)?[a-z]+\.(?:yaml|toml))"', (ROOT / "setup.py").read_text()
-    )
-    assert sorted(listed) == [
-        "examples/nightly.toml",
-        "examples/weekly.toml",
-        "prefect.yaml",
-    ]
-    (tmp_path / "examples").mkdir()
-    for name in listed:
-        (tmp_path / name).write_bytes((ROOT / name).read_bytes())
-    monkeypatch.setattr("flows.project.deployments.SHARED", tmp_path)
-    for each in deployments(None)["deployments"]:
-        file = each.get("parameters", {}).get("campaign_file")
-        assert file is None or (tmp_path / file).is_file()
 
 
 def _block(page: str, language: str) -> str:

@@ -6,12 +6,8 @@ from pathlib import Path
 import pytest
 
 from flows.cli.app import app
-from residual.effects import vocabulary
 from residual.model.nominal import DEFAULT_DECLARED
-from residual.robot.files import parse_toml, read_robot_toml
 from scripts.docs_site import pages
-from warehouse.logs.columns import load_columns
-from warehouse.query.named import NAMED, TAKES
 
 ROOT = Path(__file__).parents[1]
 GENERATED = {"commands.md", "glossary.md", "python.md"}  # when the site is built
@@ -22,47 +18,12 @@ def _text(name: str) -> str:
     return (ROOT / name).read_text(encoding="utf-8")
 
 
-def _toml(page: str, heading: str) -> str:
-    """The first block of TOML under a heading."""
-    return re.findall(r"```toml\n(.*?)```", _text(page).split(heading)[1], re.S)[0]
-
-
 @pytest.mark.parametrize("page", PAGES, ids=lambda page: page.name)
 def test_a_page_links_only_to_pages_that_exist(page):
     links = re.findall(r"\]\(([^)#:]+)(?:#[^)]*)?\)", page.read_text(encoding="utf-8"))
     pages = [link for link in links if not link.endswith(".png")]  # made by a run
     pages = [link for link in pages if Path(link).name not in GENERATED]
     assert [link for link in pages if not (page.parent / link).exists()] == []
-
-
-def _described_effects() -> dict[str, dict[str, str]]:
-    rows = re.findall(r"^\| `(\w+)` \|.*\| ([^|]+) \|$", pages.effects_table(), re.M)
-    group = re.compile(r"((?:`\w+`(?:, )?)+) \[([^\]]+)\]")  # `cos`, `sin` [N m]
-    return {
-        name: {
-            key: unit
-            for keys, unit in group.findall(parameters)
-            for key in re.findall(r"`(\w+)`", keys)
-        }
-        for name, parameters in rows
-    }
-
-
-def test_the_effects_table_has_every_name_parameter_and_unit():
-    assert _described_effects() == vocabulary()
-
-
-def test_the_table_of_named_queries_has_all_of_them_and_their_values():
-    table = pages.named_queries_table()
-    assert sorted(re.findall(r"^\| `(\w+)` \|", table, re.M)) == sorted(NAMED)
-    keys = [key for values in TAKES.values() for key in values]
-    assert sorted(re.findall(r"--with (\w+)=", table)) == sorted(keys)
-
-
-@pytest.mark.parametrize("page", PAGES, ids=lambda page: page.name)
-def test_a_page_asks_only_for_tables_that_are_generated(page):
-    named = re.findall(r"<!-- generated: (\w+) -->", page.read_text(encoding="utf-8"))
-    assert set(named) <= set(pages.TABLES)
 
 
 def test_the_pages_stay_at_half_of_their_words():
@@ -79,22 +40,6 @@ def test_the_glossary_has_every_noun_once():
     single = [word for noun in nouns for word in noun.split(", ")]
     assert len(set(single)) == len(single) > 40
     assert nouns == sorted(nouns)
-
-
-def test_the_example_of_a_map_is_read(tmp_path):
-    path = tmp_path / "COLUMNS.toml"
-    path.write_text(_toml("docs/logs.md", "## COLUMNS.toml"), encoding="utf-8")
-    columns = load_columns(path)
-    assert columns.time_unit == "ms"
-    assert columns.signals["q"].sign == (1, -1)
-
-
-def test_the_example_of_a_robot_file_is_read():
-    where = "docs/logs.md"
-    content = parse_toml(_toml(where, "## robot.toml"), where)
-    robot = read_robot_toml(content, 2, where, vocabulary())
-    assert set(robot["declared"]) == {"coulomb", "viscous"}
-    assert robot["prior_scale"] == 0.03
 
 
 def test_the_default_list_of_declared_effects_is_the_one_in_the_text():

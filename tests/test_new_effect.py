@@ -5,14 +5,13 @@ import re
 import sys
 from pathlib import Path
 
-import numpy as np
 import pytest
 
 from flows.cli import main
 from residual import effects as sought
 from sim import effects as hidden
 from sim.engine.records import Hidden
-from tests.residual.arms import arm, short_case, urdf_text
+from tests.residual.arms import arm, short_case, urdf_text, write_csv
 
 PAGE = Path(__file__).parents[1] / "docs" / "guide" / "add_an_effect.md"
 NAME, JOINT, SIZE = "creaking", 2, 8.0  # N m s/rad^2
@@ -38,7 +37,9 @@ def new_effect(tmp_path, monkeypatch):
 @pytest.mark.usefixtures("new_effect")
 def test_an_effect_of_two_new_files_is_hidden_found_named_and_shown(own_folder, capsys):
     case = short_case(arm(), Hidden(NAME, (JOINT,), {"coefficient": SIZE}), seed=5)
-    logs = [_written(log, own_folder) for log in (*case.fit, *case.held_out)]
+    logs = [f"{log.id}.csv" for log in (*case.fit, *case.held_out)]
+    for name, log in zip(logs, (*case.fit, *case.held_out), strict=True):
+        write_csv(name, log)
     (own_folder / "arm.urdf").write_text(urdf_text())
     files = [str(own_folder / name) for name in ("verdict.json", "page.html")]
     options = ["--holdout", logs[-1], "--robot", str(own_folder / "arm.urdf")]
@@ -55,11 +56,3 @@ def test_an_effect_of_two_new_files_is_hidden_found_named_and_shown(own_folder, 
     assert "coefficient" in shown
     for words in ("a creaking hinge on joint 2", "grows with the angle", "coefficient"):
         assert words in page
-
-
-def _written(log, folder) -> str:
-    """The log as a file of a user."""
-    path = folder / f"{log.id}.csv"
-    table = np.column_stack([log.t, log.q, log.tau])
-    np.savetxt(path, table, delimiter=",", header="t,q1,q2,tau1,tau2", comments="")
-    return str(path)

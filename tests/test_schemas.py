@@ -26,10 +26,14 @@ def validate(name: str, document) -> None:
     Draft202012Validator(schema).validate(document)
 
 
-def example(page: str, heading: str, number: int = 0) -> dict:
-    """A block of TOML of a page, below a heading."""
+def block(page: str, heading: str) -> str:
+    """The first block of TOML of a page below a heading."""
     text = (ROOT / "docs" / page).read_text(encoding="utf-8").split(heading)[1]
-    return tomllib.loads(re.findall(r"```toml\n(.*?)```", text, re.S)[number])
+    return re.findall(r"```toml\n(.*?)```", text, re.S)[0]
+
+
+def example(page: str, heading: str) -> dict:
+    return tomllib.loads(block(page, heading))
 
 
 @pytest.mark.parametrize("path", FROZEN, ids=lambda path: path.stem)
@@ -86,12 +90,15 @@ def test_reader_and_schema_refuse_the_same_robot(wrong):
 
 
 def test_a_map_of_columns_fits_and_a_slip_in_it_does_not(tmp_path):
-    columns = example("logs.md", "## COLUMNS.toml")
+    text = block("logs.md", "## COLUMNS.toml")
+    columns = tomllib.loads(text)
     validate("columns", columns)
     wrong = columns | {"q": columns["q"] | {"sgn": [1, -1]}}
     with pytest.raises(ValidationError):
         validate("columns", wrong)
     path = tmp_path / "COLUMNS.toml"
+    path.write_text(text, encoding="utf-8")
+    assert load_columns(path).signals["q"].sign == (1, -1)
     path.write_text('q = {columns = ["a", "b"], sgn = [1, -1]}', encoding="utf-8")
     with pytest.raises(InputError):
         load_columns(path)

@@ -89,11 +89,6 @@ class Tab:
             mobile=width < 600,
         )
 
-    def picture(self, path: Path) -> None:
-        """Keep what is seen, for people."""
-        told = self._call("Page.captureScreenshot")
-        path.write_bytes(base64.b64decode(told["data"]))
-
     def _call(self, method: str, **params: Any) -> dict:
         number = next(self._number)
         told = {"id": number, "method": method, "params": params}

@@ -258,22 +258,6 @@ def unknown() -> Diagnosis:
     return made(result, (), (proof(np.random.default_rng(4)),), ())
 
 
-def baseline() -> Diagnosis:
-    """A change against a baseline: a payload and the friction of joint 3."""
-    rng = np.random.default_rng(5)
-    payload = effect(
-        "payload",
-        [6],
-        {"mass": parameter(2.9, 0.1, "kg"), "com_x": parameter(0.012, 0.004, "m")},
-        equivalent=[{"name": "link_inertia", "joints": [6]}],
-    )
-    change = effect("coulomb", [3], {"level": parameter(11.2, 1.3, "N m")}, order=2)
-    clouds = (cloud(rng, "coulomb", 3, lambda x: 11.2 * np.tanh(x / 0.05)),)
-    result = verdict("effects", [payload, change])
-    sentences = ("The flange carries 2.9 kg more.", "Joint 3 rubs more than it did.")
-    return made(result, sentences, (proof(rng),), clouds)
-
-
 def same_run() -> Diagnosis:
     """One log only: the proof is the last quarter of the same run."""
     found = one_effect()
@@ -284,5 +268,5 @@ def same_run() -> Diagnosis:
     )
 
 
-_MAKERS = (one_effect, several, nothing, unknown, baseline, same_run)
+_MAKERS = (one_effect, several, nothing, unknown, same_run)
 ALL = {maker.__name__: maker for maker in _MAKERS}

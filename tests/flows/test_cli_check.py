@@ -7,7 +7,6 @@ import numpy as np
 import pytest
 
 from flows.cli import main
-from flows.inputs.read import in_short
 from flows.report.words.verdict import CLEAN, MEANING, summary, title
 from flows.steps import check as steps
 from residual.check.result import KINDS, Fault, LogCheck, Repair, from_json
@@ -189,12 +188,3 @@ def test_every_kind_has_its_words():
 def test_a_document_that_is_no_check_is_refused(document):
     with pytest.raises(InputError, match="check"):
         from_json(document)
-
-
-def test_logs_that_were_read_otherwise_have_lines_of_their_own():
-    lines = [
-        "A: 9 samples, 2 Hz, 4 s; read t q1..6 tau1..6; q: deg to rad; tau: A to N m",
-        "B: 9 samples, 2 Hz, 4 s; read t q1..6 tau1..6; q: mrad to rad; tau: A to N m",
-        "C: 9 samples, 2 Hz, 4 s; read t q1..6 tau1..6; q: deg to rad",
-    ]
-    assert in_short(lines) == tuple(lines)

@@ -7,7 +7,6 @@ from pathlib import Path
 import pytest
 
 from flows.cli import main
-from flows.outputs import PAUSE, plain_lines
 from flows.report.diagnosis import print_truth
 from flows.report.words.phrases import Demonstration, Hidden, judge
 from flows.steps import demo as steps
@@ -111,14 +110,3 @@ def test_the_truth_stands_beside_the_verdict(capsys):
     assert "stiffness 4 N m/rad 4.12 ± 0.21 N m/rad" in rows
     assert "rest 0.1 rad –" in rows
     assert "The first name is the hidden effect." in shown
-
-
-def test_progress_off_a_terminal_is_a_line_now_and_then():
-    now, said = [0.0], []
-    tell = plain_lines(said.append, lambda: now[0])
-    tell("reading", 0.1)
-    assert said == []
-    now[0] = PAUSE
-    tell("fitting", 0.25)
-    tell("fitting", 0.26)
-    assert said == [" 25% fitting"]

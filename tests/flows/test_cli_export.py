@@ -20,12 +20,7 @@ from residual.export.export import KnownMotion, excitation
 from residual.export.mujoco import to_mujoco
 from residual.model.corrected import CorrectedModel, Tables
 from residual.signals.standstill import CHOICES
-from tests.exports.back import (
-    BACK,
-    CREEP,
-    inverse,
-    passive,
-)
+from tests.exports.back import BACK, CREEP, inverse, passive
 from tests.exports.models import ARMS, NAMES, model_with, robot_of
 from tests.residual.test_model_record import lookup
 from warehouse.commit import commit_record

@@ -6,7 +6,6 @@ import math
 import os
 import re
 import time
-from importlib import import_module
 from pathlib import Path
 
 import numpy as np
@@ -14,7 +13,7 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 import pytest
 
-from flows.cli.app import GROUPS, app
+from flows.cli.app import app
 from residual.errors import DEEPEST, InputError, check_nesting
 from residual.model.record import load_model
 from residual.robot.files import parse_toml
@@ -121,10 +120,7 @@ def test_a_record_that_is_gone_is_told_by_runs_and_verify(run, store):
 
 def test_damaged_samples_are_exit_2_or_left_out_on_demand(run, store):
     folder, (id, other) = store
-    path = find_run(folder, id).folder / "part-0.parquet"
-    data = bytearray(path.read_bytes())
-    data[len(data) // 2] ^= 1
-    path.write_bytes(data)
+    made.flip(find_run(folder, id).folder / "part-0.parquet")
     query = "SELECT run_id, sum(COLUMNS('[a-z]+[0-9]')) FROM samples GROUP BY run_id"
     code, out, err = run("sql", query)
     assert (code, out) == (2, "")
@@ -230,11 +226,11 @@ def test_a_parquet_file_of_more_rows_than_bytes_is_refused_at_once(run, tmp_path
     names = ["t", *(f"{c}{j}" for c in ("q", "tau") for j in range(1, 7))]
     part = pa.table({name: np.zeros(2_000_000) for name in names})
     with pq.ParquetWriter(tmp_path / "A.parquet", part.schema) as file:
-        for _ in range(10):
+        for _ in range(2):
             file.write_table(part)
     begun = time.monotonic()
     code, _, err = run("check", "A.parquet", "--robot", "irb140")
-    assert (code, "20000000 rows, expected measured samples" in err) == (2, True)
+    assert (code, "4000000 rows, expected measured samples" in err) == (2, True)
     assert time.monotonic() - begun < 5
 
 
@@ -251,12 +247,3 @@ def test_help_says_what_an_option_takes_and_not_that_it_is_a_word(run, command):
     _, out, _ = run(command, "--help")
     found = re.search(r"--\S+ (STR|PATH|WORD|INT|FLOAT)\b", out)
     assert not found, f"{found[0]}: give it a metavar"
-
-
-@pytest.mark.parametrize("group", GROUPS.values(), ids=GROUPS)
-def test_lists_say_of_a_command_what_it_says_first_of_itself(group):
-    for place, _, about in group["commands"].values():
-        module, _, name = place.partition(":")
-        command = getattr(import_module(f"flows.cli.{module}"), name)
-        first = " ".join(command.__doc__.partition("\n\n")[0].split())
-        assert first == about

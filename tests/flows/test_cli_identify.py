@@ -11,7 +11,7 @@ from flows.cli import main
 from residual.errors import InputError
 from residual.robot.robot import load_robot
 from tests.residual.identified import workplace
-from warehouse.layout import list_folders, read_record
+from warehouse.layout import read_record
 from warehouse.query.store import query_store, runs_where
 
 KEYS = (
@@ -26,10 +26,9 @@ def run(words):
 
 
 @pytest.fixture
-def place(tmp_path, monkeypatch):
+def place(own_folder):
     """A working directory with an arm and its logs A.csv, B.csv and C.csv."""
-    monkeypatch.chdir(tmp_path)
-    return workplace(tmp_path, "ABC", 8.0)
+    return workplace(own_folder, "ABC", 8.0)
 
 
 def test_parameters_and_errors_are_shown_and_written(place, capsys):
@@ -52,22 +51,6 @@ def test_parameters_and_errors_are_shown_and_written(place, capsys):
     assert made["consistent"] is None
     assert load_robot("new").name == "small_arm"
     assert "wrote new" in shown
-
-
-def test_the_robot_is_loaded_once(place, monkeypatch):
-    loaded = []
-
-    def load(*given):
-        loaded.append(given[0])
-        return load_robot(*given)
-
-    monkeypatch.setattr("flows.inputs.read.load_robot", load)
-    assert run("import A.csv B.csv --robot arm.urdf --store s") == 0
-    a, b = list_folders(Path("s"), "runs")
-    for words in ("A.csv --robot arm.urdf", f"{a} --holdout {b} --robot arm.urdf"):
-        loaded.clear()
-        assert run(f"identify {words} --store s") == 0
-        assert loaded == ["arm.urdf"]
 
 
 def test_json_alone_on_standard_output(place, capsys):

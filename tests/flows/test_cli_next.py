@@ -7,9 +7,8 @@ import numpy as np
 import pytest
 
 from flows.cli import main
+from tests.residual.arms import write_csv
 from tests.residual.planning.asked import logs
-
-NAMES = ["t", *(f"{x}{j}" for x in ("q", "tau") for j in range(1, 7))]
 
 
 @pytest.fixture(scope="module")
@@ -18,15 +17,7 @@ def place(tmp_path_factory):
     folder = tmp_path_factory.mktemp("next")
     _, (fit, proof) = logs("spring", 2)
     for name, log in (("fit", fit), ("proof", proof)):
-        table = np.column_stack([log.t, log.q, log.tau])
-        np.savetxt(
-            folder / f"{name}.csv",
-            table,
-            fmt="%.6f",
-            delimiter=",",
-            header=",".join(NAMES),
-            comments="",
-        )
+        write_csv(folder / f"{name}.csv", log)
     with pytest.MonkeyPatch.context() as patch:
         patch.chdir(folder)
         words = ["diagnose", "fit.csv", "--robot", "irb140", "--holdout", "proof.csv"]
@@ -96,15 +87,3 @@ def test_what_cannot_be_done_is_told_in_two_lines(here, capsys, words, message):
     told = capsys.readouterr().err
     assert message in told
     assert len(told.strip().splitlines()) <= 3
-
-
-def test_where_nothing_is_open_nothing_is_proposed(here, capsys, monkeypatch):
-    document = json.loads(Path("v.json").read_text())
-    assert document["effects"][0]["equivalent"]
-    monkeypatch.setattr(
-        "residual.diagnosis.open_question.alternatives", lambda *_: ([], 1.0)
-    )
-    monkeypatch.setattr("residual.diagnosis.open_question.near_sets", lambda *_: [])
-    assert main(["next", *GIVEN, "--out", "nothing.csv"]) == 0
-    assert "Nothing is open" in capsys.readouterr().out
-    assert not Path("nothing.csv").exists()

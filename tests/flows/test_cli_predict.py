@@ -29,14 +29,10 @@ def place(tmp_path, monkeypatch):
     return model, log
 
 
-def _errors(file):
-    return json.loads(file.read_text())["error"]
-
-
 def test_the_error_of_a_model_and_of_the_edited_one(place, tmp_path, capsys):
     words = ["log.csv", "--model", "model.json", "--json", "e.json"]
     assert main(["predict", *words]) == 0
-    whole = _errors(tmp_path / "e.json")
+    whole = json.loads((tmp_path / "e.json").read_text())["error"]
     assert whole["overall_filtered"][WHOLE] < 0.5
     assert EDITED not in whole["overall"]
     assert main(["predict", *words, "--without", "payload", "spring"]) == 0

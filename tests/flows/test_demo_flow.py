@@ -1,6 +1,5 @@
 """The flows of Prefect: their order, what they leave behind, and where."""
 
-import logging
 from pathlib import Path
 from types import SimpleNamespace
 
@@ -8,8 +7,7 @@ import numpy as np
 import pytest
 import yaml
 
-from flows.requests import Campaign
-from flows.settings import API, PAGES, quiet_prefect
+from flows.settings import PAGES
 from flows.steps import campaign
 from flows.steps.experiment import run_id_of
 from flows.workers.processes import RUNNER, InlineExecutor
@@ -54,14 +52,10 @@ def test_what_a_diagnosis_does_not_need_fails_the_night_when_it_is_done(
     def fail(*_):
         raise RunError("no tables")
 
-    monkeypatch.setattr(tasks_of(flows).calibration, "calibrate", fail)
+    monkeypatch.setattr(flows.tasks.calibration, "calibrate", fail)
     with pytest.raises(RunError, match="no tables"):
         flows.nightly("CAMPAIGN.toml", store="store")
     assert [name for name, _ in order][-1] == "judge"
-
-
-def tasks_of(flows):
-    return flows.tasks
 
 
 def test_a_night_has_a_seed_of_its_own_and_survives_a_failure(
@@ -154,28 +148,6 @@ def test_each_experiment_is_a_task_run_and_a_lost_process_is_one_try(
     assert len(list(told[1].glob("samples/*/*"))) == 11
 
 
-def test_a_large_campaign_has_some_experiments_in_each_task(
-    flows, tmp_path, monkeypatch
-):
-    asked = []
-
-    class Future:
-        def result(self, raise_on_failure):
-            return []
-
-    def submit(label, batch, *_):
-        asked.append((label, len(batch)))
-        return Future()
-
-    monkeypatch.setattr(flows, "Processes", lambda _: InlineExecutor())
-    monkeypatch.setattr(flows.tasks.experiment, "submit", submit)
-    monkeypatch.setattr(flows, "get_run_logger", logging.getLogger)
-    (tmp_path / "C.toml").write_text(f"[grid]\nseed = {list(range(402))}\n")
-    flows.run_campaign(Campaign(str(tmp_path / "C.toml"), store=tmp_path / "store"))
-    assert asked[0] == ("seed=0 and 2 more", 3)
-    assert (len(asked), sum(count for _, count in asked)) == (134, 402)
-
-
 @pytest.mark.long
 def test_dask_makes_the_same_runs_with_the_same_bits(
     flows, tmp_path, monkeypatch, compiled_plant
@@ -225,14 +197,7 @@ def test_every_deployment_names_a_flow_and_parameters_that_exist(server):
     from importlib import import_module
 
     names = [d["name"] for d in _deployments()]
-    assert names == [
-        "nightly",
-        "monitor",
-        "alarm",
-        "propose",
-        "campaign",
-        "verify",
-    ]
+    assert names == ["nightly", "monitor", "alarm", "propose", "campaign", "verify"]
     for deployment in _deployments():
         module, _, name = deployment["entrypoint"].rpartition(".")
         flow = getattr(import_module(module), name)
@@ -260,23 +225,3 @@ def test_the_events_of_the_deployments_are_those_that_flows_send(server):
         ("alarm", deployments.ALARM, deployments.STORE),
         ("propose", deployments.PROPOSED, deployments.STORE),
     }
-
-
-def test_only_what_lies_outside_is_tried_again(server):
-    from prefect.states import Failed
-
-    from flows.pipelines import tasks
-    from residual.errors import InputError
-
-    again = {
-        error: tasks.outside(None, None, Failed(data=error))
-        for error in (OSError(), ChildProcessError(), InputError(), ValueError())
-    }
-    assert [*again.values()] == [True, True, False, False]
-
-
-def test_prefect_is_prepared_to_be_quiet_and_at_home_in_the_store(tmp_path):
-    told = quiet_prefect(tmp_path)
-    assert told["PREFECT_HOME"] == str(tmp_path)
-    assert told["PREFECT_SERVER_ANALYTICS_ENABLED"] == "false"
-    assert API not in told

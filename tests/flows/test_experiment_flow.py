@@ -1,6 +1,7 @@
 """One experiment: from a spec to a run in the store, with its hidden half sealed."""
 
 import json
+import pickle
 from dataclasses import asdict
 
 import numpy as np
@@ -8,8 +9,13 @@ import pytest
 
 from flows.cli import main
 from flows.specs.experiment import experiment_of
-from flows.steps import experiment
+from flows.steps import campaign, experiment
+from flows.storage.diagnosis import from_record, to_record
+from flows.workers.processes import run_job
 from residual.errors import InputError
+from residual.model.compare import Cloud, LogProof
+from residual.verdict.result import Diagnosis
+from sim.plant.stepping import DivergedError
 from tests.verdict_documents import typed
 from warehouse.runs import open_seal, read_channels, read_manifest, read_run
 
@@ -76,8 +82,6 @@ def test_the_command_says_what_it_does(tmp_path, plant, capsys, words):
 def test_a_simulation_that_diverges_stores_nothing_and_ends_with_2(
     tmp_path, monkeypatch, capsys
 ):
-    from sim.plant.stepping import DivergedError
-
     def diverge(spec, robot, store):
         raise DivergedError(1.25, np.zeros(6), np.full(6, 900.0), 3)
 
@@ -90,30 +94,14 @@ def test_a_simulation_that_diverges_stores_nothing_and_ends_with_2(
     assert "1.250 s" in said
     assert "joint 3" in said
     assert not store.exists()
-
-
-def test_a_divergence_crosses_to_the_parent_process_as_words(tmp_path, monkeypatch):
-    import pickle
-
-    from flows.steps import campaign
-    from flows.workers.processes import run_job
-    from sim.plant.stepping import DivergedError
-
-    def diverge(spec, store, campaign):
-        raise DivergedError(1.25, np.zeros(6), np.full(6, 900.0), 3)
-
-    monkeypatch.setattr(campaign.experiment, "run", diverge)
+    # From a process of a campaign the error reaches its parent as words.
     planned = experiment.PlannedExperiment("one", spec(), "ab", False)
     with pytest.raises(InputError) as caught:
-        run_job(campaign.run_one, planned, str(tmp_path))
+        run_job(campaign.run_one, planned, str(store))
     assert "1.250 s" in str(pickle.loads(pickle.dumps(caught.value)))
 
 
 def test_curves_come_back_from_the_store_as_they_were():
-    from flows.storage.diagnosis import from_record, to_record
-    from residual.model.compare import Cloud, LogProof
-    from residual.verdict.result import Diagnosis
-
     rng = np.random.default_rng(0)
     t, tau, moving = np.arange(4.0), rng.normal(size=(4, 2)), np.ones((4, 2), bool)
     hats = {name: rng.normal(size=(4, 2)) for name in ("nominal", "augmented")}

@@ -1,47 +1,13 @@
 """modelgap map: from a log with a foreign header and an own URDF to a verdict."""
 
-import json
 import tomllib
 
 import pytest
 
 from flows.cli import main
 from residual.robot.robot import load_robot
-from tests.residual.arms import SEVEN, short_case, urdf_text
-from tests.warehouse.foreign_logs import FOLDER, FORMATS
-
-
-@pytest.fixture
-def walk(tmp_path, monkeypatch):
-    """Return a function that writes logs of a maker's format, and the arm's URDF."""
-    monkeypatch.chdir(tmp_path)
-
-    def make(form, hidden, seed):
-        (tmp_path / "arm.urdf").write_text(urdf_text(SEVEN[: form.dof]))
-        case = short_case(load_robot("arm.urdf"), hidden, seed=seed)
-        for number, log in enumerate((*case.fit, *case.held_out)):
-            form.write(tmp_path / f"log_{number}", log)
-        return case.truth
-
-    return make
-
-
-@pytest.mark.long
-@pytest.mark.parametrize("name", FORMATS)
-def test_two_commands_lead_from_a_foreign_header_to_the_right_verdict(walk, name):
-    truth = walk(FORMATS[name], "payload", seed=3)
-    commands = [
-        "map log_0 --robot arm.urdf --out COLUMNS.toml",
-        "diagnose log_0 log_1 log_2 log_3 --robot arm.urdf --map COLUMNS.toml "
-        "--holdout log_4 --json out.json",
-    ]
-    assert [main(words.split()) for words in commands] == [0, 0]
-    with open("out.json", encoding="utf-8") as file:
-        verdict = json.load(file)
-    (found,) = verdict["effects"]
-    assert (found["name"], found["joints"]) == ("payload", [FORMATS[name].dof])
-    mass, true = found["parameters"]["mass"], truth.parameters["mass"]
-    assert abs(mass["value"] - true) < 4 * mass["std"]
+from tests.residual.arms import SEVEN, urdf_text
+from tests.warehouse.foreign_logs import FOLDER
 
 
 @pytest.fixture

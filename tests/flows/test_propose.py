@@ -5,12 +5,7 @@ from pathlib import Path
 import pytest
 
 from flows.report.models import proposal_markdown, proposal_page
-from flows.steps.adopt import (
-    Proposal,
-    judge,
-    list_adoptions,
-    roll_back,
-)
+from flows.steps.adopt import Proposal, judge, list_adoptions, roll_back
 from flows.storage.diagnosis import read_verdict
 from tests.flows.adopted_arm import ROBOT
 from warehouse.numbered import adopted

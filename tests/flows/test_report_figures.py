@@ -64,16 +64,3 @@ def test_envelope_keeps_ends_and_every_single_peak(count: int) -> None:
         assert (ts[0], ts[-1]) == (t[0], t[-1])
         assert np.all(np.diff(ts) > 0)
         assert len(ts) <= 903
-
-
-def test_spans_cover_exactly_the_flagged_time() -> None:
-    flags = np.array([True, False, True, True, False, True])
-    assert figure.spans(np.arange(6.0), flags) == [(0.0, 1.0), (2.0, 2.0), (5.0, 0.0)]
-
-
-def test_bins_part_a_friction_step_at_zero() -> None:
-    x = np.linspace(-0.7, 1.1, 2000)
-    edges = figure.edges(x, np.sign(x))
-    assert 0.0 in edges
-    assert np.all(np.diff(edges) > 0)
-    assert set(figure.medians(x, np.sign(x), edges)[1]) == {-1.0, 1.0}

@@ -20,7 +20,6 @@ from residual.verdict.document import from_json, to_json
 from residual.verdict.result import Diagnosis
 from tests.flows import report_outcomes as made
 from tests.flows.report_pages import Page
-from tests.verdict_documents import typed
 
 NASTY = "<script>alert(1)</script>&\"'$x_1$[bold]"
 
@@ -146,13 +145,6 @@ def test_everything_that_may_be_null_may_be(name: str) -> None:
             assert not re.search(r"\b(None|nan)\b", text), path
 
 
-def test_a_verdict_of_which_all_is_unknown_is_told() -> None:
-    empty = Diagnosis(typed({}))
-    said = "No missing effect found."
-    assert said in render(empty, "kr300")
-    assert said in printed(empty)
-
-
 def test_degenerate_curves_are_drawn() -> None:
     t, zeros = np.array([0.0, 0.004]), np.zeros((2, made.DOF))
     proof = LogProof("C", t, zeros, dict.fromkeys(made.STAGES, zeros), zeros > 0)
@@ -174,8 +166,7 @@ def test_every_kind_of_verdict_gives_a_page(name: str) -> None:
     assert ("Weak test." in page.text) is (name == "same_run")
 
 
-@pytest.mark.parametrize("encoding", ["utf-8", "ascii"])
-@pytest.mark.parametrize("width", [80, 120])
+@pytest.mark.parametrize(("width", "encoding"), [(80, "utf-8"), (120, "ascii")])
 @pytest.mark.parametrize("name", made.ALL)
 def test_terminal_stays_within_its_width(name: str, width: int, encoding: str) -> None:
     text = printed(made.ALL[name](), width, encoding)

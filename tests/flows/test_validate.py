@@ -51,13 +51,6 @@ def rows(store, id):
         return opened.sql(asked).to_pylist()
 
 
-def without_hidden_half(made, tmp_path):
-    store = tmp_path / "store"
-    shutil.copytree(made[0], store)
-    shutil.rmtree(store / "sealed")
-    return store
-
-
 @pytest.mark.parametrize(
     "change",
     [{"salt": None}, {"wind": 1.0}, {"effects": [{"name": "secret"}]}, {"noise": 3}],
@@ -149,7 +142,8 @@ def test_a_model_that_no_body_has_is_said_not_to_be_simulated(made, monkeypatch)
 
 
 def test_without_its_sealed_half_a_run_has_the_open_loop(made, loaded, tmp_path):
-    store = without_hidden_half(made, tmp_path)
+    store = shutil.copytree(made[0], tmp_path / "store")
+    shutil.rmtree(store / "sealed")
     id, found = validate.validate(Validate(made[1], 0.25, store))
     assert found.kind == "open_loop"
     np.testing.assert_array_equal(found.open_loop, loaded[1].open_loop)

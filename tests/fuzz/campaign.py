@@ -4,8 +4,7 @@ import multiprocessing
 import re
 import shutil
 import tempfile
-from collections.abc import Callable, Set
-from dataclasses import dataclass
+from collections.abc import Callable
 from hashlib import sha256
 from multiprocessing.connection import Connection
 from pathlib import Path
@@ -20,72 +19,54 @@ BATCH = 400  # examples per seed of hypothesis
 SHRINKING = 40.0  # seconds beyond the budget in which a finding is made smaller
 
 
-@dataclass(frozen=True, slots=True)
-class Told:
-    """What came of fuzzing one reader."""
+def fuzz(
+    reader: Reader, seconds: float, first: int, corpus: Path = CORPUS
+) -> tuple[int, list[str]]:
+    """Fuzz a reader; every finding becomes a small file of the corpus.
 
-    examples: int  # how many inputs it was given
-    findings: tuple[str, ...]  # what was found, in a line each
-
-
-def fuzz(reader: Reader, seconds: float, first: int, corpus: Path = CORPUS) -> Told:
-    """Fuzz a reader; every finding becomes a small file of the corpus."""
-    end = monotonic() + seconds
-    place = Path(tempfile.mkdtemp(prefix="modelgap-fuzz-"))
-    examples, findings = 0, []
-    try:
-        while True:
-            more, died = _child(reader, (end, first + examples), place, corpus)
-            examples += more.examples
-            findings += more.findings
-            if not died or monotonic() > end:
-                return Told(examples, tuple(findings))
-            findings.append(
+    Returns the number of examples and the findings, a line each.
+    """
+    end, examples, findings = monotonic() + seconds, 0, []
+    with tempfile.TemporaryDirectory(prefix="modelgap-fuzz-") as name:
+        place, died = Path(name), "never started"
+        while died and monotonic() < end:
+            context = multiprocessing.get_context("fork")
+            mine, theirs = context.Pipe(duplex=False)
+            arguments = (reader, end, first + examples, place, corpus, theirs)
+            process = context.Process(target=_work, args=arguments)
+            process.start()
+            theirs.close()
+            died = "hang"
+            try:
+                # A message per example: silence is a hang that no alarm could end.
+                while mine.poll(3 * LONGEST + (0 if examples else 120)):
+                    message = mine.recv()
+                    if message is None:
+                        died = ""
+                        break
+                    if isinstance(message, Exception):
+                        raise message  # of the fuzzing itself
+                    examples += isinstance(message, int)
+                    findings += [message] if isinstance(message, str) else []
+            except EOFError:
+                died = "killed"
+            process.kill()
+            process.join()
+            if died:
                 _save(corpus / reader.name, died, (place / "now").read_bytes())
-            )
-    finally:
-        shutil.rmtree(place, ignore_errors=True)
-
-
-def _child(
-    reader: Reader, span: tuple[float, int], place: Path, corpus: Path
-) -> tuple[Told, str]:
-    """Return what a child found, and how it ended if not by itself."""
-    context = multiprocessing.get_context("fork")
-    mine, theirs = context.Pipe(duplex=False)
-    arguments = (reader, span, place, corpus, theirs)
-    process = context.Process(target=_work, args=arguments)
-    process.start()
-    theirs.close()
-    examples, findings, died = 0, [], "hang"
-    try:
-        # A message per example: silence is a hang that no alarm could end.
-        while mine.poll(3 * LONGEST + (0 if examples else 120)):
-            told = mine.recv()
-            if told is None:
-                died = ""
-                break
-            if isinstance(told, Exception):
-                raise told  # of the fuzzing itself
-            examples += isinstance(told, int)
-            findings += [told] if isinstance(told, str) else []
-    except EOFError:
-        died = "killed"
-    process.kill()
-    process.join()
-    return Told(examples, tuple(findings)), died
+                findings.append(died)
+    return examples, findings
 
 
 def _work(
-    reader: Reader, span: tuple[float, int], place: Path, corpus: Path, out: Connection
+    reader: Reader, end: float, number: int, place: Path, corpus: Path, out: Connection
 ) -> None:
-    end, number = span
     known: set[str] = set()
     try:
         for data in reader.seeds():  # what is compiled or loaded once is of no example
             reader.read(data, _empty(place))
         while monotonic() < end:
-            found = _batch(reader, number, place, (end, known, lambda: out.send(1)))
+            found = _batch(reader, number, place, end, known, lambda: out.send(1))
             number += 1
             if found:
                 known.add(found[0].name)
@@ -100,10 +81,11 @@ def _batch(
     reader: Reader,
     number: int,
     place: Path,
-    rest: tuple[float, Set[str], Callable[[], None]],
+    end: float,
+    known: set[str],
+    count: Callable[[], None],
 ) -> tuple[Finding, bytes] | None:
     """Return the first new finding of one seed, made as small as time allows."""
-    end, known, told = rest
     smallest: list[tuple[Finding, bytes]] = []
 
     @seed(number)
@@ -123,7 +105,7 @@ def _batch(
         if monotonic() > end + (SHRINKING if smallest else 0):
             return
         (place / "now").write_bytes(data)
-        told()
+        count()
         found = judge(reader, data, _empty(place))
         if found is None or found.name in known:
             return
@@ -148,9 +130,8 @@ def _empty(place: Path) -> Path:
     return inside
 
 
-def _save(folder: Path, name: str, data: bytes) -> str:
-    """Put a finding into the corpus and return its name."""
+def _save(folder: Path, name: str, data: bytes) -> None:
+    """Put a finding into the corpus."""
     folder.mkdir(parents=True, exist_ok=True)
     plain = re.sub(r"[^a-z0-9_-]+", "", name.lower())[:60]
     (folder / f"{plain}-{sha256(data).hexdigest()[:6]}.bin").write_bytes(data)
-    return name

@@ -29,16 +29,18 @@ def main() -> int:
     found = 0
     for name in args.readers:
         start = monotonic()
-        told = fuzz(READERS[name], 60 * args.minutes, args.seed, args.corpus)
+        examples, findings = fuzz(
+            READERS[name], 60 * args.minutes, args.seed, args.corpus
+        )
         spent = monotonic() - start
         print(
-            f"{name:10} {told.examples:8} examples {spent:6.0f} s "
-            f"{len(told.findings):3} findings",
+            f"{name:10} {examples:8} examples {spent:6.0f} s "
+            f"{len(findings):3} findings",
             flush=True,
         )
-        for line in told.findings:
+        for line in findings:
             print(f"    {line}", flush=True)
-        found += len(told.findings)
+        found += len(findings)
     return 1 if found else 0
 
 

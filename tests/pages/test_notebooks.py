@@ -44,9 +44,7 @@ def test_the_notebook_of_run_history_answers_from_its_store(tmp_path):
 
 
 @pytest.mark.long
-def test_the_notebook_of_an_own_robot_finds_the_hose_and_settles_what_is_open(
-    tmp_path,
-):
+def test_the_notebook_of_an_own_robot_finds_the_hose_and_settles_what_is_open(tmp_path):
     shown = _run("own_robot", tmp_path)
     assert "gear_ratio () certain" in shown
     assert "LogCheck(clean)" in shown
@@ -54,3 +52,9 @@ def test_the_notebook_of_an_own_robot_finds_the_hose_and_settles_what_is_open(
     assert "cannot be told from: ['spring']" in shown
     answers = re.findall(r"^Diagnosis\(bench-arm: (.+?), prob", shown, re.M)
     assert answers == ["spring on joint 2", "spring on joint 2"]
+
+
+@pytest.mark.long
+def test_the_notebook_of_the_first_hour_names_the_payload(tmp_path):
+    assert "Diagnosis(irb140: payload" in _run("first_hour", tmp_path)
+    assert (tmp_path / "out.html").exists()

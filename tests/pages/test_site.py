@@ -78,7 +78,3 @@ def test_an_effect_s_rate_is_that_of_the_recorded_figure():
     for name, (right, total) in figures["singles_right"]["per_effect"].items():
         told = f"three times its detectable size or more | {right} of {total} |"
         assert told in how_often_found(name)
-
-
-def test_an_effect_that_nobody_measured_says_so():
-    assert how_often_found("creaking").startswith("Not measured")

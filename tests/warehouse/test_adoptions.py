@@ -124,26 +124,6 @@ def test_a_parameter_beyond_its_control_limits_is_told(tmp_path):
     assert rows[0]["upper"] == pytest.approx(sum(usual) / 10 + 3 * sigma)
 
 
-def test_a_parameter_that_drifts_is_told_in_standard_deviations(tmp_path):
-    nights = [(5.0, 0.3), (5.1, 0.4), (6.0, 0.4)]
-    for number, (value, std) in enumerate(nights):
-        _night(tmp_path, number, value, std)
-    with open_store(tmp_path) as opened:
-        query = NAMED["parameter_drift"][1]
-        rows = opened.sql(query, {"name": "coul"}).to_pylist()
-    assert {(r["robot"], r["joint"], r["name"]) for r in rows} == {
-        ("arm", 1, "coulomb")
-    }
-    assert [(r["value"], r["std"]) for r in rows] == [
-        (5.0, 0.3),
-        (5.1, 0.4),
-        (6.0, 0.4),
-    ]
-    assert [r["recorded"] for r in rows] == sorted(r["recorded"] for r in rows)
-    assert [r["moved"] for r in rows] == pytest.approx([0.0, 0.1, 1.0])
-    assert [r["deviations"] for r in rows] == pytest.approx([0.0, 0.2, 2.0])
-
-
 def test_the_error_of_each_version_is_one_query(tmp_path):
     errors = [
         {"metric": "filtered", "stage": stage, "joint": None, "value": value}

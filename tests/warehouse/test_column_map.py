@@ -27,13 +27,6 @@ Q = 'q = {columns = ["J1", "J2"]}\n'
 TAU = 'tau = {columns = ["I1", "I2"]}\n'
 
 
-def test_names_alone_change_nothing(read, samples):
-    recording, understood = read(BASE + Q + TAU)
-    np.testing.assert_array_equal(recording.q, samples[:, 1:3])
-    assert understood.conversions == ()
-    assert understood.used == LOG_NAMES
-
-
 def test_scales_are_applied_after_unit_and_sign_and_said(read, samples):
     table = samples * [2, 1, 1, 1000, -500]
     table[:, 1:3] = np.rad2deg(samples[:, 1:3]) * [4, -0.5] + [10, -20]

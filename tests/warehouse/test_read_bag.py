@@ -83,7 +83,7 @@ BAD = {
 }
 
 
-@pytest.mark.parametrize("kind", ["ros1", "sqlite3", "cdr"])
+@pytest.mark.parametrize("kind", ["ros1", "cdr"])
 @pytest.mark.parametrize("what", BAD)
 def test_what_a_bag_lacks_is_told(tmp_path, robot, samples, what, kind):
     def told(names=("joint1", "joint2"), **gone):

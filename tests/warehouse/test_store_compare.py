@@ -32,22 +32,6 @@ def test_where_and_how_far_values_part():
     assert "tau2: differs from 0.8 s on, by at most 0.005 N m" in bad.words
 
 
-@pytest.mark.parametrize(("one", "two"), [(0.0, -0.0), (1.0, np.nextafter(1, 2))])
-def test_one_bit_is_a_difference(one, two):
-    (bad,) = differing_channels(
-        compare_channels({"t": np.array([one])}, {"t": np.array([two])})
-    )
-    assert bad.differing == 1
-
-
-def test_two_nans_of_the_same_bits_are_equal_and_a_new_one_is_told():
-    nan = np.array([np.nan, 1.0])
-    assert compare_channels({"x": nan}, {"x": nan})[0].equal
-    (bad,) = compare_channels({"x": np.array([0.0, 1.0])}, {"x": nan})
-    assert (bad.equal, bad.largest) == (False, 0.0)
-    assert "not finite" in bad.note
-
-
 def test_other_lengths_and_missing_channels_are_told():
     one, two = channels(), channels(q_ref=np.ones((100, 2)))
     bad = differing_channels(compare_channels(one, two))

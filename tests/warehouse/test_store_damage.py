@@ -8,12 +8,7 @@ import warehouse
 from residual.errors import InputError
 from tests.warehouse import store_samples as made
 from tests.warehouse.store_samples import flip
-from warehouse.files import (
-    SUMS,
-    read_unsummed,
-    write_parquet,
-    write_sums,
-)
+from warehouse.files import SUMS, read_unsummed, write_parquet, write_sums
 from warehouse.layout import find_run
 from warehouse.quarantine import quarantine
 from warehouse.verify import verify_all
@@ -63,15 +58,6 @@ def test_verify_names_a_file_that_is_gone(store, name):
     assert [name in line and "missing" in line for line in told] == [True]
 
 
-def test_a_file_that_changes_while_a_store_is_open_is_checked_again(store):
-    folder, runs, _ = store
-    with warehouse.open(folder) as opened:
-        opened.sql(SUM, {"id": runs[1]})
-        flip(find_run(folder, runs[1]).folder / "part-0.parquet")
-        with pytest.raises(InputError, match="is damaged"):
-            opened.sql("SELECT sum(COLUMNS('[a-z]+[0-9]')) FROM samples")
-
-
 def test_damage_elsewhere_does_not_stop_a_query_over_one_run(store):
     folder, runs, _ = store
     with warehouse.open(folder) as opened:
@@ -82,14 +68,6 @@ def test_damage_elsewhere_does_not_stop_a_query_over_one_run(store):
         assert opened.sql(SUM, {"id": runs[1]}) == before
 
 
-def answered(opened, query):
-    """Return an answer, or why there is none."""
-    try:
-        return opened.sql(query)
-    except InputError as error:
-        return str(error)
-
-
 def test_no_flipped_bit_changes_an_answer_silently(store):
     folder, runs, _ = store
     path = find_run(folder, runs[1]).folder / "part-0.parquet"
@@ -98,12 +76,15 @@ def test_no_flipped_bit_changes_an_answer_silently(store):
     with warehouse.open(folder) as opened:
         right = opened.sql(every)
     footer = 8 + int.from_bytes(good[-8:-4], "little")
-    places = [*rng.integers(0, len(good), 15), *rng.integers(-footer, 0, 10)]
+    places = [*rng.integers(0, len(good), 10), *rng.integers(-footer, 0, 8)]
     noticed = 0
     for at in places:
         flip(path, int(at) % len(good), int(rng.integers(8)))
         with warehouse.open(folder) as opened:
-            told = answered(opened, every)
+            try:
+                told = opened.sql(every)
+            except InputError as error:
+                told = str(error)
         assert told == right or runs[1] in told, f"byte {at}"
         noticed += told != right
         path.write_bytes(good)

@@ -160,6 +160,7 @@ def test_two_arms_of_one_kind_are_two_and_nights_go_by_their_recording(fleet):
         mine = [r for r in rows if r["serial"] == arm]
         assert [r["recorded"].day for r in mine] == list(days)
         assert max(abs(r["moved"]) for r in mine) < 0.1
+        assert mine[1]["deviations"] == pytest.approx(mine[1]["moved"] / 0.02**0.5)
     limits = named(fleet[0], "control_limits")
     assert {(r["serial"], r["beyond"]) for r in limits} == {
         ("A7", False),
@@ -189,6 +190,13 @@ def test_errors_of_identifications_are_told_by_motion_too(fleet):
     rows = named(fleet[0], "error_by_trajectory")
     got = {(r["serial"], r["source"]) for r in rows if r["trajectory"] == "fourier"}
     assert got >= {("A7", "identification"), ("B18", "identification")}
+
+
+def test_errors_before_and_after_and_of_the_twin(told, ask):
+    before_after = {tuple(r.values())[3:] for r in named(ask, "before_after")}
+    assert (told[3][0], "effects", 20.0, 8.6, 5.6) in before_after
+    assert "payload" in {tuple(r.values())[5] for r in named(ask, "findings")}
+    assert named(ask, "twin_error")
 
 
 def test_runs_without_a_diagnosis(ask):

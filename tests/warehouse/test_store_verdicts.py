@@ -3,11 +3,9 @@
 import pyarrow as pa
 import pytest
 
-import warehouse
 from residual.errors import InputError
 from tests.warehouse import store_samples as made
 from warehouse.layout import read_record
-from warehouse.query.named import NAMED, TAKES
 
 MODEL = {"theta": [1.0, 2.0], "effects": [{"name": "payload", "joints": [2]}]}
 
@@ -103,20 +101,3 @@ def test_a_run_that_is_not_there_is_told_and_nothing_is_stored(tmp_path, runs):
     with pytest.raises(InputError, match="begins with 'ffffffffffff'"):
         made.store_verdict(tmp_path, made.verdict(), MODEL, [runs[0], "ffffffffffff"])
     assert ask(tmp_path, "FROM models") == []
-
-
-def test_the_named_queries_answer(tmp_path, runs):
-    id = made.store_verdict(tmp_path, made.verdict([runs[1]]), MODEL, runs)
-    with warehouse.open(tmp_path) as opened:
-        answers = {
-            name: [tuple(row.values()) for row in opened.sql(query).to_pylist()]
-            for name, (_, query) in NAMED.items()
-            if name not in TAKES
-        }
-    assert [row[3:] for row in answers["before_after"]] == [
-        (id, "effects", 20.0, 8.6, 5.6)
-    ]
-    by_motion = [row[2:7] + row[-1:] for row in answers["error_by_trajectory"]]
-    assert ("welding", 1, "held_out", "diagnosis", 1, 6.0) in by_motion
-    assert answers["findings"][0][4:6] == (1, "payload")
-    assert len(answers["twin_error"]) == 3 * 2

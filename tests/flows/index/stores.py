@@ -47,13 +47,14 @@ def fill(
     page = store_report(store, about, missing, {"report.html": stored, **(files or {})})
     asked = {**about, "kind": "proposal", "parent": None, "findings": []}
     side = store_report(store, asked, missing, {"proposal.html": STORED})
+    ids = [each.name.removeprefix("report_id=") for each in (page, side)]
     rows = rows_table("alarms", [alarm(runs[0])])
     told = {"robot": "two_link", "kind": "monitor"}
     parents = {"watched": [runs[0]]}
     watched = commit_record(store, "validations", told, {"alarms": rows}, parents)
     turned = {"robot": "two_link", "kind": "refused", "verdict": "bad.csv: no <t>"}
     commit_record(store, "validations", turned)
-    return Nights(store, runs, missing, nothing, _id(page), _id(side), watched)
+    return Nights(store, runs, missing, nothing, *ids, watched)
 
 
 def diagnose(store: Path, runs: tuple[str, ...], document: dict) -> str:
@@ -75,7 +76,3 @@ def adopt(store: Path, diagnosis: str, note: str = "") -> str:
     return commit_adoption(
         store, Adoption("two_link", None, ADOPTED, model, diagnosis, None, **who)
     )
-
-
-def _id(page: Path) -> str:
-    return page.name.removeprefix("report_id=")

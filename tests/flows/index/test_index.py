@@ -6,7 +6,9 @@ from datetime import datetime, timedelta
 import pytest
 
 from flows.report.index import night_of, page_at, write_index
+from flows.report.page import origin_of_record
 from tests.flows.index.stores import STORED, adopt, fill
+from warehouse.commit import commit_record
 
 LINK = re.compile(r'href="([^"#?]+)"')
 
@@ -112,3 +114,17 @@ def test_nights_go_from_noon_to_noon():
 def test_an_empty_store_says_what_fills_it(tmp_path):
     (tmp_path / "store").mkdir()
     assert "modelgap demo" in page(tmp_path / "store")
+
+
+def test_the_foot_of_a_page_says_id_time_version_data_and_what_makes_it_again(tmp_path):
+    fit, held_out = ["ab" * 10, "bc" * 10], "cd" * 10
+    record = {"robot": "irb140", "verdict": "none", "model_id": "ee" * 10}
+    parents = {"fit": fit, "held_out": [held_out]}
+    id = commit_record(tmp_path, "diagnoses", record, None, parents)
+    foot = dict(origin_of_record(tmp_path, id[:6]))
+    assert id in foot["Diagnosis"]
+    assert all(run in foot["Fit"] for run in fit)
+    assert held_out in foot["Held out"]
+    assert f"modelgap rerun {id}" in foot["Command"]
+    assert foot["Stored"].startswith("20")
+    assert foot["Program"].startswith("modelgap ")

@@ -10,10 +10,8 @@ import pytest
 from flows.cli import main
 from flows.inbox.new import new_runs, robot_of_runs
 from flows.inbox.take import import_all, inbox_reason, inboxes, list_logs
-from flows.project.deployments import deployments
 from flows.project.read import read_project
 from flows.report.index import page_at, refused
-from flows.service.up import stale_rule
 from flows.steps.monitor import diagnosis_of, healthy_runs
 from flows.storage.diagnosis import store_report
 from tests.flows.index.stores import diagnose
@@ -138,19 +136,6 @@ def test_an_alarm_is_judged_by_healthy_runs_wherever_there_are_such(project, mor
     assert healthy_runs(loads, project.store) == tuple(sorted(healthy))
     assert healthy_runs([healthy[0]], project.store) == tuple(sorted(healthy[1:]))
     assert healthy_runs(loads, project.store, "good=yes") == ()
-
-
-def test_an_alarm_of_a_project_is_told_whose_it_is(project):
-    found = {d["name"]: d for d in deployments(project)["deployments"]}
-    for name in ("monitor", "alarm"):
-        assert found[name]["parameters"] == {"project": str(project.folder)}
-    (trigger,) = found["alarm"]["triggers"]
-    assert set(trigger["parameters"]) == {"runs", "good"}
-
-
-def test_who_waits_for_an_answer_need_not_give_signs_of_life():
-    expected = stale_rule()["trigger"]["expect"]
-    assert {"prefect.flow-run.Suspended", "prefect.flow-run.Paused"} <= set(expected)
 
 
 @pytest.mark.parametrize(

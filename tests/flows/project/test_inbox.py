@@ -6,13 +6,12 @@ import subprocess
 import sys
 from pathlib import Path
 
-import numpy as np
 import pytest
 
 import warehouse
 from flows.cli import main
 from flows.inbox import take as run
-from flows.inbox.new import new_runs, spread
+from flows.inbox.new import new_runs
 from flows.inbox.take import (
     KNOWN,
     STORED,
@@ -26,12 +25,11 @@ from flows.inbox.take import (
     unchanged,
 )
 from flows.project.read import read_project
-from tests.residual.arms import urdf_text
+from tests.residual.arms import urdf_text, write_csv
 from tests.residual.identified import AXES, logs
 from warehouse.commit import commit_record
 from warehouse.runs import read_manifest
 
-NAMES = ("t", *(f"{c}{j}" for c in ("q", "tau") for j in (1, 2, 3)))
 TEXT = """schema = 1
 [[robot]]
 name = "cell"
@@ -48,14 +46,13 @@ trajectory = "welding"
 
 
 @pytest.fixture(scope="module")
-def csv():
+def csv(tmp_path_factory):
     """Two logs as the text of a CSV file."""
-    out = []
-    for log in logs(2, noise=0.5, duration=8.0):
-        rows = np.column_stack([log.t, log.q, log.tau])
-        lines = [",".join(f"{x:.9g}" for x in row) for row in rows]
-        out.append("\n".join([",".join(NAMES), *lines, ""]))
-    return out
+    path = tmp_path_factory.mktemp("csv") / "log.csv"
+    return [
+        (write_csv(path, log), path.read_text())[1]
+        for log in logs(2, noise=0.5, duration=4.0)
+    ]
 
 
 @pytest.fixture
@@ -198,16 +195,8 @@ def test_what_a_diagnosis_took_is_not_taken_again(place, csv):
     assert new_runs(project.store, project.arm(robot), robot) is None
 
 
-def test_of_many_logs_some_are_taken_from_first_to_last():
-    assert spread(["a", "b"], 3) == ["a", "b"]
-    names = [str(k) for k in range(100)]
-    assert spread(names, 3) == ["0", "50", "99"]
-
-
 @pytest.mark.parametrize(
-    "name",
-    [b"\xff\xfe.csv", b"\x1b[31mred.csv"],
-    ids=["no UTF-8", "escapes"],
+    "name", [b"\xff\xfe.csv", b"\x1b[31mred.csv"], ids=["no UTF-8", "escapes"]
 )
 @pytest.mark.parametrize("good", [True, False])
 def test_no_name_of_a_log_ends_a_run_of_the_inbox(place, csv, capsys, name, good):

@@ -52,6 +52,9 @@ def test_a_real_robot_has_its_night_and_starts_when_logs_were_stored(project):
     ]
     (trigger,) = cell["triggers"]
     assert trigger["match"] == {"prefect.resource.id": "modelgap.inbox.cell"}
+    for name in ("monitor", "alarm"):
+        assert found[name]["parameters"] == {"project": str(project.folder)}
+    assert set(found["alarm"]["triggers"][0]["parameters"]) == {"runs", "good"}
     assert found["inbox"]["schedules"][0]["cron"] == "*/5 * * * *"
     assert inbox_of(project) == "inbox/inbox"
     assert every_of(project) == ("diagnose-new/cell", "nightly/trial")

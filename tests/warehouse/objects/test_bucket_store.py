@@ -16,11 +16,7 @@ from warehouse.layout import find, list_folders
 from warehouse.numbered import ADOPTED, Adoption, AdoptionConflictError, commit_adoption
 from warehouse.quarantine import quarantine
 from warehouse.remote import IDENTITY
-from warehouse.runs import (
-    has_seal,
-    open_seal,
-    read_run,
-)
+from warehouse.runs import has_seal, open_seal, read_run
 from warehouse.verify import verify_all
 
 ALL = ("runs", "models", "diagnoses")
