@@ -19,8 +19,8 @@ from flows.settings import store_folder
 from flows.steps.check import as_mounted, checked
 from flows.storage import diagnosis as records
 from residual.diagnosis import diagnose as method
-from residual.errors import InputError, listed
-from residual.model.known_values import known_values
+from residual.errors import InputError
+from residual.model.known_values import known_values, refuse_baseline
 from residual.recording import Recording
 from residual.robot.robot import Robot, with_known
 from residual.threads import one_blas_thread
@@ -50,12 +50,8 @@ def known_robot(robot: Robot, known: Mapping[str, float], baseline: Sequence) ->
     """
     robot = with_known(robot, known)
     known_values(robot)
-    if robot.known_values and baseline:
-        raise InputError(
-            f"Known values ({listed(robot.known_values)}) hold for one arm state; "
-            "a baseline compares two. Leave out --known, and [known] of robot.toml, or "
-            "the baseline."
-        )
+    if baseline:
+        refuse_baseline(robot)
     return robot
 
 

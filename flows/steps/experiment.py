@@ -154,10 +154,6 @@ def keep(
     return commit_run(store, simulated.log, manifest, sealed, simulated.twin)
 
 
-def load_engine() -> None:
-    """Load what an experiment needs: it stands at the top of this file."""
-
-
 def open_half(spec: ExperimentSpec, robot: Robot) -> dict:
     """Return what everybody may know of an experiment, as its record has it."""
     reference, driver = spec.reference(), {}

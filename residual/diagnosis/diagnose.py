@@ -21,6 +21,7 @@ from residual.diagnosis.verdict import conclude, signal_notes
 from residual.errors import InputError
 from residual.evidence.thresholds import THRESHOLDS
 from residual.model.compare import compare, prepare_held_out, worse_joints
+from residual.model.known_values import refuse_baseline
 from residual.model.model import Model
 from residual.model.nominal import GIVEN, Nominal, begin, declared_names, prepare_logs
 from residual.recording import Recording
@@ -70,11 +71,7 @@ def diagnose(
             "give its logs as the baseline."
         )
     if baseline and not alone:
-        if robot.known_values:
-            raise InputError(
-                f"Known values ({', '.join(robot.known_values)}) belong to one "
-                "state of the arm; a baseline compares two. Leave out one of them."
-            )
+        refuse_baseline(robot)
         epochs = robot, baseline, fit, held_out
         return compare_epochs(*epochs, declared, same_run, tell, check, warnings)
 

@@ -332,11 +332,6 @@ class AdoptionCheck:
     # Why it should not be adopted, in sentences; empty for a model that may.
     doubts: tuple[str, ...]
 
-    @property
-    def passed(self) -> bool:
-        """Whether it may be adopted."""
-        return not self.doubts
-
 
 def check_adoption(
     model: Model, before: Model, held_out: Sequence[Recording]

@@ -14,7 +14,7 @@ import numpy as np
 
 from residual.effects import registry
 from residual.effects.base import Effect, Joints
-from residual.errors import InputError, check_name, shown
+from residual.errors import InputError, check_name, listed, shown
 from residual.recording import Array
 from residual.robot.robot import Robot
 
@@ -45,6 +45,20 @@ def known_values(robot: Robot) -> tuple[KnownValue, ...]:
     return tuple(
         _read(word, value, robot) for word, value in robot.known_values.items()
     )
+
+
+def refuse_baseline(robot: Robot) -> None:
+    """Refuse the baseline of an arm with values that are known for sure.
+
+    Raises:
+        InputError: If there are any.
+    """
+    if robot.known_values:
+        raise InputError(
+            f"Known values ({listed(robot.known_values)}) belong to one state of the "
+            "arm; a baseline compares two. Leave out --known, and [known] of "
+            "robot.toml, or the baseline."
+        )
 
 
 def of_effect(robot: Robot, effect: Effect, joints: Joints) -> list[KnownValue]:

@@ -10,10 +10,8 @@ from residual.evidence.design import Design
 from residual.evidence.fit import smallest_change
 from residual.model.compare import compare, prepare_held_out
 from residual.model.model import Model
-from residual.model.nominal import prepare_logs
 from residual.quantity import plain
 from residual.recording import Array, Recording
-from residual.signals.splitting import session_clock
 from residual.verdict.result import Edit, Number
 
 ROUNDS = 3  # of parameters and noise in turn
@@ -31,13 +29,6 @@ ROUNDS = 3  # of parameters and noise in turn
 # An effect is taken out of it by setting the parameters that stand for it back to the
 # nominal model's: of a load those of the last body, of a link its own, of declared
 # friction or a rotor the coefficient. Nothing is refitted then either.
-
-
-def dense_model(nominal: Model, recordings: Sequence[Recording]) -> Model:
-    """Fit all that the nominal model has, freely."""
-    clock = session_clock(recordings)
-    logs = prepare_logs(nominal.robot, recordings, clock, nominal.filters)
-    return dense_fit(Design(logs.tracks, nominal))
 
 
 def dense_fit(design: Design) -> Model:
@@ -103,9 +94,6 @@ def set_back(model: Model, nominal: Model, effect) -> Model | None:
     return model.without(effect.name, declared_joints) if declared_joints else model
 
 
-FILTERED, MOVING = "filtered", "moving"
-
-
 # The edit test: a named effect is taken out again, and nothing is refitted.
 #
 # A low error is no explanation. Dense least squares and a right cause predict unseen
@@ -140,20 +128,18 @@ def edited(model: Model, effects: Sequence[EffectPlace]) -> Model:
 
 
 def errors_on(
-    models: Mapping[str, Model | None], logs: Sequence[Recording], kind: str = FILTERED
+    models: Mapping[str, Model | None], logs: Sequence[Recording]
 ) -> dict[str, Number]:
     """Return the error of each model on logs [%], None for one that there is not.
 
     Args:
         models: By name; logs are prepared with the signal path of the first.
         logs: Logs of the arm without what the models do not have.
-        kind: Of which samples: "filtered", or "moving" for those that move alone, where
-            friction is not any torque that holds.
     """
     some = {name: model for name, model in models.items() if model is not None}
     first = next(iter(some.values()))
     found, _ = compare(some, prepare_held_out(logs, first), first.filters)
-    known = {n: plain(e.overall(kind)) for n, e in found.items() if e.alike}
+    known = {n: plain(e.overall("filtered")) for n, e in found.items() if e.alike}
     return {name: known.get(name) for name in models}
 
 
@@ -195,33 +181,3 @@ def baseline_edits(
         )
         for i, effect in enumerate(effects)
     )
-
-
-def sealed_edit(
-    effect: EffectPlace,
-    models: Mapping[str, Model],
-    logs: Sequence[Recording],
-    kind: str = FILTERED,
-) -> Edit:
-    """Judge one effect on the arm that has everything but it.
-
-    Args:
-        models: "augmented", "dense" and "nominal"; "oracle", the true arm without the
-            effect, where it is known.
-
-    Raises:
-        InputError: If the augmented model does not have the effect.
-    """
-    augmented, dense, nominal = (models[k] for k in ("augmented", "dense", "nominal"))
-    found = errors_on(
-        {
-            "edited": edited(augmented, [effect]),
-            "kept": augmented,
-            "dense": set_back(dense, nominal, effect),
-            "oracle": models.get("oracle"),
-        },
-        logs,
-        kind,
-    )
-    numbers = (found[k] for k in ("edited", "kept", "dense", "oracle"))
-    return Edit(effect.name, tuple(effect.joints), *numbers)

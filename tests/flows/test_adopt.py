@@ -170,7 +170,7 @@ def test_a_wrong_correction_is_refused_on_motion_of_another_night(made, how, par
     seen = check_adoption(model, before, [read_run(store, run) for run in second[1]])
     (spring,) = seen.effects
     assert spring.part == pytest.approx(part, abs=0.15)
-    assert seen.passed == (how == "right")
+    assert (not seen.doubts) == (how == "right")
 
 
 def test_the_model_is_whole_and_records_of_before_are_read(made, monkeypatch):
