@@ -44,7 +44,7 @@ MAX_LINES = 600
 MAX_BODY = 80
 # Rooms of the method that decide something, each by one record.
 DECIDING = ("check", "changes", "evidence", "monitoring")
-THRESHOLDS = re.compile(r".*(Rules|Thresholds)")
+THRESHOLDS = re.compile(r".*Thresholds")
 
 
 def _sources(*folders: str) -> list[Path]:

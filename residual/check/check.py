@@ -25,7 +25,6 @@ from residual.check.reported import (
     unit_fault,
 )
 from residual.check.result import MOUNTING, Fault, LogCheck, Repair, joints_of
-from residual.check.rules import CHECK
 from residual.check.samples import (
     constant,
     spikes,
@@ -35,6 +34,7 @@ from residual.check.samples import (
     wraps,
 )
 from residual.check.slips import Slips, slips
+from residual.check.thresholds import CHECK
 from residual.errors import InputError, listed
 from residual.recording import Recording
 from residual.robot.dynamics import joints_length

@@ -13,7 +13,7 @@ import numpy as np
 
 from residual.check.motion import rms
 from residual.check.result import Fault, joints_of
-from residual.check.rules import CHECK
+from residual.check.thresholds import CHECK
 from residual.errors import joints_listed
 from residual.recording import Array, Recording
 from residual.robot.dynamics import PER_LINK, regressor

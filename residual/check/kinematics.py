@@ -12,8 +12,8 @@ import numpy as np
 from residual.check.motion import Motion
 from residual.check.reading import Reading, as_given, best_order, score_reading
 from residual.check.result import Fault, Repair, joints_of
-from residual.check.rules import CHECK
 from residual.check.samples import running_median
+from residual.check.thresholds import CHECK
 from residual.errors import listed
 from residual.quantity import along
 from residual.recording import Array, Recording, usual_speed

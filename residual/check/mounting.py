@@ -25,7 +25,7 @@ from residual.check.motion import (
 from residual.check.physics import Part, fit_body, parts_of
 from residual.check.reported import Shares, carries, shares_of
 from residual.check.result import MOUNTING, Fault, Repair
-from residual.check.rules import CHECK
+from residual.check.thresholds import CHECK
 from residual.errors import listed
 from residual.recording import Array
 from residual.robot.dynamics import PER_LINK

@@ -18,7 +18,7 @@ from residual.check.reading import (
     score_reading,
 )
 from residual.check.result import Fault, Repair, joints_of
-from residual.check.rules import CHECK
+from residual.check.thresholds import CHECK
 from residual.errors import joints_listed, listed
 from residual.recording import Array
 from residual.robot.dynamics import PER_LINK

@@ -15,7 +15,7 @@ from numpy.linalg import eigh
 from scipy.special import log_ndtr
 
 from residual.check.motion import Motion, columns
-from residual.check.rules import CHECK
+from residual.check.thresholds import CHECK
 from residual.recording import Array
 from residual.robot.robot import Robot
 

@@ -14,7 +14,7 @@ import numpy as np
 from residual.check.motion import Motion, rms, torque_of_file
 from residual.check.reading import GEAR
 from residual.check.result import Fault, Repair
-from residual.check.rules import CHECK
+from residual.check.thresholds import CHECK
 from residual.errors import joints_listed
 from residual.recording import Array
 from residual.robot.dynamics import gravity_torque

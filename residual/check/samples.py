@@ -13,7 +13,7 @@ from scipy.ndimage import median_filter
 from residual.check.motion import columns, thin_rows
 from residual.check.reported import shares_of, torque_factors
 from residual.check.result import Fault, Repair, joints_of
-from residual.check.rules import CHECK
+from residual.check.thresholds import CHECK
 from residual.errors import joints_listed
 from residual.recording import Array, Recording
 from residual.robot.robot import Robot

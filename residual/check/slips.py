@@ -24,7 +24,7 @@ from residual.check.reported import (
     unit_fault,
 )
 from residual.check.result import MOUNTING, Fault, Repair, joints_of
-from residual.check.rules import CHECK
+from residual.check.thresholds import CHECK
 from residual.errors import joints_listed, listed
 from residual.recording import Array
 from residual.robot.dynamics import gravity_torque

@@ -14,7 +14,6 @@ from scipy.special import stdtrit
 
 from residual.errors import InputError
 from residual.model.model import Model
-from residual.monitoring.rules import MONITOR
 from residual.monitoring.scores import (
     BIAS,
     KINDS,
@@ -26,6 +25,7 @@ from residual.monitoring.scores import (
     sight_of,
     usual_size,
 )
+from residual.monitoring.thresholds import MONITOR
 from residual.quantity import plain
 from residual.recording import Array, Recording
 from residual.signals.track import sample_rate

@@ -13,7 +13,7 @@ import numpy as np
 
 from residual.errors import InputError
 from residual.model.model import Model
-from residual.monitoring.rules import MONITOR
+from residual.monitoring.thresholds import MONITOR
 from residual.recording import Array, Recording
 from residual.signals.track import sample_rate
 

@@ -9,8 +9,8 @@ from scipy.signal import lfilter
 
 from residual.errors import InputError
 from residual.monitoring.monitor import block_maxima, calibrate, limits_of
-from residual.monitoring.rules import MONITOR
 from residual.monitoring.scores import KINDS, STILL
+from residual.monitoring.thresholds import MONITOR
 from tests.residual.monitored import (
     good_runs,
     healthy,
