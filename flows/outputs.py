@@ -14,7 +14,7 @@ from rich.progress import BarColumn, TextColumn, TimeElapsedColumn
 from rich.progress import Progress as Bar
 
 from residual.errors import InputError, plain
-from residual.robot.word import split_word
+from residual.robot.robot import split_word
 
 
 def json_text(document: Mapping) -> str:

@@ -13,7 +13,7 @@ from typing import Annotated, Any, Literal, Self
 from cyclopts import Parameter, Token
 
 from residual.errors import InputError
-from residual.robot.word import word_of
+from residual.robot.robot import word_of
 
 _PLACES = ("columns", "store")
 _OF_ROBOT = ("chain", "tip", "xacro_args", "package_dirs")  # go into the robot word

@@ -15,8 +15,8 @@ from residual.robot.robot import (
     built_in_folder,
     built_in_robots,
     load_robot,
+    split_word,
 )
-from residual.robot.word import split_word
 from warehouse.commit import SPEC, TRUTH, Seal, sealed_hash
 from warehouse.files import (
     check_file,

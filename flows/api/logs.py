@@ -17,7 +17,7 @@ from residual.errors import InputError, shortened
 from residual.export.export import AnyModel, ModelExport
 from residual.model.compare import compare as core_compare
 from residual.model.compare import prepare_held_out
-from residual.model.corrected import CorrectedModel
+from residual.model.lookup import CorrectedModel
 from residual.model.model import Model
 from residual.recording import Recording
 from residual.robot.robot import Robot

@@ -13,8 +13,7 @@ from flows.settings import store_folder
 from residual.effects import joint_properties, registry, vocabulary
 from residual.errors import InputError, check_name, shortened
 from residual.recording import Recording
-from residual.robot.robot import Robot, load_robot, with_serial
-from residual.robot.word import word_of
+from residual.robot.robot import Robot, load_robot, with_serial, word_of
 from warehouse.logs import (
     ColumnMap,
     Doubt,

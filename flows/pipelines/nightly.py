@@ -18,8 +18,8 @@ from flows.settings import HEALTHY, cores, store_folder
 from flows.steps import campaign as campaigns
 from flows.steps import diff as verification
 from flows.workers.processes import Processes, chosen_runner
+from residual import one_blas_thread
 from residual.errors import RunError
-from residual.threads import one_blas_thread
 
 _LIMIT = 12 * tasks.HOUR
 _NIGHT = 24 * tasks.HOUR

@@ -20,8 +20,7 @@ from flows.outputs import write_all
 from flows.settings import HEALTHY, PROJECT, SHARED, port_is_free, store_folder
 from residual.errors import InputError
 from residual.robot.files import SERIAL, SLUG
-from residual.robot.robot import Robot, built_in_robots, with_serial
-from residual.robot.word import split_word
+from residual.robot.robot import Robot, built_in_robots, split_word, with_serial
 from warehouse.bucket import is_address
 from warehouse.logs import ColumnMap, load_columns
 from warehouse.toml import checked, read_toml

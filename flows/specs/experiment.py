@@ -12,7 +12,7 @@ from typing import Annotated, Literal
 from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, model_validator
 
 from residual.errors import InputError
-from residual.model.control import AS_MEASURED
+from residual.model.dynamics import AS_MEASURED
 from sim.engine.records import (
     CLEAN,
     BackgroundWord,

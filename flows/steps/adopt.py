@@ -10,10 +10,10 @@ from flows.requests import Flag, GivenWord, Request, Store, Text
 from flows.settings import store_folder
 from flows.steps.models import diagnosis_of
 from flows.storage.diagnosis import read_known, read_models, read_verdict, store_report
+from residual import one_blas_thread
 from residual.diagnosis.held_out import AdoptionCheck, check_adoption
 from residual.errors import InputError
 from residual.model.model import Model
-from residual.threads import one_blas_thread
 from residual.verdict.result import Verdict
 from warehouse.files import read_parquet
 from warehouse.ids import record_folder

@@ -10,10 +10,10 @@ from flows.requests import Calibrate
 from flows.settings import store_folder
 from flows.steps.check import as_mounted, checked
 from flows.storage.calibration import store_calibration
+from residual import one_blas_thread
 from residual.calibration.calibrate import Calibration, Settings
 from residual.calibration.calibrate import calibrate as fit_tables
 from residual.calibration.rows import Run
-from residual.threads import one_blas_thread
 from warehouse.files import read_parquet
 from warehouse.layout import find_run
 from warehouse.runs import read_channels

@@ -7,12 +7,12 @@ from flows.inputs import read as inputs
 from flows.inputs.read import LogSets, load
 from flows.inputs.repair import drafted, gravity_line, place_of, repair_lines
 from flows.requests import Check, Map
+from residual import one_blas_thread
 from residual.check.check import check_logs
 from residual.check.result import INTERLEAVED, MOUNTING, Fault, LogCheck
 from residual.errors import InputError
 from residual.recording import Recording
 from residual.robot.robot import with_gravity
-from residual.threads import one_blas_thread
 from warehouse.logs.draft import draft
 from warehouse.logs.window import split_spec
 

@@ -18,12 +18,12 @@ from flows.requests import Diagnose
 from flows.settings import store_folder
 from flows.steps.check import as_mounted, checked
 from flows.storage import diagnosis as records
+from residual import one_blas_thread
 from residual.diagnosis import diagnose as method
 from residual.errors import InputError
-from residual.model.known_values import known_values, refuse_baseline
+from residual.model.nominal import known_values, refuse_baseline
 from residual.recording import Recording
 from residual.robot.robot import Robot, with_known
-from residual.threads import one_blas_thread
 from residual.verdict.result import Diagnosis
 from warehouse.runs import read_run
 

@@ -14,12 +14,12 @@ from pydantic import TypeAdapter
 from flows.inputs.read import load
 from flows.specs.experiment import NOMINAL, ControllerTable, ExperimentSpec
 from flows.steps.models import choose, model_to_drive
+from residual import one_blas_thread
 from residual.calibration.rows import Run
 from residual.errors import InputError
-from residual.model.control import Turning, computed_torque, feed_forward
+from residual.model.dynamics import Turning, computed_torque, feed_forward
 from residual.recording import Recording
 from residual.robot.robot import Robot
-from residual.threads import one_blas_thread
 from sim.engine.records import (
     NAMES,
     PlantSpec,

@@ -11,11 +11,11 @@ from flows.settings import store_folder
 from flows.steps.check import as_mounted, checked
 from flows.storage.diagnosis import read_known
 from flows.storage.identification import store_identification
+from residual import one_blas_thread
 from residual.identification.estimate import Options
 from residual.identification.prove import ValidatedIdentification, identify_and_prove
 from residual.model.model import Model
 from residual.robot.robot import Robot
-from residual.threads import one_blas_thread
 
 
 def read_logs(request: Identify, robot: Robot | None = None) -> LogSets:

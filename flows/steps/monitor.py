@@ -9,12 +9,12 @@ from flows.requests import Monitor as Request
 from flows.settings import HEALTHY, store_folder
 from flows.steps.models import AUGMENTED, check_description, in_force
 from flows.storage.diagnosis import read_models, read_runs
+from residual import one_blas_thread
 from residual.errors import InputError
 from residual.identification.identify import identify
 from residual.model.model import Model
 from residual.monitoring.monitor import LEAST_RUNS, Alarm, Monitor, calibrate
 from residual.recording import Recording
-from residual.threads import one_blas_thread
 from warehouse.commit import commit_record
 from warehouse.layout import find, find_run, list_folders, read_record
 from warehouse.quarantine import tombstone

@@ -14,6 +14,7 @@ from flows.settings import store_folder
 from flows.steps.diagnose import diagnose, read_logs, runs_of
 from flows.steps.models import diagnosis_of
 from flows.storage.diagnosis import checked_verdict, read_verdict
+from residual import one_blas_thread
 from residual.errors import InputError, check_nesting
 from residual.model.record import held_in
 from residual.planning.outlook import Outlook, Pair, Prospect, outlook
@@ -25,7 +26,6 @@ from residual.planning.promise import (
 )
 from residual.planning.question import Question
 from residual.robot.robot import Robot
-from residual.threads import one_blas_thread
 from residual.verdict.result import Diagnosis, Verdict
 from sim.engine.records import TrajectorySpec, stream
 from sim.trajectories.fourier import draw, written

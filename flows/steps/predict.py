@@ -14,12 +14,12 @@ from flows.inputs.read import LogSets, need_logs, read_sets
 from flows.requests import Predict
 from flows.settings import store_folder
 from flows.steps.models import read_model
+from residual import one_blas_thread
 from residual.errors import InputError
 from residual.export.export import AnyModel, without_tables
 from residual.model.compare import EDITED, WHOLE, Edits, Prediction
 from residual.model.compare import predict as core_predict
 from residual.quantity import plain
-from residual.threads import one_blas_thread
 from residual.verdict.result import ErrorTables, error_tables
 
 _NAMES = {WHOLE: "tau_model", EDITED: "tau_edited"}

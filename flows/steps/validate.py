@@ -25,15 +25,19 @@ from flows.settings import store_folder
 from flows.steps.experiment import plant_of
 from flows.steps.models import NOMINAL, check_description, model_to_drive, nominal_of
 from flows.storage.diagnosis import read_models
+from residual import one_blas_thread
 from residual.errors import InputError
 from residual.export.export import AnyModel, without_tables
 from residual.model.compare import compare, prepare_held_out
-from residual.model.control import feed_forward
-from residual.model.forward import POSES, acceleration_error, least_mass_matrix
+from residual.model.dynamics import (
+    POSES,
+    acceleration_error,
+    feed_forward,
+    least_mass_matrix,
+)
 from residual.recording import Recording
 from residual.robot.robot import Robot
 from residual.signals.track import Filters, prepare
-from residual.threads import one_blas_thread
 from sim.engine.records import Reference, TrajectorySpec
 from sim.plant import tables as at
 from sim.plant.stepping import DivergedError, drive

@@ -9,7 +9,7 @@ import pyarrow as pa
 
 from residual.errors import InputError
 from residual.model.compare import Cloud, LogProof
-from residual.model.corrected import CorrectedModel
+from residual.model.lookup import CorrectedModel
 from residual.model.model import Model
 from residual.model.record import from_record as read_model
 from residual.recording import Recording

@@ -59,9 +59,15 @@ from residual.calibration.views import (
     unseen_run,
 )
 from residual.effects.base import Trait
-from residual.model.corrected import NEAREST, Column, CorrectedModel
-from residual.model.corrected import Tables as JointTables
-from residual.model.lookup import Axis, Lookup, LookupTable
+from residual.model.lookup import (
+    NEAREST,
+    Axis,
+    Column,
+    CorrectedModel,
+    Lookup,
+    LookupTable,
+)
+from residual.model.lookup import Tables as JointTables
 from residual.model.model import Model
 from residual.recording import Array
 from residual.robot.robot import Robot

@@ -22,8 +22,7 @@ from residual.calibration.effects import (
     fit_effects,
 )
 from residual.model.compare import is_sure
-from residual.model.corrected import NONE
-from residual.model.lookup import Axis, Lookup, LookupTable
+from residual.model.lookup import NONE, Axis, Lookup, LookupTable
 from residual.recording import Array
 
 LEAST_SQUARES, PLSR = "least squares", "plsr"

@@ -19,7 +19,7 @@ from residual.check.result import LogCheck
 from residual.effects.base import Trait
 from residual.errors import joints_listed
 from residual.evidence.design import Design
-from residual.evidence.embodied import PossibleModel
+from residual.evidence.fit import PossibleModel
 from residual.model.compare import (
     Errors,
     HeldOutLog,

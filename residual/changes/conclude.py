@@ -12,7 +12,7 @@ from residual.changes.search import ChangeSearch, NamedChange
 from residual.changes.unexplained import Residuals, strongest_variable
 from residual.check.result import LogCheck
 from residual.effects.base import Effect, Trait
-from residual.evidence.embodied import PossibleModel
+from residual.evidence.fit import PossibleModel
 from residual.model.compare import Cloud
 from residual.quantity import along, plain
 from residual.recording import Array

@@ -13,8 +13,13 @@ import numpy as np
 from residual.changes.rows import EpochRows, JointFit, fit_without, joint_fit
 from residual.changes.search import ChangeSearch, NamedChange
 from residual.effects.base import Trait
-from residual.evidence.embodied import PossibleModel, SeparateTerm, with_possible_bodies
-from residual.evidence.fit import Fit, as_model
+from residual.evidence.fit import (
+    Fit,
+    PossibleModel,
+    SeparateTerm,
+    as_model,
+    with_possible_bodies,
+)
 from residual.evidence.priors import SCALES
 from residual.model.model import Model, Term, with_slots
 from residual.model.nominal import Logs, Nominal, begin, with_standstill

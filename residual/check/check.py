@@ -38,8 +38,7 @@ from residual.check.thresholds import CHECK
 from residual.errors import InputError, listed
 from residual.recording import Recording
 from residual.robot.dynamics import joints_length
-from residual.robot.limits import placeholders, with_real_limits
-from residual.robot.robot import Robot
+from residual.robot.robot import Robot, placeholders, with_real_limits
 from residual.signals.splitting import sketch_of
 
 _VELOCITY, WRONG = "velocity_mismatch", "wrong_robot"

@@ -21,9 +21,8 @@ from residual.evidence.columns import Group
 from residual.evidence.fit import Fit, Prior
 from residual.evidence.priors import HELD, with_held, without_slots
 from residual.evidence.thresholds import THRESHOLDS
-from residual.model.known_values import known_values
 from residual.model.model import with_slots
-from residual.model.nominal import Logs, Nominal, start_nominal
+from residual.model.nominal import Logs, Nominal, known_values, start_nominal
 from residual.recording import Array
 
 SWAPS = 3  # names that are tried in the place of constants

@@ -21,9 +21,15 @@ from residual.diagnosis.verdict import conclude, signal_notes
 from residual.errors import InputError
 from residual.evidence.thresholds import THRESHOLDS
 from residual.model.compare import compare, prepare_held_out, worse_joints
-from residual.model.known_values import refuse_baseline
 from residual.model.model import Model
-from residual.model.nominal import GIVEN, Nominal, begin, declared_names, prepare_logs
+from residual.model.nominal import (
+    GIVEN,
+    Nominal,
+    begin,
+    declared_names,
+    prepare_logs,
+    refuse_baseline,
+)
 from residual.recording import Recording
 from residual.robot.robot import Robot, check_joints
 from residual.signals.splitting import hold_out_end, session_clock

@@ -33,8 +33,7 @@ from residual.diagnosis.search import needed_nats
 from residual.effects.base import Trait
 from residual.errors import listed
 from residual.evidence.design import Group
-from residual.evidence.embodied import with_possible_bodies
-from residual.evidence.fit import as_model
+from residual.evidence.fit import as_model, with_possible_bodies
 from residual.evidence.thresholds import THRESHOLDS
 from residual.model.compare import HeldOutLog
 from residual.recording import Recording

@@ -17,8 +17,7 @@ from residual.diagnosis.search import (
 from residual.effects.base import Trait
 from residual.errors import InputError, joints_listed
 from residual.evidence.design import Design, Group
-from residual.evidence.embodied import PossibleModel
-from residual.evidence.fit import Fit, evidence_gain
+from residual.evidence.fit import Fit, PossibleModel, evidence_gain
 from residual.evidence.priors import given_slots, with_held
 from residual.evidence.thresholds import THRESHOLDS
 from residual.model.compare import (

@@ -26,8 +26,15 @@ from residual.diagnosis.select import Selection, select
 from residual.effects import registry
 from residual.effects.base import Trait
 from residual.evidence.design import Design, Group
-from residual.evidence.embodied import PossibleModel, with_possible_bodies
-from residual.evidence.fit import Fit, Prior, as_model, fit, physical
+from residual.evidence.fit import (
+    Fit,
+    PossibleModel,
+    Prior,
+    as_model,
+    fit,
+    physical,
+    with_possible_bodies,
+)
 from residual.evidence.priors import OF_NAMES, PriorSpace, first_design, relative_prior
 from residual.evidence.thresholds import THRESHOLDS, EvidenceThresholds
 from residual.model.compare import HeldOutLog, moving_error

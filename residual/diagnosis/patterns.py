@@ -15,7 +15,7 @@ import numpy as np
 from scipy.sparse import csr_array
 
 from residual.evidence.thresholds import THRESHOLDS
-from residual.model.corrected import DIFFERENCE
+from residual.model.lookup import DIFFERENCE
 from residual.quantity import along
 from residual.recording import Array
 from residual.signals.filters import randomise_phases

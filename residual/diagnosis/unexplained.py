@@ -34,7 +34,7 @@ from residual.evidence.design import Design
 from residual.evidence.fit import Fit
 from residual.evidence.thresholds import THRESHOLDS
 from residual.model.compare import Cloud
-from residual.model.corrected import DIFFERENCE, Column, CorrectedModel, Tables, read
+from residual.model.lookup import DIFFERENCE, Column, CorrectedModel, Tables, read
 from residual.model.model import Model
 from residual.recording import Array
 from residual.signals.splitting import logs_of

@@ -22,7 +22,7 @@ from residual.evidence.thresholds import THRESHOLDS
 from residual.model.model import Term, with_slots
 from residual.quantity import plain
 from residual.recording import Array
-from residual.robot.base_parameters import base_parameters
+from residual.robot.dynamics import base_parameters
 from residual.verdict.result import Change
 
 LOOSE = 1e-4  # of the prior's information: what stays, so that nothing is infinite

@@ -21,8 +21,7 @@ from residual.diagnosis.values import compare_values
 from residual.effects import registry
 from residual.effects.base import Trait
 from residual.errors import joints_listed
-from residual.evidence.embodied import PossibleModel
-from residual.evidence.fit import Fit
+from residual.evidence.fit import Fit, PossibleModel
 from residual.evidence.priors import PriorSpace, inertial_precision
 from residual.evidence.thresholds import THRESHOLDS
 from residual.model.compare import Errors

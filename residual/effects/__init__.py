@@ -9,7 +9,7 @@ from residual.effects.base import Effect
 from residual.errors import InputError
 from residual.plugins import plugins
 
-_HELPERS = {"base", "limits", "sensitivity"}
+_HELPERS = {"base", "sensitivity"}
 
 
 @cache

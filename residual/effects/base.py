@@ -1,7 +1,8 @@
 """What an effect is: data and one pure function from motion to torque columns.
 
 A new effect is one new file in this folder with a module-level ``EFFECT``; the
-registry is the folder listing.
+registry is the folder listing. What an arm can do, and the usual conditions on the
+size and sign of an effect, stand here too.
 """
 
 from collections.abc import Callable, Mapping, Sequence
@@ -12,11 +13,65 @@ from typing import Any, Literal, NamedTuple
 
 import numpy as np
 
-from residual.effects.limits import Limits, Shape
 from residual.quantity import along
 from residual.recording import Array
 from residual.robot.dynamics import LazyRegressor
 from residual.robot.robot import Robot
+
+Shape = tuple[float, ...]
+
+
+@dataclass(frozen=True, eq=False, slots=True)
+class Limits:
+    """What an arm can do where an effect sits; of the whole arm the largest.
+
+    Attributes:
+        torque: Largest torque of the joint, by its limit or as it was logged [N m].
+        lower, upper: Ends of its range [rad].
+        speed: Speed that it was seen at, a 95 % quantile [rad/s].
+        weight: Mass of the arm [kg].
+        reach: Length of the arm when it is stretched [m].
+        had: Coefficients of the same effect that the model has, as refitted; zero where
+            it has none. Shape (k,).
+    """
+
+    torque: float
+    lower: float
+    upper: float
+    speed: float
+    weight: float
+    reach: float
+    had: Array
+
+
+SLACK = 0.1  # of what the model has: by so much a change may overshoot it
+
+
+def within_torque(theta: Array, shape: Shape, limits: Limits) -> bool:
+    """Of either sign, and no larger than the torque of the joint."""
+    return bool(np.linalg.norm(theta) <= limits.torque)
+
+
+def stays_positive(theta: Array, shape: Shape, limits: Limits) -> bool:
+    """With what the model has of it, not negative: an inertia, or a friction.
+
+    A change may overshoot what the model has by a little, since both have an error.
+    """
+    had = limits.had if len(limits.had) == len(theta) else np.zeros(len(theta))
+    total = had + theta
+    return bool(np.all(np.where(had > 0, total > -SLACK * had, total > 0)))
+
+
+def dissipates(theta: Array, shape: Shape, limits: Limits) -> bool:
+    """Friction takes power; and no joint moves against more than its torque."""
+    return stays_positive(theta, shape, limits) and within_torque(theta, shape, limits)
+
+
+def dissipates_with_speed(theta: Array, shape: Shape, limits: Limits) -> bool:
+    """The same of friction per speed, at the speed that the joint was seen at."""
+    positive = stays_positive(theta, shape, limits)
+    return positive and within_torque(theta * limits.speed, shape, limits)
+
 
 Property = Literal[
     "damping", "quadratic_damping", "friction", "armature", "stiffness", "constant"
@@ -225,7 +280,7 @@ class Effect:
         prior_sd: (robot,) -> prior of theta where the size is known from physics;
             None for the default, 30 % of torque.
         possible: (theta, shape, limits) -> whether an arm can have it so, by sign and
-            size (`residual.effects.limits`).
+            size (`residual.effects.base`).
         reports: (key, values, stds) -> whether to report a parameter; None for always.
         combined: (theta, robot) -> by formula, what motion may determine where it does
             not determine the parameters: value, unit. Linear in theta.

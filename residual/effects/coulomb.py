@@ -1,7 +1,6 @@
 """Coulomb friction: torque of constant size against the direction of motion."""
 
-from residual.effects.base import Effect, Trait, formula, local
-from residual.effects.limits import dissipates
+from residual.effects.base import Effect, Trait, dissipates, formula, local
 
 EFFECT = Effect(
     name="coulomb",

@@ -2,8 +2,7 @@
 
 import numpy as np
 
-from residual.effects.base import Effect, Trait, formula, local
-from residual.effects.limits import within_torque
+from residual.effects.base import Effect, Trait, formula, local, within_torque
 
 EFFECT = Effect(
     name="coulomb_asymmetry",

@@ -2,8 +2,15 @@
 
 import numpy as np
 
-from residual.effects.base import Effect, Trait, against_position, formula, local, wave
-from residual.effects.limits import within_torque
+from residual.effects.base import (
+    Effect,
+    Trait,
+    against_position,
+    formula,
+    local,
+    wave,
+    within_torque,
+)
 
 EFFECT = Effect(
     name="position_friction",

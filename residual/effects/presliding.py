@@ -9,12 +9,12 @@ from residual.effects.base import (
     Effect,
     Refinement,
     Trait,
+    dissipates,
     formula,
     local,
     shaped,
 )
-from residual.effects.limits import dissipates
-from residual.signals.standstill import bristle
+from residual.signals.track import bristle
 
 
 def _shapes(span, j):

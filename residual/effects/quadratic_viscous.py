@@ -2,8 +2,7 @@
 
 import numpy as np
 
-from residual.effects.base import Effect, Trait, formula, local
-from residual.effects.limits import dissipates_with_speed
+from residual.effects.base import Effect, Trait, dissipates_with_speed, formula, local
 
 EFFECT = Effect(
     name="quadratic_viscous",

@@ -9,8 +9,8 @@ from residual.effects.base import (
     against_position,
     formula,
     local,
+    within_torque,
 )
-from residual.effects.limits import within_torque
 
 
 def _shapes(span, j):

@@ -1,7 +1,6 @@
 """Inertia of motor rotor and gear, reflected to the joint."""
 
-from residual.effects.base import Effect, Trait, against, formula, local
-from residual.effects.limits import stays_positive
+from residual.effects.base import Effect, Trait, against, formula, local, stays_positive
 
 EFFECT = Effect(
     name="rotor_inertia",

@@ -5,8 +5,15 @@ The textbook form level·exp(-|qd/vs|^exponent) (Armstrong-Hélouvry 1994).
 
 import numpy as np
 
-from residual.effects.base import Effect, Refinement, Trait, formula, local, shaped
-from residual.effects.limits import dissipates
+from residual.effects.base import (
+    Effect,
+    Refinement,
+    Trait,
+    dissipates,
+    formula,
+    local,
+    shaped,
+)
 
 
 def _feature(state, j, shape):

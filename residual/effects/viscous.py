@@ -1,7 +1,6 @@
 """Viscous friction: torque proportional to speed."""
 
-from residual.effects.base import Effect, Trait, formula, local
-from residual.effects.limits import dissipates_with_speed
+from residual.effects.base import Effect, Trait, dissipates_with_speed, formula, local
 
 EFFECT = Effect(
     name="viscous",

@@ -2,8 +2,15 @@
 
 import numpy as np
 
-from residual.effects.base import Effect, Refinement, Trait, formula, local, shaped
-from residual.effects.limits import dissipates
+from residual.effects.base import (
+    Effect,
+    Refinement,
+    Trait,
+    dissipates,
+    formula,
+    local,
+    shaped,
+)
 
 
 def _shapes(span, j):

@@ -27,8 +27,8 @@ from residual.evidence.columns import (
     squares_per_fold,
 )
 from residual.evidence.thresholds import THRESHOLDS
-from residual.model.known_values import known_prior, of_effect
 from residual.model.model import Model, Term
+from residual.model.nominal import known_prior, of_effect
 from residual.recording import Array
 from residual.robot.dynamics import links_of
 from residual.signals.splitting import is_cut, spread

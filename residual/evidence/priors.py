@@ -12,9 +12,17 @@ from residual.effects.base import Joints, Trait
 from residual.evidence.design import Design, Group
 from residual.evidence.fit import Fit, Prior, System, as_model, fit_nominal
 from residual.evidence.thresholds import THRESHOLDS
-from residual.model.known_values import EXACT, known_prior, mass_of_links, of_effect
 from residual.model.model import Model, with_slots
-from residual.model.nominal import ASSUMED, GIVEN, Logs, Nominal
+from residual.model.nominal import (
+    ASSUMED,
+    EXACT,
+    GIVEN,
+    Logs,
+    Nominal,
+    known_prior,
+    mass_of_links,
+    of_effect,
+)
 from residual.recording import Array
 from residual.robot.dynamics import PER_LINK
 from residual.robot.robot import Robot

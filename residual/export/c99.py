@@ -16,11 +16,11 @@ from residual.export.export import (
     split,
     without_tables,
 )
-from residual.model.corrected import DIFFERENCE, NONE, NOTHING, CorrectedModel, Tables
+from residual.model.lookup import DIFFERENCE, NONE, NOTHING, CorrectedModel, Tables
 from residual.model.model import LEAST_SPEED, Model, Term
 from residual.recording import Array
 from residual.robot.dynamics import chain_of
-from residual.signals.standstill import SMOOTH
+from residual.signals.track import SMOOTH
 
 WORD = re.compile(r"[a-z]\w*")
 # Names of the signals in formulas and tables, and in the C function.

@@ -11,7 +11,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from residual.errors import InputError
-from residual.model.corrected import CorrectedModel
+from residual.model.lookup import CorrectedModel
 from residual.model.model import Model, Term
 from residual.recording import Array
 from residual.robot.robot import Robot

@@ -23,7 +23,7 @@ from residual.export.export import (
     without_tables,
 )
 from residual.export.simulators import MJCF_CAN, STEP, to_mjcf
-from residual.model.forward import mass_matrices
+from residual.model.dynamics import mass_matrices
 from residual.model.model import LEAST_SPEED, Model
 
 SOURCE = "passive.py.txt"

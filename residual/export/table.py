@@ -24,8 +24,7 @@ from residual.export.export import (
     torque_size,
     without_tables,
 )
-from residual.model.corrected import NONE, CorrectedModel
-from residual.model.lookup import export_lookup
+from residual.model.lookup import NONE, CorrectedModel, export_lookup
 from residual.model.model import Model, Term
 from residual.quantity import along
 from residual.recording import Array

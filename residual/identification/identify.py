@@ -35,7 +35,7 @@ from residual.identification.structure import (
 from residual.model.model import Model, torque_columns
 from residual.model.nominal import Logs, begin, prepare_logs, with_standstill
 from residual.recording import Array, Recording
-from residual.robot.base_parameters import BaseParameters, random_states
+from residual.robot.dynamics import BaseParameters, random_states
 from residual.robot.robot import Robot, check_joints
 from residual.signals.track import Filters
 

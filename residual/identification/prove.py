@@ -10,7 +10,7 @@ from residual.identification.estimate import Options, squares, stacked
 from residual.identification.identify import Identification, identify
 from residual.model.bodies import bodies_of, least_eigenvalues, nearest
 from residual.model.compare import Errors, compare, prepare_held_out
-from residual.model.forward import (
+from residual.model.dynamics import (
     POSES,
     AccelerationError,
     acceleration_error,

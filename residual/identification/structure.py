@@ -22,7 +22,7 @@ from residual.evidence.priors import inertial_precision
 from residual.model.model import Model, torque_columns
 from residual.recording import Array
 from residual.robot import dynamics
-from residual.robot.base_parameters import (
+from residual.robot.dynamics import (
     BaseParameters,
     Standard,
     base_parameters,

@@ -6,7 +6,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from scipy.special import stdtrit
 
-from residual.model.corrected import CorrectedModel
+from residual.model.lookup import CorrectedModel
 from residual.model.model import Model
 from residual.recording import Array, Recording
 from residual.signals.splitting import are_long, in_pieces, logs_of, overlap, spread

@@ -14,8 +14,15 @@ from residual.errors import InputError, check_name, shown
 from residual.recording import Array, Recording
 from residual.robot.dynamics import LazyRegressor, with_inertial_parameters
 from residual.robot.robot import Robot, robot_from_texts
-from residual.signals.standstill import SMOOTH, Standstill, directions
-from residual.signals.track import Filters, Track, at_samples, prepare
+from residual.signals.track import (
+    SMOOTH,
+    Filters,
+    Standstill,
+    Track,
+    at_samples,
+    directions,
+    prepare,
+)
 
 
 @dataclass(frozen=True, eq=False, slots=True)

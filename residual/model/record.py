@@ -10,11 +10,11 @@ import tomli_w
 
 from residual.effects.base import Trait
 from residual.errors import InputError, check_nesting
-from residual.model.corrected import CorrectedModel
+from residual.model.lookup import CorrectedModel
 from residual.model.model import Model, Term
 from residual.recording import Array
 from residual.robot.robot import with_inertials
-from residual.signals.standstill import CHOICES
+from residual.signals.track import CHOICES
 
 SLOWEST = 1e-3  # Hz: a period of a quarter of an hour is no filter of a motion
 LARGEST = 64 << 20  # bytes of a file whose kind is still asked for

@@ -1,4 +1,9 @@
-"""The robot: rigid body from its file, everything else from its robot.toml."""
+"""The robot: rigid body from its file, everything else from its robot.toml.
+
+Also the one word for its file and how it is read, which requests and records keep, and
+the limits that logs show to be placeholders: who writes a file without knowing a limit
+writes some number, and an arm that keeps none of them has no limits.
+"""
 
 import hashlib
 import json
@@ -10,12 +15,14 @@ from functools import lru_cache
 from importlib.resources import files
 from importlib.resources.abc import Traversable
 from pathlib import Path
+from urllib.parse import parse_qsl, urlencode
 
 import numpy as np
 import pinocchio as pin
 
 from residual.errors import InputError, RobotError, check_name, shortened
-from residual.recording import Array, Recording
+from residual.quantity import along
+from residual.recording import Array, Recording, usual_speed
 from residual.robot.files import (
     GRAVITY,
     DeclaredEffect,
@@ -27,9 +34,7 @@ from residual.robot.files import (
     sliding,
 )
 from residual.robot.mjcf import CompiledFile, read_mjcf
-from residual.robot.urdf import Arm, end, read_urdf
-from residual.robot.word import split_word
-from residual.robot.xacro import read_xacro
+from residual.robot.urdf import Arm, end, read_urdf, read_xacro
 
 # Effects, by the property of a joint that MJCF gives, with the parameter that it is.
 Properties = Mapping[str, tuple[str, str]]
@@ -397,3 +402,108 @@ def _inertial(body: Array) -> ET.Element:
     tensors = {f"i{key}": repr(float(tensor[at])) for key, at in places.items()}
     ET.SubElement(node, "inertia", tensors)
     return node
+
+
+_OPTIONS = ("chain", "tip", "arg", "package")
+
+
+def word_of(
+    robot: str | Path,
+    chain: Sequence[str] = (),
+    tip: str | None = None,
+    args: Sequence[str] = (),
+    packages: Sequence[str] = (),
+) -> str:
+    """Return one word for a robot file and how it is read: "arm.urdf#tip=flange".
+
+    Args:
+        chain: Names of the joints of the arm.
+        tip: The link that the arm ends with.
+        args: Arguments of a xacro, as "name:=value".
+        packages: Folders where its packages are looked for.
+    """
+    pairs = [("chain", ",".join(chain)), ("tip", tip or "")]
+    pairs += [("arg", word) for word in args] + [("package", p) for p in packages]
+    options = urlencode([(key, value) for key, value in pairs if value], safe=",:=/")
+    return f"{robot}#{options}" if options else str(robot)
+
+
+def split_word(spec: str | Path) -> tuple[str, dict[str, list[str]]]:
+    """Return the file of a word for a robot, and how it is read, by option."""
+    word, out = str(spec), dict[str, list[str]]()
+    place, sign, text = word.rpartition("#")
+    options = parse_qsl(text)
+    if not sign or not options or any(key not in _OPTIONS for key, _ in options):
+        return word, out
+    for key, value in options:
+        out.setdefault(key, []).append(value)
+    return place, out
+
+
+BROKEN = 1.5  # times a limit: files are a little too strict
+ALIKE = 2.0  # to either side of the usual factor, where all joints break their limit
+NEARLY = 0.8  # of the joints
+FEWEST = 3  # joints: of two nobody says what is usual
+STRIDE, SHARE = 0.1, 0.95  # s over which a speed is taken; of the samples are slower
+# What arms do at most; beyond it columns or units are wrong, not the file. A torque
+# that is so many times its limit is in another unit.
+FASTEST, FARTHEST, LEAP = 8.0, 15.0, 1.5  # rad/s or m/s; rad or m, of a span, a step
+STRONGEST = 30.0  # times the limit
+
+_WORDS = {
+    "velocity_limit": ("speed limit", "rad/s"),
+    "torque_limit": ("torque limit", "N m"),
+    "upper": ("range", "rad"),
+}
+
+
+def placeholders(robot: Robot, recordings: Sequence[Recording]) -> dict[str, str]:
+    """Return which limits no joint keeps to, by the field of the robot, with words."""
+    speeds = []
+    for r in recordings:
+        stride = max(1, round(STRIDE / float(np.median(np.diff(r.t)))))
+        speeds.append(usual_speed(r, min(stride, len(r.t) // 4 or 1), SHARE))
+    speed = np.max(speeds, axis=0)
+    torque = np.max([np.quantile(np.abs(r.tau), SHARE, axis=0) for r in recordings], 0)
+    # Another zero, or an encoder that begins again, leaves a range for what it is.
+    span = np.max([np.ptp(r.q, axis=0) for r in recordings], axis=0)
+    leap = np.max([np.abs(np.diff(r.q, axis=0)).max() for r in recordings])
+    travel = robot.upper - robot.lower
+    checked = {
+        "velocity_limit": (speed, robot.velocity_limit, speed.max() < FASTEST),
+        "torque_limit": (torque, robot.torque_limit, True),
+        "upper": (span, travel, span.max() < FARTHEST and leap < LEAP),
+    }
+    out = {}
+    for key, (size, limit, possible) in checked.items():
+        ratio = size / limit
+        if key == "torque_limit":
+            possible = ratio.max() < STRONGEST
+        if possible and _is_placeholder(ratio, limit):
+            name, unit = _WORDS[key]
+            worst = int(np.argmax(ratio))
+            unit = along(unit) if robot.prismatic[worst] else unit
+            out[key] = (
+                f"the {name} of joint {worst + 1} is {limit[worst]:.3g} {unit} in the "
+                f"robot file, and it reaches {size[worst]:.3g} {unit}"
+            )
+    return out
+
+
+def _is_placeholder(ratio: Array, limit: Array) -> bool:
+    """Whether all limits are one number that is broken, or nearly all by one factor."""
+    if len(limit) < FEWEST or not np.isfinite(limit).all():
+        return False
+    broken = ratio > BROKEN
+    middle = float(np.median(ratio))
+    near = broken & (ratio < ALIKE * middle) & (ratio > middle / ALIKE)
+    equal = np.ptp(limit) < 1e-3 * limit.max()
+    return bool((equal and broken.any()) or near.mean() >= NEARLY)
+
+
+def with_real_limits(robot: Robot, recordings: Sequence[Recording]) -> Robot:
+    """Return the robot without the limits that are placeholders."""
+    out = {k: np.full(robot.dof, np.inf) for k in placeholders(robot, recordings)}
+    if "upper" in out:
+        out["lower"] = -out["upper"]
+    return replace(robot, **out) if out else robot

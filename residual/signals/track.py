@@ -3,17 +3,90 @@
 Torque and every regressor column pass the same zero-phase filter (parallel
 filtering, Gautier 1997), so that the filter cannot be mistaken for dynamics. Rows
 near a reversal or inside a dwell are masked: friction at standstill may take any
-value up to breakaway, so no function of the motion predicts it.
+value up to breakaway, so no function of the motion predicts it. Predictions need an
+answer all the same: which value drive and gear left behind is chosen per joint, the
+sign of creep, that of the last motion (a bristle that holds), or nothing (Standstill).
 """
 
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, replace
+from typing import Literal
 
 import numpy as np
 
 from residual.recording import Array, Recording
 from residual.signals.filters import low_pass
 from residual.signals.splitting import cut, let_go, overlap
+
+
+@dataclass(frozen=True, slots=True)
+class Standstill:
+    """How the direction of motion passes through zero."""
+
+    # "smooth": tanh(qd / (size · floor)). "bristle": Dahl's state of that displacement
+    # [rad] (Dahl 1968), where 0 is the plain sign of velocity.
+    kind: Literal["smooth", "bristle"] = "smooth"
+    size: float = 0.25  # number of its kind
+    hold: float = 1.0  # share of it that remains while the joint stands, 0 to 1
+    reach: float = 1.0  # speed up to which it counts as standing here, in floors
+
+
+SMOOTH = Standstill()
+CHOICES = (
+    SMOOTH,
+    Standstill("smooth", 1.0),
+    Standstill("smooth", 4.0),
+    *(
+        Standstill("bristle", d, reach=r)
+        for d in (0.0, 3e-5, 1e-4, 3e-4, 1e-3, 1e-2)
+        for r in (1.0, 4.0)
+    ),
+)
+
+
+def direction(q: Array, qd: Array, floor: float, shape: Standstill) -> Array:
+    """Direction of motion of one joint, -1 to 1, with its behaviour at standstill.
+
+    Args:
+        floor: Speed under which the joint counts as standing [rad/s].
+    """
+    if shape.kind == "smooth":
+        out = np.tanh(qd / (shape.size * floor))
+    elif shape.size == 0.0:
+        out = np.sign(qd)
+    else:
+        out = bristle(q, shape.size)
+    if shape.hold == 1.0:
+        return out
+    return np.where(np.abs(qd) < shape.reach * floor, shape.hold, 1.0) * out
+
+
+def bristle(q: Array, displacement: float) -> Array:
+    """Dahl's state by its exact solution over each step of position, start at rest.
+
+    Each step is z -> fade z + (1 - fade) goal. Two such steps in a row make one of the
+    same kind, so after log2(n) rounds of joining each with those before it every
+    sample has its whole past. From -1 to 1; it yields over the displacement [rad].
+    """
+    step = np.diff(q)
+    fade = np.exp(-np.abs(step) / displacement)
+    state = np.where(step > 0, 1.0, -1.0) * (1 - fade)
+    reach = 1
+    while reach < len(step) and fade.any():
+        state[reach:] += fade[reach:] * state[:-reach]
+        fade[reach:] *= fade[:-reach]
+        fade[:reach] = 0.0  # at rest before
+        reach *= 2
+    return np.concatenate([np.zeros(min(len(q), 1)), np.clip(state, -1, 1)])
+
+
+def directions(
+    q: Array, qd: Array, floor: Array, shapes: tuple[Standstill, ...]
+) -> Array:
+    """Direction of motion of every joint. Shapes (n, dof), (dof,), one per joint."""
+    pairs = zip(q.T, qd.T, floor, shapes, strict=True)
+    return np.column_stack([direction(*p) for p in pairs])
+
 
 ROWS = 4.2  # rows per period of the cut-off: some 33 a second behind 8 Hz
 SEED = 0  # of the redrawn noise: a diagnosis says the same twice
@@ -322,3 +395,35 @@ def on_rows_of(measured: Sequence[Track], shaken: Sequence[Track]) -> tuple[Trac
         replace(t, tau=m.tau, inner=m.inner, moving=m.moving)
         for m, t in zip(measured, shaken, strict=True)
     )
+
+
+STEPS = 5.0  # of its sensor's step that the rms of a torque must be
+NOISES = 2.0  # of its noise behind the filter, where the joint moves
+
+
+def too_small(recordings: Sequence[Recording], tracks: Sequence[Track]) -> Array:
+    """Return which joints' torque is but its quantisation or noise. (dof,), bool.
+
+    A torque of that size has no error in per cent: a model that says nothing of it is
+    as good as any.
+
+    Args:
+        recordings: The logs.
+        tracks: Their signals, in the same order.
+    """
+    tau = np.concatenate([r.tau for r in recordings])
+    rms = np.sqrt((tau**2).mean(axis=0))
+    steps = np.array([_step(column) for column in tau.T])
+    coarse = (rms > 0) & (rms < STEPS * steps)
+    power = sum(((t.tau * t.moving) ** 2).sum(axis=0) for t in tracks)
+    rows = sum(t.moving.sum(axis=0) for t in tracks)
+    noise = np.mean([t.torque_noise**2 for t in tracks], axis=0)
+    return coarse | ((rows > 0) & (power < NOISES**2 * noise * rows))
+
+
+def _step(values: Array) -> float:
+    """Least difference of two values; 0 where they are too many for steps."""
+    levels = np.unique(values)
+    if not 1 < len(levels) < len(values) / 10:
+        return 0.0
+    return float(np.diff(levels).min())

@@ -9,10 +9,10 @@ import numpy as np
 from residual.check.result import LogCheck
 from residual.effects import registry
 from residual.errors import joints_listed
-from residual.evidence.embodied import PossibleModel
+from residual.evidence.fit import PossibleModel
 from residual.model.bodies import BodyCorrection
 from residual.model.compare import Cloud, Errors, LogProof
-from residual.model.corrected import CorrectedModel
+from residual.model.lookup import CorrectedModel
 from residual.model.model import Model
 from residual.quantity import measured, percent, plain
 from residual.robot.dynamics import flange_frame

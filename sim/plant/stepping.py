@@ -6,10 +6,10 @@ from typing import NamedTuple
 import numpy as np
 import pinocchio as pin
 
+from residual import one_blas_thread
 from residual.errors import ModelgapError
 from residual.recording import Array
 from residual.robot.robot import Robot
-from residual.threads import one_blas_thread
 from sim.effects.base import Moving
 from sim.engine.bullet import World
 from sim.engine.records import PlantSpec, Reference, motion_label

@@ -19,8 +19,7 @@ from scipy.linalg import eigh
 from scipy.optimize import minimize
 
 from residual.recording import Array
-from residual.robot.base_parameters import base_columns
-from residual.robot.dynamics import inertial_parameters, regressor
+from residual.robot.dynamics import base_columns, inertial_parameters, regressor
 from residual.robot.robot import Robot
 from sim.engine.geometry import MARGIN, clearances
 from sim.engine.records import Drives, Reference

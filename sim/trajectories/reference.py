@@ -5,9 +5,9 @@ from functools import partial
 
 import numpy as np
 
+from residual import one_blas_thread
 from residual.errors import InputError, check_name
 from residual.robot.robot import Robot
-from residual.threads import one_blas_thread
 from sim.engine.records import Reference, TrajectorySpec, stream
 from sim.trajectories.curves import RAMP
 from sim.trajectories.excitation import optimise

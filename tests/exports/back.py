@@ -28,7 +28,7 @@ from residual.recording import Array
 from residual.robot.dynamics import inverse_dynamics
 from residual.robot.files import build_model
 from residual.robot.robot import Robot
-from residual.signals.standstill import SMOOTH
+from residual.signals.track import SMOOTH
 
 STATES = 1000  # random ones, of one comparison
 CREEP = 1e-3  # rad/s: dry friction must have its value from here on

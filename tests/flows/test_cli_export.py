@@ -18,8 +18,8 @@ from residual.calibration.choice import MAIN
 from residual.errors import InputError, UnknownNameError
 from residual.export.export import KnownMotion, excitation
 from residual.export.mujoco import to_mujoco
-from residual.model.corrected import CorrectedModel, Tables
-from residual.signals.standstill import CHOICES
+from residual.model.lookup import CorrectedModel, Tables
+from residual.signals.track import CHOICES
 from tests.exports.back import BACK, CREEP, inverse, passive
 from tests.exports.models import ARMS, NAMES, model_with, robot_of
 from tests.residual.test_model_record import lookup

@@ -22,7 +22,7 @@ from residual.calibration.components import state_names
 from residual.effects import registry
 from residual.errors import InputError
 from residual.export.export import to_json
-from residual.model.control import SAMPLES, Turning, computed_torque, feed_forward
+from residual.model.dynamics import SAMPLES, Turning, computed_torque, feed_forward
 from residual.model.lookup import Axis, Lookup, LookupTable, export_lookup
 from residual.model.model import Model, Term
 from residual.robot.dynamics import inertial_parameters

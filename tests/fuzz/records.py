@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 
 from flows.storage.diagnosis import checked_verdict
 from residual.errors import InputError
-from residual.model.corrected import CorrectedModel
+from residual.model.lookup import CorrectedModel
 from residual.model.model import Model, Term
 from residual.model.record import from_record, load_model
 from residual.recording import Recording

@@ -6,7 +6,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from residual.robot import dynamics
-from residual.robot.base_parameters import (
+from residual.robot.dynamics import (
     base_columns,
     base_parameters,
     express,

@@ -7,11 +7,14 @@ import pytest
 
 from residual.diagnosis.diagnose import diagnose
 from residual.effects import registry
-from residual.evidence.embodied import PossibleModel
+from residual.evidence.fit import PossibleModel
 from residual.model.bodies import LEAST, BodyCorrection, bodies_of, nearest
 from residual.model.model import Model, Term
-from residual.robot.base_parameters import base_parameters
-from residual.robot.dynamics import inertial_parameters, with_inertial_parameters
+from residual.robot.dynamics import (
+    base_parameters,
+    inertial_parameters,
+    with_inertial_parameters,
+)
 from residual.verdict.result import Finding, Parameter, with_model_values
 from tests.exports.bodies import cases, diagnosed, refusals
 from tests.residual.arms import SEVEN, TWO, arm, bare_irb140, plain_logs

@@ -9,8 +9,7 @@ from residual.calibration.calibrate import corrected_model
 from residual.calibration.components import state_names
 from residual.calibration.rows import MEASURED, PAPER
 from residual.export.export import excitation
-from residual.model.corrected import NEAREST, NONE
-from residual.model.lookup import Axis, Lookup, LookupTable
+from residual.model.lookup import NEAREST, NONE, Axis, Lookup, LookupTable
 from tests.exports.models import model_with, robot_of
 
 JOINTS = (1, 2, 3, 4, 5, 6)

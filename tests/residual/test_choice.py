@@ -20,7 +20,7 @@ from residual.calibration.components import fit_pls
 from residual.calibration.effects import ROWS, make_tables
 from residual.calibration.nominal_pls import NominalForm, fit_nominal_pls
 from residual.errors import InputError
-from residual.model.corrected import NONE
+from residual.model.lookup import NONE
 from tests.residual.motion_blocks import NAMES, motion
 
 ALL = (*NAMES, "tau1", "tau2", "tau3")

@@ -16,9 +16,9 @@ from residual.export.export import (
     without_tables,
 )
 from residual.export.simulators import to_mjcf, to_urdf
-from residual.model.corrected import NEAREST, NOTHING, CorrectedModel, Tables
+from residual.model.lookup import NEAREST, NOTHING, CorrectedModel, Tables
 from residual.model.model import Model
-from residual.signals.standstill import CHOICES
+from residual.signals.track import CHOICES
 from tests.exports.back import c99_back
 from tests.exports.models import (
     NAMES,

@@ -13,7 +13,7 @@ import pytest
 from scipy.integrate import solve_ivp
 
 from residual.effects import registry
-from residual.model.forward import (
+from residual.model.dynamics import (
     acceleration,
     mass_matrices,
 )
@@ -21,8 +21,7 @@ from residual.model.model import Model, Term
 from residual.recording import Recording
 from residual.robot.dynamics import flange_placement, inertial_parameters
 from residual.robot.robot import load_robot
-from residual.signals.standstill import Standstill
-from residual.signals.track import prepare
+from residual.signals.track import Standstill, prepare
 
 ROBOT = load_robot("irb140")
 MASS, LEVER = 2.0, np.array([0.05, 0.02, 0.08])  # of a load on the flange [kg, m]

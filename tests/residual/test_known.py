@@ -14,8 +14,7 @@ from residual.errors import InputError, RobotError
 from residual.evidence.design import Design
 from residual.evidence.fit import fit
 from residual.evidence.priors import relative_prior
-from residual.model.known_values import known_values
-from residual.model.nominal import prepare_logs, start_nominal
+from residual.model.nominal import known_values, prepare_logs, start_nominal
 from residual.robot.dynamics import inertial_parameters, inverse_dynamics
 from residual.robot.robot import load_robot, with_known
 from residual.signals.track import Filters

@@ -10,14 +10,19 @@ from residual.calibration.choice import MAIN
 from residual.effects import registry
 from residual.effects.base import Span
 from residual.errors import InputError, UnknownNameError
-from residual.model.corrected import NONE, CorrectedModel, Tables
-from residual.model.lookup import Axis, Lookup, LookupTable
+from residual.model.lookup import (
+    NONE,
+    Axis,
+    CorrectedModel,
+    Lookup,
+    LookupTable,
+    Tables,
+)
 from residual.model.model import Model, Term
 from residual.model.record import from_record, load_model
 from residual.robot.dynamics import inertial_parameters
 from residual.robot.robot import Robot, load_robot
-from residual.signals.standstill import CHOICES
-from residual.signals.track import Filters, prepare
+from residual.signals.track import CHOICES, Filters, prepare
 from tests.residual.arms import SEVEN, arm, recording, smooth_motion, urdf_text
 
 NAMES = sorted(registry())

@@ -6,8 +6,7 @@ import numpy as np
 import pytest
 
 from residual.effects import registry
-from residual.effects.base import Effect
-from residual.effects.limits import Limits
+from residual.effects.base import Effect, Limits
 
 ARM = Limits(
     torque=40.0,

@@ -11,7 +11,7 @@ from residual.check.reading import best_order
 from residual.effects.backlash import _flight
 from residual.evidence.fit import System, fit
 from residual.signals.filters import low_pass
-from residual.signals.standstill import bristle
+from residual.signals.track import bristle
 from tests.residual.linear import DOF, Problem, every_group
 
 SEEDS = st.integers(0, 2**32 - 1)

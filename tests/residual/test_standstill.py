@@ -11,13 +11,13 @@ from residual.effects import registry
 from residual.model.model import Model, Term
 from residual.model.nominal import with_standstill
 from residual.robot.dynamics import inertial_parameters
-from residual.signals.standstill import (
+from residual.signals.track import (
     CHOICES,
     SMOOTH,
     Standstill,
     direction,
+    prepare,
 )
-from residual.signals.track import prepare
 from tests.residual.arms import arm, recording
 
 FLOOR = 0.02

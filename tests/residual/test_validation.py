@@ -8,7 +8,7 @@ import pytest
 from residual.errors import InputError
 from residual.identification.identify import identify
 from residual.identification.prove import torque_errors
-from residual.model.forward import acceleration_error
+from residual.model.dynamics import acceleration_error
 from tests.residual.identified import logs, truth
 
 

@@ -12,8 +12,7 @@ import numpy as np
 
 from residual.errors import InputError, RecordingError, shortened
 from residual.recording import Array, Recording, usual_speed
-from residual.robot.limits import with_real_limits
-from residual.robot.robot import Robot
+from residual.robot.robot import Robot, with_real_limits
 
 _EDGE = r"(\d+(?:\.\d*)?|\.\d+)(%?)"
 _WINDOW = re.compile(f"(?:{_EDGE})?:(?:{_EDGE})?")
