@@ -13,7 +13,6 @@ from dataclasses import dataclass, replace
 import numpy as np
 from scipy.sparse import csr_matrix
 
-from residual.blocks import as_names, frozen
 from residual.calibration.components import Pls, fit_pls
 from residual.calibration.effects import (
     RIDGES,
@@ -23,6 +22,7 @@ from residual.calibration.effects import (
 )
 from residual.model.compare import is_sure
 from residual.model.lookup import NONE, Axis, Lookup, LookupTable
+from residual.quantity import as_names, frozen
 from residual.recording import Array
 
 LEAST_SQUARES, PLSR = "least squares", "plsr"

@@ -13,7 +13,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from residual.blocks import (
+from residual.errors import InputError
+from residual.quantity import (
     as_block,
     as_names,
     as_pair,
@@ -22,7 +23,6 @@ from residual.blocks import (
     check_varying,
     frozen,
 )
-from residual.errors import InputError
 from residual.recording import Array
 from residual.signals.filters import randomise_phases
 

@@ -9,7 +9,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from residual.blocks import check_count, frozen
+from residual.quantity import check_count, frozen
 from residual.recording import Array
 
 BLOCKS = 20  # paper, section 2.5.2

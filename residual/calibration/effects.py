@@ -29,9 +29,9 @@ from scipy.linalg import (
 )
 from scipy.sparse import csr_matrix
 
-from residual.blocks import frozen
 from residual.calibration.levels import DWELL, Levels, quantile_levels
 from residual.model.lookup import Axis, LookupTable
+from residual.quantity import frozen
 from residual.recording import Array
 
 LEVELS, WIDTHS = 20, (1, 2, 4)  # of a variable; levels that are one in each width

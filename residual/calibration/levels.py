@@ -15,7 +15,8 @@ from typing import NamedTuple
 
 import numpy as np
 
-from residual.blocks import (
+from residual.errors import InputError
+from residual.quantity import (
     as_block,
     as_names,
     as_rows,
@@ -23,7 +24,6 @@ from residual.blocks import (
     check_varying,
     frozen,
 )
-from residual.errors import InputError
 from residual.recording import Array
 
 MOST = 4096  # levels of one variable; no encoder of ours resolves more in a log

@@ -11,10 +11,10 @@ from itertools import combinations
 
 import numpy as np
 
-from residual.blocks import as_names, as_pair, check_count, frozen
 from residual.calibration.components import EXHAUSTED, leading
 from residual.calibration.levels import Levels, equal_levels, merge_rows
 from residual.model.lookup import Axis, Lookup, LookupTable
+from residual.quantity import as_names, as_pair, check_count, frozen
 from residual.recording import Array
 
 

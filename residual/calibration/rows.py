@@ -17,9 +17,9 @@ from itertools import pairwise
 
 import numpy as np
 
-from residual.blocks import frozen
 from residual.calibration.components import state_block, state_names
 from residual.errors import InputError
+from residual.quantity import frozen
 from residual.recording import Array, Recording
 from residual.signals.splitting import rows_of
 from residual.signals.track import Filters, Track, sample_rate

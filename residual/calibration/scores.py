@@ -11,7 +11,6 @@ from functools import partial
 
 import numpy as np
 
-from residual.blocks import check_varying
 from residual.calibration.choice import (
     LEAST_SQUARES,
     NONE,
@@ -35,6 +34,7 @@ from residual.calibration.effects import Tables, pair_counts
 from residual.calibration.nominal_pls import NominalForm, fit_nominal_pls
 from residual.calibration.rows import FEW, Rows
 from residual.errors import InputError
+from residual.quantity import check_varying
 from residual.recording import Array
 
 RUN, BLOCK, FAMILY, SYSTEMATIC = "run", "block", "family", "systematic"

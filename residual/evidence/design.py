@@ -260,18 +260,12 @@ class Design:
                 self.unit_information(ids, rows) / THRESHOLDS.prior_torque_share**2
             )
         group = Group(effect, joints, shape, ids, *regularize(precision))
-        return replace(group, known_prior=self._known_prior(group))
-
-    def _known_prior(self, group: Group) -> KnownPrior | None:
-        """Known values of an effect; none where the model has the effect already."""
-        known = of_effect(self.model.robot, group.effect, group.joints)
+        known = of_effect(self.model.robot, effect, joints)
         if not known:
-            return None
+            return group
         terms = [(t.effect.name, t.joints) for t in self.model.terms]
-        declared = (group.effect.name, group.joints) in terms
-        return KnownPrior.of(
-            group.precision, *known_prior(known, group.precision, declared)
-        )
+        added = known_prior(known, group.precision, (effect.name, joints) in terms)
+        return replace(group, known_prior=KnownPrior.of(group.precision, *added))
 
     def unit_information(self, ids: Array, rows: Joints) -> Array:
         """Mean square of the columns in units of torque rms. Shape (k, k)."""

@@ -8,7 +8,7 @@ import numpy as np
 from scipy.linalg import solve_triangular
 
 from residual.effects import registry
-from residual.effects.base import Joints, Trait
+from residual.effects.base import Trait
 from residual.evidence.design import Design, Group
 from residual.evidence.fit import Fit, Prior, System, as_model, fit_nominal
 from residual.evidence.thresholds import THRESHOLDS
@@ -145,7 +145,13 @@ def relative_prior(
     for (term, own), given in zip(placed, nominal.sd, strict=True):
         ids = design.nominal[own]
         rows = term.effect.rows(term.joints, design.dof)
-        flat = _flat_precision(design, ids, rows)
+        # With torque as large as the torque; under every prior the same: remembered.
+        key = int(ids[0]), len(ids)
+        if key not in design.flat:
+            flat = design.unit_information(ids, rows)
+            flat += 1e-6 * np.diag(np.diag(flat)) + TINY * np.eye(len(ids))
+            design.flat[key] = flat
+        flat = design.flat[key]
         if given is None:
             precision[own, own] = flat
         else:
@@ -155,19 +161,6 @@ def relative_prior(
         known = of_effect(robot, term.effect, term.joints)
         precision[own, own] += known_prior(known, precision[own, own], True)[0]
     return _prior(precision, scale, dict(widths))
-
-
-def _flat_precision(design: Design, ids: Array, rows: Joints) -> Array:
-    """Precision of coefficients whose torque may be as large as the torque. (k, k).
-
-    The same under every prior, so the design remembers it.
-    """
-    key = int(ids[0]), len(ids)
-    if key not in design.flat:
-        flat = design.unit_information(ids, rows)
-        flat += 1e-6 * np.diag(np.diag(flat)) + TINY * np.eye(len(ids))
-        design.flat[key] = flat
-    return design.flat[key]
 
 
 def _prior(precision: Array, scale: float, widths: Mapping[str, float]) -> Prior:

@@ -15,10 +15,9 @@ from typing import NamedTuple
 
 import numpy as np
 
-from residual.blocks import as_rows
 from residual.effects.base import State
 from residual.model.model import Model
-from residual.quantity import plain
+from residual.quantity import as_rows, plain
 from residual.recording import Array, Recording
 from residual.signals.track import Track, at_samples, prepare
 

@@ -35,11 +35,8 @@ def _wrong(model: Model) -> str | None:
         return "clock is no number"
     if not all(_is(np.array(f), ()) and 0 <= f < FASTEST for f in filters):
         return "filters has a value that no signal path has"
-    signal_path = model.filters
-    if not all(
-        f > SLOWEST
-        for f in (signal_path.kinematics, signal_path.torque, signal_path.rate)
-    ):
+    path = model.filters
+    if min(path.kinematics, path.torque, path.rate) <= SLOWEST:
         return "filters has a cut-off or rate of 0"
     terms = (word for term in model.terms if (word := _wrong_term(term, model)))
     return next(terms, None)

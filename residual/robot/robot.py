@@ -25,15 +25,16 @@ from residual.quantity import along
 from residual.recording import Array, Recording, usual_speed
 from residual.robot.files import (
     GRAVITY,
+    CompiledFile,
     DeclaredEffect,
     Effects,
     build_model,
     parse_toml,
     read_choice,
+    read_mjcf,
     read_robot_toml,
     sliding,
 )
-from residual.robot.mjcf import CompiledFile, read_mjcf
 from residual.robot.urdf import Arm, end, read_urdf, read_xacro
 
 # Effects, by the property of a joint that MJCF gives, with the parameter that it is.
@@ -188,7 +189,15 @@ def load_robot(
     elif _MJCF.match(text):
         compiled = read_mjcf(path)
     arm = read_urdf(compiled.urdf, file.name, choice)
-    _declare(content, compiled, arm.joints, properties or {}, file.name)
+    # What a file says beside its bodies stands where a robot.toml would have it.
+    if compiled.gravity not in (None, GRAVITY):
+        content.setdefault("robot", {}).setdefault("gravity", list(compiled.gravity))
+    source = {"assumed": True, "source": f"joint properties of {file.name}"}
+    declared = properties if properties and compiled.properties else {}
+    for key, (effect, parameter) in declared.items():
+        values = [compiled.properties.get(key, {}).get(j, 0.0) for j in arm.joints]
+        values_of = {parameter: values} | source if any(values) else {}
+        content.setdefault("declared", {}).setdefault(effect, values_of)
     extra = read_robot_toml(content, arm.limits.shape[1], "robot.toml", effects)
     if not extra["name"]:
         names = (re.sub(r"[^a-z0-9_-]+", "_", x.lower()) for x in (arm.name, path.stem))
@@ -197,24 +206,6 @@ def load_robot(
     extra |= {"toml": json.dumps(content, sort_keys=True), "columns": columns}
     extra |= {"notes": (*arm.notes, *compiled.notes), "locked": arm.locked}
     return _assemble(arm, extra, file.name)
-
-
-def _declare(
-    content: dict,
-    file: CompiledFile,
-    joints: Sequence[str],
-    properties: Properties,
-    where: str,
-) -> None:
-    """Put what a file says beside its bodies where a robot.toml would have it."""
-    if file.gravity not in (None, GRAVITY):
-        content.setdefault("robot", {}).setdefault("gravity", list(file.gravity))
-    source = {"assumed": True, "source": f"joint properties of {where}"}
-    for key, (effect, parameter) in properties.items():
-        values = [file.properties.get(key, {}).get(joint, 0.0) for joint in joints]
-        if file.properties:
-            values_of = {parameter: values} | source if any(values) else {}
-            content.setdefault("declared", {}).setdefault(effect, values_of)
 
 
 @lru_cache(maxsize=16)
