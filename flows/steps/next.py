@@ -16,14 +16,17 @@ from flows.steps.models import diagnosis_of
 from flows.storage.diagnosis import checked_verdict, read_verdict
 from residual.errors import InputError, check_nesting
 from residual.model.record import held_in
-from residual.planning.outlook import Outlook, Pair, Prospect, outlook
 from residual.planning.promise import (
     Course,
+    Outlook,
+    Pair,
+    Prospect,
+    Question,
+    outlook,
     plan_of,
     structural_twins,
     sure_after,
 )
-from residual.planning.question import Question
 from residual.robot.robot import Robot
 from residual.threads import one_blas_thread
 from residual.verdict.result import Diagnosis, Verdict
