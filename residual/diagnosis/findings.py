@@ -386,8 +386,8 @@ def _torque(outcome: SearchOutcome, fitted: Fit, group: Group) -> float:
     """Largest rms torque of a member on any joint, as a share of the joint's rms."""
     design, out = outcome.task.design, 0.0
     for j in range(design.dof):
-        if len(design.present(j, group.ids)[0]):
-            torque = _torque_on(design, fitted, group, j)
+        torque = _torque_on(design, fitted, group, j)
+        if torque.any():  # a joint may log no torque
             out = max(out, float(np.sqrt(np.mean(torque**2))) / design.rms[j])
     return out
 
