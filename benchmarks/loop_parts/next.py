@@ -21,9 +21,16 @@ from flows.specs.experiment import derived_seed
 from flows.steps.next import Ranking, rank_motions
 from residual.diagnosis.diagnose import diagnose
 from residual.effects import reported_joints
-from residual.planning.outlook import Pair, Refit, log_evidence
-from residual.planning.promise import every_column, promised, structural_twins
-from residual.planning.question import Contest, Question
+from residual.planning.promise import (
+    Contest,
+    Pair,
+    Question,
+    Refit,
+    every_column,
+    log_evidence,
+    promised,
+    structural_twins,
+)
 from residual.recording import Array, Recording
 from residual.robot.dynamics import inverse_dynamics
 from residual.robot.robot import Robot, load_robot

@@ -17,14 +17,17 @@ from flows.storage.diagnosis import checked_verdict, read_verdict
 from residual import one_blas_thread
 from residual.errors import InputError, check_nesting
 from residual.model.record import held_in
-from residual.planning.outlook import Outlook, Pair, Prospect, outlook
 from residual.planning.promise import (
     Course,
+    Outlook,
+    Pair,
+    Prospect,
+    Question,
+    outlook,
     plan_of,
     structural_twins,
     sure_after,
 )
-from residual.planning.question import Question
 from residual.robot.robot import Robot
 from residual.verdict.result import Diagnosis, Verdict
 from sim.engine.records import TrajectorySpec, stream

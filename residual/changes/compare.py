@@ -9,12 +9,11 @@ from dataclasses import replace
 
 import numpy as np
 
-from residual.changes.conclude import Judgement, clouds, conclude
+from residual.changes.conclude import Judgement, analyze_residuals, clouds, conclude
 from residual.changes.models import Epoch, augmented_model, fit_epoch
 from residual.changes.rows import both_epochs
 from residual.changes.search import ChangeSearch, NamedChange, search_changes
 from residual.changes.thresholds import ChangeThresholds
-from residual.changes.unexplained import analyze_residuals
 from residual.check.result import LogCheck
 from residual.effects.base import Trait
 from residual.errors import joints_listed

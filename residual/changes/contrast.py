@@ -19,8 +19,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from residual.changes.joint import JointColumns, JointRows
-from residual.changes.rows import EpochRows
+from residual.changes.rows import EpochRows, JointColumns, JointRows
 from residual.effects import registry
 from residual.effects.base import Effect, PlacedEffect, Shape, Trait
 from residual.evidence.columns import Group

@@ -12,8 +12,7 @@ import numpy as np
 from scipy.special import psi
 
 from residual.changes.contrast import Noise
-from residual.changes.joint import JointColumns, JointRows
-from residual.changes.rows import EpochRows, Layout
+from residual.changes.rows import EpochRows, JointColumns, JointRows, Layout
 from residual.changes.thresholds import ChangeThresholds
 from residual.evidence.columns import Group
 from residual.evidence.design import Design

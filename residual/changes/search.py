@@ -14,7 +14,6 @@ from residual.changes.contrast import (
     refine_shape,
     vocabulary,
 )
-from residual.changes.joint import JointRows
 from residual.changes.nuisance import (
     Warmth,
     basic_groups,
@@ -22,7 +21,7 @@ from residual.changes.nuisance import (
     measure_noise,
     project_joints,
 )
-from residual.changes.rows import EpochRows, after_change
+from residual.changes.rows import EpochRows, JointRows, after_change
 from residual.effects.base import Trait, against_position
 from residual.evidence.fit import limits_of
 from residual.recording import Array

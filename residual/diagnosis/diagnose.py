@@ -12,10 +12,9 @@ from residual.diagnosis.constants import nominal_with_constants
 from residual.diagnosis.doubts import doubt_names
 from residual.diagnosis.errors_in_variables import noise_notes
 from residual.diagnosis.findings import clouds, split_background
-from residual.diagnosis.held_out import three_models
+from residual.diagnosis.held_out import plain_fit, three_models
 from residual.diagnosis.open_question import open_question
 from residual.diagnosis.outcome import Progress, examine
-from residual.diagnosis.reference import plain_fit
 from residual.diagnosis.unexplained import examine_leftover
 from residual.diagnosis.verdict import conclude, signal_notes
 from residual.errors import InputError

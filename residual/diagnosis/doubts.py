@@ -141,6 +141,7 @@ def _is_proven(
 
 
 NOISE = "withdrawn: encoder noise explains all or much of it"
+UNLIKELY = "withdrawn: another effect is more likely"
 ALONE = "withdrawn: its evidence is too weak without the refuted effects"
 
 
@@ -238,6 +239,15 @@ def _split_suspected(
     remaining = [t for t, _ in validation.kept]
     checks = check_noise(outcome, validation.fit, recordings) if remaining else None
     named = findings(outcome, validation.fit, remaining, checks)
+    unlikely = _find_unlikely(named, _common_names(outcome, validation))
+    if outcome is not first and unlikely:
+        validation = drop_names(outcome, validation, unlikely)
+        outcome = without_refuted(outcome, validation.fit)
+        gone = tuple(Withdrawal(t, UNLIKELY) for t in unlikely)
+        now = replace(now, withdrawn=(*now.withdrawn, *gone))
+        remaining = [t for t, _ in validation.kept]
+        checks = check_noise(outcome, validation.fit, recordings) if remaining else None
+        named = findings(outcome, validation.fit, remaining, checks)
     return replace(
         now,
         outcome=outcome,
@@ -247,6 +257,23 @@ def _split_suspected(
         suspected=tuple(suspected),
         gains=gains,
     )
+
+
+def _find_unlikely(
+    named: Sequence[NamedEffect], company: Sequence[GateResult]
+) -> list[GateResult]:
+    """Names that another is likelier than, at another scale of the bodies.
+
+    Not a constant, of which evidence is no measure.
+    """
+    return [
+        t
+        for finding in named
+        for t, sure in zip(finding.tested, finding.sureness, strict=True)
+        if sure.probability < THRESHOLDS.min_probability
+        and t not in company
+        and Trait.CONSTANT not in t.group.effect.traits
+    ]
 
 
 def _confidences(now: DoubtResult) -> dict[GateResult, float]:
@@ -384,7 +411,7 @@ def _find_weak(
             if tested in company:
                 continue
             if sure.probability < THRESHOLDS.min_probability:
-                out.append((tested, "withdrawn: another effect is more likely"))
+                out.append((tested, UNLIKELY))
             elif sure.chance > (
                 THRESHOLDS.link_zero_chance
                 if tested.group.effect.of_link

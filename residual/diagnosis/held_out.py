@@ -14,11 +14,18 @@ from residual.diagnosis.search import (
     rank_additions,
     torque_share,
 )
+from residual.effects import registry
 from residual.effects.base import Trait
 from residual.errors import InputError, joints_listed
 from residual.evidence.design import Design, Group
-from residual.evidence.fit import Fit, PossibleModel, evidence_gain
-from residual.evidence.priors import given_slots, with_held
+from residual.evidence.fit import (
+    Fit,
+    PossibleModel,
+    System,
+    evidence_gain,
+    smallest_change,
+)
+from residual.evidence.priors import SCALES, given_slots, relative_prior, with_held
 from residual.evidence.thresholds import THRESHOLDS
 from residual.model.compare import (
     Errors,
@@ -30,6 +37,12 @@ from residual.model.compare import (
     rises,
 )
 from residual.model.model import Model, Term
+from residual.model.nominal import (
+    DEFAULT_DECLARED,
+    Logs,
+    start_nominal,
+    with_standstill,
+)
 from residual.recording import Array, Recording
 from residual.verdict.result import Splits
 
@@ -402,3 +415,22 @@ def _visible_share(
         return VisibleShare(term.effect.name, joints, None)
     part = (weight * effect * gap).sum() / (weight * effect**2).sum()
     return VisibleShare(term.effect.name, joints, float(part))
+
+
+# The yardstick that anyone has at hand: plain least squares, on the same logs.
+#
+# All inertial parameters, the drive's rotor, Coulomb and viscous friction and a
+# constant torque of every joint, all free, every joint's error weighed alike. A
+# diagnosis that predicts worse than that is not worth its names, so it is held against
+# it on the held-out logs.
+
+
+def plain_fit(logs: Logs) -> Model:
+    """Fit a robot's logs by plain least squares."""
+    constant = (e.name for e in registry().values() if Trait.CONSTANT in e.traits)
+    nominal = start_nominal(logs, (*DEFAULT_DECLARED, *constant))
+    design = Design(logs.tracks, nominal.model)
+    whole = System.of(design, relative_prior(design, nominal, SCALES[-1]), ())
+    least = smallest_change(whole.gram.sum(axis=0), whole.cross.sum(axis=0))
+    model = nominal.model.with_coefficients(nominal.model.coefficients() + least)
+    return with_standstill(model, logs.sketch)

@@ -6,15 +6,15 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from residual.diagnosis.findings import NamedEffect, public_joints
-from residual.diagnosis.neighbours import alternatives, near_sets
 from residual.diagnosis.outcome import SearchOutcome
 from residual.diagnosis.search import Task
+from residual.diagnosis.select import alternatives, near_sets
 from residual.effects.base import PlacedEffect
 from residual.evidence.design import Group
 from residual.evidence.fit import Fit, System, as_model, physical
 from residual.evidence.priors import screen
 from residual.evidence.thresholds import THRESHOLDS
-from residual.planning.question import Contest, Question, Rival, Signals, together
+from residual.planning.promise import Contest, Question, Rival, Signals, together
 from residual.recording import Array
 from residual.verdict.result import Place
 

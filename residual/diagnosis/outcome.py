@@ -6,23 +6,24 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from residual.diagnosis import constants
-from residual.diagnosis.adequacy import Adequacy, adequacy, angle_noise_torque
 from residual.diagnosis.gate import (
+    Adequacy,
     GateResult,
+    adequacy,
+    angle_noise_torque,
     drop_failed,
     gate_members,
     left_out_errors,
     only_curves,
     wrong_forms,
 )
-from residual.diagnosis.neighbours import best_set, prefer_simpler
 from residual.diagnosis.search import (
     Task,
     every_candidate,
     recompute_candidates,
     refine_shape,
 )
-from residual.diagnosis.select import Selection, select
+from residual.diagnosis.select import Selection, best_set, prefer_simpler, select
 from residual.effects import registry
 from residual.effects.base import Trait
 from residual.evidence.design import Design, Group

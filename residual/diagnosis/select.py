@@ -12,16 +12,28 @@ full: all scales with the values as given, all widths at each local maximum, the
 width of each kind of value by itself, then the neighbors of the best scale.
 """
 
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass, field, replace
+from itertools import combinations
 
 import numpy as np
+from scipy.linalg import solve_triangular
 
-from residual.diagnosis.search import Candidates, Task, search
-from residual.evidence.fit import Fit, Prior, fit
-from residual.evidence.priors import WIDTHS, PriorSpace
+from residual.diagnosis.search import (
+    FIRST_LOOKS,
+    Candidates,
+    Task,
+    joints_acted_on,
+    rank_additions,
+    refine_shape,
+    search,
+)
+from residual.evidence.design import Group
+from residual.evidence.fit import Fit, Prior, System, fit, possible
+from residual.evidence.priors import WIDTHS, PriorSpace, overlap, stacks
 from residual.evidence.thresholds import THRESHOLDS, EvidenceThresholds
 from residual.recording import Array
+from residual.verdict.result import Detectable
 
 # Choose the set of effects, the scale of the rigid prior and that of given values.
 #
@@ -208,3 +220,244 @@ def _comparable_score(run: Selection, counted: Array) -> float:
     )
     costs = (task.candidates.cost(g) for g in members)
     return common.score - sum(a + b for a, b in zip(costs, price, strict=True))
+
+
+# Sets of effects near the one that was found: better ones, and those as good.
+#
+# A greedy search takes one effect after another, and what two changes do together one
+# of another name may do almost as well. So near its end members are swapped one for
+# one, one for two and two for one, and every set pays alike:
+#
+# score(S) = log evidence - sum over S of (price + threshold)
+#
+# which is the threshold that a single name must pass, as a prior over sets.
+
+
+FIRST, SECOND = 2, 1  # candidates tried for the first place and for the second
+FAR = 2 * THRESHOLDS.class_nats  # nats from where a set is not worth a closer look
+
+Members = tuple[Group, ...]
+
+
+def alternatives(task: Task, fitted: Fit, group: Group) -> tuple[list[Group], float]:
+    """What could stand in a member's place, and how sure its class is.
+
+    Returns:
+        Candidates within 6 nats of the member when swapped in, nearest first; the
+        probability of that class against every other candidate and against nothing.
+    """
+    if (fitted, group) not in task.alternatives:
+        task.alternatives[fitted, group] = _alternatives(task, fitted, group)
+    return task.alternatives[fitted, group]
+
+
+def _alternatives(task: Task, fitted: Fit, group: Group) -> tuple[list[Group], float]:
+    others = [g for g in fitted.members if g is not group]
+    without = task.fit(others, fitted)
+    member_nats = task.net_gain(fitted, without, group)
+    ranked = rank_additions(task, without, instead=group)
+    residual_power = np.maximum(without.sse, 1e-30)
+    removed = np.maximum(without.sse - fitted.sse, 0) / residual_power
+    joint = int(np.argmax(removed))
+
+    def stands_in(value: float, big: Fit) -> bool:
+        """It explains what the member explains, and not something else beside it."""
+        fall = (without.sse[joint] - big.sse[joint]) / residual_power[joint]
+        return (
+            member_nats - value < THRESHOLDS.class_nats and fall > 0.5 * removed[joint]
+        )
+
+    near = [g for value, g, big in ranked if stands_in(value, big)]
+    far = [value for value, g, _ in ranked if g not in near]
+    inside = np.exp(
+        [0.0, *(min(v - member_nats, 50) for v, g, _ in ranked if g in near)]
+    ).sum()
+    outside = np.exp([min(v - member_nats, 50) for v in [0.0, *far]]).sum()
+    return near, float(inside / (inside + outside))
+
+
+def prefer_simpler(task: Task, fitted: Fit) -> Fit:
+    """Prefer the simpler of two names that the data cannot tell apart.
+
+    A member gives way to an alternative with fewer coefficients and shape parameters
+    that explains the same within 3 nats (odds of 20 to 1).
+    """
+    for group in fitted.members:
+        others = [g for g in fitted.members if g is not group]
+        without = task.fit(others, fitted)
+        # Priced as if alone: one of several joints has no lead over its alternative.
+        member_nats = task.net_gain(fitted, without, replace(group, fellows=1))
+        for value, candidate, _ in rank_additions(task, without, instead=group):
+            if member_nats - value < THRESHOLDS.simpler_nats and _size(
+                candidate
+            ) < _size(group):
+                stand_in = replace(candidate, fellows=group.fellows)
+                fitted = task.settle(task.fit((*others, stand_in), without))
+                break
+    return fitted
+
+
+def _size(group: Group) -> float:
+    """Number of free parameters of a group, and how far-fetched it is."""
+    shape = group.effect.refine is not None
+    return len(group.ids) + shape + group.effect.far_fetched
+
+
+@dataclass(frozen=True, eq=False, slots=True)
+class Rival:
+    """Another set that the logs cannot tell from the one named."""
+
+    members: Members  # its effects
+    nats: float  # its score over that of the named set [nats]
+    twin: bool = False  # whether the two differ by what these logs cannot show at all
+
+
+def best_set(task: Task, fitted: Fit) -> Fit:
+    """Move to a better set near the one found, as long as there is one."""
+    if any(g.fellows > 1 for g in fitted.members):
+        return fitted
+    for _ in range(THRESHOLDS.set_rounds if fitted.members else 0):
+        score = _set_score(task, fitted)
+        best = max(
+            _neighboring_fits(task, fitted),
+            key=lambda f: _set_score(task, f),
+            default=fitted,
+        )
+        if _set_score(task, best) < score + THRESHOLDS.better_set_nats or not all(
+            possible(task.design, best, g) for g in best.members
+        ):
+            break
+        fitted = task.settle(task.fit(best.members, best))
+    return fitted
+
+
+def rivals(task: Task, fitted: Fit, least: Sequence[Detectable]) -> list[Rival]:
+    """Return all sets within 6 nats of the one named, nearest first."""
+    if not fitted.members or any(g.fellows > 1 for g in fitted.members):
+        return []
+    near, twins = near_sets(task, fitted), _body_twins(task, fitted, least)
+    known = {_places_of(r.members) for r in near}
+    return [*near, *(r for r in twins if _places_of(r.members) not in known)]
+
+
+def near_sets(task: Task, fitted: Fit) -> list[Rival]:
+    """Return the sets of those that another motion may tell from the one named."""
+    if not fitted.members or any(g.fellows > 1 for g in fitted.members):
+        return []
+    if fitted not in task.near_sets:
+        task.near_sets[fitted] = _near_sets(task, fitted)
+    return task.near_sets[fitted]
+
+
+def _near_sets(task: Task, fitted: Fit) -> list[Rival]:
+    score, rivals = _set_score(task, fitted), {}
+    for neighbor in _neighboring_fits(task, fitted):
+        gap = _set_score(task, neighbor) - score
+        key = _places_of(neighbor.members)
+        if gap > -THRESHOLDS.class_nats and key != _places_of(fitted.members):
+            rival = rivals.get(key)
+            if rival is None or gap > rival.nats:
+                rivals[key] = Rival(neighbor.members, gap)
+    return sorted(rivals.values(), key=lambda r: -r.nats)
+
+
+def _neighboring_fits(task: Task, fitted: Fit) -> Iterator[Fit]:
+    """Sets one move away: another for one, two for one, one for two, one less."""
+    members = fitted.members
+    for group in members:
+        others = tuple(g for g in members if g is not group)
+        without = task.fit(others, fitted)
+        yield without
+        ranked = rank_additions(task, without, instead=group, looks=FIRST_LOOKS)
+        for _, candidate, _ in ranked[:FIRST]:
+            swapped = _fit_with(task, others, candidate, without)
+            yield swapped
+            for _, second, _ in _other_additions(task, swapped, (group,))[:SECOND]:
+                yield _fit_with(task, swapped.members, second, swapped)
+    for first, second in combinations(members, 2):
+        if joints_acted_on(task, first) & joints_acted_on(task, second):
+            others = tuple(g for g in members if g is not first and g is not second)
+            without = task.fit(others, fitted)
+            for _, candidate, _ in _other_additions(task, without, (first, second))[
+                :FIRST
+            ]:
+                yield _fit_with(task, others, candidate, without)
+
+
+def _other_additions(task: Task, base: Fit, gone: Sequence[Group]) -> list:
+    """Additions to a fit that are not among the removed candidates."""
+    keys = {g.key for g in gone}
+    ranked = rank_additions(task, base, looks=FIRST_LOOKS)
+    return [one for one in ranked if not one[1].parts and one[1].key not in keys]
+
+
+def _fit_with(task: Task, others: Sequence[Group], candidate: Group, like: Fit) -> Fit:
+    return task.fit(refine_shape(task, (*others, candidate), like), like)
+
+
+def _set_score(task: Task, fitted: Fit) -> float:
+    price = sum(task.candidates.cost(g) + task.rules.min_nats for g in fitted.members)
+    return fitted.score - price
+
+
+def _places_of(members: Sequence[Group]) -> tuple:
+    return tuple(sorted((g.effect.name, g.joints) for g in members))
+
+
+def _body_twins(task: Task, fitted: Fit, least: Sequence[Detectable]) -> list[Rival]:
+    """Sets with one more change of a body that the named ones take up unseen.
+
+    A smaller load and a heavier link do what a load does; no evidence chooses, only
+    the price of one more name.
+    """
+    bodies = [g for g in fitted.members if g.effect.portable.bodies is not None]
+    taken = _places_of(fitted.members)
+    candidates = [
+        g
+        for g in task.candidates.groups
+        if g.effect.portable.bodies is not None
+        and not g.parts
+        and (g.effect.name, g.joints) not in taken
+        and len(g.ids) == 1
+    ]
+    if not bodies or not candidates:
+        return []
+    non_bodies = [g for g in fitted.members if g not in bodies]
+    without_bodies = _information(task, fitted, non_bodies, candidates)
+    with_bodies = _information(task, fitted, fitted.members, candidates)
+    out = []
+    for candidate, before, after in zip(
+        candidates, without_bodies, with_bodies, strict=True
+    ):
+        cost = task.candidates.cost(candidate) + task.rules.min_nats
+        # Clear without the named bodies, which take it up: not to be found beside them.
+        clear, taken_up = (
+            0.5 * THRESHOLDS.body_change_share**2 * before > cost,
+            after < THRESHOLDS.absorbed_share * before,
+        )
+        if clear and taken_up and _is_hidden(candidate, least):
+            out.append(Rival((*fitted.members, candidate), -cost, twin=True))
+    return out
+
+
+def _is_hidden(candidate: Group, least: Sequence[Detectable]) -> bool:
+    """Whether the usual change of a body is below the detectable size."""
+    place = candidate.effect.name, tuple(j + 1 for j in candidate.joints)
+    sizes = [d.value for d in least if (d.name, d.joints) == place]
+    return not any(
+        size is not None and size < THRESHOLDS.body_change_share for size in sizes
+    )
+
+
+def _information(
+    task: Task, fitted: Fit, members: Sequence[Group], candidates: Sequence[Group]
+) -> Array:
+    """Information on each candidate beyond a set. Shape (g,)."""
+    weight = fitted.weight(task.design.rows)
+    system = System.of(task.design, task.prior, members)
+    shared = overlap(task.design, system, weight)
+    half = solve_triangular(system.solve(weight)[1], shared, lower=True)
+    out = np.empty(len(candidates))
+    for stack in stacks(task.design, candidates):
+        out[stack.members] = stack.beyond(weight, half)[:, 0, 0]
+    return out

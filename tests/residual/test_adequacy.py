@@ -5,8 +5,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from residual.diagnosis.adequacy import adequacy, find_period
 from residual.diagnosis.diagnose import diagnose
+from residual.diagnosis.gate import adequacy, find_period
 from residual.evidence.fit import fit
 from residual.signals.track import Filters, prepare
 from tests.residual.arms import TWO, arm, plain_logs, recording

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from benchmarks.synthetic.logs import Case
-from residual.diagnosis.values import compare_values
+from residual.diagnosis.verdict import compare_values
 from residual.model.nominal import declared_names
 from residual.robot.robot import load_robot
 from sim.engine.records import PlantSpec, TrajectorySpec

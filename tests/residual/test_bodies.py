@@ -143,9 +143,9 @@ def test_a_load_that_no_body_is_gets_no_name():
     logs = plain_logs(other, range(7), np.zeros(7))
     logs = [replace(log, q=log.q - 0.1) for log in logs]
     found = diagnose(robot, logs[:3], (), logs[3:])
-    # An offset may be suspected beside it (0.92); no body is.
+    # An offset may be named beside it (0.92); no body is.
     assert [e for e in found.effects if e.probability > 0.95] == []
-    assert "payload" not in [e.name for e in found.effects]
+    assert not {"payload", "link_body"} & {e.name for e in found.effects}
     assert any("impossible" in line for line in found.verdict.warnings)
     assert found.verdict.bodies.chance < 1e-6
     assert refusals(found.models["augmented"]) == []

@@ -1,6 +1,6 @@
 """What the logs say of a value alone, and sets of effects that are as good."""
 
-from residual.diagnosis.neighbours import _set_score, best_set, rivals
+from residual.diagnosis.select import _set_score, best_set, rivals
 from tests.residual.linear import GEAR, LINE, OTHER, PLANE, Problem
 
 

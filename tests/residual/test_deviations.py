@@ -5,7 +5,7 @@ from types import SimpleNamespace
 
 import numpy as np
 
-from residual.diagnosis.uncertainty import standard_deviations
+from residual.diagnosis.findings import standard_deviations
 from residual.effects.base import Effect, Refinement, Trait, local
 from tests.residual.arms import arm
 from tests.residual.linear import LINE, Problem, build

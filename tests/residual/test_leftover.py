@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from residual.diagnosis.patterns import (
+from residual.diagnosis.unexplained import (
     DIRECTION,
     PLAIN,
     SUM,

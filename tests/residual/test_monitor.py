@@ -8,8 +8,7 @@ import pytest
 from scipy.signal import lfilter
 
 from residual.errors import InputError
-from residual.monitoring.monitor import block_maxima, calibrate, limits_of
-from residual.monitoring.scores import KINDS, STILL
+from residual.monitoring.monitor import KINDS, STILL, block_maxima, calibrate, limits_of
 from residual.monitoring.thresholds import MONITOR
 from tests.residual.monitored import (
     good_runs,

@@ -8,17 +8,15 @@ import numpy as np
 import pytest
 
 from residual.diagnosis.detectable import minimum_detectable
-from residual.diagnosis.findings import findings
+from residual.diagnosis.findings import findings, standard_deviations
 from residual.diagnosis.gate import drop_failed, gate_members, left_out_errors
-from residual.diagnosis.neighbours import alternatives, prefer_simpler
 from residual.diagnosis.search import (
     lowers_error,
     rank_additions,
     refine_shape,
     search,
 )
-from residual.diagnosis.select import select
-from residual.diagnosis.uncertainty import standard_deviations
+from residual.diagnosis.select import alternatives, prefer_simpler, select
 from residual.effects.base import Effect, Refinement, Trait, local
 from residual.evidence.thresholds import EvidenceThresholds
 from tests.residual.arms import arm

@@ -6,8 +6,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from residual.changes.contrast import SQUARES, expected_evidence, log_evidence
-from residual.changes.joint import OWN, JointRows
-from residual.changes.rows import Layout
+from residual.changes.rows import OWN, JointRows, Layout
 from tests.residual.arms import Y, Z
 
 FOUR = (Z, Y, Y, Z)

@@ -257,6 +257,7 @@ def test_without_a_hold_out_the_same_run_is_cut_and_a_warning_says_so():
     assert not any("same run" in w for w in other["warnings"])
 
 
+@pytest.mark.filterwarnings("error::RuntimeWarning")
 def test_no_relative_error_is_given_for_a_torque_that_is_zero_or_never_moves():
     for table in ("held_out", "filtered", "moving"):
         assert document(MUTE)["error"][table]["nominal"][1] is None

@@ -13,8 +13,7 @@ from flows.report.words.phrases import (
     sentence_case,
 )
 from residual.errors import joints_listed
-from residual.planning.promise import sure_words
-from residual.planning.question import NOTHING, TOGETHER
+from residual.planning.promise import NOTHING, TOGETHER, sure_words
 from residual.quantity import MISSING, fraction, is_number, measured, number, unit_text
 from residual.verdict.result import (
     LOAD,

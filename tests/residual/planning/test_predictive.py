@@ -6,15 +6,21 @@ import numpy as np
 import pytest
 from scipy.stats import multivariate_normal
 
-from residual.planning.outlook import (
+from residual.planning.promise import (
+    NOTHING,
+    TRAVEL,
+    Contest,
+    Course,
+    Question,
     Refit,
+    Rival,
+    Signals,
     expected_nats,
     log_evidence,
     outlook,
     prospect,
+    structural_twins,
 )
-from residual.planning.promise import TRAVEL, Course, structural_twins
-from residual.planning.question import NOTHING, Contest, Question, Rival, Signals
 from residual.verdict.result import Place
 
 COLUMNS, ROWS = 6, 12
