@@ -12,7 +12,7 @@ from flows.steps.check import as_mounted, checked
 from flows.storage.diagnosis import read_known
 from flows.storage.identification import store_identification
 from residual.identification.estimate import Options
-from residual.identification.prove import ValidatedIdentification, identify_and_prove
+from residual.identification.identify import ValidatedIdentification, identify_and_prove
 from residual.model.model import Model
 from residual.robot.robot import Robot
 from residual.threads import one_blas_thread

@@ -14,13 +14,8 @@ import numpy as np
 from scipy.sparse import csr_matrix
 
 from residual.blocks import as_names, frozen
-from residual.calibration.components import Pls, fit_pls
-from residual.calibration.effects import (
-    RIDGES,
-    EffectFit,
-    Tables,
-    fit_effects,
-)
+from residual.calibration.effects import RIDGES, EffectFit, Tables, fit_effects
+from residual.calibration.nominal_pls import Pls, fit_pls
 from residual.model.compare import is_sure
 from residual.model.corrected import NONE
 from residual.model.lookup import Axis, Lookup, LookupTable

@@ -6,8 +6,7 @@ import numpy as np
 import pytest
 
 from residual.calibration.calibrate import corrected_model
-from residual.calibration.components import state_names
-from residual.calibration.rows import MEASURED, PAPER
+from residual.calibration.rows import MEASURED, PAPER, state_names
 from residual.export.export import excitation
 from residual.model.corrected import NEAREST, NONE
 from residual.model.lookup import Axis, Lookup, LookupTable
