@@ -71,7 +71,7 @@ from residual.evidence.fit import as_model, fit, fit_nominal
 from residual.evidence.priors import priors
 from residual.model.corrected import NEAREST, Column, CorrectedModel
 from residual.model.corrected import Tables as JointTables
-from residual.model.lookup import Axis, Lookup, LookupTable
+from residual.model.lookup import Lookup, LookupTable
 from residual.model.model import Model
 from residual.model.nominal import (
     Logs,
@@ -389,24 +389,17 @@ def with_tables(model: Model, lookup: Lookup, joints: Sequence[int]) -> Correcte
 
 def _of_joint(lookup: Lookup, m: int) -> Lookup:
     """The same for one response alone; tables that are zero for it are left out."""
-    tables = [
-        LookupTable(t.axes, t.values[..., [m]])
-        for t in lookup.tables
-        if t.values[..., m].any()
-    ]
+    tables = [t for t in lookup.tables if t.values[..., m].any()]
     used = sorted({axis for t in tables for axis in t.axes})
     place = {axis: k for k, axis in enumerate(used)}
-    axes: list[Axis] = [lookup.axes[axis] for axis in used]
-    renumbered = [
-        LookupTable(tuple(place[a] for a in t.axes), t.values) for t in tables
-    ]
-    return Lookup(
-        lookup.names,
-        (lookup.joints[m],),
-        tuple(axes),
-        tuple(renumbered),
-        np.array(lookup.offset[[m]]),
-        np.array(lookup.slope[:, [m]]),
-        lookup.low,
-        lookup.high,
+    cut = (
+        LookupTable(tuple(place[a] for a in t.axes), t.values[..., [m]]) for t in tables
+    )
+    return replace(
+        lookup,
+        joints=(lookup.joints[m],),
+        axes=tuple(lookup.axes[axis] for axis in used),
+        tables=tuple(cut),
+        offset=np.array(lookup.offset[[m]]),
+        slope=np.array(lookup.slope[:, [m]]),
     )

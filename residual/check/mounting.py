@@ -25,7 +25,7 @@ from residual.check.motion import (
     torque_of_file,
 )
 from residual.check.reading import ROUNDS
-from residual.check.reported import Shares, carries, shares_of
+from residual.check.reported import carries, shares_of
 from residual.check.result import MOUNTING, Fault, Repair
 from residual.check.thresholds import CHECK
 from residual.errors import listed
@@ -146,10 +146,22 @@ def other_gravity(robot: Robot, motion: Motion) -> OtherGravity | None:
     angle, gain = _angle(best.gravity, given), best.nats - was.nats
     otherwise = angle >= CHECK.tilted_rad and gain >= CHECK.suspect_nats
     if none.nats > (best if otherwise else was).nats + CHECK.odds_nats:
-        return _without_weight(robot, was, none)
+        gain = none.nats - was.nats
+        words = (
+            f"{REMOVED_WORDS}. It fits better by {gain:.0f} nats; of a load the weight "
+            "may be there."
+        )
+        fault = Fault(REMOVED, (), gain > CHECK.suspect_nats, words)
+        return OtherGravity(fault, turned(robot, np.zeros(3)), none.nats)
     if not otherwise:
         return None
-    if not _fits_most_joints(shares_of(turned(robot, best.gravity), motion)):
+    # Most joints that carry the arm must have the file's torque, as it now is.
+    shares = shares_of(turned(robot, best.gravity), motion)
+    own = carries(shares)
+    off = np.abs(np.log(np.abs(shares.ratio[own]) + _NOTHING))
+    near = off < np.log(CHECK.joint_ratio)
+    near &= shares.explained[own] > CHECK.explained_least
+    if 2 * near.sum() <= len(near):
         return None
     file, found = (listed(g + 0.0, ".3g") for g in (given, best.gravity))
     words = (
@@ -160,26 +172,6 @@ def other_gravity(robot: Robot, motion: Motion) -> OtherGravity | None:
     repairs = (Repair("robot", gravity=tuple(map(float, best.gravity))),)
     fault = Fault(MOUNTING, (), gain > CHECK.suspect_nats, words, repairs)
     return OtherGravity(fault, turned(robot, best.gravity), best.nats)
-
-
-def _fits_most_joints(shares: Shares) -> bool:
-    """Whether most joints that carry the arm have the file's torque, as it now is."""
-    own = carries(shares)
-    off = np.abs(np.log(np.abs(shares.ratio[own]) + _NOTHING))
-    near = (off < np.log(CHECK.joint_ratio)) & (
-        shares.explained[own] > CHECK.explained_least
-    )
-    return bool(2 * near.sum() > len(near))
-
-
-def _without_weight(robot: Robot, was: GravityFit, none: GravityFit) -> OtherGravity:
-    gain = none.nats - was.nats
-    words = (
-        f"{REMOVED_WORDS}. It fits better by {gain:.0f} nats; of a load the weight "
-        "may be there."
-    )
-    fault = Fault(REMOVED, (), gain > CHECK.suspect_nats, words)
-    return OtherGravity(fault, turned(robot, np.zeros(3)), none.nats)
 
 
 def nats_of(robot: Robot, motion: Motion) -> float:

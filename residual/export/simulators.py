@@ -81,10 +81,7 @@ def properties(model: Model) -> dict[str, Array]:
 
 
 def to_urdf(source: AnyModel) -> ModelExport:
-    """Return a model as the text of a URDF.
-
-    Returns:
-        One file; gravity and what the drives add is not for a URDF to say.
+    """Return a model as a URDF; gravity and what the drives add is not for it to say.
 
     Raises:
         InputError: If a link has no positive mass.
@@ -113,13 +110,10 @@ FRICTION = {
 
 
 def to_mjcf(source: AnyModel, can: Collection[str] = MJCF_CAN) -> ModelExport:
-    """Return a model as the text of an MJCF file.
+    """Return a model as an MJCF, with a motor on each joint and no shape but lines.
 
     Args:
         can: Which properties of joints to use.
-
-    Returns:
-        One file, with a motor on each joint and no shape but lines.
 
     Raises:
         InputError: If a link is none that MuJoCo takes.

@@ -196,7 +196,14 @@ def _fitted(
     start = replace(start, free=shown.free)
     if options.prior is not None:
         # A prior speaks for what the motion does not show: nothing need be held.
-        precision = _precision(nominal, base, spread, options)
+        # Values that were never given stay free.
+        covariance, first = spread * options.prior**2, len(nominal.inertial)
+        for i, value in enumerate(nominal.coefficients()[first:], start=first):
+            sd = options.prior * abs(value) if value else 10 * np.sqrt(spread[i, i])
+            covariance[i, i] = sd**2
+        prior = base.mapping @ covariance @ base.mapping.T
+        unit = np.sqrt(np.diag(prior))
+        precision = np.linalg.inv(prior / np.outer(unit, unit)) / np.outer(unit, unit)
         start = replace(start, free=np.arange(len(base)), precision=precision)
         shown = replace(shown, fixed=())
     estimate = estimated(rows, blocks, start, options)
@@ -205,26 +212,10 @@ def _fitted(
         essential = reduce(blocks, start, estimate, int(rows.counts.sum()))
         estimate = estimated(rows, blocks, essential.start, options)
     full = base.embed(estimate.theta, nominal.coefficients(), wide)
-    model, compressed = (
-        nominal.with_coefficients(full),
-        compress(rows, estimate.row_weights),
-    )
+    model = nominal.with_coefficients(full)
+    compressed = compress(rows, estimate.row_weights)
     fit = (base, estimate, theta, wide, shown, essential, compressed)
     return Identification(options, logs, nominal, model, *fit)
-
-
-def _precision(
-    nominal: Model, base: BaseParameters, spread: Array, options: Options
-) -> Array:
-    """The prior of the base parameters; values that were never given stay free."""
-    size, scale = len(nominal.inertial), options.prior
-    covariance = spread * scale**2
-    for i, value in enumerate(nominal.coefficients()[size:], start=size):
-        sd = scale * abs(value) if value else 10 * np.sqrt(spread[i, i])
-        covariance[i, i] = sd**2
-    prior = base.mapping @ covariance @ base.mapping.T
-    unit = np.sqrt(np.diag(prior))
-    return np.linalg.inv(prior / np.outer(unit, unit)) / np.outer(unit, unit)
 
 
 # Full parameters that a body can have, nearest to the nominal among those that fit.
@@ -264,32 +255,24 @@ def consistent(free: Identification, scale: float = LOOSE) -> Consistent:
             f"Scale {scale:g}: expected a positive number; 1 doubts nominal values by "
             "their own size."
         )
-    best, root = _unconstrained(free, scale)
+    # The best parameters without the cone, and U'U, the information of rows and nominal
+    # together, in SI units.
+    unit = np.sqrt(np.diag(free.spread))
+    rows = stacked(free.blocks, free.estimate.weight)
+    left = rows[:, :-1] @ free.base.mapping * unit
+    right = rows[:, -1] - rows[:, :-1] @ free.nominal_theta
+    correlation = free.spread / np.outer(unit, unit)
+    root = np.linalg.cholesky(np.linalg.inv(correlation)).T / scale
+    q, upper = np.linalg.qr(np.concatenate([left, root]))
+    target = q.T @ np.concatenate([right, np.zeros(len(root))])
+    best = free.nominal.coefficients() + unit * np.linalg.solve(upper, target)
     bodies = bodies_of(free.nominal.with_coefficients(best), friction=True)
-    model = free.nominal.with_coefficients(nearest(bodies, best, root))
+    model = free.nominal.with_coefficients(nearest(bodies, best, upper / unit))
     theta = free.base.mapping @ model.coefficients()
     both = [squares(free.blocks, t) for t in (free.estimate.theta, theta)]
     misfit = np.sqrt(np.array(both) / np.maximum(free.estimate.counts, 1))
     least = least_eigenvalues(model), least_mass_matrix(model)
     return Consistent(model, *least, POSES, misfit)
-
-
-def _unconstrained(free: Identification, scale: float) -> tuple[Array, Array]:
-    """Return the best parameters without the cone (s,), and U (s, s).
-
-    With U'U the information of rows and nominal together, in SI units.
-    """
-    estimate, start = free.estimate, free.nominal.coefficients()
-    unit = np.sqrt(np.diag(free.spread))
-    rows = stacked(free.blocks, estimate.weight)
-    left = rows[:, :-1] @ free.base.mapping * unit
-    right = rows[:, -1] - rows[:, :-1] @ free.nominal_theta
-    correlation = free.spread / np.outer(unit, unit)
-    root = np.linalg.cholesky(np.linalg.inv(correlation)).T / scale
-    both = np.concatenate([left, root])
-    q, upper = np.linalg.qr(both)
-    target = q.T @ np.concatenate([right, np.zeros(len(root))])
-    return start + unit * np.linalg.solve(upper, target), upper / unit
 
 
 SAME_RUN = (
