@@ -7,8 +7,12 @@ import numpy as np
 from benchmarks.harness.figures import Figures, figure
 from benchmarks.synthetic.motions import make_motion
 from residual.identification.estimate import Options
-from residual.identification.identify import Identification, identify
-from residual.identification.prove import consistent, torque_errors
+from residual.identification.identify import (
+    Identification,
+    consistent,
+    identify,
+    torque_errors,
+)
 from residual.model.model import Model
 from residual.recording import Recording
 from residual.robot.dynamics import inertial_parameters

@@ -23,7 +23,7 @@ from residual.calibration.rows import Run
 from residual.calibration.scores import DEFAULT, NOTHING, RUN, find
 from residual.errors import InputError
 from residual.identification.estimate import Options
-from residual.identification.prove import ValidatedIdentification
+from residual.identification.identify import ValidatedIdentification
 from residual.model.lookup import CorrectedModel
 from residual.model.model import Model
 from residual.recording import Recording

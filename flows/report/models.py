@@ -10,7 +10,7 @@ from flows.report.words.phrases import texts
 from flows.report.words.verdict import sentences
 from flows.steps.adopt import AdoptionEntry, Judgment, Proposal
 from residual.errors import joints_listed
-from residual.identification.prove import ValidatedIdentification
+from residual.identification.identify import ValidatedIdentification
 from residual.model.compare import EDITED, WHOLE
 from residual.quantity import bare_percent, number, percent, unit_text
 from residual.verdict.result import ErrorTables

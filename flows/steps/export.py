@@ -15,11 +15,9 @@ from flows.settings import store_folder
 from flows.steps.models import read_model
 from flows.steps.rrd import make_rrd
 from residual.errors import InputError, RunError, check_name
-from residual.export.c99 import to_c99
+from residual.export.c99 import SOURCE, to_c99, to_fmu
 from residual.export.export import AnyModel, ModelExport, to_json, without_tables
-from residual.export.fmu import SOURCE, to_fmu
-from residual.export.mujoco import to_mujoco
-from residual.export.simulators import to_mjcf, to_urdf
+from residual.export.simulators import to_mjcf, to_mujoco, to_urdf
 from residual.export.table import to_table
 from residual.plugins import plugins
 from residual.quantity import plain

@@ -13,7 +13,7 @@ from flows.storage.diagnosis import read_known
 from flows.storage.identification import store_identification
 from residual import one_blas_thread
 from residual.identification.estimate import Options
-from residual.identification.prove import ValidatedIdentification, identify_and_prove
+from residual.identification.identify import ValidatedIdentification, identify_and_prove
 from residual.model.model import Model
 from residual.robot.robot import Robot
 

@@ -8,8 +8,7 @@ from pathlib import Path
 import numpy as np
 
 from residual.calibration.calibrate import Calibration, corrected_model
-from residual.calibration.crossval import relative_error
-from residual.calibration.scores import RUN, Score
+from residual.calibration.scores import RUN, Score, relative_error
 from residual.export.c99 import to_c99
 from residual.export.export import to_json
 from residual.model.lookup import export_lookup

@@ -3,7 +3,7 @@
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 
-from residual.identification.prove import ValidatedIdentification
+from residual.identification.identify import ValidatedIdentification
 from residual.quantity import plain
 from warehouse.commit import commit_record
 from warehouse.schema import rows_table

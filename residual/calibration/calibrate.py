@@ -3,6 +3,9 @@
 Which states the robot was in, what its model leaves there, and how well that is
 predicted: on rows of a motion that was seen, and on motions that were not. (Sections
 2.4 to 2.6 of the paper; docs/calibration.md.)
+
+A correction that is judged on unseen runs starts from a model that has not seen them
+either: declared effects and rigid body under a prior whose width the logs choose.
 """
 
 import re
@@ -20,17 +23,21 @@ from residual.calibration.choice import (
     fit_forms,
 )
 from residual.calibration.effects import Tables, make_tables
-from residual.calibration.nominal import PreparedRuns, identified_without, prepare_runs
 from residual.calibration.nominal_pls import NominalForm, fit_nominal_pls
 from residual.calibration.rows import (
     FEW,
     PAPER,
+    Blocks,
     Rows,
     Run,
+    chosen_rows,
+    cut_blocks,
     cut_single,
     measured_rows,
     paper_rows,
+    row_times,
     thinning,
+    torque_at,
 )
 from residual.calibration.scores import (
     BLOCK,
@@ -59,9 +66,11 @@ from residual.calibration.views import (
     unseen_run,
 )
 from residual.effects.base import Trait
+from residual.evidence.design import Design
+from residual.evidence.fit import as_model, fit, fit_nominal
+from residual.evidence.priors import priors
 from residual.model.lookup import (
     NEAREST,
-    Axis,
     Column,
     CorrectedModel,
     Lookup,
@@ -69,14 +78,87 @@ from residual.model.lookup import (
 )
 from residual.model.lookup import Tables as JointTables
 from residual.model.model import Model
+from residual.model.nominal import (
+    Logs,
+    Nominal,
+    declared_names,
+    prepare_logs,
+    start_nominal,
+    with_standstill,
+)
 from residual.recording import Array
 from residual.robot.robot import Robot
+from residual.signals.splitting import spread
+from residual.signals.track import Filters
 
 Progress = Callable[[str, float], None]
 # On random rows the error still falls at 30 components; the paper does not say.
 PAPER_SETTING = NominalForm(components=30)
 _TWIN = "--declared says nothing with --paper: the twin has what its robot declares"
 _CUT = "one log only: it was cut into parts, so unseen parts are of the same run"
+
+
+@dataclass(frozen=True, eq=False, slots=True)
+class PreparedRuns:
+    """All logs, ready for as many identifications as there are folds.
+
+    Attributes:
+        logs: Signals and the range of motion.
+        runs: The logs behind them.
+        nominal: Where every identification starts.
+        blocks: Blocks of the logs, which identifications may leave out.
+        places: Place of each log's rows in them.
+        design: Columns of the nominal model; its folds are those places.
+    """
+
+    logs: Logs
+    runs: tuple[Run, ...]
+    nominal: Nominal
+    blocks: Blocks
+    places: tuple[Array, ...]
+    design: Design
+
+    def residuals(self, model: Model) -> tuple[Array, ...]:
+        """Measured minus model torque on each log's track [N m]. Shapes (n, dof)."""
+        out = []
+        for run, track in zip(self.runs, self.logs.tracks, strict=True):
+            out.append(torque_at(run.log, track) - model.torque_on(track))
+        return tuple(out)
+
+
+def prepare_runs(
+    robot: Robot, runs: Sequence[Run], declared: Sequence[str] | None
+) -> PreparedRuns:
+    """Filter all logs once; declared effects are the robot's own list for None."""
+    logs = prepare_logs(robot, [run.log for run in runs], None, Filters(), split=False)
+    nominal = start_nominal(logs, declared_names(robot, declared))
+    blocks = cut_blocks([track.t[chosen_rows(track)] for track in logs.tracks])
+    numbered = enumerate(map(row_times, logs.tracks))
+    places = tuple(blocks.places(run, t) for run, t in numbered)
+    design = Design(logs.tracks, nominal.model, labels=list(places))
+    return PreparedRuns(logs, tuple(runs), nominal, blocks, places, design)
+
+
+def identified_without(prepared: PreparedRuns, left_out: Collection[int] = ()) -> Model:
+    """Identify the model from all blocks of the runs but some, by number."""
+    design, nominal = prepared.design, prepared.nominal
+    if left_out:
+        folds = prepared.blocks.kept(left_out)  # a last edge may have no rows
+        design = design.part(folds[folds < design.folds], alone=True)
+    wide = priors(design, nominal)
+    first = fit_nominal(design, wide[-1])
+    fits = [fit(design, p, (), first.counted, None, rounds=4) for p in wide]
+    best = as_model(nominal, max(fits, key=lambda f: f.score))
+    tracks = []  # what is left of each log
+    for track, places in zip(prepared.logs.tracks, prepared.places, strict=True):
+        kept = prepared.blocks.mask(places, left_out)
+        if kept.all():
+            tracks.append(track)
+        elif kept.any():
+            inner, moving = track.inner & kept, track.moving & kept[:, None]
+            tracks.append(replace(track, inner=inner, moving=moving))
+    shown = spread([track.seconds for track in tracks])
+    return with_standstill(best, [tracks[i] for i in shown])
 
 
 @dataclass(frozen=True, slots=True)
@@ -156,7 +238,7 @@ class Source:
             self.notes += (_TWIN,) if settings.declared is not None else ()
             return
         self._prepared = prepare_runs(robot, runs, settings.declared)
-        self.declared = self._prepared.names
+        self.declared = self._prepared.nominal.names
         self.nominal = identified_without(self._prepared)
         self._joints = settings.joints
         self.rows = self._rows(self.nominal)
@@ -173,10 +255,8 @@ class Source:
 
     def _rows(self, model: Model) -> Rows:
         ready = self._prepared
-        residual = ready.residuals(model)
-        return measured_rows(
-            ready.runs, ready.tracks, residual, self._joints, self._thin
-        )
+        parts = ready.runs, ready.logs.tracks, ready.residuals(model)
+        return measured_rows(*parts, self._joints, self._thin)
 
 
 def calibrate(
@@ -314,24 +394,17 @@ def with_tables(model: Model, lookup: Lookup, joints: Sequence[int]) -> Correcte
 
 def _of_joint(lookup: Lookup, m: int) -> Lookup:
     """The same for one response alone; tables that are zero for it are left out."""
-    tables = [
-        LookupTable(t.axes, t.values[..., [m]])
-        for t in lookup.tables
-        if t.values[..., m].any()
-    ]
+    tables = [t for t in lookup.tables if t.values[..., m].any()]
     used = sorted({axis for t in tables for axis in t.axes})
     place = {axis: k for k, axis in enumerate(used)}
-    axes: list[Axis] = [lookup.axes[axis] for axis in used]
-    renumbered = [
-        LookupTable(tuple(place[a] for a in t.axes), t.values) for t in tables
-    ]
-    return Lookup(
-        lookup.names,
-        (lookup.joints[m],),
-        tuple(axes),
-        tuple(renumbered),
-        np.array(lookup.offset[[m]]),
-        np.array(lookup.slope[:, [m]]),
-        lookup.low,
-        lookup.high,
+    cut = (
+        LookupTable(tuple(place[a] for a in t.axes), t.values[..., [m]]) for t in tables
+    )
+    return replace(
+        lookup,
+        joints=(lookup.joints[m],),
+        axes=tuple(lookup.axes[axis] for axis in used),
+        tables=tuple(cut),
+        offset=np.array(lookup.offset[[m]]),
+        slope=np.array(lookup.slope[:, [m]]),
     )

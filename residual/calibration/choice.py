@@ -13,13 +13,13 @@ from dataclasses import dataclass, replace
 import numpy as np
 from scipy.sparse import csr_matrix
 
-from residual.calibration.components import Pls, fit_pls
 from residual.calibration.effects import (
     RIDGES,
     EffectFit,
     Tables,
     fit_effects,
 )
+from residual.calibration.nominal_pls import Pls, fit_pls
 from residual.model.compare import is_sure
 from residual.model.lookup import NONE, Axis, Lookup, LookupTable
 from residual.quantity import as_names, frozen

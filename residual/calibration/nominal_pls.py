@@ -1,21 +1,165 @@
-"""Nominal-level PLSR with interactions: the paper's modified PLSR (eq. 30, 14 to 27).
+"""Partial least squares regression (PLSR), of states and of nominal levels.
 
-Each variable becomes a column per level, each two columns of different variables their
-product: 36 tables for 9 variables, 17 424 columns at 22 levels. No column is formed:
-see `residual/calibration/kernels.py`. Kernel PLS: Dayal and MacGregor (1997),
-algorithm 1.
+Kernel PLS: Dayal and MacGregor (1997), algorithm 1 (paper, eq. 14 to 27). The paper's
+modified PLSR (eq. 30) is of levels with interactions: each variable becomes a column
+per level, each two columns of different variables their product: 36 tables for 9
+variables, 17 424 columns at 22 levels. No column is formed: see
+`residual/calibration/kernels.py`. Rows that share all levels count as one.
 """
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from itertools import combinations
+from math import prod
 
 import numpy as np
 
-from residual.calibration.components import EXHAUSTED, leading
-from residual.calibration.levels import Levels, equal_levels, merge_rows
+from residual.calibration.effects import Codes, Levels, equal_levels
 from residual.model.lookup import Axis, Lookup, LookupTable
-from residual.quantity import as_names, as_pair, check_count, frozen
+from residual.quantity import (
+    as_names,
+    as_pair,
+    as_rows,
+    check_count,
+    check_varying,
+    frozen,
+)
 from residual.recording import Array
+
+# Covariance below this share of the first one is rounding: nothing is left to explain.
+EXHAUSTED = 1e-12
+
+
+@dataclass(frozen=True, eq=False, slots=True)
+class Pls:
+    """A fitted regression; any number of leading components is a model of its own."""
+
+    names: tuple[str, ...]  # variables of X
+    # Mean and standard deviation of X (paper, eq. 18), (k,).
+    x_mean: Array
+    x_scale: Array
+    y_mean: Array  # mean of Y, (j,)
+    V: Array  # weights that give scores from scaled X itself (eq. 19), (k, A)
+    Q: Array  # loadings of Y (eq. 16), (j, A)
+
+    def transform(self, X: Array) -> Array:
+        """Scores of new rows, t = (x - xbar) V (eq. 21). Shape (m, A)."""
+        X = as_rows(X, self.names, "the model was fitted to")
+        return (X - self.x_mean) / self.x_scale @ self.V
+
+    def linear(self, components: int) -> tuple[Array, Array]:
+        """Constant (j,) and slope (k, j) of some leading components (eq. 25, 26)."""
+        a = components
+        slope = self.V[:, :a] @ self.Q[:, :a].T / self.x_scale[:, None]
+        return self.y_mean - self.x_mean @ slope, slope
+
+
+def fit_pls(
+    X: Array,
+    Y: Array,
+    components: int | None = None,
+    *,
+    names: Sequence[str] | None = None,
+) -> Pls:
+    """Fit a partial least squares regression (paper, eq. 14 to 27).
+
+    Kernel PLS (Dayal and MacGregor 1997, algorithm 1), from Z'Z and Z'Y alone. Columns
+    of X are scaled to unit variance: rad, rad/s and rad/s^2 do not compare. Fewer
+    components than asked for come back where nothing of Y is left to explain.
+
+    Args:
+        X: Regressors. Shape (n, k).
+        Y: Responses. Shape (n, j).
+        components: Number A; as many as the rank of X if None.
+
+    Raises:
+        InputError: On a constant column, more components than the rank of X, blocks
+            of different length, or a value that is not finite.
+    """
+    X, Y = as_pair(X, Y)
+    names = as_names(names, X.shape[1], "x")
+    check_count(len(X), 2, 2**62, "rows of X", "Take a longer log.")
+    check_varying(X, names)
+    x_mean, x_scale, y_mean = X.mean(axis=0), X.std(axis=0, ddof=1), Y.mean(axis=0)
+    Z = (X - x_mean) / x_scale
+    rank = int(np.linalg.matrix_rank(Z))
+    remedy = f"The bound is the rank of X ({len(X)} rows, {X.shape[1]} columns)."
+    requested = rank if components is None else components
+    count = check_count(requested, 1, rank, "components", remedy)
+    parts = _components(Z.T @ Z, Z.T @ (Y - y_mean), count)
+    return Pls(names, *map(frozen, (x_mean, x_scale, y_mean, *parts)))
+
+
+def leading(S: Array) -> tuple[Array, float]:
+    """Eigenvector of S S' to its largest eigenvalue, and S's norm. Shape (j, p)."""
+    values, vectors = np.linalg.eigh(S @ S.T)
+    q = np.ascontiguousarray(vectors[:, -1])
+    return q * np.sign(q[np.abs(q).argmax()]), float(max(values[-1], 0.0) ** 0.5)
+
+
+def _components(G: Array, S: Array, count: int) -> tuple[Array, Array]:
+    """Return V and Q from G = Z'Z (k, k) and S = Z'Y (k, j)."""
+    V, P, Q = (np.zeros((count, n)) for n in (len(G), len(G), S.shape[1]))
+    first, done = 0.0, 0
+    for a in range(count):
+        q, size = leading(S.T)
+        first = first or size
+        if size <= EXHAUSTED * first:
+            break
+        w = S @ q / size
+        # Twice: rounding of long products would make late scores oblique.
+        v = w - V[:a].T @ (P[:a] @ w)
+        V[a] = v - V[:a].T @ (P[:a] @ v)
+        energy = V[a] @ G @ V[a]
+        P[a], Q[a] = G @ V[a] / energy, V[a] @ S / energy
+        S = S - energy * np.outer(P[a], Q[a])
+        done = a + 1
+    return V[:done].T.copy(), Q[:done].T.copy()
+
+
+@dataclass(frozen=True, eq=False, slots=True)
+class Cells:
+    """Distinct combinations of levels."""
+
+    codes: Array  # levels of each cell, in ascending order of rows; uint16, (c, d)
+    sizes: Array  # number of levels of each variable, (d,)
+    count: Array  # rows in each cell, (c,)
+    of_row: Array  # cell of each row, (n,)
+
+    @property
+    def pair_columns(self) -> int:
+        """Columns that all products of two variables' indicators would take."""
+        return int(self.sizes.sum() ** 2 - (self.sizes**2).sum()) // 2
+
+    def sums(self, Y: Array) -> Array:
+        """Sum of each column over the rows of each cell. Shape (c, j)."""
+        columns = [np.bincount(self.of_row, y, len(self.count)) for y in Y.T]
+        return np.stack(columns, axis=1)
+
+
+def merge_rows(codes: Codes) -> Cells:
+    """Merge rows that have all levels in common.
+
+    Neighbours share their first variables, so that tables that are read one after the
+    other lie close in memory.
+    """
+    if prod(codes.sizes) < 2**63:  # one number per row, else the bytes of the row
+        key = np.zeros(len(codes.values), np.int64)
+        for column, size in zip(codes.values.T, codes.sizes, strict=True):
+            key *= size
+            key += column
+    else:
+        wide = np.ascontiguousarray(codes.values.astype(">u2"))
+        key = wide.view(np.dtype((np.void, 2 * wide.shape[1]))).ravel()
+    _, first, of_row, count = np.unique(
+        key, return_index=True, return_inverse=True, return_counts=True
+    )
+    return Cells(
+        frozen(np.ascontiguousarray(codes.values[first], dtype=np.uint16)),
+        frozen(np.array(codes.sizes, dtype=np.int64)),
+        frozen(count.astype(float)),
+        frozen(of_row.reshape(-1)),
+    )
 
 
 @dataclass(frozen=True, slots=True)

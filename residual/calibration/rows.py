@@ -17,9 +17,8 @@ from itertools import pairwise
 
 import numpy as np
 
-from residual.calibration.components import state_block, state_names
 from residual.errors import InputError
-from residual.quantity import frozen
+from residual.quantity import as_block, frozen
 from residual.recording import Array, Recording
 from residual.signals.splitting import rows_of
 from residual.signals.track import Filters, Track, sample_rate
@@ -33,6 +32,16 @@ PAPER_HZ, MEASURED_HZ = 125.0, 60.0  # a higher rate repeats rows and changes no
 _ENOUGH = 10  # rows per variable from which on a joint has rows in motion to learn from
 PARTS = 5  # of a single log
 MOST = 900.0  # s of logs in all
+
+
+def state_block(q: Array, qd: Array, qdd: Array) -> Array:
+    """Return [q, qd, qdd] side by side (paper, eq. 13 and 28). Shape (n, 3 joints)."""
+    return np.hstack([as_block(part, "a part of the state") for part in (q, qd, qdd)])
+
+
+def state_names(joints: Sequence[int]) -> tuple[str, ...]:
+    """Names of the columns of `state_block` for joints counted from 1."""
+    return tuple(f"{kind}{j}" for kind in ("q", "qd", "qdd") for j in joints)
 
 
 @dataclass(frozen=True, eq=False, slots=True)

@@ -8,11 +8,9 @@ from time import process_time
 import numpy as np
 
 from residual.calibration.choice import LEAST_SQUARES, Option
-from residual.calibration.components import Pca, fit_pca, state_block, state_names
-from residual.calibration.crossval import relative_error
 from residual.calibration.effects import Tables
 from residual.calibration.nominal_pls import NominalForm
-from residual.calibration.rows import Rows, Run
+from residual.calibration.rows import Rows, Run, state_block, state_names
 from residual.calibration.scores import (
     DEFAULT,
     LS,
@@ -20,9 +18,91 @@ from residual.calibration.scores import (
     Scheme,
     Trial,
     paper_forecast,
+    relative_error,
     training_of,
 )
+from residual.errors import InputError
+from residual.quantity import as_block, as_names, check_count, check_varying, frozen
 from residual.recording import Array
+from residual.signals.filters import randomise_phases
+
+LEAST_DRAWS = 20  # a 95 % limit from fewer is their maximum
+_QUANTILE = 0.95  # of the surrogates, that chance may not exceed
+
+
+@dataclass(frozen=True, eq=False, slots=True)
+class Pca:
+    """Principal components of centred, scaled columns (paper, eq. 12)."""
+
+    names: tuple[str, ...]
+    loadings: Array  # orthonormal loadings P, (k, k)
+    eigenvalues: Array  # variance of each component; they add up to k, (k,)
+    limit: Array  # what 95 of 100 surrogates of the signals do not exceed, (k,)
+
+    @property
+    def real(self) -> int:
+        """Number of leading components with more variance than chance gives.
+
+        In a correlation matrix a first component too large makes the others small, so
+        only an unbroken start is a count.
+        """
+        return int(np.logical_and.accumulate(self.eigenvalues > self.limit).sum())
+
+    def strongest(self, component: int) -> tuple[tuple[str, float], ...]:
+        """The three variables with the largest loadings of a component, with sign."""
+        column = self.loadings[:, component]
+        order = np.argsort(-np.abs(column), kind="stable")[:3]
+        return tuple((self.names[i], float(column[i])) for i in order)
+
+
+def fit_pca(
+    X: Array,
+    rng: np.random.Generator,
+    names: Sequence[str] | None = None,
+    *,
+    run: Array | None = None,
+    draws: int = 100,
+) -> Pca:
+    """Return all principal components of signals as columns, in any units.
+
+    The columns are centred and scaled to unit variance first (paper, below eq. 12):
+    angles, speeds and accelerations have different units. A sign is chosen so that
+    the largest loading of each component is positive. Surrogates are drawn within runs.
+
+    How many components are more than chance: parallel analysis (Horn 1965,
+    Psychometrika 30) compares with white noise. Rows of a log are autocorrelated: two
+    slow signals of no relation correlate by chance. So chance is drawn with the
+    spectrum of every variable kept (Theiler et al. 1992, Physica D 58).
+    """
+    X = as_block(X, "X")
+    check_count(len(X), 2, 2**62, "rows of X", "Take a longer log.")
+    names = as_names(names, X.shape[1], "x")
+    check_varying(X, names)
+    check_count(draws, LEAST_DRAWS, 10**6, "draws", "100 are usual.")
+    run = np.zeros(len(X), int) if run is None else np.asarray(run)
+    if run.shape != (len(X),):
+        raise InputError(f"run has shape {run.shape}, expected ({len(X)},).")
+    parts = [np.flatnonzero(run == label) for label in np.unique(run)]
+    shortest = min(map(len, parts))
+    check_count(shortest, 4, len(X), "rows of a run", "Leave short runs out.")
+    values, vectors = np.linalg.eigh(_correlation(X))
+    largest = np.abs(vectors).argmax(axis=0)
+    vectors = vectors * np.sign(vectors[largest, range(len(names))])
+    spectra = [np.fft.rfft(X[rows] - X[rows].mean(0), axis=0) for rows in parts]
+    means = np.concatenate([np.repeat(X[r].mean(0)[None], len(r), 0) for r in parts])
+    drawn = np.empty((draws, X.shape[1]))
+    for i in range(draws):
+        pairs = zip(spectra, parts, strict=True)
+        new = [randomise_phases(s, len(rows), rng) for s, rows in pairs]
+        drawn[i] = np.linalg.eigvalsh(_correlation(np.concatenate(new) + means))[::-1]
+    limit = np.quantile(drawn, _QUANTILE, axis=0)
+    ordered = vectors[:, ::-1].copy(), values[::-1].copy(), limit
+    return Pca(names, *map(frozen, ordered))
+
+
+def _correlation(X: Array) -> Array:
+    return np.corrcoef(X.T).reshape(X.shape[1], -1)
+
 
 INPUT, TWIN, WHITE, LEFT = "input", "twin error", "white noise", "residual"
 SWEEP = (2, 4, 8, 15, 22, 40)  # levels

@@ -5,7 +5,6 @@ from dataclasses import replace
 
 import numpy as np
 
-from residual.check.commanded import commanded
 from residual.check.kinematics import (
     degrees,
     no_clock,
@@ -17,13 +16,15 @@ from residual.check.kinematics import (
 )
 from residual.check.motion import Motion, thin_rows
 from residual.check.mounting import REMOVED, nats_of, other_gravity
-from residual.check.physics import misread, wrong_robot
-from residual.check.reading import Reading, as_given, odds_of, read_by
-from residual.check.reported import (
-    shares_of,
-    torque_factors,
-    unit_fault,
+from residual.check.reading import (
+    Reading,
+    as_given,
+    misread,
+    odds_of,
+    read_by,
+    wrong_robot,
 )
+from residual.check.reported import commanded, shares_of, torque_factors, unit_fault
 from residual.check.result import MOUNTING, Fault, LogCheck, Repair, joints_of
 from residual.check.samples import (
     constant,

@@ -12,18 +12,20 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 import pinocchio as pin
+from scipy.linalg import cho_factor, cho_solve
 
 from residual.check.motion import (
     BODY,
     OUTER,
     TILT,
+    Columns,
     Motion,
     columns,
     gravity_of,
     torque_of_file,
 )
-from residual.check.physics import Part, fit_body, parts_of
-from residual.check.reported import Shares, carries, shares_of
+from residual.check.reading import ROUNDS
+from residual.check.reported import carries, shares_of
 from residual.check.result import MOUNTING, Fault, Repair
 from residual.check.thresholds import CHECK
 from residual.errors import listed
@@ -39,6 +41,79 @@ REMOVED_WORDS = (
 )
 _TILTS, _NOTHING = 2, 1e-300
 _SCALES = (0.1, 0.3, 1.0)  # of the body's prior, chosen by evidence
+
+
+@dataclass(frozen=True, eq=False, slots=True)
+class Part:
+    """Sums of one joint's rows over the coefficients of all joints."""
+
+    gram: Array
+    model: Array
+    torque: Array
+    squares: tuple[float, float, float]  # torque^2, torque * model, model^2
+    rows: float
+    floor: float
+
+
+def parts_of(motion: Motion, joints: list[Columns]) -> list[Part]:
+    """Own columns of each joint side by side, those of the body and outside common."""
+    dof, out = len(joints), []
+    common = OUTER + PER_LINK * dof
+    own = [joint.values.shape[1] - common for joint in joints]
+    starts = np.concatenate([[0], np.cumsum(own)])
+    strongest = np.sqrt(np.mean(motion.tau**2, axis=0).max())
+    for j, joint in enumerate(joints):
+        values = np.zeros((len(joint.nominal), starts[-1] + common))
+        values[:, starts[j] : starts[j + 1]] = joint.values[:, : own[j]]
+        values[:, starts[-1] :] = joint.values[:, own[j] :]
+        tau, model = motion.tau[joint.rows, j], joint.nominal
+        pairs = ((tau, tau), (tau, model), (model, model))
+        weight, rows = motion.spread, motion.spread * len(tau)
+        squares = tuple(weight * float(a @ b) for a, b in pairs)
+        size = np.sqrt(squares[0] / max(rows, 1e-9))
+        floor = max(0.01 * size, 0.001 * strongest, 1e-12)
+        sums = (weight * values.T @ x for x in (values, model, tau))
+        out.append(Part(*sums, squares, rows, floor))
+    return out
+
+
+def fit_body(parts: list[Part], prior: Array) -> tuple[Array, Array, float]:
+    """Fit one body to all torques, by turns with what it leaves of each.
+
+    Args:
+        prior: Precision of each coefficient about none.
+
+    Returns:
+        What is left of each torque [N m], (dof,); the coefficients; log evidence.
+    """
+    sigma = np.array([part.floor for part in parts])
+    for _ in range(ROUNDS):
+        _, at, _ = _solve_body(parts, sigma, prior)
+        for j, part in enumerate(parts):
+            power, cross, model = part.squares
+            left = power - 2 * cross + model - 2 * at @ (part.torque - part.model)
+            left = max(float(left + at @ part.gram @ at), 0.0)
+            sigma[j] = max(np.sqrt(left / max(part.rows, 1e-9)), part.floor)
+    square, at, size = _solve_body(parts, sigma, prior)
+    noise = sum(part.rows * np.log(sd) for part, sd in zip(parts, sigma, strict=True))
+    return sigma, at, float(-0.5 * (square + size) - noise)
+
+
+def _solve_body(
+    parts: list[Part], sigma: Array, prior: Array
+) -> tuple[float, Array, float]:
+    """Quadratic form of the rest, coefficients, and log determinant."""
+    sums, square = 0.0, 0.0
+    gram = np.diag(prior)
+    for part, sd in zip(parts, sigma, strict=True):
+        power, cross, model = part.squares
+        gram += part.gram / sd**2
+        sums = sums + (part.torque - part.model) / sd**2
+        square += (power - 2 * cross + model) / sd**2
+    factor = cho_factor(gram)
+    at = cho_solve(factor, sums)
+    size = 2 * float(np.log(np.diag(factor[0])).sum()) - float(np.log(prior).sum())
+    return square - float(sums @ at), at, size
 
 
 @dataclass(frozen=True, eq=False, slots=True)
@@ -71,10 +146,22 @@ def other_gravity(robot: Robot, motion: Motion) -> OtherGravity | None:
     angle, gain = _angle(best.gravity, given), best.nats - was.nats
     otherwise = angle >= CHECK.tilted_rad and gain >= CHECK.suspect_nats
     if none.nats > (best if otherwise else was).nats + CHECK.odds_nats:
-        return _without_weight(robot, was, none)
+        gain = none.nats - was.nats
+        words = (
+            f"{REMOVED_WORDS}. It fits better by {gain:.0f} nats; of a load the weight "
+            "may be there."
+        )
+        fault = Fault(REMOVED, (), gain > CHECK.suspect_nats, words)
+        return OtherGravity(fault, turned(robot, np.zeros(3)), none.nats)
     if not otherwise:
         return None
-    if not _fits_most_joints(shares_of(turned(robot, best.gravity), motion)):
+    # Most joints that carry the arm must have the file's torque, as it now is.
+    shares = shares_of(turned(robot, best.gravity), motion)
+    own = carries(shares)
+    off = np.abs(np.log(np.abs(shares.ratio[own]) + _NOTHING))
+    near = off < np.log(CHECK.joint_ratio)
+    near &= shares.explained[own] > CHECK.explained_least
+    if 2 * near.sum() <= len(near):
         return None
     file, found = (listed(g + 0.0, ".3g") for g in (given, best.gravity))
     words = (
@@ -85,26 +172,6 @@ def other_gravity(robot: Robot, motion: Motion) -> OtherGravity | None:
     repairs = (Repair("robot", gravity=tuple(map(float, best.gravity))),)
     fault = Fault(MOUNTING, (), gain > CHECK.suspect_nats, words, repairs)
     return OtherGravity(fault, turned(robot, best.gravity), best.nats)
-
-
-def _fits_most_joints(shares: Shares) -> bool:
-    """Whether most joints that carry the arm have the file's torque, as it now is."""
-    own = carries(shares)
-    off = np.abs(np.log(np.abs(shares.ratio[own]) + _NOTHING))
-    near = (off < np.log(CHECK.joint_ratio)) & (
-        shares.explained[own] > CHECK.explained_least
-    )
-    return bool(2 * near.sum() > len(near))
-
-
-def _without_weight(robot: Robot, was: GravityFit, none: GravityFit) -> OtherGravity:
-    gain = none.nats - was.nats
-    words = (
-        f"{REMOVED_WORDS}. It fits better by {gain:.0f} nats; of a load the weight "
-        "may be there."
-    )
-    fault = Fault(REMOVED, (), gain > CHECK.suspect_nats, words)
-    return OtherGravity(fault, turned(robot, np.zeros(3)), none.nats)
 
 
 def nats_of(robot: Robot, motion: Motion) -> float:

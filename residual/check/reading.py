@@ -3,19 +3,23 @@
 The torques of a reading of the angles are assigned to the joints by
 `scipy.optimize.linear_sum_assignment`. Angles make the columns anew, so they are tried
 one change at a time: single flips, single swaps, shifts by one joint, all reversed,
-other units.
+other units. Where another reading explains a log better than the map, the differences
+are the faults of the map.
 """
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from itertools import combinations
+from typing import NamedTuple
 
 import numpy as np
 from numpy.linalg import eigh
 from scipy.special import log_ndtr
 
 from residual.check.motion import Motion, columns
+from residual.check.result import Fault, Repair, joints_of
 from residual.check.thresholds import CHECK
+from residual.errors import joints_listed, listed
 from residual.recording import Array
 from residual.robot.robot import Robot
 
@@ -334,3 +338,167 @@ def _neighbors(reading: Reading, geared: bool) -> Iterator[Reading]:
     orders |= {exchanged(order, *pair) for pair in combinations(range(dof), 2)}
     for other in sorted(orders - {order}):
         yield replace(reading, angle_order=other)
+
+
+Joints = tuple[int, ...]
+
+
+def misread(robot: Robot, motion: Motion) -> tuple[list[Fault], Reading]:
+    """Find signs, orders and units that another reading of columns explains better."""
+    best, given = best_reading(robot, motion), as_given(robot.dof)
+    if best.reading == given:
+        return [], given
+    was = score_reading(robot, motion, given)
+    if best.value - was.value < CHECK.suspect_nats - CHECK.odds_nats:
+        return [], given
+    reading = best.reading
+    mistakes = [*_places(reading, given), *_units(reading, robot.gear_ratio)]
+    scored = (_fault_of(robot, motion, best, mistake) for mistake in mistakes)
+    faults = [fault for fault in scored if fault]
+    if best.value - was.value < CHECK.certain_nats:
+        faults = [replace(fault, certain=False) for fault in faults]
+    if not faults:
+        return [], given
+    # Motors whose gears are not known are no other arm.
+    unknown = robot.gear_ratio is None and {f.kind for f in faults} == {"gear_ratio"}
+    fits = bent(was) < CHECK.suspect_nats
+    wrong = [] if unknown or fits else _wrong_robot(best, faults)
+    return wrong or faults, best.reading
+
+
+def wrong_robot(robot: Robot, motion: Motion) -> list[Fault]:
+    """Find columns that are read rightly, but are not of this arm."""
+    return _wrong_robot(score_reading(robot, motion, as_given(robot.dof)), [])
+
+
+def _wrong_robot(best: ScoredReading, faults: list[Fault]) -> list[Fault]:
+    """Another arm, where even the best reading bends the file beyond a rough one.
+
+    Two joints may be odd, or hide an effect; more are another arm.
+    """
+    nats = bent(best)
+    kinds = len({fault.kind for fault in faults})
+    least = CHECK.suspect_nats if kinds else CHECK.certain_nats
+    if nats < least:
+        return []
+    tried = f" (the best: {', '.join(sorted({f.kind for f in faults}))})"
+    words = (
+        "No single reordering, sign or unit change makes this log fit the robot"
+        f"{tried if kinds else ''}: masses and inertias of several joints would be far "
+        f"from the robot file ({nats:.0f} nats without the worst joint)."
+    )
+    certain = nats > CHECK.broken_nats or any(fault.certain for fault in faults)
+    return [Fault("wrong_robot", (), certain, words)]
+
+
+def bent(scored: ScoredReading) -> float:
+    """By how much a robot file must bend, its worst joint left out [nats]."""
+    strains = np.minimum(scored.strains(), CHECK.one_joint_nats)
+    return float(strains.sum() - strains.max())
+
+
+def _fault_of(
+    robot: Robot, motion: Motion, best: ScoredReading, mistake: "_Mistake"
+) -> Fault | None:
+    """Return the fault if the reading without its repair is worse by enough."""
+    kind, joints, words, repairs, undone = mistake
+    other = score_reading(robot, motion, replace(best.reading, **undone))
+    nats = best.nats - other.nats
+    # Undoing a mistake of the map may not make any of its joints worse.
+    worse = [j - 1 for j in joints or range(1, robot.dof + 1)]
+    suffers = max(other.fit(j) - best.fit(j) for j in worse)
+    # What is said of all joints must be true of each.
+    most = nats / CHECK.loss_ratio
+    most = most if joints else min(most, CHECK.suspect_nats)
+    if nats < CHECK.suspect_nats or suffers > most:
+        return None
+    evidence = f"{words} better by {nats:.0f} nats."
+    return Fault(kind, joints, nats > CHECK.certain_nats, evidence, tuple(repairs))
+
+
+class _Mistake(NamedTuple):
+    """A difference of a reading from the map, and the fields that undo it."""
+
+    kind: str
+    joints: Joints
+    words: str
+    repairs: list[Repair]
+    undone: dict[str, object]
+
+
+def _units(reading: Reading, gears: Array | None) -> Iterator[_Mistake]:
+    """Other units of torques and angles; known gear ratios fix those of motors."""
+    unit, angle = reading.torque_unit, reading.angle_unit
+    joints = tuple(range(1, len(reading.angle_order) + 1))
+    known = () if gears is None else tuple(float(abs(g)) for g in gears)
+    undone, repairs, words = {}, [], []
+    if unit == GEAR:
+        undone["torque_unit"] = 1.0
+        words.append(
+            "The torques are tens to hundreds of times smaller than this arm's"
+        )
+        repairs += [Repair("tau", joints, scale=known)] if known else []
+    if angle == 1 / GEAR:
+        undone["angle_unit"] = 1.0
+        words.append("The angles are tens to hundreds of times larger than this arm's")
+        repairs.append(Repair("q", joints, scale=tuple(1 / gear for gear in known)))
+    if undone:
+        text = (
+            f"{'. '.join(words)}: they look like those of the motors; by the gears "
+            "they fit"
+        )
+        yield _Mistake("gear_ratio", (), text, repairs, undone)
+    if unit not in (1.0, GEAR):
+        text = (
+            f"The torques are about {1 / unit:g} times what this arm takes for this "
+            f"motion; times {unit:g} they fit"
+        )
+        repairs = [Repair("tau", scale=unit)]
+        yield _Mistake("torque_unit", (), text, repairs, {"torque_unit": 1.0})
+    if angle not in (1.0, 1 / GEAR):
+        what = "degrees" if angle < 1 else "radians that were taken for degrees"
+        text = f"The angles look like {what}; times {angle:.6g} they fit"
+        repairs = [Repair("q", scale=angle)]
+        yield _Mistake("angle_unit", (), text, repairs, {"angle_unit": 1.0})
+
+
+def _places(reading: Reading, default: Reading) -> Iterator[_Mistake]:
+    """Other orders and signs than those of the map as given."""
+    given = default.angle_order
+    orders = {"q": reading.angle_order, "tau": reading.torque_order}
+    repairs = [
+        Repair(signal, order=tuple(i + 1 for i in order))
+        for signal, order in orders.items()
+        if order != given
+    ]
+    if repairs:
+        joints = tuple(j + 1 for j in given if any(o[j] != j for o in orders.values()))
+        words = (
+            f"{' and '.join(r.signal for r in repairs)} of {joints_listed(joints)} are "
+            f"those of other joints; in the order {listed(repairs[-1].order)} they fit"
+        )
+        undone = {"angle_order": given, "torque_order": given}
+        yield _Mistake("joint_order", joints, words, repairs, undone)
+    angle, torque = (np.array(s) for s in (reading.angle_sign, reading.torque_sign))
+    angles, both = joints_of(angle < 0), joints_of((angle < 0) & (torque < 0))
+    alone = joints_of((angle > 0) & (torque < 0))
+    if angles:
+        words = (
+            f"The angle of {joints_listed(angles)} counts backwards; turned, it fits"
+        )
+        repairs = [_turn("q", angles)] + ([_turn("tau", both)] if both else [])
+        kept = tuple(np.where(angle < 0, 1, torque).tolist())
+        undone = {"angle_sign": default.angle_sign, "torque_sign": kept}
+        yield _Mistake("angle_sign", angles, words, repairs, undone)
+    if alone:
+        words = (
+            f"The torque of {joints_listed(alone)} has the wrong sign (friction would "
+            "give power, or weight pull upwards); turned, it fits"
+        )
+        kept = tuple(np.where(angle > 0, 1, torque).tolist())
+        repairs = [_turn("tau", alone)]
+        yield _Mistake("torque_sign", alone, words, repairs, {"torque_sign": kept})
+
+
+def _turn(signal: str, joints: Joints) -> Repair:
+    return Repair(signal, joints, sign=(-1,) * len(joints))

@@ -14,8 +14,7 @@ import numpy as np
 
 from residual.check.motion import Motion, rms, torque_of_file
 from residual.check.mounting import REMOVED, REMOVED_WORDS, nats_of, turned
-from residual.check.physics import bent
-from residual.check.reading import as_given, exchanged, score_reading
+from residual.check.reading import as_given, bent, exchanged, score_reading
 from residual.check.reported import (
     Shares,
     carries,

@@ -31,8 +31,6 @@ from residual.recording import Array
 
 DENSE = 4001  # points that the curve is looked at
 ENOUGH = 1e-3  # of the largest value: more points help no controller
-
-
 SPEED, POSITION = "friction.csv", "position.csv"
 _OF = {SPEED: {"qd", "sign"}, POSITION: {"q"}}
 _MOTION = {"q", "qd", "qdd", "sign", "rigid", "tau", "t", "m"}

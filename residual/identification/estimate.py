@@ -224,10 +224,18 @@ def estimated(
             means[0, j] = max(np.mean(slope), 0.05)
         weight = 1 / (noise**2 * memory)
         outliers = np.array([np.mean(w < 0.5) if len(w) else 0.0 for w in weights])
-    bread, meat = weight * means[0], weight**2 * means[1] * noise**2 * memory
+    # The sandwich, in units of size.
+    size, pick = start.size[start.free], np.ix_(start.free, start.free)
+    unit, prior = np.outer(size, size), start.prior
+    meat = weight**2 * means[1] * noise**2 * memory
+    inner = gram(blocks, meat)[pick] * unit + prior
+    outer = gram(blocks, weight * means[0])[pick] * unit + prior
+    inverse = np.linalg.pinv(outer, rcond=1e-14, hermitian=True)
+    covariance = np.zeros((len(start.size), len(start.size)))
+    covariance[pick] = inverse @ inner @ inverse * unit
     return Estimate(
         theta=theta,
-        covariance=_covariance(blocks, start, bread, meat),
+        covariance=covariance,
         noise=noise,
         independent=rows.counts / memory,
         weight=weight,
@@ -262,18 +270,6 @@ def weights_of(
 
 def _least_noise(rows: JointRows) -> float:
     return _FLOOR * max(rows.rms.max(), 1e-9)
-
-
-def _covariance(blocks: Blocks, start: Start, bread: Array, meat: Array) -> Array:
-    """The sandwich; weights of bread and of meat. Shape (b, b)."""
-    size, pick = start.size[start.free], np.ix_(start.free, start.free)
-    unit, prior = np.outer(size, size), start.prior
-    inner = gram(blocks, meat)[pick] * unit + prior
-    outer = gram(blocks, bread)[pick] * unit + prior
-    inverse = np.linalg.pinv(outer, rcond=1e-14, hermitian=True)
-    covariance = np.zeros((len(start.size), len(start.size)))
-    covariance[pick] = inverse @ inner @ inverse * unit
-    return covariance
 
 
 def reweighted(

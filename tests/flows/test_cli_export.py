@@ -17,7 +17,7 @@ from flows.steps.models import read_model
 from residual.calibration.choice import MAIN
 from residual.errors import InputError, UnknownNameError
 from residual.export.export import KnownMotion, excitation
-from residual.export.mujoco import to_mujoco
+from residual.export.simulators import to_mujoco
 from residual.model.lookup import CorrectedModel, Tables
 from residual.signals.track import CHOICES
 from tests.exports.back import BACK, CREEP, inverse, passive

@@ -18,7 +18,7 @@ from flows.steps.rerun import compare_records
 from flows.steps.rerun import remade as again
 from flows.steps.validate import validate
 from residual.calibration.calibrate import with_tables
-from residual.calibration.components import state_names
+from residual.calibration.rows import state_names
 from residual.effects import registry
 from residual.errors import InputError
 from residual.export.export import to_json

@@ -9,10 +9,14 @@ import pytest
 from flows.report.words.calibration import sentences
 from residual.calibration import effects
 from residual.calibration import rows as cut
-from residual.calibration.calibrate import Settings, calibrate
+from residual.calibration.calibrate import (
+    Settings,
+    calibrate,
+    identified_without,
+    prepare_runs,
+)
 from residual.calibration.choice import MAIN, PAIRS, Option, candidates
 from residual.calibration.effects import make_tables
-from residual.calibration.nominal import identified_without, prepare_runs
 from residual.calibration.nominal_pls import NominalForm
 from residual.calibration.rows import GUARD, Run, cut_single, paper_rows, thinning
 from residual.calibration.scores import (

@@ -6,8 +6,7 @@ import numpy as np
 import pytest
 
 from residual.calibration.calibrate import corrected_model
-from residual.calibration.components import state_names
-from residual.calibration.rows import MEASURED, PAPER
+from residual.calibration.rows import MEASURED, PAPER, state_names
 from residual.export.export import excitation
 from residual.model.lookup import NEAREST, NONE, Axis, Lookup, LookupTable
 from tests.exports.models import model_with, robot_of

@@ -16,9 +16,8 @@ from residual.calibration.choice import (
     chosen_tables,
     fit_forms,
 )
-from residual.calibration.components import fit_pls
 from residual.calibration.effects import ROWS, make_tables
-from residual.calibration.nominal_pls import NominalForm, fit_nominal_pls
+from residual.calibration.nominal_pls import NominalForm, fit_nominal_pls, fit_pls
 from residual.errors import InputError
 from residual.model.lookup import NONE
 from tests.residual.motion_blocks import NAMES, motion

@@ -3,7 +3,8 @@
 import numpy as np
 import pytest
 
-from residual.calibration.components import fit_pca, fit_pls
+from residual.calibration.nominal_pls import fit_pls
+from residual.calibration.views import fit_pca
 from residual.errors import InputError
 from residual.signals.filters import randomise_phases
 

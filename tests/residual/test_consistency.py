@@ -7,9 +7,9 @@ import pinocchio as pin
 import pytest
 
 from residual.errors import InputError
-from residual.identification.identify import identify
-from residual.identification.prove import consistent, least_mass_matrix
+from residual.identification.identify import consistent, identify
 from residual.model.bodies import least_eigenvalues, pseudo_inertias
+from residual.model.dynamics import least_mass_matrix
 from residual.model.nominal import prepare_logs, start_nominal
 from residual.model.record import robot_files
 from residual.robot import dynamics

@@ -4,7 +4,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from sklearn.model_selection import KFold, LeaveOneGroupOut
 
-from residual.calibration.crossval import (
+from residual.calibration.scores import (
     fold_sums,
     leave_one_out,
     random_blocks,

@@ -4,7 +4,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 
-from residual.calibration.levels import equal_levels, merge_rows, quantile_levels
+from residual.calibration.effects import equal_levels, quantile_levels
+from residual.calibration.nominal_pls import merge_rows
 from residual.errors import InputError
 
 COLUMNS = arrays(

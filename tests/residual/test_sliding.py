@@ -13,10 +13,8 @@ import pytest
 import modelgap as mg
 from residual.effects import registry
 from residual.effects.base import Trait
-from residual.export.c99 import to_c99
-from residual.export.fmu import to_fmu
-from residual.export.mujoco import to_mujoco
-from residual.export.simulators import to_mjcf, to_urdf
+from residual.export.c99 import to_c99, to_fmu
+from residual.export.simulators import to_mjcf, to_mujoco, to_urdf
 from residual.export.table import to_table
 from residual.quantity import along
 from residual.robot.dynamics import chain_of, inertial_parameters, regressor

@@ -6,8 +6,7 @@ import numpy as np
 import pytest
 
 from residual.errors import InputError
-from residual.identification.identify import identify
-from residual.identification.prove import torque_errors
+from residual.identification.identify import identify, torque_errors
 from residual.model.dynamics import acceleration_error
 from tests.residual.identified import logs, truth
 
