@@ -20,7 +20,7 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 
 from residual.errors import InputError
-from warehouse.ids import data_hash, digest
+from warehouse.ids import SUMS, damage_error, data_hash, digest, sums_in, sums_text
 from warehouse.remote import (
     PRIVATE,
     bucket_of,
@@ -32,7 +32,6 @@ from warehouse.remote import (
     writable,
 )
 from warehouse.schema import SEALED, STAGING
-from warehouse.sums import SUMS, damage_error, sums_in, sums_text
 
 Array = np.ndarray
 

@@ -1,8 +1,9 @@
-"""Read runs from the store, their seals and the descriptions of their robots."""
+"""Read runs from the store, their seals and robots, and mark those not to be used."""
 
 import json
 import re
 import tomllib
+from datetime import UTC, datetime
 from functools import lru_cache
 from pathlib import Path
 
@@ -23,13 +24,14 @@ from warehouse.files import (
     publish,
     read_cell,
     read_parquet,
+    replace_file,
     staging_folder,
     to_arrays,
 )
-from warehouse.ids import data_hash, seal_folder
+from warehouse.ids import ID_DIGITS, check_id, data_hash, seal_folder
 from warehouse.layout import find_run
-from warehouse.remote import fetch_record, has_record, store_name
-from warehouse.schema import KINDS, SAMPLES_FILE
+from warehouse.remote import fetch_file, fetch_record, has_record, names_in, store_name
+from warehouse.schema import KINDS, QUARANTINE, SAMPLES_FILE
 
 _OF_RECORDING = ("t", "q", "tau", "qd", "qdd", "q_ref")
 
@@ -207,3 +209,44 @@ def _hash(folder: str) -> str | None:
         return load_robot(folder).content_hash
     except ModelgapError:
         return None
+
+
+def quarantine(store: Path, run_id: str, reason: str) -> Path:
+    """Mark a run as not to be used; the run itself stays unchanged.
+
+    Returns:
+        The tombstone; the first one stays.
+    """
+    if not reason.strip():
+        raise InputError("A quarantine needs a reason, for those who find it later.")
+    id = find_run(store, run_id).id
+    target = _tombstone(store, id)
+    fetch_file(target)
+    if not target.exists():
+        content = {"run_id": id, "reason": reason, "at": datetime.now(UTC).isoformat()}
+        replace_file(store, target, (json.dumps(content) + "\n").encode())
+    return target
+
+
+def quarantined(store: Path) -> frozenset[str]:
+    """Return the ids of all runs with a tombstone."""
+    names = names_in(store, QUARANTINE)
+    names = (n[:-5] for n in names if n.startswith("run_id=") and n.endswith(".json"))
+    ids = (name.removeprefix("run_id=") for name in names)
+    return frozenset(check_id(id) for id in ids if len(id) == ID_DIGITS)
+
+
+def tombstone(store: Path, run_id: str) -> str | None:
+    """Return why a run should not be used, None where it may be."""
+    path = _tombstone(store, run_id)
+    fetch_file(path)
+    try:
+        return str(json.loads(path.read_bytes()).get("reason"))
+    except FileNotFoundError:
+        return None
+    except (ValueError, AttributeError):
+        return "its tombstone cannot be read"
+
+
+def _tombstone(store: Path, run_id: str) -> Path:
+    return store / QUARANTINE / f"run_id={check_id(run_id)}.json"

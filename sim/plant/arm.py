@@ -20,15 +20,14 @@ from sim.plant.background import (
     warmth_after,
 )
 from sim.plant.catalogue import Acting, acting, changed, check_effect
-from sim.plant.controller import maker_of
-from sim.plant.friction import SLOW, series_spring, warmth_at
 from sim.plant.sensors import (
     EncoderFaults,
     encoder_errors,
     encoder_faults,
     torque_constants,
 )
-from sim.plant.sizes import scatter, usual_limits
+from sim.plant.sizes import maker_of, scatter, usual_limits
+from sim.plant.step import SLOW, series_spring, warmth_at
 from sim.plant.tables import Constants, PlantState
 
 Effects = Sequence[PlantEffect]

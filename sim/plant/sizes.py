@@ -9,7 +9,7 @@ from residual.recording import Array
 from residual.robot.dynamics import gravity_torque, inverse_dynamics
 from residual.robot.robot import Robot
 from sim.effects.base import Effect
-from sim.engine.records import Sizes, stream
+from sim.engine.records import Drives, Sizes, stream
 from sim.plant.catalogue import of_drives
 
 _MARGIN = 0.05  # rad kept free at each end of the range
@@ -91,6 +91,12 @@ def _scaled(rigid: Array) -> dict[str, Array]:
         viscous=0.15 * torque,
         rotor=0.02 * torque,
     )
+
+
+def maker_of(robot: Robot) -> Drives:
+    """Return what the robot declares, or what arms like it have: a maker knows."""
+    size = sizes(robot)
+    return Drives(size.coulomb, size.viscous, size.rotor)
 
 
 def declared(robot: Robot, effect: Effect, otherwise: Array) -> Array:

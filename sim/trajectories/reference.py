@@ -10,8 +10,7 @@ from residual.robot.robot import Robot
 from residual.threads import one_blas_thread
 from sim.engine.records import Reference, TrajectorySpec, stream
 from sim.trajectories.curves import RAMP
-from sim.trajectories.excitation import optimise
-from sim.trajectories.fourier import draw, from_coefficients, sampled
+from sim.trajectories.excitation import draw, from_coefficients, optimise, sampled
 from sim.trajectories.limits import Plan, check, even, workspace
 from sim.trajectories.move_stop_move import given_places, plan_move_stop_move
 from sim.trajectories.tools import plan_cyclic, plan_welding
