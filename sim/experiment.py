@@ -25,7 +25,7 @@ from sim.engine.records import (
     stream,
 )
 from sim.plant import tables as at
-from sim.plant.arm import Arm, build_arm
+from sim.plant.arm import build_arm
 from sim.plant.background import logged
 from sim.plant.catalogue import acting, of_drives
 from sim.plant.sensors import WHITE_TORQUE, encoder, hold_frozen, reported, torque_noise
@@ -137,11 +137,11 @@ def log_twin_errors(robot: Robot, log: Recording) -> Mapping[str, Array]:
     measured["e_qdd"] = np.gradient(qd, log.t, axis=0)
     simulated = {"e_q": twin.rows[:, at.Q], "e_qd": twin.rows[:, at.QD]}
     simulated |= {"e_qdd": twin.qdd, "e_tau": twin.rows[:, at.DRIVE]}
-    moments = log.t - log.t[0]
-    return {
-        name: values - _read(moments, reference.t, simulated[name])
-        for name, values in measured.items()
-    }
+    moments, errors = log.t - log.t[0], {}
+    for name, values in measured.items():
+        columns = (np.interp(moments, reference.t, x) for x in simulated[name].T)
+        errors[name] = values - np.column_stack(list(columns))
+    return errors
 
 
 def _as_described(robot: Robot) -> Robot:
@@ -154,10 +154,6 @@ def _as_described(robot: Robot) -> Robot:
     unlimited = np.full(robot.dof, np.inf)
     declared = {**robot.declared, **silent}
     return replace(robot, declared=declared, torque_limit=unlimited)
-
-
-def _read(moments: Array, t: Array, values: Array) -> Array:
-    return np.column_stack([np.interp(moments, t, column) for column in values.T])
 
 
 def run_experiment(
@@ -183,8 +179,15 @@ def run_experiment(
     trace = drive(robot, reference, plant, start, command)
     every = round(rates.control / rates.log)
     log = log_of(trace, reference, plant, rates, start)
-    twin = twin_of(robot, _as_far(reference, len(trace.t)))
-    truth = {**truth_of(trace, every), **_drawn(trace.arm, len(log.t))}
+    # The twin follows what was asked for until the arm was stopped; usually all of it.
+    names, steps = ("t", "q", "qd", "qdd"), len(trace.t)
+    followed = {name: getattr(reference, name)[:steps] for name in names}
+    twin = twin_of(robot, replace(reference, **followed))
+    truth = dict(truth_of(trace, every))
+    # Sealed with the truth at each sample, which takes a few bytes in a column.
+    background = trace.arm.background
+    for name, value in background.drawn.items() if background is not None else ():
+        truth[f"background_{name}"] = np.tile(value, (len(log.t), 1))
     return PlantRun(log, truth, twin_errors(log, trace, twin, every))
 
 
@@ -242,27 +245,6 @@ def truth_of(trace: Trace, every: int) -> Mapping[str, Array]:
     for i, channel in enumerate(trace.channels):
         truth[f"tau_{channel}"] = rows[:, at.CHANNELS + i].copy()
     return truth
-
-
-def _drawn(arm: Arm, samples: int) -> Mapping[str, Array]:
-    """Return every number of the background, at each sample: it is sealed with those.
-
-    The same at all of them, which takes a few bytes in a column.
-    """
-    if arm.background is None:
-        return {}
-    return {
-        f"background_{name}": np.tile(value, (samples, 1))
-        for name, value in arm.background.drawn.items()
-    }
-
-
-def _as_far(reference: Reference, steps: int) -> Reference:
-    """Return what was asked for until the arm was stopped; usually all of it."""
-    if steps == len(reference.t):
-        return reference
-    names = ("t", "q", "qd", "qdd")
-    return replace(reference, **{n: getattr(reference, n)[:steps] for n in names})
 
 
 def _check(reference: Reference, rates: Rates, dof: int) -> None:

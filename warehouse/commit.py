@@ -278,6 +278,7 @@ def _is_there(target: Path, kind: str) -> bool:
 
 def _run_row(id: str, recording: Recording, full: Mapping, arrays: Mapping) -> pa.Table:
     about = run_columns(full)
+    same = {"run_id": id, "trajectory": about["trajectory"], "stage": "twin"}
     row = {
         **about,
         **_common_columns("runs", id),
@@ -288,7 +289,13 @@ def _run_row(id: str, recording: Recording, full: Mapping, arrays: Mapping) -> p
         "data_hash": full["data_hash"],
         "signals": list(arrays),
         "lineage": lineage_rows(full.get("parents") or ()),
-        "errors": _twin_errors(id, about["trajectory"], arrays),
+        # Root mean square of each error against the twin, joint by joint.
+        "errors": [
+            {**same, "joint": joint, "metric": f"rms_{name}", "value": float(value)}
+            for name, array in arrays.items()
+            if name.startswith("e_")
+            for joint, value in enumerate(np.sqrt(np.mean(np.square(array), axis=0)), 1)
+        ],
     }
     extra = {
         "spec": ids.canonical(full.get("spec")).decode(),
@@ -296,17 +303,6 @@ def _run_row(id: str, recording: Recording, full: Mapping, arrays: Mapping) -> p
         "manifest": json.dumps(full, ensure_ascii=False, allow_nan=False),
     }
     return _one_row("runs", row, extra)
-
-
-def _twin_errors(id: str, trajectory: str | None, arrays: Mapping) -> list[dict]:
-    """Root mean square of each error against the twin, joint by joint."""
-    same = {"run_id": id, "trajectory": trajectory, "stage": "twin"}
-    return [
-        {**same, "joint": joint, "metric": f"rms_{name}", "value": float(value)}
-        for name, array in arrays.items()
-        if name.startswith("e_")
-        for joint, value in enumerate(np.sqrt(np.mean(np.square(array), axis=0)), 1)
-    ]
 
 
 def _common_columns(kind: str, id: str) -> dict:

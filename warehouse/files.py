@@ -246,7 +246,14 @@ def publish(folder: Path, target: Path) -> bool:
     if bucket_place(target):
         return upload(folder, target)
     if target.parent.name == SEALED:
-        _keep_private(folder, target.parent)
+        # Nobody but the owner may look at what is hidden, nor list it.
+        for path in folder.iterdir():
+            path.chmod(_PRIVATE_FILE)
+        folder.chmod(PRIVATE)
+        _make_folders(target.parent)
+        # Not ours in a store that several write: then it is as its owner made it.
+        with suppress(PermissionError):
+            target.parent.chmod(PRIVATE)
     for path in folder.iterdir():
         sync(path)
     sync(folder)
@@ -294,17 +301,6 @@ def sync(path: Path) -> None:
         os.fsync(handle)
     finally:
         os.close(handle)
-
-
-def _keep_private(folder: Path, around: Path) -> None:
-    """Let nobody but the owner look at what is hidden, nor list it."""
-    for path in folder.iterdir():
-        path.chmod(_PRIVATE_FILE)
-    folder.chmod(PRIVATE)
-    _make_folders(around)
-    # Not ours in a store that several write: then it is as its owner made it.
-    with suppress(PermissionError):
-        around.chmod(PRIVATE)
 
 
 def _make_folders(folder: Path) -> None:

@@ -115,9 +115,11 @@ ROBOTS, TOML = "robots", "robot.toml"
 def keep_robot(store: Path, word: str, robot: Robot) -> None:
     """Put the description of a robot into the store, unless it is built in."""
     target = robot_folder(store, robot.content_hash)
-    if has_record(target) or _is_built_in(word, robot):
-        return
     built_in, place = word in built_in_robots(), Path(split_word(word)[0])
+    if has_record(target) or (
+        built_in and load_robot(word).content_hash == robot.content_hash
+    ):
+        return
     path = Path(str(built_in_folder(word))) if built_in else place
     with staging_folder(store, "robot") as folder:
         try:
@@ -133,11 +135,6 @@ def keep_robot(store: Path, word: str, robot: Robot) -> None:
         # Edited since it was loaded: then there is nothing to keep.
         if (kept.content_hash, kept.name) == (robot.content_hash, robot.name):
             publish(folder, target)
-
-
-def _is_built_in(word: str, robot: Robot) -> bool:
-    built_in = word in built_in_robots()
-    return built_in and load_robot(word).content_hash == robot.content_hash
 
 
 def _toml_text(path: Path, robot: Robot) -> str | None:

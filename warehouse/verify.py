@@ -165,6 +165,8 @@ def _channel(
 
 
 _OPEN_TO_OTHERS = 0o077
+# What a row of another form may raise.
+_UNEXPECTED = (LookupError, TypeError, ValueError, AttributeError, RecursionError)
 _NUMBERED = ("adoptions", "decisions")  # their ids are no hashes
 
 
@@ -187,13 +189,7 @@ def faults(record: StoredRecord) -> tuple[str, ...]:
         fault = check(record, row)
     except InputError as error:
         return (str(error),)
-    except (
-        LookupError,
-        TypeError,
-        ValueError,
-        AttributeError,
-        RecursionError,
-    ) as error:
+    except _UNEXPECTED as error:
         return (f"{record.row.name} has another form than expected: {error}",)
     return (fault,) if fault else ()
 

@@ -245,7 +245,11 @@ def _phase(
 ) -> Phase:
     effects = acting(arm.effects[i] for i in active)
     robot, dof = arm.robot, arm.robot.dof
-    rotor = arm.base.rotor + _added(effects, dof)
+    change = np.zeros(dof)
+    for kind, p, joints, _ in effects:
+        if kind.of_drive == "rotor":
+            change[list(joints)] += p[kind.amount[0]]
+    rotor = arm.base.rotor + change
     if rotor.min() <= 0:
         raise InputError(
             f"The effects leave the rotor of joint {int(rotor.argmin()) + 1} with "
@@ -279,15 +283,6 @@ def _phase(
     pushes = tuple(effect for effect in effects if effect.kind.push)
     model = changed(arm.model, effects)
     return Phase(*span, model, constants, pushes, errors, faults)
-
-
-def _added(effects: Sequence[Acting], dof: int) -> Array:
-    """Return what the effects add to the rotors [kg m^2]. Shape (dof,)."""
-    total = np.zeros(dof)
-    for kind, p, joints, _ in effects:
-        if kind.of_drive == "rotor":
-            total[list(joints)] += p[kind.amount[0]]
-    return total
 
 
 def _springs(

@@ -68,29 +68,25 @@ def sizes(robot: Robot) -> Sizes:
     The built-in arm has a table; any other robot gets friction in proportion to the
     torques of its rigid body. Values that the robot declares win over both.
     """
-    states = _random_states(robot)
-    weight = np.abs(gravity_torque(robot.model, states[0], robot.model.gravity.linear))
+    space = usual_limits(robot)
+    unit = stream(0, "sizes").uniform(-1, 1, (3, 300, robot.dof))
+    q = space.centre + space.amplitude * unit[0]
+    qd, qdd = space.velocity * unit[1], 0.5 * space.acceleration * unit[2]
+    weight = np.abs(gravity_torque(robot.model, q, robot.model.gravity.linear))
     weight = weight.mean(axis=0)
     loaded = np.flatnonzero(weight >= 0.05 * max(weight.max(), 1e-12)) + 1
     if robot.name == "irb140":
         table = {key: np.array(value) for key, value in _ARM_100_KG.items()}
     else:
-        table = _scaled(np.abs(inverse_dynamics(robot.model, *states)))
+        # Friction in the proportions of industrial arms; wrists get a floor.
+        rigid = np.abs(inverse_dynamics(robot.model, q, qd, qdd))
+        torque = 1.5 * np.quantile(rigid, 0.99, axis=0)
+        torque = np.maximum(torque, 0.03 * torque.max())
+        shares = {"torque": 1.0, "coulomb": 0.2, "viscous": 0.15, "rotor": 0.02}
+        table = {key: share * torque for key, share in shares.items()}
     for effect in of_drives():
         table[effect.of_drive] = declared(robot, effect, table[effect.of_drive])
     return Sizes(**table, loaded=tuple(int(j) for j in loaded))
-
-
-def _scaled(rigid: Array) -> dict[str, Array]:
-    """Return friction in the proportions of industrial arms; wrists get a floor."""
-    torque = 1.5 * np.quantile(rigid, 0.99, axis=0)
-    torque = np.maximum(torque, 0.03 * torque.max())
-    return dict(
-        torque=torque,
-        coulomb=0.2 * torque,
-        viscous=0.15 * torque,
-        rotor=0.02 * torque,
-    )
 
 
 def maker_of(robot: Robot) -> Drives:
@@ -106,14 +102,6 @@ def declared(robot: Robot, effect: Effect, otherwise: Array) -> Array:
     if value is None:
         return otherwise
     return np.broadcast_to(np.asarray(value, dtype=float), (robot.dof,)).copy()
-
-
-def _random_states(robot: Robot) -> tuple[Array, Array, Array]:
-    space = usual_limits(robot)
-    rng = stream(0, "sizes")
-    unit = rng.uniform(-1, 1, (3, 300, robot.dof))
-    q = space.centre + space.amplitude * unit[0]
-    return q, space.velocity * unit[1], 0.5 * space.acceleration * unit[2]
 
 
 def scatter(model: pin.Model, relative: float, rng: np.random.Generator) -> pin.Model:

@@ -156,15 +156,6 @@ def slide(coupling, free, forward, backward, impulse):
             return
 
 
-@compiled
-def warmed(warmth, power, usual_power, time_constant, dt):
-    """Return the warmth after a step, where 1 is the end state at the usual power.
-
-    warmth' = (power / usual_power - warmth) / time constant
-    """
-    return warmth + dt / time_constant * (power / usual_power - warmth)
-
-
 def warmth_at(start: float, time_constant: float) -> float:
     """Return the warmth after some time of usual work: what a session began with."""
     return 1.0 - math.exp(-start / time_constant)
@@ -242,7 +233,6 @@ def spring(twist, stiffness, damping, gap, dt, lightness):
 _hose = njit(laws.hose)
 _gas_spring = njit(laws.gas_spring)
 _magnet = njit(laws.magnet)
-_PERIODIC = (laws.RIPPLE, laws.COGGING_SUM, laws.WAVE)
 
 
 @compiled
@@ -261,23 +251,17 @@ def torque_of(row, angle, q, motor, now):
         return a * _hose(angle - b)
     if kind == laws.GAS_SPRING:
         return a * _gas_spring(angle - b)
-    if kind in _PERIODIC:
-        return _periodic(row, angle, q)
+    if kind == laws.RIPPLE:
+        return a * _magnet(b * angle + c)
+    if kind == laws.COGGING_SUM:
+        return a * np.cos(b * (angle + q[int(c)]))
+    if kind == laws.WAVE:
+        return a * np.sin(b * angle + c)
     if kind == laws.WALL:
         return a * c * max(0.0, c * (angle - b))
     if kind == laws.SERIES:
         return now[int(a)]
     return min(max(motor, -a), a)  # dead zone: what is lost of a small torque
-
-
-@compiled
-def _periodic(row, angle, q):
-    kind, a, b, c = row[0], row[3], row[4], row[5]
-    if kind == laws.RIPPLE:
-        return a * _magnet(b * angle + c)
-    if kind == laws.COGGING_SUM:
-        return a * np.cos(b * (angle + q[int(c)]))
-    return a * np.sin(b * angle + c)
 
 
 @compiled
@@ -329,7 +313,11 @@ def advance(k, body, outside, packed, state, trace):
     at_link, at_motor = resist(
         arm.torque, now[at.Q], motor_q, motor, arm.series[k], now[at.CHANNELS :]
     )
-    x = _speeds(arm, now[at.QD], state.motors[at.SPEED])
+    x = np.empty(dof + int(arm.elastic.sum()))
+    for j in range(dof):
+        x[j] = now[at.QD, j]
+        if arm.elastic[j] > 0:
+            x[int(arm.contacts[j, 0])] = state.motors[at.SPEED, j]
     mass, momentum = _inertia(arm, body, x)
     springs = _springs(arm, state, now[at.Q], mass, momentum)
     for j in range(dof):
@@ -349,16 +337,6 @@ def advance(k, body, outside, packed, state, trace):
         now[at.GEAR, j] = state.motors[at.LOADED, j] = gear
         now[at.LINK, j] = gear - at_link[j] + outside[j]
     return now[at.LINK]
-
-
-@compiled
-def _speeds(arm, qd, motor_qd):
-    x = np.empty(len(qd) + int(arm.elastic.sum()))
-    for j in range(len(qd)):
-        x[j] = qd[j]
-        if arm.elastic[j] > 0:
-            x[int(arm.contacts[j, 0])] = motor_qd[j]
-    return x
 
 
 @compiled
@@ -530,6 +508,6 @@ def _record_friction(arm, state, rubbing, now, x, x_new):
             c, slot = int(row[1]), int(row[2])
             warmth = state.memory[slot]
             now[at.TEMPERATURE, c] = AMBIENT + RISE * warmth
-            state.memory[slot] = warmed(warmth, power[c], arm.power[c], row[4], dt)
+            state.memory[slot] = _heated(warmth, power[c] / arm.power[c], row[4], dt)
     heat(arm.used, state.memory, power, arm.power, now[at.TEMPERATURE], dt)
     return friction

@@ -483,11 +483,7 @@ def optimise(place: Workspace, rng: np.random.Generator) -> Series:
 
 
 def _stirred(place: Workspace, series: Series) -> Series | None:
-    """Let joints move that the search has put to sleep.
-
-    The condition number does not mind them, since columns are brought to one length;
-    noise does.
-    """
+    """Let joints move that the search put to sleep: noise minds them, the cost not."""
     more = room_left(place, series)
     if more.max() < _ASLEEP:
         return series
@@ -502,11 +498,7 @@ def condition(place: Workspace, series: Series) -> float:
 
 def _improved(search: Problem, x: Array, steps: int) -> Array:
     bounds = {"type": "ineq", "fun": search.spare, "jac": search.spare_slopes}
+    options = {"maxiter": steps, "ftol": _ENOUGH}
     return minimize(
-        search.cost,
-        x,
-        jac=True,
-        method="SLSQP",
-        constraints=bounds,
-        options={"maxiter": steps, "ftol": _ENOUGH},
+        search.cost, x, jac=True, method="SLSQP", constraints=bounds, options=options
     ).x

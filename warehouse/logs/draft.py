@@ -26,7 +26,7 @@ from warehouse.logs.columns import (
 )
 from warehouse.logs.read import open_log
 from warehouse.logs.ros import topics
-from warehouse.logs.tables import UNITS as UNIT_WORDS
+from warehouse.logs.tables import UNITS as HEADER_UNITS
 from warehouse.logs.tables import LogFile, guess_form
 from warehouse.logs.window import LIMIT_SLACK, MIN_RATE
 
@@ -66,7 +66,7 @@ MEASURED = frozenset(_split("act actual meas measured msr ist state feedback fb"
 TIMES = frozenset(_split("t time times timestamp stamp zeit clock elapsed krctime"))
 # Of the units in a name; those of one letter are words of another meaning, too.
 UNIT_WORDS = {
-    **{word: UNIT_WORDS[word] for word in _split("deg degrees rad nm ms us sec")},
+    **{word: HEADER_UNITS[word] for word in _split("deg degrees rad nm ms us sec")},
     **{"degree": "deg", "msec": "ms", "ns": "ns", "amp": "A", "amps": "A"},
 }
 _KNOWN = frozenset({*UNIT_WORDS}).union(*(w for _, w in WORDS), WANTED, MEASURED)
@@ -181,8 +181,10 @@ def families(columns: Sequence[str], joints: Sequence[str]) -> list[Family]:
     """Return the families of columns with one for each joint, in the file's order."""
     groups: dict[str, dict[int, str]] = {}
     for column in dict.fromkeys(columns):
-        for name, number in _numbered(column):
-            groups.setdefault(name, {}).setdefault(number, column)
+        for match in re.finditer(r"\d{1,3}", column):
+            # The name, with "#" in place of this one of its numbers.
+            name = f"{column[: match.start()]}#{column[match.end() :]}"
+            groups.setdefault(name, {}).setdefault(int(match[0]), column)
     dof, groups_found = len(joints), []
     for name, group in groups.items():
         first = 0 if 0 in group else 1
@@ -193,12 +195,6 @@ def families(columns: Sequence[str], joints: Sequence[str]) -> list[Family]:
     groups_found = [*_named(columns, joints), *groups_found]
     used = {c for family in groups_found for c in (*family.columns, *family.more)}
     return [*groups_found, *_strange([c for c in columns if c not in used], dof)]
-
-
-def _numbered(column: str) -> Iterable[tuple[str, int]]:
-    """Yield the name with "#" in place of each of its numbers, and that number."""
-    for match in re.finditer(r"\d{1,3}", column):
-        yield f"{column[: match.start()]}#{column[match.end() :]}", int(match[0])
 
 
 def _named(columns: Sequence[str], joints: Sequence[str]) -> list[Family]:

@@ -119,13 +119,6 @@ def runs_where(path: Path, clause: str) -> tuple[str, ...]:
     return ids
 
 
-def _read_hashed(store: Path) -> dict[str, list[int]]:
-    with suppress(OSError, ValueError):
-        content = json.loads((store / INDEX / _HASHED).read_bytes())
-        return content if isinstance(content, dict) else {}
-    return {}
-
-
 class Store:
     """An open store. Every query sees what was committed before it.
 
@@ -139,7 +132,10 @@ class Store:
         self.path = path
         self._connection = read_only_connection(path)
         self._left_out: dict[str, str] = {}  # messages about damaged samples, by file
-        self._hashed = _read_hashed(path)
+        self._hashed: dict[str, list[int]] = {}
+        with suppress(OSError, ValueError):
+            content = json.loads((path / INDEX / _HASHED).read_bytes())
+            self._hashed = content if isinstance(content, dict) else {}
         self._newly_hashed = 0
         self._viewed = False  # whether the view samples has all files that it should
         self._quarantined: frozenset[str] = frozenset()

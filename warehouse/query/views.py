@@ -27,8 +27,21 @@ def catalogue_views() -> dict[str, str]:
         f"SELECT {_listed(VIEWS['runs'][:-1])}, "
         "run_id IN (FROM catalogue.quarantine) AS quarantined FROM catalogue.runs"
     )
-    views["channels"] = _channels()
-    views["adopted"] = _adopted()
+    views["channels"] = """
+        SELECT run_id, concat(signal, joint) AS channel, unit, joint
+        FROM (
+            SELECT run_id, signal, unit,
+                   unnest(CASE WHEN per_joint THEN range(1, dof + 1) ELSE [NULL] END)
+                       ::INTEGER AS joint
+            FROM (SELECT run_id, dof, unnest(signals) AS signal FROM catalogue.runs)
+            JOIN catalogue.signals USING (signal)
+        )
+    """
+    # The number decides, not the clock of who wrote it.
+    views["adopted"] = (
+        f"SELECT {_listed(VIEWS['adopted'])} FROM catalogue.adoptions QUALIFY "
+        "row_number() OVER (PARTITION BY robot, serial ORDER BY adoption_id DESC) = 1"
+    )
     views["verdicts"] = _verdicts()
     for view in ("parameters", "effects", "errors", "alarms", "lineage", "blind"):
         kinds = [kind for kind in KINDS.values() if view in kind.lists]
@@ -113,19 +126,6 @@ def _unnested(view: str, kind: str, key: str) -> str:
     )
 
 
-def _channels() -> str:
-    return """
-        SELECT run_id, concat(signal, joint) AS channel, unit, joint
-        FROM (
-            SELECT run_id, signal, unit,
-                   unnest(CASE WHEN per_joint THEN range(1, dof + 1) ELSE [NULL] END)
-                       ::INTEGER AS joint
-            FROM (SELECT run_id, dof, unnest(signals) AS signal FROM catalogue.runs)
-            JOIN catalogue.signals USING (signal)
-        )
-    """
-
-
 def _verdicts() -> str:
     """A row per finding and run; one without a finding for a verdict that has none."""
     return """
@@ -146,14 +146,6 @@ def _verdicts() -> str:
         ) l USING (diagnosis_id)
         LEFT JOIN catalogue.runs r ON r.run_id = l.parent
     """
-
-
-def _adopted() -> str:
-    # The number decides, not the clock of who wrote it.
-    return (
-        f"SELECT {_listed(VIEWS['adopted'])} FROM catalogue.adoptions QUALIFY "
-        "row_number() OVER (PARTITION BY robot, serial ORDER BY adoption_id DESC) = 1"
-    )
 
 
 def signal_rows() -> pa.Table:
