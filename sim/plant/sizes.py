@@ -82,8 +82,8 @@ def sizes(robot: Robot) -> Sizes:
         rigid = np.abs(inverse_dynamics(robot.model, q, qd, qdd))
         torque = 1.5 * np.quantile(rigid, 0.99, axis=0)
         torque = np.maximum(torque, 0.03 * torque.max())
-        shares = {"torque": 1.0, "coulomb": 0.2, "viscous": 0.15, "rotor": 0.02}
-        table = {key: share * torque for key, share in shares.items()}
+        shares = dict(coulomb=0.2 * torque, viscous=0.15 * torque, rotor=0.02 * torque)
+        table = {"torque": torque, **shares}
     for effect in of_drives():
         table[effect.of_drive] = declared(robot, effect, table[effect.of_drive])
     return Sizes(**table, loaded=tuple(int(j) for j in loaded))
