@@ -68,7 +68,15 @@ def draw(robot: Robot, effect: str, rng: Rng, joint: int | None = None) -> Hidde
     joints = _joints(kind, robot.dof, typical, rng, joint)
     if not all(1 <= j <= robot.dof for j in joints):
         raise InputError(f"{effect} cannot sit on joints {joints} of {robot.dof}.")
-    values = kind.draw(rng, _joint_sizes(robot, typical, joints))
+    rows, space = [j - 1 for j in joints] or [0], usual_limits(robot)
+    least = (typical.torque, typical.coulomb, typical.viscous, typical.rotor)
+    middle = (space.centre, space.amplitude)
+    on_joints = JointSizes(
+        robot,
+        *(float(size[rows].min()) for size in least),
+        *(float(size[rows[0]]) for size in middle),
+    )
+    values = kind.draw(rng, on_joints)
     return Hidden(effect, joints, {key: float(v) for key, v in values.items()})
 
 
@@ -87,17 +95,6 @@ def _joints(
     # The last two pairs: in a wrist the motors drive their joints together.
     first = joint or dof - int(rng.integers(1, min(3, dof)))
     return (first, first + 1)
-
-
-def _joint_sizes(robot: Robot, typical: Sizes, joints: Joints) -> JointSizes:
-    rows, space = [j - 1 for j in joints] or [0], usual_limits(robot)
-    least = (typical.torque, typical.coulomb, typical.viscous, typical.rotor)
-    middle = (space.centre, space.amplitude)
-    return JointSizes(
-        robot,
-        *(float(size[rows].min()) for size in least),
-        *(float(size[rows[0]]) for size in middle),
-    )
 
 
 class _Body(NamedTuple):

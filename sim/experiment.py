@@ -1,12 +1,20 @@
-"""One experiment: an arm with something to hide follows a reference and is logged."""
+"""One experiment: an arm with something to hide is logged, beside its nominal twin.
+
+The twin is the model as described, driven along the same reference. Its distance from
+the arm is the error of the paper: e_tau, e_q and their like. The paper feeds one
+reference to arm and model and takes the difference of what they do (its figure 2); a
+measured log that has the reference is enough for that.
+"""
 
 from collections.abc import Mapping
 from dataclasses import replace
 
 import numpy as np
+from scipy.interpolate import CubicSpline
 
 from residual.errors import InputError
 from residual.recording import Array, Recording
+from residual.robot.files import DeclaredEffect
 from residual.robot.robot import Robot
 from sim.engine.records import (
     PlantRun,
@@ -17,14 +25,135 @@ from sim.engine.records import (
     stream,
 )
 from sim.plant import tables as at
-from sim.plant.arm import Arm
+from sim.plant.arm import build_arm
 from sim.plant.background import logged
-from sim.plant.catalogue import acting
-from sim.plant.controller import Law
+from sim.plant.catalogue import acting, of_drives
 from sim.plant.sensors import WHITE_TORQUE, encoder, hold_frozen, reported, torque_noise
 from sim.plant.sizes import sizes
-from sim.plant.stepping import Trace, drive
-from sim.twin import twin_errors, twin_of
+from sim.plant.stepping import Law, Trace, drive, replay, simulate
+
+_NOMINAL = PlantSpec(scatter=0.0)
+_NOTHING = 1e-6  # N m, N m s/rad, kg m^2: the plant needs some inertia of a rotor
+LOGGED = "logged"  # the family of a reference that nobody here has planned
+
+
+def twin_of(robot: Robot, reference: Reference) -> Trace:
+    """Simulate the nominal model, friction as declared, in closed loop."""
+    return drive(robot, reference, _NOMINAL)
+
+
+def twin_errors(
+    log: Recording, plant: Trace, twin: Trace, every: int
+) -> Mapping[str, Array]:
+    """Return measured minus simulated: e_q, e_qd, e_qdd and e_tau.
+
+    Positions and torques are those of the log. Speeds are those that the drives read
+    on the motors, without the noise of the log; accelerations are their differences.
+
+    Args:
+        every: Control steps per sample of the log.
+    """
+    rate = plant.rows[:, at.READING_RATE]
+    dt = plant.t[1] - plant.t[0]
+    change = np.diff(rate, axis=0, append=rate[-1:]) / dt
+    return {
+        "e_q": log.q - twin.rows[::every, at.Q],
+        "e_qd": rate[::every] - twin.rows[::every, at.QD],
+        "e_qdd": (change - twin.qdd)[::every],
+        "e_tau": log.tau - twin.rows[::every, at.DRIVE],
+    }
+
+
+def track(robot: Robot, reference: Reference, plant: PlantSpec, torque: Array) -> Array:
+    """Drive the arm by given torques with plain feedback; return how it tracks.
+
+    The better the model that computed the torques, the smaller the error: the
+    validation by feed-forward of the paper's section 1.3.
+
+    Returns:
+        Read minus wanted position [rad]. Shape (n, dof).
+    """
+    trace = drive(robot, reference, plant, command=torque)
+    return trace.rows[:, at.READING] - reference.q
+
+
+def open_loop(
+    robot: Robot, reference: Reference, torque: Array, window: float
+) -> Array:
+    """Let the nominal model run free under given torques, a window at a time.
+
+    Args:
+        torque: Torques measured on it, at the same times [N m]. Shape (n, dof).
+        window: Length of a window [s]; without feedback errors grow quickly.
+
+    Returns:
+        Simulated minus measured position [rad]. Shape (n, dof).
+    """
+    arm, error = build_arm(robot, _NOMINAL), np.zeros_like(reference.q)
+    length = max(2, round(window / (reference.t[1] - reference.t[0])))
+    for first in range(0, len(reference.t), length):
+        part = slice(first, first + length)
+        if first + 2 > len(reference.t):
+            break
+        own = (x[part] for x in (reference.q, reference.qd, reference.qdd))
+        t = reference.t[part] - reference.t[first]
+        piece = Reference(reference.kind, t, *own, None)
+        trace = simulate(arm, piece, replay(torque[part]))
+        error[part] = trace.rows[:, at.Q] - piece.q
+    return error
+
+
+def logged_reference(log: Recording) -> Reference:
+    """Return the reference of a log at the rate of the controller.
+
+    A cubic spline through the logged positions, since the controller needs their
+    derivatives; the rate is the next multiple of that of the log.
+    """
+    if log.q_ref is None:
+        raise InputError(
+            f"{log.id} has no reference (q_ref): a twin has nothing to be driven along."
+        )
+    step = float(np.median(np.diff(log.t)))
+    dt = step / max(1, round(Rates().control * step))
+    t = np.arange(round(log.duration / dt) + 1) * dt
+    spline = CubicSpline(log.t - log.t[0], log.q_ref, axis=0)
+    q, qd, qdd = (spline(t, order) for order in range(3))
+    return Reference(LOGGED, t, q, qd, qdd, None)
+
+
+def log_twin_errors(robot: Robot, log: Recording) -> Mapping[str, Array]:
+    """Return measured minus simulated: e_q, e_qd, e_qdd and e_tau.
+
+    The twin is the robot as described. What its description says nothing of, dry and
+    viscous friction and rotors, it does not have: nobody knows them. Nor do its drives
+    have limits: the arm followed, and a body that the description lacks (a balancer)
+    may ask more of them than there is. Speeds that are not logged, and accelerations,
+    are differences.
+    """
+    reference = logged_reference(log)
+    twin = twin_of(_as_described(robot), reference)
+    qd = np.gradient(log.q, log.t, axis=0) if log.qd is None else log.qd
+    measured = {"e_q": log.q, "e_qd": qd, "e_tau": log.tau}
+    measured["e_qdd"] = np.gradient(qd, log.t, axis=0)
+    simulated = {"e_q": twin.rows[:, at.Q], "e_qd": twin.rows[:, at.QD]}
+    simulated |= {"e_qdd": twin.qdd, "e_tau": twin.rows[:, at.DRIVE]}
+    moments, errors = log.t - log.t[0], {}
+    for name, values in measured.items():
+        columns = (np.interp(moments, reference.t, x) for x in simulated[name].T)
+        errors[name] = values - np.column_stack(list(columns))
+    return errors
+
+
+def _as_described(robot: Robot) -> Robot:
+    """The same with nothing where the description is silent; left out, the usual."""
+    silent = {
+        effect.name: DeclaredEffect({effect.amount[0]: np.full(robot.dof, _NOTHING)})
+        for effect in of_drives()
+        if not getattr(robot.declared.get(effect.name), "values", None)
+    }
+    unlimited = np.full(robot.dof, np.inf)
+    declared = {**robot.declared, **silent}
+    return replace(robot, declared=declared, torque_limit=unlimited)
 
 
 def run_experiment(
@@ -50,8 +179,15 @@ def run_experiment(
     trace = drive(robot, reference, plant, start, command)
     every = round(rates.control / rates.log)
     log = log_of(trace, reference, plant, rates, start)
-    twin = twin_of(robot, _as_far(reference, len(trace.t)))
-    truth = {**truth_of(trace, every), **_drawn(trace.arm, len(log.t))}
+    # The twin follows what was asked for until the arm was stopped; usually all of it.
+    names, steps = ("t", "q", "qd", "qdd"), len(trace.t)
+    followed = {name: getattr(reference, name)[:steps] for name in names}
+    twin = twin_of(robot, replace(reference, **followed))
+    truth = dict(truth_of(trace, every))
+    # Sealed with the truth at each sample, which takes a few bytes in a column.
+    background = trace.arm.background
+    for name, value in background.drawn.items() if background is not None else ():
+        truth[f"background_{name}"] = np.tile(value, (len(log.t), 1))
     return PlantRun(log, truth, twin_errors(log, trace, twin, every))
 
 
@@ -109,27 +245,6 @@ def truth_of(trace: Trace, every: int) -> Mapping[str, Array]:
     for i, channel in enumerate(trace.channels):
         truth[f"tau_{channel}"] = rows[:, at.CHANNELS + i].copy()
     return truth
-
-
-def _drawn(arm: Arm, samples: int) -> Mapping[str, Array]:
-    """Return every number of the background, at each sample: it is sealed with those.
-
-    The same at all of them, which takes a few bytes in a column.
-    """
-    if arm.background is None:
-        return {}
-    return {
-        f"background_{name}": np.tile(value, (samples, 1))
-        for name, value in arm.background.drawn.items()
-    }
-
-
-def _as_far(reference: Reference, steps: int) -> Reference:
-    """Return what was asked for until the arm was stopped; usually all of it."""
-    if steps == len(reference.t):
-        return reference
-    names = ("t", "q", "qd", "qdd")
-    return replace(reference, **{n: getattr(reference, n)[:steps] for n in names})
 
 
 def _check(reference: Reference, rates: Rates, dof: int) -> None:

@@ -1,10 +1,15 @@
-"""Commit records to the store: each becomes visible whole or not at all."""
+"""Commit records to the store: each becomes visible whole or not at all.
+
+Adoptions are numbered records of which model a robot has. A number is taken once,
+because its folder is renamed into place; the second writer gets an error. The last
+adoption of a robot holds. A rollback is one more adoption, of the model before.
+"""
 
 import hashlib
 import json
 from collections.abc import Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
-from dataclasses import asdict, dataclass, field
+from dataclasses import asdict, dataclass, field, fields
 from datetime import UTC, datetime
 from pathlib import Path
 
@@ -25,7 +30,7 @@ from warehouse.files import (
     write_parquet,
 )
 from warehouse.ids import record_folder
-from warehouse.layout import find_run
+from warehouse.layout import find_run, list_folders
 from warehouse.provenance import keep_packages, origin_columns, provenance
 from warehouse.remote import bucket_of, is_local
 from warehouse.schema import KINDS, SAMPLES_FILE, SIGNALS, rows_table
@@ -273,6 +278,7 @@ def _is_there(target: Path, kind: str) -> bool:
 
 def _run_row(id: str, recording: Recording, full: Mapping, arrays: Mapping) -> pa.Table:
     about = run_columns(full)
+    same = {"run_id": id, "trajectory": about["trajectory"], "stage": "twin"}
     row = {
         **about,
         **_common_columns("runs", id),
@@ -283,7 +289,13 @@ def _run_row(id: str, recording: Recording, full: Mapping, arrays: Mapping) -> p
         "data_hash": full["data_hash"],
         "signals": list(arrays),
         "lineage": lineage_rows(full.get("parents") or ()),
-        "errors": _twin_errors(id, about["trajectory"], arrays),
+        # Root mean square of each error against the twin, joint by joint.
+        "errors": [
+            {**same, "joint": joint, "metric": f"rms_{name}", "value": float(value)}
+            for name, array in arrays.items()
+            if name.startswith("e_")
+            for joint, value in enumerate(np.sqrt(np.mean(np.square(array), axis=0)), 1)
+        ],
     }
     extra = {
         "spec": ids.canonical(full.get("spec")).decode(),
@@ -291,17 +303,6 @@ def _run_row(id: str, recording: Recording, full: Mapping, arrays: Mapping) -> p
         "manifest": json.dumps(full, ensure_ascii=False, allow_nan=False),
     }
     return _one_row("runs", row, extra)
-
-
-def _twin_errors(id: str, trajectory: str | None, arrays: Mapping) -> list[dict]:
-    """Root mean square of each error against the twin, joint by joint."""
-    same = {"run_id": id, "trajectory": trajectory, "stage": "twin"}
-    return [
-        {**same, "joint": joint, "metric": f"rms_{name}", "value": float(value)}
-        for name, array in arrays.items()
-        if name.startswith("e_")
-        for joint, value in enumerate(np.sqrt(np.mean(np.square(array), axis=0)), 1)
-    ]
 
 
 def _common_columns(kind: str, id: str) -> dict:
@@ -390,3 +391,83 @@ def store_rows(
     record = {**rows.record, "model_id": model_id}
     parents = {**roles, **before, "model": [model_id]}
     return commit_record(store, "diagnoses", record, tables, parents)
+
+
+ADOPTIONS = "adoptions"
+ADOPTED, FORCED, ROLLED_BACK = "adopted", "forced", "rolled back"
+_DIGITS = 6
+
+
+class AdoptionConflictError(InputError):
+    """Another user has given the robot a model in the meantime."""
+
+
+@dataclass(frozen=True, slots=True)
+class Adoption:
+    """A robot gets a model."""
+
+    robot: str
+    serial: str | None  # its serial number, None where it has none
+    action: str  # "adopted", "forced" or "rolled back"
+    model_id: str | None  # id of the model, None for the nominal one
+    diagnosis_id: str | None  # id of the diagnosis that found it
+    parent: str | None  # id of the adoption before it, None for the first
+    who: str  # name of the user
+    note: str = ""  # what he wrote about it
+    # Held-out error of the model before and of this one [%].
+    before: float | None = None
+    after: float | None = None
+    evidence: Mapping | None = None  # everything that the gate saw
+
+
+def commit_adoption(store: Path, adoption: Adoption) -> str:
+    """Put an adoption into the store under the next number.
+
+    Args:
+        adoption: Its parent is what the robot had when it was judged.
+
+    Raises:
+        AdoptionConflictError: If the robot has got another model since.
+    """
+    ids.check_slug(adoption.robot)
+    parents = {"model": [adoption.model_id], "diagnosis": [adoption.diagnosis_id]}
+    lineage = lineage_rows(
+        {k: ids_of_role for k, ids_of_role in parents.items() if ids_of_role[0]}
+    )
+    while True:
+        numbers = list_folders(store, ADOPTIONS)
+        _check_parent(store, adoption)
+        id = f"{1 + max(map(int, numbers), default=0):0{_DIGITS}}"
+        # If another writer takes the number, check the parent again.
+        if commit_row(store, ADOPTIONS, id, asdict(adoption), {"lineage": lineage}):
+            return id
+
+
+def read_adoption(store: Path, id: str) -> Adoption:
+    """Return an adoption; what else is in its record is left out."""
+    row = record_folder(store, ADOPTIONS, id) / KINDS[ADOPTIONS].row
+    record = json.loads(read_cell(row, "record"))
+    return Adoption(**{each.name: record[each.name] for each in fields(Adoption)})
+
+
+def adopted(
+    store: Path, robot: str, serial: str | None = None
+) -> tuple[str, Adoption] | None:
+    """Return the last adoption of a robot with its number, None where there is none."""
+    for id in sorted(list_folders(store, ADOPTIONS), reverse=True):
+        adoption = read_adoption(store, id)
+        if (adoption.robot, adoption.serial) == (robot, serial):
+            return id, adoption
+    return None
+
+
+def _check_parent(store: Path, adoption: Adoption) -> None:
+    last = adopted(store, adoption.robot, adoption.serial)
+    if (last[0] if last else None) == adoption.parent:
+        return
+    id, other = last
+    raise AdoptionConflictError(
+        f"{other.who} has given {adoption.robot} another model meanwhile (adoption "
+        f"{int(id)}: {other.action} {other.model_id or 'the nominal model'}). Nothing "
+        "was changed. Look at it with modelgap models, and try again if it still holds."
+    )

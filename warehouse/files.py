@@ -20,7 +20,7 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 
 from residual.errors import InputError
-from warehouse.ids import data_hash, digest
+from warehouse.ids import SUMS, damage_error, data_hash, digest, sums_in, sums_text
 from warehouse.remote import (
     PRIVATE,
     bucket_of,
@@ -32,7 +32,6 @@ from warehouse.remote import (
     writable,
 )
 from warehouse.schema import SEALED, STAGING
-from warehouse.sums import SUMS, damage_error, sums_in, sums_text
 
 Array = np.ndarray
 
@@ -247,7 +246,14 @@ def publish(folder: Path, target: Path) -> bool:
     if bucket_place(target):
         return upload(folder, target)
     if target.parent.name == SEALED:
-        _keep_private(folder, target.parent)
+        # Nobody but the owner may look at what is hidden, nor list it.
+        for path in folder.iterdir():
+            path.chmod(_PRIVATE_FILE)
+        folder.chmod(PRIVATE)
+        _make_folders(target.parent)
+        # Not ours in a store that several write: then it is as its owner made it.
+        with suppress(PermissionError):
+            target.parent.chmod(PRIVATE)
     for path in folder.iterdir():
         sync(path)
     sync(folder)
@@ -295,17 +301,6 @@ def sync(path: Path) -> None:
         os.fsync(handle)
     finally:
         os.close(handle)
-
-
-def _keep_private(folder: Path, around: Path) -> None:
-    """Let nobody but the owner look at what is hidden, nor list it."""
-    for path in folder.iterdir():
-        path.chmod(_PRIVATE_FILE)
-    folder.chmod(PRIVATE)
-    _make_folders(around)
-    # Not ours in a store that several write: then it is as its owner made it.
-    with suppress(PermissionError):
-        around.chmod(PRIVATE)
 
 
 def _make_folders(folder: Path) -> None:

@@ -1,4 +1,4 @@
-"""Ids of records, hashes of their content, and the folder of each id."""
+"""Ids of records, hashes of their content and files, and the folder of each id."""
 
 import hashlib
 import json
@@ -124,3 +124,42 @@ def record_folder(store: Path, kind: str, id: str, robot: str = "") -> Path:
 def seal_folder(store: Path, run_id: str) -> Path:
     """Return the folder of the hidden half of a run."""
     return store / SEALED / f"run_id={check_id(run_id)}"
+
+
+SUMS = "_sums.json"
+
+
+def sums_in(folder: Path) -> Mapping[str, Mapping]:
+    """Return the sums of a record's files by name, as the list beside them has them."""
+    try:
+        return parse_sums(folder / SUMS, (folder / SUMS).read_bytes())
+    except FileNotFoundError:
+        raise
+    except OSError as error:
+        raise damage_error(folder / SUMS, error) from error
+
+
+def parse_sums(path: Path, text: bytes) -> Mapping[str, Mapping]:
+    """Return the sums in the text of a list; a name in it is of no other place."""
+    try:
+        sums = json.loads(text)["files"]
+        if sums_text(sums) == text and all(name == Path(name).name for name in sums):
+            return sums
+    except (ValueError, KeyError, TypeError, RecursionError):
+        pass
+    raise damage_error(path, "it is not the list that was written")
+
+
+def sums_text(sums: Mapping) -> bytes:
+    """Return a list of sums as its file has it: it ends with its own SHA-256."""
+    text = json.dumps(sums, sort_keys=True, separators=(",", ":"))
+    sha256 = hashlib.sha256(text.encode()).hexdigest()
+    return f'{{"files":{text},"sha256":"{sha256}"}}\n'.encode()
+
+
+def damage_error(path: Path, reason: object) -> InputError:
+    """Return the error, in one line, that names a damaged file."""
+    text = " ".join(str(reason).split())
+    return InputError(
+        f"{path} is damaged ({text[:120]}). Take its folder out of the store."
+    )

@@ -9,6 +9,7 @@ import hashlib
 import platform
 import subprocess
 from collections.abc import Iterable, Mapping
+from contextlib import suppress
 from dataclasses import asdict, dataclass
 from functools import cache
 from importlib.metadata import PackageNotFoundError, distributions, version
@@ -109,16 +110,23 @@ def provenance() -> Provenance:
     installed = _installed()
     lock = ROOT / "requirements.lock"
     versions = {name: installed[name] for name in _TOLD if name in installed}
+    ours = is_checkout()
+    changes = git(ROOT, "status", "--porcelain", "--", *PACKAGES) if ours else None
+    # Which processor, too: linear algebra takes another path on another one.
+    machine, lines = f"{platform.system()} {platform.machine()}", []
+    with suppress(OSError):
+        lines = Path("/proc/cpuinfo").read_text(encoding="utf-8").splitlines()
+    names = [line.partition(":")[2] for line in lines if line.startswith("model name")]
     return Provenance(
         code_hash=plant_code_hash(),
-        commit=commit() if is_checkout() else None,
-        dirty=_dirty() if is_checkout() else None,
+        commit=commit() if ours else None,
+        dirty=None if changes is None else bool(changes.strip()),
         lock_hash=_sha256(lock.read_bytes()) if lock.is_file() else None,
         environment_hash=_sha256(packages()),
         versions={"python": platform.python_version(), **versions},
         program_hash=program_hash(),
         uncommitted=uncommitted(),
-        machine=_machine(),
+        machine=f"{machine}, {names[0].strip()}" if names else machine,
     )
 
 
@@ -185,22 +193,6 @@ def _counts(path: Path) -> bool:
 def _installed() -> dict[str, str]:
     packages_found = ((d.metadata["Name"], d.version) for d in distributions())
     return {name.lower(): version for name, version in packages_found if name}
-
-
-def _dirty() -> bool | None:
-    changes = git(ROOT, "status", "--porcelain", "--", *PACKAGES)
-    return None if changes is None else bool(changes.strip())
-
-
-def _machine() -> str:
-    """Say which processor: linear algebra takes another path on another one."""
-    kind = f"{platform.system()} {platform.machine()}"
-    try:
-        lines = Path("/proc/cpuinfo").read_text(encoding="utf-8").splitlines()
-    except OSError:
-        return kind
-    names = [line.partition(":")[2] for line in lines if line.startswith("model name")]
-    return f"{kind}, {names[0].strip()}" if names else kind
 
 
 def _sha256(content: bytes) -> str:

@@ -23,8 +23,8 @@ from pathlib import Path, PurePosixPath
 
 from residual.errors import InputError
 from warehouse.bucket import Bucket, endpoint_url, open_bucket, parse_address
+from warehouse.ids import SUMS, sums_in
 from warehouse.schema import FOLDERS, INDEX, QUARANTINE
-from warehouse.sums import SUMS, sums_in
 
 IDENTITY, COMMITS, CACHE = "_store.json", "commits", "MODELGAP_CACHE"
 PRIVATE = 0o700

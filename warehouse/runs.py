@@ -1,8 +1,9 @@
-"""Read runs from the store, their seals and the descriptions of their robots."""
+"""Read runs from the store, their seals and robots, and mark those not to be used."""
 
 import json
 import re
 import tomllib
+from datetime import UTC, datetime
 from functools import lru_cache
 from pathlib import Path
 
@@ -23,13 +24,14 @@ from warehouse.files import (
     publish,
     read_cell,
     read_parquet,
+    replace_file,
     staging_folder,
     to_arrays,
 )
-from warehouse.ids import data_hash, seal_folder
+from warehouse.ids import ID_DIGITS, check_id, data_hash, seal_folder
 from warehouse.layout import find_run
-from warehouse.remote import fetch_record, has_record, store_name
-from warehouse.schema import KINDS, SAMPLES_FILE
+from warehouse.remote import fetch_file, fetch_record, has_record, names_in, store_name
+from warehouse.schema import KINDS, QUARANTINE, SAMPLES_FILE
 
 _OF_RECORDING = ("t", "q", "tau", "qd", "qdd", "q_ref")
 
@@ -113,9 +115,11 @@ ROBOTS, TOML = "robots", "robot.toml"
 def keep_robot(store: Path, word: str, robot: Robot) -> None:
     """Put the description of a robot into the store, unless it is built in."""
     target = robot_folder(store, robot.content_hash)
-    if has_record(target) or _is_built_in(word, robot):
-        return
     built_in, place = word in built_in_robots(), Path(split_word(word)[0])
+    if has_record(target) or (
+        built_in and load_robot(word).content_hash == robot.content_hash
+    ):
+        return
     path = Path(str(built_in_folder(word))) if built_in else place
     with staging_folder(store, "robot") as folder:
         try:
@@ -131,11 +135,6 @@ def keep_robot(store: Path, word: str, robot: Robot) -> None:
         # Edited since it was loaded: then there is nothing to keep.
         if (kept.content_hash, kept.name) == (robot.content_hash, robot.name):
             publish(folder, target)
-
-
-def _is_built_in(word: str, robot: Robot) -> bool:
-    built_in = word in built_in_robots()
-    return built_in and load_robot(word).content_hash == robot.content_hash
 
 
 def _toml_text(path: Path, robot: Robot) -> str | None:
@@ -207,3 +206,44 @@ def _hash(folder: str) -> str | None:
         return load_robot(folder).content_hash
     except ModelgapError:
         return None
+
+
+def quarantine(store: Path, run_id: str, reason: str) -> Path:
+    """Mark a run as not to be used; the run itself stays unchanged.
+
+    Returns:
+        The tombstone; the first one stays.
+    """
+    if not reason.strip():
+        raise InputError("A quarantine needs a reason, for those who find it later.")
+    id = find_run(store, run_id).id
+    target = _tombstone(store, id)
+    fetch_file(target)
+    if not target.exists():
+        content = {"run_id": id, "reason": reason, "at": datetime.now(UTC).isoformat()}
+        replace_file(store, target, (json.dumps(content) + "\n").encode())
+    return target
+
+
+def quarantined(store: Path) -> frozenset[str]:
+    """Return the ids of all runs with a tombstone."""
+    names = names_in(store, QUARANTINE)
+    names = (n[:-5] for n in names if n.startswith("run_id=") and n.endswith(".json"))
+    ids = (name.removeprefix("run_id=") for name in names)
+    return frozenset(check_id(id) for id in ids if len(id) == ID_DIGITS)
+
+
+def tombstone(store: Path, run_id: str) -> str | None:
+    """Return why a run should not be used, None where it may be."""
+    path = _tombstone(store, run_id)
+    fetch_file(path)
+    try:
+        return str(json.loads(path.read_bytes()).get("reason"))
+    except FileNotFoundError:
+        return None
+    except (ValueError, AttributeError):
+        return "its tombstone cannot be read"
+
+
+def _tombstone(store: Path, run_id: str) -> Path:
+    return store / QUARANTINE / f"run_id={check_id(run_id)}.json"

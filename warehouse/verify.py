@@ -1,13 +1,17 @@
-"""Verify a store: files by their check sums, records by their ids."""
+"""Verify a store, and compare two runs or records bit for bit.
+
+Files are verified by their check sums, records by their ids.
+"""
 
 import hashlib
 import json
 import shutil
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from itertools import chain, combinations
 from pathlib import Path
 
+import numpy as np
 import pyarrow as pa
 
 from residual.errors import InputError, ModelgapError
@@ -15,6 +19,7 @@ from residual.robot.robot import load_robot
 from warehouse import ids
 from warehouse.commit import manifest_id
 from warehouse.files import file_faults, read_parquet, table_hash, to_arrays
+from warehouse.ids import SUMS
 from warehouse.layout import StoredRecord, list_folders
 from warehouse.provenance import MADE_WITH, check_packages
 from warehouse.remote import fetch_file, fetch_record, fetched_anew, names_in
@@ -24,12 +29,144 @@ from warehouse.schema import (
     QUARANTINE,
     SAMPLES_FILE,
     SEALED,
+    SIGNALS,
     VIEWS,
     arrow_schema,
 )
-from warehouse.sums import SUMS
+
+Array = np.ndarray
+
+_GONE = object()
+
+
+@dataclass(frozen=True, slots=True)
+class Channel:
+    """One channel of two runs, or one value of two records."""
+
+    name: str  # its name, such as tau3
+    unit: str  # its unit, "" where it has none
+    equal: bool  # whether all bits are equal
+    rows: int = 0  # how many samples were compared
+    differing: int = 0  # how many of them differ
+    # Time of the first that differs [s]; None where none does.
+    first: float | None = None
+    largest: float | None = None  # largest difference, in the unit
+    rms: float | None = None  # root mean square of the differences, in the unit
+    note: str = ""  # what else there is to say, such as that only one of the two has it
+
+    @property
+    def words(self) -> str:
+        """Where it parts and how far, for people."""
+        if self.equal:
+            return f"{self.name}: equal"
+        parts = []
+        if self.first is not None:
+            parts.append(f"from {self.first:g} s on")
+        if self.largest is not None:
+            parts.append(f"by at most {self.largest:.3g} {self.unit}".strip())
+        return f"{self.name}: differs {', '.join([*parts, *filter(None, [self.note])])}"
+
+
+def compare_channels(
+    before: Mapping[str, Array], after: Mapping[str, Array]
+) -> tuple[Channel, ...]:
+    """Compare the channels of two runs.
+
+    Args:
+        one: Signals by name, as ``runs.read_channels`` gives them; times are its.
+    """
+    time = np.asarray(before["t"], dtype=float) if "t" in before else None
+    names = [n for n in SIGNALS if n in before or n in after]
+    channels = []
+    for name in [*names, *sorted((set(before) | set(after)) - set(SIGNALS))]:
+        unit = SIGNALS[name].unit if name in SIGNALS else ""
+        columns_before, columns_after = (
+            _columns(name, side.get(name)) for side in (before, after)
+        )
+        for channel in dict.fromkeys([*columns_before, *columns_after]):
+            both = columns_before.get(channel), columns_after.get(channel)
+            channels.append(_channel(channel, unit, *both, time))
+    return tuple(channels)
+
+
+def differing_channels(channels: Sequence[Channel]) -> tuple[Channel, ...]:
+    """Return the channels that differ, the earliest first."""
+    late = float("inf")
+    bad = [c for c in channels if not c.equal]
+    return tuple(sorted(bad, key=lambda c: late if c.first is None else c.first))
+
+
+def compare_values(before: object, after: object, at: str = "") -> list[Channel]:
+    """Compare two records as JSON holds them: one entry for each value that differs."""
+    if isinstance(before, Mapping) and isinstance(after, Mapping):
+        keys = dict.fromkeys([*before, *after])
+        parts = [
+            (f"{at}.{key}".lstrip("."), before.get(key, _GONE), after.get(key, _GONE))
+            for key in keys
+        ]
+    elif (
+        isinstance(before, list)
+        and isinstance(after, list)
+        and len(before) == len(after)
+    ):
+        pairs = zip(before, after, strict=True)
+        parts = [(f"{at}[{i}]", a, b) for i, (a, b) in enumerate(pairs)]
+    # -0.0 == 0.0 and 1 == 1.0, yet they are not the same record.
+    elif repr(before) == repr(after):
+        return []
+    elif isinstance(before, int | float) and isinstance(after, int | float):
+        apart = abs(float(before) - float(after))
+        return [Channel(at, "", False, 1, 1, None, apart, apart)]
+    else:
+        note = f"{_short(before)} and {_short(after)}"
+        return [Channel(at, "", False, 1, 1, note=note)]
+    return [each for name, a, b in parts for each in compare_values(a, b, name)]
+
+
+def _short(value: object) -> str:
+    text = "nothing" if value is _GONE else repr(value)
+    return text if len(text) <= 60 else f"{text[:57]}..."
+
+
+def _columns(name: str, values: Array | None) -> dict[str, Array]:
+    if values is None:
+        return {}
+    values = np.asarray(values, dtype=float)
+    if values.ndim == 1:
+        return {name: values}
+    return {f"{name}{k}": column for k, column in enumerate(values.T, 1)}
+
+
+def _channel(
+    name: str, unit: str, before: Array | None, after: Array | None, time: Array | None
+) -> Channel:
+    if before is None or after is None:
+        owner = "second" if before is None else "first"
+        return Channel(name, unit, False, note=f"only the {owner} has it")
+    rows = min(len(before), len(after))
+    note = (
+        "" if len(before) == len(after) else f"{len(before)} and {len(after)} samples"
+    )
+    a, b = (np.ascontiguousarray(side[:rows], dtype="<f8") for side in (before, after))
+    apart = a.view("<i8") != b.view("<i8")
+    count = int(apart.sum())
+    if count == 0:
+        return Channel(name, unit, not note, rows, note=note)
+    at = int(apart.argmax())
+    first = float(time[at]) if time is not None and at < len(time) else None
+    with np.errstate(invalid="ignore", over="ignore"):
+        gap = np.abs(a - b)
+    if not np.isfinite(gap).all():
+        note = ", ".join(filter(None, [note, "not finite in one of them"]))
+        gap = gap[np.isfinite(gap)]
+    largest = float(gap.max()) if len(gap) else None
+    rms = float(np.sqrt(np.mean(np.square(gap)))) if len(gap) else None
+    return Channel(name, unit, False, rows, count, first, largest, rms, note)
+
 
 _OPEN_TO_OTHERS = 0o077
+# What a row of another form may raise.
+_UNEXPECTED = (LookupError, TypeError, ValueError, AttributeError, RecursionError)
 _NUMBERED = ("adoptions", "decisions")  # their ids are no hashes
 
 
@@ -52,13 +189,7 @@ def faults(record: StoredRecord) -> tuple[str, ...]:
         fault = check(record, row)
     except InputError as error:
         return (str(error),)
-    except (
-        LookupError,
-        TypeError,
-        ValueError,
-        AttributeError,
-        RecursionError,
-    ) as error:
+    except _UNEXPECTED as error:
         return (f"{record.row.name} has another form than expected: {error}",)
     return (fault,) if fault else ()
 

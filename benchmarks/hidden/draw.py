@@ -13,7 +13,7 @@ from sim.draw import draw_hidden
 from sim.engine.records import PlantEffect, PlantSpec
 from sim.plant.arm import build_arm
 from sim.plant.catalogue import amount, kinds, multiplied, stated, unnamed
-from sim.plant.controller import maker_of
+from sim.plant.sizes import maker_of
 
 CLEAR = 3.0  # multiples of the minimum detectable size from which one ought to see it
 ROUNDING = 1e-6

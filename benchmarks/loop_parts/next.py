@@ -40,7 +40,7 @@ from sim.draw import draw_hidden, usual_effects
 from sim.engine.geometry import MARGIN, body, clearances
 from sim.engine.records import PlantEffect, PlantSpec, TrajectorySpec, stream
 from sim.trajectories import make_reference
-from sim.trajectories.fourier import draw, shrunk, written
+from sim.trajectories.excitation import draw, shrunk, written
 from sim.trajectories.limits import workspace
 
 SECONDS = 20.0  # of an experiment

@@ -27,10 +27,9 @@ from residual.calibration.scores import (
 )
 from residual.robot.robot import Robot, load_robot
 from sim.engine.records import Noise, PlantEffect, PlantSpec, Rates, TrajectorySpec
-from sim.experiment import run_experiment
+from sim.experiment import run_experiment, twin_of
 from sim.plant import tables as at
 from sim.trajectories import make_reference
-from sim.twin import twin_of
 from warehouse.logs import read_log
 
 HALF, NOT_WORSE = 0.5, 1.03

@@ -8,7 +8,7 @@ import pyarrow as pa
 
 from flows.settings import store_folder
 from residual.errors import InputError
-from warehouse.query.named import NAMED
+from warehouse.query.views import NAMED
 
 if TYPE_CHECKING:
     from warehouse.query.store import Store as StoreReader

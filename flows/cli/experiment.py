@@ -42,8 +42,8 @@ from flows.steps import experiment as steps
 from flows.steps import validate as trial
 from flows.steps.experiment import as_csv, refusal_of
 from residual.errors import InputError, RunError
+from sim.engine.bullet import animate
 from sim.engine.records import TrajectorySpec
-from sim.engine.render import animate
 from sim.trajectories import make_reference
 from sim.trajectories.excitation import usage
 from warehouse.remote import store_name

@@ -19,8 +19,7 @@ from flows.settings import store_folder
 from flows.steps import diff as steps
 from flows.steps import rerun as reruns
 from residual.errors import RunError
-from warehouse.query.lineage import lineage_tree
-from warehouse.query.store import open_store
+from warehouse.query.store import lineage_tree, open_store
 
 Shown = Literal["table", "json"]
 

@@ -24,8 +24,8 @@ from flows.requests import File, Flag, Format, Json, Name, Seconds, Store, Tags
 from flows.settings import store_folder
 from residual.errors import InputError, check_name
 from warehouse.query.guard import LONGEST
-from warehouse.query.named import NAMED
 from warehouse.query.store import open_store
+from warehouse.query.views import NAMED
 
 _ONE_OF = 'Give one of: a query in quotes ("SELECT ..."), --named NAME, --schema.'
 

@@ -10,11 +10,10 @@ from flows.requests import Format, Number, Store, Text
 from flows.settings import store_folder
 from residual.errors import InputError
 from warehouse.layout import find, read_record
-from warehouse.quarantine import quarantine as set_aside
-from warehouse.quarantine import tombstone
 from warehouse.query import store as opening
 from warehouse.query.views import text as quoted
-from warehouse.runs import read_manifest
+from warehouse.runs import quarantine as set_aside
+from warehouse.runs import read_manifest, tombstone
 
 _COLUMNS = (
     "run_id, robot, log, tags, kind, trajectory, duration_s, created, quarantined"

@@ -24,8 +24,7 @@ from warehouse.logs.columns import (
     default_signal,
     shorten,
 )
-from warehouse.logs.draft import Draft
-from warehouse.logs.presets import PRESETS
+from warehouse.logs.draft import PRESETS, Draft
 
 _MISSING = {
     "time": '{column = "...", unit = "s"}',

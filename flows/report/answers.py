@@ -18,8 +18,8 @@ from rich.console import Console
 from flows.report.console import show, wide_console
 from flows.report.document import ReportTable
 from residual.errors import InputError
-from warehouse.query.named import NAMED, TAKES
 from warehouse.query.store import Store
+from warehouse.query.views import NAMED, TAKES
 from warehouse.schema import all_views
 
 # The table stops here; the other formats have all rows.

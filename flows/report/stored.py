@@ -15,7 +15,7 @@ from flows.report.words.phrases import Demonstration, Hidden
 from flows.report.words.verdict import sentences
 from flows.storage.diagnosis import read_outcome, store_report
 from residual.verdict.document import to_json
-from sim.engine.render import gif_of
+from sim.engine.bullet import gif_of
 from warehouse.runs import read_run
 
 CLIP = 6.0  # s of motion in the picture

@@ -15,10 +15,7 @@ from residual.diagnosis.held_out import AdoptionCheck, check_adoption
 from residual.errors import InputError
 from residual.model.model import Model
 from residual.verdict.result import Verdict
-from warehouse.files import read_parquet
-from warehouse.ids import record_folder
-from warehouse.layout import list_folders, read_record
-from warehouse.numbered import (
+from warehouse.commit import (
     ADOPTED,
     ADOPTIONS,
     FORCED,
@@ -28,6 +25,9 @@ from warehouse.numbered import (
     commit_adoption,
     read_adoption,
 )
+from warehouse.files import read_parquet
+from warehouse.ids import record_folder
+from warehouse.layout import list_folders, read_record
 from warehouse.remote import store_name
 from warehouse.runs import read_run
 from warehouse.schema import KINDS

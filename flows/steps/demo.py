@@ -33,7 +33,7 @@ from sim.engine.records import (
     stream,
 )
 from sim.plant.catalogue import kinds
-from sim.trajectories.fourier import draw_slow
+from sim.trajectories.excitation import draw_slow
 from warehouse import runs as stored
 
 ROBOT = "irb140"

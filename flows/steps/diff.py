@@ -8,12 +8,18 @@ from pathlib import Path
 
 from flows.steps.rerun import compare_records, package_changes
 from residual.errors import InputError, RunError
-from warehouse.compare import Channel, compare_channels, compare_values
 from warehouse.layout import StoredRecord, find
 from warehouse.remote import bucket_of, store_name
 from warehouse.runs import read_channels, read_manifest
 from warehouse.schema import INDEX
-from warehouse.verify import open_to_others, read_row, verify_all
+from warehouse.verify import (
+    Channel,
+    compare_channels,
+    compare_values,
+    open_to_others,
+    read_row,
+    verify_all,
+)
 
 _CODE = ("commit", "dirty", "code_hash", "program_hash", "lock_hash", "machine")
 # What a manifest says of values and of how it was made: both stand by themselves.

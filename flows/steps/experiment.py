@@ -26,10 +26,9 @@ from sim.engine.records import (
     Reference,
     TrajectorySpec,
 )
-from sim.experiment import run_experiment
+from sim.experiment import log_twin_errors, run_experiment
 from sim.plant.catalogue import check_effect
 from sim.trajectories import make_reference
-from sim.twin import log_twin_errors
 from warehouse import ids
 from warehouse.commit import Seal, commit_run, sealed_hash
 from warehouse.ids import record_folder, to_plain

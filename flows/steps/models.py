@@ -24,8 +24,8 @@ from residual.model.record import from_record, load_model
 from residual.recording import Recording
 from residual.robot.robot import Robot
 from residual.signals.track import Filters
+from warehouse.commit import adopted
 from warehouse.layout import find, read_record
-from warehouse.numbered import adopted
 
 NOMINAL = "nominal"
 AUGMENTED = "augmented"

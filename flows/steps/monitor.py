@@ -17,10 +17,9 @@ from residual.monitoring.monitor import LEAST_RUNS, Alarm, Monitor, calibrate
 from residual.recording import Recording
 from warehouse.commit import commit_record
 from warehouse.layout import find, find_run, list_folders, read_record
-from warehouse.quarantine import tombstone
 from warehouse.query.store import query_store
 from warehouse.remote import store_name
-from warehouse.runs import read_manifest, read_run
+from warehouse.runs import read_manifest, read_run, tombstone
 from warehouse.schema import rows_table
 
 MOST_HEALTHY = 12  # of them are read

@@ -31,7 +31,7 @@ from residual.planning.promise import (
 from residual.robot.robot import Robot
 from residual.verdict.result import Diagnosis, Verdict
 from sim.engine.records import TrajectorySpec, stream
-from sim.trajectories.fourier import draw, written
+from sim.trajectories.excitation import draw, written
 from sim.trajectories.limits import workspace
 from sim.trajectories.reference import make_plan
 from warehouse.layout import read_record

@@ -36,12 +36,6 @@ from flows.steps.monitor import monitor
 from flows.steps.validate import validate
 from residual.errors import InputError
 from warehouse.commit import commit_record
-from warehouse.compare import (
-    Channel,
-    compare_channels,
-    compare_values,
-    differing_channels,
-)
 from warehouse.files import read_parquet, table_hash, to_arrays
 from warehouse.ids import ID_DIGITS, data_hash, to_plain
 from warehouse.layout import (
@@ -56,7 +50,16 @@ from warehouse.provenance import describe_uncommitted, provenance, read_packages
 from warehouse.remote import fetch_record, has_record
 from warehouse.runs import open_seal, read_manifest, robot_word
 from warehouse.schema import SAMPLES_FILE, SEALED
-from warehouse.verify import faults, list_tables, other_files, read_row
+from warehouse.verify import (
+    Channel,
+    compare_channels,
+    compare_values,
+    differing_channels,
+    faults,
+    list_tables,
+    other_files,
+    read_row,
+)
 
 KIND = "rerun"
 _MOST_PACKAGES = 6  # that are named; the others are counted

@@ -39,13 +39,12 @@ from residual.recording import Recording
 from residual.robot.robot import Robot
 from residual.signals.track import Filters, prepare
 from sim.engine.records import Reference, TrajectorySpec
+from sim.experiment import open_loop, track, twin_of
 from sim.plant import tables as at
 from sim.plant.stepping import DivergedError, drive
 from sim.trajectories import make_reference
-from sim.twin import open_loop, track, twin_of
-from warehouse.commit import commit_record, run_columns
+from warehouse.commit import adopted, commit_record, run_columns
 from warehouse.layout import find
-from warehouse.numbered import adopted
 from warehouse.provenance import plant_code_hash
 from warehouse.runs import has_seal, open_seal, read_manifest, read_run
 from warehouse.schema import rows_table

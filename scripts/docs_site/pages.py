@@ -18,7 +18,7 @@ from flows.report.words.phrases import sentence_case
 from residual.effects import registry
 from residual.effects.base import Trait
 from scripts.docs_site import curve
-from warehouse.query.named import NAMED, TAKES
+from warehouse.query.views import NAMED, TAKES
 
 ROOT = Path(__file__).parents[2]
 RESULTS = ROOT / "benchmarks" / "results"

@@ -4,8 +4,16 @@ import math
 
 import numpy as np
 
-from sim.effects._body import CENTRE, TENSOR, added, body_of
-from sim.effects.base import Effect, JointSizes, Rng, Trait
+from sim.effects.base import (
+    CENTRE,
+    TENSOR,
+    Effect,
+    JointSizes,
+    Rng,
+    Trait,
+    added,
+    body_of,
+)
 
 
 def _with_body(model, joints, p):

@@ -5,8 +5,16 @@ import math
 import pinocchio as pin
 
 from residual.robot.dynamics import flange_placement, outward
-from sim.effects._body import CENTRE, TENSOR, added, body_of
-from sim.effects.base import Effect, JointSizes, Rng, Values
+from sim.effects.base import (
+    CENTRE,
+    TENSOR,
+    Effect,
+    JointSizes,
+    Rng,
+    Values,
+    added,
+    body_of,
+)
 
 
 def with_load(model: pin.Model, p: Values) -> pin.Model:

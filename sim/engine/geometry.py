@@ -78,7 +78,9 @@ def body(model: pin.Model) -> Body:
         if sizes[i + 1 : j].sum() > 3 * radius
     )
     low = tuple(k for k, frame in enumerate(kept) if frame >= 3 or frame > model.nv)
-    if not _stands(model):
+    data = model.createData()
+    jacobian = pin.computeJointJacobians(model, data, pin.neutral(model))
+    if abs(jacobian[5, 0]) <= 0.99:  # the first axis is not upright in the base frame
         low = ()
     names = [f"{_end(model, kept[k])} above the floor" for k in low]
     names += [
@@ -105,13 +107,6 @@ def clearances(arm: Body, q: Array) -> Array:
 def capsule_ends(arm: Body, q: Array) -> Array:
     """Return the ends of the capsules in the base frame [m]. Shape (n, ends, 3)."""
     return arm.chain.origins(np.asarray(q, dtype=float))[:, arm.kept]
-
-
-def _stands(model: pin.Model) -> bool:
-    """Say whether the first axis is upright in the base frame."""
-    data = model.createData()
-    jacobian = pin.computeJointJacobians(model, data, pin.neutral(model))
-    return bool(abs(jacobian[5, 0]) > 0.99)
 
 
 def _distance(a: Array, b: Array, c: Array, d: Array) -> Array:
@@ -191,7 +186,10 @@ def inverse(
         from there. Shape (dof,).
     """
     model, q = arm.model, np.array(guess, dtype=float)
-    data, fixed = model.createData(), _self_motion(arm, home)
+    data, fixed = model.createData(), np.zeros((0, model.nv))
+    if home is not None and model.nv != POSE_JOINTS:
+        # What leaves the flange at rest at home. Shape (spare joints, dof).
+        fixed = null_space(flange_jacobian(model, home[None])[0]).T
     for _ in range(_STEPS):
         pin.forwardKinematics(model, data, q)
         rows = pin.computeFrameJacobian(model, data, q, arm.flange)
@@ -206,13 +204,6 @@ def inverse(
         step = rows.T @ np.linalg.solve(square, error)
         q += step * min(1.0, _LONGEST / np.abs(step).max())
     return None
-
-
-def _self_motion(arm: Kinematics, home: Array | None) -> Array:
-    """Return what leaves the flange at rest at home. Shape (spare joints, dof)."""
-    if home is None or arm.model.nv == POSE_JOINTS:
-        return np.zeros((0, arm.model.nv))
-    return null_space(flange_jacobian(arm.model, home[None])[0]).T
 
 
 def follow(

@@ -20,15 +20,14 @@ from sim.plant.background import (
     warmth_after,
 )
 from sim.plant.catalogue import Acting, acting, changed, check_effect
-from sim.plant.controller import maker_of
-from sim.plant.friction import SLOW, series_spring, warmth_at
 from sim.plant.sensors import (
     EncoderFaults,
     encoder_errors,
     encoder_faults,
     torque_constants,
 )
-from sim.plant.sizes import scatter, usual_limits
+from sim.plant.sizes import maker_of, scatter, usual_limits
+from sim.plant.step import SLOW, series_spring, warmth_at
 from sim.plant.tables import Constants, PlantState
 
 Effects = Sequence[PlantEffect]
@@ -246,7 +245,11 @@ def _phase(
 ) -> Phase:
     effects = acting(arm.effects[i] for i in active)
     robot, dof = arm.robot, arm.robot.dof
-    rotor = arm.base.rotor + _added(effects, dof)
+    change = np.zeros(dof)
+    for kind, p, joints, _ in effects:
+        if kind.of_drive == "rotor":
+            change[list(joints)] += p[kind.amount[0]]
+    rotor = arm.base.rotor + change
     if rotor.min() <= 0:
         raise InputError(
             f"The effects leave the rotor of joint {int(rotor.argmin()) + 1} with "
@@ -280,15 +283,6 @@ def _phase(
     pushes = tuple(effect for effect in effects if effect.kind.push)
     model = changed(arm.model, effects)
     return Phase(*span, model, constants, pushes, errors, faults)
-
-
-def _added(effects: Sequence[Acting], dof: int) -> Array:
-    """Return what the effects add to the rotors [kg m^2]. Shape (dof,)."""
-    total = np.zeros(dof)
-    for kind, p, joints, _ in effects:
-        if kind.of_drive == "rotor":
-            total[list(joints)] += p[kind.amount[0]]
-    return total
 
 
 def _springs(

@@ -186,7 +186,12 @@ def added(background: Background, arm: Rubbing) -> BackgroundTorque:
     dry = dry + b.press * laws.pressed(arm.load, b.span)
     cold = dry * arm.bristle * laws.leaning(arm.bristle, b.lean)
     cold += arm.viscous * arm.qd
-    factor = _factor(b, arm, cold * arm.qd)
+    start = warmth_after(b, arm.worked)
+    power_scale = usual_power(arm.coulomb, arm.viscous, arm.usual_speed)
+    times = np.array([b.oil, b.housing]) / (arm.t[1] - arm.t[0])
+    share = np.ascontiguousarray(cold * arm.qd / power_scale)
+    warm = laws.warmth(*_warmths(start, share, times, b.growth))
+    factor = laws.thinned(warm, b.growth)
     return BackgroundTorque(factor * cold - plain + cogging(b, arm.q), factor)
 
 
@@ -218,13 +223,3 @@ def logged(background: Background | None, tau: Array, rate: float) -> Array:
         at_rest = [keep * tau[0, j]]
         out[:, j], _ = lfilter([1 - keep], [1, -keep], tau[:, j], zi=at_rest)
     return np.round(out / background.step) * background.step
-
-
-def _factor(b: Background, arm: Rubbing, power: Array) -> Array:
-    """Return friction over cold friction at every sample. Shape (n, dof)."""
-    start = warmth_after(b, arm.worked)
-    power_scale = usual_power(arm.coulomb, arm.viscous, arm.usual_speed)
-    times = np.array([b.oil, b.housing]) / (arm.t[1] - arm.t[0])
-    share = np.ascontiguousarray(power / power_scale)
-    warm = laws.warmth(*_warmths(start, share, times, b.growth))
-    return laws.thinned(warm, b.growth)

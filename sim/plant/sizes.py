@@ -9,7 +9,7 @@ from residual.recording import Array
 from residual.robot.dynamics import gravity_torque, inverse_dynamics
 from residual.robot.robot import Robot
 from sim.effects.base import Effect
-from sim.engine.records import Sizes, stream
+from sim.engine.records import Drives, Sizes, stream
 from sim.plant.catalogue import of_drives
 
 _MARGIN = 0.05  # rad kept free at each end of the range
@@ -68,29 +68,31 @@ def sizes(robot: Robot) -> Sizes:
     The built-in arm has a table; any other robot gets friction in proportion to the
     torques of its rigid body. Values that the robot declares win over both.
     """
-    states = _random_states(robot)
-    weight = np.abs(gravity_torque(robot.model, states[0], robot.model.gravity.linear))
+    space = usual_limits(robot)
+    unit = stream(0, "sizes").uniform(-1, 1, (3, 300, robot.dof))
+    q = space.centre + space.amplitude * unit[0]
+    qd, qdd = space.velocity * unit[1], 0.5 * space.acceleration * unit[2]
+    weight = np.abs(gravity_torque(robot.model, q, robot.model.gravity.linear))
     weight = weight.mean(axis=0)
     loaded = np.flatnonzero(weight >= 0.05 * max(weight.max(), 1e-12)) + 1
     if robot.name == "irb140":
         table = {key: np.array(value) for key, value in _ARM_100_KG.items()}
     else:
-        table = _scaled(np.abs(inverse_dynamics(robot.model, *states)))
+        # Friction in the proportions of industrial arms; wrists get a floor.
+        rigid = np.abs(inverse_dynamics(robot.model, q, qd, qdd))
+        torque = 1.5 * np.quantile(rigid, 0.99, axis=0)
+        torque = np.maximum(torque, 0.03 * torque.max())
+        shares = dict(coulomb=0.2 * torque, viscous=0.15 * torque, rotor=0.02 * torque)
+        table = {"torque": torque, **shares}
     for effect in of_drives():
         table[effect.of_drive] = declared(robot, effect, table[effect.of_drive])
     return Sizes(**table, loaded=tuple(int(j) for j in loaded))
 
 
-def _scaled(rigid: Array) -> dict[str, Array]:
-    """Return friction in the proportions of industrial arms; wrists get a floor."""
-    torque = 1.5 * np.quantile(rigid, 0.99, axis=0)
-    torque = np.maximum(torque, 0.03 * torque.max())
-    return dict(
-        torque=torque,
-        coulomb=0.2 * torque,
-        viscous=0.15 * torque,
-        rotor=0.02 * torque,
-    )
+def maker_of(robot: Robot) -> Drives:
+    """Return what the robot declares, or what arms like it have: a maker knows."""
+    size = sizes(robot)
+    return Drives(size.coulomb, size.viscous, size.rotor)
 
 
 def declared(robot: Robot, effect: Effect, otherwise: Array) -> Array:
@@ -100,14 +102,6 @@ def declared(robot: Robot, effect: Effect, otherwise: Array) -> Array:
     if value is None:
         return otherwise
     return np.broadcast_to(np.asarray(value, dtype=float), (robot.dof,)).copy()
-
-
-def _random_states(robot: Robot) -> tuple[Array, Array, Array]:
-    space = usual_limits(robot)
-    rng = stream(0, "sizes")
-    unit = rng.uniform(-1, 1, (3, 300, robot.dof))
-    q = space.centre + space.amplitude * unit[0]
-    return q, space.velocity * unit[1], 0.5 * space.acceleration * unit[2]
 
 
 def scatter(model: pin.Model, relative: float, rng: np.random.Generator) -> pin.Model:

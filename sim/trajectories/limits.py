@@ -197,30 +197,22 @@ def check_limits(robot: Robot, kind: str, t: Array, motion: Motion) -> None:
     if name == "range":
         shift, side = bounds.middle[joint], np.sign(used)
     needed, allowed = float(shift + side * size), float(shift + side * limit)
+    worst = np.max([each.max(axis=0) for each in shares.values()], axis=0)
+    other = [str(j + 1) for j in np.flatnonzero(worst > 1 + 1e-9) if j != joint]
+    also = f" Beyond a limit too: joint {', '.join(other)}." if other else ""
+    # Speeds fall with the time a motion takes, accelerations with its square.
+    longer = share.max() if name == "speed" else np.sqrt(share.max())
+    advice = f"Make a period about {longer:.1f} times as long, or try another seed."
     raise LimitError(
         f"{kind}: joint {joint + 1} breaks its {name} limit at {t[row]:.2f} s: "
         f"{needed:.4g} {_UNITS[name]}, allowed {allowed:.4g}, "
-        f"{excess:.3g} too much.{_what_else(shares, joint)} "
-        f"{_advice(name, float(share.max()))}",
+        f"{excess:.3g} too much.{also} "
+        f"{'Try another seed.' if name == 'range' else advice}",
         joint + 1,
         float(t[row]),
         needed,
         allowed,
     )
-
-
-def _what_else(shares: dict[str, Array], joint: int) -> str:
-    worst = np.max([share.max(axis=0) for share in shares.values()], axis=0)
-    other = [str(j + 1) for j in np.flatnonzero(worst > 1 + 1e-9) if j != joint]
-    return f" Beyond a limit too: joint {', '.join(other)}." if other else ""
-
-
-def _advice(name: str, share: float) -> str:
-    if name == "range":
-        return "Try another seed."
-    # Speeds fall with the time a motion takes, accelerations with its square.
-    longer = share if name == "speed" else np.sqrt(share)
-    return f"Make a period about {longer:.1f} times as long, or try another seed."
 
 
 def check_clearance(arm: Body, kind: str, t: Array, q: Array) -> None:

@@ -10,11 +10,14 @@ from residual.errors import InputError, check_name
 from residual.robot.robot import Robot
 from sim.engine.records import Reference, TrajectorySpec, stream
 from sim.trajectories.curves import RAMP
-from sim.trajectories.excitation import optimise
-from sim.trajectories.fourier import draw, from_coefficients, sampled
+from sim.trajectories.excitation import draw, from_coefficients, optimise, sampled
 from sim.trajectories.limits import Plan, check, even, workspace
-from sim.trajectories.move_stop_move import given_places, plan_move_stop_move
-from sim.trajectories.tools import plan_cyclic, plan_welding
+from sim.trajectories.tools import (
+    given_places,
+    plan_cyclic,
+    plan_move_stop_move,
+    plan_welding,
+)
 
 KINDS = ("fourier", "cyclic", "welding", "move_stop_move")
 _GIVEN = ("fourier", "move_stop_move")  # what may be given by its numbers

@@ -15,7 +15,7 @@ from sim.draw import draw_hidden, usual_effects
 from sim.engine.records import HIDDEN, TrajectorySpec, stream
 from sim.plant.catalogue import check_effect
 from sim.trajectories import make_reference
-from sim.trajectories.fourier import draw_slow
+from sim.trajectories.excitation import draw_slow
 from tests.sim.plant_cases import ROBOT
 
 SPEED = 0.2  # rad/s

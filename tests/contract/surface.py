@@ -23,7 +23,7 @@ from residual.check.result import Fault, LogCheck
 from residual.verdict.document import from_json, to_json
 from residual.verdict.result import Verdict
 from tests.checkout import ROOT
-from warehouse.query.named import NAMED
+from warehouse.query.views import NAMED
 from warehouse.schema import all_views
 
 RECORD = Path(__file__).with_name("surface.json")

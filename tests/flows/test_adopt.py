@@ -16,8 +16,8 @@ from flows.storage.diagnosis import read_known, read_models, read_verdict
 from residual.diagnosis.held_out import check_adoption
 from residual.errors import InputError
 from tests.flows.adopted_arm import ROBOT, diagnosed
+from warehouse.commit import adopted
 from warehouse.layout import find, read_record
-from warehouse.numbered import adopted
 from warehouse.query.store import open_store
 from warehouse.runs import read_run
 

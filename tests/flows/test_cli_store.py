@@ -14,7 +14,7 @@ import pytest
 
 from tests.checkout import ROOT
 from tests.warehouse import store_samples as made
-from warehouse.quarantine import quarantine
+from warehouse.runs import quarantine
 from warehouse.schema import all_views
 
 

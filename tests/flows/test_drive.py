@@ -29,7 +29,7 @@ from residual.robot.dynamics import inertial_parameters
 from residual.robot.robot import load_robot
 from sim.engine.records import Noise, PlantEffect, PlantSpec, TrajectorySpec
 from sim.plant import tables as at
-from sim.plant.controller import maker_of
+from sim.plant.sizes import maker_of
 from sim.plant.stepping import drive
 from sim.trajectories import make_reference
 from warehouse.commit import commit_record

@@ -11,7 +11,7 @@ from residual.robot.robot import load_robot
 from sim.engine.geometry import MARGIN, body, clearances
 from sim.engine.records import TrajectorySpec
 from sim.trajectories import make_reference
-from sim.trajectories.fourier import draw, written
+from sim.trajectories.excitation import draw, written
 from sim.trajectories.limits import workspace
 from tests.residual.planning.asked import asked
 

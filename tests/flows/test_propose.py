@@ -8,7 +8,7 @@ from flows.report.models import proposal_markdown, proposal_page
 from flows.steps.adopt import Proposal, judge, list_adoptions, roll_back
 from flows.storage.diagnosis import read_verdict
 from tests.flows.adopted_arm import ROBOT
-from warehouse.numbered import adopted
+from warehouse.commit import adopted
 
 pytestmark = [pytest.mark.prefect, pytest.mark.slow]
 

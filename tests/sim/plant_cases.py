@@ -6,9 +6,8 @@ from benchmarks.synthetic.motions import make_motion
 from residual.robot.robot import load_robot
 from sim.engine.records import PlantEffect, PlantSpec, Reference, stream
 from sim.plant.arm import build_arm
-from sim.plant.controller import computed_torque
 from sim.plant.sizes import usual_limits
-from sim.plant.stepping import simulate
+from sim.plant.stepping import computed_torque, simulate
 
 ROBOT = load_robot("irb140")
 NOMINAL_ARM = {"scatter": 0.0}

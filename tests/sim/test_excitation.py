@@ -2,8 +2,7 @@ import numpy as np
 import pytest
 
 from residual.robot.robot import load_robot
-from sim.trajectories.excitation import cost, excitation, problem
-from sim.trajectories.fourier import draw
+from sim.trajectories.excitation import cost, draw, excitation, problem
 from sim.trajectories.limits import workspace
 from tests.sim.arms import TWO, arm
 

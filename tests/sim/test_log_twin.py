@@ -7,8 +7,7 @@ import pytest
 
 from residual.errors import InputError
 from sim.engine.records import Noise, PlantSpec, Rates
-from sim.experiment import run_experiment
-from sim.twin import log_twin_errors, logged_reference
+from sim.experiment import log_twin_errors, logged_reference, run_experiment
 from tests.sim.plant_cases import ROBOT, effect, motion
 
 pytestmark = pytest.mark.usefixtures("compiled_plant")

@@ -6,9 +6,9 @@ from scipy.ndimage import uniform_filter1d
 
 from sim.plant import tables as at
 from sim.plant.catalogue import acting
-from sim.plant.controller import replay
-from sim.plant.friction import slide
 from sim.plant.sensors import reported
+from sim.plant.step import slide
+from sim.plant.stepping import replay
 from tests.sim.plant_cases import ROBOT, drive, effect, motion, standing
 
 pytestmark = pytest.mark.usefixtures("compiled_plant")

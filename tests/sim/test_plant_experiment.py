@@ -13,11 +13,10 @@ from residual.robot.dynamics import inverse_dynamics
 from residual.robot.robot import load_robot
 from sim.draw import draw_hidden, usual_effects
 from sim.engine.records import Noise, PlantSpec, Rates, Reference, stream
-from sim.experiment import run_experiment
+from sim.experiment import open_loop, run_experiment, track
 from sim.plant import tables as at
 from sim.plant.catalogue import check_effect, kinds
 from sim.plant.stepping import DivergedError
-from sim.twin import open_loop, track
 from tests.sim.plant_cases import ROBOT, drive, effect, motion
 
 pytestmark = pytest.mark.usefixtures("compiled_plant")

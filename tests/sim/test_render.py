@@ -6,8 +6,8 @@ import numpy as np
 from PIL import Image
 
 from residual.robot.robot import load_robot
+from sim.engine.bullet import animate, urdf_to_see
 from sim.engine.records import Reference
-from sim.engine.render import animate, urdf_to_see
 from tests.sim.arms import SEVEN, arm
 
 ROBOT = load_robot("irb140")

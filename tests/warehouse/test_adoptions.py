@@ -7,19 +7,21 @@ from itertools import pairwise
 import pyarrow as pa
 import pytest
 
-from warehouse.commit import DiagnosisRows, commit_record, store_rows
-from warehouse.layout import StoredRecord, list_folders
-from warehouse.numbered import (
+from warehouse.commit import (
     ADOPTED,
     ROLLED_BACK,
     Adoption,
     AdoptionConflictError,
+    DiagnosisRows,
     adopted,
     commit_adoption,
+    commit_record,
     read_adoption,
+    store_rows,
 )
-from warehouse.query.named import NAMED
+from warehouse.layout import StoredRecord, list_folders
 from warehouse.query.store import open_store
+from warehouse.query.views import NAMED
 from warehouse.schema import VIEWS, arrow_schema
 from warehouse.verify import faults
 

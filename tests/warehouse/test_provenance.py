@@ -19,7 +19,7 @@ from warehouse.runs import read_manifest
 FILES = {
     "sim/__init__.py": "",
     "sim/plant.py": "from residual.dynamics import regressor\n",
-    "sim/twin.py": "def run():\n    from residual import robot\n",
+    "sim/experiment.py": "def run():\n    from residual import robot\n",
     "sim/arm.urdf": "<robot/>",
     "sim/__pycache__/plant.pyc": "x",
     "residual/__init__.py": "",

@@ -7,10 +7,9 @@ import pytest
 
 from residual.errors import InputError
 from tests.warehouse import store_samples as made
-from warehouse.compare import compare_channels, compare_values, differing_channels
 from warehouse.layout import find, with_parents
-from warehouse.query.lineage import lineage_tree
-from warehouse.query.store import open_store
+from warehouse.query.store import lineage_tree, open_store
+from warehouse.verify import compare_channels, compare_values, differing_channels
 
 T = np.arange(100) / 50
 

@@ -10,7 +10,7 @@ from tests.warehouse import store_samples as made
 from tests.warehouse.store_samples import flip
 from warehouse.files import SUMS, read_unsummed, write_parquet, write_sums
 from warehouse.layout import find_run
-from warehouse.quarantine import quarantine
+from warehouse.runs import quarantine
 from warehouse.verify import verify_all
 
 SUM = "SELECT sum(q1) AS s FROM samples WHERE run_id = $id"

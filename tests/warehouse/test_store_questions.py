@@ -9,8 +9,8 @@ import warehouse
 from tests.warehouse import store_samples as made
 from tests.warehouse.test_store_verdicts import MODEL
 from warehouse.commit import commit_record, commit_run
-from warehouse.quarantine import quarantine
-from warehouse.query.named import NAMED
+from warehouse.query.views import NAMED
+from warehouse.runs import quarantine
 from warehouse.schema import VIEWS, arrow_schema
 
 

@@ -14,9 +14,8 @@ from warehouse import schema
 from warehouse.commit import commit_run
 from warehouse.files import write_sums
 from warehouse.layout import find_run
-from warehouse.quarantine import quarantine, tombstone
-from warehouse.query.named import NAMED, TAKES
-from warehouse.runs import read_run
+from warehouse.query.views import NAMED, TAKES
+from warehouse.runs import quarantine, read_run, tombstone
 
 
 def listing(folder):

@@ -178,15 +178,12 @@ def _runs(recording: Recording) -> tuple[Array, Array]:
     for k in range(RUN):
         runs += sample[k : k + count] * factors[1, k]
     runs, first = np.unique(runs, return_index=True)
-    return runs, _moving(recording)[row[first]]
-
-
-def _moving(recording: Recording) -> Array:
-    """Return at which samples a joint has moved within the last tenths of a second."""
+    # Whether a joint has moved within the last tenths of a second.
     t, q = recording.t, recording.q
     least = STILL * 2 * _half_span(q).max()
     before = np.searchsorted(t, t - _LATELY)
-    return (np.abs(q - q[before]) > least).any(axis=1)
+    moving = (np.abs(q - q[before]) > least).any(axis=1)
+    return runs, moving[row[first]]
 
 
 def _hashes(recording: Recording, start: int, factors: Array) -> tuple[Array, Array]:

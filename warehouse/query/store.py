@@ -1,10 +1,11 @@
-"""The store as a database: open it and query it in SQL."""
+"""The store as a database: open it, query it in SQL, follow the lineage of a record."""
 
 import json
 import os
 from collections.abc import Collection, Iterable, Mapping
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import suppress
+from dataclasses import dataclass
 from pathlib import Path
 
 import duckdb
@@ -12,9 +13,9 @@ import pyarrow as pa
 
 from residual.errors import InputError
 from warehouse.bucket import is_address
-from warehouse.catalogue import Catalogue, read_catalogue
 from warehouse.files import check_file, replace_file
-from warehouse.quarantine import quarantined
+from warehouse.ids import damage_error
+from warehouse.layout import Catalogue, find, read_catalogue
 from warehouse.query.guard import (
     check_reads_only,
     collect_answer,
@@ -25,6 +26,7 @@ from warehouse.query.guard import (
 )
 from warehouse.query.views import catalogue_views, signal_rows
 from warehouse.remote import bucket_of, fetch_file, local_folder, store_name
+from warehouse.runs import quarantined
 from warehouse.schema import (
     COMPUTED,
     DEFAULT_DOF,
@@ -36,7 +38,6 @@ from warehouse.schema import (
     arrow_schema,
     sample_columns,
 )
-from warehouse.sums import damage_error
 
 # What a damaged file may raise: also Arrow between two batches, and DuckDB where its
 # message quotes bytes that are no text.
@@ -118,13 +119,6 @@ def runs_where(path: Path, clause: str) -> tuple[str, ...]:
     return ids
 
 
-def _read_hashed(store: Path) -> dict[str, list[int]]:
-    with suppress(OSError, ValueError):
-        content = json.loads((store / INDEX / _HASHED).read_bytes())
-        return content if isinstance(content, dict) else {}
-    return {}
-
-
 class Store:
     """An open store. Every query sees what was committed before it.
 
@@ -138,7 +132,10 @@ class Store:
         self.path = path
         self._connection = read_only_connection(path)
         self._left_out: dict[str, str] = {}  # messages about damaged samples, by file
-        self._hashed = _read_hashed(path)
+        self._hashed: dict[str, list[int]] = {}
+        with suppress(OSError, ValueError):
+            content = json.loads((path / INDEX / _HASHED).read_bytes())
+            self._hashed = content if isinstance(content, dict) else {}
         self._newly_hashed = 0
         self._viewed = False  # whether the view samples has all files that it should
         self._quarantined: frozenset[str] = frozenset()
@@ -345,3 +342,37 @@ class Store:
         self._left_out |= broken
         if broken:
             self._viewed = False
+
+
+@dataclass(frozen=True, slots=True)
+class Relative:
+    """A record in a tree of relatives."""
+
+    id: str
+    kind: str | None  # name of its kind; None where it is not in this store
+    role: str = ""  # what it was to the one above it, or that one to it; "" at the root
+    again: bool = False  # whether it stands elsewhere in the tree, with its relatives
+    relatives: tuple["Relative", ...] = ()  # those below it
+
+
+def lineage_tree(store: Store, id: str, down: bool = False) -> Relative:
+    """Return what a record was made from, or what was made from it, all the way."""
+    near, far = ("parent", "child") if down else ("child", "parent")
+    links: dict[str, list[tuple[str, str]]] = {}
+    rows = store.sql(f"SELECT {near}, {far}, role FROM lineage ORDER BY role, {far}")
+    for relative, other, role in zip(*rows.to_pydict().values(), strict=True):
+        links.setdefault(relative, []).append((other, role))
+    ids = (f"SELECT {kind.key}, '{name}' FROM {name}" for name, kind in KINDS.items())
+    kinds = store.sql(" UNION ALL ".join(ids)).to_pydict()
+    kind_of = dict(zip(*kinds.values(), strict=True))
+    shown: set[str] = set()
+
+    def grown(id: str, role: str) -> Relative:
+        kind, below = kind_of.get(id), links.get(id, [])
+        if id in shown:
+            return Relative(id, kind, role, again=bool(below))
+        shown.add(id)
+        relatives = tuple(grown(other, role) for other, role in below)
+        return Relative(id, kind, role, relatives=relatives)
+
+    return grown(find(store.path, id).id, "")

@@ -7,9 +7,8 @@ from pathlib import Path
 from flows.storage.diagnosis import store_report
 from tests.flows.report_outcomes import given_value
 from tests.warehouse import store_samples as made
-from warehouse.commit import commit_record
+from warehouse.commit import ADOPTED, Adoption, commit_adoption, commit_record
 from warehouse.layout import read_record
-from warehouse.numbered import ADOPTED, Adoption, commit_adoption
 from warehouse.schema import rows_table
 
 EVIL = '"><img src=x onerror=alert(1)>&'

@@ -7,7 +7,7 @@ import pytest
 import warehouse
 from tests.warehouse import store_samples as made
 from tests.warehouse.objects.buckets import folder_for
-from warehouse import catalogue
+from warehouse import layout
 from warehouse.layout import list_folders
 from warehouse.schema import KINDS
 
@@ -50,7 +50,7 @@ def test_what_is_in_no_catalogue_yet_is_listed(store, memory, began, tmp_path):
 def test_of_two_that_join_at_once_no_record_is_lost(
     store, memory, began, tmp_path, monkeypatch
 ):
-    monkeypatch.setattr(catalogue, "_SPARE", 0)
+    monkeypatch.setattr(layout, "_SPARE", 0)
     more, real, between = fill(store, 2, 3), memory.put, []
 
     def slow(key, data):

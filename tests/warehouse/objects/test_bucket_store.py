@@ -11,12 +11,16 @@ from residual.errors import InputError
 from tests.warehouse import store_samples as made
 from tests.warehouse.objects.buckets import Breaking, Careless, KilledError, folder_for
 from warehouse import remote
-from warehouse.commit import commit_run
+from warehouse.commit import (
+    ADOPTED,
+    Adoption,
+    AdoptionConflictError,
+    commit_adoption,
+    commit_run,
+)
 from warehouse.layout import find, list_folders
-from warehouse.numbered import ADOPTED, Adoption, AdoptionConflictError, commit_adoption
-from warehouse.quarantine import quarantine
 from warehouse.remote import IDENTITY
-from warehouse.runs import has_seal, open_seal, read_run
+from warehouse.runs import has_seal, open_seal, quarantine, read_run
 from warehouse.verify import verify_all
 
 ALL = ("runs", "models", "diagnoses")
