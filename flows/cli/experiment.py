@@ -35,8 +35,7 @@ from flows.requests import (
     Where,
 )
 from flows.settings import store_folder
-from flows.specs.campaign import load_campaign
-from flows.specs.experiment import load_spec
+from flows.specs import load_campaign, load_spec
 from flows.steps import campaign as campaigns
 from flows.steps import experiment as steps
 from flows.steps import validate as trial

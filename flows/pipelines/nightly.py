@@ -17,7 +17,7 @@ from flows.requests import Campaign
 from flows.settings import HEALTHY, cores, store_folder
 from flows.steps import campaign as campaigns
 from flows.steps import diff as verification
-from flows.workers.processes import Processes, chosen_runner
+from flows.workers import Processes, chosen_runner
 from residual.errors import RunError
 from residual.threads import one_blas_thread
 

@@ -30,7 +30,7 @@ from flows.steps import identify as identification
 from flows.steps import monitor as monitoring
 from flows.steps import validate as validation
 from flows.steps.experiment import PlannedExperiment
-from flows.workers.processes import DASK, InlineExecutor, chosen_runner, run_job
+from flows.workers import DASK, InlineExecutor, chosen_runner, run_job
 from residual.errors import RunError
 
 HOUR = 3600.0  # s

@@ -14,10 +14,10 @@ from time import perf_counter
 from flows.outputs import Progress
 from flows.requests import Campaign
 from flows.settings import cores, store_folder
-from flows.specs.campaign import load_campaign
+from flows.specs import load_campaign
 from flows.steps import experiment
 from flows.steps.experiment import PlannedExperiment, plan
-from flows.workers.processes import Processes, spread
+from flows.workers import Processes, spread
 from residual.errors import InputError, RunError
 from warehouse.remote import store_name
 

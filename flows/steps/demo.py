@@ -19,7 +19,7 @@ from flows.inputs.read import load
 from flows.outputs import Progress
 from flows.requests import Number, Request, Store
 from flows.settings import store_folder
-from flows.specs.experiment import ExperimentSpec, derived_seed
+from flows.specs import ExperimentSpec, derived_seed
 from flows.steps.campaign import run_all
 from flows.steps.experiment import plan, plant_of
 from residual.effects import reported_joints

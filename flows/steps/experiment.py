@@ -12,7 +12,7 @@ import numpy as np
 from pydantic import TypeAdapter
 
 from flows.inputs.read import load
-from flows.specs.experiment import NOMINAL, ControllerTable, ExperimentSpec
+from flows.specs import NOMINAL, ControllerTable, ExperimentSpec
 from flows.steps.models import choose, model_to_drive
 from residual.calibration.rows import Run
 from residual.errors import InputError

@@ -20,7 +20,7 @@ from flows.requests import (
     Request,
     Validate,
 )
-from flows.specs.experiment import ExperimentSpec
+from flows.specs import ExperimentSpec
 from flows.steps import calibrate, experiment, identify
 from flows.steps.diagnose import diagnose_runs
 from flows.steps.experiment import (

@@ -10,7 +10,7 @@ import yaml
 from flows.settings import PAGES
 from flows.steps import campaign
 from flows.steps.experiment import run_id_of
-from flows.workers.processes import RUNNER, InlineExecutor
+from flows.workers import RUNNER, InlineExecutor
 from residual.errors import InputError, RunError
 from tests.flows.faked_night import NAME, faked
 from tests.waiting import until

@@ -3,11 +3,11 @@
 from pathlib import Path
 
 from flows.settings import store_folder
-from flows.specs.experiment import experiment_of
+from flows.specs import experiment_of
 from flows.steps import campaign
 from flows.steps.campaign import run_all
 from flows.steps.experiment import plan
-from flows.workers.processes import InlineExecutor
+from flows.workers import InlineExecutor
 from tests.warehouse import store_samples as made
 from warehouse import remote
 

@@ -9,7 +9,7 @@ import pytest
 from flows.cli import main
 from flows.report.monitoring import meaning
 from flows.requests import Monitor
-from flows.specs.experiment import experiment_of
+from flows.specs import experiment_of
 from flows.steps import experiment, monitor
 from flows.storage.diagnosis import store_outcome
 from residual.effects import registry
