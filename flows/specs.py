@@ -1,4 +1,4 @@
-"""Experiment files (SPEC.toml), and campaigns: with [grid] (every combination) or [random]."""
+"""Experiment files (SPEC.toml), and campaign files with [grid] or [random]."""
 
 import hashlib
 import re

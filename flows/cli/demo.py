@@ -7,8 +7,8 @@ from rich.console import Console
 from flows.cli.app import SEEDS, check_between
 from flows.outputs import progress_bar, say
 from flows.report.diagnosis import print_diagnosis, print_truth
+from flows.report.phrases import Demonstration
 from flows.report.stored import demo_page, hidden_effects
-from flows.report.words.phrases import Demonstration
 from flows.settings import store_folder
 from flows.steps import demo as steps
 from flows.steps.diagnose import diagnose_runs, request_of

@@ -15,7 +15,7 @@ from prefect.runtime import flow_run
 from flows.project.deployments import COMMITTED, NOTICE, STORE
 from flows.report.document import ReportTable
 from flows.report.index import INDEX, title_of
-from flows.report.words.verdict import brief
+from flows.report.sentences import brief
 from flows.settings import PAGES, page_link
 from flows.storage.diagnosis import read_verdict
 

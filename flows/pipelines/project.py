@@ -26,7 +26,7 @@ from flows.project.deployments import STORED as ARRIVED
 from flows.project.deployments import resource
 from flows.project.read import read_project
 from flows.report.document import words_table
-from flows.report.words.verdict import headline
+from flows.report.sentences import headline
 from flows.settings import HEALTHY, store_folder
 from flows.storage.diagnosis import read_verdict
 from residual.errors import InputError

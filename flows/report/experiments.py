@@ -6,8 +6,8 @@ import numpy as np
 
 from flows.report.document import Document, ReportTable, Section, Strong
 from flows.report.page import render
+from flows.report.phrases import texts
 from flows.report.plots import Panel, png
-from flows.report.words.phrases import texts
 from flows.steps.validate import Validation
 from residual.robot.robot import Robot
 from sim.engine.records import Reference, TrajectorySpec

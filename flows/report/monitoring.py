@@ -3,8 +3,8 @@
 from collections.abc import Mapping
 
 from flows.report.document import ReportTable
+from flows.report.phrases import count_noun
 from flows.report.plots import Panel, png
-from flows.report.words.phrases import count_noun
 from flows.steps.monitor import MonitoringResult
 from residual.recording import Recording
 

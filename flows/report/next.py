@@ -1,8 +1,8 @@
 """The next experiment in the terminal."""
 
 from flows.report.document import ReportTable
-from flows.report.words.outlook import from_one_another, in_words
-from flows.report.words.phrases import count_noun, joint_words, sentence_case
+from flows.report.phrases import count_noun, joint_words, sentence_case
+from flows.report.sentences import from_one_another, in_words
 from flows.steps.next import OpenVerdict, Ranking
 from residual.planning.promise import separable_rivals, sure_words
 from residual.quantity import MISSING, fraction, probability

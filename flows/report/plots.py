@@ -8,7 +8,7 @@ import numpy as np
 from matplotlib import rc_context
 from matplotlib.figure import Figure
 
-from flows.report.figure import GRID, JOINTS, SOFT
+from flows.report.charts import GRID, JOINTS, SOFT
 
 _STYLE = {
     "text.parse_math": False,  # names of logs and columns are text, never formulas

@@ -28,7 +28,7 @@ NASTY = "<script>alert(1)</script>&\"'$x_1$[bold]"
 def quick(monkeypatch: pytest.MonkeyPatch) -> None:
     """Leave out the drawing, for tests of what stands around the figures."""
     monkeypatch.setattr(charts, "_cloud_plot", lambda *_: {"data": []})
-    monkeypatch.setattr(charts.figure, "over_time", lambda *_: {})
+    monkeypatch.setattr(charts, "over_time", lambda *_: {})
     monkeypatch.setattr(base, "library", lambda: "")
 
 
