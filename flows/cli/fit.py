@@ -6,7 +6,7 @@ from pathlib import Path
 from flows.cli.app import Outputs
 from flows.inputs.read import chosen, load_for
 from flows.outputs import check_new_folder, in_folder, progress_bar, read_files
-from flows.report.console import show, wide_console
+from flows.report.document import show, wide_console
 from flows.report.models import identification as identified
 from flows.requests import (
     Calibrate,

@@ -9,7 +9,7 @@ from rich.console import Console
 
 from flows.cli.app import Outputs
 from flows.outputs import check_new_folder, check_outside, read_files, say
-from flows.report.console import show, wide_console
+from flows.report.document import show, wide_console
 from flows.report.models import (
     ADOPTED_KEY,
     adoption_lines,

@@ -10,7 +10,6 @@ from markupsafe import Markup
 from rich.console import Console
 
 from flows.report import charts, sentences, tables
-from flows.report.console import line, print_document, show
 from flows.report.document import (
     Beside,
     Chart,
@@ -23,6 +22,9 @@ from flows.report.document import (
     ReportTable,
     Section,
     Tile,
+    line,
+    print_document,
+    show,
     tag,
     words_table,
 )

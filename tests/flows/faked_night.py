@@ -6,7 +6,8 @@ import numpy as np
 
 from flows.report import stored
 from flows.report.document import ReportTable
-from flows.steps import calibrate, campaign, diagnose, identify, validate
+from flows.steps import calibrate, diagnose, identify, validate
+from flows.steps import experiment as campaign
 from flows.steps.models import Choice
 from tests.verdict_documents import typed
 
@@ -19,8 +20,9 @@ def faked(monkeypatch, tmp_path):
 
     To be called when Prefect has its settings.
     """
-    from flows.pipelines import artifacts, loop, nightly, tasks
+    from flows.pipelines import loop, nightly, tasks
     from flows.pipelines import project as projects
+    from flows.pipelines import tasks as artifacts
 
     page = tmp_path / "report.html"
     page.write_text("<html>")

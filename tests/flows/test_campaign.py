@@ -11,9 +11,9 @@ import pytest
 
 from flows.cli import main
 from flows.specs import experiment_of
-from flows.steps import campaign, experiment
-from flows.steps.campaign import run_all
-from flows.steps.experiment import plan
+from flows.steps import experiment
+from flows.steps import experiment as campaign
+from flows.steps.experiment import plan, run_all
 from flows.workers import InlineExecutor, JobResult, Processes, spread
 from residual.errors import InputError
 from tests.waiting import PATIENCE, until

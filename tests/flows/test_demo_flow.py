@@ -8,7 +8,7 @@ import pytest
 import yaml
 
 from flows.settings import PAGES
-from flows.steps import campaign
+from flows.steps import experiment as campaign
 from flows.steps.experiment import run_id_of
 from flows.workers import RUNNER, InlineExecutor
 from residual.errors import InputError, RunError
@@ -167,8 +167,8 @@ def test_dask_makes_the_same_runs_with_the_same_bits(
 
 
 def test_a_finding_is_told_once(flows, order, monkeypatch, tmp_path):
-    from flows.pipelines import artifacts
     from flows.pipelines import project as projects
+    from flows.pipelines import tasks as artifacts
 
     told = []
     monkeypatch.setattr(artifacts, "send_event", lambda name, about: told.append(name))

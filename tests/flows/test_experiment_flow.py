@@ -9,7 +9,8 @@ import pytest
 
 from flows.cli import main
 from flows.specs import experiment_of
-from flows.steps import campaign, experiment
+from flows.steps import experiment
+from flows.steps import experiment as campaign
 from flows.storage.diagnosis import from_record, to_record
 from flows.workers import run_job
 from residual.errors import InputError

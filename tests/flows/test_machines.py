@@ -4,9 +4,8 @@ from pathlib import Path
 
 from flows.settings import store_folder
 from flows.specs import experiment_of
-from flows.steps import campaign
-from flows.steps.campaign import run_all
-from flows.steps.experiment import plan
+from flows.steps import experiment as campaign
+from flows.steps.experiment import plan, run_all
 from flows.workers import InlineExecutor
 from tests.warehouse import store_samples as made
 from warehouse import remote

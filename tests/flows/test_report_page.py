@@ -12,9 +12,8 @@ from rich.console import Console
 
 from flows.report import charts
 from flows.report import page as base
-from flows.report.console import show
 from flows.report.diagnosis import print_diagnosis, render
-from flows.report.document import ReportTable
+from flows.report.document import ReportTable, show
 from residual.model.compare import Cloud, LogProof
 from residual.verdict.document import from_json, to_json
 from residual.verdict.result import Diagnosis
