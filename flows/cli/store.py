@@ -167,7 +167,7 @@ def _tell_rows(store: opening.Store, ids: Iterable[str]) -> None:
             print(f"modelgap: listed from a copy: {error}", file=sys.stderr)
 
 
-def _relatives(store: Store, id: str) -> dict:
+def _relatives(store: opening.Store, id: str) -> dict:
     queries = {
         "parents": f"SELECT parent, role FROM lineage WHERE child = {quoted(id)}",
         "children": f"SELECT child, role FROM lineage WHERE parent = {quoted(id)}",

@@ -145,7 +145,16 @@ def store_key(home: Path) -> str:
     """
     path = home / KEY
     if not path.exists():
-        _make_key(path)
+        handle, draft = mkstemp(dir=path.parent, prefix=f"{path.name}.")  # 0600
+        try:
+            with os.fdopen(handle, "w", encoding="ascii") as file:
+                file.write(f"modelgap:{secrets.token_urlsafe(32)}\n")
+                file.flush()
+                os.fsync(file.fileno())
+            with suppress(FileExistsError):
+                os.link(draft, path)
+        finally:
+            os.unlink(draft)
     if path.stat().st_mode & 0o077:
         raise InputError(
             f"{path} can be read by others, expected by its owner only. Delete it, "
@@ -158,17 +167,3 @@ def store_key(home: Path) -> str:
             "new key."
         )
     return key
-
-
-def _make_key(path: Path) -> None:
-    """Create a key file; of two processes at once, the first one wins."""
-    handle, draft = mkstemp(dir=path.parent, prefix=f"{path.name}.")  # 0600
-    try:
-        with os.fdopen(handle, "w", encoding="ascii") as file:
-            file.write(f"modelgap:{secrets.token_urlsafe(32)}\n")
-            file.flush()
-            os.fsync(file.fileno())
-        with suppress(FileExistsError):
-            os.link(draft, path)
-    finally:
-        os.unlink(draft)
