@@ -133,12 +133,7 @@ def export(
     outputs.finish()
 
 
-def predict(
-    *logs: Log,
-    request: Predict,
-    out: File = None,
-    json: File = None,
-) -> None:
+def predict(*logs: Log, request: Predict, out: File = None, json: File = None) -> None:
     """Predict the torque of logs with a model, with or without its effects.
 
     --without refits nothing: it removes added effects, and gives those of the nominal

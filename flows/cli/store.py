@@ -3,7 +3,7 @@
 import json
 import sys
 import threading
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Annotated, Literal
 
@@ -50,11 +50,7 @@ _COLUMNS = (
 )
 
 
-def runs(
-    limit: Number = 50,
-    format: Format = "table",
-    store: Store = None,
-) -> None:
+def runs(limit: Number = 50, format: Format = "table", store: Store = None) -> None:
     """List the runs of the store, the latest last.
 
     ```
@@ -69,13 +65,17 @@ def runs(
     if limit < 1:
         raise InputError(f"--limit {limit}: expected 1 or more.")
     check_shown(format, None)
-    with opening.open_store(store_folder(store)) as opened:
+    with open_store(store_folder(store)) as opened:
         latest = f"FROM runs ORDER BY created DESC, run_id LIMIT {limit}"
         query = f"SELECT {_COLUMNS} FROM ({latest}) ORDER BY created, run_id"
         rows = opened.sql(query, without_damaged=True)
         print_table(rows, format)
         tell_damage(opened)
-        _tell_rows(opened, rows.column("run_id").to_pylist())
+        for id in rows.column("run_id").to_pylist():
+            try:
+                read_manifest(opened.path, id)
+            except InputError as error:
+                print(f"modelgap: listed from a copy: {error}", file=sys.stderr)
 
 
 def verify(*, store: Store = None) -> None:
@@ -110,7 +110,7 @@ def quarantine(id: str, /, *, reason: Text, store: Store = None) -> None:
         id: Id of the run, or its beginning.
         reason: Reason, which is stored; the first one is kept.
     """
-    with opening.open_store(store_folder(store)) as opened:
+    with open_store(store_folder(store)) as opened:
         run_id = find(opened.path, id).id
         reason_before = tombstone(opened.path, run_id)
         set_aside(opened.path, run_id, reason)
@@ -123,11 +123,7 @@ def quarantine(id: str, /, *, reason: Text, store: Store = None) -> None:
 
 
 def show(
-    id: str,
-    /,
-    *,
-    format: Literal["text", "json"] = "text",
-    store: Store = None,
+    id: str, /, *, format: Literal["text", "json"] = "text", store: Store = None
 ) -> None:
     """Show one run, model, diagnosis, validation or report.
 
@@ -139,7 +135,7 @@ def show(
         id: Id of the record, or its beginning.
         format: Format of the output.
     """
-    with opening.open_store(store_folder(store)) as opened:
+    with open_store(store_folder(store)) as opened:
         place = find(opened.path, id)
         record = {
             "kind": place.kind,
@@ -156,15 +152,6 @@ def show(
         from flows.report.records import record_lines
 
         print("\n".join(record_lines(record)))
-
-
-def _tell_rows(store: opening.Store, ids: Iterable[str]) -> None:
-    """Say whose record has gone or is damaged: the list has them from a copy."""
-    for id in ids:
-        try:
-            read_manifest(store.path, id)
-        except InputError as error:
-            print(f"modelgap: listed from a copy: {error}", file=sys.stderr)
 
 
 def _relatives(store: opening.Store, id: str) -> dict:

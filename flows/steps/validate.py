@@ -120,15 +120,14 @@ def validate(request: Request) -> tuple[str, Validation]:
     strayed, used = open_loop_error(robot, log, window)
     request = _with_ids(request, store, robot)
     nominal = nominal_of(robot, [log])
-    out: dict[str, AnyModel] = {NOMINAL: nominal}
+    models: dict[str, AnyModel] = {NOMINAL: nominal}
     if request.model is not None:
         if find(store, request.model).kind == "diagnoses":
-            out |= read_models(store, request.model) | out
+            models |= read_models(store, request.model) | models
         else:
-            out["model"] = model_to_drive(store, request.model, robot, nominal)
+            models["model"] = model_to_drive(store, request.model, robot, nominal)
     if request.adopted not in (NOMINAL, request.model):
-        out["adopted"] = model_to_drive(store, request.adopted, robot)
-    models = out
+        models["adopted"] = model_to_drive(store, request.adopted, robot)
     both = {name: both_ways(model, log) for name, model in models.items()}
     tracked = {}
     notes = ["No feed-forward: no simulated arm is sealed with the run."]
