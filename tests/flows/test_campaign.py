@@ -42,7 +42,7 @@ def done(monkeypatch):
         (store / "samples" / "robot=irb140" / f"run_id={id}").mkdir(parents=True)
         return id
 
-    monkeypatch.setattr(campaign.experiment, "run", run)
+    monkeypatch.setattr(campaign, "run", run)
     return ran
 
 

@@ -30,7 +30,7 @@ def test_a_campaign_gives_its_workers_the_name_of_the_store(
         assert place.parent == tmp_path / "another machine"
         return made.commit(place, spec.seed)
 
-    monkeypatch.setattr(campaign.experiment, "run", run)
+    monkeypatch.setattr(campaign, "run", run)
     specs = [("one", experiment_of({"seed": 1}, "S"))]
     summary = run_all(plan(specs, store), store, executor=Elsewhere())
     assert given == [bucket_store]
