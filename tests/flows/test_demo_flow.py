@@ -124,7 +124,7 @@ def test_each_experiment_is_a_task_run_and_a_lost_process_is_one_try(
         record_folder(store, "runs", id, "irb140").mkdir(parents=True)
         return id
 
-    monkeypatch.setattr(campaign.experiment, "run", run)
+    monkeypatch.setattr(campaign, "run", run)
     monkeypatch.setattr(flows, "Processes", lambda _: InlineExecutor())
     monkeypatch.setattr(flows.tasks.experiment, "retry_delay_seconds", 0)
     (tmp_path / "C.toml").write_text(f"[grid]\nseed = {list(range(12))}\n")
