@@ -22,7 +22,6 @@ def faked(monkeypatch, tmp_path):
     """
     from flows.pipelines import loop, nightly, tasks
     from flows.pipelines import project as projects
-    from flows.pipelines import tasks as artifacts
 
     page = tmp_path / "report.html"
     page.write_text("<html>")
@@ -52,7 +51,7 @@ def faked(monkeypatch, tmp_path):
     take(diagnose, "diagnose_runs", ("dd", "ee"))
     monkeypatch.setattr(tasks, "robot_of", lambda runs, store: "irb140")
     monkeypatch.setattr(loop, "read_verdict", lambda *_: typed({}))
-    monkeypatch.setattr(artifacts, "name_of", lambda *_: NAME)
+    monkeypatch.setattr(tasks, "name_of", lambda *_: NAME)
     for module in (identify, calibrate):
         monkeypatch.setattr(module, "read_logs", lambda request: ((), ()))
     table = ReportTable(("model", "J1"), [("ls", "1.0")])

@@ -168,10 +168,10 @@ def test_dask_makes_the_same_runs_with_the_same_bits(
 
 def test_a_finding_is_told_once(flows, order, monkeypatch, tmp_path):
     from flows.pipelines import project as projects
-    from flows.pipelines import tasks as artifacts
+    from flows.pipelines import tasks
 
     told = []
-    monkeypatch.setattr(artifacts, "send_event", lambda name, about: told.append(name))
+    monkeypatch.setattr(tasks, "send_event", lambda name, about: told.append(name))
     found = SimpleNamespace(effects=("spring",), robot="irb140")
     monkeypatch.setattr(projects, "read_verdict", lambda *_: found)
     monkeypatch.setattr(projects, "headline", lambda _: "a spring on joint 2")
