@@ -109,8 +109,7 @@ Numbers = Annotated[
     Parameter(converter=parse_numbers, n_tokens=1, negative="", metavar="1,2,3"),
 ]
 TrustLog = Annotated[
-    Flag,
-    Parameter(help="Continue although a fault of the logs is certain."),
+    Flag, Parameter(help="Continue although a fault of the logs is certain.")
 ]
 Which = Annotated[
     str | None,
@@ -153,10 +152,7 @@ HeldOutWhere = Annotated[
 ]
 Json = Annotated[
     str | None,
-    Parameter(
-        metavar="FILE",
-        help='File for the result as JSON; "-" prints it alone.',
-    ),
+    Parameter(metavar="FILE", help='File for the result as JSON; "-" prints it alone.'),
 ]
 
 

@@ -198,7 +198,7 @@ def test_commands_load_no_plotting_library_engine_or_scheduler_that_they_do_not_
     code = (
         "import sys, flows.cli.diagnose, flows.cli.fit\n"
         "print('matplotlib' in sys.modules)\n"
-        "import flows.steps.diagnose, flows.cli.logs, flows.cli.monitor\n"
+        "import flows.steps.diagnose, flows.cli.logs, flows.cli.experiment\n"
         "print(sorted({'prefect', 'pybullet', 'cvxpy'} & set(sys.modules)))"
     )
     done = subprocess.run(

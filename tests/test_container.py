@@ -9,7 +9,7 @@ import pytest
 import yaml
 
 from flows.cli import main
-from flows.service.request import DATABASE, database_url
+from flows.service.state import DATABASE, database_url
 from flows.service.up import _CANCEL, _WAIT
 from tests.checkout import ROOT
 from warehouse.bucket import is_loopback

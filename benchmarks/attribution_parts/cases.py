@@ -7,7 +7,7 @@ from time import perf_counter
 from benchmarks.attribution_parts import arms
 from benchmarks.harness.cases import guarded
 from benchmarks.hidden.score import Name, members, paired
-from flows.specs.experiment import derived_seed
+from flows.specs import derived_seed
 from residual.diagnosis.diagnose import diagnose
 from residual.effects import reported_joints
 from residual.verdict.document import to_json

@@ -33,7 +33,7 @@ from benchmarks.hidden.score import (
 from benchmarks.synthetic.motions import make_motion
 from benchmarks.synthetic.other_forms import FORMS
 from benchmarks.synthetic.quasi_static import Plant, true_friction, true_torque
-from flows.specs.experiment import derived_seed
+from flows.specs import derived_seed
 from residual.diagnosis.diagnose import diagnose
 from residual.recording import Recording
 from residual.robot.robot import Robot, load_robot

@@ -13,7 +13,7 @@ from typing import Any
 
 from benchmarks.harness.figures import CRASHES, Figures, figure, one_blas_thread
 from benchmarks.harness.origin import ROOT, STORE, circumstances, code_hash, save
-from flows.workers.processes import Processes, spread
+from flows.workers import Processes, spread
 
 Rows = Sequence[Mapping]
 QUICK_SEEDS = "1:1"

@@ -17,7 +17,7 @@ from benchmarks.harness.cases import guarded
 from benchmarks.harness.figures import NO_BAR, Figures, figure, undecided
 from benchmarks.harness.logs import in_engine
 from benchmarks.harness.rates import at_least, rate
-from flows.specs.experiment import derived_seed
+from flows.specs import derived_seed
 from flows.steps.next import Ranking, rank_motions
 from residual.diagnosis.diagnose import diagnose
 from residual.effects import reported_joints

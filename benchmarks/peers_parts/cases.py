@@ -20,7 +20,7 @@ from benchmarks.hidden.oracle import oracle
 from benchmarks.hidden.score import NOTHING, PAIR, SINGLE, UNKNOWN, Name, members
 from benchmarks.peers_parts import judge, sparse, squares
 from benchmarks.peers_parts.linear_model import Answer, Case
-from flows.specs.experiment import derived_seed
+from flows.specs import derived_seed
 from residual.diagnosis.diagnose import diagnose
 from residual.effects import registry, reported_joints
 from residual.recording import Recording

@@ -18,7 +18,7 @@ from benchmarks.harness.figures import FULL, Figures, figure, missing
 from benchmarks.harness.origin import ROOT
 from flows.requests import Campaign
 from flows.settings import prefect_home, quiet_prefect
-from flows.steps import campaign as steps
+from flows.steps import experiment as steps
 from flows.steps.experiment import PlannedExperiment
 from warehouse.ids import record_folder
 

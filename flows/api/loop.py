@@ -8,7 +8,7 @@ from types import MappingProxyType
 from flows.api.logs import as_logs
 from flows.api.results import Diagnosis, log_sets, with_methods
 from flows.outputs import Progress, write_all
-from flows.specs.experiment import experiment_of
+from flows.specs import experiment_of
 from flows.steps.diagnose import diagnose_logs
 from flows.steps.experiment import as_csv, make, run_id_of
 from flows.steps.monitor import MonitoringResult, watch

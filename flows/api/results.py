@@ -12,7 +12,6 @@ from flows.api.logs import as_logs, check_robot
 from flows.api.store import Table
 from flows.inputs.read import LogSets
 from flows.outputs import Progress, write_all
-from flows.report.words.calibration import sentences
 from flows.steps.calibrate import calibrate_logs
 from flows.steps.diagnose import diagnose_logs, known_robot
 from flows.steps.identify import identify_logs
@@ -230,6 +229,8 @@ class Calibration(core.Calibration):
 
     def to_json(self) -> dict:
         """The result as JSON values (docs/calibration.md)."""
+        from flows.report.calibration import sentences
+
         return calibrated.document(self, sentences(self), self.warnings, {})
 
     @property

@@ -107,7 +107,7 @@ def run(words: Sequence[str]) -> None:
 
 STDOUT = "-"
 _PICTURES = {"--plot": ".png", "--gif": ".gif"}
-# Limits of experiments, as in flows/specs/experiment.py [s, -, Hz, -].
+# Limits of experiments, as in flows/specs.py [s, -, Hz, -].
 LONGEST, MOST_PERIODS, FASTEST, SEEDS = 600.0, 100, 20_000.0, 2**63 - 1
 
 Make = Callable[[], str | bytes]

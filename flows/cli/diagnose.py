@@ -78,10 +78,7 @@ def diagnose(
         return render(result, result.verdict.robot, origin=origin)
 
     out.write(
-        {
-            "--report": page,
-            "--save-model": lambda: to_text(result.models["augmented"]),
-        },
+        {"--report": page, "--save-model": lambda: to_text(result.models["augmented"])},
         lambda: to_json(result.verdict),
     )
     print_diagnosis(result, out.console)

@@ -1,4 +1,4 @@
-"""modelgap experiment, campaign, validate and trajectory."""
+"""modelgap experiment, campaign, trajectory, demo, validate and monitor."""
 
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -18,14 +18,24 @@ from flows.cli.app import (
 from flows.inputs.read import load, queried
 from flows.outputs import progress_bar, read_files, say
 from flows.report import experiments
-from flows.report.console import show
-from flows.report.experiments import motion_parts, motion_png
+from flows.report.diagnosis import print_diagnosis, print_truth
+from flows.report.document import show
+from flows.report.experiments import (
+    alarm_table,
+    describe_alarms,
+    motion_parts,
+    motion_png,
+)
+from flows.report.experiments import plot as draw
+from flows.report.phrases import Demonstration
+from flows.report.stored import demo_page, hidden_effects
 from flows.requests import (
     Campaign,
     File,
     Flag,
     Hertz,
     Json,
+    Monitor,
     Number,
     OfRobot,
     RobotWord,
@@ -35,12 +45,15 @@ from flows.requests import (
     Where,
 )
 from flows.settings import store_folder
-from flows.specs.campaign import load_campaign
-from flows.specs.experiment import load_spec
-from flows.steps import campaign as campaigns
+from flows.specs import load_campaign, load_spec
+from flows.steps import demo as demonstration
 from flows.steps import experiment as steps
+from flows.steps import monitor as monitoring
 from flows.steps import validate as trial
+from flows.steps.diagnose import diagnose_runs, request_of
 from flows.steps.experiment import as_csv, refusal_of
+from flows.steps.models import chosen_to_watch
+from flows.storage.diagnosis import read_outcome
 from residual.errors import InputError, RunError
 from sim.engine.bullet import animate
 from sim.engine.records import TrajectorySpec
@@ -55,7 +68,7 @@ DryRun = Annotated[
         "and what breaks a limit of the arm."
     ),
 ]
-_DEFAULT, _DEFAULT_CAMPAIGN = Validate(), Campaign()
+_VALIDATE, _CAMPAIGN = Validate(), Campaign()
 
 
 def experiment(spec: str, /, *, store: Store = None, dry_run: DryRun = False) -> None:
@@ -84,7 +97,7 @@ def campaign(
     spec: str,
     /,
     *,
-    request: Campaign = _DEFAULT_CAMPAIGN,
+    request: Campaign = _CAMPAIGN,
     dry_run: DryRun = False,
     json: Json = None,
 ) -> None:
@@ -111,18 +124,18 @@ def campaign(
     count_text = f"{missing} to run, {len(planned) - missing} in {store_name(place)}"
     say(console, f"{count_text}; {failing} will fail" if failing else count_text)
     if dry_run:
-        summary = campaigns.Summary(tuple(planned), refused)
-        out.write(document=lambda: campaigns.document(summary, done=False))
+        summary = steps.Summary(tuple(planned), refused)
+        out.write(document=lambda: steps.document(summary, done=False))
         out.finish()
         return
     with progress_bar() as bar:
-        summary = campaigns.run_all(planned, place, bar)
-    out.write(document=lambda: campaigns.document(summary))
+        summary = steps.run_all(planned, place, bar)
+    out.write(document=lambda: steps.document(summary))
     say(console, *(f"failed: {why}" for why in summary.failed.values()))
     failed = len(summary.failed)
     out.finish(f"{missing - failed} stored, {failed} failed, {summary.seconds} s")
     if failed:
-        raise RunError(campaigns.advice(summary))
+        raise RunError(steps.advice(summary))
 
 
 def _list(
@@ -146,7 +159,7 @@ def _list(
 
 def validate(
     *runs: Annotated[str, Parameter(name="RUN")],
-    request: Validate = _DEFAULT,
+    request: Validate = _VALIDATE,
     where: Where = None,
     report: File = None,
 ) -> None:
@@ -182,7 +195,7 @@ def validate(
         id, made = trial.validate(replace(request, run=run, store=place))
         found[run] = made
         stored = f"stored in {store_name(place)}: modelgap show {id}"
-        told = experiments.meaning(made)
+        told = experiments.describe_validation(made)
         figures = experiments.validation(made), experiments.both_ways(made)
         show(console, *figures, told, *made.notes, stored)
     out.write({"--report": lambda: experiments.validation_page(found)})
@@ -256,3 +269,81 @@ def trajectory(
     out.write(make)
     show(out.console, *motion_parts(arm, motion, spec, rate, usage(arm, motion)))
     out.finish()
+
+
+_DEMO = demonstration.Demo()
+
+
+def demo(*, request: demonstration.Demo = _DEMO) -> None:
+    """Find the hidden effect of a simulated arm.
+
+    Runs six experiments of three motion families in a physics engine, and two held-out
+    ones; diagnoses the stored logs, writes a report, then opens the sealed truth and
+    prints it next to the verdict. Stored runs are not repeated.
+
+    ```
+    modelgap demo
+    modelgap demo --effect spring --seed 3
+    ```
+    """
+    place, console = store_folder(request.store), Console()
+    check_between("--seed", request.seed, 0, SEEDS)
+    request = replace(request, store=place)
+    # Before anything is started, so that a wrong word is answered at once.
+    count = len(demonstration.specs(request))
+    arm = f"the simulated {demonstration.ROBOT}, background {request.background}"
+    say(console, f"{count} experiments on {arm}, into {store_name(place)}")
+    with progress_bar() as progress:
+        runs = demonstration.run_experiments(request, progress)
+        ids = diagnose_runs(request_of(runs, place), progress)
+        hidden = demonstration.open_seal(runs, place)
+        page = demo_page(ids, runs["fit"][0], hidden, place)
+    outcome = read_outcome(place, ids[1])
+    print_diagnosis(outcome, console)
+    print_truth(
+        Demonstration(b"", "", hidden_effects(hidden), outcome.verdict), console
+    )
+    say(console, f"\nreport: {page}")
+
+
+_MONITOR = Monitor()
+
+
+def monitor(
+    model: str,
+    /,
+    *runs: Annotated[str, Parameter(name="RUN")],
+    request: Monitor = _MONITOR,
+    nominal: Flag = False,
+    plot: File = None,
+) -> None:
+    """Monitor the sensors of runs, with limits from healthy runs.
+
+    ```
+    modelgap monitor irb140 3f2a --calibrate 01ab 02cd 03ef 04aa
+    modelgap monitor 77e0 3f2a 4b1c --plot watched.png
+    ```
+
+    Reports time, joint and sensor of encoders that freeze, jump or drift, of torque
+    sensors with a bias, a lost scale or spikes, and of noise. In a closed loop a slow
+    drift of an encoder does not show: the arm follows it (docs/monitoring.md).
+
+    Args:
+        model: Id of a diagnosis, or a robot (built-in name, file, folder) for its
+            adopted model (modelgap models), else its nominal model fitted to the
+            healthy runs.
+        runs: Ids of the runs, or their beginnings.
+        nominal: Use the nominal model of the robot, also where one is adopted.
+        plot: PNG file for the scores over time.
+    """
+    place = store_folder(request.store)
+    out = Outputs({"--plot": plot})
+    choice = chosen_to_watch(model, place, nominal, runs)
+    out.say(*choice.lines)
+    request = replace(request, model=choice.diagnosis or model, runs=runs, store=place)
+    id, outcome, watched = monitoring.monitor(request)
+    if any(outcome.alarms.values()):
+        show(out.console, alarm_table(outcome, watched))
+    out.write({"--plot": lambda: draw(outcome, watched)})
+    out.say(describe_alarms(outcome), *outcome.notes)
+    out.finish(f"stored in {store_name(place)}: modelgap show {id}")

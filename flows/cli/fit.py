@@ -6,9 +6,8 @@ from pathlib import Path
 from flows.cli.app import Outputs
 from flows.inputs.read import chosen, load_for
 from flows.outputs import check_new_folder, in_folder, progress_bar, read_files
-from flows.report.console import show, wide_console
+from flows.report.document import show, wide_console
 from flows.report.models import identification as identified
-from flows.report.words.calibration import sentences
 from flows.requests import (
     Calibrate,
     File,
@@ -100,7 +99,7 @@ def calibrate(
         json: File for all figures as JSON; "-" prints it alone.
         export: New folder for the tables, their model, and evaluators in NumPy and C.
     """
-    from flows.report.calibration import render, terminal_parts
+    from flows.report.calibration import render, sentences, terminal_parts
 
     request = chosen(request, logs, where)
     inputs = read_files((*request.logs, request.robot), request.columns)

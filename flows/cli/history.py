@@ -6,7 +6,7 @@ from typing import Literal
 
 from rich.console import Console
 
-from flows.report.console import show, wide_console
+from flows.report.document import show, wide_console
 from flows.report.records import (
     as_record,
     comparison,

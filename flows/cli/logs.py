@@ -7,9 +7,9 @@ from rich.console import Console
 
 from flows.cli.app import Outputs
 from flows.outputs import read_files, say
-from flows.report.console import show
+from flows.report.document import show
 from flows.report.records import channels, log_lines
-from flows.report.words.verdict import check_lines
+from flows.report.sentences import check_lines
 from flows.requests import Check, File, Flag, Import, Json, Log, Map
 from flows.settings import store_folder
 from flows.steps import check as checking

@@ -9,7 +9,7 @@ from rich.console import Console
 
 from flows.cli.app import Outputs
 from flows.outputs import check_new_folder, check_outside, read_files, say
-from flows.report.console import show, wide_console
+from flows.report.document import show, wide_console
 from flows.report.models import (
     ADOPTED_KEY,
     adoption_lines,
@@ -133,12 +133,7 @@ def export(
     outputs.finish()
 
 
-def predict(
-    *logs: Log,
-    request: Predict,
-    out: File = None,
-    json: File = None,
-) -> None:
+def predict(*logs: Log, request: Predict, out: File = None, json: File = None) -> None:
     """Predict the torque of logs with a model, with or without its effects.
 
     --without refits nothing: it removes added effects, and gives those of the nominal

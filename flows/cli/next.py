@@ -6,9 +6,9 @@ from pathlib import Path
 from flows.cli.app import FASTEST, SEEDS, Outputs, check_between
 from flows.inputs.read import is_run
 from flows.outputs import progress_bar, read_files
-from flows.report.console import show
-from flows.report.next import comparison, nothing_open, proposal_lines
-from flows.report.words.verdict import sentences
+from flows.report.document import show
+from flows.report.experiments import comparison, nothing_open, proposal_lines
+from flows.report.sentences import sentences
 from flows.requests import File, Hertz, Log, Next
 from flows.steps.experiment import as_csv
 from flows.steps.next import open_verdict, rank_motions

@@ -20,7 +20,7 @@ from flows.inbox.take import (
 )
 from flows.outputs import progress_bar
 from flows.project.read import Project, read_project, start
-from flows.report.words.verdict import headline
+from flows.report.sentences import headline
 from flows.requests import Flag, RobotName
 from flows.settings import PROJECT
 from flows.steps.monitor import watch_new

@@ -15,11 +15,9 @@ from flows.inbox.take import inboxes
 from flows.outputs import json_text, say
 from flows.project.deployments import deployments
 from flows.project.read import project_here
-from flows.report.console import show, wide_console
-from flows.report.document import ReportTable, words_table
+from flows.report.document import ReportTable, show, wide_console, words_table
 from flows.requests import Flag, Seconds, Store
-from flows.service.request import DATABASE, ServiceRequest, check_request
-from flows.service.state import CLIENT, KEY
+from flows.service.state import CLIENT, DATABASE, KEY, ServiceRequest, check_request
 from flows.settings import API, PREFECT, prefect_home, quiet_prefect, store_folder
 from residual.errors import InputError, RunError
 from warehouse.remote import store_name

@@ -1,16 +1,45 @@
-"""modelgap runs, show, verify, quarantine: what the store remembers."""
+"""modelgap runs, show, sql, verify, quarantine: what the store remembers."""
 
 import json
 import sys
-from collections.abc import Iterable
-from typing import Literal
+import threading
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Annotated, Literal
 
-from flows.report.answers import check_shown, print_table, tell_damage
-from flows.requests import Format, Number, Store, Text
+import pyarrow as pa
+from cyclopts import Parameter
+
+from flows.cli.app import STDOUT
+from flows.outputs import check_outside, check_writable, write_all
+from flows.report.answers import (
+    as_bytes,
+    check_shown,
+    named_table,
+    print_table,
+    schema_table,
+    tell_damage,
+    values_of,
+)
+from flows.requests import (
+    File,
+    Flag,
+    Format,
+    Json,
+    Name,
+    Number,
+    Seconds,
+    Store,
+    Tags,
+    Text,
+)
 from flows.settings import store_folder
-from residual.errors import InputError
+from residual.errors import InputError, check_name
 from warehouse.layout import find, read_record
 from warehouse.query import store as opening
+from warehouse.query.guard import LONGEST
+from warehouse.query.store import open_store
+from warehouse.query.views import NAMED
 from warehouse.query.views import text as quoted
 from warehouse.runs import quarantine as set_aside
 from warehouse.runs import read_manifest, tombstone
@@ -20,11 +49,7 @@ _COLUMNS = (
 )
 
 
-def runs(
-    limit: Number = 50,
-    format: Format = "table",
-    store: Store = None,
-) -> None:
+def runs(limit: Number = 50, format: Format = "table", store: Store = None) -> None:
     """List the runs of the store, the latest last.
 
     ```
@@ -39,13 +64,17 @@ def runs(
     if limit < 1:
         raise InputError(f"--limit {limit}: expected 1 or more.")
     check_shown(format, None)
-    with opening.open_store(store_folder(store)) as opened:
+    with open_store(store_folder(store)) as opened:
         latest = f"FROM runs ORDER BY created DESC, run_id LIMIT {limit}"
         query = f"SELECT {_COLUMNS} FROM ({latest}) ORDER BY created, run_id"
         rows = opened.sql(query, without_damaged=True)
         print_table(rows, format)
         tell_damage(opened)
-        _tell_rows(opened, rows.column("run_id").to_pylist())
+        for id in rows.column("run_id").to_pylist():
+            try:
+                read_manifest(opened.path, id)
+            except InputError as error:
+                print(f"modelgap: listed from a copy: {error}", file=sys.stderr)
 
 
 def verify(*, store: Store = None) -> None:
@@ -80,7 +109,7 @@ def quarantine(id: str, /, *, reason: Text, store: Store = None) -> None:
         id: Id of the run, or its beginning.
         reason: Reason, which is stored; the first one is kept.
     """
-    with opening.open_store(store_folder(store)) as opened:
+    with open_store(store_folder(store)) as opened:
         run_id = find(opened.path, id).id
         reason_before = tombstone(opened.path, run_id)
         set_aside(opened.path, run_id, reason)
@@ -93,11 +122,7 @@ def quarantine(id: str, /, *, reason: Text, store: Store = None) -> None:
 
 
 def show(
-    id: str,
-    /,
-    *,
-    format: Literal["text", "json"] = "text",
-    store: Store = None,
+    id: str, /, *, format: Literal["text", "json"] = "text", store: Store = None
 ) -> None:
     """Show one run, model, diagnosis, validation or report.
 
@@ -109,7 +134,7 @@ def show(
         id: Id of the record, or its beginning.
         format: Format of the output.
     """
-    with opening.open_store(store_folder(store)) as opened:
+    with open_store(store_folder(store)) as opened:
         place = find(opened.path, id)
         record = {
             "kind": place.kind,
@@ -128,16 +153,7 @@ def show(
         print("\n".join(record_lines(record)))
 
 
-def _tell_rows(store: opening.Store, ids: Iterable[str]) -> None:
-    """Say whose record has gone or is damaged: the list has them from a copy."""
-    for id in ids:
-        try:
-            read_manifest(store.path, id)
-        except InputError as error:
-            print(f"modelgap: listed from a copy: {error}", file=sys.stderr)
-
-
-def _relatives(store: Store, id: str) -> dict:
+def _relatives(store: opening.Store, id: str) -> dict:
     queries = {
         "parents": f"SELECT parent, role FROM lineage WHERE child = {quoted(id)}",
         "children": f"SELECT child, role FROM lineage WHERE parent = {quoted(id)}",
@@ -146,3 +162,102 @@ def _relatives(store: Store, id: str) -> dict:
         name: store.sql(query, without_damaged=True).to_pylist()
         for name, query in queries.items()
     }
+
+
+_ONE_OF = 'Give one of: a query in quotes ("SELECT ..."), --named NAME, --schema.'
+
+
+def sql(
+    query: str | None = None,
+    /,
+    *,
+    named: Name = None,
+    with_: Annotated[Tags, Parameter(name="--with", metavar="KEY=VALUE")] = (),
+    schema: Flag = False,
+    format: Format = "table",
+    out: File = None,
+    json: Json = None,
+    timeout: Seconds = 60.0,
+    without_damaged: Flag = False,
+    store: Store = None,
+) -> None:
+    """Query the store in SQL.
+
+    ```
+    modelgap sql "SELECT robot, count(*) FROM runs GROUP BY robot"
+    modelgap sql --schema
+    modelgap sql --named error_by_trajectory --format csv
+    modelgap sql --named runs_of_model --with model=3f2a
+    modelgap sql "FROM samples WHERE run_id = '...'" --format parquet --out run.parquet
+    ```
+
+    The store is opened for reading only. Without an argument, one query is read from
+    standard input. A query may use half of this machine's memory, its answer a quarter.
+    Damaged samples are an error that names the run. JSON holds numbers that are not
+    finite as the texts NaN, Infinity and -Infinity.
+
+    Args:
+        query: One SELECT over the views, in the SQL of DuckDB.
+        named: Name of a ready query (--schema lists them).
+        with_: Value of a ready query, as name=value; may be repeated.
+        schema: Show the views with the unit of every column, and the ready queries.
+        format: Format of the answer; parquet needs --out on a terminal.
+        out: File for the answer, not among the records of the store.
+        timeout: Longest time of the query, in seconds; inf for no limit.
+        without_damaged: Leave damaged records out, and list them.
+    """
+    place = store_folder(store)
+    if json is not None:
+        if out or format != "table":
+            raise InputError("--json sets format and file: omit --format and --out.")
+        format, out = "json", json if json != STDOUT else None
+    choices = [query is not None, named is not None, schema]
+    if sum(choices) > 1 or (sys.stdin.isatty() and not any(choices)):
+        raise InputError(_ONE_OF)
+    if with_ and named is None:
+        raise InputError("--with sets a value of a ready query: --named NAME.")
+    check_shown(format, out)
+    check_writable({"--out": Path(out)} if out else {}, ())
+    check_outside("--out", out, place)
+    if not timeout > 0:
+        raise InputError(f"--timeout {timeout}: expected seconds above 0, or inf.")
+    limit = timeout if timeout <= threading.TIMEOUT_MAX else None
+    if schema:
+        _write(schema_table(), format, out)
+        if out is None and format == "table":
+            print()
+            print_table(named_table(), "table")
+        return
+    text, values = _query(query, named, with_)
+    with open_store(place) as opened:
+        rows = opened.sql(text, values, without_damaged=without_damaged, timeout=limit)
+        _write(rows, format, out)
+        tell_damage(opened)
+
+
+def _query(
+    query: str | None, named: str | None, pairs: Sequence[str]
+) -> tuple[str, Mapping[str, str]]:
+    """Return the SQL and the values of its parameters."""
+    if named is None:
+        query = query if query is not None else sys.stdin.read(LONGEST + 1)
+        if not query.strip():
+            raise InputError(_ONE_OF)
+        return query, {}
+    name = check_name(named, NAMED, "named query")
+    values = {key: value for key, _, value in (pair.partition("=") for pair in pairs)}
+    takes = values_of(name)
+    if set(values) != set(takes) or len(values) < len(pairs) or "" in values.values():
+        words = " ".join(f"--with {key}=... ({about})" for key, about in takes.items())
+        raise InputError(
+            f"'{name}' takes {words or 'no --with'}, got {', '.join(pairs) or 'none'}."
+        )
+    return NAMED[name][1], values
+
+
+def _write(rows: pa.Table, format: str, out: str | None) -> None:
+    if out is None:
+        print_table(rows, format)
+        return
+    write_all({Path(out): as_bytes(rows, format)})
+    print(f"wrote {out}: {len(rows)} {'row' if len(rows) == 1 else 'rows'}")

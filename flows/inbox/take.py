@@ -20,7 +20,7 @@ from flows.project.read import InboxTable, Project
 from flows.requests import Import
 from flows.settings import cores
 from flows.steps import imports
-from flows.workers.processes import InlineExecutor, JobResult, Processes, spread
+from flows.workers import InlineExecutor, JobResult, Processes, spread
 from residual.errors import InputError, plain, shortened
 from warehouse.commit import commit_record
 

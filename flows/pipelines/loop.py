@@ -9,7 +9,7 @@ from prefect import flow, get_run_logger
 from prefect.flow_runs import suspend_flow_run
 from prefect.input import RunInput
 
-from flows.pipelines import artifacts
+from flows.pipelines import tasks
 from flows.pipelines.tasks import task
 from flows.project.deployments import PROPOSED
 from flows.report.index import write_index
@@ -52,8 +52,8 @@ def adopt_or_propose(diagnosis: str, store: str, auto: bool) -> str | None:
     write_index(place)
     about = f"a new model waits for a decision: diagnosis {diagnosis}"
     text = proposal_markdown(proposal)
-    artifacts.publish_link("proposal", page, text, "Side by side", about)
-    artifacts.send_event(PROPOSED, {"diagnosis": diagnosis})
+    tasks.publish_link("proposal", page, text, "Side by side", about)
+    tasks.send_event(PROPOSED, {"diagnosis": diagnosis})
     return str(page)
 
 
@@ -73,7 +73,7 @@ def adopt(diagnosis: str, store: str, note: str) -> str | None:
         return _adopt(diagnosis, Path(store), note)
     except InputError as error:
         get_run_logger().warning(str(error))
-        artifacts.publish("adoption", (), [str(error)])
+        tasks.publish("adoption", (), [str(error)])
         return None
 
 
@@ -82,7 +82,7 @@ def _adopt(diagnosis: str, store: Path, note: str) -> str:
     lines = adoption_lines(number, judgment)
     for line in lines:
         get_run_logger().info(line)
-    artifacts.publish("adoption", (diagnosis,), lines)
+    tasks.publish("adoption", (diagnosis,), lines)
     return number
 
 

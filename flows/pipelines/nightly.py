@@ -11,13 +11,13 @@ from functools import partial
 from prefect import flow, get_run_logger
 from prefect.runtime import flow_run
 
-from flows.pipelines import artifacts, loop, tasks
+from flows.pipelines import loop, tasks
 from flows.pipelines import project as projects
 from flows.requests import Campaign
 from flows.settings import HEALTHY, cores, store_folder
-from flows.steps import campaign as campaigns
 from flows.steps import diff as verification
-from flows.workers.processes import Processes, chosen_runner
+from flows.steps import experiment as campaigns
+from flows.workers import Processes, chosen_runner
 from residual import one_blas_thread
 from residual.errors import RunError
 
@@ -113,7 +113,7 @@ def run_campaign(request: Campaign) -> campaigns.Summary:
     for why in failed.values():
         log.warning(why)
     summary = campaigns.Summary(tuple(planned), failed)
-    artifacts.runs_committed(summary.new)
+    tasks.runs_committed(summary.new)
     return summary
 
 

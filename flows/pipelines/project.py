@@ -20,13 +20,13 @@ from flows.inbox.take import (
     inboxes,
     unchanged_logs,
 )
-from flows.pipelines import artifacts, loop, tasks
+from flows.pipelines import loop, tasks
 from flows.pipelines.tasks import task
 from flows.project.deployments import STORED as ARRIVED
 from flows.project.deployments import resource
 from flows.project.read import read_project
 from flows.report.document import words_table
-from flows.report.words.verdict import headline
+from flows.report.sentences import headline
 from flows.settings import HEALTHY, store_folder
 from flows.storage.diagnosis import read_verdict
 from residual.errors import InputError
@@ -44,7 +44,7 @@ def take(folder: str) -> dict:
     of, sums, rows, fed = inboxes(project), Counter(), [], set()
     for place, resting in unchanged_logs(of).items():
         robot = of[place].table.robot
-        for taken in import_all(of[place], resting, artifacts.runs_committed):
+        for taken in import_all(of[place], resting, tasks.runs_committed):
             sums[taken.status] += 1
             outcome = taken.run or taken.why
             log.info(f"{taken.name}: {taken.status}: {outcome}")
@@ -53,14 +53,14 @@ def take(folder: str) -> dict:
                 fed.add(robot)
             if taken.status == REFUSED:
                 title = f"{robot}: {taken.name} was refused"
-                artifacts.send_notice("refused", robot, title, taken.why)
+                tasks.send_notice("refused", robot, title, taken.why)
     for robot in fed:
-        artifacts.send_event(ARRIVED, {"robot": robot}, resource(robot))
+        tasks.send_event(ARRIVED, {"robot": robot}, resource(robot))
     words = ", ".join(f"{sums[kind]} {kind}" for kind in _KINDS if sums[kind])
     if rows:
         table = words_table(("log", "outcome", "run or reason"), rows)
-        artifacts.publish("inbox", (), [f"Logs of the inboxes: {words}.", table])
-    artifacts.rename(f"inbox: {words or 'empty'}")
+        tasks.publish("inbox", (), [f"Logs of the inboxes: {words}.", table])
+    tasks.rename(f"inbox: {words or 'empty'}")
     return {kind: sums[kind] for kind in _KINDS}
 
 
@@ -75,14 +75,14 @@ def diagnose(folder: str, robot: str) -> list[str]:
         if batch and batch.unwatched:
             runs, store = list(batch.unwatched), str(project.store)
             tasks.watch(runs, None, [], store, table.healthy)
-            artifacts.rename(f"{robot}: {len(batch.runs)} new runs")
+            tasks.rename(f"{robot}: {len(batch.runs)} new runs")
         outcome = diagnose_runs(project, robot)
     except InputError as error:
-        artifacts.rename(f"{robot}: not diagnosed")
-        artifacts.send_notice("failed", robot, f"{robot}: not diagnosed", str(error))
+        tasks.rename(f"{robot}: not diagnosed")
+        tasks.send_notice("failed", robot, f"{robot}: not diagnosed", str(error))
         raise
     if outcome is None:
-        artifacts.rename(f"{robot}: no new runs")
+        tasks.rename(f"{robot}: no new runs")
         get_run_logger().info("no new runs")
         return []
     count, against = len(outcome.batch.runs), outcome.batch.against
@@ -101,10 +101,8 @@ def report_finding(diagnosis: str, store: str, page: str) -> None:
     verdict = read_verdict(Path(store), diagnosis)
     if verdict.effects:
         title = f"{verdict.robot}: {headline(verdict)}"
-        link = artifacts.link_of(Path(page))
-        artifacts.send_notice(
-            "finding", verdict.robot, title, ids=[diagnosis], page=link
-        )
+        link = tasks.link_of(Path(page))
+        tasks.send_notice("finding", verdict.robot, title, ids=[diagnosis], page=link)
 
 
 @flow(name="inbox", flow_run_name="inbox", timeout_seconds=_LIMIT)
@@ -138,7 +136,7 @@ def diagnose_new(
     if project and runs and (table := robot_of_runs(read_project(project), runs)):
         robot = table.name
     if project and robot:
-        artifacts.rename(robot)
+        tasks.rename(robot)
         ids, read = diagnose(project, robot), read_project(project)
         if not ids:
             return None

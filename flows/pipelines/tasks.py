@@ -1,37 +1,144 @@
 """The tasks of the flows: steps with a name, a time limit, and retries.
 
 To be imported under `flows.settings.quiet_prefect`. Tasks take and return ids, paths.
-Prefect caches nothing: the ids of the store are the cache.
+Prefect caches nothing: the ids of the store are the cache. Artifacts and events follow
+a commit; the store knows nothing of them.
 """
 
-from collections.abc import Mapping
+import os
+from collections.abc import Mapping, Sequence
 from concurrent.futures import Executor
 from functools import partial
 from pathlib import Path
 
 from prefect import get_run_logger
 from prefect import task as prefect_task
+from prefect.artifacts import create_link_artifact, create_markdown_artifact
 from prefect.cache_policies import NO_CACHE
+from prefect.client.orchestration import get_client
+from prefect.events import emit_event
+from prefect.runtime import flow_run
 from prefect.task_runners import TaskRunner, ThreadPoolTaskRunner
 
 from flows import requests
 from flows.inputs.read import robot_of
-from flows.pipelines import artifacts
-from flows.project.deployments import ALARM
+from flows.project.deployments import ALARM, COMMITTED, NOTICE, STORE
 from flows.report import experiments, stored
 from flows.report.calibration import terminal_parts as calibrated_parts
+from flows.report.document import ReportTable
+from flows.report.experiments import alarm_table, describe_alarms
+from flows.report.index import INDEX, title_of
 from flows.report.models import identification as identified_parts
-from flows.report.monitoring import alarm_table, meaning
-from flows.settings import HEALTHY, cores, store_folder
+from flows.report.sentences import brief
+from flows.settings import HEALTHY, PAGES, cores, page_link, store_folder
 from flows.steps import calibrate as calibration
-from flows.steps import campaign as campaigns
 from flows.steps import diagnose as diagnosis
+from flows.steps import experiment as campaigns
 from flows.steps import identify as identification
 from flows.steps import monitor as monitoring
 from flows.steps import validate as validation
 from flows.steps.experiment import PlannedExperiment
-from flows.workers.processes import DASK, InlineExecutor, chosen_runner, run_job
+from flows.storage.diagnosis import read_verdict
+from flows.workers import DASK, InlineExecutor, chosen_runner, run_job
 from residual.errors import RunError
+
+_MOST = 200  # rows of a table
+_TOGETHER = 1000  # ids in one event; the server refuses more than 1.5 MB
+_LONGEST = 200  # characters of the name of a flow run
+
+
+def publish(key: str, ids: Sequence[str], parts: Sequence[str | ReportTable]) -> None:
+    """Show the outcome of a stage as one text, the same as its command prints.
+
+    Args:
+        key: Name of the stage: lower case, digits and dashes.
+        ids: Ids of the records that were stored.
+        parts: Sentences and tables.
+    """
+    stored = [f"Stored: {', '.join(f'`modelgap show {id}`' for id in ids)}"]
+    lines = [*map(_markdown, parts), *(stored if ids else [])]
+    about = next((part for part in parts if isinstance(part, str)), key)
+    create_markdown_artifact("\n\n".join(lines), key, about)
+
+
+def _markdown(part: str | ReportTable) -> str:
+    if isinstance(part, str):
+        return part
+    rows = [part.heads, ["---"] * len(part.heads), *part.rows[:_MOST]]
+    lines = ["| " + " | ".join(" ".join(c.split()) for c in row) + " |" for row in rows]
+    return "\n".join(lines)
+
+
+def publish_verdict(name: str, page: Path, words: str) -> None:
+    """Show a verdict, its page, and where all others are.
+
+    Args:
+        name: Robot, number and verdict in half a line.
+    """
+    at = link_of(page)
+    create_link_artifact(at, "report", key="report", description=name)
+    lines = [f"**{name}**", words, f"[Report]({at})"]
+    if os.environ.get(PAGES):
+        lines[-1] += f" · [All reports]({page_link(INDEX, page)})"
+    create_markdown_artifact("\n\n".join(lines), "verdict", description=name)
+
+
+def publish_link(key: str, page: Path, words: str, link: str, about: str) -> None:
+    """Show a text with a link to its page."""
+    text = f"{words}\n\n[{link}]({link_of(page)})"
+    create_markdown_artifact(text, key=key, description=about)
+
+
+def link_of(page: Path) -> str:
+    """Return where a browser finds a page that is a file of a report."""
+    return page_link(f"{page.parent.name}/{page.name}", page)
+
+
+def runs_committed(ids: Sequence[str]) -> None:
+    """Tell that runs are in the store; one event for a batch of them."""
+    for start in range(0, len(ids), _TOGETHER):
+        send_event(COMMITTED, {"run_ids": list(ids[start : start + _TOGETHER])})
+
+
+def send_event(name: str, payload: dict, about: str = STORE) -> None:
+    """Send an event, which may start other flows."""
+    emit_event(name, resource={"prefect.resource.id": about}, payload=payload)
+
+
+def send_notice(
+    kind: str,
+    robot: str,
+    title: str,
+    text: str = "",
+    ids: Sequence[str] = (),
+    page: str = "",
+) -> None:
+    """Send an event for people, on which an automation of Prefect notifies them.
+
+    Args:
+        kind: "alarm", "finding", "refused" or "failed".
+        title: In one line.
+        text: All of it.
+        ids: Ids of the records that it is about.
+        page: Address of the page to look at, "" for none.
+    """
+    payload = {"kind": kind, "robot": robot, "title": title, "text": text}
+    send_event(f"{NOTICE}.{kind}", payload | {"ids": list(ids), "page": page})
+
+
+def name_of(diagnosis: str, store: Path) -> str:
+    """Return a diagnosis in half a line: "irb140 #2: load friction on joint 2, ..."."""
+    words = brief(read_verdict(store, diagnosis))
+    return f"{title_of(store, diagnosis)}: {words}"
+
+
+def rename(name: str) -> None:
+    """Give the flow run that we are in another name; nothing outside of one."""
+    if flow_run.id is None:
+        return
+    with get_client(sync_client=True) as client:
+        client.update_flow_run(flow_run.id, name=name[:_LONGEST])
+
 
 HOUR = 3600.0  # s
 
@@ -98,7 +205,7 @@ def identify(
     )
     logs = identification.read_logs(request)
     outcome, kept = identification.identify(request, logs)
-    artifacts.publish("identify", [kept] if kept else [], identified_parts(outcome))
+    publish("identify", [kept] if kept else [], identified_parts(outcome))
 
 
 def calibrate(runs: list[str], store: str | None = None) -> list[str]:
@@ -107,7 +214,7 @@ def calibrate(runs: list[str], store: str | None = None) -> list[str]:
     robot = robot_of(runs, place)
     request = requests.Calibrate(tuple(runs), robot=robot, store=place)
     done = calibration.calibrate(request, *calibration.read_logs(request))
-    artifacts.publish("calibrate", list(done.stored.values()), calibrated_parts(done))
+    publish("calibrate", list(done.stored.values()), calibrated_parts(done))
     return list(done.stored.values())
 
 
@@ -123,7 +230,7 @@ def validate(
     queue = (requests.Validate(id, window, place) for id in runs)
     results = {request.run: validation.validate(request) for request in queue}
     ids = [id for id, _ in results.values()]
-    artifacts.publish("validate", ids, validated_parts(results))
+    publish("validate", ids, validated_parts(results))
     return ids
 
 
@@ -134,7 +241,7 @@ def validated_parts(
     parts = []
     for run, (_, found) in validations.items():
         parts += [f"Run {run}:", experiments.validation(found)]
-        parts += [experiments.both_ways(found), experiments.meaning(found)]
+        parts += [experiments.both_ways(found), experiments.describe_validation(found)]
     return parts
 
 
@@ -149,8 +256,8 @@ def diagnosed_already(runs: list[str], store: str) -> str | None:
     """Return the diagnosis of some runs, None if there is none."""
     diagnosis = monitoring.diagnosis_of(runs, Path(store))
     if diagnosis:
-        name = artifacts.name_of(diagnosis, Path(store))
-        artifacts.rename(f"explained already: {name}")
+        name = name_of(diagnosis, Path(store))
+        rename(f"explained already: {name}")
         get_run_logger().info(f"diagnosis {diagnosis} has these runs")
     return diagnosis
 
@@ -169,26 +276,24 @@ def watch(
     new = monitoring.watch_new(ids, Path(store), model, good, tag)
     if new.record is None or new.result is None:
         get_run_logger().info(new.why)
-        artifacts.publish("monitor", (), [f"{new.why} Nothing was monitored."])
-        artifacts.rename(f"monitor: nothing monitored. {new.why}")
+        publish("monitor", (), [f"{new.why} Nothing was monitored."])
+        rename(f"monitor: nothing monitored. {new.why}")
         return []
     parts = [
-        meaning(new.result),
+        describe_alarms(new.result),
         *new.result.notes,
         alarm_table(new.result, new.watched),
     ]
-    artifacts.publish("monitor", [new.record], parts)
+    publish("monitor", [new.record], parts)
     alarmed, count = new.alarmed, len(new.watched)
     summary = f"alarms in {len(alarmed)} of" if alarmed else "no alarm in"
     robot = new.result.monitor.model.robot.name
-    artifacts.rename(f"{robot}: {summary} {count} new runs")
+    rename(f"{robot}: {summary} {count} new runs")
     if alarmed:
         good = {"good_ids": list(new.result.calibration)}
-        artifacts.send_event(
-            ALARM, {"record": new.record, "run_ids": list(alarmed)} | good
-        )
+        send_event(ALARM, {"record": new.record, "run_ids": list(alarmed)} | good)
         title = f"{robot}: {summary} {count} new runs"
-        artifacts.send_notice("alarm", robot, title, meaning(new.result), list(alarmed))
+        send_notice("alarm", robot, title, describe_alarms(new.result), list(alarmed))
     return [new.record]
 
 
@@ -196,7 +301,7 @@ def watch(
 def report(ids: list[str], store: str) -> str:
     """Write the report; it and the sentences of the verdict become artifacts."""
     page = stored.diagnosis_page(ids, Path(store), "nightly")
-    name = artifacts.name_of(ids[0], Path(store))
-    artifacts.publish_verdict(name, page, stored.words(ids[1], Path(store)))
-    artifacts.rename(name)
+    name = name_of(ids[0], Path(store))
+    publish_verdict(name, page, stored.words(ids[1], Path(store)))
+    rename(name)
     return str(page)

@@ -83,7 +83,16 @@ def _simulated(project: Project, robot: RobotTable) -> dict:
 
 
 def _real(project: Project, robot: RobotTable) -> dict:
-    stored = _trigger([STORED], resource(robot.name), {})
+    stored = {
+        "type": "event",
+        "enabled": True,
+        "match": {"prefect.resource.id": resource(robot.name)},
+        "expect": [STORED],
+        "posture": "Reactive",
+        "threshold": 1,
+        "within": 0,
+        "parameters": {},
+    }
     return _deployment(
         robot.name,
         "diagnose_new",
@@ -115,16 +124,3 @@ def _deployment(
 
 def _cron(text: str, zone: str, slug: str) -> list[dict]:
     return [{"cron": text, "timezone": zone, "slug": slug}] if text else []
-
-
-def _trigger(events: list[str], about: str, parameters: Mapping) -> dict:
-    return {
-        "type": "event",
-        "enabled": True,
-        "match": {"prefect.resource.id": about},
-        "expect": events,
-        "posture": "Reactive",
-        "threshold": 1,
-        "within": 0,
-        "parameters": dict(parameters),
-    }

@@ -15,8 +15,7 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 from rich.console import Console
 
-from flows.report.console import show, wide_console
-from flows.report.document import ReportTable
+from flows.report.document import ReportTable, show, wide_console
 from residual.errors import InputError
 from warehouse.query.store import Store
 from warehouse.query.views import NAMED, TAKES

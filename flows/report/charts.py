@@ -1,16 +1,202 @@
 """The figures of a diagnosis, each with a caption and a text alternative."""
 
-from collections.abc import Sequence
+import base64
+from collections.abc import Mapping, Sequence
+from typing import Any
 
 import numpy as np
 
-from flows.report import figure
 from flows.report.document import Chart
+from flows.report.phrases import effect_named, listing, noun
 from flows.report.tables import METRICS, ErrorRow, error_rows, has_error
-from flows.report.words.phrases import effect_named, listing, noun
 from residual.model.compare import Cloud, LogProof
 from residual.quantity import bare_percent, fraction, is_number, percent
 from residual.verdict.result import STAGES, Diagnosis
+
+Array = np.ndarray
+
+_BIN_COUNTS = (24, 48, 96, 192)
+_LEAST_IN_BIN = 8
+
+
+def envelope(t: Array, y: Array, buckets: int = 450) -> tuple[Array, Array]:
+    """Return a curve thinned to the two extremes of each bucket, so no peak is lost."""
+    if len(t) <= 2 * buckets:
+        return t, y
+    size = -(-len(t) // buckets)
+    # The last bucket is filled up with the last sample.
+    blocks = np.pad(y, (0, -len(y) % size), mode="edge").reshape(-1, size)
+    starts = np.arange(len(blocks)) * size
+    picks = [starts + blocks.argmin(1), starts + blocks.argmax(1), [0, len(t) - 1]]
+    rows = np.unique(np.minimum(np.concatenate(picks), len(t) - 1))
+    return t[rows], y[rows]
+
+
+def spans(t: Array, flags: Array) -> list[tuple[float, float]]:
+    """Return (start, length) of each stretch of time where the flag is set."""
+    ends = np.flatnonzero(np.diff(flags, prepend=False, append=False))
+    last = len(t) - 1
+    return [
+        (float(t[a]), float(t[min(b, last)] - t[a]))
+        for a, b in zip(ends[::2], ends[1::2], strict=True)
+    ]
+
+
+def draw(count: int, most: int) -> Array:
+    """Return at most so many row numbers, drawn without a pattern, always the same.
+
+    Every k-th row would beat with periodic motion and show shapes that are not there.
+    """
+    if count <= most:
+        return np.arange(count)
+    return np.sort(np.random.default_rng(0).choice(count, most, replace=False))
+
+
+def _bins(x: Array, edges: Array) -> Array:
+    """Number of the bin of each x. Shape (n,)."""
+    return np.clip(np.searchsorted(edges, x, side="right") - 1, 0, len(edges) - 2)
+
+
+def edges(x: Array, fitted: Array) -> Array:
+    """Return bin edges fine enough for the fitted effect, with one at zero.
+
+    A ripple of many periods needs narrow bins and a trend wide ones: the first count
+    in whose bins the effect is nearly flat is taken. The edge at zero keeps the two
+    sides of a friction step apart.
+    """
+    low, high = float(x.min()), float(x.max())
+    if high <= low:
+        return np.array([low - 0.5, low + 0.5])
+    for count in _BIN_COUNTS:
+        bounds = np.linspace(low, high, count + 1)
+        if low < 0 < high:
+            bounds[np.argmin(np.abs(bounds[1:-1])) + 1] = 0.0
+        bins = _bins(x, bounds)
+        sizes = np.maximum(np.bincount(bins, minlength=count), 1)
+        means = np.bincount(bins, fitted, count) / sizes
+        within = np.mean((fitted - means[bins]) ** 2)
+        if len(x) < _LEAST_IN_BIN * count or within <= 0.1 * fitted.var():
+            break
+    return bounds
+
+
+def medians(x: Array, y: Array, edges: Array) -> tuple[Array, Array]:
+    """Return the medians of x and y in each bin of x that is not thin."""
+    bins = _bins(x, edges)
+    groups = [np.flatnonzero(bins == i) for i in range(len(edges) - 1)]
+    groups = [rows for rows in groups if len(rows) >= _LEAST_IN_BIN]
+    pairs = [(np.median(x[rows]), np.median(y[rows])) for rows in groups]
+    return tuple(np.array(pairs).reshape(-1, 2).T)
+
+
+# Okabe and Ito's palette (https://jfly.uni-koeln.de/color/): distinct in every
+# common color blindness; of it those that stand out on white.
+MEASURED, EXPLAINED = "#1d2429", "#0072b2"
+COLORS = {"nominal": "#6f7780", "identified": "#d55e00", "augmented": EXPLAINED}
+COLORS["plsr"] = "#009e73"
+SAMPLES, SOFT, GRID, STANDING = "#8b959e", "#56606a", "#e3e7ea", "#eef1f3"
+JOINTS = ("#0072b2", "#d55e00", "#009e73", "#cc79a7", "#1d2429", "#e69f00", "#56b4e9")
+LABELS = {
+    "nominal": "nominal",
+    "identified": "identified (refit)",
+    "augmented": "augmented (with findings)",
+    "plsr": "augmented, and tables of the residual",
+}
+_FONT = "system-ui, -apple-system, 'Segoe UI', 'Helvetica Neue', Arial, sans-serif"
+_GAP = 5.0  # median steps of time: over more no line is drawn
+
+Trace = dict[str, Any]
+Plot = dict[str, Any]
+
+
+def packed(values: Array) -> dict[str, str]:
+    """Return values as plotly reads them: four bytes each, as base64."""
+    code = base64.b64encode(np.asarray(values, "<f4").tobytes()).decode()
+    return {"dtype": "f4", "bdata": code}
+
+
+def over_time(t: Array, y: Array, most: int) -> Trace:
+    """Return a curve over time, thinned to about so many points, broken at gaps.
+
+    Args:
+        t: Time [s]. Shape (n,).
+        y: Its values. Shape (n,).
+        most: Number of points.
+    """
+    steps = np.diff(t)
+    gaps = np.flatnonzero(steps > _GAP * np.median(steps)) + 1 if len(steps) else []
+    xs, ys = [], []
+    for rows in np.split(np.arange(len(t)), gaps):
+        x, values = envelope(t[rows], y[rows], max(8, most * len(rows) // (2 * len(t))))
+        xs += [x, [x[-1]]]
+        ys += [values, [np.nan]]
+    return {"x": packed(np.concatenate(xs)), "y": packed(np.concatenate(ys))}
+
+
+def line(name: str, color: str, width: float = 1.5, **more: Any) -> Trace:
+    """Return the style of a line, without its points."""
+    style = {"color": color, "width": width, **more.pop("line", {})}
+    return {"type": "scatter", "mode": "lines", "name": name, "line": style, **more}
+
+
+def dots(name: str, x: Array, y: Array, **marker: Any) -> Trace:
+    """Return points, drawn as marks."""
+    place = {"x": packed(x), "y": packed(y), "marker": marker}
+    return {"type": "scatter", "mode": "markers", "name": name} | place
+
+
+def axis(title: str, **more: Any) -> dict[str, Any]:
+    """Return an axis with its title, which has the unit."""
+    return {
+        "title": {"text": title, "standoff": 6},
+        "gridcolor": GRID,
+        "zeroline": False,
+        "automargin": True,
+        "ticks": "outside",
+        "ticklen": 4,
+        "tickcolor": GRID,
+        **more,
+    }
+
+
+def layout(title: str, x: Mapping, y: Mapping, **more: Any) -> dict[str, Any]:
+    """Return the layout that all figures have."""
+    return {
+        "title": {
+            "text": escape(title),
+            "x": 0,
+            "xanchor": "left",
+            "xref": "paper",
+            "font": {"size": 14},
+            "yref": "container",
+            "y": 1,
+            "yanchor": "top",
+            "pad": {"t": 6},
+        },
+        "font": {"family": _FONT, "size": 12, "color": MEASURED},
+        "paper_bgcolor": "#ffffff",
+        "plot_bgcolor": "#ffffff",
+        "margin": {"l": 56, "r": 12, "t": 58, "b": 44},
+        "legend": {
+            "orientation": "h",
+            "x": 0,
+            "xanchor": "left",
+            "y": 1,
+            "yanchor": "bottom",
+            "yref": "paper",
+            "font": {"size": 11},
+        },
+        "hovermode": "closest",
+        "xaxis": dict(x),
+        "yaxis": dict(y),
+        **more,
+    }
+
+
+def escape(text: str) -> str:
+    """Return text in which plotly sees no markup."""
+    return text.replace("&", "&amp;").replace("<", "&lt;").replace(">", "&gt;")
+
 
 # A point of a curve is eleven bytes of the page, which stays within two megabytes.
 _POINTS = 80_000
@@ -44,7 +230,7 @@ def error_chart(diagnosis: Diagnosis) -> Chart | None:
     data = [
         {
             "type": "bar",
-            "name": figure.LABELS[stage],
+            "name": LABELS[stage],
             "x": names,
             "y": [round(min(v, top), 4) if is_number(v) else None for v in values],
             "text": [
@@ -55,20 +241,20 @@ def error_chart(diagnosis: Diagnosis) -> Chart | None:
             "cliponaxis": False,
             "textangle": 0,
             "hovertemplate": "%{x}: %{text} %<extra></extra>",
-            "marker": {"color": figure.STAGES[stage]},
+            "marker": {"color": COLORS[stage]},
         }
         for stage, values in errors.items()
     ]
     shapes = []
     if is_number(diagnosis.unexplained.noise_floor):
         floor = 100 * diagnosis.unexplained.noise_floor
-        dash = {"color": figure.MEASURED, "width": 1.2, "dash": "dash"}
-        data.append(figure.line("noise alone", figure.MEASURED, 1.2, line=dash))
+        dash = {"color": MEASURED, "width": 1.2, "dash": "dash"}
+        data.append(line("noise alone", MEASURED, 1.2, line=dash))
         data[-1] |= {"x": names[:1], "y": [floor], "hoverinfo": "skip"}
         ends = {"xref": "paper", "x0": 0, "x1": 1, "y0": floor, "y1": floor}
         shapes.append({"type": "line", "line": dash, **ends})
-    y = figure.axis("error (% of torque)", range=[0, 1.12 * top], fixedrange=True)
-    x = figure.axis("", fixedrange=True)
+    y = axis("error (% of torque)", range=[0, 1.12 * top], fixedrange=True)
+    x = axis("", fixedrange=True)
     more = {"barmode": "group", "bargap": 0.25, "shapes": shapes}
     more["margin"] = {"l": 56, "r": 12, "t": 58, "b": 28}
     more["uniformtext"] = {"minsize": 9, "mode": "hide"}
@@ -77,7 +263,7 @@ def error_chart(diagnosis: Diagnosis) -> Chart | None:
         f"joint {row.joint} {percent(row.values[metric].get(stages[-1]))}"
         for row in rows
     )
-    plot = {"data": data, "layout": figure.layout(title, x, y, **more)}
+    plot = {"data": data, "layout": layout(title, x, y, **more)}
     return Chart("", alt, plot=plot, height=270)
 
 
@@ -123,29 +309,28 @@ def _cloud_chart(cloud: Cloud, count: int, diagnosis: Diagnosis) -> Chart:
     return Chart("", alt, caption, cloud.joint, cloud.name or None, plot)
 
 
-def _cloud_plot(cloud: Cloud, most: int, unit: str) -> figure.Plot:
-    rows = figure.draw(len(cloud.x), most)
+def _cloud_plot(cloud: Cloud, most: int, unit: str) -> Plot:
+    rows = draw(len(cloud.x), most)
     x, y, fitted = cloud.x[rows], cloud.residual[rows], cloud.fitted[rows]
-    data = [figure.dots("measured", x, y, color=figure.SAMPLES, size=3.5, opacity=0.5)]
+    data = [dots("measured", x, y, color=SAMPLES, size=3.5, opacity=0.5)]
     if np.ptp(cloud.fitted) > 0:
-        data.append(figure.dots("explained", x, fitted, color=figure.EXPLAINED, size=4))
-    edges = figure.edges(cloud.x, cloud.fitted)
-    edge = {"color": figure.MEASURED, "width": 1.2}
-    medians = figure.medians(cloud.x, cloud.residual, edges)
-    data.append(figure.dots("median", *medians, size=7, color="#ffffff", line=edge))
+        data.append(dots("explained", x, fitted, color=EXPLAINED, size=4))
+    middles = medians(cloud.x, cloud.residual, edges(cloud.x, cloud.fitted))
+    edge = {"color": MEASURED, "width": 1.2}
+    data.append(dots("median", *middles, size=7, color="#ffffff", line=edge))
     # Limits hold the fitted effect and 99 % of the points.
     low, high = np.quantile(cloud.residual, (0.005, 0.995))
     low, high = min(low, cloud.fitted.min()), max(high, cloud.fitted.max())
     pad = 0.08 * (high - low) or 1.0
     limits = [float(low - pad), float(high + pad)]
-    y_axis = figure.axis(f"torque ({unit})", range=limits, zeroline=True)
-    y_axis["zerolinecolor"] = figure.SOFT
+    y_axis = axis(f"torque ({unit})", range=limits, zeroline=True)
+    y_axis["zerolinecolor"] = SOFT
     # The note of the section explains the marks.
     more = {"showlegend": False, "margin": {"l": 56, "r": 12, "t": 34, "b": 44}}
     variable = cloud.variable.replace("[", "(").replace("]", ")")
-    x_axis = figure.axis(figure.escape(variable))
+    x_axis = axis(escape(variable))
     title = f"Joint {cloud.joint}"
-    return {"data": data, "layout": figure.layout(title, x_axis, y_axis, **more)}
+    return {"data": data, "layout": layout(title, x_axis, y_axis, **more)}
 
 
 def motions(diagnosis: Diagnosis) -> tuple[list[tuple[str, list[Chart]]], int]:
@@ -204,37 +389,37 @@ def _curve_chart(
 ) -> Chart:
     """Return the torque of a joint over time, and below the residual of each model."""
     tau, size = proof.tau[:, joint - 1], np.linalg.norm(proof.tau[:, joint - 1])
-    traces = [figure.line("measured", figure.MEASURED, 2.6)]
-    traces[0] |= figure.over_time(proof.t, tau, most)
+    traces = [line("measured", MEASURED, 2.6)]
+    traces[0] |= over_time(proof.t, tau, most)
     errors = []
     # The nominal model on top and dotted: it often lies under the identified one.
     stages = [s for s in stages if s in proof.tau_hat]
     for stage in sorted(stages, key=lambda stage: stage == "nominal"):
         hat = proof.tau_hat[stage][:, joint - 1]
         dotted = {"line": {"dash": "dot"}} if stage == "nominal" else {}
-        style = figure.line(figure.LABELS[stage], figure.STAGES[stage], 1.5, **dotted)
-        traces.append(style | figure.over_time(proof.t, hat, most))
+        style = line(LABELS[stage], COLORS[stage], 1.5, **dotted)
+        traces.append(style | over_time(proof.t, hat, most))
         if stage != "nominal":
             below = {"yaxis": "y2", "showlegend": False}
-            traces.append(style | below | figure.over_time(proof.t, tau - hat, most))
+            traces.append(style | below | over_time(proof.t, tau - hat, most))
         miss = 100 * np.linalg.norm(tau - hat) / size if size else None
         errors.append(f"{stage} {percent(miss)}")
     text = f"Joint {joint}, error over all samples: {listing(errors)}."
     alt = f"Measured and predicted torque of joint {joint} on log {proof.id}. {text}"
     span = [float(proof.t[0]), float(proof.t[-1])]
-    time = figure.axis("time (s)", range=span, anchor="y2")
-    upper = figure.axis(f"torque ({unit})", domain=[0.42, 1])
-    lower = figure.axis(f"residual ({unit})", domain=[0, 0.34], zeroline=True)
-    lower["zerolinecolor"] = figure.SOFT
+    time = axis("time (s)", range=span, anchor="y2")
+    upper = axis(f"torque ({unit})", domain=[0.42, 1])
+    lower = axis(f"residual ({unit})", domain=[0, 0.34], zeroline=True)
+    lower["zerolinecolor"] = SOFT
     # Shaded at standstill: friction history sets its torque there.
-    standing = figure.spans(proof.t, ~proof.moving[:, joint - 1])
+    standing = spans(proof.t, ~proof.moving[:, joint - 1])
     same = {"type": "rect", "yref": "paper", "y0": 0, "y1": 1, "layer": "below"}
-    same |= {"fillcolor": figure.STANDING, "line": {"width": 0}}
+    same |= {"fillcolor": STANDING, "line": {"width": 0}}
     shapes = [
         same | {"x0": round(start, 3), "x1": round(start + length, 3)}
         for start, length in sorted(standing, key=lambda band: -band[1])[:_MOST_BANDS]
     ]
     more = {"yaxis2": lower, "shapes": shapes, "hovermode": "x"}
-    layout = figure.layout(f"Joint {joint}", time, upper, **more)
-    plot = {"data": traces, "layout": layout}
+    titled = layout(f"Joint {joint}", time, upper, **more)
+    plot = {"data": traces, "layout": titled}
     return Chart("", alt, text, joint, None, plot, 400)

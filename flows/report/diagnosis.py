@@ -9,8 +9,7 @@ from collections.abc import Sequence
 from markupsafe import Markup
 from rich.console import Console
 
-from flows.report import charts, tables
-from flows.report.console import line, print_document, show
+from flows.report import charts, sentences, tables
 from flows.report.document import (
     Beside,
     Chart,
@@ -23,14 +22,15 @@ from flows.report.document import (
     ReportTable,
     Section,
     Tile,
+    line,
+    print_document,
+    show,
     tag,
     words_table,
 )
 from flows.report.page import Pairs
 from flows.report.page import render as render_page
-from flows.report.words import outlook
-from flows.report.words import verdict as words
-from flows.report.words.phrases import (
+from flows.report.phrases import (
     Demonstration,
     count_noun,
     edit_sentences,
@@ -87,7 +87,7 @@ def document(
         drawn: Whether it has its figures, which no terminal needs.
     """
     verdict = result.verdict
-    first, *lead = words.sentences(verdict)
+    first, *lead = sentences.sentences(verdict)
     weak = [_TEXT["weak"]] if verdict.error.same_run and drawn else []
     sections = (
         _demonstration(demonstration),
@@ -139,8 +139,8 @@ def tiles_of(result: Diagnosis) -> tuple[Tile | None, ...]:
         ]
         weakest = probability(min(likely, default=None))
         sure = Tile("Probability", weakest, "of the least certain name")
-    stages = f"nominal → {words.with_findings(verdict) if named else 'refit'}"
-    fall = words.errors(verdict)
+    stages = f"nominal → {sentences.with_findings(verdict) if named else 'refit'}"
+    fall = sentences.errors(verdict)
     error = Tile("Error on unseen motion", fall or MISSING, f"of the torque, {stages}")
     if is_number(unexplained.fraction):
         noise = f"; noise alone is {fraction(unexplained.noise_floor)}"
@@ -189,7 +189,7 @@ def _missing(result: Diagnosis, figures: Sequence[Sequence[Chart]]) -> Section:
     brief = [Heading("What is missing")] if result.effects else []
     for effect in result.effects:
         brief += tables.finding_lines(effect, result)
-    brief += outlook.other_sets(result.verdict) if result.effects else ()
+    brief += sentences.other_sets(result.verdict) if result.effects else ()
     brief += edit_sentences(result.verdict)
     return Section("missing", "What is missing", parts, note, brief=brief)
 
@@ -254,8 +254,8 @@ def _curves(
 
 
 def _alternatives(result: Diagnosis) -> Section:
-    parts: list[Part | None] = [outlook.other_sets(result.verdict)]
-    plan, brief = outlook.next_words(result.verdict), []
+    parts: list[Part | None] = [sentences.other_sets(result.verdict)]
+    plan, brief = sentences.next_words(result.verdict), []
     if plan:
         none = "No other set of effects explains these logs as well."
         parts += [none if result.effects and not parts[0] else None]
@@ -274,11 +274,11 @@ def _evidence(result: Diagnosis) -> Section:
 
 
 def _nominal_values(verdict: Verdict) -> Section:
-    off, most = outlook.off(verdict), outlook.MOST_VALUES
+    off, most = sentences.off(verdict), sentences.MOST_VALUES
     heads = ("Value", "Nominal", "Identified", "Difference")
 
     def table(changes: Sequence[Change], title: str = "") -> ReportTable:
-        return words_table(heads, outlook.value_rows(changes, verdict), title)
+        return words_table(heads, sentences.value_rows(changes, verdict), title)
 
     title = f"All {len(verdict.changes)} values, nominal and identified"
     folded = Fold(title, [table(verdict.changes)])
@@ -297,7 +297,7 @@ def _nominal_values(verdict: Verdict) -> Section:
 
 
 def _unexplained(verdict: Verdict, figures: Sequence[Chart]) -> Section:
-    text = " ".join(outlook.unexplained_words(verdict))
+    text = " ".join(sentences.unexplained_words(verdict))
     about = Note(_TEXT["left"], "soft spaced") if figures else None
     brief = [f"\n{text}" if text else ""]
     parts = [text, about, figures] if text else ()
@@ -305,12 +305,12 @@ def _unexplained(verdict: Verdict, figures: Sequence[Chart]) -> Section:
 
 
 def _detectable(verdict: Verdict) -> Section:
-    heads, rows = outlook.detectable_rows(verdict)
+    heads, rows = sentences.detectable_rows(verdict)
     heading, nothing = "Smallest detectable size of each effect", not verdict.effects
     if not rows:
         return Section("sizes", heading, ())
-    hidden = any(outlook.NEVER in row for row in rows)
-    never = f"{outlook.NEVER}: not detectable in these logs at any plausible size."
+    hidden = any(sentences.NEVER in row for row in rows)
+    never = f"{sentences.NEVER}: not detectable in these logs at any plausible size."
     never = never if hidden else ""
     table = ReportTable(heads, rows, heading, look="tight sizes")
     parts = [table, Note(never, "soft spaced") if never else None]

@@ -1,18 +1,83 @@
-"""Experiments and their motions: validations and trajectories."""
+"""Validated and monitored runs, planned motions and the next experiment."""
 
-from collections.abc import Mapping
+import io
+from collections.abc import Mapping, Sequence
+from typing import NamedTuple
 
 import numpy as np
+from matplotlib import rc_context
+from matplotlib.figure import Figure
 
+from flows.report.charts import GRID, JOINTS, SOFT
 from flows.report.document import Document, ReportTable, Section, Strong
 from flows.report.page import render
-from flows.report.plots import Panel, png
-from flows.report.words.phrases import texts
+from flows.report.phrases import count_noun, joint_words, sentence_case, texts
+from flows.report.sentences import from_one_another, in_words
+from flows.steps.monitor import MonitoringResult
+from flows.steps.next import OpenVerdict, Ranking
 from flows.steps.validate import Validation
+from residual.planning.promise import separable_rivals, sure_words
+from residual.quantity import MISSING, fraction, probability
+from residual.recording import Recording
 from residual.robot.robot import Robot
 from sim.engine.records import Reference, TrajectorySpec
 from sim.trajectories.excitation import Usage
 from sim.trajectories.limits import largest_torque
+
+_STYLE = {
+    "text.parse_math": False,  # names of logs and columns are text, never formulas
+    "font.size": 9.5,
+    "axes.spines.top": False,
+    "axes.spines.right": False,
+    "axes.axisbelow": True,
+    "legend.frameon": False,
+}
+
+
+class Panel(NamedTuple):
+    """Curves of all joints over time.
+
+    Attributes:
+        t, values: Time [s] (n,) and curves (n, dof).
+        label: Quantity and unit.
+        levels: Values at which a dashed line is drawn.
+        marks: Times at which a line is drawn [s].
+        log: Whether the vertical axis is logarithmic.
+    """
+
+    t: np.ndarray
+    values: np.ndarray
+    label: str
+    title: str = ""
+    levels: Sequence[float] = ()
+    marks: Sequence[float] = ()
+    log: bool = False
+
+
+def png(panels: Sequence[Panel], height: float, time: str = "time [s]") -> bytes:
+    """Return panels as PNG, each of that height [inch]."""
+    with rc_context(_STYLE):
+        figure = Figure((9.0, 0.6 + height * len(panels)), layout="constrained")
+        column = figure.subplots(len(panels), 1, squeeze=False)[:, 0]
+        for axes, panel in zip(column, panels, strict=True):
+            for joint, curve in enumerate(panel.values.T):
+                color, name = JOINTS[joint % len(JOINTS)], f"J{joint + 1}"
+                axes.plot(panel.t, curve, color=color, lw=1.2, label=name)
+            for level in panel.levels:
+                axes.axhline(level, color=SOFT, lw=1.0, ls="--")
+            for mark in panel.marks:
+                axes.axvline(mark, color="black", lw=1.0)
+            axes.set_ylabel(panel.label)
+            axes.set_title(panel.title, loc="left")
+            axes.set_yscale("log" if panel.log else "linear")
+            axes.margins(x=0)
+            axes.grid(axis="y", color=GRID, lw=0.8)
+        column[0].legend(ncols=7, loc="lower right", bbox_to_anchor=(1, 1), fontsize=8)
+        column[-1].set_xlabel(time)
+        out = io.BytesIO()
+        figure.savefig(out, format="png", dpi=110, metadata={"Software": None})
+    return out.getvalue()
+
 
 _TEXT = texts()["validation"]
 
@@ -57,7 +122,7 @@ def both_ways(result: Validation) -> ReportTable:
     return ReportTable(("joint", *heads), [*rows, ["", *least]], about, text_columns=())
 
 
-def meaning(result: Validation) -> str:
+def describe_validation(result: Validation) -> str:
     """Return the result of a validation in one sentence."""
     worst = int(result.open_loop.argmax())
     text = (
@@ -90,7 +155,7 @@ def validation_page(results: Mapping[str, Validation]) -> str:
         )
         for run, each in results.items()
     ]
-    first, *more = (meaning(each) for each in results.values())
+    first, *more = (describe_validation(each) for each in results.values())
     notes = dict.fromkeys(note for each in results.values() for note in each.notes)
     return render(
         Document(
@@ -168,3 +233,139 @@ def motion_png(robot: Robot, reference: Reference) -> bytes:
         else:
             panels.append(Panel(t, values, f"{name} [{unit}]"))
     return png(panels, 1.95)
+
+
+_MOST_RUNS = 6  # runs in one picture
+_LEAST = 0.02  # smallest score drawn
+
+
+def describe_alarms(result: MonitoringResult) -> str:
+    """Return the alarms of monitored runs in one sentence."""
+    alarms = [alarm for each in result.alarms.values() for alarm in each]
+    where = f"{result.seconds:.4g} s of {count_noun(len(result.alarms), 'run')}"
+    basis = (
+        f"limits from {count_noun(len(result.calibration), 'healthy run')} of "
+        f"{60 * result.monitor.hours:.3g} min, at most {result.monitor.per_hour:g} "
+        "false alarms an hour"
+    )
+    if not alarms:
+        return f"No alarm in {where} ({basis})."
+    joints = sorted({(a.sensor, a.joint) for a in alarms})
+    sensors = ", ".join(f"{sensor} of joint {joint}" for sensor, joint in joints)
+    return f"{count_noun(len(alarms), 'alarm')} in {where}: {sensors} ({basis})."
+
+
+def alarm_table(
+    result: MonitoringResult, watched: Mapping[str, Recording]
+) -> ReportTable:
+    """Return the alarms, one a row."""
+    rows = [
+        (
+            id[:8],
+            f"{alarm.time - watched[id].t[0]:.3f}",
+            str(alarm.joint),
+            alarm.sensor,
+            alarm.fault,
+            f"{alarm.score:.3g}x",
+        )
+        for id, alarms in result.alarms.items()
+        for alarm in alarms
+    ]
+    heads = ("run", "since start [s]", "joint", "sensor", "fault", "over limit")
+    return ReportTable(heads, rows, text_columns=(0, 3, 4))
+
+
+def plot(result: MonitoringResult, runs: Mapping[str, Recording]) -> bytes:
+    """Return the score of each joint and the alarms as PNG.
+
+    Args:
+        runs: The watched runs by id; those with alarms come first.
+    """
+    panels = []
+    for id in sorted(runs, key=lambda id: -len(result.alarms[id]))[:_MOST_RUNS]:
+        t, scores = result.monitor.scores(runs[id])
+        marks = [alarm.time - t[0] for alarm in result.alarms[id]]
+        values = scores.clip(_LEAST)
+        title = f"run {id[:8]}"
+        panel = Panel(t - t[0], values, "score / limit", title, (1.0,), marks, log=True)
+        panels.append(panel)
+    return png(panels, 2.4, "time since the start of the run [s]")
+
+
+def _inseparable(ranking: Ranking) -> list[str]:
+    """Return which rivals are the same torque, and which no motion rules out."""
+    lines = {}
+    for c, a, b in sorted(ranking.twins):
+        rivals = ranking.question.contests[c].rivals
+        one, other = in_words(rivals[a].place), in_words(rivals[b].place)
+        start = sentence_case(one)
+        if (c, b, a) not in ranking.twins:
+            lines[
+                f"{start} is a special case of {other}: a motion can rule out the "
+                "first, never the second."
+            ] = None
+        elif a < b:
+            lines[
+                f"{start} and {other} are the same torque on every motion, at the "
+                "identified size: no experiment separates them."
+            ] = None
+    return [*lines]
+
+
+def proposal_lines(ranking: Ranking) -> list[str]:
+    """Return the question that a motion settles, and its chance, a sentence each."""
+    best, spec = ranking.best, ranking.best.spec
+    rivals = from_one_another(separable_rivals(ranking.question, best.outlook))
+    words = sure_words(spec.duration, best.after, best.prospect.chance)
+    return [
+        f"Next experiment: {spec.duration:g} s of {spec.kind} motion in "
+        f"{count_noun(spec.periods, 'period')}, to separate {rivals}.",
+        f"The question is {words}.",
+        *_inseparable(ranking),
+        "Range, speed, acceleration, torque, floor and self-collision are within "
+        "limits also between samples; tools, cables and fences are not checked.",
+    ]
+
+
+def comparison(ranking: Ranking) -> ReportTable:
+    """Return the ranked motions of the same length and limits."""
+    rows = [
+        (
+            m.spec.kind.replace("_", " "),
+            count_noun(m.spec.periods, "period"),
+            MISSING if m.after is None else f"{m.after:.1f} s",
+            probability(m.prospect.chance),
+        )
+        for m in ranking.ranked
+    ]
+    heads = ("motion", "periods", "settled after", "chance by its end")
+    title = "Motions of the same length within the same limits, best first"
+    return ReportTable(heads, rows, title)
+
+
+def nothing_open(opened: OpenVerdict, ranking: Ranking | None) -> list[str]:
+    """Return why there is no experiment to propose.
+
+    Args:
+        ranking: Its best motion decides nothing; None where there is no question.
+    """
+    flagged = opened.diagnosis.verdict.unexplained.joints
+    if ranking is None and flagged:
+        return [
+            f"The residual on {joint_words(flagged)} is larger than noise, but no "
+            "candidate effect explains any of it, so no motion could choose among "
+            "them. The report of the diagnosis shows what it depends on."
+        ]
+    if ranking is None:
+        return [
+            "Nothing is open: no finding has an equivalent, and no joint has a "
+            "residual larger than noise."
+        ]
+    every = [r.place for c in opened.question.contests for r in c.rivals]
+    names = ", ".join(dict.fromkeys(map(in_words, every)))
+    return [
+        *_inseparable(ranking),
+        f"No feasible motion separates {names}: the best one yields "
+        f"{fraction(ranking.best.outlook.share)} of the evidence needed. Try a "
+        "different payload or supply a known value (--known).",
+    ]

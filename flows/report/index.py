@@ -15,9 +15,8 @@ from markupsafe import Markup
 from flows.outputs import write_all
 from flows.report.document import Document, ReportTable, Section, Tile, tag
 from flows.report.page import render
-from flows.report.words.outlook import off
-from flows.report.words.phrases import count_noun
-from flows.report.words.verdict import claim, errors
+from flows.report.phrases import count_noun
+from flows.report.sentences import claim, errors, off
 from flows.storage.diagnosis import read_verdict
 from residual.errors import InputError
 from residual.quantity import MISSING

@@ -6,8 +6,8 @@ import numpy as np
 
 from flows.report.document import Document, ReportTable, Section, words_table
 from flows.report.page import Pairs, render
-from flows.report.words.phrases import texts
-from flows.report.words.verdict import sentences
+from flows.report.phrases import texts
+from flows.report.sentences import sentences
 from flows.steps.adopt import AdoptionEntry, Judgment, Proposal
 from residual.errors import joints_listed
 from residual.identification.identify import ValidatedIdentification

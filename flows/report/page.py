@@ -14,7 +14,7 @@ from jinja2 import Environment, FileSystemLoader, StrictUndefined
 from markupsafe import Markup
 
 from flows.report.document import Document, Strong, tag
-from flows.report.words.phrases import sentence_case
+from flows.report.phrases import sentence_case
 from flows.requests import Diagnose
 from warehouse.files import read_parquet
 from warehouse.layout import find, read_record

@@ -135,14 +135,7 @@ def rerun_lines(rerun) -> list[str]:
 
 def rerun_record(rerun) -> Mapping:
     """Return the same as JSON can hold it."""
-    keys = [
-        "id",
-        "kind",
-        "reproduced",
-        "same_code",
-        "imported",
-        "changes",
-    ]
+    keys = ["id", "kind", "reproduced", "same_code", "imported", "changes"]
     return {
         **{key: getattr(rerun, key) for key in keys},
         "made": rerun.new_id,

@@ -11,8 +11,8 @@ from flows.outputs import json_text
 from flows.report.diagnosis import render
 from flows.report.index import write_index
 from flows.report.page import origin_of_diagnosis
-from flows.report.words.phrases import Demonstration, Hidden
-from flows.report.words.verdict import sentences
+from flows.report.phrases import Demonstration, Hidden
+from flows.report.sentences import sentences
 from flows.storage.diagnosis import read_outcome, store_report
 from residual.verdict.document import to_json
 from sim.engine.bullet import gif_of

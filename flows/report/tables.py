@@ -9,14 +9,14 @@ import numpy as np
 from markupsafe import Markup
 
 from flows.report.document import ReportTable, Strong, tag
-from flows.report.words.phrases import (
+from flows.report.phrases import (
     alternatives,
     effect_named,
     listing,
     phrase,
     sentence_case,
 )
-from flows.report.words.verdict import is_wrong_value
+from flows.report.sentences import is_wrong_value
 from residual.quantity import (
     MISSING,
     bare_percent,

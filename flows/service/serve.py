@@ -4,8 +4,7 @@ from prefect.server.api.server import create_app
 from prefect.settings import get_current_settings
 from starlette.types import ASGIApp
 
-from flows.service.guard import Guard, rules_for
-from flows.service.pages import with_pages, with_policies
+from flows.service.guard import Guard, rules_for, with_pages, with_policies
 from flows.settings import store_folder
 from residual.errors import RunError
 

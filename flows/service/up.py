@@ -23,25 +23,23 @@ from prefect.events import AutomationCore
 from flows.project.deployments import deployments, every_of, inbox_of
 from flows.service import api
 from flows.service.api import answers, wait_until
-from flows.service.request import (
+from flows.service.state import (
     BEAT,
     DATABASE,
     PORT,
+    PROCESSES,
+    Running,
     ServiceRequest,
     check_host,
     database_label,
-    server_environment,
-    worker_environment,
-)
-from flows.service.state import (
-    PROCESSES,
-    Running,
     lives,
     one_at_a_time,
     read_running,
+    server_environment,
     start,
     stop,
     store_key,
+    worker_environment,
     write_running,
 )
 from flows.settings import PROJECT, ROOT, port_is_free, prefect_home

@@ -40,7 +40,21 @@ def check(logs: LogSets) -> LogCheck:
     # One thread: the products are small, two threads only wait for each other.
     for group in ((*logs.fit, *logs.held_out), logs.baseline):
         faults += _faults(logs, group) if group else []
-    return _with_lines(_once(faults), logs)
+    faults = _once(faults)
+    # A line stands for the whole signal, so it has all that is certain about it, in the
+    # order in which it was found: factors are those of joints that are in their places.
+    certain = [r for fault in faults if fault.certain for r in fault.repairs]
+    out = []
+    for fault in faults:
+        signals = {repair.signal for repair in fault.repairs}
+        every = [*(r for r in certain if r.signal in signals), *fault.repairs]
+        line = repair_lines(dict.fromkeys(every), logs.robot, logs.columns)
+        if fault.kind == "robot_file":
+            line = gravity_line(logs.robot)
+        joints, sure = tuple(map(int, fault.joints)), bool(fault.certain)
+        fault = replace(fault, joints=joints, certain=sure, log="", repair=line)
+        out.append(fault)
+    return LogCheck(tuple(out))
 
 
 def checked(logs: LogSets, trust_log: bool) -> LogCheck:
@@ -123,23 +137,3 @@ def _once(faults: Sequence[Fault]) -> list[Fault]:
             evidence = f"{evidence} The same in {', '.join(dict.fromkeys(also))}."
         out.append(replace(first, evidence=evidence))
     return out
-
-
-def _with_lines(faults: Sequence[Fault], logs: LogSets) -> LogCheck:
-    """Return a check with the lines for each fault.
-
-    A line stands for the whole signal, so it has all that is certain about it, in the
-    order in which it was found: factors are those of joints that are in their places.
-    """
-    certain = [r for fault in faults if fault.certain for r in fault.repairs]
-    out = []
-    for fault in faults:
-        signals = {repair.signal for repair in fault.repairs}
-        every = [*(r for r in certain if r.signal in signals), *fault.repairs]
-        line = repair_lines(dict.fromkeys(every), logs.robot, logs.columns)
-        if fault.kind == "robot_file":
-            line = gravity_line(logs.robot)
-        joints, sure = tuple(map(int, fault.joints)), bool(fault.certain)
-        fault = replace(fault, joints=joints, certain=sure, log="", repair=line)
-        out.append(fault)
-    return LogCheck(tuple(out))

@@ -19,9 +19,8 @@ from flows.inputs.read import load
 from flows.outputs import Progress
 from flows.requests import Number, Request, Store
 from flows.settings import store_folder
-from flows.specs.experiment import ExperimentSpec, derived_seed
-from flows.steps.campaign import run_all
-from flows.steps.experiment import plan, plant_of
+from flows.specs import ExperimentSpec, derived_seed
+from flows.steps.experiment import plan, plant_of, run_all
 from residual.effects import reported_joints
 from residual.errors import InputError, RunError, check_name
 from sim.draw import draw_hidden

@@ -193,13 +193,9 @@ def _sha256(path: Path) -> str:
         with path.open("rb") as file:
             return hashlib.file_digest(file, "sha256").hexdigest()
     total = hashlib.sha256()
-    for part in _files(path):
+    for part in sorted(part for part in path.rglob("*") if part.is_file()):
         total.update(f"{part.relative_to(path).as_posix()}\0{_sha256(part)}\n".encode())
     return total.hexdigest()
-
-
-def _files(folder: Path) -> Sequence[Path]:
-    return sorted(part for part in folder.rglob("*") if part.is_file())
 
 
 def _is_word(word: str) -> bool:

@@ -60,7 +60,19 @@ def monitor(request: Request) -> tuple[str, MonitoringResult, dict[str, Recordin
     good = request.good or (diagnosis and _behind(diagnosis, store)) or ()
     healthy = usable_runs(store, good)
     watched = usable_runs(store, request.runs)
-    _check(diagnosis, healthy, watched)
+    if not watched:
+        raise InputError("No run to watch. Name it: modelgap monitor MODEL RUN ...")
+    if not healthy:
+        whose = f"diagnosis {diagnosis} has" if diagnosis else "there are"
+        raise InputError(
+            f"Healthy runs to calibrate on: {whose} none, expected at least "
+            f"{LEAST_RUNS}. Name them: --calibrate RUN ..."
+        )
+    if both := sorted(set(healthy) & set(watched)):
+        raise InputError(
+            f"Run {both[0]} is to be watched and to calibrate on. Watch another, or "
+            "name the healthy runs with --calibrate."
+        )
     if diagnosis:
         model = read_models(store, diagnosis)[AUGMENTED]
         robot = model.robot
@@ -248,19 +260,3 @@ def _behind(diagnosis: str, store: Path) -> tuple[str, ...]:
     """Return the healthy runs behind a diagnosis: its baseline, else its fit."""
     runs = read_runs(store, diagnosis, ("baseline",))
     return tuple(sorted(runs or read_runs(store, diagnosis, ("fit",))))
-
-
-def _check(diagnosis: str | None, healthy: Mapping, watched: Mapping) -> None:
-    if not watched:
-        raise InputError("No run to watch. Name it: modelgap monitor MODEL RUN ...")
-    if not healthy:
-        whose = f"diagnosis {diagnosis} has" if diagnosis else "there are"
-        raise InputError(
-            f"Healthy runs to calibrate on: {whose} none, expected at least "
-            f"{LEAST_RUNS}. Name them: --calibrate RUN ..."
-        )
-    if both := sorted(set(healthy) & set(watched)):
-        raise InputError(
-            f"Run {both[0]} is to be watched and to calibrate on. Watch another, or "
-            "name the healthy runs with --calibrate."
-        )

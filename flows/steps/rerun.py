@@ -20,7 +20,7 @@ from flows.requests import (
     Request,
     Validate,
 )
-from flows.specs.experiment import ExperimentSpec
+from flows.specs import ExperimentSpec
 from flows.steps import calibrate, experiment, identify
 from flows.steps.diagnose import diagnose_runs
 from flows.steps.experiment import (
@@ -124,7 +124,20 @@ def rerun(id: str, store: Path, verify: bool = False) -> Rerun:
     record = find(store, id)
     if record.kind == "runs":
         return _rerun_run(record, store, verify)
-    return _rerun_record(record, store, verify)
+    if record.kind == "reports":
+        raise InputError(
+            f"{record.id} is a report: a page about a diagnosis. Make that one again: "
+            "modelgap lineage names it."
+        )
+    row, id = read_row(record), None
+    with remade(store, record) as (temporary, new):
+        then = json.loads(row["provenance"])
+        outcome = _outcome(record, store, then, compare_records(record, new))
+        if verify:
+            return outcome
+        if new.id != record.id and not outcome.same_code:
+            id = keep_record(temporary, store, record, new)
+    return _with_note(outcome, store, row["robot"], id)
 
 
 def _rerun_run(record: StoredRecord, store: Path, verify: bool) -> Rerun:
@@ -158,23 +171,6 @@ def _rerun_run(record: StoredRecord, store: Path, verify: bool) -> Rerun:
     if not outcome.same_code:
         new = experiment.keep(simulated, store, {RERUN_OF: [record.id]})
     return _with_note(outcome, store, record.folder.parent.name[6:], new)
-
-
-def _rerun_record(record: StoredRecord, store: Path, verify: bool) -> Rerun:
-    if record.kind == "reports":
-        raise InputError(
-            f"{record.id} is a report: a page about a diagnosis. Make that one again: "
-            "modelgap lineage names it."
-        )
-    row, id = read_row(record), None
-    with remade(store, record) as (temporary, new):
-        then = json.loads(row["provenance"])
-        outcome = _outcome(record, store, then, compare_records(record, new))
-        if verify:
-            return outcome
-        if new.id != record.id and not outcome.same_code:
-            id = keep_record(temporary, store, record, new)
-    return _with_note(outcome, store, row["robot"], id)
 
 
 def _outcome(

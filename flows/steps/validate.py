@@ -122,7 +122,15 @@ def validate(request: Request) -> tuple[str, Validation]:
     check_description(robot, log, manifest, word)
     strayed, used = open_loop_error(robot, log, window)
     request = _with_ids(request, store, robot)
-    models = _models(request, store, robot, log)
+    nominal = nominal_of(robot, [log])
+    models: dict[str, AnyModel] = {NOMINAL: nominal}
+    if request.model is not None:
+        if find(store, request.model).kind == "diagnoses":
+            models |= read_models(store, request.model) | models
+        else:
+            models["model"] = model_to_drive(store, request.model, robot, nominal)
+    if request.adopted not in (NOMINAL, request.model):
+        models["adopted"] = model_to_drive(store, request.adopted, robot)
     both = {name: both_ways(model, log) for name, model in models.items()}
     tracked = {}
     notes = ["No feed-forward: no simulated arm is sealed with the run."]
@@ -199,22 +207,6 @@ def _with_ids(request: Request, store: Path, robot: Robot) -> Request:
         for word in (request.model, now)
     ]
     return replace(request, model=ids[0], adopted=ids[1])
-
-
-def _models(
-    request: Request, store: Path, robot: Robot, log: Recording
-) -> dict[str, AnyModel]:
-    """All models that are known of the arm of a run, the nominal one first."""
-    nominal = nominal_of(robot, [log])
-    out: dict[str, AnyModel] = {NOMINAL: nominal}
-    if request.model is not None:
-        if find(store, request.model).kind == "diagnoses":
-            out |= read_models(store, request.model) | out
-        else:
-            out["model"] = model_to_drive(store, request.model, robot, nominal)
-    if request.adopted not in (NOMINAL, request.model):
-        out["adopted"] = model_to_drive(store, request.adopted, robot)
-    return out
 
 
 def open_loop_error(robot: Robot, log: Recording, window: float) -> tuple[Array, float]:

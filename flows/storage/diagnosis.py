@@ -254,10 +254,7 @@ def store_outcome(
     proof, curves = to_record(diagnosis)
     header = {"robot": verdict.robot, "kind": "held_out", "diagnosis": diagnosis_id}
     record = proof | request_entry | header
-    parents = {
-        "diagnosis": [diagnosis_id],
-        "held_out": runs.get("held_out", []),
-    }
+    parents = {"diagnosis": [diagnosis_id], "held_out": runs.get("held_out", [])}
     proof_id = commit_record(store, "validations", record, curves, parents)
     return diagnosis_id, proof_id
 

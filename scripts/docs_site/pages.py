@@ -14,7 +14,7 @@ from cyclopts import Argument
 import modelgap as mg
 from benchmarks.hidden.draw import is_clear
 from flows.cli.app import GROUPS, app
-from flows.report.words.phrases import sentence_case
+from flows.report.phrases import sentence_case
 from residual.effects import registry
 from residual.effects.base import Trait
 from scripts.docs_site import curve

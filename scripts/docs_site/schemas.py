@@ -5,7 +5,7 @@ from typing import Any
 
 from pydantic import TypeAdapter
 
-from flows.specs.experiment import ExperimentSpec
+from flows.specs import ExperimentSpec
 from residual.check.result import KINDS
 from residual.effects import vocabulary
 from residual.robot import files as robot_files

@@ -2,7 +2,7 @@
 
 from benchmarks.diagnosis_parts import bars
 from benchmarks.harness.cases import run_kept
-from flows.workers.processes import InlineExecutor
+from flows.workers import InlineExecutor
 
 ROW = {
     "outcome": "right",

@@ -4,7 +4,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from flows.requests import Diagnose
-from flows.specs.experiment import experiment_of
+from flows.specs import experiment_of
 from flows.steps import experiment
 from flows.steps.diagnose import diagnose_runs
 

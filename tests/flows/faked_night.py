@@ -6,7 +6,8 @@ import numpy as np
 
 from flows.report import stored
 from flows.report.document import ReportTable
-from flows.steps import calibrate, campaign, diagnose, identify, validate
+from flows.steps import calibrate, diagnose, identify, validate
+from flows.steps import experiment as campaign
 from flows.steps.models import Choice
 from tests.verdict_documents import typed
 
@@ -19,7 +20,7 @@ def faked(monkeypatch, tmp_path):
 
     To be called when Prefect has its settings.
     """
-    from flows.pipelines import artifacts, loop, nightly, tasks
+    from flows.pipelines import loop, nightly, tasks
     from flows.pipelines import project as projects
 
     page = tmp_path / "report.html"
@@ -50,7 +51,7 @@ def faked(monkeypatch, tmp_path):
     take(diagnose, "diagnose_runs", ("dd", "ee"))
     monkeypatch.setattr(tasks, "robot_of", lambda runs, store: "irb140")
     monkeypatch.setattr(loop, "read_verdict", lambda *_: typed({}))
-    monkeypatch.setattr(artifacts, "name_of", lambda *_: NAME)
+    monkeypatch.setattr(tasks, "name_of", lambda *_: NAME)
     for module in (identify, calibrate):
         monkeypatch.setattr(module, "read_logs", lambda request: ((), ()))
     table = ReportTable(("model", "J1"), [("ls", "1.0")])

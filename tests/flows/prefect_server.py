@@ -12,8 +12,7 @@ from pathlib import Path
 import pytest
 
 from flows.service.api import answers
-from flows.service.request import server_environment
-from flows.service.state import CLIENT, Running, lives, start, stop
+from flows.service.state import CLIENT, Running, lives, server_environment, start, stop
 from flows.service.up import server_command
 from flows.settings import API, quiet_prefect
 from tests.waiting import until

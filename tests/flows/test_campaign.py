@@ -10,11 +10,11 @@ from pathlib import Path
 import pytest
 
 from flows.cli import main
-from flows.specs.experiment import experiment_of
-from flows.steps import campaign, experiment
-from flows.steps.campaign import run_all
-from flows.steps.experiment import plan
-from flows.workers.processes import InlineExecutor, JobResult, Processes, spread
+from flows.specs import experiment_of
+from flows.steps import experiment
+from flows.steps import experiment as campaign
+from flows.steps.experiment import plan, run_all
+from flows.workers import InlineExecutor, JobResult, Processes, spread
 from residual.errors import InputError
 from tests.waiting import PATIENCE, until
 
@@ -42,7 +42,7 @@ def done(monkeypatch):
         (store / "samples" / "robot=irb140" / f"run_id={id}").mkdir(parents=True)
         return id
 
-    monkeypatch.setattr(campaign.experiment, "run", run)
+    monkeypatch.setattr(campaign, "run", run)
     return ran
 
 
@@ -136,7 +136,7 @@ def test_each_process_has_one_blas_thread_and_we_keep_ours(pool, monkeypatch):
 # A suite that a shell started in the background inherits a deaf ear for Ctrl-C.
 _SLEEPERS = """
 import signal, time
-from flows.workers.processes import Processes, spread
+from flows.workers import Processes, spread
 signal.signal(signal.SIGINT, signal.default_int_handler)
 if __name__ == "__main__":
     with Processes(2) as pool:

@@ -10,7 +10,7 @@ import pytest
 
 import modelgap as mg
 from flows.cli import main
-from flows.specs.experiment import experiment_of
+from flows.specs import experiment_of
 from flows.steps import experiment
 from residual.calibration.scores import DEFAULT, NOTHING
 from tests.residual.arms import write_csv

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from flows.cli import main
-from flows.report.words.verdict import CLEAN, MEANING, summary, title
+from flows.report.sentences import CLEAN, MEANING, summary, title
 from flows.steps import check as steps
 from residual.check.result import KINDS, Fault, LogCheck, Repair, from_json
 from residual.errors import InputError

@@ -8,7 +8,7 @@ import pytest
 
 from flows.cli import main
 from flows.report.diagnosis import print_truth
-from flows.report.words.phrases import Demonstration, Hidden, judge
+from flows.report.phrases import Demonstration, Hidden, judge
 from flows.steps import demo as steps
 from flows.steps.demo import Demo
 from tests.verdict_documents import typed

@@ -8,9 +8,9 @@ import pytest
 import yaml
 
 from flows.settings import PAGES
-from flows.steps import campaign
+from flows.steps import experiment as campaign
 from flows.steps.experiment import run_id_of
-from flows.workers.processes import RUNNER, InlineExecutor
+from flows.workers import RUNNER, InlineExecutor
 from residual.errors import InputError, RunError
 from tests.flows.faked_night import NAME, faked
 from tests.waiting import until
@@ -124,7 +124,7 @@ def test_each_experiment_is_a_task_run_and_a_lost_process_is_one_try(
         record_folder(store, "runs", id, "irb140").mkdir(parents=True)
         return id
 
-    monkeypatch.setattr(campaign.experiment, "run", run)
+    monkeypatch.setattr(campaign, "run", run)
     monkeypatch.setattr(flows, "Processes", lambda _: InlineExecutor())
     monkeypatch.setattr(flows.tasks.experiment, "retry_delay_seconds", 0)
     (tmp_path / "C.toml").write_text(f"[grid]\nseed = {list(range(12))}\n")
@@ -167,11 +167,11 @@ def test_dask_makes_the_same_runs_with_the_same_bits(
 
 
 def test_a_finding_is_told_once(flows, order, monkeypatch, tmp_path):
-    from flows.pipelines import artifacts
     from flows.pipelines import project as projects
+    from flows.pipelines import tasks
 
     told = []
-    monkeypatch.setattr(artifacts, "send_event", lambda name, about: told.append(name))
+    monkeypatch.setattr(tasks, "send_event", lambda name, about: told.append(name))
     found = SimpleNamespace(effects=("spring",), robot="irb140")
     monkeypatch.setattr(projects, "read_verdict", lambda *_: found)
     monkeypatch.setattr(projects, "headline", lambda _: "a spring on joint 2")

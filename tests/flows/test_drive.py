@@ -10,7 +10,7 @@ from scipy.ndimage import maximum_filter1d
 
 from flows.cli import main
 from flows.requests import Validate
-from flows.specs.experiment import experiment_of
+from flows.specs import experiment_of
 from flows.steps import experiment
 from flows.steps import rerun as reruns
 from flows.steps.models import model_to_drive

@@ -8,10 +8,11 @@ import numpy as np
 import pytest
 
 from flows.cli import main
-from flows.specs.experiment import experiment_of
-from flows.steps import campaign, experiment
+from flows.specs import experiment_of
+from flows.steps import experiment
+from flows.steps import experiment as campaign
 from flows.storage.diagnosis import from_record, to_record
-from flows.workers.processes import run_job
+from flows.workers import run_job
 from residual.errors import InputError
 from residual.model.compare import Cloud, LogProof
 from residual.verdict.result import Diagnosis

@@ -7,8 +7,7 @@ from threading import Thread
 
 import pytest
 
-from flows.service.guard import LARGEST, Guard, refusal, rules_for
-from flows.service.pages import with_policies
+from flows.service.guard import LARGEST, Guard, refusal, rules_for, with_policies
 from flows.service.state import KEY, store_key
 from flows.settings import prefect_home
 from residual.errors import InputError

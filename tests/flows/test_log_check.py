@@ -7,7 +7,7 @@ import pytest
 
 import modelgap as mg
 from flows.cli import main
-from flows.report.words.verdict import headline
+from flows.report.sentences import headline
 from flows.requests import Diagnose
 from flows.steps import check as steps
 from flows.steps.diagnose import diagnose_runs

@@ -3,11 +3,10 @@
 from pathlib import Path
 
 from flows.settings import store_folder
-from flows.specs.experiment import experiment_of
-from flows.steps import campaign
-from flows.steps.campaign import run_all
-from flows.steps.experiment import plan
-from flows.workers.processes import InlineExecutor
+from flows.specs import experiment_of
+from flows.steps import experiment as campaign
+from flows.steps.experiment import plan, run_all
+from flows.workers import InlineExecutor
 from tests.warehouse import store_samples as made
 from warehouse import remote
 
@@ -31,7 +30,7 @@ def test_a_campaign_gives_its_workers_the_name_of_the_store(
         assert place.parent == tmp_path / "another machine"
         return made.commit(place, spec.seed)
 
-    monkeypatch.setattr(campaign.experiment, "run", run)
+    monkeypatch.setattr(campaign, "run", run)
     specs = [("one", experiment_of({"seed": 1}, "S"))]
     summary = run_all(plan(specs, store), store, executor=Elsewhere())
     assert given == [bucket_store]

@@ -7,9 +7,9 @@ import numpy as np
 import pytest
 
 from flows.cli import main
-from flows.report.monitoring import meaning
+from flows.report.experiments import describe_alarms
 from flows.requests import Monitor
-from flows.specs.experiment import experiment_of
+from flows.specs import experiment_of
 from flows.steps import experiment, monitor
 from flows.storage.diagnosis import store_outcome
 from residual.effects import registry
@@ -58,7 +58,7 @@ def test_the_jump_is_found_and_the_good_run_left_in_peace(made, watched):
     assert (first.joint, first.sensor, first.fault) == (3, "encoder", "jump")
     assert 0 <= first.time - runs[bad].t[0] - 2.0 < 0.1
     assert found.seconds == pytest.approx(8.0)
-    assert "encoder of joint 3" in meaning(found)
+    assert "encoder of joint 3" in describe_alarms(found)
     assert "extrapolated" in found.notes[0]
 
 

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from flows.report.next import proposal_lines
+from flows.report.experiments import proposal_lines
 from flows.steps.next import Ranking, rank_motions
 from residual.planning.promise import SURE, promised, structural_twins
 from residual.robot.dynamics import inverse_dynamics

@@ -25,7 +25,7 @@ def nights(server, made, monkeypatch):
 
     told = []
     monkeypatch.setattr(
-        loop.artifacts,
+        loop.tasks,
         "send_event",
         lambda event, about: told.append(about["diagnosis"]),
     )

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from plotly import graph_objects
 
-from flows.report import charts, figure
+from flows.report import charts
 from flows.report import page as base
 from flows.report.diagnosis import render
 from tests.flows import report_outcomes as made
@@ -59,7 +59,7 @@ def test_envelope_keeps_ends_and_every_single_peak(count: int) -> None:
     for spike in {0, count // 3, count - 1}:
         y = np.zeros(count)
         y[spike] = 5.0
-        ts, ys = figure.envelope(t, y)
+        ts, ys = charts.envelope(t, y)
         assert ys.max() == 5.0
         assert (ts[0], ts[-1]) == (t[0], t[-1])
         assert np.all(np.diff(ts) > 0)

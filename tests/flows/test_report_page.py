@@ -12,9 +12,8 @@ from rich.console import Console
 
 from flows.report import charts
 from flows.report import page as base
-from flows.report.console import show
 from flows.report.diagnosis import print_diagnosis, render
-from flows.report.document import ReportTable
+from flows.report.document import ReportTable, show
 from residual.model.compare import Cloud, LogProof
 from residual.verdict.document import from_json, to_json
 from residual.verdict.result import Diagnosis
@@ -28,7 +27,7 @@ NASTY = "<script>alert(1)</script>&\"'$x_1$[bold]"
 def quick(monkeypatch: pytest.MonkeyPatch) -> None:
     """Leave out the drawing, for tests of what stands around the figures."""
     monkeypatch.setattr(charts, "_cloud_plot", lambda *_: {"data": []})
-    monkeypatch.setattr(charts.figure, "over_time", lambda *_: {})
+    monkeypatch.setattr(charts, "over_time", lambda *_: {})
     monkeypatch.setattr(base, "library", lambda: "")
 
 

@@ -4,14 +4,15 @@ from dataclasses import replace
 
 import pytest
 
-from flows.report.words.outlook import (
+from flows.report.phrases import joint_words, noun, phrase
+from flows.report.sentences import (
+    brief,
+    headline,
     off_words,
     other_sets,
     unexplained_words,
     value_rows,
 )
-from flows.report.words.phrases import joint_words, noun, phrase
-from flows.report.words.verdict import brief, headline
 from residual import quantity
 from residual.check.result import Fault, LogCheck
 from residual.effects import registry, vocabulary

@@ -9,7 +9,7 @@ import pytest
 
 from flows.cli import main
 from flows.requests import Diagnose
-from flows.specs.experiment import experiment_of
+from flows.specs import experiment_of
 from flows.steps import experiment, rerun
 from flows.steps.diagnose import diagnose_runs
 from flows.steps.diff import diff

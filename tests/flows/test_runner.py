@@ -2,7 +2,7 @@
 
 import pytest
 
-from flows.workers.processes import RUNNER, TRUST, chosen_runner
+from flows.workers import RUNNER, TRUST, chosen_runner
 from residual.errors import InputError
 
 

@@ -12,25 +12,23 @@ import pytest
 
 from flows.cli import main
 from flows.service import api, up
-from flows.service.request import (
+from flows.service.state import (
+    CLIENT,
     DATABASE,
+    SERVER,
+    Running,
     ServiceRequest,
     check_request,
     database_label,
     database_url,
-    server_environment,
-    worker_environment,
-)
-from flows.service.state import (
-    CLIENT,
-    SERVER,
-    Running,
     lives,
     one_at_a_time,
     read_running,
+    server_environment,
     start,
     stop,
     store_key,
+    worker_environment,
     write_running,
 )
 from flows.settings import port_is_free, prefect_home

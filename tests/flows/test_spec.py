@@ -6,8 +6,7 @@ from pathlib import Path
 
 import pytest
 
-from flows.specs.campaign import load_campaign
-from flows.specs.experiment import derived_seed, experiment_of, load_spec
+from flows.specs import derived_seed, experiment_of, load_campaign, load_spec
 from flows.steps.experiment import checked_robot, open_half, run_id_of, sealed_half
 from residual.errors import InputError
 from sim.engine.records import Noise, PlantEffect, Rates, TrajectorySpec

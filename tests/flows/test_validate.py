@@ -9,7 +9,7 @@ import pytest
 
 from flows.cli import main
 from flows.requests import Validate
-from flows.specs.experiment import experiment_of
+from flows.specs import experiment_of
 from flows.steps import experiment, validate
 from residual.errors import InputError
 from residual.recording import Recording

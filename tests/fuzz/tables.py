@@ -5,8 +5,7 @@ from pathlib import Path
 import numpy as np
 import pinocchio as pin
 
-from flows.specs.campaign import load_campaign
-from flows.specs.experiment import load_spec
+from flows.specs import load_campaign, load_spec
 from flows.steps.experiment import run_id_of
 from residual.effects import vocabulary
 from residual.robot.robot import Robot, load_robot, robot_from_texts

@@ -6,7 +6,7 @@ from functools import cache
 import numpy as np
 import pytest
 
-from flows.report.words.calibration import sentences
+from flows.report.calibration import sentences
 from residual.calibration import effects
 from residual.calibration import rows as cut
 from residual.calibration.calibrate import (

@@ -5,8 +5,7 @@ from html.parser import HTMLParser
 import pytest
 
 from flows.report.page import hash_of, script
-from flows.service.guard import Guard
-from flows.service.pages import MADE, STORED, with_pages, with_policies
+from flows.service.guard import MADE, STORED, Guard, with_pages, with_policies
 from tests.flows.asgi import OURS, SECRET, answer, origin, prefect, scope, signed
 from tests.flows.index.stores import STORED as PAGE
 from tests.flows.index.stores import fill

@@ -9,7 +9,7 @@ import pytest
 from flows.project.deployments import deployments, every_of, inbox_of
 from flows.project.read import project_here, read_project
 from flows.service import api
-from flows.service.request import ServiceRequest
+from flows.service.state import ServiceRequest
 from flows.service.up import deployed_as
 from flows.settings import ROOT, store_folder
 

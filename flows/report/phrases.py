@@ -25,7 +25,7 @@ _UNKNOWN = Effect("", "", {}, columns=lambda state, joints, shape: state.tau_mod
 @cache
 def texts() -> dict[str, dict[str, Markup]]:
     """Return the fixed texts of pages, by page."""
-    file = Path(__file__).parents[1] / "templates" / "words.toml"
+    file = Path(__file__).parent / "templates" / "words.toml"
     parts = tomllib.loads(file.read_text(encoding="utf-8"))
     return {part: {k: Markup(v) for k, v in own.items()} for part, own in parts.items()}
 

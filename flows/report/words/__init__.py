@@ -1,1 +1,0 @@
-"""Results in plain sentences and in rows of tables."""

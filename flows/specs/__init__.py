@@ -1,1 +1,0 @@
-"""SPEC.toml and campaign files, checked."""
