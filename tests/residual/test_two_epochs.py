@@ -8,9 +8,7 @@ from hypothesis import strategies as st
 from residual.changes.contrast import SQUARES, expected_evidence, log_evidence
 from residual.changes.joint import OWN, JointRows
 from residual.changes.rows import Layout
-from tests.residual.arms import Y, Z
 
-FOUR = (Z, Y, Y, Z)
 ROWS, BLOCK = 120, 12
 
 
